@@ -1,0 +1,59 @@
+"""What a controller is given and what it answers. SI units; the coordinate is the approach direction.
+
+The approach direction is a unit vector pointing from the tool into the surface: positions grow into the surface,
+forces are positive while the tool presses.
+"""
+
+from dataclasses import dataclass, field
+from typing import Protocol, TypeVar
+
+
+@dataclass(frozen=True, slots=True)
+class Measurement:
+    """One sample of the force-controlled direction."""
+
+    time: float
+    """When the force was sampled, s on the run's clock."""
+    force: float
+    """Contact force along the approach direction, N, positive while pressing."""
+    position: float
+    """Position that the robot controller reports, along the approach direction, m."""
+    commanded: float
+    """Position commanded in the cycle before, after the supervisor's clamps, m."""
+    in_contact: bool = True
+    """False before the first contact and after a contact loss."""
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """A controller's answer for one sample."""
+
+    position: float
+    """Position to command along the approach direction, m, not yet rounded to the robot's resolution."""
+    correction: float
+    """The part that the feedback law added, m, positive into the surface."""
+    stiffness: float | None = None
+    """Estimate of the contact stiffness, N/m, where the controller has one."""
+    gain: float = 1.0
+    """Factor that an adaptation applied to the feedback law's output."""
+    held: bool = False
+    """True when the controller chose not to move because no reachable position is nearer."""
+    explanation: dict[str, float] = field(default_factory=dict)
+    """What else explains the answer (quantised levels, …), by name, for the record."""
+
+
+State = TypeVar("State")
+
+
+class Controller(Protocol[State]):
+    """A pure control law: same state, measurement and reference, same answer. No clock, no I/O."""
+
+    @property
+    def name(self) -> str:
+        """The name under which a configuration chooses it."""
+
+    def initial(self) -> State:
+        """State before the first sample in contact."""
+
+    def step(self, state: State, measurement: Measurement, reference: float) -> tuple[State, Command]:
+        """One sample. `reference` is the desired force in N, positive while pressing."""

@@ -1,0 +1,45 @@
+"""What can go wrong, as a tree that says whose matter it is. Messages are one line: what, where, what to do."""
+
+
+class BridgeError(Exception):
+    """Every error that a person is meant to read. `exit_code` is what the command line ends with."""
+
+    exit_code = 3
+
+
+class ConfigError(BridgeError):
+    """The configuration, a command-line value or a file that was named is wrong."""
+
+    exit_code = 2
+
+
+class TransportError(BridgeError):
+    """A wire failed. The subclass says which end of it."""
+
+
+class TransportClosed(TransportError):
+    """We closed it."""
+
+
+class TransportBroken(TransportError):
+    """The peer vanished or the cable broke."""
+
+
+class TransportEnded(TransportError):
+    """The other side ended the stream in an orderly way."""
+
+
+class TransportUnavailable(TransportError):
+    """The port, host or interface could not be opened."""
+
+
+class DeviceError(BridgeError):
+    """A device is there but refuses, stays silent or says what it must not."""
+
+
+class StaleMeasurement(DeviceError):
+    """The newest measurement is older than allowed, or the sensor repeats itself."""
+
+
+class SafetyStop(BridgeError):
+    """The supervisor stopped the run; the message is the latched cause."""

@@ -1,0 +1,76 @@
+"""What is kept of a run: one record a cycle, the sensor's whole stream, and what happened beside."""
+
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True, slots=True)
+class CycleRecord:
+    """One control cycle: inputs, estimates, output, verdict, times. Times are seconds on the run's clock."""
+
+    cycle: int
+    phase: str
+    """connect, tare, approach, track, retract or end."""
+    # --- times of the hops
+    started_at: float
+    """Cycle begins: the status order is handed to the link."""
+    status_at: float
+    """The status answer is complete."""
+    sensor_at: float
+    """Arrival of the sensor frame that the controller was given."""
+    controlled_at: float
+    """Controller and supervisor are done."""
+    sent_at: float
+    """The move order is handed to the link."""
+    answered_at: float
+    """The move order's answer is complete: the cycle ends."""
+    # --- inputs
+    sensor_sequence: int
+    """Frame counter of the sensor frame used, unwrapped."""
+    force: float
+    """N along the approach direction, positive while pressing."""
+    force_reference: float
+    """N"""
+    wrench: tuple[float, ...]
+    """fx fy fz mx my mz on the tool in the tool frame, N and N·m, after bias and gravity."""
+    position: tuple[float, ...]
+    """Reported tool position in the robot base frame, m."""
+    quaternion: tuple[float, ...]
+    """Reported orientation, tool in base, w x y z."""
+    depth: float
+    """Reported position along the approach direction from the start point, m."""
+    # --- what the controller and the supervisor made of it
+    depth_commanded: float
+    """m along the approach direction from the start point, as sent, after rounding to device words."""
+    travel_commanded: float
+    """m along the tangential direction from the start point."""
+    correction: float
+    """m, the feedback law's part."""
+    stiffness: float | None = None
+    """Estimated contact stiffness, N/m."""
+    gain: float = 1.0
+    held: bool = False
+    in_contact: bool = False
+    verdict: str = "allow"
+    """allow, clamp or stop."""
+    reasons: tuple[str, ...] = ()
+    """Why the supervisor clamped or stopped."""
+    explanation: dict[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class SensorRecord:
+    """One complete frame of the sensor's stream, as counts and as it arrived."""
+
+    at: float
+    sequence: int
+    counts: tuple[int, ...]
+    """fx fy fz mx my mz, full scale = 16384."""
+
+
+@dataclass(frozen=True, slots=True)
+class EventRecord:
+    """Something that happened: a phase begins, a device answers late, the supervisor stops the run."""
+
+    at: float
+    kind: str
+    text: str

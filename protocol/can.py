@@ -1,0 +1,28 @@
+"""One classical CAN frame."""
+
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True, slots=True)
+class CanFrame:
+    """A classical CAN data frame with an 11-bit identifier, unless a flag says otherwise."""
+
+    identifier: int
+    data: bytes = b""
+    extended: bool = False
+    remote: bool = False
+    error: bool = False
+    """Not a frame of a node but the interface telling of a bus error."""
+    received_at: float | None = field(default=None, compare=False)
+    """When the interface took it off the bus, seconds on the receiver's clock; None where it cannot say."""
+
+    def __post_init__(self) -> None:
+        limit = 0x1FFFFFFF if self.extended else 0x7FF
+        if not 0 <= self.identifier <= limit:
+            raise ValueError(f"CAN identifier {self.identifier:#x} is outside 0 … {limit:#x}")
+        if len(self.data) > 8:
+            raise ValueError(f"a CAN frame holds at most 8 bytes, got {len(self.data)}")
+
+    def __str__(self) -> str:
+        width = 8 if self.extended else 3
+        return f"{self.identifier:0{width}X}#{'R' if self.remote else self.data.hex().upper()}"

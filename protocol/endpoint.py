@@ -1,0 +1,45 @@
+"""The one shape of every state machine that speaks on a wire, and the errors it raises.
+
+A client and a device emulator have the same five calls, so one pump drives either over any transport,
+and a test can wire a client to an emulator without any transport at all.
+"""
+
+from typing import Protocol, TypeVar
+
+DataIn = TypeVar("DataIn", contravariant=True)
+DataOut = TypeVar("DataOut", covariant=True)
+Event = TypeVar("Event", covariant=True)
+
+
+class ProtocolError(Exception):
+    """Something is wrong with what was said on the wire; the subclass says whose fault it is."""
+
+
+class LocalProtocolError(ProtocolError):
+    """We were asked to say something that the protocol does not allow at this moment."""
+
+
+class RemoteProtocolError(ProtocolError):
+    """The other side said something that the protocol does not allow."""
+
+
+class Endpoint(Protocol[DataIn, DataOut, Event]):
+    """One end of a link. `now` is in seconds on the caller's clock and never runs backwards.
+
+    Data is `bytes` on a byte wire and a sequence of `CanFrame` on a CAN bus; empty means nothing to send.
+    """
+
+    def receive(self, data: DataIn, now: float) -> None:
+        """Take what arrived. Never raises for what the other side said: that becomes an event."""
+
+    def next_event(self) -> Event | None:
+        """The oldest event not yet taken, or None."""
+
+    def data_to_send(self, now: float) -> DataOut:
+        """Everything to be put on the wire now; empty when there is nothing. It is handed out once."""
+
+    def next_deadline(self) -> float | None:
+        """When `handle_deadline` wants to be called, or None while only data can change anything."""
+
+    def handle_deadline(self, now: float) -> None:
+        """Act on every deadline up to and including `now`; harmless when none has come."""

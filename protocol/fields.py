@@ -1,0 +1,92 @@
+"""Field tables: one table gives the encoder, the decoder, the monitor's text and the property test.
+
+A table holds raw integers (or floats) as they lie on the wire; `scale` and `unit` say what a raw value means
+and are applied only where a person or the control side reads it.
+"""
+
+import struct
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+from protocol.endpoint import LocalProtocolError, RemoteProtocolError
+from protocol.marks import Mark
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """One field of a telegram, frame or memory map."""
+
+    name: str
+    offset: int
+    """Bytes from the start of the payload."""
+    format: str
+    """One `struct` character: B H h I i f."""
+    mark: Mark
+    meaning: str = ""
+    scale: float = 1.0
+    """SI or display value of one raw unit."""
+    unit: str = ""
+
+
+@dataclass(frozen=True)
+class Layout:
+    """A payload of fixed size. Bytes that no field covers are sent as 0 and ignored when received."""
+
+    name: str
+    size: int
+    byte_order: str
+    """`>` big-endian or `<` little-endian."""
+    fields: tuple[Field, ...]
+
+    @cached_property
+    def _packed(self) -> tuple[struct.Struct, tuple[str, ...]]:
+        """All fields as one struct with pad bytes between, so that a payload costs one call."""
+        text, at, names = self.byte_order, 0, []
+        for field in sorted(self.fields, key=lambda f: f.offset):
+            if field.offset < at:
+                raise ValueError(f"{self.name}: field {field.name} overlaps the one before it")
+            text += f"{field.offset - at}x{field.format}"
+            at = field.offset + struct.calcsize(self.byte_order + field.format)
+            names.append(field.name)
+        if at > self.size:
+            raise ValueError(f"{self.name}: fields end at {at}, past the size {self.size}")
+        return struct.Struct(text + f"{self.size - at}x"), tuple(names)
+
+    def pack(self, values: Mapping[str, float]) -> bytes:
+        """Bytes of the payload; fields not named are 0.
+
+        Raises LocalProtocolError for a value that its field cannot hold or a name that is no field.
+        """
+        packer, names = self._packed
+        if unknown := values.keys() - set(names):
+            raise LocalProtocolError(f"{self.name} has no field {', '.join(sorted(unknown))}")
+        try:
+            return packer.pack(*(values.get(name, 0) for name in names))
+        except struct.error as error:
+            raise LocalProtocolError(f"{self.name}: {error}") from error
+
+    def unpack(self, data: bytes) -> dict[str, float]:
+        """Raw values by name. Bytes past the size are ignored.
+
+        Raises RemoteProtocolError when the payload is too short.
+        """
+        packer, names = self._packed
+        if len(data) < self.size:
+            raise RemoteProtocolError(f"{self.name} needs {self.size} bytes of data, got {len(data)}")
+        return dict(zip(names, packer.unpack_from(data), strict=True))
+
+    def describe(self, data: bytes) -> list[dict[str, object]]:
+        """Every field as name, raw value, value in its unit, mark and meaning: for people to read."""
+        raw = self.unpack(data)
+        return [
+            {
+                "name": field.name,
+                "raw": raw[field.name],
+                "value": raw[field.name] * field.scale if field.scale != 1.0 else raw[field.name],
+                "unit": field.unit,
+                "mark": field.mark.value,
+                "meaning": field.meaning,
+            }
+            for field in self.fields
+        ]
