@@ -1,0 +1,22 @@
+# `make run` and `make test` each set up .venv in the checkout first; they need Python ≥ 3.11, make and a package index.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.installed
+
+.PHONY: run test clean
+
+run: $(STAMP)
+	$(BIN)/hil-bridge run --duration 30 --report runs/latest --record runs/latest/run.mcap --summary runs/latest/summary.json
+
+test: $(STAMP)
+	$(BIN)/python tools/check.py
+
+$(STAMP): pyproject.toml
+	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "hil-bridge needs Python 3.11 or newer; set PYTHON=python3.11 or later")'
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
+	touch $@
+
+clean:
+	rm -rf $(VENV) build dist .coverage .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
