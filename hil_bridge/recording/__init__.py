@@ -1,0 +1,7 @@
+"""What is kept of a run: records, the file they are written to, and what is summed up from them."""
+
+from hil_bridge.recording.reader import Recording, read
+from hil_bridge.recording.recorder import Recorder
+from hil_bridge.recording.records import CycleRecord, EventRecord, SensorRecord
+
+__all__ = ["CycleRecord", "EventRecord", "Recorder", "Recording", "SensorRecord", "read"]

@@ -1,0 +1,195 @@
+"""The record of a run: an MCAP file written beside the control path, never on it."""
+
+import contextlib
+import json
+import math
+import threading
+from collections import deque
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import BinaryIO
+
+from mcap.writer import CompressionType, Writer
+
+from hil_bridge.errors import BridgeError, ConfigError
+from hil_bridge.recording.records import EventRecord
+from hil_bridge.recording.topics import TOPICS, Record, Topic
+
+METADATA_NAME = "run"
+END_NAME = "end"
+"""Written by an orderly end only; its absence tells a reader that the run was cut off."""
+DROPPED_PREFIX = "dropped"
+
+QUEUE_RECORDS = 16384
+"""Records that wait for the writer at most: about 16 s of a 1 kHz sensor stream, 5 MB."""
+BATCH_RECORDS = 512
+"""Records taken at once where writing happens in the caller's thread."""
+CHUNK_SECONDS = 1.0
+"""A killed process loses at most this much: what is not in a finished chunk cannot be read."""
+CHUNK_BYTES = 1 << 20
+WAKE_SECONDS = 0.05
+"""The writer thread wakes by itself, so that putting a record never has to wake it."""
+JOIN_SECONDS = 10.0
+
+
+class Recorder:
+    """Takes records without blocking and writes them to one file.
+
+    `put` and `close` belong to one thread, that of the event loop. A failing disk does not stop a run: the
+    error is kept in `error`, later records are counted as dropped, and `close` raises it.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        wall_ns: Callable[[float], int],
+        threaded: bool,
+        metadata: Mapping[str, str],
+        queue_records: int = QUEUE_RECORDS,
+    ) -> None:
+        """Open the file and write what is known before the run.
+
+        `wall_ns` turns a time of the run's clock into ns since the Unix epoch. `threaded` writes in a thread
+        of its own; without it the caller's `put` writes a batch now and then, and the file depends on the
+        records alone. Raises ConfigError when the file cannot be opened.
+        """
+        self._path = path
+        self._wall_ns = wall_ns
+        self._capacity = queue_records
+        self._queue: deque[Record] = deque()
+        self._topics: dict[type, Topic] = {topic.record: topic for topic in TOPICS}
+        self._dropped = dict.fromkeys((topic.name for topic in TOPICS), 0)
+        self._written = dict.fromkeys((topic.name for topic in TOPICS), 0)
+        self._error: BridgeError | None = None
+        self._chunk_began: float | None = None
+        self._newest = 0.0
+        self._closed = False
+        try:
+            self._file: BinaryIO = path.open("wb")
+        except OSError as error:
+            raise ConfigError(f"cannot write the recording {path}: {error.strerror or error}") from error
+        self._writer = Writer(self._file, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
+        self._flush: Callable[[], None] = self._writer.flush
+        self._channels: dict[type, int] = {}
+        self._guarded(lambda: self._begin(metadata))
+        self._stop = threading.Event()
+        self._thread: threading.Thread | None = None
+        if threaded:
+            self._thread = threading.Thread(target=self._work, name="recorder", daemon=True)
+            self._thread.start()
+
+    def _begin(self, metadata: Mapping[str, str]) -> None:
+        self._writer.start(profile="", library="hil-bridge")
+        self._writer.add_metadata(METADATA_NAME, dict(sorted(metadata.items())))
+        self._channels = {topic.record: self._register(topic) for topic in TOPICS}
+        self._flush()
+
+    def _register(self, topic: Topic) -> int:
+        schema = json.dumps(topic.schema, separators=(",", ":"), ensure_ascii=False).encode()
+        schema_id: int = self._writer.register_schema(topic.schema_name, "jsonschema", schema)
+        channel_id: int = self._writer.register_channel(topic.name, "json", schema_id)
+        return channel_id
+
+    @property
+    def error(self) -> BridgeError | None:
+        """What ended the writing early, or None."""
+        return self._error
+
+    @property
+    def dropped(self) -> Mapping[str, int]:
+        """Records that did not reach the file, by topic."""
+        return dict(self._dropped)
+
+    def put(self, record: Record) -> None:
+        """Take a record. The newest is dropped and counted when the queue is full or writing has failed."""
+        if len(self._queue) >= self._capacity or self._error is not None or self._closed:
+            self._dropped[self._topics[type(record)].name] += 1
+            return
+        self._queue.append(record)
+        if self._thread is None and len(self._queue) >= BATCH_RECORDS:
+            self._drain()
+
+    def close(self, end: Mapping[str, str] | None = None) -> None:
+        """Write what waits, the counts of dropped records and `end` (see `RunEnd.as_metadata`).
+
+        Harmless when called again. Raises BridgeError when the file is incomplete because writing failed.
+        """
+        if self._closed:
+            return
+        self._closed = True
+        if self._thread is not None:
+            self._stop.set()
+            self._thread.join(JOIN_SECONDS)
+            if self._thread.is_alive():
+                raise BridgeError(f"the recording {self._path} is incomplete: the disk does not take it")
+        self._drain()
+        if self._error is None:
+            try:
+                self._finish(end or {})
+            except Exception as error:
+                self._fail(error)
+        if self._error is not None:
+            for record in self._queue:
+                self._dropped[self._topics[type(record)].name] += 1
+            raise self._error
+
+    def _finish(self, end: Mapping[str, str]) -> None:
+        if any(self._dropped.values()):
+            counts = ", ".join(f"{count} of {topic}" for topic, count in self._dropped.items() if count)
+            self._write(EventRecord(self._newest, "recorder", f"records dropped: {counts}"))
+        self._flush()
+        drops = {f"{DROPPED_PREFIX}{topic}": str(count) for topic, count in self._dropped.items()}
+        self._writer.add_metadata(END_NAME, dict(sorted({**end, **drops}.items())))
+        self._writer.finish()  # type: ignore[no-untyped-call]
+        self._file.close()
+
+    def _work(self) -> None:
+        """The writer thread: drains in bursts, and finishes a chunk when nothing comes any more."""
+        idle = 0.0
+        while not self._stop.wait(WAKE_SECONDS):
+            idle = 0.0 if self._queue else idle + WAKE_SECONDS
+            self._drain()
+            if idle >= CHUNK_SECONDS and self._chunk_began is not None:
+                self._guarded(self._end_chunk)
+
+    def _drain(self) -> None:
+        if self._error is None:
+            self._guarded(self._write_queue)
+
+    def _guarded(self, step: Callable[[], None]) -> None:
+        """Keep any error for the end: nothing that happens to a file may stop a robot's control loop."""
+        try:
+            step()
+        except Exception as error:
+            self._fail(error)
+
+    def _fail(self, error: Exception) -> None:
+        cause = (error.strerror if isinstance(error, OSError) else None) or f"{type(error).__name__}: {error}"
+        self._error = BridgeError(f"the recording {self._path} is incomplete: {cause}")
+        self._error.__cause__ = error
+        with contextlib.suppress(OSError):  # the same full disk again; the first error is the one that tells
+            self._file.close()
+
+    def _write_queue(self) -> None:
+        while self._queue:
+            self._write(self._queue.popleft())
+
+    def _write(self, record: Record) -> None:
+        topic = self._topics[type(record)]
+        at = topic.time_of(record)
+        if not math.isfinite(at):
+            at = self._newest
+        self._newest = max(self._newest, at)
+        if self._chunk_began is None:
+            self._chunk_began = at
+        wall = self._wall_ns(at)
+        self._writer.add_message(
+            self._channels[type(record)], wall, topic.encode(record), wall, self._written[topic.name]
+        )
+        self._written[topic.name] += 1
+        if at - self._chunk_began >= CHUNK_SECONDS:
+            self._end_chunk()
+
+    def _end_chunk(self) -> None:
+        self._chunk_began = None
+        self._flush()

@@ -1,0 +1,272 @@
+import errno
+import io
+import json
+import math
+import struct
+import threading
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mcap.reader import make_reader
+
+from hil_bridge.errors import BridgeError, ConfigError
+from hil_bridge.recording import CycleRecord, EventRecord, Recorder, SensorRecord, read
+from hil_bridge.recording import recorder as recorder_module
+from hil_bridge.recording.topics import CYCLE, SENSOR, TOPICS, Record
+
+METADATA = {"seed": "7", "controller": "fuzzy-pi", "configuration": '{"force_n": 50.0}'}
+
+
+def wall_ns(loop_time: float) -> int:
+    return 1_700_000_000_000_000_000 + round(loop_time * 1e9)
+
+
+def cycle(number: int, at: float, **changes: object) -> CycleRecord:
+    values: dict[str, object] = {
+        "cycle": number,
+        "phase": "track",
+        "started_at": at,
+        "status_at": at + 0.07,
+        "sensor_at": at + 0.069,
+        "controlled_at": at + 0.0705,
+        "sent_at": at + 0.071,
+        "answered_at": at + 0.16,
+        "sensor_sequence": number * 160,
+        "force": 49.5,
+        "force_reference": 50.0,
+        "wrench": (0.1, -0.2, 49.5, 0.0, 0.01, 0.0),
+        "position": (0.9, 0.1, 0.5),
+        "quaternion": (0.0, 0.0, 1.0, 0.0),
+        "depth": 0.0025,
+        "depth_commanded": 0.002625,
+        "travel_commanded": 0.01,
+        "correction": -0.000125,
+        "stiffness": 2e4,
+        "gain": 0.5,
+        "held": False,
+        "in_contact": True,
+        "verdict": "clamp",
+        "reasons": ("step",),
+        "explanation": {"error_level": -1.0},
+    }
+    return CycleRecord(**(values | changes))  # type: ignore[arg-type]
+
+
+def stream(seconds: float = 3.0) -> list[Record]:
+    """A 200 Hz sensor stream with a cycle every 0.16 s, in the order in which a run puts them."""
+    records: list[Record] = [EventRecord(100.0, "phase", "track – µ ü")]
+    for k in range(round(seconds * 200)):
+        at = 100.0 + k / 200
+        records.append(SensorRecord(at, k, (k % 7, -k, 3, 4, 5, -16384)))
+        if k % 32 == 31:
+            records.append(cycle(k // 32, at))
+    return records
+
+
+def write(path: Path, records: list[Record], end: dict[str, str] | None = None) -> Path:
+    recorder = Recorder(path, wall_ns, threaded=False, metadata=METADATA)
+    for record in records:
+        recorder.put(record)
+    recorder.close(end)
+    return path
+
+
+def test_what_was_put_is_read_back(tmp_path: Path) -> None:
+    records = stream()
+    recording = read(write(tmp_path / "run.mcap", records, {"outcome": "completed"}))
+    assert [*recording.cycles] == [r for r in records if isinstance(r, CycleRecord)]
+    assert [*recording.sensors] == [r for r in records if isinstance(r, SensorRecord)]
+    assert [*recording.events] == [records[0]]
+    assert recording.metadata == METADATA
+    assert recording.end["outcome"] == "completed"
+    assert not recording.truncated
+
+
+def test_two_runs_of_one_input_give_the_same_bytes(tmp_path: Path) -> None:
+    first = write(tmp_path / "a.mcap", stream()).read_bytes()
+    assert write(tmp_path / "b.mcap", stream()).read_bytes() == first
+    assert write(tmp_path / "c.mcap", stream(2.9)).read_bytes() != first
+
+
+def test_a_thread_writes_the_same_records(tmp_path: Path) -> None:
+    records = stream()
+    recorder = Recorder(tmp_path / "run.mcap", wall_ns, threaded=True, metadata=METADATA)
+    for record in records:
+        recorder.put(record)
+    recorder.close()
+    assert read(tmp_path / "run.mcap").cycles == read(write(tmp_path / "b.mcap", records)).cycles
+    assert not any(thread.name == "recorder" for thread in threading.enumerate())
+
+
+def test_foreign_readers_find_topics_schemas_and_times(tmp_path: Path) -> None:
+    """Through the library's own reader, as Foxglove does: index, summary, strict JSON, wall-clock times."""
+    data = write(tmp_path / "run.mcap", [*stream(), cycle(99, 104.0, force=math.nan)]).read_bytes()
+    reader = make_reader(io.BytesIO(data), validate_crcs=True)
+    summary = reader.get_summary()
+    assert summary is not None
+    assert {channel.topic for channel in summary.channels.values()} == {"/cycle", "/sensor", "/event"}
+    assert all(schema.encoding == "jsonschema" for schema in summary.schemas.values())
+    for schema in summary.schemas.values():
+        for column in json.loads(schema.data)["properties"].values():
+            assert isinstance(column["type"], str)
+            assert column["type"] != "object" or "properties" in column
+    messages = [
+        (channel.topic, message.log_time, json.loads(message.data, parse_constant=pytest.fail))
+        for _, channel, message in reader.iter_messages()
+    ]
+    assert messages[0][:2] == ("/event", wall_ns(100.0))
+    assert messages[-1][2]["force"] is None
+    assert len(summary.chunk_indexes) >= 3  # one a second
+
+
+def test_numbers_that_json_lacks_come_back_as_nan(tmp_path: Path) -> None:
+    wrench = (math.nan, math.inf, 0.0, 0.0, 0.0, 0.0)
+    odd = cycle(0, 100.0, controlled_at=math.nan, wrench=wrench, stiffness=None)
+    (back,) = read(write(tmp_path / "run.mcap", [odd])).cycles
+    assert math.isnan(back.controlled_at)
+    assert math.isnan(back.wrench[0])
+    assert math.isnan(back.wrench[1])
+    assert back.wrench[2:] == (0.0, 0.0, 0.0, 0.0)
+    assert back.stiffness is None
+
+
+def test_a_full_queue_drops_the_newest_and_counts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(recorder_module, "WAKE_SECONDS", 60.0)  # the writer sleeps: nothing is drained
+    recorder = Recorder(tmp_path / "run.mcap", wall_ns, threaded=True, metadata={}, queue_records=10)
+    recorder.put(cycle(0, 100.0))
+    for k in range(15):
+        recorder.put(SensorRecord(100.0 + k, k, (0,) * 6))
+    recorder.put(cycle(1, 120.0))
+    assert recorder.dropped == {"/cycle": 1, "/sensor": 6, "/event": 0}
+    recorder.close()
+    recording = read(tmp_path / "run.mcap")
+    assert [sensor.sequence for sensor in recording.sensors] == list(range(9))
+    assert recording.events[-1].text == "records dropped: 1 of /cycle, 6 of /sensor"
+    assert recording.end["dropped/sensor"] == "6"
+    recorder.put(cycle(2, 121.0))
+    assert recorder.dropped["/cycle"] == 2
+    recorder.close()
+
+
+@pytest.mark.parametrize("threaded", [False, True])
+def test_a_full_disk_is_told_at_the_end_and_stops_nothing(tmp_path: Path, threaded: bool) -> None:
+    path = tmp_path / "run.mcap"
+    recorder = Recorder(path, wall_ns, threaded=threaded, metadata={})
+    full = OSError(errno.ENOSPC, "No space left on device")
+    recorder._flush = lambda: (_ for _ in ()).throw(full)  # type: ignore[assignment]
+    for record in stream():
+        recorder.put(record)
+    with pytest.raises(BridgeError, match=r"run\.mcap is incomplete: No space left on device"):
+        recorder.close()
+    assert recorder.error is not None
+    recorder.put(cycle(5, 200.0))
+    assert recorder.dropped["/cycle"] >= 1
+
+
+def test_a_place_that_cannot_be_written_is_told_before_the_run(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"cannot write the recording .*: No such file or directory"):
+        Recorder(tmp_path / "nowhere" / "run.mcap", wall_ns, threaded=False, metadata={})
+
+
+def test_a_cut_file_gives_what_came_before(tmp_path: Path) -> None:
+    """As a killed process leaves it: finished chunks are readable, the run counts as cut off."""
+    recorder = Recorder(tmp_path / "run.mcap", wall_ns, threaded=False, metadata=METADATA)
+    for record in stream(10.0):
+        recorder.put(record)
+    data = (tmp_path / "run.mcap").read_bytes()
+    recorder.close()
+    (tmp_path / "killed.mcap").write_bytes(data)
+    recording = read(tmp_path / "killed.mcap")
+    assert recording.truncated
+    assert recording.metadata == METADATA
+    assert recording.end == {}
+    assert recording.cycles[-1].started_at > 107.0
+
+
+def test_every_cut_is_truncated_or_refused(tmp_path: Path) -> None:
+    data = write(tmp_path / "run.mcap", stream(2.0)).read_bytes()
+    path, seen = tmp_path / "cut.mcap", set()
+    for size in [*range(0, len(data), 97), len(data) - 1]:
+        path.write_bytes(data[:size])
+        try:
+            assert read(path).truncated
+            seen.add("truncated")
+        except ConfigError as error:
+            seen.add("refused" if str(path) in str(error) and "\n" not in str(error) else f"odd: {error}")
+    assert seen == {"truncated", "refused"}
+
+
+def test_garbage_in_the_middle_keeps_what_came_before(tmp_path: Path) -> None:
+    data = bytearray(write(tmp_path / "run.mcap", stream(6.0)).read_bytes())
+    third = [i for i in range(len(data)) if data[i : i + 4] == b"\x28\xb5\x2f\xfd"][2]  # zstd frames
+    data[third + 20] ^= 0xFF
+    (tmp_path / "bad.mcap").write_bytes(data)
+    recording = read(tmp_path / "bad.mcap")
+    assert recording.truncated
+    assert 100.9 < recording.cycles[-1].started_at < 102.1
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"", "is empty"),
+        (b"time,force\n0,1\n", "is not an MCAP file"),
+        (b"\x89MCAP0\r\n", "is damaged before the first control cycle"),
+        (b"\x89MCAP0\r\n" + b"\xff" * 200, "is damaged before the first control cycle"),
+        (b"\x89MCAP0\r\n" + struct.pack("<BQ", 6, 1 << 62) + b"x" * 50, "is damaged before"),
+    ],
+)
+def test_what_is_no_recording_is_refused_in_one_line(tmp_path: Path, content: bytes, message: str) -> None:
+    path = tmp_path / "x.mcap"
+    path.write_bytes(content)
+    with pytest.raises(ConfigError, match=message) as caught:
+        read(path)
+    assert str(path) in str(caught.value)
+    assert caught.value.exit_code == 2
+
+
+def test_a_missing_file_and_a_run_without_cycles_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="No such file"):
+        read(tmp_path / "missing.mcap")
+    with pytest.raises(ConfigError, match="holds no control cycle"):
+        read(write(tmp_path / "run.mcap", [EventRecord(1.0, "phase", "connect")]))
+
+
+def test_a_message_of_another_version_is_refused_by_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as patch:
+        patch.setattr(type(CYCLE), "encode", lambda self, record: b'{"cycle":"one"}')
+        write(tmp_path / "run.mcap", [cycle(0, 100.0)])
+    with pytest.raises(ConfigError, match="message of /cycle: cycle is not a whole number"):
+        read(tmp_path / "run.mcap")
+
+
+@settings(max_examples=100)
+@given(st.binary(max_size=300))
+def test_arbitrary_messages_raise_value_error_or_nothing(data: bytes) -> None:
+    for topic in TOPICS:
+        try:
+            topic.decode(data)
+        except (ValueError, RecursionError):
+            continue
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        b'{"at":true,"sequence":1,"counts":[1,2,3,4,5,6]}',
+        b'{"at":1,"sequence":1.5,"counts":[1,2,3,4,5,6]}',
+        b'{"at":1,"sequence":1,"counts":[1,2,3,4,5]}',
+        b'{"at":1,"sequence":1,"counts":{"a":1}}',
+        b'{"at":NaN,"sequence":1,"counts":[1,2,3,4,5,6]}',
+        b'{"at":1' + b"0" * 400 + b',"sequence":1,"counts":[1,2,3,4,5,6]}',
+        b'{"sequence":1,"counts":[1,2,3,4,5,6]}',
+        b"[1,2]",
+    ],
+)
+def test_wrong_columns_are_refused(message: bytes) -> None:
+    with pytest.raises(ValueError, match=r".+"):
+        SENSOR.decode(message)
