@@ -1,0 +1,24 @@
+"""Time: the one place that reads a clock, and an event loop in virtual time."""
+
+from hil_bridge.clock.clock import Clock, Timer
+from hil_bridge.clock.run import LeakedTasks, run_real, run_virtual
+from hil_bridge.clock.virtual import (
+    VIRTUAL_EPOCH,
+    VIRTUAL_WALL_NS,
+    VirtualDeadlock,
+    VirtualLoop,
+    VirtualTimeError,
+)
+
+__all__ = [
+    "VIRTUAL_EPOCH",
+    "VIRTUAL_WALL_NS",
+    "Clock",
+    "LeakedTasks",
+    "Timer",
+    "VirtualDeadlock",
+    "VirtualLoop",
+    "VirtualTimeError",
+    "run_real",
+    "run_virtual",
+]

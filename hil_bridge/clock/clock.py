@@ -1,0 +1,85 @@
+"""The clock that everything else is given. No other part of the project reads one."""
+
+import asyncio
+import sys
+import time
+from collections.abc import Callable
+from typing import Protocol
+
+from hil_bridge.clock.virtual import VIRTUAL_EPOCH, VIRTUAL_WALL_NS, VirtualLoop
+
+if sys.platform == "linux":
+    from hil_bridge.clock.timerfd import PreciseTimers
+
+
+class Timer(Protocol):
+    """A callback that waits for its time."""
+
+    def cancel(self) -> None:
+        """Never call it. Harmless when it was called or cancelled before."""
+
+
+class Clock:
+    """Time of one event loop: precise in real time on Linux, exact in virtual time."""
+
+    def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
+        self.loop = loop
+        self.is_virtual = isinstance(loop, VirtualLoop)
+        """True when nothing waits: what is asked for happens at its exact instant."""
+        self._close: Callable[[], None] | None = None
+        self._call_at: Callable[[float, Callable[[], object]], Timer] = loop.call_at
+        if self.is_virtual:
+            self._anchor, self._anchor_wall_ns = VIRTUAL_EPOCH, VIRTUAL_WALL_NS
+            return
+        self._anchor, self._anchor_wall_ns = loop.time(), time.time_ns()
+        if sys.platform == "linux":
+            timers = PreciseTimers(loop)
+            self._call_at, self._close = timers.call_at, timers.close
+
+    @classmethod
+    def running(cls) -> "Clock":
+        """A clock for the running loop; the caller closes it."""
+        return cls(asyncio.get_running_loop())
+
+    def now(self) -> float:
+        """The loop's time, s."""
+        return self.loop.time()
+
+    def call_at(self, when: float, callback: Callable[[], object]) -> Timer:
+        """Call back at `when`, s on this clock; soon, but never before this returns, when that has passed.
+
+        Callbacks of the same instant run in no particular order.
+        """
+        return self._call_at(when, callback)
+
+    async def sleep_until(self, when: float) -> None:
+        """Return at `when`, s on this clock; when that has passed, after one turn of the loop."""
+        if when <= self.loop.time():
+            await asyncio.sleep(0)
+            return
+        woken = self.loop.create_future()
+        timer = self._call_at(when, lambda: None if woken.done() else woken.set_result(None))
+        try:
+            await woken
+        finally:
+            timer.cancel()
+
+    def wall_ns(self, when: float) -> int:
+        """UNIX time of `when`, ns. Anchored once, so that differences are those of this clock."""
+        return self._anchor_wall_ns + round((when - self._anchor) * 1e9)
+
+    def at_wall(self, wall: float) -> float:
+        """This clock's time of a UNIX time stamp, s, that a kernel or device made moments ago.
+
+        A stamp that lies in the future or more than a second back is not believed: that is now.
+        """
+        now = self.loop.time()
+        if self.is_virtual:
+            return now
+        age = time.time() - wall
+        return now - age if 0.0 <= age <= 1.0 else now
+
+    def close(self) -> None:
+        """Give back the timer; callbacks not yet due never come. Harmless when called again."""
+        if self._close is not None:
+            self._close()

@@ -1,0 +1,53 @@
+"""The two ways to run a coroutine: in real time and in virtual time."""
+
+import asyncio
+from collections.abc import Callable, Coroutine
+from typing import Any, TypeAlias, TypeVar
+
+from hil_bridge.clock.virtual import VirtualLoop, VirtualTimeError, describe_tasks
+
+T = TypeVar("T")
+Main: TypeAlias = Coroutine[Any, Any, T] | Callable[[], Coroutine[Any, Any, T]]
+
+
+class LeakedTasks(VirtualTimeError):
+    """The main coroutine returned while tasks that nobody had asked to end were still running."""
+
+
+def run_real(main: Main[T]) -> T:
+    """Run a coroutine, or the coroutine that a function makes, in real time; like `asyncio.run`."""
+    return asyncio.run(_watched(main, []))
+
+
+def run_virtual(main: Main[T]) -> T:
+    """Run a coroutine, or the coroutine that a function makes, in a new loop in virtual time.
+
+    Stricter than real time: raises LeakedTasks for tasks left behind, VirtualDeadlock when nothing can happen
+    any more, and what a callback raised where real time would only have logged it.
+    """
+    unhandled: list[dict[str, Any]] = []
+    leaked: list[str] = []
+    try:
+        with asyncio.Runner(loop_factory=VirtualLoop) as runner:
+            runner.get_loop().set_exception_handler(lambda _, context: unhandled.append(context))
+            result = runner.run(_watched(main, leaked))
+    except Exception as error:
+        for context in unhandled:
+            error.add_note(f"before that: {context['message']}: {context.get('exception')!r}")
+        raise
+    for context in unhandled:
+        if isinstance(cause := context.get("exception"), Exception):
+            cause.add_note(context["message"])
+            raise cause
+    if leaked:
+        raise LeakedTasks(f"tasks were still running at the end: {leaked[0]}")
+    return result
+
+
+async def _watched(main: Main[T], leaked: list[str]) -> T:
+    result = await (main() if callable(main) else main)
+    me = asyncio.current_task()
+    left = {task for task in asyncio.all_tasks() if task is not me and not task.cancelling()}
+    if left:
+        leaked.append(describe_tasks(left))
+    return result

@@ -1,0 +1,170 @@
+"""Virtual time: exact jumps, and an error instead of a run that hangs or leaves something behind."""
+
+import asyncio
+import threading
+
+import pytest
+
+from hil_bridge.clock import (
+    VIRTUAL_EPOCH,
+    VIRTUAL_WALL_NS,
+    Clock,
+    LeakedTasks,
+    VirtualDeadlock,
+    VirtualTimeError,
+    run_real,
+    run_virtual,
+)
+
+
+def test_time_begins_at_an_odd_epoch_and_jumps_exactly() -> None:
+    async def main() -> list[float]:
+        clock = Clock.running()
+        assert clock.is_virtual
+        seen = [clock.now()]
+        for k in range(1, 4):
+            await clock.sleep_until(VIRTUAL_EPOCH + k / 3)
+            seen.append(clock.now())
+        await asyncio.sleep(100_000.1)
+        seen.append(clock.now())
+        return seen
+
+    epoch = VIRTUAL_EPOCH
+    seen = run_virtual(main)
+    assert seen[:4] == [epoch, epoch + 1 / 3, epoch + 2 / 3, epoch + 1]
+    assert seen[4] == epoch + 1 + 100_000.1
+
+
+def test_timers_run_in_order_each_at_its_own_instant() -> None:
+    async def main() -> None:
+        clock = Clock.running()
+        start, seen = clock.now(), []
+        # the first two lie nearer together than the nanosecond within which asyncio runs timers as one
+        whens = [start + 1e-3, start + 1e-3 + 1e-11, start + 2e-3, start + 5.0]
+        for when in (whens[3], whens[1], whens[0], whens[2]):
+            clock.call_at(when, lambda: seen.append(clock.now()))
+        clock.call_at(start + 1.5e-3, lambda: seen.append(0.0)).cancel()
+        await clock.sleep_until(start + 6.0)
+        assert seen == whens
+
+    run_virtual(main)
+
+
+def test_a_time_that_has_passed_is_served_without_moving_time() -> None:
+    async def main() -> None:
+        clock = Clock.running()
+        start, seen = clock.now(), []
+        clock.call_at(start - 1.0, lambda: seen.append(clock.now()))
+        assert seen == []
+        await clock.sleep_until(start - 1.0)
+        await asyncio.sleep(0)
+        assert seen == [start]
+
+    run_virtual(main)
+
+
+def test_a_cancelled_sleep_leaves_no_timer() -> None:
+    async def main() -> float:
+        clock = Clock.running()
+        with pytest.raises(TimeoutError):
+            async with asyncio.timeout(0.25):
+                await clock.sleep_until(clock.now() + 3600)
+        return clock.now()
+
+    assert run_virtual(main) == VIRTUAL_EPOCH + 0.25
+
+
+def test_deadlock_is_an_error_that_names_who_waits() -> None:
+    async def waits_for_godot() -> None:
+        await asyncio.get_running_loop().create_future()
+
+    with pytest.raises(VirtualDeadlock, match="in waits_for_godot"):
+        run_virtual(waits_for_godot)
+
+
+def test_time_that_stands_still_is_an_error() -> None:
+    async def main() -> None:
+        loop = asyncio.get_running_loop()
+
+        def again() -> None:
+            loop.call_soon(again)
+
+        again()
+        await asyncio.sleep(1)
+
+    with pytest.raises(VirtualTimeError, match="time stands still"):
+        run_virtual(main)
+
+
+def test_a_leaked_task_is_an_error() -> None:
+    async def main(cancel: bool) -> int:
+        task = asyncio.create_task(asyncio.sleep(5), name="forgotten")
+        await asyncio.sleep(1)
+        if cancel:
+            task.cancel()
+        return 7
+
+    with pytest.raises(LeakedTasks, match="forgotten"):
+        run_virtual(main(cancel=False))
+    assert run_virtual(main(cancel=True)) == 7
+
+
+def test_the_error_of_main_and_of_a_callback_come_out() -> None:
+    async def fails() -> None:
+        raise KeyError("main")
+
+    async def callback_fails() -> None:
+        asyncio.get_running_loop().call_soon(lambda: {}["callback"])
+        await asyncio.sleep(1)
+
+    with pytest.raises(KeyError, match="main"):
+        run_virtual(fails)
+    with pytest.raises(KeyError, match="callback"):
+        run_virtual(callback_fails)
+
+
+def test_threads_and_files_are_refused() -> None:
+    async def main() -> None:
+        with pytest.raises(VirtualTimeError, match="no threads"):
+            await asyncio.to_thread(threading.get_ident)
+        with pytest.raises(VirtualTimeError, match="no file descriptors"):
+            asyncio.get_running_loop().add_reader(0, print)
+
+    run_virtual(main)
+
+
+def test_async_generators_are_shut_down() -> None:
+    closed = []
+
+    async def numbers():  # type: ignore[no-untyped-def]
+        try:
+            yield 1
+            yield 2
+        finally:
+            closed.append(True)
+
+    kept = numbers()
+
+    async def main() -> int:
+        return await anext(kept)
+
+    assert run_virtual(main) == 1
+    assert closed == [True]
+
+
+def test_wall_time_is_fixed_in_virtual_time() -> None:
+    async def main() -> tuple[int, int]:
+        clock = Clock.running()
+        await asyncio.sleep(12.5)
+        assert clock.at_wall(0.0) == clock.now()
+        return clock.wall_ns(VIRTUAL_EPOCH), clock.wall_ns(clock.now())
+
+    assert run_virtual(main) == (VIRTUAL_WALL_NS, VIRTUAL_WALL_NS + 12_500_000_000)
+
+
+def test_run_real_takes_a_function_or_a_coroutine() -> None:
+    async def main() -> bool:
+        return asyncio.get_running_loop().time() == VIRTUAL_EPOCH
+
+    assert run_real(main) is False
+    assert run_real(main()) is False

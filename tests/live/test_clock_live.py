@@ -1,0 +1,87 @@
+"""Real time: how late a sleep wakes, and that the clock's own timers behave like the loop's."""
+
+import asyncio
+import statistics
+import sys
+from contextlib import closing
+
+import pytest
+
+from hil_bridge.clock import Clock, run_real
+
+pytestmark = pytest.mark.live
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="precise timers need a timerfd")
+def test_periodic_sleeps_wake_well_within_a_millisecond() -> None:
+    async def main() -> float:
+        with closing(Clock.running()) as clock:
+            start, lateness = clock.now(), []
+            for k in range(1, 201):
+                await clock.sleep_until(start + k * 0.002 + 0.0003)
+                lateness.append(clock.now() - (start + k * 0.002 + 0.0003))
+            assert min(lateness) >= 0.0
+            return statistics.median(lateness)
+
+    assert run_real(main) < 0.5e-3
+
+
+def test_timers_run_in_order_and_not_before_their_time() -> None:
+    async def main() -> None:
+        with closing(Clock.running()) as clock:
+            assert not clock.is_virtual
+            start, seen = clock.now(), []
+            for delay in (0.02, 0.005, -1.0, 0.01, 0.005):
+                clock.call_at(
+                    start + delay, lambda delay=delay: seen.append((delay, clock.now() >= start + delay))
+                )
+            clock.call_at(start + 0.007, lambda: seen.append((0.007, True))).cancel()
+            assert seen == []
+            await clock.sleep_until(start + 0.03)
+            assert seen == [(-1.0, True), (0.005, True), (0.005, True), (0.01, True), (0.02, True)]
+
+    run_real(main)
+
+
+def test_many_cancelled_timers_and_one_that_fails_disturb_nobody() -> None:
+    async def main() -> None:
+        loop, errors = asyncio.get_running_loop(), []
+        loop.set_exception_handler(lambda _, context: errors.append(context["exception"]))
+        with closing(Clock.running()) as clock:
+            start, done = clock.now(), []
+            for k in range(500):
+                clock.call_at(start + 60 + k, lambda: done.append("never")).cancel()
+            clock.call_at(start + 0.001, lambda: {}["fails"])
+            clock.call_at(start + 0.001, lambda: done.append("other"))
+            with pytest.raises(TimeoutError):
+                async with asyncio.timeout(0.01):
+                    await clock.sleep_until(start + 3600)
+            assert done == ["other"]
+            assert [type(error) for error in errors] == [KeyError]
+
+    run_real(main)
+
+
+def test_a_closed_clock_calls_nobody() -> None:
+    async def main() -> None:
+        clock, seen = Clock.running(), []
+        clock.call_at(clock.now() + 0.005, lambda: seen.append(1))
+        clock.close()
+        clock.close()
+        await asyncio.sleep(0.02)
+        assert seen == []
+
+    run_real(main)
+
+
+def test_wall_time_follows_the_loop_and_believes_only_recent_stamps() -> None:
+    async def main() -> None:
+        with closing(Clock.running()) as clock:
+            now = clock.now()
+            wall = clock.wall_ns(now)
+            assert clock.wall_ns(now + 1.0) - wall == pytest.approx(1_000_000_000, abs=2)
+            assert clock.at_wall(wall / 1e9) == pytest.approx(now, abs=0.1)
+            assert clock.at_wall(wall / 1e9 - 3600) >= now
+            assert clock.at_wall(wall / 1e9 + 3600) >= now
+
+    run_real(main)
