@@ -1,0 +1,189 @@
+"""Contact of the tool tip with a surface: stiffness, damping and friction at a point.
+
+A surface is a profile in the plane of path and height, the same everywhere across the path, in the base
+frame (z up). The material is a linear spring and damper along the outward normal; it never pulls. Friction is
+Coulomb's, smoothed near zero velocity.
+Source of the default stiffness: project specification of the force control, section 5.
+"""
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any, ClassVar, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from protocol.marks import Mark, check_settings, setting
+
+Floats = NDArray[np.float64]
+
+
+class SurfaceKind(StrEnum):
+    """Shape of the surface along the path."""
+
+    FLAT = "flat"
+    SLOPED = "sloped"
+    SINUSOIDAL = "sinusoidal"
+    CIRCULAR_ARC = "circular_arc"
+
+
+class Surface(Protocol):
+    """A solid below a line in the plane of path coordinate and height."""
+
+    def depth_and_normal(self, along: Floats, height: Floats) -> tuple[Floats, Floats, Floats]:
+        """Depth below the surface along its normal, m, negative outside; outward unit normal along and up.
+
+        `along` and `height` (n,) are path coordinate and height of the tip, m.
+        """
+
+
+@dataclass(frozen=True, slots=True)
+class Flat:
+    """Level at one height."""
+
+    height: float
+
+    def depth_and_normal(self, along: Floats, height: Floats) -> tuple[Floats, Floats, Floats]:
+        return self.height - height, np.zeros_like(along), np.ones_like(along)
+
+
+@dataclass(frozen=True, slots=True)
+class Sloped:
+    """A plane that rises along the path; `height` at path coordinate 0, `slope` in rad."""
+
+    height: float
+    slope: float
+
+    def depth_and_normal(self, along: Floats, height: Floats) -> tuple[Floats, Floats, Floats]:
+        sine, cosine = math.sin(self.slope), math.cos(self.slope)
+        depth = (self.height - height) * cosine + along * sine
+        return depth, np.full_like(along, -sine), np.full_like(along, cosine)
+
+
+@dataclass(frozen=True, slots=True)
+class Sinusoidal:
+    """Waves of `amplitude` and `period` about `height`, m, rising through it at path coordinate 0.
+
+    The depth is that below the tangent under the tip: exact to first order in depth times curvature.
+    """
+
+    height: float
+    amplitude: float
+    period: float
+
+    def depth_and_normal(self, along: Floats, height: Floats) -> tuple[Floats, Floats, Floats]:
+        wave_number = 2.0 * math.pi / self.period
+        phase = wave_number * along
+        rise = self.amplitude * wave_number * np.cos(phase)
+        cosine = 1.0 / np.sqrt(1.0 + rise * rise)
+        depth = (self.height + self.amplitude * np.sin(phase) - height) * cosine
+        return depth, -rise * cosine, cosine
+
+
+@dataclass(frozen=True, slots=True)
+class CircularArc:
+    """A lying cylinder of `radius`, its crest of `height` at path coordinate 0, m."""
+
+    height: float
+    radius: float
+
+    def depth_and_normal(self, along: Floats, height: Floats) -> tuple[Floats, Floats, Floats]:
+        up = height - (self.height - self.radius)
+        distance = np.hypot(along, up)
+        # A tip in the axis itself has no normal; any does, and up is what the others tend to from above.
+        safe = np.where(distance > 0.0, distance, 1.0)
+        return self.radius - distance, along / safe, np.where(distance > 0.0, up / safe, 1.0)
+
+
+@dataclass(frozen=True, slots=True)
+class SurfaceProfile:
+    """Shape, place and material of the surface."""
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
+
+    kind: SurfaceKind = setting(SurfaceKind.FLAT, Mark.CHOSEN, "shape along the path")  # noqa: RUF009
+    origin_x_mm: float = setting(900.0, Mark.CHOSEN, "base x of path coordinate 0", unit="mm")
+    origin_y_mm: float = setting(0.0, Mark.CHOSEN, "base y of path coordinate 0", unit="mm")
+    path_deg: float = setting(
+        90.0, Mark.CHOSEN, "direction of the path in the base x-y plane, 0 along x, 90 along y", unit="°"
+    )
+    height_mm: float = setting(590.0, Mark.CHOSEN, "base z of the surface at path coordinate 0", unit="mm")
+    slope_deg: float = setting(
+        5.0, Mark.CHOSEN, "rise along the path (sloped)", unit="°", minimum=-80.0, maximum=80.0
+    )
+    amplitude_mm: float = setting(
+        5.0, Mark.CHOSEN, "amplitude of the waves (sinusoidal)", unit="mm", minimum=0.0
+    )
+    period_mm: float = setting(
+        100.0, Mark.CHOSEN, "period of the waves along the path (sinusoidal)", unit="mm", above=0.0
+    )
+    radius_mm: float = setting(300.0, Mark.CHOSEN, "radius (circular_arc)", unit="mm", above=0.0)
+    stiffness_n_m: float = setting(
+        5000.0, Mark.OBSERVED, "stiffness along the normal; the paper's sponge", unit="N/m", minimum=0.0
+    )
+    damping_ns_m: float = setting(
+        10.0, Mark.ASSUMED, "damping along the normal while in contact", unit="N·s/m", minimum=0.0
+    )
+    friction: float = setting(0.2, Mark.ASSUMED, "Coulomb coefficient against tangential motion", minimum=0.0)
+    friction_smoothing_mm_s: float = setting(
+        1.0,
+        Mark.CHOSEN,
+        "tangential speed at which friction has 71 % of its full value",
+        unit="mm/s",
+        above=0.0,
+    )
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+
+    def shape(self) -> Surface:
+        """The surface in m and rad."""
+        height = self.height_mm / 1000.0
+        match self.kind:
+            case SurfaceKind.FLAT:
+                return Flat(height)
+            case SurfaceKind.SLOPED:
+                return Sloped(height, math.radians(self.slope_deg))
+            case SurfaceKind.SINUSOIDAL:
+                return Sinusoidal(height, self.amplitude_mm / 1000.0, self.period_mm / 1000.0)
+            case SurfaceKind.CIRCULAR_ARC:
+                return CircularArc(height, self.radius_mm / 1000.0)
+
+
+class Contact:
+    """The force that a surface exerts on the tool tip."""
+
+    def __init__(self, profile: SurfaceProfile) -> None:
+        self._surface = profile.shape()
+        self._stiffness = profile.stiffness_n_m
+        self._damping = profile.damping_ns_m
+        self._friction = profile.friction
+        self._smoothing = profile.friction_smoothing_mm_s / 1000.0
+        angle = math.radians(profile.path_deg)
+        self._path = np.array([math.cos(angle), math.sin(angle), 0.0])
+        self._origin = np.array([profile.origin_x_mm, profile.origin_y_mm, 0.0]) / 1000.0
+
+    def depth_and_normal(self, positions: Floats) -> tuple[Floats, Floats]:
+        """Depth (n,) of the tip below the surface, m, negative outside, and the outward normals (n, 3).
+
+        `positions` (n, 3) are those of the tip in the base frame, m; so are the normals.
+        """
+        along = (positions - self._origin) @ self._path
+        depth, normal_along, normal_up = self._surface.depth_and_normal(along, positions[:, 2])
+        normals = normal_along[:, None] * self._path
+        normals[:, 2] = normal_up
+        return depth, normals
+
+    def force(self, positions: Floats, velocities: Floats) -> Floats:
+        """Force on the tool tip in the base frame (n, 3), N, for tip positions and velocities (n, 3)."""
+        depth, normals = self.depth_and_normal(positions)
+        if not (depth > 0.0).any():
+            return np.zeros_like(positions)
+        leaving = np.einsum("ij,ij->i", velocities, normals)
+        pressing = np.where(depth > 0.0, self._stiffness * depth - self._damping * leaving, 0.0)
+        np.maximum(pressing, 0.0, out=pressing)
+        sliding = velocities - leaving[:, None] * normals
+        speed = np.sqrt(np.einsum("ij,ij->i", sliding, sliding) + self._smoothing**2)
+        force: Floats = pressing[:, None] * normals - (self._friction * pressing / speed)[:, None] * sliding
+        return force

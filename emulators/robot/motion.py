@@ -1,0 +1,366 @@
+"""Interpolator and servo of the S3: from queued points to the true path of the tool centre point.
+
+Source: project specification of the computer link, section 6; the dead band is the paper's discussion of
+position resolution.
+
+Time runs on two shifted grids. At interpolation tick k (`powered_at + k * T`) the interpolator puts out a set
+point on the resolution grid; one transport delay later the position loop takes it. Between two such moments
+the loop's input is constant, so its state has a closed form: ticks are computed one by one, samples between
+them as arrays.
+
+The loop turns itself off inside the dead band: where the set point equals the reported position when the loop
+takes it, the loop holds the place where the axis is at that moment, and keeps holding it until the set point
+changes or the axis leaves the band.
+
+The servo acts on the Cartesian axes of the base frame. Orientation has no servo of its own: it follows the
+interpolator's slerp after the transport delay, in steps of one tick.
+"""
+
+import math
+from collections import deque
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from protocol.marks import Mark, check_settings, setting
+
+Floats = NDArray[np.float64]
+Vector = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+
+_HISTORY_S = 1.5
+_ROUNDING_S = 1e-9
+"""A point left for less than this is reached: the sum of ticks carries rounding errors."""
+_REST_M = 1e-10
+"""An axis nearer than this to where it is pulled, and slower than this in a time constant, is at rest."""
+
+
+@dataclass(frozen=True, slots=True)
+class ServoProfile:
+    """What is not public about the S3's interpolation and position loops."""
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
+
+    interpolation_ms: float = setting(
+        20.0, Mark.ASSUMED, "time between two set points of the interpolator", unit="ms", minimum=1.0
+    )
+    transport_delay_ms: float = setting(
+        20.0,
+        Mark.ASSUMED,
+        "from interpolator to position loop",
+        unit="ms",
+        minimum=0.0,
+        maximum=1000.0,
+    )
+    natural_frequency_rad_s: float = setting(
+        40.0, Mark.ASSUMED, "natural frequency of the closed position loop", unit="rad/s", above=0.0
+    )
+    damping_ratio: float = setting(1.0, Mark.ASSUMED, "damping of the closed position loop", above=0.0)
+    resolution_mm: float = setting(
+        0.125, Mark.OBSERVED, "position resolution of the controller", unit="mm", above=0.0
+    )
+    dead_band_steps: float = setting(
+        0.5,
+        Mark.OBSERVED,
+        "how far the true position may leave the reported one without being noticed",
+        unit="resolution steps",
+        minimum=0.5,
+    )
+    reorientation_deg_s: float = setting(
+        90.0, Mark.ASSUMED, "fastest change of orientation along a move", unit="°/s", above=0.0
+    )
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+
+
+@dataclass(frozen=True, slots=True)
+class Waypoint:
+    """A point to move to in a straight line."""
+
+    position: Vector
+    """Tool centre point in the base frame, m; rounded to the resolution grid."""
+    quaternion: Quaternion
+    """Tool frame in the base frame, w x y z; need not be normalised but must not be zero."""
+    speed: float
+    """Along the line, m/s, above 0."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Leg:
+    """The straight line that the interpolator is on."""
+
+    start: Vector
+    start_quaternion: Quaternion
+    end: Vector
+    end_quaternion: Quaternion
+    duration: float
+
+
+class PositionLoop:
+    """Closed second-order position loop of one axis with constant input, in closed form.
+
+    With error e (position less input) the state after `tau` is
+    e = a·e0 + b·v0 and v = -ωn²·b·e0 + (a - 2ζωn·b)·v0.
+    """
+
+    def __init__(self, natural_frequency: float, damping_ratio: float) -> None:
+        self.stiffness = natural_frequency**2
+        self.drag = 2.0 * damping_ratio * natural_frequency
+        self._frequency = natural_frequency
+        self._damping_ratio = damping_ratio
+
+    def response(self, tau: Floats) -> tuple[Floats, Floats]:
+        """a and b of the class docstring at times `tau` (n,) in s."""
+        decay_rate = self.drag / 2.0
+        split = self._frequency * math.sqrt(abs(1.0 - self._damping_ratio**2))
+        if split == 0.0:
+            even = np.exp(-decay_rate * tau)
+            b = tau * even
+        elif self._damping_ratio < 1.0:
+            decay = np.exp(-decay_rate * tau)
+            even = decay * np.cos(split * tau)
+            b = decay * np.sin(split * tau) / split
+        else:
+            slow = np.exp((split - decay_rate) * tau)
+            fast = np.exp(-(split + decay_rate) * tau)
+            even = (slow + fast) / 2.0
+            b = (slow - fast) / (2.0 * split)
+        return even + decay_rate * b, b
+
+
+class Motion:
+    """The moving robot: queue of points, interpolator, three position loops, a second of history."""
+
+    def __init__(
+        self, profile: ServoProfile, position: Vector, quaternion: Quaternion, powered_at: float
+    ) -> None:
+        self._period = profile.interpolation_ms / 1000.0
+        self._delay = profile.transport_delay_ms / 1000.0
+        self._step = profile.resolution_mm / 1000.0
+        self._band = profile.dead_band_steps
+        self._turn_rate = math.radians(profile.reorientation_deg_s)
+        self._loop = PositionLoop(profile.natural_frequency_rad_s, profile.damping_ratio)
+        self._rest_speed = _REST_M * profile.natural_frequency_rad_s
+        a, b = (float(v[0]) for v in self._loop.response(np.array([self._period])))
+        self._over_a_tick = a, b, -self._loop.stiffness * b, a - self._loop.drag * b
+
+        self._powered_at = powered_at
+        self._tick = 0
+        self._queue: deque[Waypoint] = deque()
+        self._leg: _Leg | None = None
+        self._leg_elapsed = 0.0
+        self._at: Vector = position
+        self._turned = normalised(quaternion)
+
+        reported = [round(p / self._step) for p in position]
+        self._set_point = list(reported)
+        self._reported = reported
+        self._input = list(position)
+        self._error = [0.0, 0.0, 0.0]
+        self._velocity = [0.0, 0.0, 0.0]
+        self._resting = True
+
+        # Row k % n describes the loops from the moment they take set point k:
+        # input, error, velocity and reported step, three axes each.
+        self._size = math.ceil((_HISTORY_S + self._delay) / self._period) + 2
+        self._history = np.empty((self._size, 12))
+        self._quaternions = np.empty((self._size, 4))
+        self._history[:] = (*position, *self._error, *self._velocity, *reported)
+        self._quaternions[:] = self._turned
+
+    def enqueue(self, waypoint: Waypoint, now: float) -> None:
+        """Add a point behind those waiting; the first tick after `now` sees it."""
+        if not waypoint.speed > 0.0:
+            raise ValueError(f"the speed of a move must be more than 0, got {waypoint.speed:g} m/s")
+        self.advance(now)
+        self._queue.append(waypoint)
+
+    def halt(self, now: float) -> None:
+        """Forget all points and stay at the set point of the last tick."""
+        self.advance(now)
+        self._queue.clear()
+        self._leg = None
+
+    def waiting(self, now: float) -> int:
+        """Number of points not reached by the interpolator, the one it is moving to included."""
+        self.advance(now)
+        return len(self._queue)
+
+    def settled(self, now: float) -> bool:
+        """Whether every point was interpolated and the reported position equals the last of them."""
+        return self.waiting(now) == 0 and self._reported_steps(now) == self._set_point
+
+    def reported(self, now: float) -> Vector:
+        """Position that the controller knows at `now`: on the resolution grid, base frame, m."""
+        x, y, z = (step * self._step for step in self._reported_steps(now))
+        return x, y, z
+
+    def orientation(self, now: float) -> Quaternion:
+        """Tool frame in the base frame at `now`, w x y z."""
+        w, x, y, z = self.orientations(np.array([now]))[0].tolist()
+        return w, x, y, z
+
+    def next_tick(self) -> float:
+        """When the interpolator next acts, s."""
+        return self._powered_at + (self._tick + 1) * self._period
+
+    def advance(self, now: float) -> None:
+        """Compute every tick up to and including `now`; harmless when there is none."""
+        while self.next_tick() <= now:
+            if self._resting and not self._queue and now - self.next_tick() > self._size * self._period:
+                self._skip_rest(now)
+            self._do_tick()
+
+    def trajectory(self, times: Floats) -> tuple[Floats, Floats]:
+        """True positions (n, 3), m, and velocities (n, 3), m/s, base frame, at ascending `times` (n,).
+
+        Raises ValueError for times older than the history, which holds the last second.
+        """
+        ticks, tau = self._locate(times)
+        rows = self._history[ticks % self._size]
+        a, b = self._loop.response(tau)
+        a, b = a[:, None], b[:, None]
+        error, velocity = rows[:, 3:6], rows[:, 6:9]
+        positions = rows[:, 0:3] + a * error + b * velocity
+        velocities = (a - self._loop.drag * b) * velocity - (self._loop.stiffness * b) * error
+        return positions, velocities
+
+    def orientations(self, times: Floats) -> Floats:
+        """Tool frame in the base frame at ascending `times` (n,): (n, 4), w x y z.
+
+        Raises ValueError for times older than the history, which holds the last second.
+        """
+        return self._quaternions[self._locate(times)[0] % self._size]
+
+    def _locate(self, times: Floats) -> tuple[NDArray[np.int64], Floats]:
+        """Row number and time since the loops took that row's set point, for each of `times`."""
+        self.advance(float(times[-1]))
+        since = times - (self._powered_at + self._delay)
+        ticks = np.clip(np.floor(since / self._period).astype(np.int64), 0, self._tick)
+        if int(ticks[0]) <= self._tick - self._size:
+            raise ValueError(f"no history of the motion as old as {float(times[0])!r} s")
+        return ticks, np.maximum(since - ticks * self._period, 0.0)
+
+    def _skip_rest(self, now: float) -> None:
+        """Jump over ticks in which nothing moves and which no one can ask about any more."""
+        self._history[:] = self._history[self._tick % self._size]
+        self._quaternions[:] = self._turned
+        self._tick = math.floor((now - self._powered_at) / self._period) - 1
+
+    def _do_tick(self) -> None:
+        """Interpolate to the next tick, then carry the loops to the moment they take its set point."""
+        self._tick += 1
+        row = self._tick % self._size
+        if self._resting and not self._queue:
+            self._history[row] = self._history[row - 1]
+            self._quaternions[row] = self._turned
+            return
+        self._interpolate(self._period)
+        resting = True
+        for axis in range(3):
+            set_point = round(self._at[axis] / self._step)
+            resting &= self._carry(axis, set_point)
+        self._resting = resting
+        self._history[row] = (*self._input, *self._error, *self._velocity, *self._reported)
+        self._quaternions[row] = self._turned
+
+    def _carry(self, axis: int, set_point: int) -> bool:
+        """One axis over one tick to its new set point; whether it is at rest afterwards."""
+        a, b, c, d = self._over_a_tick
+        error, velocity = self._error[axis], self._velocity[axis]
+        position = self._input[axis] + a * error + b * velocity
+        velocity = c * error + d * velocity
+        held = self._set_point[axis] == set_point == self._reported[axis]
+        reported = self._report(position, self._reported[axis])
+        if reported != set_point:
+            pull = set_point * self._step
+        elif held:
+            pull = self._input[axis]
+        else:
+            pull = position
+        error = position - pull
+        resting = abs(error) < _REST_M and abs(velocity) < self._rest_speed
+        if resting:
+            pull, error, velocity = position, 0.0, 0.0
+        self._set_point[axis] = set_point
+        self._reported[axis] = reported
+        self._input[axis], self._error[axis], self._velocity[axis] = pull, error, velocity
+        return resting and reported == set_point
+
+    def _report(self, position: float, before: int) -> int:
+        """Resolution step reported for a true position, given the one reported before."""
+        steps = position / self._step
+        return before if abs(steps - before) <= self._band else round(steps)
+
+    def _reported_steps(self, now: float) -> list[int]:
+        times = np.array([now])
+        positions, _ = self.trajectory(times)
+        before = self._history[self._locate(times)[0][0] % self._size, 9:12]
+        return [
+            self._report(position, round(step))
+            for position, step in zip(positions[0].tolist(), before.tolist(), strict=True)
+        ]
+
+    def _interpolate(self, budget: float) -> None:
+        """Walk along the queued lines for `budget` seconds; a point reached early passes the rest on."""
+        while self._queue:
+            if self._leg is None:
+                self._leg = self._leg_to(self._queue[0])
+                self._leg_elapsed = 0.0
+            leg = self._leg
+            left = leg.duration - self._leg_elapsed
+            if left > budget + _ROUNDING_S:
+                self._leg_elapsed += budget
+                part = self._leg_elapsed / leg.duration
+                x, y, z = (
+                    start + (end - start) * part for start, end in zip(leg.start, leg.end, strict=True)
+                )
+                self._at = x, y, z
+                self._turned = slerp(leg.start_quaternion, leg.end_quaternion, part)
+                return
+            budget = max(budget - left, 0.0)
+            self._at, self._turned = leg.end, leg.end_quaternion
+            self._queue.popleft()
+            self._leg = None
+
+    def _leg_to(self, waypoint: Waypoint) -> _Leg:
+        end = normalised(waypoint.quaternion)
+        travel = math.dist(self._at, waypoint.position) / waypoint.speed
+        turn = angle_between(self._turned, end) / self._turn_rate
+        return _Leg(self._at, self._turned, waypoint.position, end, max(travel, turn))
+
+
+def normalised(quaternion: Quaternion) -> Quaternion:
+    """The unit quaternion of the same direction. Raises ValueError for a zero quaternion."""
+    norm = math.hypot(*quaternion)
+    if norm == 0.0:
+        raise ValueError("a zero quaternion is no orientation")
+    w, x, y, z = (part / norm for part in quaternion)
+    return w, x, y, z
+
+
+def angle_between(a: Quaternion, b: Quaternion) -> float:
+    """Angle of the rotation from one unit quaternion to another, rad, 0 … π."""
+    # atan2 keeps small angles exact, where the arc cosine of the dot product loses half the digits.
+    sign = math.copysign(1.0, _dot(a, b))
+    difference = math.hypot(*(p - sign * q for p, q in zip(a, b, strict=True)))
+    total = math.hypot(*(p + sign * q for p, q in zip(a, b, strict=True)))
+    return 4.0 * math.atan2(difference, total)
+
+
+def slerp(a: Quaternion, b: Quaternion, part: float) -> Quaternion:
+    """The unit quaternion `part` (0 … 1) of the way from `a` to `b` along the shorter arc."""
+    half_angle = angle_between(a, b) / 2.0
+    if half_angle < 1e-9:
+        return a
+    near = math.sin((1.0 - part) * half_angle) / math.sin(half_angle)
+    far = math.copysign(math.sin(part * half_angle) / math.sin(half_angle), _dot(a, b))
+    w, x, y, z = (near * p + far * q for p, q in zip(a, b, strict=True))
+    return w, x, y, z
+
+
+def _dot(a: Quaternion, b: Quaternion) -> float:
+    return sum(p * q for p, q in zip(a, b, strict=True))

@@ -1,0 +1,127 @@
+"""Forces of a surface on the tool tip."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from emulators.contact import CircularArc, Contact, Sinusoidal, Sloped, SurfaceKind, SurfaceProfile
+
+TOP = 0.59
+
+
+def force(profile: SurfaceProfile, position: tuple[float, ...], velocity: tuple[float, ...]) -> np.ndarray:
+    return Contact(profile).force(np.array([position]), np.array([velocity]))[0]
+
+
+def test_a_spring_pushes_out_and_never_pulls() -> None:
+    profile = SurfaceProfile(damping_ns_m=0.0)
+    assert force(profile, (0.9, 0.0, TOP - 0.002), (0.0, 0.0, 0.0)) == pytest.approx([0.0, 0.0, 10.0])
+    assert not force(profile, (0.9, 0.0, TOP + 1e-6), (0.0, 0.0, -1.0)).any()
+
+
+def test_damping_adds_on_the_way_in_and_never_pulls_on_the_way_out() -> None:
+    profile = SurfaceProfile(damping_ns_m=50.0)
+    inside = (0.9, 0.0, TOP - 0.002)
+    assert force(profile, inside, (0.0, 0.0, -0.1)) == pytest.approx([0.0, 0.0, 15.0])
+    assert force(profile, inside, (0.0, 0.0, 0.1)) == pytest.approx([0.0, 0.0, 5.0])
+    assert not force(profile, inside, (0.0, 0.0, 0.3)).any()
+    assert not force(profile, (0.9, 0.0, TOP + 0.001), (0.0, 0.0, -1.0)).any()
+
+
+def test_friction_opposes_sliding_in_proportion_to_the_pressing_force() -> None:
+    profile = SurfaceProfile(friction=0.3, friction_smoothing_mm_s=1e-6)
+    pushed = force(profile, (0.9, 0.0, TOP - 0.002), (0.03, 0.04, 0.0))
+    assert pushed == pytest.approx([-1.8, -2.4, 10.0])
+    slow = SurfaceProfile(friction=0.3, friction_smoothing_mm_s=1.0)
+    assert force(slow, (0.9, 0.0, TOP - 0.002), (0.0, 0.001, 0.0)) == pytest.approx(
+        [0.0, -3.0 / math.sqrt(2.0), 10.0]
+    )
+
+
+@given(
+    arrays(float, (5, 3), elements=st.floats(-0.02, 0.02)),
+    arrays(float, (5, 3), elements=st.floats(-0.5, 0.5)),
+    st.sampled_from(SurfaceKind),
+)
+def test_contact_never_pulls_and_friction_never_drives(
+    offsets: np.ndarray, velocities: np.ndarray, kind: SurfaceKind
+) -> None:
+    contact = Contact(SurfaceProfile(kind=kind, friction=0.4))
+    positions = np.array([0.9, 0.0, TOP]) + offsets
+    depth, normals = contact.depth_and_normal(positions)
+    forces = contact.force(positions, velocities)
+    pressing = np.einsum("ij,ij->i", forces, normals)
+    tangential = forces - pressing[:, None] * normals
+    assert (pressing >= -1e-12).all()
+    assert (np.abs(forces[depth <= 0.0]) == 0.0).all()
+    assert (np.einsum("ij,ij->i", tangential, velocities) <= 1e-12).all()
+    assert (np.linalg.norm(tangential, axis=1) <= 0.4 * pressing + 1e-12).all()
+    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0, rtol=1e-12)
+
+
+def test_the_normal_of_a_slope_leans_back_from_its_rise() -> None:
+    profile = SurfaceProfile(kind=SurfaceKind.SLOPED, slope_deg=30.0, damping_ns_m=0.0, friction=0.0)
+    # 10 cm along the path (base y) the surface is 10 cm · tan 30° higher; 2 mm below it straight down.
+    height = TOP + 0.1 * math.tan(math.radians(30.0))
+    pressing = 5000.0 * 0.002 * math.cos(math.radians(30.0))
+    expected = [0.0, -pressing * 0.5, pressing * math.cos(math.radians(30.0))]
+    assert force(profile, (0.9, 0.1, height - 0.002), (0.0, 0.0, 0.0)) == pytest.approx(expected)
+
+
+def test_the_path_may_lie_in_any_direction() -> None:
+    profile = SurfaceProfile(
+        kind=SurfaceKind.SLOPED, slope_deg=30.0, path_deg=0.0, damping_ns_m=0.0, origin_x_mm=800.0
+    )
+    height = TOP + 0.1 * math.tan(math.radians(30.0))
+    pushed = force(profile, (0.9, 0.4, height - 0.002), (0.0, 0.0, 0.0))
+    assert pushed[0] < 0.0
+    assert pushed[1] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_an_arc_is_deep_by_its_radius() -> None:
+    along, height = np.array([0.03, 0.0, 0.2]), np.array([-0.01, 0.001, -0.1])
+    depth, normal_along, normal_up = CircularArc(0.0, 0.1).depth_and_normal(along, height)
+    assert depth == pytest.approx([0.1 - math.hypot(0.03, 0.09), -0.001, 0.1 - 0.2])
+    assert normal_along[0] / normal_up[0] == pytest.approx(0.03 / 0.09)
+
+
+def test_an_arc_has_a_normal_even_in_its_axis() -> None:
+    depth, _, up = CircularArc(0.0, 0.1).depth_and_normal(np.array([0.0]), np.array([-0.1]))
+    assert (depth[0], up[0]) == (0.1, 1.0)
+
+
+def test_waves_agree_with_the_distance_to_the_curve() -> None:
+    wave = Sinusoidal(0.0, 0.005, 0.1)
+    curve_s = np.linspace(-0.05, 0.05, 200_001)
+    curve_h = 0.005 * np.sin(2.0 * math.pi * curve_s / 0.1)
+    for along in (-0.02, 0.0, 0.011, 0.025):
+        height = 0.005 * math.sin(2.0 * math.pi * along / 0.1) - 0.0005
+        depth, *_ = wave.depth_and_normal(np.array([along]), np.array([height]))
+        nearest = np.hypot(curve_s - along, curve_h - height).min()
+        assert depth[0] == pytest.approx(nearest, rel=0.02)
+
+
+def test_a_slope_of_nothing_is_flat() -> None:
+    depth, along, up = Sloped(0.5, 0.0).depth_and_normal(np.array([0.3]), np.array([0.499]))
+    assert (depth[0], along[0], up[0]) == (pytest.approx(0.001), 0.0, 1.0)
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        {"stiffness_n_m": -1.0},
+        {"damping_ns_m": -1.0},
+        {"friction": -0.1},
+        {"period_mm": 0.0},
+        {"radius_mm": 0.0},
+        {"slope_deg": 90.0},
+        {"stiffness_n_m": math.nan},
+    ],
+)
+def test_a_surface_that_cannot_be_is_refused(bad: dict[str, float]) -> None:
+    with pytest.raises(ValueError, match=next(iter(bad))):
+        SurfaceProfile(**bad)
