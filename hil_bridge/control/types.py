@@ -1,7 +1,7 @@
 """What a controller is given and what it answers. SI units; the coordinate is the approach direction.
 
-The approach direction is a unit vector pointing from the tool into the surface: positions grow into the surface,
-forces are positive while the tool presses.
+The approach direction is a unit vector pointing from the tool into the surface: positions grow into the
+surface, forces are positive while the tool presses.
 """
 
 from dataclasses import dataclass, field

@@ -1,0 +1,20 @@
+"""Checks of parameter models, one line of text each."""
+
+import math
+from typing import Any
+
+
+def require_above_zero(model: Any, *names: str) -> None:
+    """Raise ValueError naming the first of these attributes that is not a finite number above 0."""
+    for name in names:
+        value = getattr(model, name)
+        if not (math.isfinite(value) and value > 0):
+            raise ValueError(f"{name} must be a number above 0, got {value}")
+
+
+def require_not_negative(model: Any, *names: str) -> None:
+    """Raise ValueError naming the first of these attributes that is not a finite number of at least 0."""
+    for name in names:
+        value = getattr(model, name)
+        if not (math.isfinite(value) and value >= 0):
+            raise ValueError(f"{name} must be a number of at least 0, got {value}")
