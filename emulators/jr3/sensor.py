@@ -1,0 +1,121 @@
+"""A JR3 sensor up to its serial link: wrench in, six counts at 8 kHz out, with noise and saturation."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from protocol.jr3 import FULL_SCALE_COUNTS
+from protocol.marks import Mark, check_settings, setting
+
+SENSOR_RATE_HZ = 8000
+"""Source: JR3 manual 5907E."""
+_CHUNK = 1024
+"""Samples of noise drawn at once; part of what a seed means, so not to be changed."""
+
+
+@dataclass(frozen=True)
+class SensorProfile:
+    """Which sensor, and how good."""
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
+
+    full_scales_n: tuple[float, float, float] = setting(
+        (115.0, 111.0, 185.0),
+        Mark.OBSERVED,
+        "fx fy fz, whole N (a wrist sensor on CAN)",
+        unit="N",
+        minimum=1.0,
+        maximum=65535.0,
+    )
+    full_scales_nm: tuple[float, float, float] = setting(
+        (5.6, 5.2, 6.1),
+        Mark.OBSERVED,
+        "mx my mz, whole 0.1 N·m (a wrist sensor on CAN)",
+        unit="N·m",
+        minimum=0.1,
+        maximum=6553.5,
+    )
+    noise_counts: float = setting(
+        1.0, Mark.DERIVED, "noise of every axis, rms; recordings show 0.5 … 2.8", unit="counts", minimum=0.0
+    )
+    adc_bits: int = setting(
+        14, Mark.ASSUMED, "resolution of the converter: sets where counts saturate", minimum=12, maximum=16
+    )
+    connected: bool = setting(True, Mark.CHOSEN, "whether the sensor is plugged in")
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+        for name in ("full_scales_n", "full_scales_nm"):
+            if len(getattr(self, name)) != 3:
+                raise ValueError(f"{name} must be three values, got {len(getattr(self, name))}")
+
+    @property
+    def full_scale_words(self) -> tuple[int, ...]:
+        """The six full scales as calibration and wire hold them: N and N·m×10."""
+        return (
+            *(round(value) for value in self.full_scales_n),
+            *(round(v * 10) for v in self.full_scales_nm),
+        )
+
+    @property
+    def saturation_counts(self) -> int:
+        """Most positive count: 32768 − 2^(16 − bits)."""
+        return 32768 - (1 << (16 - self.adc_bits))
+
+
+class Jr3Sensor:
+    """Samples on the absolute grid k/8000 s, computed as arrays when somebody reads them.
+
+    `wrench_at` is given times (n,) in s that never run backwards as long as the reader's do not, and
+    answers with the wrench (n, 6) on the sensor in the sensor frame, N and N·m.
+    """
+
+    def __init__(
+        self,
+        profile: SensorProfile,
+        wrench_at: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+        seed: int,
+    ) -> None:
+        self.profile = profile
+        self._wrench_at = wrench_at
+        self._seed = seed
+        words = np.array(profile.full_scale_words, dtype=np.float64)
+        self._counts_per_unit = FULL_SCALE_COUNTS / (words * [1, 1, 1, 0.1, 0.1, 0.1])
+        self._chunk_number: int | None = None
+        self._chunk = np.empty((0, 6))
+
+    def counts(self, indices: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Six counts (n, 6) of the samples with these numbers k, which do not fall.
+
+        Noise belongs to the sample number: it is the same whatever the blocks in which samples are read.
+        """
+        counts = self._wrench_at(indices / SENSOR_RATE_HZ) * self._counts_per_unit
+        if self.profile.noise_counts:
+            counts += self._noise(indices)
+        # Assumed: rounded to nearest.
+        np.rint(counts, out=counts)
+        # ndarray.clip costs several times as much for blocks as small as one period.
+        np.maximum(counts, -32768.0, out=counts)
+        np.minimum(counts, self.profile.saturation_counts, out=counts)
+        return counts.astype(np.int64)
+
+    def _noise(self, indices: NDArray[np.int64]) -> NDArray[np.float64]:
+        numbers = indices // _CHUNK
+        if not len(indices) or numbers[0] == numbers[-1]:
+            return self._noise_chunk(int(numbers[0]) if len(indices) else 0)[indices % _CHUNK]
+        noise = np.empty((len(indices), 6))
+        for number in np.unique(numbers):
+            chosen = numbers == number
+            noise[chosen] = self._noise_chunk(int(number))[indices[chosen] % _CHUNK]
+        return noise
+
+    def _noise_chunk(self, number: int) -> NDArray[np.float64]:
+        if number != self._chunk_number:
+            # A counter-based generator reaches every chunk at once; the upper words keep chunks apart.
+            bits = np.random.Philox(key=self._seed % 2**128, counter=[0, 0, number % 2**64, 0])
+            self._chunk = np.random.Generator(bits).normal(0.0, self.profile.noise_counts, (_CHUNK, 6))
+            self._chunk_number = number
+        return self._chunk

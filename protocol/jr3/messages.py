@@ -1,0 +1,232 @@
+"""Frames between a JR3 sensor's CAN gateway and its client: identifiers, payload tables, encoders, decoders.
+
+Source: firmware roboticslab-uc3m/jr3-mbed-firmware-can, read for facts. 1 Mbit/s, 11-bit identifiers made of
+an op and a node, little-endian payloads.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+
+from protocol.can import CanFrame
+from protocol.endpoint import LocalProtocolError, RemoteProtocolError
+from protocol.fields import Field, Layout
+from protocol.marks import Mark
+
+FULL_SCALE_COUNTS = 16384
+"""Counts that mean full scale; twice as much is representable. Source: JR3 manual 5907E."""
+COUNTER_MODULUS = 65536
+AXES = ("fx", "fy", "fz", "mx", "my", "mz")
+NODES = range(1, 128)
+
+_OP_MASK = 0x780
+_NODE_MASK = 0x07F
+
+
+class Op(IntEnum):
+    """Upper four bits of an identifier."""
+
+    SYNC = 0x080
+    """Asks for one sample; sent as the bare identifier, without a node."""
+    ACKNOWLEDGE = 0x100
+    START_SYNC = 0x180
+    START_ASYNC = 0x200
+    STOP = 0x280
+    ZERO = 0x300
+    SET_FILTER = 0x380
+    GET_STATE = 0x400
+    GET_FORCE_FULL_SCALES = 0x480
+    GET_MOMENT_FULL_SCALES = 0x500
+    RESET = 0x580
+    FORCES = 0x600
+    MOMENTS = 0x680
+    BOOT_UP = 0x700
+    GRIPPER = 0x780
+    """Pulse width of a gripper motor; the gateway knows it only where it was built with it."""
+
+
+FROM_GATEWAY = frozenset({Op.ACKNOWLEDGE, Op.FORCES, Op.MOMENTS, Op.BOOT_UP})
+ACKNOWLEDGED = frozenset(Op) - FROM_GATEWAY - {Op.SYNC, Op.GRIPPER}
+"""Commands that the gateway answers with an acknowledge."""
+
+
+class GatewayState(IntEnum):
+    """What an acknowledge says first."""
+
+    READY = 0
+    NOT_INITIALISED = 1
+    """No sensor was found at power-up: commands are acknowledged and have no effect."""
+
+
+def _layout(name: str, size: int, *fields: Field) -> Layout:
+    return Layout(name, size, "<", fields)
+
+
+def _vector(
+    axes: Sequence[str], offset: int, code: str, meaning: str, scale: float, unit: str
+) -> list[Field]:
+    return [
+        Field(axis, offset + 2 * place, code, Mark.OBSERVED, meaning, scale, unit)
+        for place, axis in enumerate(axes)
+    ]
+
+
+_CUTOFF = Field(
+    "cutoff", 0, "H", Mark.OBSERVED, "cut-off of the first-order filter, 0 = unfiltered", 0.01, "Hz"
+)
+_STATE = Field("state", 0, "B", Mark.OBSERVED, "0 ready, 1 not initialised")
+_COUNTER = Field("counter", 6, "H", Mark.OBSERVED, "sensor samples since the start, modulo 65536")
+
+CUTOFF = _layout("cut-off", 2, _CUTOFF)
+START_ASYNC = _layout(
+    "asynchronous start", 6, _CUTOFF, Field("period", 2, "I", Mark.OBSERVED, "between frames", 1e-6, "s")
+)
+ACKNOWLEDGE = _layout("acknowledge", 1, _STATE)
+FULL_SCALES = _layout(
+    "full scales", 7, _STATE, *_vector("xyz", 1, "H", "forces in N, moments in N·m×10, as was asked", 1.0, "")
+)
+FORCES = _layout(
+    "forces", 8, *_vector(AXES[:3], 0, "h", "force", 1 / FULL_SCALE_COUNTS, "of full scale"), _COUNTER
+)
+MOMENTS = _layout(
+    "moments", 8, *_vector(AXES[3:], 0, "h", "moment", 1 / FULL_SCALE_COUNTS, "of full scale"), _COUNTER
+)
+GRIPPER = _layout("gripper", 4, Field("pwm", 0, "f", Mark.OBSERVED, "pulse width, −100 … 100", 1.0, "%"))
+EMPTY = _layout("no data", 0)
+
+LAYOUTS: Mapping[Op, Layout] = dict.fromkeys(Op, EMPTY) | {
+    Op.ACKNOWLEDGE: ACKNOWLEDGE,
+    Op.START_SYNC: CUTOFF,
+    Op.START_ASYNC: START_ASYNC,
+    Op.SET_FILTER: CUTOFF,
+    Op.FORCES: FORCES,
+    Op.MOMENTS: MOMENTS,
+    Op.GRIPPER: GRIPPER,
+}
+"""Payload of every op; an acknowledge of seven bytes or more is read by FULL_SCALES instead."""
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """What a client tells a gateway. Fields that the op does not carry are 0."""
+
+    op: Op
+    node: int = 0
+    """1 … 127; 0 for SYNC only."""
+    cutoff_centihertz: int = 0
+    """0 = unfiltered."""
+    period_us: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Acknowledge:
+    """A gateway's answer. Which command it answers is known only by order."""
+
+    state: int
+    """A GatewayState, or whatever else the gateway said."""
+    full_scales: tuple[int, int, int] | None = None
+    """x y z as they lie on the wire: N for forces, N·m×10 for moments."""
+
+
+@dataclass(frozen=True, slots=True)
+class Triple:
+    """Half a sample: three forces or three moments."""
+
+    counts: tuple[int, int, int]
+    counter: int
+    """Sensor samples since the start, modulo 65536. The other half of the sample has the same."""
+
+
+def split(identifier: int) -> tuple[int, int]:
+    """Op and node of an 11-bit identifier. The op may be one that `Op` does not have (000)."""
+    return identifier & _OP_MASK, identifier & _NODE_MASK
+
+
+def identifier(op: Op, node: int) -> int:
+    """The identifier of an op for a node; SYNC has none and ignores it.
+
+    Raises LocalProtocolError for a node outside 1 … 127.
+    """
+    if op is Op.SYNC:
+        return int(op)
+    if node not in NODES:
+        raise LocalProtocolError(f"a gateway's node is 1 … 127, got {node}")
+    return op + node
+
+
+def encode_command(command: Command) -> CanFrame:
+    """Raises LocalProtocolError for an op that only gateways send, and for values that do not fit."""
+    if command.op in FROM_GATEWAY or command.op is Op.GRIPPER:
+        raise LocalProtocolError(f"{command.op.name} is no command to the sensor")
+    layout = LAYOUTS[command.op]
+    raw = {"cutoff": command.cutoff_centihertz, "period": command.period_us}
+    data = layout.pack({field.name: raw[field.name] for field in layout.fields})
+    return CanFrame(identifier(command.op, command.node), data)
+
+
+def decode_command(frame: CanFrame) -> Command:
+    """A command as the gateway reads it: a value that is not there as a whole counts as 0.
+
+    Raises RemoteProtocolError for an identifier that is no command.
+    """
+    op, node = split(frame.identifier)
+    if op not in ACKNOWLEDGED and frame.identifier != Op.SYNC:
+        raise RemoteProtocolError(f"identifier {frame.identifier:03X} is no command to a gateway")
+    fields = LAYOUTS[Op(op)].fields
+    whole = 6 if len(frame.data) >= 6 else 2 if len(frame.data) >= 2 else 0
+    raw = START_ASYNC.unpack(frame.data[:whole].ljust(6, b"\0"))
+    carried = {field.name: int(raw[field.name]) for field in fields}
+    return Command(Op(op), node, carried.get("cutoff", 0), carried.get("period", 0))
+
+
+def encode_acknowledge(node: int, acknowledge: Acknowledge) -> CanFrame:
+    """Raises LocalProtocolError for values that do not fit."""
+    target = identifier(Op.ACKNOWLEDGE, node)
+    if acknowledge.full_scales is None:
+        return CanFrame(target, ACKNOWLEDGE.pack({"state": acknowledge.state}))
+    x, y, z = acknowledge.full_scales
+    return CanFrame(target, FULL_SCALES.pack({"state": acknowledge.state, "x": x, "y": y, "z": z}))
+
+
+def decode_acknowledge(data: bytes) -> Acknowledge:
+    """Raises RemoteProtocolError when not even the state is there."""
+    if len(data) < FULL_SCALES.size:
+        return Acknowledge(int(ACKNOWLEDGE.unpack(data)["state"]))
+    raw = FULL_SCALES.unpack(data)
+    return Acknowledge(int(raw["state"]), (int(raw["x"]), int(raw["y"]), int(raw["z"])))
+
+
+def encode_sample(node: int, counts: Sequence[int], counter: int) -> tuple[CanFrame, CanFrame]:
+    """Force frame and moment frame of one sample of six counts, in the order of the wire.
+
+    Raises LocalProtocolError for values that do not fit.
+    """
+    fx, fy, fz, mx, my, mz = counts
+    forces = FORCES.pack({"fx": fx, "fy": fy, "fz": fz, "counter": counter})
+    moments = MOMENTS.pack({"mx": mx, "my": my, "mz": mz, "counter": counter})
+    return CanFrame(identifier(Op.FORCES, node), forces), CanFrame(identifier(Op.MOMENTS, node), moments)
+
+
+def decode_triple(data: bytes, layout: Layout) -> Triple:
+    """Half a sample by its layout, FORCES or MOMENTS. Raises RemoteProtocolError when it is too short."""
+    x, y, z, counter = layout.unpack(data).values()
+    return Triple((int(x), int(y), int(z)), int(counter))
+
+
+def full_scales_si(forces: Sequence[int], moments: Sequence[int]) -> tuple[float, ...]:
+    """The six full scales in N and N·m from the words of both queries (N, N·m×10)."""
+    return (*(float(word) for word in forces), *(word / 10 for word in moments))
+
+
+def wrench_from_counts(counts: Sequence[int], full_scales: Sequence[float]) -> tuple[float, ...]:
+    """Six counts in N and N·m; full scales in N and N·m."""
+    return tuple(count * scale / FULL_SCALE_COUNTS for count, scale in zip(counts, full_scales, strict=True))
+
+
+def counts_from_wrench(wrench: Sequence[float], full_scales: Sequence[float]) -> tuple[int, ...]:
+    """The nearest six counts to a wrench in N and N·m, not saturated; full scales in N and N·m."""
+    return tuple(
+        math.floor(value * FULL_SCALE_COUNTS / scale + 0.5)
+        for value, scale in zip(wrench, full_scales, strict=True)
+    )
