@@ -1,0 +1,497 @@
+"""One end of an ADLP-10 link, PC or robot, without I/O. What it does when is in `transitions`."""
+
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+from protocol.adlp.block import (
+    LENGTH_STYLES,
+    SHORTEST_BLOCK,
+    Block,
+    BlockFormat,
+    BlockScanner,
+    Control,
+    Flaw,
+    Token,
+    encode_block,
+    telegram_sizes,
+)
+from protocol.adlp.events import (
+    LinkEvent,
+    LinkFailed,
+    LinkFailure,
+    MessageReceived,
+    MessageSent,
+    NoticeKind,
+)
+from protocol.adlp.journal import Count, Journal
+from protocol.adlp.profile import LinkProfile
+from protocol.adlp.transitions import TRANSITIONS, Action, State, Stimulus
+from protocol.endpoint import LocalProtocolError
+
+QUEUE_LIMIT = 16
+"""Messages that may wait to be sent. Mark: chosen."""
+MESSAGE_LIMIT = 4096
+"""Blocks of one incoming message that are kept: half a megabyte. Mark: chosen."""
+
+_CONTROL_STIMULI = {
+    Control.ENQ: Stimulus.ENQ,
+    Control.ACK: Stimulus.ACK,
+    Control.NAK: Stimulus.NAK,
+    Control.WACK: Stimulus.WACK,
+    Control.RVI: Stimulus.RVI,
+    Control.EOT: Stimulus.EOT,
+}
+_RECEIVING = frozenset((State.AWAITING_BLOCK, State.AWAITING_MORE, State.DISCARDING))
+
+
+class Role(StrEnum):
+    """Which end of the link; the spelling is that of the profile's collision winner."""
+
+    HOST = "host"
+    ROBOT = "robot"
+
+
+@dataclass(slots=True)
+class _Sending:
+    """The oldest queued message on its way."""
+
+    index: int = 0
+    bids: int = 1
+    repeats: int = 0
+    wacks: int = 0
+    heard: int = 0
+    """Bytes that came since the first bid and meant nothing."""
+    bid_refused: bool = False
+    reversed: bool = False
+    """The other side asked for the line."""
+
+
+@dataclass(slots=True)
+class _Receiving:
+    """The message of the other side on its way."""
+
+    telegrams: list[bytes]
+    last: Block | None = None
+    naks: int = 0
+    block_due: bool = True
+    """A block must come; false once one was acknowledged."""
+
+
+class Link:
+    """An endpoint for bytes. Messages go out in the order in which they were queued, one at a time."""
+
+    def __init__(self, role: Role, profile: LinkProfile) -> None:
+        self._role = role
+        self._profile = profile
+        styles = LENGTH_STYLES if role is Role.ROBOT else LENGTH_STYLES[:1]
+        self._scanner = BlockScanner(BlockFormat(profile.dle_stuffing, styles, profile.max_telegram))
+        self._state = State.IDLE
+        self._now = 0.0
+        self._state_deadline: float | None = None
+        self._gap_deadline: float | None = None
+        self._queue: deque[tuple[bytes, ...]] = deque()
+        self._sending = _Sending()
+        self._receiving = _Receiving([])
+        self._received: Block
+        """The block that is being judged."""
+        self._unended = False
+        """The last message received was taken as ended without its EOT: its last block may be repeated."""
+        self._noise = 0
+        """Length of the present run of noise."""
+        self._out = bytearray()
+        self._journal = Journal()
+        self._actions: dict[Action, Callable[[], State]] = {
+            action: getattr(self, f"_{action.value}") for action in Action
+        }
+
+    # --- what the owner sees
+
+    @property
+    def state(self) -> State:
+        """Where this end stands."""
+        return self._state
+
+    @property
+    def receiving(self) -> bool:
+        """A message of the other side has begun and not ended."""
+        return self._state in _RECEIVING
+
+    @property
+    def counters(self) -> Mapping[str, int]:
+        """Totals since the start by the text of `Count` and `NoticeKind`; a live read-only view."""
+        return self._journal.counters
+
+    def send(self, telegrams: Sequence[bytes]) -> None:
+        """Queue one message, a block for each telegram.
+
+        Raises LocalProtocolError when there is no telegram, one is too long or states another length than it
+        has, or the queue is full.
+        """
+        if not telegrams:
+            raise LocalProtocolError("a message needs at least one telegram")
+        if len(self._queue) >= QUEUE_LIMIT:
+            raise LocalProtocolError(f"{QUEUE_LIMIT} messages are waiting already")
+        for telegram in telegrams:
+            self._check_telegram(telegram)
+        toggle = self._profile.stx_alternation == "toggle"
+        self._queue.append(
+            tuple(
+                encode_block(
+                    telegram,
+                    self._profile.dle_stuffing,
+                    Control.STX_ODD if toggle and index % 2 else Control.STX,
+                )
+                for index, telegram in enumerate(telegrams)
+            )
+        )
+
+    def receive(self, data: bytes, now: float) -> None:
+        """Take bytes off the line. Data that came counts even when a deadline has passed unhandled before."""
+        self._now = now
+        for token in self._scanner.feed(data):
+            self._take(token)
+        waiting = self._noise or self._scanner.pending or self._state is State.DISCARDING
+        self._gap_deadline = now + self._profile.gap_timeout_s if waiting else None
+
+    def next_event(self) -> LinkEvent | None:
+        """The oldest event not yet taken, or None."""
+        return self._journal.next_event()
+
+    def data_to_send(self, now: float) -> bytes:
+        """Bytes for the line; a waiting message begins its bid here."""
+        self._now = now
+        if self._state is State.IDLE and self._queue:
+            self._step(Stimulus.SEND)
+        data = bytes(self._out)
+        self._out.clear()
+        return data
+
+    def next_deadline(self) -> float | None:
+        """The next time-out, seconds."""
+        gap, state = self._gap_deadline, self._state_deadline
+        if gap is None or state is None:
+            return state if gap is None else gap
+        return gap if self._block_is_coming() else min(gap, state)
+
+    def handle_deadline(self, now: float) -> None:
+        """Act on the time-outs up to now."""
+        self._now = now
+        if self._gap_deadline is not None and now >= self._gap_deadline:
+            self._gap_deadline = None
+            pending = self._scanner.drop()
+            self._add_noise(pending)
+            if pending or self._state is State.DISCARDING:
+                self._step(Stimulus.GAP)
+            self._end_noise()
+        if self._state_deadline is not None and now >= self._state_deadline and not self._block_is_coming():
+            self._state_deadline = None
+            self._step(Stimulus.TIME_OUT)
+
+    # --- the machine
+
+    def _take(self, token: Token) -> None:
+        match token:
+            case Control():
+                self._step(_CONTROL_STIMULI[token], 1)
+            case Block():
+                self._received = token
+                self._step(Stimulus.BLOCK, token.size)
+            case Flaw(at=1):
+                self._step(Stimulus.NOISE, token.size)
+            case Flaw():
+                self._notice(NoticeKind.BAD_BLOCK, token.text)
+                self._step(Stimulus.BAD_CHECKSUM if token.checksum else Stimulus.MUTILATED, token.size)
+            case _:
+                self._step(Stimulus.NOISE, len(token.data))
+
+    def _step(self, stimulus: Stimulus, size: int = 0) -> None:
+        """Look up and act. `size` is the length of what came, for the noise account."""
+        discarding = self._state is State.DISCARDING and stimulus is not Stimulus.BLOCK
+        if discarding or stimulus is Stimulus.NOISE or stimulus is Stimulus.MUTILATED:
+            self._add_noise(size)
+        elif self._noise and size:
+            self._end_noise()
+        transition = TRANSITIONS.get((self._state, stimulus))
+        if transition is None:
+            self._ignore(stimulus, size)
+            return
+        self._state = self._actions[transition.action]()
+        if self._state is State.IDLE:
+            self._state_deadline = None
+
+    def _ignore(self, stimulus: Stimulus, size: int) -> None:
+        match stimulus:
+            case Stimulus.NOISE | Stimulus.MUTILATED | Stimulus.GAP:
+                pass  # on the noise account already
+            case Stimulus.BLOCK | Stimulus.BAD_CHECKSUM:
+                self._sending.heard += size
+                self._notice(NoticeKind.STRAY_BLOCK, f"{stimulus} while {self._state}")
+            case _:
+                self._notice(NoticeKind.STRAY_CONTROL, f"{stimulus} while {self._state}")
+
+    def _block_is_coming(self) -> bool:
+        """The gap time-out stands for the state's own while the block that is waited for comes in."""
+        return bool(self._scanner.pending) and self._state in (State.AWAITING_BLOCK, State.AWAITING_MORE)
+
+    def _arm(self, seconds: float, characters: int = 1) -> None:
+        """Time out so long after the characters just handed out have left the line."""
+        self._state_deadline = self._now + characters * self._profile.character_time + seconds
+
+    def _add_noise(self, size: int) -> None:
+        self._noise += size
+        self._sending.heard += size
+        self._journal.count(Count.NOISE_BYTES, size)
+
+    def _end_noise(self) -> None:
+        if self._noise:
+            self._notice(NoticeKind.NOISE, f"{self._noise} bytes without meaning dropped")
+            self._noise = 0
+
+    def _notice(self, kind: NoticeKind, text: str) -> None:
+        self._journal.notice(kind, text)
+
+    def _check_telegram(self, telegram: bytes) -> None:
+        if len(telegram) > self._profile.max_telegram:
+            raise LocalProtocolError(
+                f"a telegram of {len(telegram)} bytes is too long for a block of {self._profile.max_telegram}"
+            )
+        if len(telegram) not in telegram_sizes(int.from_bytes(telegram[:2], "big"), LENGTH_STYLES):
+            raise LocalProtocolError(
+                f"a telegram of {len(telegram)} bytes states another length: nobody could find its end"
+            )
+
+    # --- sending
+
+    def _bid(self) -> State:
+        self._sending = _Sending()
+        self._put_bid()
+        return State.BIDDING
+
+    def _put_bid(self) -> None:
+        self._out.append(Control.ENQ)
+        self._arm(self._profile.answer_timeout_s)
+
+    def _bid_again(self) -> State:
+        sending = self._sending
+        if sending.bids >= self._profile.bid_limit:
+            return self._give_up(*self._unanswered())
+        sending.bids += 1
+        self._notice(NoticeKind.TIME_OUT, "no answer to ENQ")
+        self._notice(NoticeKind.BID_REPEAT, f"ENQ sent {sending.bids} times")
+        self._put_bid()
+        return State.BIDDING
+
+    def _unanswered(self) -> tuple[LinkFailure, str]:
+        sending = self._sending
+        if sending.bid_refused:
+            return LinkFailure.BID_REFUSED, f"{sending.bids} bids (ENQ) were refused by NAK"
+        if sending.heard:
+            return LinkFailure.ONLY_NOISE, (
+                f"{sending.bids} bids (ENQ) were answered by {sending.heard} bytes without meaning: "
+                "check the rate and the parity on both sides"
+            )
+        return LinkFailure.NO_ANSWER, (
+            f"nothing came after {sending.bids} bids (ENQ): check cable and power, "
+            "and that the robot has given the link control"
+        )
+
+    def _note_bid_refused(self) -> State:
+        # Assumed: a NAK to a bid means "not now"; the next bid comes when this one's time is over.
+        self._notice(NoticeKind.NAK_RECEIVED, "bid refused")
+        self._sending.bid_refused = True
+        return State.BIDDING
+
+    def _collide(self) -> State:
+        self._notice(NoticeKind.COLLISION, f"both sides bid, the {self._profile.collision_winner} goes first")
+        if self._profile.collision_winner == self._role:
+            return State.BIDDING
+        return self._accept_bid()
+
+    def _send_first(self) -> State:
+        return self._put_block()
+
+    def _send_first_reversed(self) -> State:
+        self._note_reversed()
+        return self._put_block()
+
+    def _put_block(self) -> State:
+        block = self._queue[0][self._sending.index]
+        self._out += block
+        self._arm(self._profile.answer_timeout_s, len(block))
+        return State.AWAITING_ACK
+
+    def _send_next(self) -> State:
+        sending = self._sending
+        self._journal.count(Count.BLOCKS_SENT)
+        sending.index += 1
+        sending.repeats = 0
+        if sending.index < len(self._queue[0]):
+            return self._put_block()
+        self._out.append(Control.EOT)
+        self._queue.popleft()
+        self._journal.tell(MessageSent(), Count.MESSAGES_SENT)
+        if not sending.reversed:
+            return State.IDLE
+        self._arm(self._profile.answer_timeout_s)
+        return State.LISTENING
+
+    def _send_next_reversed(self) -> State:
+        # One EOT ends all blocks of a message, so "as soon as it can" is after the last block of this one.
+        self._note_reversed()
+        return self._send_next()
+
+    def _note_reversed(self) -> None:
+        self._notice(NoticeKind.RVI, "the other side asks for the line")
+        self._sending.reversed = True
+
+    def _repeat_refused(self) -> State:
+        self._notice(NoticeKind.NAK_RECEIVED, "block refused")
+        return self._repeat("refused by NAK")
+
+    def _repeat_unanswered(self) -> State:
+        self._notice(NoticeKind.TIME_OUT, "no answer to a block")
+        return self._repeat("without an answer")
+
+    def _repeat(self, how: str) -> State:
+        sending = self._sending
+        if sending.repeats >= self._profile.repeat_limit:
+            self._out.append(Control.EOT)
+            return self._give_up(
+                LinkFailure.REPEATS_EXHAUSTED,
+                f"a block was sent {sending.repeats + 1} times and not acknowledged, the last time {how}",
+            )
+        sending.repeats += 1
+        self._notice(NoticeKind.REPEAT, f"repeat {sending.repeats}")
+        return self._put_block()
+
+    def _wait_longer(self) -> State:
+        sending = self._sending
+        sending.wacks += 1
+        self._notice(NoticeKind.WACK, f"asked to wait {sending.wacks} times")
+        if sending.wacks > self._profile.wack_limit:
+            self._out.append(Control.EOT)
+            return self._give_up(LinkFailure.WACK_LIMIT, f"asked to wait {sending.wacks} times (WACK)")
+        self._arm(self._profile.answer_timeout_s)
+        return self._state
+
+    def _abort(self) -> State:
+        return self._give_up(LinkFailure.ABORTED, "the receiver answered a block with EOT")
+
+    def _interrupt(self) -> State:
+        # Assumed: a receiver that bids has left our message. Most likely it took the block, its ACK was lost
+        # and it treated the message as ended; to repeat the message would have an order done twice.
+        self._give_up(LinkFailure.INTERRUPTED, "the receiver bid (ENQ) instead of answering a block")
+        return self._accept_bid()
+
+    def _give_up(self, reason: LinkFailure, text: str) -> State:
+        self._queue.popleft()
+        self._journal.tell(LinkFailed(reason, text), Count.MESSAGES_FAILED)
+        return State.IDLE
+
+    def _resume(self) -> State:
+        return State.IDLE
+
+    # --- receiving
+
+    def _accept_bid(self) -> State:
+        self._lose_unfinished("began anew")
+        self._receiving = _Receiving([])
+        self._unended = False
+        self._out.append(Control.ACK)
+        self._arm_for_block()
+        return State.AWAITING_BLOCK
+
+    def _arm_for_block(self) -> None:
+        # A sender that missed our answer repeats after its own time-out: be there a little longer.
+        self._arm(self._profile.answer_timeout_s + self._profile.gap_timeout_s)
+
+    def _accept_block(self) -> State:
+        block, receiving = self._received, self._receiving
+        last = receiving.last
+        if self._profile.stx_alternation == "toggle" and last is not None and last.stx == block.stx:
+            self._notice(NoticeKind.DUPLICATE, "block repeated though it was acknowledged")
+        elif len(receiving.telegrams) >= MESSAGE_LIMIT:
+            self._out.append(Control.EOT)
+            return self._lose(LinkFailure.TOO_LONG, f"a message of more than {MESSAGE_LIMIT} blocks")
+        else:
+            self._journal.count(Count.BLOCKS_RECEIVED)
+            receiving.telegrams.append(block.telegram)
+            receiving.last = block
+        return self._acknowledge_block()
+
+    def _acknowledge_block(self) -> State:
+        self._receiving.naks = 0
+        self._receiving.block_due = False
+        self._out.append(Control.ACK)
+        self._arm(self._profile.gap_timeout_s)
+        return State.AWAITING_MORE
+
+    def _refuse_block(self) -> State:
+        receiving = self._receiving
+        if receiving.naks >= self._profile.repeat_limit:
+            self._notice(NoticeKind.GAVE_UP, f"no valid block after {receiving.naks} NAK")
+            self._lose_unfinished("never became valid")
+            return State.IDLE
+        receiving.naks += 1
+        receiving.block_due = True
+        self._notice(NoticeKind.NAK_SENT, f"{receiving.naks} in a row")
+        self._out.append(Control.NAK)
+        self._arm_for_block()
+        return State.AWAITING_BLOCK
+
+    def _discard(self) -> State:
+        self._arm(self._profile.answer_timeout_s)
+        return State.DISCARDING
+
+    def _swallow(self) -> State:
+        return State.DISCARDING
+
+    def _judge_garbage(self) -> State:
+        # After an acknowledged block, garbage shorter than any block is a mutilated EOT.
+        if not self._receiving.block_due and self._noise < SHORTEST_BLOCK:
+            return self._deliver_unended()
+        self._notice(NoticeKind.GAP, f"silence after {self._noise} bytes that are no block")
+        return self._refuse_block()
+
+    def _deliver(self) -> State:
+        telegrams = tuple(self._receiving.telegrams)
+        self._receiving.telegrams.clear()
+        if telegrams:  # else the repeat of a block that was delivered before
+            self._journal.tell(MessageReceived(telegrams), Count.MESSAGES_RECEIVED)
+        return State.IDLE
+
+    def _deliver_unended(self) -> State:
+        self._notice(NoticeKind.MISSING_EOT, "message taken as ended")
+        self._unended = True
+        return self._deliver()
+
+    def _deliver_accept_bid(self) -> State:
+        self._deliver_unended()
+        return self._accept_bid()
+
+    def _end_early(self) -> State:
+        return self._lose(LinkFailure.EARLY_EOT, "the other side ended its message without a valid block")
+
+    def _abandon(self) -> State:
+        self._notice(NoticeKind.TIME_OUT, "no block came")
+        self._lose_unfinished("fell silent")
+        return State.IDLE
+
+    def _lose_unfinished(self, how: str) -> None:
+        if self._receiving.telegrams:
+            self._lose(LinkFailure.INCOMPLETE, f"a message of the other side {how} in the middle")
+
+    def _lose(self, reason: LinkFailure, text: str) -> State:
+        self._receiving.telegrams.clear()
+        self._journal.tell(LinkFailed(reason, text), Count.MESSAGES_FAILED)
+        return State.IDLE
+
+    def _recognise_repeat(self) -> State:
+        # Our ACK was lost and the message taken as ended meanwhile. More blocks of it may follow this one.
+        if self._unended and self._received == self._receiving.last:
+            self._notice(NoticeKind.DUPLICATE, "block repeated after its message was taken as ended")
+            return self._acknowledge_block()
+        self._notice(NoticeKind.STRAY_BLOCK, f"{Stimulus.BLOCK} while {self._state}")
+        return self._state

@@ -1,0 +1,207 @@
+"""Numbers of ARAP telegrams and what they mean, all observed.
+
+Source: computer-link specification, section 3.
+"""
+
+from enum import IntEnum
+
+
+class FunctionCode(IntEnum):
+    """What a telegram is about. Payloads are known for 2, 3, 19, 20, 24, 29 and 127 only."""
+
+    SEND_PROGRAM = 1
+    START_PROGRAM = 2
+    STOP_PROGRAM = 3
+    READ_TCP = 4
+    READ_LOCATION = 5
+    READ_REGISTER = 6
+    READ_SENSOR = 7
+    READ_INPUT = 8
+    READ_OUTPUT = 9
+    READ_CONFIG = 10
+    READ_FRAME = 11
+    WRITE_TCP = 12
+    WRITE_LOCATION = 13
+    WRITE_REGISTER = 14
+    WRITE_SENSOR = 15
+    WRITE_OUTPUT = 16
+    WRITE_CONFIG = 17
+    WRITE_FRAME = 18
+    READ_STATUS = 19
+    WRITE_MODE = 20
+    READ_PROGRAM_STATUS = 21
+    DELETE_PROGRAM = 22
+    LOAD_PROGRAM = 23
+    """From disk."""
+    MOVE = 24
+    ARC_WELD_VALUE = 25
+    RECEIVE_PROGRAM = 29
+    ARAP_VERSION = 45
+    RESOLVER_VALUE = 46
+    SPONTANEOUS = 127
+    """Status or error that the controller tells unasked."""
+
+    @property
+    def text(self) -> str:
+        """For people to read."""
+        return self.name.lower().replace("_", " ").replace("tcp", "TCP").replace("arap", "ARAP")
+
+
+class TelegramType(IntEnum):
+    """What a telegram is in the exchange."""
+
+    ORDER = 0x01
+    """Order or query."""
+    RESPONSE = 0x02
+    SPONTANEOUS = 0x03
+    REFUSAL = 0x06
+    FURTHER_FROM_PC = 0x09
+    """A further block follows, from the PC."""
+    FURTHER_FROM_ROBOT = 0x0A
+    """A further block follows, from the controller."""
+
+    @property
+    def text(self) -> str:
+        """For people to read."""
+        return _TYPE_TEXTS[self]
+
+
+_TYPE_TEXTS = {
+    TelegramType.ORDER: "order",
+    TelegramType.RESPONSE: "response",
+    TelegramType.SPONTANEOUS: "spontaneous",
+    TelegramType.REFUSAL: "refusal",
+    TelegramType.FURTHER_FROM_PC: "further block follows, from PC",
+    TelegramType.FURTHER_FROM_ROBOT: "further block follows, from S3",
+}
+
+
+class RefusalCode(IntEnum):
+    """Why the controller refuses an order."""
+
+    UNSPECIFIED_0 = 0
+    PROGRAM_RUNNING = 1
+    WRONG_SUFFIX = 2
+    WRONG_PROGRAM_NUMBER = 3
+    WRONG_BLOCK_NUMBER = 4
+    WRONG_KEY_MODE = 5
+    WRONG_OPERATION_MODE = 6
+    NO_SUCH_PROGRAM = 7
+    UNSPECIFIED_8 = 8
+    BLOCK_TOO_BIG = 9
+    NO_SPACE_LEFT = 10
+    WRONG_FUNCTION_CODE = 11
+    DISC_ERROR = 12
+    STOPPED = 13
+    UNSPECIFIED_14 = 14
+    OUTSIDE_WORK_AREA = 15
+    WORK_STOP = 16
+    DEPENDENCY_NULL = 17
+    NO_WELDING_ROBOT = 18
+    CONFIGURATION_CHECKSUM = 30
+    NOT_POSSIBLE = 31
+    WELDING_DATA_RELEASE = 32
+    LOCATION_NOT_READABLE = 33
+    NO_MOVE_WITH_TCP = 34
+    RESOLVER_NOT_CHANGEABLE = 35
+    ANALOG_OUT_OF_RANGE = 36
+    TIME_OUT = 99
+    TELEGRAM_INCOMPLETE = 255
+
+    @property
+    def text(self) -> str:
+        """For people to read."""
+        return _REFUSAL_TEXTS.get(self, "unspecified")
+
+
+_REFUSAL_TEXTS = {
+    RefusalCode.PROGRAM_RUNNING: "program running",
+    RefusalCode.WRONG_SUFFIX: "wrong function suffix",
+    RefusalCode.WRONG_PROGRAM_NUMBER: "wrong program number",
+    RefusalCode.WRONG_BLOCK_NUMBER: "wrong block number",
+    RefusalCode.WRONG_KEY_MODE: "wrong key mode",
+    RefusalCode.WRONG_OPERATION_MODE: "wrong operation mode",
+    RefusalCode.NO_SUCH_PROGRAM: "no such program",
+    RefusalCode.BLOCK_TOO_BIG: "block too big",
+    RefusalCode.NO_SPACE_LEFT: "no space left",
+    RefusalCode.WRONG_FUNCTION_CODE: "wrong function code",
+    RefusalCode.DISC_ERROR: "floppy disc error",
+    RefusalCode.STOPPED: "stop or emergency stop",
+    RefusalCode.OUTSIDE_WORK_AREA: "outside the work area, or no start point",
+    RefusalCode.WORK_STOP: "work stop",
+    RefusalCode.DEPENDENCY_NULL: "dependency is null",
+    RefusalCode.NO_WELDING_ROBOT: "no welding robot",
+    RefusalCode.CONFIGURATION_CHECKSUM: "configuration checksum",
+    RefusalCode.NOT_POSSIBLE: "not possible to proceed",
+    RefusalCode.WELDING_DATA_RELEASE: "welding data release",
+    RefusalCode.LOCATION_NOT_READABLE: "location register not readable with TCP 20–29 active",
+    RefusalCode.NO_MOVE_WITH_TCP: "no move with TCP 20–29 active",
+    RefusalCode.RESOLVER_NOT_CHANGEABLE: "resolver data not changeable",
+    RefusalCode.ANALOG_OUT_OF_RANGE: "analog output out of range",
+    RefusalCode.TIME_OUT: "time-out",
+    RefusalCode.TELEGRAM_INCOMPLETE: "telegram incomplete",
+}
+
+
+class Mode(IntEnum):
+    """Suffix of write mode."""
+
+    STANDBY = 0
+    OPERATION = 1
+    SYNCHRONISE = 2
+    OPERATION_SYNCHRONISE = 3
+
+
+class MoveKind(IntEnum):
+    """Suffix of move: place of the telegram in a movement sequence."""
+
+    POINT = 0
+    START = 2
+    END = 3
+
+
+class SpontaneousKind(IntEnum):
+    """Suffix of a spontaneous telegram."""
+
+    SYSTEM_ERROR = 7
+    VISION_INIT = 9
+    VISION_TEST = 10
+    OPERATIONAL_ERROR = 17
+
+
+def function_text(code: int) -> str:
+    """Name of a function code, known or not."""
+    return FunctionCode(code).text if code in _FUNCTIONS else f"unknown function {code}"
+
+
+def type_text(code: int) -> str:
+    """Name of a telegram type, known or not."""
+    return TelegramType(code).text if code in _TYPES else f"unknown type {code:02X}"
+
+
+def refusal_text(code: int) -> str:
+    """Reason behind a refusal code, known or not."""
+    return RefusalCode(code).text if code in _REFUSALS else f"unknown refusal code {code}"
+
+
+_FUNCTIONS = frozenset(FunctionCode)
+_TYPES = frozenset(TelegramType)
+_REFUSALS = frozenset(RefusalCode)
+
+_STARTS = {0: "from the start", 1: "continue"}
+_SUFFIXES: dict[int, dict[int, str]] = {
+    FunctionCode.START_PROGRAM: _STARTS,
+    **{
+        function: {int(item): item.name.lower().replace("_", " ") for item in kinds}
+        for function, kinds in (
+            (FunctionCode.WRITE_MODE, Mode),
+            (FunctionCode.MOVE, MoveKind),
+            (FunctionCode.SPONTANEOUS, SpontaneousKind),
+        )
+    },
+}
+
+
+def suffix_text(function: int, suffix: int) -> str:
+    """Meaning of a function suffix; empty where none is known."""
+    return _SUFFIXES.get(function, {}).get(suffix, "")

@@ -1,0 +1,169 @@
+"""A captured piece of a computer link put into words, for the decode command and the monitor."""
+
+from typing import Any
+
+from protocol.adlp import (
+    HEADER_SIZE,
+    LENGTH_STYLES,
+    SINGLE_CONTROLS,
+    Block,
+    BlockFormat,
+    Control,
+    DleStuffing,
+    Flaw,
+    LinkProfile,
+    check_character,
+)
+from protocol.arap.codes import function_text, refusal_text, suffix_text, type_text
+from protocol.arap.layouts import layout_of
+from protocol.arap.telegram import FROM_PC, Telegram
+from protocol.endpoint import RemoteProtocolError
+
+_DLE = bytes((Control.DLE,))
+_CONTROL_TEXTS = {
+    Control.ENQ: "bid for the line",
+    Control.ACK: "acknowledged",
+    Control.WACK: "wait",
+    Control.RVI: "acknowledged, the receiver asks for the line",
+    Control.NAK: "refused",
+    Control.EOT: "end of the message",
+}
+
+
+def describe(
+    raw: bytes,
+    dle_stuffing: DleStuffing = "off",
+    max_telegram: int = LinkProfile().max_telegram,
+) -> list[dict[str, Any]]:
+    """Control bytes, blocks and everything else in a capture, in order, as plain values.
+
+    Every item has `offset`, `size`, `kind` ("control", "block", "error" or "noise") and `meaning`. A block
+    adds its `direction`, `stx`, `header`, `checksum` and `fields`; `problem` and `problem_offset` say what is
+    wrong with it. Never raises for what the bytes are.
+    """
+    items: list[dict[str, Any]] = []
+    at = 0
+    while at < len(raw):
+        item = _item_at(raw, at, dle_stuffing, max_telegram)
+        previous = items[-1] if items else None
+        if previous and previous["kind"] == item["kind"] == "noise":
+            previous["size"] += item["size"]
+            previous["bytes"] += " " + item["bytes"]
+        else:
+            items.append(item)
+        at += item["size"]
+    return items
+
+
+def _item_at(raw: bytes, at: int, stuffing: DleStuffing, max_telegram: int) -> dict[str, Any]:
+    byte = raw[at]
+    if (control := SINGLE_CONTROLS.get(byte)) is not None:
+        return {
+            "offset": at,
+            "size": 1,
+            "kind": "control",
+            "name": control.name,
+            "meaning": _CONTROL_TEXTS[control],
+        }
+    if byte == Control.DLE:
+        return _block_at(raw, at, stuffing, max_telegram)
+    return _noise(raw, at)
+
+
+def _noise(raw: bytes, at: int) -> dict[str, Any]:
+    return {
+        "offset": at,
+        "size": 1,
+        "kind": "noise",
+        "meaning": "no control byte and outside a block",
+        "bytes": f"{raw[at]:02X}",
+    }
+
+
+def _block_at(raw: bytes, at: int, stuffing: DleStuffing, max_telegram: int) -> dict[str, Any]:
+    # Byte 2 of the telegram tells the direction, and only the PC may state its length in two ways.
+    head = raw[at + 2 : at + 2 + HEADER_SIZE]
+    if stuffing == "double":
+        head = head.replace(_DLE * 2, _DLE)
+    from_robot = head[2:3] != bytes((FROM_PC,))
+    styles = LENGTH_STYLES[:1] if from_robot else LENGTH_STYLES
+    found = BlockFormat(stuffing, styles, max_telegram).decode(raw, at)
+    match found:
+        case Block():
+            return _describe_block(at, found, from_robot)
+        case Flaw(at=1):
+            return _noise(raw, at)
+        case Flaw(checksum=True):
+            telegram = raw[at + 2 : at + found.size - 3]
+            if stuffing == "double":
+                telegram = telegram.replace(_DLE * 2, _DLE)
+            item = _describe_block(at, Block(telegram, raw[at + 1], found.size), from_robot)
+            item["checksum"] |= {"got": f"{raw[at + found.size - 1]:02X}", "right": False}
+            item["problem"] = found.text
+            item["problem_offset"] = at + found.at
+            return item
+        case Flaw():
+            return _error(at, _extent(raw, at), f"block: {found.text}", at + found.at)
+        case None:
+            return _error(at, len(raw) - at, "block: the capture ends inside it", len(raw))
+
+
+def _extent(raw: bytes, at: int) -> int:
+    """Size of what probably is the block, judged by the next DLE ETX alone."""
+    trailer = raw.find(bytes((Control.DLE, Control.ETX)), at + 2)
+    return min(trailer + 3, len(raw)) - at if trailer >= 0 else 2
+
+
+def _error(at: int, size: int, meaning: str, where: int) -> dict[str, Any]:
+    return {
+        "offset": at,
+        "size": size,
+        "kind": "error",
+        "meaning": meaning,
+        "problem": meaning,
+        "problem_offset": where,
+    }
+
+
+def _describe_block(at: int, block: Block, from_robot: bool) -> dict[str, Any]:
+    check = f"{check_character(block.telegram):02X}"
+    item: dict[str, Any] = {
+        "offset": at,
+        "size": block.size,
+        "kind": "block",
+        "meaning": "",
+        "direction": "S3 → PC" if from_robot else "PC → S3",
+        "stx": f"{block.stx:02X}",
+        "bytes": block.telegram.hex(" ").upper(),
+        "checksum": {"expected": check, "got": check, "right": True},
+        "header": {},
+        "fields": [],
+    }
+    try:
+        telegram = Telegram.decode(block.telegram, from_robot)
+    except RemoteProtocolError as error:
+        item |= {"meaning": "unreadable telegram", "problem": str(error), "problem_offset": at + 2}
+        return item
+    item["meaning"] = str(telegram)
+    item["header"] = {
+        "length": int.from_bytes(block.telegram[:2], "big"),
+        "source": block.telegram[2],
+        "destination": block.telegram[3],
+        "function": telegram.function,
+        "function_text": function_text(telegram.function),
+        "type": telegram.type,
+        "type_text": type_text(telegram.type),
+        "suffix": telegram.suffix,
+        "suffix_text": suffix_text(telegram.function, telegram.suffix),
+    }
+    layout = layout_of(telegram.function, telegram.type)
+    if layout is None:
+        return item
+    try:
+        item["fields"] = layout.describe(telegram.data)
+    except RemoteProtocolError as error:
+        item |= {"problem": str(error), "problem_offset": at + 2 + HEADER_SIZE}
+        return item
+    if layout.name == "refusal":
+        item["meaning"] += f": {refusal_text(int(layout.unpack(telegram.data)['code']))}"
+    return item

@@ -1,0 +1,122 @@
+"""Field tables of the known ARAP payloads. Source: computer-link specification, section 3.
+
+Offsets are written as byte numbers of the telegram, as in the specification, less the 8 bytes of its header.
+"""
+
+from protocol.adlp import HEADER_SIZE
+from protocol.arap.codes import FunctionCode, TelegramType
+from protocol.fields import Field, Layout
+from protocol.marks import Mark
+
+STEPS_PER_METRE = 8000
+POSITION_STEP = 1.0 / STEPS_PER_METRE
+"""One unit of a position word, 0.125 mm, in m. Mark: observed."""
+POSITION_WORD_LIMIT = 32767
+"""Largest position word that is sent, ±4.095875 m. Mark: observed."""
+QUATERNION_ONE = 16384
+"""Quaternion word of 1.0. Mark: observed."""
+VELOCITY_STEP = POSITION_STEP
+"""One unit of a velocity word, 0.125 mm/s, in m/s. Mark: observed."""
+RUN_SPEED_ONE = 8192
+"""Run speed word of 1.0. Mark: observed."""
+
+FLAG_BITS_16 = {"local": 0, "interrupt_permitted": 1, "programming_unit": 2, "key_auto": 3}
+"""Bits of status byte 16. Mark: assumed."""
+FLAG_BITS_17 = {"standby": 0, "operation": 1, "execution": 2, "emergency_stop": 3}
+"""Bits of status byte 17. Mark: observed."""
+MOVE_FLAG_ENDS = 2
+"""Set in the first and the last telegram of a movement. Mark: observed."""
+MOVE_FLAG_ROBOT_COORDINATES = 4
+"""Robot coordinates; clear means rectangular. Mark: observed."""
+
+
+def _word(byte: int, name: str, mark: Mark, meaning: str, scale: float = 1.0, unit: str = "") -> Field:
+    return Field(name, byte - HEADER_SIZE, "H", mark, meaning, scale, unit)
+
+
+def _bits(bits: dict[str, int]) -> str:
+    return ", ".join(f"bit {bit} {name.replace('_', ' ')}" for name, bit in bits.items())
+
+
+_POSE = (
+    *(
+        Field(axis, byte - HEADER_SIZE, "h", Mark.OBSERVED, f"position {axis.upper()}", POSITION_STEP, "m")
+        for axis, byte in (("x", 18), ("y", 20), ("z", 22))
+    ),
+    *(
+        Field(f"q{n}", 22 + 2 * n - HEADER_SIZE, "h", Mark.OBSERVED, meaning, 1.0 / QUATERNION_ONE)
+        for n, meaning in ((1, "cos(θ/2)"), (2, "n_x sin(θ/2)"), (3, "n_y sin(θ/2)"), (4, "n_z sin(θ/2)"))
+    ),
+)
+
+STATUS = Layout(
+    "status",
+    32 - HEADER_SIZE,
+    ">",
+    (
+        _word(8, "program", Mark.ASSUMED, "program number"),
+        _word(10, "instruction", Mark.ASSUMED, "instruction number"),
+        _word(12, "tcp", Mark.ASSUMED, "active TCP"),
+        _word(14, "frame", Mark.ASSUMED, "active frame"),
+        Field("flags_16", 16 - HEADER_SIZE, "B", Mark.ASSUMED, _bits(FLAG_BITS_16)),
+        Field("flags_17", 17 - HEADER_SIZE, "B", Mark.OBSERVED, _bits(FLAG_BITS_17)),
+        *_POSE,
+    ),
+)
+MOVE = Layout(
+    "move",
+    32 - HEADER_SIZE,
+    ">",
+    (
+        Field("hand", 12 - HEADER_SIZE, "B", Mark.OBSERVED, "hand position, 0"),
+        Field("flags", 13 - HEADER_SIZE, "B", Mark.OBSERVED, "2 first or last telegram, 4 robot coordinates"),
+        _word(14, "velocity", Mark.OBSERVED, "velocity", VELOCITY_STEP, "m/s"),
+        _word(16, "run_speed", Mark.OBSERVED, "run speed, share of the velocity", 1.0 / RUN_SPEED_ONE),
+        *_POSE,
+    ),
+)
+START_PROGRAM = Layout("start program", 2, ">", (_word(8, "program", Mark.OBSERVED, "program number"),))
+STOP_PROGRAM = Layout("stop program", 0, ">", ())
+WRITE_MODE = Layout("write mode", 0, ">", ())
+READ_STATUS = Layout("read status", 0, ">", ())
+RECEIVE_PROGRAM = Layout("receive program", 6, ">", (_word(8, "program", Mark.OBSERVED, "program number"),))
+"""The two words after the program number are 0."""
+PROGRAM_ANSWER = Layout(
+    "program answer",
+    4,
+    ">",
+    (
+        _word(8, "error", Mark.OBSERVED, "error, 0 for none"),
+        _word(10, "program", Mark.OBSERVED, "program number"),
+    ),
+)
+"""Header of the answer to receive program; the program's bytes follow, over several blocks."""
+SPONTANEOUS = Layout(
+    "spontaneous",
+    4,
+    ">",
+    (
+        _word(8, "x", Mark.OBSERVED, 'first half of "x.y"'),
+        _word(10, "y", Mark.OBSERVED, 'second half of "x.y"'),
+    ),
+)
+REFUSAL = Layout("refusal", 2, ">", (_word(8, "code", Mark.OBSERVED, "refusal code"),))
+
+_F, _T = FunctionCode, TelegramType
+_LAYOUTS: dict[tuple[int, int], Layout] = {
+    (_F.START_PROGRAM, _T.ORDER): START_PROGRAM,
+    (_F.STOP_PROGRAM, _T.ORDER): STOP_PROGRAM,
+    (_F.READ_STATUS, _T.ORDER): READ_STATUS,
+    (_F.READ_STATUS, _T.RESPONSE): STATUS,
+    (_F.WRITE_MODE, _T.ORDER): WRITE_MODE,
+    (_F.MOVE, _T.ORDER): MOVE,
+    (_F.RECEIVE_PROGRAM, _T.ORDER): RECEIVE_PROGRAM,
+    (_F.RECEIVE_PROGRAM, _T.RESPONSE): PROGRAM_ANSWER,
+    (_F.RECEIVE_PROGRAM, _T.FURTHER_FROM_ROBOT): PROGRAM_ANSWER,
+    (_F.SPONTANEOUS, _T.SPONTANEOUS): SPONTANEOUS,
+}
+
+
+def layout_of(function: int, type_: int) -> Layout | None:
+    """The field table of a telegram's data, or None where nothing is known about it."""
+    return REFUSAL if type_ == TelegramType.REFUSAL else _LAYOUTS.get((function, type_))
