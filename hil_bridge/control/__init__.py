@@ -1,0 +1,85 @@
+"""The control room: controllers, stiffness estimate, frames, task, supervisor and figures of merit, all
+pure.
+"""
+
+from hil_bridge.control.controllers import (
+    CONTROLLERS,
+    AdaptiveState,
+    FuzzyAdaptive,
+    FuzzyPi,
+    FuzzyState,
+    ResolutionAware,
+    make_controller,
+    scheduled_gain,
+)
+from hil_bridge.control.estimate import Gates, StiffnessEstimate
+from hil_bridge.control.frames import (
+    force_along,
+    rotate,
+    rotation_matrix,
+    tool_gravity_wrench,
+    transform_twist,
+    transform_wrench,
+)
+from hil_bridge.control.fuzzy import Inference, Surface, computed_matrix, evaluate, infer, quantise
+from hil_bridge.control.merit import FiguresOfMerit, figures_of_merit
+from hil_bridge.control.supervisor import (
+    Allow,
+    Cause,
+    Clamp,
+    Limits,
+    Observation,
+    Request,
+    Stop,
+    Supervisor,
+    SupervisorState,
+    Verdict,
+)
+from hil_bridge.control.task import Phase, Target, Task, TaskOutput, TaskParameters, TaskState
+from hil_bridge.control.types import Command, Controller, Measurement
+
+__all__ = [
+    "CONTROLLERS",
+    "AdaptiveState",
+    "Allow",
+    "Cause",
+    "Clamp",
+    "Command",
+    "Controller",
+    "FiguresOfMerit",
+    "FuzzyAdaptive",
+    "FuzzyPi",
+    "FuzzyState",
+    "Gates",
+    "Inference",
+    "Limits",
+    "Measurement",
+    "Observation",
+    "Phase",
+    "Request",
+    "ResolutionAware",
+    "StiffnessEstimate",
+    "Stop",
+    "Supervisor",
+    "SupervisorState",
+    "Surface",
+    "Target",
+    "Task",
+    "TaskOutput",
+    "TaskParameters",
+    "TaskState",
+    "Verdict",
+    "computed_matrix",
+    "evaluate",
+    "figures_of_merit",
+    "force_along",
+    "infer",
+    "make_controller",
+    "quantise",
+    "rotate",
+    "rotation_matrix",
+    "scheduled_gain",
+    "tool_gravity_wrench",
+    "transform_twist",
+    "transform_wrench",
+]

@@ -1,0 +1,82 @@
+"""Wrenches, twists and rotations between frames.
+
+Vectors have shape (3,), wrenches are (fx fy fz mx my mz) in N and N·m, twists (vx vy vz wx wy wz) in m/s and
+rad/s. Quaternions are w x y z and say how the tool stands in the base, so they turn tool vectors into base
+vectors. Source: textbook rigid-body statics; a wrench moves by the transpose of the adjoint that moves a
+twist, so that force times velocity is the same number in every frame.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+STANDARD_GRAVITY = 9.80665
+"""m/s². Source: ISO 80000-3."""
+
+GRAVITY_BASE = np.array([0.0, 0.0, -STANDARD_GRAVITY])
+"""Assumed: the robot stands upright, its base z axis points up."""
+
+
+def rotation_matrix(quaternion: Sequence[float]) -> Array:
+    """Rotation of a quaternion w x y z, which is brought to unit length first, for robot links round what they send.
+
+    Raises ValueError for one without direction: zero, infinite or not a number.
+    """
+    wxyz = np.asarray(quaternion, dtype=float)
+    length = float(np.linalg.norm(wxyz))
+    if wxyz.shape != (4,) or not np.isfinite(length) or length < 1e-6:
+        raise ValueError(f"not a rotation: quaternion {tuple(quaternion)}")
+    w, x, y, z = wxyz / length
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def rotate(quaternion: Sequence[float], vector: ArrayLike) -> Array:
+    """A vector given in the tool frame, in the base frame. Raises ValueError for an impossible quaternion."""
+    rotated: Array = rotation_matrix(quaternion) @ np.asarray(vector, dtype=float)
+    return rotated
+
+
+def transform_wrench(rotation: Array, origin: ArrayLike, wrench: ArrayLike) -> Array:
+    """The wrench of frame B in frame A: f_A = R f_B, m_A = R m_B + p × f_A.
+
+    `rotation` turns B's vectors into A's, `origin` is where B's origin lies in A, m.
+    """
+    wrench = np.asarray(wrench, dtype=float)
+    force = rotation @ wrench[:3]
+    return np.concatenate([force, rotation @ wrench[3:] + np.cross(np.asarray(origin, dtype=float), force)])
+
+
+def transform_twist(rotation: Array, origin: ArrayLike, twist: ArrayLike) -> Array:
+    """The twist of frame B in frame A: w_A = R w_B, v_A = R v_B + p × w_A. Arguments as for a wrench."""
+    twist = np.asarray(twist, dtype=float)
+    angular = rotation @ twist[3:]
+    return np.concatenate(
+        [rotation @ twist[:3] + np.cross(np.asarray(origin, dtype=float), angular), angular]
+    )
+
+
+def tool_gravity_wrench(quaternion: Sequence[float], mass_kg: float, centre_of_gravity: ArrayLike) -> Array:
+    """What the weight below the sensor makes it feel, in the tool frame: subtract it from what was measured.
+
+    The centre of gravity is given from the sensor's origin in the tool frame, m.
+    """
+    force = rotation_matrix(quaternion).T @ (mass_kg * GRAVITY_BASE)
+    return np.concatenate([force, np.cross(np.asarray(centre_of_gravity, dtype=float), force)])
+
+
+def force_along(direction_base: ArrayLike, quaternion: Sequence[float], wrench_tool: ArrayLike) -> float:
+    """Contact force along a unit vector into the surface, N, positive while the tool presses: −(R f) · n.
+
+    The wrench acts on the tool, so a surface that is pressed pushes back against the direction.
+    """
+    force_base = rotate(quaternion, np.asarray(wrench_tool, dtype=float)[:3])
+    return -float(force_base @ np.asarray(direction_base, dtype=float))

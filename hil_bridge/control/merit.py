@@ -1,0 +1,81 @@
+"""Figures of merit of a tracked force, from the arrays of a run's TRACK phase."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+STEADY_SAMPLES = 40
+"""The last samples of a run, which count as its steady state."""
+
+RISE_FRACTION = 0.9
+"""Share of the desired force whose first reaching ends the rise."""
+
+
+@dataclass(frozen=True, slots=True)
+class FiguresOfMerit:
+    """How well a force was tracked; None where the run was too short or never got there."""
+
+    rise_samples: int | None
+    """Samples from the first one to 90 % of the desired force."""
+    rise_seconds: float | None
+    """The same in s."""
+    overshoot_percent: float
+    """Largest force above the desired one, percent of it; 0 when it was never above."""
+    steady_mean_error: float | None
+    """Mean of force − desired force over the last 40 samples, N."""
+    steady_peak_to_peak: float | None
+    """Largest less smallest force over the last 40 samples, N."""
+    rms_error: float
+    """Root of the mean square of force − desired force over all samples, the rise included, N."""
+    contact_losses: int
+    """Times that contact was there and then was not."""
+    steps_per_second: float | None
+    """Resolution steps that the command moved over the last 40 samples, per s: wear."""
+    largest_force: float
+    """N"""
+
+
+def figures_of_merit(
+    time: ArrayLike,
+    force: ArrayLike,
+    reference: ArrayLike,
+    commanded: ArrayLike,
+    in_contact: ArrayLike,
+    resolution_mm: float = 0.125,
+) -> FiguresOfMerit:
+    """Figures of a run: s, N, N (one value or one a sample), m and booleans, one a sample, in order of time.
+
+    Raises ValueError when there is no sample, or when the arrays differ in length.
+    """
+    at, pressed, depth = (np.asarray(values, dtype=float) for values in (time, force, commanded))
+    touching = np.asarray(in_contact, dtype=bool)
+    if not pressed.size or not pressed.shape == at.shape == depth.shape == touching.shape:
+        raise ValueError("a run needs a time, force, command and contact flag a sample, at least one sample")
+    desired = np.broadcast_to(np.asarray(reference, dtype=float), pressed.shape)
+    error = pressed - desired
+    risen = np.flatnonzero(pressed >= RISE_FRACTION * desired)
+    rise = int(risen[0]) if risen.size else None
+    steady = pressed.size >= STEADY_SAMPLES
+    tail = slice(-STEADY_SAMPLES, None)
+    return FiguresOfMerit(
+        rise_samples=rise,
+        rise_seconds=None if rise is None else float(at[rise] - at[0]),
+        overshoot_percent=float(max(0.0, np.max(100.0 * error / desired))),
+        steady_mean_error=float(np.mean(error[tail])) if steady else None,
+        steady_peak_to_peak=float(np.ptp(pressed[tail])) if steady else None,
+        rms_error=float(np.sqrt(np.mean(error**2))),
+        contact_losses=int(np.count_nonzero(touching[:-1] & ~touching[1:])),
+        steps_per_second=_steps_per_second(at[tail], depth[tail], resolution_mm) if steady else None,
+        largest_force=float(np.max(pressed)),
+    )
+
+
+def _steps_per_second(at: Array, depth: Array, resolution_mm: float) -> float | None:
+    span = float(at[-1] - at[0])
+    if span <= 0:
+        return None
+    words = np.rint(depth / (resolution_mm * 1e-3))
+    return float(np.sum(np.abs(np.diff(words)))) / span

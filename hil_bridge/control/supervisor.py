@@ -1,0 +1,290 @@
+"""The last word before the wire: what may be sent, what is clamped, what ends the run. Pure.
+
+Which side is safe: away from the surface. Depth may grow by no more than a little a cycle and no farther
+than a total; a move that pulls back is never shortened by these, only by the workspace. A request that
+leaves the workspace is cut where the straight way from the last allowed position meets its border, so the
+cut position is never deeper than both ends. A stop is latched: only a new state, made by a person's
+decision, ends it.
+"""
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import ClassVar, TypeAlias
+
+import numpy as np
+
+from hil_bridge.control.checks import require_above_zero
+from hil_bridge.errors import ConfigError
+
+Vector: TypeAlias = tuple[float, float, float]
+
+
+class Cause(StrEnum):
+    """Why a run was stopped."""
+
+    NOT_A_NUMBER = "not-a-number"
+    FORCE = "force"
+    RESULTANT_FORCE = "resultant-force"
+    SATURATED = "saturated"
+    STALE = "stale"
+    FROZEN = "frozen"
+    SEQUENCE = "sequence"
+    LINK = "link"
+    INCONSISTENT = "inconsistent"
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """What is allowed. Every default is chosen, not a fact about a device: set them for the cell at hand."""
+
+    __pydantic_config__: ClassVar = {"extra": "forbid"}
+
+    force_limit_n: float = 50.0
+    """Contact force along the approach direction, either sign, above which the run stops."""
+    resultant_limit_n: float = 100.0
+    """Length of the force vector above which the run stops: a collision from the side."""
+    correction_per_cycle_mm: float = 2.0
+    """Farthest that the command may go deeper in a cycle."""
+    correction_total_mm: float = 100.0
+    """Farthest that the command may be deeper than the start point."""
+    travel_per_cycle_mm: float = 5.0
+    """Farthest that the command may move across the approach direction in a cycle."""
+    workspace_min_m: Vector = (-3.0, -3.0, -3.0)
+    """Lowest corner of the box that the tool may be in, base frame."""
+    workspace_max_m: Vector = (3.0, 3.0, 3.0)
+    """Highest corner of that box, base frame."""
+    stale_after_ms: float = 200.0
+    """Age of the newest sensor frame above which the run stops."""
+    frozen_after_frames: int = 400
+    """Frames in a row with identical counts on all axes after which the run stops. A filtered quiet signal
+    repeats itself for some frames, a dead converter for ever.
+    """
+    still_after_cycles: int = 3
+    """Cycles in a row without a new sensor frame after which the run stops."""
+
+    def __post_init__(self) -> None:
+        require_above_zero(
+            self,
+            "force_limit_n",
+            "resultant_limit_n",
+            "correction_per_cycle_mm",
+            "correction_total_mm",
+            "travel_per_cycle_mm",
+            "stale_after_ms",
+            "frozen_after_frames",
+            "still_after_cycles",
+        )
+        for low, high in zip(self.workspace_min_m, self.workspace_max_m, strict=True):
+            if not (math.isfinite(low) and math.isfinite(high) and low < high):
+                raise ValueError("workspace_min_m must be below workspace_max_m on every axis")
+
+
+@dataclass(frozen=True, slots=True)
+class Observation:
+    """What is known of the cell in this cycle."""
+
+    now: float
+    """s on the run's clock."""
+    force: float
+    """Contact force along the approach direction, N, positive while pressing."""
+    resultant: float
+    """Length of the force vector, N."""
+    sensor_at: float
+    """When the newest sensor frame arrived, s on the run's clock."""
+    sensor_sequence: int
+    """Its frame counter, unwrapped."""
+    repeated_frames: int = 0
+    """How many of the newest frames in a row carried identical counts on all axes."""
+    saturated: bool = False
+    """True when an axis is at the end of its range, so that the force may be anything above."""
+    link_ok: bool = True
+    """False when the robot link failed."""
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """Where the task wants the tool."""
+
+    depth: float
+    """Along the approach direction from the start point, m."""
+    position: Vector
+    """The same target as a point in the base frame, m."""
+    direction: Vector
+    """Approach direction: unit vector into the surface, base frame."""
+
+
+@dataclass(frozen=True, slots=True)
+class Allow:
+    """Send the request as it is."""
+
+    kind: ClassVar[str] = "allow"
+    depth: float
+    position: Vector
+
+
+@dataclass(frozen=True, slots=True)
+class Clamp:
+    """Send this instead of the request."""
+
+    kind: ClassVar[str] = "clamp"
+    depth: float
+    position: Vector
+    reasons: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Stop:
+    """Send nothing more: end the motion."""
+
+    kind: ClassVar[str] = "stop"
+    cause: Cause
+    text: str
+
+
+Verdict: TypeAlias = Allow | Clamp | Stop
+
+
+@dataclass(frozen=True, slots=True)
+class SupervisorState:
+    """Where the last allowed command was, what the sensor counted, and the stop if there was one."""
+
+    depth: float
+    """Depth allowed last, m; at the beginning that of the reported position, so 0 at the start point."""
+    position: Vector
+    """Position allowed last, base frame, m; at the beginning the reported one."""
+    sensor_sequence: int | None = None
+    still_cycles: int = 0
+    """Cycles in a row without a new sensor frame."""
+    stopped: Stop | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Supervisor:
+    """Checks every cycle's observation and request against the limits."""
+
+    limits: Limits
+
+    def initial(self, position: Vector, depth: float = 0.0) -> SupervisorState:
+        """State for a robot that stands at this position in the base frame and at this depth, m.
+
+        Raises ConfigError when that is outside the workspace.
+        """
+        box = zip(self.limits.workspace_min_m, position, self.limits.workspace_max_m, strict=True)
+        if not all(low <= value <= high for low, value, high in box):
+            raise ConfigError(f"the robot stands at {position} m, outside the box of limits.workspace_…_m")
+        return SupervisorState(depth, position)
+
+    def step(
+        self, state: SupervisorState, observation: Observation, request: Request
+    ) -> tuple[SupervisorState, Verdict]:
+        """One cycle. After the first stop every answer is that stop."""
+        if state.stopped is not None:
+            return state, state.stopped
+        still = state.still_cycles + 1 if observation.sensor_sequence == state.sensor_sequence else 0
+        stop = _find_cause(self.limits, state, observation, request, still)
+        if stop is not None:
+            return SupervisorState(state.depth, state.position, state.sensor_sequence, still, stop), stop
+        verdict = _clamp(self.limits, state, request)
+        return (
+            SupervisorState(verdict.depth, verdict.position, observation.sensor_sequence, still),
+            verdict,
+        )
+
+
+def _find_cause(
+    limits: Limits, state: SupervisorState, observation: Observation, request: Request, still: int
+) -> Stop | None:
+    numbers = (
+        *(observation.now, observation.force, observation.resultant, observation.sensor_at, request.depth),
+        *(*request.position, *request.direction, state.depth, *state.position),
+    )
+    normal = math.hypot(*request.direction)
+    axes = zip(request.direction, request.position, state.position, strict=True)
+    moved = sum(n * (new - old) for n, new, old in axes)
+    slip = abs(moved - (request.depth - state.depth))
+    age_ms = (observation.now - observation.sensor_at) * 1e3
+    before, now = state.sensor_sequence, observation.sensor_sequence
+    checks = (
+        (not all(map(math.isfinite, numbers)), Cause.NOT_A_NUMBER, "a measurement or command is no number"),
+        (not observation.link_ok, Cause.LINK, "the robot link failed"),
+        (
+            abs(observation.force) > limits.force_limit_n,
+            Cause.FORCE,
+            f"contact force {observation.force:.1f} N is beyond {limits.force_limit_n:g} N",
+        ),
+        (
+            observation.resultant > limits.resultant_limit_n,
+            Cause.RESULTANT_FORCE,
+            f"resultant force {observation.resultant:.1f} N is beyond {limits.resultant_limit_n:g} N",
+        ),
+        (observation.saturated, Cause.SATURATED, "the force sensor is at the end of its range"),
+        (
+            not 0 <= age_ms <= limits.stale_after_ms,
+            Cause.STALE,
+            f"the newest force is {age_ms:.0f} ms old, allowed are {limits.stale_after_ms:g} ms",
+        ),
+        (
+            observation.repeated_frames >= limits.frozen_after_frames,
+            Cause.FROZEN,
+            f"the force sensor repeated the same counts {observation.repeated_frames} times",
+        ),
+        (still >= limits.still_after_cycles, Cause.FROZEN, f"no new force for {still} cycles"),
+        (
+            before is not None and now < before,
+            Cause.SEQUENCE,
+            f"the sensor's frame counter went back from {before} to {now}",
+        ),
+        (
+            abs(normal - 1.0) > 1e-6 or slip > _CONSISTENT,
+            Cause.INCONSISTENT,
+            f"requested depth and position differ by {slip * 1e3:.3f} mm, or the direction is no unit vector",
+        ),
+    )
+    return next((Stop(cause, text) for failed, cause, text in checks if failed), None)
+
+
+def _clamp(limits: Limits, state: SupervisorState, request: Request) -> Allow | Clamp:
+    reasons: list[str] = []
+    depth, target = request.depth, np.array(request.position)
+    before, direction = np.array(state.position), np.array(request.direction)
+
+    deepest_now = state.depth + limits.correction_per_cycle_mm * 1e-3
+    deepest = max(limits.correction_total_mm * 1e-3, state.depth)
+    if depth > min(deepest_now, deepest):
+        if deepest_now < deepest:
+            reasons.append(f"deeper by more than {limits.correction_per_cycle_mm:g} mm in a cycle")
+        else:
+            reasons.append(f"deeper than {limits.correction_total_mm:g} mm in total")
+        target = target - direction * (depth - min(deepest_now, deepest))
+        depth = min(deepest_now, deepest)
+
+    move = target - before
+    across = move - direction * (move @ direction)
+    length, longest = float(np.linalg.norm(across)), limits.travel_per_cycle_mm * 1e-3
+    if length > longest + _ROUNDING:
+        target = target - across * (1 - longest / length)
+        reasons.append(f"across by more than {limits.travel_per_cycle_mm:g} mm in a cycle")
+
+    low, high = np.array(limits.workspace_min_m), np.array(limits.workspace_max_m)
+    if np.any(target < low) or np.any(target > high):
+        move = target - before
+        border = np.where(move > 0, high, low)
+        moving = move != 0
+        share = float(np.min((border[moving] - before[moving]) / move[moving], initial=1.0))
+        # The last allowed position is inside; clipping only takes off what the arithmetic left over.
+        target = np.clip(before + share * move, low, high)
+        depth = state.depth + share * (depth - state.depth)
+        reasons.append("leaves the workspace")
+
+    if not reasons:
+        return Allow(depth, request.position)
+    x, y, z = target.tolist()
+    return Clamp(depth, (x, y, z), tuple(reasons))
+
+
+_ROUNDING = 1e-9
+"""Slack for arithmetic, m: a clamped request that comes again must be allowed."""
+
+_CONSISTENT = 1e-5
+"""Largest difference between a request's depth and its position, m. Chosen: below any robot's resolution."""

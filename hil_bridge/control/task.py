@@ -1,0 +1,217 @@
+"""The course of a run as a pure state machine: approach, track the surface, retract, end.
+
+The controller is stepped in TRACK only. Its state lives on through a contact loss and a new approach, so that
+the stiffness that it has learnt is kept; it is told of the loss by `in_contact`.
+"""
+
+import math
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from typing import Any, ClassVar
+
+from hil_bridge.control.checks import require_above_zero, require_not_negative
+from hil_bridge.control.types import Command, Controller, Measurement
+
+
+class Phase(StrEnum):
+    """Phases of a run, by the names that the record uses."""
+
+    APPROACH = "approach"
+    """Step into the surface until the force says contact."""
+    TRACK = "track"
+    """The controller holds the force while the tool travels along the surface."""
+    RETRACT = "retract"
+    """Step back out of the surface."""
+    END = "end"
+    """Nothing more to command."""
+
+
+@dataclass(frozen=True, slots=True)
+class TaskParameters:
+    """What to do. All values are chosen for the paper's experiments and the robot's resolution."""
+
+    __pydantic_config__: ClassVar = {"extra": "forbid"}
+
+    force_n: float = 10.0
+    """Desired contact force. Source: the paper's experiments."""
+    approach_step_mm: float = 0.5
+    """Depth added per cycle while approaching. Times the stiffness of the hardest surface expected it is the
+    force of the first touch, which must stay below the supervisor's limit.
+    """
+    approach_depth_limit_mm: float = 50.0
+    """Depth added at most in an approach, a repeated one included, before it is given up."""
+    contact_threshold_n: float = 1.0
+    """Force above which there is contact."""
+    loss_threshold_n: float = 0.5
+    """Force below which contact counts as lost; lower than the other so that noise does not toggle it."""
+    loss_samples: int = 5
+    """Samples in a row without contact after which the surface is approached anew; until then the controller
+    may find it by itself, without travelling on.
+    """
+    loss_limit: int = 20
+    """Contact losses after which the run is ended."""
+    step_mm: float = 1.0
+    """Travel along the surface per sample. Source: the paper's experiments."""
+    travel_limit_mm: float = 200.0
+    """Travel after which tracking ends."""
+    retract_step_mm: float = 1.0
+    """Depth taken back per cycle while retracting."""
+    retract_mm: float = 20.0
+    """Depth taken back in all, from where tracking ended."""
+
+    def __post_init__(self) -> None:
+        require_above_zero(
+            self,
+            "force_n",
+            "approach_step_mm",
+            "approach_depth_limit_mm",
+            "contact_threshold_n",
+            "loss_samples",
+            "loss_limit",
+            "travel_limit_mm",
+            "retract_step_mm",
+        )
+        require_not_negative(self, "loss_threshold_n", "step_mm", "retract_mm")
+        if self.loss_threshold_n > self.contact_threshold_n:
+            raise ValueError("loss_threshold_n must not be above contact_threshold_n")
+        if self.contact_threshold_n >= self.force_n:
+            raise ValueError("contact_threshold_n must be below force_n")
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """Where the tool is wanted, from the start point."""
+
+    depth: float
+    """Along the approach direction, m."""
+    travel: float
+    """Along the surface, m."""
+
+
+@dataclass(frozen=True, slots=True)
+class TaskState:
+    """Where the run is."""
+
+    phase: Phase = Phase.APPROACH
+    travel: float = 0.0
+    """Travel commanded so far, m."""
+    turn: float | None = None
+    """Depth at which the present approach or retraction began, m; None before its first sample."""
+    in_contact: bool = False
+    samples_lost: int = 0
+    """Samples in a row without contact."""
+    losses: int = 0
+    """Contact losses so far."""
+    controller: Any = None
+    """The controller's own state; None before the first contact."""
+    cause: str = ""
+    """Why the run retracts or has ended; empty while it goes on."""
+
+
+@dataclass(frozen=True, slots=True)
+class TaskOutput:
+    """The task's answer for one sample."""
+
+    phase: Phase
+    """Phase that this sample belonged to."""
+    target: Target
+    in_contact: bool
+    command: Command | None = None
+    """What the controller said; None outside TRACK."""
+    losses: int = 0
+    """Contact losses so far."""
+    cause: str = ""
+    """Why the run retracts or has ended; empty while it goes on."""
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """Steps a controller through the phases of a run."""
+
+    parameters: TaskParameters
+    controller: Controller[Any]
+
+    def initial(self) -> TaskState:
+        """State at the start point, away from the surface."""
+        return TaskState()
+
+    def finish(self, state: TaskState, cause: str) -> TaskState:
+        """Retract from the next sample on, for a reason from outside: time is up, a person wants it."""
+        if state.phase in (Phase.RETRACT, Phase.END):
+            return state
+        return replace(state, phase=Phase.RETRACT, turn=None, cause=cause)
+
+    def step(self, state: TaskState, measurement: Measurement) -> tuple[TaskState, TaskOutput]:
+        """One sample. `measurement.in_contact` is not looked at: contact is judged here, from the force.
+
+        A measurement that is not finite changes nothing and asks for the depth commanded before.
+        """
+        if not (math.isfinite(measurement.force) and math.isfinite(measurement.position)):
+            return state, _output(state, measurement.commanded, state.phase)
+        parameters = self.parameters
+        threshold = parameters.loss_threshold_n if state.in_contact else parameters.contact_threshold_n
+        state = replace(state, in_contact=measurement.force > threshold)
+        match state.phase:
+            case Phase.APPROACH:
+                return self._approach(state, measurement)
+            case Phase.TRACK:
+                return self._track(state, measurement)
+            case Phase.RETRACT:
+                return self._retract(state, measurement)
+            case Phase.END:
+                return state, _output(state, measurement.commanded, Phase.END)
+
+    def _approach(self, state: TaskState, measurement: Measurement) -> tuple[TaskState, TaskOutput]:
+        if state.in_contact:
+            memory = self.controller.initial() if state.controller is None else state.controller
+            state = replace(state, phase=Phase.TRACK, turn=None, samples_lost=0, controller=memory)
+            return self._track(state, measurement)
+        turn = measurement.commanded if state.turn is None else state.turn
+        depth = measurement.commanded + self.parameters.approach_step_mm * 1e-3
+        limit_mm = self.parameters.approach_depth_limit_mm
+        if depth - turn > limit_mm * 1e-3 + _ROUNDING:
+            cause = f"no contact found within {limit_mm:g} mm"
+            return self._retract(self.finish(state, cause), measurement)
+        state = replace(state, turn=turn)
+        return state, _output(state, depth, Phase.APPROACH)
+
+    def _track(self, state: TaskState, measurement: Measurement) -> tuple[TaskState, TaskOutput]:
+        seen = replace(measurement, in_contact=state.in_contact)
+        memory, command = self.controller.step(state.controller, seen, self.parameters.force_n)
+        state = replace(state, controller=memory)
+        if state.in_contact:
+            travel = state.travel + self.parameters.step_mm * 1e-3
+            state = replace(state, travel=travel, samples_lost=0)
+            output = _output(state, command.position, Phase.TRACK, command)
+            if travel > self.parameters.travel_limit_mm * 1e-3 - _ROUNDING:
+                state = self.finish(state, f"travelled {self.parameters.travel_limit_mm:g} mm")
+            return state, output
+        first = state.samples_lost == 0
+        state = replace(state, samples_lost=state.samples_lost + 1, losses=state.losses + first)
+        output = _output(state, command.position, Phase.TRACK, command)
+        if state.losses >= self.parameters.loss_limit:
+            state = self.finish(state, f"contact lost {state.losses} times")
+        elif state.samples_lost >= self.parameters.loss_samples:
+            state = replace(state, phase=Phase.APPROACH, turn=None)
+        return state, output
+
+    def _retract(self, state: TaskState, measurement: Measurement) -> tuple[TaskState, TaskOutput]:
+        turn = measurement.commanded if state.turn is None else state.turn
+        goal = turn - self.parameters.retract_mm * 1e-3
+        depth = max(measurement.commanded - self.parameters.retract_step_mm * 1e-3, goal)
+        state = replace(state, turn=turn)
+        output = _output(state, depth, Phase.RETRACT)
+        # A command that the supervisor held back at the workspace's border does not count as arrived.
+        if measurement.commanded <= goal + _ROUNDING:
+            state = replace(state, phase=Phase.END)
+        return state, output
+
+
+def _output(state: TaskState, depth: float, phase: Phase, command: Command | None = None) -> TaskOutput:
+    return TaskOutput(
+        phase, Target(depth, state.travel), state.in_contact, command, state.losses, state.cause
+    )
+
+
+_ROUNDING = 1e-9
+"""Slack for sums of steps, m."""
