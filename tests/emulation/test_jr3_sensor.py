@@ -1,0 +1,76 @@
+"""The emulated sensor: grid, counts, noise that belongs to the sample, saturation."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from emulators.jr3 import Jr3Sensor, SensorProfile
+
+FIRST = 8_000 * 1000 + 17
+"""A sample number after an odd epoch of 1000 s."""
+
+
+def constant(*wrench: float):  # type: ignore[no-untyped-def]
+    return lambda times: np.tile(np.array(wrench), (len(times), 1))
+
+
+def indices(first: int, count: int) -> NDArray[np.int64]:
+    return np.arange(first, first + count, dtype=np.int64)
+
+
+def test_counts_are_full_scale_over_16384_rounded_to_nearest() -> None:
+    wrench = (115.0, -111.0 / 2, 185.0 * 1.4 / 16384, 5.6, 5.2 / 4, -6.1 * 1.6 / 16384)
+    sensor = Jr3Sensor(SensorProfile(noise_counts=0.0), constant(*wrench), seed=1)
+    assert sensor.counts(indices(FIRST, 2)).tolist() == [[16384, -8192, 1, 16384, 4096, -2]] * 2
+    assert sensor.profile.full_scale_words == (115, 111, 185, 56, 52, 61)
+
+
+def test_samples_lie_on_the_absolute_grid() -> None:
+    asked: list[float] = []
+
+    def wrench_at(times: NDArray[np.float64]) -> NDArray[np.float64]:
+        asked.extend(times.tolist())
+        return np.zeros((len(times), 6))
+
+    Jr3Sensor(SensorProfile(), wrench_at, seed=1).counts(np.array([FIRST, FIRST + 3]))
+    assert asked == [FIRST / 8000, (FIRST + 3) / 8000]
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.lists(st.integers(0, 1500), max_size=6), st.integers(0, 2**32))
+def test_noise_does_not_depend_on_blocks(sizes: list[int], seed: int) -> None:
+    whole = Jr3Sensor(SensorProfile(), constant(*[1.0] * 6), seed).counts(indices(FIRST, sum(sizes)))
+    sensor, first, blocks = Jr3Sensor(SensorProfile(), constant(*[1.0] * 6), seed), FIRST, [np.empty((0, 6))]
+    for size in sizes:
+        blocks.append(sensor.counts(indices(first, size)))
+        first += size
+    assert np.array_equal(np.concatenate(blocks), whole)
+
+
+def test_noise_has_its_rms_and_is_white_and_follows_the_seed() -> None:
+    profile = SensorProfile(noise_counts=2.8)
+    noise = Jr3Sensor(profile, constant(*[0.0] * 6), seed=5).counts(indices(FIRST, 40_000))
+    assert np.std(noise, axis=0) == pytest.approx(np.full(6, np.hypot(2.8, 12**-0.5)), rel=0.03)
+    assert np.abs(np.mean(noise, axis=0)).max() < 0.1
+    for lag in (1, 1024):
+        correlation = np.corrcoef(np.column_stack([noise[:-lag], noise[lag:]]).T) - np.eye(12)
+        assert np.abs(correlation).max() < 0.03
+    other = Jr3Sensor(profile, constant(*[0.0] * 6), seed=6).counts(indices(FIRST, 100))
+    assert not np.array_equal(noise[:100], other)
+
+
+@pytest.mark.parametrize(("bits", "highest"), [(12, 32752), (14, 32764), (16, 32767)])
+def test_saturation_follows_the_converter(bits: int, highest: int) -> None:
+    wrench = (1e6, -1e6, 0.0, 0.0, 0.0, 0.0)
+    sensor = Jr3Sensor(SensorProfile(adc_bits=bits), constant(*wrench), seed=1)
+    assert sensor.counts(indices(FIRST, 1))[0, :2].tolist() == [highest, -32768]
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"full_scales_n": (115.0, 0.0, 185.0)}, {"full_scales_nm": (1.0, 2.0)}, {"noise_counts": -1.0}]
+)
+def test_profile_refuses(wrong: dict[str, object]) -> None:
+    with pytest.raises(ValueError, match=next(iter(wrong))):
+        SensorProfile(**wrong)  # type: ignore[arg-type]

@@ -1,0 +1,165 @@
+"""The emulated serial CAN adapter: answers as the LAWICEL CAN232, limits, python-can's way of opening it."""
+
+import can
+import pytest
+from can.interfaces.slcan import slcanBus
+from hypothesis import given
+from hypothesis import strategies as st
+
+from emulators.slcan_adapter import Channel, SlcanAdapter, SlcanProfile
+from protocol.can import CanFrame
+
+NOW = 1000.25
+
+
+def say(adapter: SlcanAdapter, text: bytes) -> bytes:
+    adapter.receive(text, NOW)
+    return adapter.data_to_send(NOW)
+
+
+def taken(adapter: SlcanAdapter) -> list[CanFrame]:
+    frames = []
+    while (frame := adapter.next_event()) is not None:
+        frames.append(frame)
+    return frames
+
+
+def opened(**profile: int) -> SlcanAdapter:
+    adapter = SlcanAdapter(SlcanProfile(**profile))  # type: ignore[arg-type]
+    assert say(adapter, b"S8\rO\r") == b"\r\r"
+    return adapter
+
+
+def test_transcript_of_the_manual() -> None:
+    adapter = SlcanAdapter(SlcanProfile())
+    for command, answer in [
+        (b"\r", b"\r"),
+        (b"O\r", b"\a"),  # no bit rate yet
+        (b"C\r", b"\a"),  # not open
+        (b"F\r", b"\a"),
+        (b"t10021133\r", b"\a"),
+        (b"S9\r", b"\a"),
+        (b"S\r", b"\a"),
+        (b"S8\r", b"\r"),
+        (b"V\r", b"V1013\r"),
+        (b"v\r", b"v1013\r"),
+        (b"N\r", b"NA123\r"),
+        (b"Q\r", b"\a"),
+        (b"V1\r", b"\a"),
+        (b"O\r", b"\r"),
+        (b"O\r", b"\a"),  # open already
+        (b"S6\r", b"\a"),  # only while closed
+        (b"s0014\r", b"\a"),
+        (b"Z1\r", b"\a"),
+        (b"t10021133\r", b"z\r"),
+        (b"T0000010021133\r", b"Z\r"),
+        (b"r1002\r", b"z\r"),
+        (b"R000001002\r", b"Z\r"),
+        (b"t1003112\r", b"\a"),
+        (b"F\r", b"F00\r"),
+        (b"C\r", b"\r"),
+        (b"L\r", b"\r"),
+        (b"t10021133\r", b"\a"),  # only listens
+    ]:
+        assert say(adapter, command) == answer, command
+    assert adapter.channel is Channel.LISTENING
+    assert taken(adapter) == [
+        CanFrame(0x100, b"\x11\x33"),
+        CanFrame(0x100, b"\x11\x33", extended=True),
+        CanFrame(0x100, bytes(2), remote=True),
+        CanFrame(0x100, bytes(2), extended=True, remote=True),
+    ]
+    assert adapter.next_deadline() is None
+
+
+def test_frames_from_the_bus_become_text_while_open() -> None:
+    frame = CanFrame(0x601, bytes.fromhex("0100FFFF00403412"))
+    adapter = SlcanAdapter(SlcanProfile())
+    adapter.send_frames([frame], NOW)
+    assert adapter.data_to_send(NOW) == b""
+    assert say(adapter, b"S8\rL\r") == b"\r\r"
+    adapter.send_frames([frame, CanFrame(0, error=True)], NOW)
+    assert adapter.data_to_send(NOW) == b"t60180100FFFF00403412\r"
+    assert say(adapter, b"F\rF\r") == b"F80\rF00\r"
+    assert say(adapter, b"C\rZ1\rO\r") == b"\r\r\r"
+    adapter.send_frames([CanFrame(0x80)], 61.0005)
+    assert adapter.data_to_send(NOW) == b"t080003E8\r"
+
+
+@pytest.mark.parametrize(
+    ("setup", "passes"), [(b"S8\r", True), (b"s0014\r", True), (b"S6\r", False), (b"s031C\r", False)]
+)
+def test_no_frame_passes_at_a_wrong_bit_rate(setup: bytes, passes: bool) -> None:
+    adapter = SlcanAdapter(SlcanProfile())
+    assert say(adapter, setup + b"O\r") == b"\r\r"
+    assert say(adapter, b"t0800\r") == b"z\r"
+    assert taken(adapter) == [CanFrame(0x80)] * passes
+    adapter.send_frames([CanFrame(0x101, b"\0")], NOW)
+    assert adapter.data_to_send(NOW) == b"t101100\r" * passes
+    assert say(adapter, b"F\r") == (b"F00\r" if passes else b"F80\r")
+
+
+@pytest.mark.parametrize("registers", [b"s\r", b"s00\r", b"s00145\r", b"sxxyy\r", b"s\xff\xff\r"])
+def test_registers_that_are_none(registers: bytes) -> None:
+    assert say(SlcanAdapter(SlcanProfile()), registers) == b"\a"
+
+
+def test_buffers_are_bounded_and_losses_are_flagged() -> None:
+    adapter = opened(frames_limit=3, text_limit=64)
+    assert say(adapter, b"t0800\r" * 5) == b"z\r" * 3 + b"\a" * 2
+    assert len(taken(adapter)) == 3
+    assert say(adapter, b"F\r") == b"F02\r"
+    adapter.send_frames([CanFrame(0x601, bytes(8))] * 100, NOW)
+    assert adapter.data_to_send(NOW) == b"t6018" + b"0" * 16 + b"\r" + b"t6018" + b"0" * 16 + b"\r"
+    assert say(adapter, b"F\r") == b"F01\r"
+    adapter.receive(b"\r" * 1000, NOW)
+    assert len(adapter.data_to_send(NOW)) == 64
+
+
+@given(st.binary(max_size=200), st.integers(1, 9))
+def test_any_bytes_in_any_split_and_then_a_frame(garbage: bytes, size: int) -> None:
+    adapter, text = opened(), garbage + b"\rC\rS8\rO\rt0800\r"
+    for start in range(0, len(text), size):
+        adapter.receive(text[start : start + size], NOW)
+    assert adapter.data_to_send(NOW).endswith(b"\r\rz\r")
+    assert taken(adapter)[-1] == CanFrame(0x80)
+
+
+def test_python_can_opens_sends_and_receives(monkeypatch: pytest.MonkeyPatch) -> None:
+    """python-can closes first, opens twice and ignores the answers, BELL included."""
+    adapter = SlcanAdapter(SlcanProfile())
+
+    class Port:
+        write_timeout: float | None = None
+
+        def __init__(self) -> None:
+            self.text = b""
+
+        def write(self, data: bytes) -> None:
+            adapter.receive(data, NOW)
+            self.text += adapter.data_to_send(NOW)
+
+        @property
+        def in_waiting(self) -> int:
+            return len(self.text)
+
+        def read(self, size: int) -> bytes:
+            data, self.text = self.text[:size], self.text[size:]
+            return data
+
+        def flush(self) -> None: ...
+
+        def close(self) -> None: ...
+
+    port = Port()
+    monkeypatch.setattr("serial.serial_for_url", lambda *arguments, **settings: port)
+    bus = slcanBus("/dev/none", bitrate=1_000_000, sleep_after_open=0)
+    assert adapter.channel is Channel.OPEN
+    bus.send(can.Message(arbitration_id=0x201, data=bytes.fromhex("C80010270000"), is_extended_id=False))
+    assert [str(frame) for frame in taken(adapter)] == ["201#C80010270000"]
+    adapter.send_frames([CanFrame(0x101, b"\0")], NOW)
+    port.text += adapter.data_to_send(NOW)
+    message = next(m for m in (bus.recv(timeout=0.001) for _ in range(20)) if m is not None)
+    assert (message.arbitration_id, bytes(message.data)) == (0x101, b"\0")
+    bus.shutdown()
+    assert adapter.channel is Channel.CLOSED
