@@ -3,5 +3,17 @@
 from hil_bridge.recording.reader import Recording, read
 from hil_bridge.recording.recorder import Recorder
 from hil_bridge.recording.records import CycleRecord, EventRecord, SensorRecord
+from hil_bridge.recording.summary import Outcome, RunEnd, Summary, summarise
 
-__all__ = ["CycleRecord", "EventRecord", "Recorder", "Recording", "SensorRecord", "read"]
+__all__ = [
+    "CycleRecord",
+    "EventRecord",
+    "Outcome",
+    "Recorder",
+    "Recording",
+    "RunEnd",
+    "SensorRecord",
+    "Summary",
+    "read",
+    "summarise",
+]

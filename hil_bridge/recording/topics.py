@@ -128,7 +128,7 @@ class Topic:
         try:
             return _to_json(message).encode()
         except ValueError:
-            return _to_json(_finite(message)).encode()
+            return _to_json(finite(message)).encode()
 
     def decode(self, data: bytes) -> Record:
         """The record of a message; columns that are unknown are ignored.
@@ -161,15 +161,15 @@ def _plain(value: Any) -> object:
 _to_json = json.JSONEncoder(separators=(",", ":"), allow_nan=False, default=_plain).encode
 
 
-def _finite(value: Any) -> object:
-    """The same with None for every number that is not finite."""
+def finite(value: Any) -> Any:
+    """The same for JSON, with None for every number that is not finite."""
     match value:
         case float():
             return value if math.isfinite(value) else None
         case dict():
-            return {key: _finite(item) for key, item in value.items()}
+            return {key: finite(item) for key, item in value.items()}
         case list() | tuple():
-            return [_finite(item) for item in value]
+            return [finite(item) for item in value]
         case _:
             return value
 

@@ -1,0 +1,23 @@
+"""Writing a file whole or not at all."""
+
+import os
+from pathlib import Path
+
+from hil_bridge.errors import ConfigError
+
+
+def write_whole(path: Path, data: bytes) -> None:
+    """Replace a file at once, so that no reader ever sees half of it.
+
+    Raises ConfigError when the place cannot be written; the file that was there stays as it was.
+    """
+    part = path.with_name(path.name + ".part")
+    try:
+        with part.open("wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        part.replace(path)
+    except OSError as error:
+        part.unlink(missing_ok=True)
+        raise ConfigError(f"cannot write {path}: {error.strerror or error}") from error

@@ -1,0 +1,246 @@
+"""What a run comes down to, from its record alone: figures of merit, durations, times and counters."""
+
+import dataclasses
+import itertools
+import json
+import math
+import statistics
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import StrEnum
+from pathlib import Path
+
+import numpy as np
+
+from hil_bridge.control.merit import STEADY_SAMPLES, figures_of_merit
+from hil_bridge.recording.files import write_whole
+from hil_bridge.recording.reader import Recording
+from hil_bridge.recording.recorder import DROPPED_PREFIX
+from hil_bridge.recording.records import CycleRecord
+from hil_bridge.recording.topics import TOPICS, finite
+
+PHASE_EVENT = "phase"
+"""Kind of the events whose text is the name of the phase that begins."""
+STOP_EVENT = "stop"
+"""Kind of the event whose text is the cause of a stop."""
+TRACK = "track"
+"""The phase in which the force is controlled."""
+
+
+class Outcome(StrEnum):
+    """How a run ended."""
+
+    COMPLETED = "completed"
+    STOPPED = "stopped"
+    """The supervisor or an error ended it; there is a cause."""
+    INTERRUPTED = "interrupted"
+    """A person ended it, or the process was killed."""
+
+
+@dataclass(frozen=True, slots=True)
+class RunEnd:
+    """What only the run itself knows when it ends."""
+
+    outcome: Outcome
+    cause: str = ""
+    line_floor_s: float | None = None
+    """What the characters of one cycle take on the line at least."""
+    link: Mapping[str, float] = field(default_factory=dict)
+    """Counters of the links by name, with the unit in the name where there is one."""
+
+    def as_metadata(self) -> dict[str, str]:
+        """For `Recorder.close`, so that a record tells its end by itself."""
+        return {
+            "outcome": self.outcome.value,
+            "cause": self.cause,
+            "line_floor_s": json.dumps(self.line_floor_s),
+            "link": json.dumps(dict(self.link), sort_keys=True),
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class PhaseSpan:
+    """A stretch of a run; times in s on the run's clock."""
+
+    name: str
+    begin: float
+    end: float
+
+
+@dataclass(frozen=True, slots=True)
+class Times:
+    """A distribution of durations, s."""
+
+    mean_s: float
+    p50_s: float
+    p90_s: float
+    p99_s: float
+    max_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """A run in figures. None stands for what the run did not show."""
+
+    outcome: str
+    cause: str
+    truncated: bool
+    """The record ends early: the figures cover what is there."""
+    controller: str
+    seed: str
+    force_reference_n: float | None
+    force_mean_steady_n: float | None
+    """Mean force over the last 40 samples of tracking; None when there are fewer."""
+    figures: Mapping[str, float | None]
+    """Figures of merit of the tracking phase, units in the names."""
+    phases_s: Mapping[str, float]
+    """Duration by phase, in order of first appearance."""
+    cycles: int
+    cycles_clamped: int
+    cycles_held: int
+    cycle_rate_hz: float | None
+    cycle_time: Times | None
+    """From the status order to the answer of the move order."""
+    line_floor_s: float | None
+    sensor_frames_received: int
+    sensor_frames_lost: int
+    """Gaps in the stream's counter that are not the recorder's own."""
+    recorder_dropped: Mapping[str, int]
+    """Records that did not reach the file, by topic."""
+    link: Mapping[str, float]
+    """Counters of the links."""
+
+    def as_json(self) -> str:
+        """The same as JSON, strict and in the order of the fields."""
+        return (
+            json.dumps(finite(dataclasses.asdict(self)), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+        )
+
+    def write_json(self, path: Path) -> None:
+        """Replace the file at once, so that a reader never sees half of it. Raises ConfigError."""
+        write_whole(path, self.as_json().encode())
+
+
+def summarise(recording: Recording, end: RunEnd | None = None) -> Summary:
+    """The figures of a run. `end` is taken from the record where it is not given."""
+    end = end or end_of(recording)
+    cycles = recording.cycles
+    track = [cycle for cycle in cycles if cycle.phase == TRACK and math.isfinite(cycle.force)]
+    dropped = _dropped(recording)
+    received, missing = _stream(recording)
+    steady = [cycle.force for cycle in track[-STEADY_SAMPLES:]]
+    references = [cycle.force_reference for cycle in track or cycles]
+    spans = phases(recording)
+    return Summary(
+        outcome=end.outcome.value,
+        cause=end.cause,
+        truncated=recording.truncated,
+        controller=recording.metadata.get("controller", ""),
+        seed=recording.metadata.get("seed", ""),
+        force_reference_n=statistics.mode(references) if references else None,
+        force_mean_steady_n=statistics.fmean(steady) if len(steady) == STEADY_SAMPLES else None,
+        figures=_figures(track),
+        phases_s={
+            name: sum(span.end - span.begin for span in spans if span.name == name)
+            for name in dict.fromkeys(span.name for span in spans)
+        },
+        cycles=len(cycles),
+        cycles_clamped=sum(cycle.verdict == "clamp" for cycle in cycles),
+        cycles_held=sum(cycle.held for cycle in cycles),
+        cycle_rate_hz=_rate(cycles),
+        cycle_time=_times([cycle.answered_at - cycle.started_at for cycle in cycles]),
+        line_floor_s=end.line_floor_s,
+        sensor_frames_received=received,
+        sensor_frames_lost=max(0, missing - dropped.get("/sensor", 0)),
+        recorder_dropped=dropped,
+        link=dict(end.link),
+    )
+
+
+def end_of(recording: Recording) -> RunEnd:
+    """The end as the record tells it; a record without one was cut off, which counts as interrupted."""
+    told = recording.end
+    outcome = told.get("outcome", "")
+    floor, link = _json(told.get("line_floor_s")), _json(told.get("link"))
+    return RunEnd(
+        Outcome(outcome) if outcome in set(Outcome) else Outcome.INTERRUPTED,
+        told.get("cause", "") if told else "the recording ends before the run does",
+        float(floor) if isinstance(floor, (int, float)) else None,
+        {str(k): v for k, v in link.items() if isinstance(v, (int, float))} if isinstance(link, dict) else {},
+    )
+
+
+def phases(recording: Recording) -> tuple[PhaseSpan, ...]:
+    """The phases in order, from the events that begin them or else from what the cycles say."""
+    begins = [(event.at, event.text) for event in recording.events if event.kind == PHASE_EVENT]
+    if not begins:
+        before = ""
+        for cycle in recording.cycles:
+            if cycle.phase != before:
+                begins.append((cycle.started_at, cycle.phase))
+            before = cycle.phase
+    last = [at for at in (cycle.answered_at for cycle in recording.cycles[-3:]) if math.isfinite(at)]
+    last += [event.at for event in recording.events]
+    ends = [*(at for at, _ in begins[1:]), max(last, default=math.nan)]
+    return tuple(
+        PhaseSpan(name, begin, end) for (begin, name), end in zip(begins, ends, strict=False) if end > begin
+    )
+
+
+def _figures(track: Sequence[CycleRecord]) -> dict[str, float | None]:
+    """Figures of merit by name with unit; empty when nothing was tracked."""
+    if not track:
+        return {}
+    figures = figures_of_merit(
+        time=[cycle.controlled_at for cycle in track],
+        force=[cycle.force for cycle in track],
+        reference=[cycle.force_reference for cycle in track],
+        commanded=[cycle.depth_commanded for cycle in track],
+        in_contact=[cycle.in_contact for cycle in track],
+    )
+    return {
+        "rise_samples": figures.rise_samples,
+        "rise_s": figures.rise_seconds,
+        "overshoot_percent": figures.overshoot_percent,
+        "steady_mean_error_n": figures.steady_mean_error,
+        "steady_peak_to_peak_n": figures.steady_peak_to_peak,
+        "rms_error_n": figures.rms_error,
+        "contact_losses": figures.contact_losses,
+        "steps_per_s": figures.steps_per_second,
+        "largest_force_n": figures.largest_force,
+    }
+
+
+def _rate(cycles: Sequence[CycleRecord]) -> float | None:
+    span = cycles[-1].started_at - cycles[0].started_at if len(cycles) > 1 else 0.0
+    return (len(cycles) - 1) / span if span > 0 else None
+
+
+def _times(durations: Sequence[float]) -> Times | None:
+    known = [duration for duration in durations if math.isfinite(duration)]
+    if not known:
+        return None
+    p50, p90, p99 = (float(value) for value in np.percentile(known, (50, 90, 99)))
+    return Times(statistics.fmean(known), p50, p90, p99, max(known))
+
+
+def _stream(recording: Recording) -> tuple[int, int]:
+    """Sensor frames that were recorded, and gaps in their counter."""
+    sequences = [sensor.sequence for sensor in recording.sensors]
+    gaps = (after - before - 1 for before, after in itertools.pairwise(sequences))
+    return len(sequences), sum(gap for gap in gaps if gap > 0)
+
+
+def _dropped(recording: Recording) -> dict[str, int]:
+    counts = {}
+    for topic in TOPICS:
+        told = recording.end.get(DROPPED_PREFIX + topic.name, "0")
+        counts[topic.name] = int(told) if told.isdecimal() else 0
+    return counts
+
+
+def _json(text: str | None) -> object:
+    try:
+        return json.loads(text) if text else None
+    except (ValueError, RecursionError):
+        return None

@@ -1,0 +1,121 @@
+"""The report of a run: one picture, and one page that needs nothing beside itself."""
+
+import base64
+import json
+from collections.abc import Iterable
+from html import escape
+from pathlib import Path
+
+from hil_bridge.errors import ConfigError
+from hil_bridge.recording.files import write_whole
+from hil_bridge.recording.reader import Recording
+from hil_bridge.recording.summary import Summary
+from hil_bridge.report.figures import Row, merit_rows, quantity, run_rows
+from hil_bridge.report.plots import SIZE_PX, draw
+
+PICTURE = "report.png"
+PAGE = "report.html"
+EVENTS_SHOWN = 500
+
+_CSS = """
+body { font: 15px/1.5 system-ui, "DejaVu Sans", sans-serif; color: #222; background: #fff;
+       max-width: 1100px; margin: 2rem auto; padding: 0 1rem; }
+h1 { font-size: 1.6rem; margin-bottom: .3rem; } h2 { font-size: 1.15rem; margin: 2rem 0 .5rem; }
+.outcome { display: inline-block; padding: .1rem .7rem; border-radius: 1rem; color: #fff; font-weight: 600; }
+.completed { background: #00795a; } .stopped { background: #b34700; } .interrupted { background: #6b5b00; }
+table { border-collapse: collapse; width: 100%; }
+td { text-align: left; padding: .25rem .8rem .25rem 0; border-bottom: 1px solid #ddd; vertical-align: top; }
+table.narrow { width: auto; min-width: 20rem; }
+td.value { white-space: nowrap; font-variant-numeric: tabular-nums; font-weight: 600; text-align: right; }
+td.note { color: #555; } img { max-width: 100%; height: auto; border: 1px solid #ddd; }
+pre { background: #f5f5f5; padding: .8rem; overflow: auto; max-height: 30rem; font-size: 13px; }
+.columns { display: grid; grid-template-columns: repeat(auto-fit, minmax(26rem, 1fr)); gap: 0 2.5rem; }
+"""
+
+
+def write_report(recording: Recording, summary: Summary, directory: Path) -> Path:
+    """Write the picture and the page into a directory, which is made if need be; the answer is the page.
+
+    Raises ConfigError when the directory cannot be written.
+    """
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigError(f"cannot make the directory {directory}: {error.strerror or error}") from error
+    picture = draw(recording, summary)
+    write_whole(directory / PICTURE, picture)
+    write_whole(directory / PAGE, page(recording, summary, picture).encode())
+    return directory / PAGE
+
+
+def page(recording: Recording, summary: Summary, picture: bytes) -> str:
+    """The page as HTML with the picture (PNG) inside."""
+    title = f"{summary.controller or 'run'}: {summary.outcome}"
+    cause = f" {escape(summary.cause)}" if summary.cause else ""
+    cut = (
+        "<p>The recording ends early; everything here covers what is there.</p>" if summary.truncated else ""
+    )
+    data = base64.b64encode(picture).decode()
+    width, height = SIZE_PX
+    return f"""<!DOCTYPE html>
+<html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>
+<meta name="viewport" content="width=device-width, initial-scale=1"><style>{_CSS}</style></head><body>
+<h1>Force control run: {escape(summary.controller or "no controller named")}</h1>
+<p><span class="outcome {escape(summary.outcome)}">{escape(summary.outcome)}</span>{cause}</p>{cut}
+<div class="columns"><section><h2>Figures of merit</h2>{_rows(merit_rows(summary))}
+<h2>Phases</h2>{_pairs((name, quantity(value, 1, ".2f", "s")) for name, value in summary.phases_s.items())}
+</section><section><h2>Run</h2>{_rows(run_rows(summary))}</section></div>
+<h2>Picture</h2><img alt="Force, depth, correction, stiffness and cycle time over time"
+ width="{width}" height="{height}" src="data:image/png;base64,{data}">
+<h2>Link counters</h2>{_pairs((name, f"{value:g}") for name, value in summary.link.items())}
+<h2>Events</h2>{_events(recording)}
+<h2>Configuration and versions</h2>{_metadata(recording)}
+</body></html>
+"""
+
+
+def _rows(rows: Iterable[Row]) -> str:
+    return _table(
+        f'<td>{escape(row.label)}</td><td class="value">{escape(row.value)}</td>'
+        f'<td class="note">{escape(row.explanation)}</td>'
+        for row in rows
+    )
+
+
+def _pairs(pairs: Iterable[tuple[str, str]]) -> str:
+    rows = (f'<td>{escape(name)}</td><td class="value">{escape(value)}</td>' for name, value in pairs)
+    return _table(rows, "narrow")
+
+
+def _table(rows: Iterable[str], style: str = "wide") -> str:
+    body = "".join(f"<tr>{row}</tr>\n" for row in rows)
+    return f'<table class="{style}">{body}</table>' if body else "<p>none</p>"
+
+
+def _events(recording: Recording) -> str:
+    zero = min([recording.cycles[0].started_at, *(event.at for event in recording.events)])
+    table = _table(
+        (
+            f'<td class="value">{event.at - zero:.3f} s</td><td>{escape(event.kind)}</td>'
+            f"<td>{escape(event.text)}</td>"
+            for event in recording.events[:EVENTS_SHOWN]
+        ),
+        "narrow",
+    )
+    more = len(recording.events) - EVENTS_SHOWN
+    return table + (f"<p>and {more} more in the recording</p>" if more > 0 else "")
+
+
+def _metadata(recording: Recording) -> str:
+    return "".join(
+        f"<h3>{escape(name)}</h3><pre>{escape(_readable(text))}</pre>"
+        for name, text in sorted(recording.metadata.items())
+    )
+
+
+def _readable(text: str) -> str:
+    """JSON indented, anything else as it is."""
+    try:
+        return json.dumps(json.loads(text), indent=2, ensure_ascii=False)
+    except (ValueError, RecursionError):
+        return text

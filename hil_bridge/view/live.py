@@ -1,0 +1,103 @@
+"""The view on a terminal: a panel that is redrawn, or plain lines where nothing can be redrawn."""
+
+import math
+from types import TracebackType
+from typing import Self, TextIO
+
+from rich.console import Console
+from rich.live import Live
+
+from hil_bridge.recording.records import CycleRecord
+from hil_bridge.view.model import Health, Snapshot, ViewModel
+from hil_bridge.view.panel import WIDTH, panel
+
+REFRESH_SECONDS = 0.2
+"""How often a run should call `refresh` at most."""
+LINE_SECONDS = 1.0
+
+
+class LiveView:
+    """Shows a run while it goes on.
+
+    `update` and `enter` only store and belong to the control path. `refresh` draws, which takes milliseconds
+    and may wait for a slow terminal: call it from a task of its own, best through a thread. A terminal that
+    goes away ends the view, not the run.
+    """
+
+    def __init__(
+        self, total_s: float | None, reference_n: float, stream: TextIO, line_floor_s: float | None = None
+    ) -> None:
+        self._model = ViewModel(total_s, reference_n, line_floor_s)
+        self._stream = stream
+        console = Console(file=stream, highlight=False)
+        redrawable = console.is_terminal and not console.is_dumb_terminal
+        self._live: Live | None = None
+        if redrawable and console.encoding.startswith("utf"):
+            self._live = Live(console=console, auto_refresh=False, transient=False)
+        self._gone = False
+        self._line_phase: str | None = None
+        self._line_due = -math.inf
+
+    def update(self, record: CycleRecord) -> None:
+        """A cycle has ended."""
+        self._model.update(record)
+
+    def enter(self, phase: str) -> None:
+        """A phase begins."""
+        self._model.enter(phase)
+
+    def refresh(self, now: float, health: Health) -> None:
+        """Show the state at `now`, s on the run's clock."""
+        self.show(self._model.snapshot(now, health))
+
+    def show(self, snapshot: Snapshot) -> None:
+        """Draw a snapshot; as lines only once a second of the run and when the phase changes."""
+        if self._gone:
+            return
+        try:
+            if self._live is not None:
+                self._live.start()
+                width = min(WIDTH, self._live.console.width)
+                self._live.update(panel(snapshot, width), refresh=True)
+            elif snapshot.phase != self._line_phase or snapshot.elapsed_s >= self._line_due:
+                self._line_phase = snapshot.phase
+                self._line_due = math.floor(snapshot.elapsed_s / LINE_SECONDS + 1) * LINE_SECONDS
+                print(line(snapshot), file=self._stream, flush=True)
+        except (OSError, ValueError):  # ValueError: the stream has been closed
+            self._gone = True
+
+    def close(self) -> None:
+        """Give the terminal back; the last panel stays. Harmless when called again."""
+        if self._live is None:
+            return
+        try:
+            self._live.stop()
+        except (OSError, ValueError):
+            self._gone = True
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+def line(snapshot: Snapshot) -> str:
+    """A snapshot as one line, in ASCII for log files and pipes of any encoding."""
+    parts = [f"{snapshot.elapsed_s:7.1f} s", f"{snapshot.phase:<8}"]
+    if snapshot.newest is not None:
+        parts += [
+            f"force {snapshot.newest.force:7.2f} N of {snapshot.reference_n:.2f} N",
+            f"depth {snapshot.newest.depth * 1e3:8.3f} mm",
+        ]
+        if snapshot.newest.verdict != "allow":
+            parts.append(f"{snapshot.newest.verdict}: {', '.join(snapshot.newest.reasons)}")
+    if snapshot.cycle_time_s is not None:
+        parts.append(f"cycle {snapshot.cycle_time_s * 1e3:5.1f} ms")
+    parts.append(f"link errors {snapshot.link_errors}")
+    parts.append(f"frames lost {snapshot.frames_lost}")
+    if snapshot.remaining_s is not None:
+        parts.append(f"{snapshot.remaining_s:.0f} s left")
+    return "  ".join(parts)

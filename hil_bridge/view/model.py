@@ -1,0 +1,91 @@
+"""What the live view shows, as data: the control path stores, the view takes a snapshot when it likes."""
+
+import math
+from collections import deque
+from dataclasses import dataclass
+
+from hil_bridge.recording.records import CycleRecord
+
+HISTORY_CYCLES = 60
+
+
+@dataclass(frozen=True, slots=True)
+class Health:
+    """What the cycle record does not say about the wires."""
+
+    link_errors: int = 0
+    """Repeated blocks, refusals and time-outs of the robot link so far."""
+    frames_lost: int = 0
+    """Sensor frames missing in the stream so far."""
+    sensor_at: float | None = None
+    """Arrival of the newest sensor frame, s on the run's clock."""
+
+
+@dataclass(frozen=True, slots=True)
+class Snapshot:
+    """One picture of a run."""
+
+    phase: str
+    elapsed_s: float
+    total_s: float | None
+    """Expected length of the run, where one is known."""
+    reference_n: float
+    line_floor_s: float | None
+    """What the characters of one cycle take on the line."""
+    newest: CycleRecord | None
+    forces_n: tuple[float, ...]
+    """Of the last cycles, oldest first."""
+    sensor_age_s: float | None
+    link_errors: int
+    frames_lost: int
+
+    @property
+    def remaining_s(self) -> float | None:
+        return None if self.total_s is None else max(0.0, self.total_s - self.elapsed_s)
+
+    @property
+    def cycle_time_s(self) -> float | None:
+        if self.newest is None or not math.isfinite(self.newest.answered_at):
+            return None
+        return self.newest.answered_at - self.newest.started_at
+
+
+class ViewModel:
+    """The newest of everything. `update` and `enter` only store, so that the control path may call them."""
+
+    def __init__(self, total_s: float | None, reference_n: float, line_floor_s: float | None = None) -> None:
+        self._total_s = total_s
+        self._reference_n = reference_n
+        self._line_floor_s = line_floor_s
+        self._began: float | None = None
+        self._phase = "connect"
+        self._newest: CycleRecord | None = None
+        self._forces: deque[float] = deque(maxlen=HISTORY_CYCLES)
+
+    def update(self, record: CycleRecord) -> None:
+        """A cycle has ended."""
+        self._newest = record
+        self._phase = record.phase
+        self._forces.append(record.force)
+
+    def enter(self, phase: str) -> None:
+        """A phase begins; some phases have no cycles."""
+        self._phase = phase
+
+    def snapshot(self, now: float, health: Health) -> Snapshot:
+        """The state at `now` (s on the run's clock). The first call begins the elapsed time."""
+        if self._began is None:
+            self._began = now
+        newest = self._newest
+        return Snapshot(
+            phase=self._phase,
+            elapsed_s=now - self._began,
+            total_s=self._total_s,
+            reference_n=newest.force_reference if newest else self._reference_n,
+            line_floor_s=self._line_floor_s,
+            newest=newest,
+            forces_n=tuple(self._forces.copy()),
+            sensor_age_s=None if health.sensor_at is None else max(0.0, now - health.sensor_at),
+            link_errors=health.link_errors,
+            frames_lost=health.frames_lost,
+        )

@@ -1,0 +1,160 @@
+import json
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+
+from hil_bridge.errors import ConfigError
+from hil_bridge.recording import CycleRecord, EventRecord, Recorder, Recording, SensorRecord, read
+from hil_bridge.recording.summary import Outcome, RunEnd, end_of, phases, summarise
+
+PERIOD, LSB = 0.25, 0.000125
+END = RunEnd(Outcome.STOPPED, "force limit", 0.156, {"nak": 2, "turnaround_mean_ms": 12.5})
+
+
+def cycles(forces: Sequence[float], phase: str = "track", first: int = 0) -> tuple[CycleRecord, ...]:
+    """One cycle a force, every PERIOD, lasting 0.1 s and 1 ms more each; the command moves 1 LSB."""
+    return tuple(
+        CycleRecord(
+            cycle=k,
+            phase=phase,
+            started_at=50.0 + k * PERIOD,
+            status_at=50.07 + k * PERIOD,
+            sensor_at=50.07 + k * PERIOD,
+            controlled_at=50.08 + k * PERIOD,
+            sent_at=50.08 + k * PERIOD,
+            answered_at=50.1 + k * PERIOD + k * 0.001,
+            sensor_sequence=k,
+            force=force,
+            force_reference=50.0,
+            wrench=(0.0,) * 6,
+            position=(0.0,) * 3,
+            quaternion=(1.0, 0.0, 0.0, 0.0),
+            depth=0.0,
+            depth_commanded=LSB * (k % 2),
+            travel_commanded=0.0,
+            correction=0.0,
+            held=k % 10 == 0,
+            in_contact=force > 1.0,
+            verdict="clamp" if k == 1 else "allow",
+        )
+        for k, force in enumerate(forces, start=first)
+    )
+
+
+STEP = [0.0, 20.0, 45.0, 60.0] + [49.0, 52.0] * 30
+
+
+def test_figures_of_a_known_step() -> None:
+    """Rise at the third sample, 20 % above, then 49 and 52 N in turn: mean 50.5, 3 N peak to peak."""
+    summary = summarise(Recording(cycles(STEP)), END)
+    figures = summary.figures
+    assert figures["rise_samples"] == 2
+    assert figures["rise_s"] == pytest.approx(2 * PERIOD)
+    assert figures["overshoot_percent"] == pytest.approx(20.0)
+    assert figures["steady_mean_error_n"] == pytest.approx(0.5)
+    assert figures["steady_peak_to_peak_n"] == pytest.approx(3.0)
+    assert figures["steps_per_s"] == pytest.approx(1 / PERIOD)
+    assert figures["contact_losses"] == 0
+    assert figures["largest_force_n"] == 60.0
+    assert summary.force_mean_steady_n == pytest.approx(50.5)
+    assert summary.force_reference_n == 50.0
+
+
+def test_times_and_counts() -> None:
+    summary = summarise(Recording(cycles([50.0] * 101)), END)
+    assert summary.cycle_time is not None
+    assert summary.cycle_time.mean_s == pytest.approx(0.15)
+    assert summary.cycle_time.p50_s == pytest.approx(0.15)
+    assert summary.cycle_time.p90_s == pytest.approx(0.19)
+    assert summary.cycle_time.p99_s == pytest.approx(0.199)
+    assert summary.cycle_time.max_s == pytest.approx(0.2)
+    assert summary.cycle_rate_hz == pytest.approx(1 / PERIOD)
+    assert (summary.cycles, summary.cycles_clamped, summary.cycles_held) == (101, 1, 11)
+    assert (summary.outcome, summary.cause, summary.line_floor_s) == ("stopped", "force limit", 0.156)
+
+
+def test_only_tracking_counts_for_the_figures() -> None:
+    approach = cycles([0.0, 99.0], "approach")
+    summary = summarise(Recording((*approach, *cycles(STEP, first=2))), END)
+    assert summary.figures["largest_force_n"] == 60.0
+    assert summarise(Recording(approach), END).figures == {}
+    assert summarise(Recording(cycles([50.0] * 39)), END).force_mean_steady_n is None
+
+
+def test_lost_frames_are_gaps_that_the_recorder_did_not_make() -> None:
+    sensors = tuple(SensorRecord(0.0, k, (0,) * 6) for k in (5, 6, 9, 10, 14, 2, 3))  # 2 + 3 lost, a restart
+    whole = Recording(cycles(STEP), sensors)
+    assert summarise(whole, END).sensor_frames_received == 7
+    assert summarise(whole, END).sensor_frames_lost == 5
+    dropped = Recording(cycles(STEP), sensors, end={"dropped/sensor": "4", "dropped/cycle": "x"})
+    assert summarise(dropped, END).sensor_frames_lost == 1
+    assert summarise(dropped, END).recorder_dropped == {"/cycle": 0, "/sensor": 4, "/event": 0}
+
+
+def test_phases_come_from_events_or_else_from_cycles() -> None:
+    both = (*cycles([0.0, 0.0], "approach"), *cycles([50.0] * 8, first=2))
+    assert summarise(Recording(both), END).phases_s == pytest.approx({"approach": 0.5, "track": 1.859})
+    events = tuple(
+        EventRecord(at, "phase", name)
+        for at, name in (
+            (48.0, "connect"),
+            (49.0, "track"),
+            (51.0, "approach"),
+            (52.0, "track"),
+            (60.0, "end"),
+        )
+    )
+    recording = Recording(both, events=events)
+    assert summarise(recording, END).phases_s == pytest.approx(
+        {"connect": 1.0, "track": 10.0, "approach": 1.0}
+    )
+    assert [span.name for span in phases(recording)] == ["connect", "track", "approach", "track"]
+
+
+def test_the_end_travels_with_the_record(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    metadata = {"controller": "fuzzy-pi", "seed": "7"}
+    recorder = Recorder(path, lambda at: round(at * 1e9), threaded=False, metadata=metadata)
+    for cycle in cycles(STEP):
+        recorder.put(cycle)
+    recorder.close(END.as_metadata())
+    recording = read(path)
+    assert end_of(recording) == END
+    assert summarise(recording) == summarise(Recording(cycles(STEP), metadata=metadata), END)
+
+
+@pytest.mark.parametrize(
+    "told",
+    [
+        {},
+        {"outcome": "exploded", "line_floor_s": "soon", "link": "[1"},
+        {"outcome": "", "link": '{"a": "b"}', "line_floor_s": '"1"'},
+    ],
+)
+def test_an_end_that_is_missing_or_garbled_counts_as_interrupted(told: dict[str, str]) -> None:
+    end = end_of(Recording(cycles(STEP), end=told))
+    assert (end.outcome, end.line_floor_s, end.link) == (Outcome.INTERRUPTED, None, {})
+
+
+def test_json_is_strict_stable_and_complete(tmp_path: Path) -> None:
+    broken = RunEnd(Outcome.COMPLETED, link={"age_s": math.nan})
+    summary = summarise(Recording(cycles(STEP)), broken)
+    summary.write_json(tmp_path / "summary.json")
+    text = (tmp_path / "summary.json").read_text()
+    assert text == summarise(Recording(cycles(STEP)), broken).as_json()
+    data = json.loads(text, parse_constant=pytest.fail)
+    assert data["link"] == {"age_s": None}
+    assert data["cycle_time"]["max_s"] == pytest.approx(0.163)
+    assert [path.name for path in tmp_path.iterdir()] == ["summary.json"]
+
+
+def test_a_summary_that_cannot_be_written_leaves_the_old_one(tmp_path: Path) -> None:
+    summary = summarise(Recording(cycles(STEP)), END)
+    with pytest.raises(ConfigError, match=r"cannot write .*nowhere/summary\.json: No such file"):
+        summary.write_json(tmp_path / "nowhere" / "summary.json")
+    (tmp_path / "taken").mkdir()
+    with pytest.raises(ConfigError, match="cannot write"):
+        summary.write_json(tmp_path / "taken")
+    assert [path.name for path in tmp_path.iterdir()] == ["taken"]

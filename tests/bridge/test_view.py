@@ -1,0 +1,161 @@
+import dataclasses
+import io
+import math
+
+import pytest
+from rich.console import Console
+
+from hil_bridge.recording import CycleRecord
+from hil_bridge.view import Health, LiveView, Snapshot, ViewModel
+from hil_bridge.view.panel import panel
+
+CYCLE = CycleRecord(
+    cycle=42,
+    phase="track",
+    started_at=110.0,
+    status_at=110.07,
+    sensor_at=110.07,
+    controlled_at=110.07,
+    sent_at=110.07,
+    answered_at=110.161,
+    sensor_sequence=1,
+    force=48.73,
+    force_reference=50.0,
+    wrench=(0.0,) * 6,
+    position=(0.0,) * 3,
+    quaternion=(1.0, 0.0, 0.0, 0.0),
+    depth=0.002625,
+    depth_commanded=0.00275,
+    travel_commanded=0.0,
+    correction=-0.000125,
+    stiffness=20_100.0,
+    gain=0.5,
+    in_contact=True,
+)
+
+
+class Terminal(io.StringIO):
+    """A stream that says it is a terminal."""
+
+    encoding = "utf-8"  # type: ignore[assignment]
+
+    def isatty(self) -> bool:
+        return True
+
+
+def text_of(snapshot: Snapshot, width: int = 80) -> str:
+    console = Console(width=width, height=24, record=True, file=io.StringIO(), color_system="truecolor")
+    console.print(panel(snapshot, width))
+    return console.export_text()
+
+
+def model(*records: CycleRecord, total_s: float | None = 30.0) -> ViewModel:
+    made = ViewModel(total_s, 50.0, 0.156)
+    made.snapshot(100.0, Health())
+    for record in records:
+        made.update(record)
+    return made
+
+
+def test_the_panel_says_what_the_cycle_and_the_wires_do() -> None:
+    text = text_of(model(CYCLE).snapshot(110.1617, Health(3, 7, 110.161)))
+    for part in (
+        "TRACK",
+        "48.73 N",
+        "target  50.00 N",
+        "-1.27 N",
+        "2.625 mm",
+        "2.750 mm",
+        "-0.125 mm ×0.5",
+        "20.10 N/mm",
+        "161.0 ms",
+        "156.0 ms",
+        "0.7 ms",
+        "lost 7",
+        "allow",
+        "cycle 42  10.2 s",
+        "19.8 s left",
+    ):
+        assert part in text
+    assert text.split("link errors")[1].split()[0] == "3"
+
+
+@pytest.mark.parametrize("width", [80, 60])
+def test_the_panel_fits_whatever_it_shows(width: int) -> None:
+    stop = dataclasses.replace(
+        CYCLE, force=-1e4, verdict="stop", reasons=("a long cause " * 9,), stiffness=9e6
+    )
+    odd = dataclasses.replace(
+        CYCLE, force=math.nan, answered_at=math.nan, stiffness=None, held=True, phase="odd"
+    )
+    shown = [
+        model(),
+        model(total_s=None),
+        model(*[CYCLE] * 100),
+        model(stop),
+        model(odd),
+        model(dataclasses.replace(CYCLE, force_reference=0.0, force=0.0)),
+    ]
+    for made in shown:
+        lines = text_of(made.snapshot(140.0, Health(10**6, 10**6, 100.0)), width).splitlines()
+        assert len(lines) <= 23
+        assert {len(line) for line in lines} == {width}
+
+
+def test_the_chart_draws_columns_up_to_the_target() -> None:
+    rising = [dataclasses.replace(CYCLE, force=force) for force in (0.0, 25.0, 50.0)]
+    rows = text_of(model(*rising).snapshot(110.0, Health())).splitlines()[2:10]
+    last_three = [[row[column] for row in rows] for column in (68, 69, 70)]
+    assert [column.count("█") for column in last_three] == [0, 2, 5]  # 8 rows for 75 N
+    assert "target" in rows[2]
+
+
+def test_plain_lines_come_once_a_second_and_when_the_phase_changes() -> None:
+    stream = io.StringIO()
+    with LiveView(30.0, 50.0, stream, 0.156) as view:
+        for tick in range(40):
+            if tick == 3:
+                view.enter("approach")
+            if tick == 25:
+                view.update(CYCLE)
+            view.refresh(100.0 + tick / 10, Health(1, 2, None))
+    lines = stream.getvalue().splitlines()
+    assert [(line.split()[0], line.split()[2]) for line in lines] == [
+        ("0.0", "connect"),
+        ("0.3", "approach"),
+        ("1.0", "approach"),
+        ("2.0", "approach"),
+        ("2.5", "track"),
+        ("3.0", "track"),
+    ]
+    assert "48.73 N of 50.00 N" in lines[-1]
+    assert "link errors 1  frames lost 2  27 s left" in lines[-1]
+    assert stream.getvalue().isascii()
+
+
+def test_a_terminal_is_redrawn_and_given_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TERM", "xterm-256color")
+    stream = Terminal()
+    with LiveView(30.0, 50.0, stream) as view:
+        view.update(CYCLE)
+        view.refresh(110.0, Health())
+        view.refresh(110.2, Health())
+    view.close()
+    assert stream.getvalue().count("48.73 N") == 3  # two refreshes and the last picture, which stays
+    assert "\x1b[?25l" in stream.getvalue()
+    assert stream.getvalue().rindex("\x1b[?25h") > stream.getvalue().rindex("48.73 N")  # the cursor is back
+
+
+@pytest.mark.parametrize("kind", [io.StringIO, Terminal])
+def test_a_terminal_that_goes_away_does_not_end_the_run(
+    kind: type[io.StringIO], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TERM", "xterm-256color")
+    stream = kind()
+    view = LiveView(30.0, 50.0, stream)
+    view.refresh(100.0, Health())
+    stream.close()
+    for tick in range(30):
+        view.refresh(101.0 + tick, Health())
+    view.close()
+    assert view._gone
