@@ -198,10 +198,11 @@ def test_every_cut_is_truncated_or_refused(tmp_path: Path) -> None:
     assert seen == {"truncated", "refused"}
 
 
-def test_garbage_in_the_middle_keeps_what_came_before(tmp_path: Path) -> None:
+@pytest.mark.parametrize("offset", [20, -20])  # in the compressed data; in the checksum before it
+def test_garbage_in_the_middle_keeps_what_came_before(tmp_path: Path, offset: int) -> None:
     data = bytearray(write(tmp_path / "run.mcap", stream(6.0)).read_bytes())
     third = [i for i in range(len(data)) if data[i : i + 4] == b"\x28\xb5\x2f\xfd"][2]  # zstd frames
-    data[third + 20] ^= 0xFF
+    data[third + offset] ^= 0xFF
     (tmp_path / "bad.mcap").write_bytes(data)
     recording = read(tmp_path / "bad.mcap")
     assert recording.truncated
