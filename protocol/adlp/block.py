@@ -19,7 +19,6 @@ HEADER_SIZE = 8
 """Bytes of a telegram before its data; its first two are the length. Mark: observed."""
 BLOCK_OVERHEAD = 5
 """Bytes that a block adds to its telegram: DLE STX, DLE ETX BCC. Mark: observed."""
-SHORTEST_BLOCK = HEADER_SIZE + BLOCK_OVERHEAD
 LENGTH_STYLES: tuple[LengthStyle, ...] = ("whole", "data")
 
 

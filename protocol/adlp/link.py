@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from protocol.adlp.block import (
+    HEADER_SIZE,
     LENGTH_STYLES,
-    SHORTEST_BLOCK,
     Block,
     BlockFormat,
     BlockScanner,
@@ -449,8 +449,8 @@ class Link:
         return State.DISCARDING
 
     def _judge_garbage(self) -> State:
-        # After an acknowledged block, garbage shorter than any block is a mutilated EOT.
-        if not self._receiving.block_due and self._noise < SHORTEST_BLOCK:
+        # Assumed: after an acknowledged block, garbage far shorter than any block is a mutilated EOT.
+        if not self._receiving.block_due and self._noise < HEADER_SIZE:
             return self._deliver_unended()
         self._notice(NoticeKind.GAP, f"silence after {self._noise} bytes that are no block")
         return self._refuse_block()
