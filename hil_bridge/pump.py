@@ -1,0 +1,126 @@
+"""The pump: drives a protocol state machine over a wire and gives it its deadlines."""
+
+from collections.abc import Callable, Sized
+from typing import Generic, TypeVar
+
+from hil_bridge.clock import Clock, Timer
+from hil_bridge.transports.base import Transport
+from protocol.endpoint import Endpoint
+
+Data = TypeVar("Data", bound=Sized)
+Event = TypeVar("Event")
+
+
+class Pump(Generic[Data, Event]):
+    """Moves data, events and time between one endpoint and one transport, by callbacks, without a task.
+
+    `on_event` is called with every event in order. `on_end` is called exactly once with the cause: the
+    transport's end, or whatever the endpoint or `on_event` raised; after that the endpoint is left alone. The
+    transport stays its opener's to close.
+    """
+
+    __slots__ = (
+        "_again",
+        "_armed",
+        "_clock",
+        "_ended",
+        "_endpoint",
+        "_on_end",
+        "_on_event",
+        "_timer",
+        "_transport",
+        "_turning",
+    )
+
+    def __init__(
+        self,
+        endpoint: Endpoint[Data, Data, Event],
+        transport: Transport[Data],
+        clock: Clock,
+        on_event: Callable[[Event], object],
+        on_end: Callable[[Exception], object],
+    ) -> None:
+        self._endpoint = endpoint
+        self._transport = transport
+        self._clock = clock
+        self._on_event = on_event
+        self._on_end = on_end
+        self._timer: Timer | None = None
+        self._armed: float | None = None
+        self._turning = False
+        self._again = False
+        self._ended = False
+
+    def start(self) -> None:
+        """Begin, once. What the transport received already is pumped before this returns."""
+        self._transport.start(self._received, self._end)
+        self.kick()
+
+    def kick(self) -> None:
+        """To be called after the endpoint was given something to do; also from within `on_event`."""
+        if self._turning:
+            self._again = True
+            return
+        if self._ended:
+            return
+        self._turning = True
+        try:
+            self._turn()
+        except Exception as error:
+            self._end(error)
+        finally:
+            self._turning = False
+
+    def _turn(self) -> None:
+        endpoint, clock = self._endpoint, self._clock
+        while True:
+            self._again = False
+            while (event := endpoint.next_event()) is not None:
+                self._on_event(event)
+                if self._ended:
+                    return
+            # read anew: a callback may have told the endpoint a later time
+            data = endpoint.data_to_send(clock.now())
+            if len(data):
+                self._transport.send(data)
+            elif not self._again:
+                break
+            if self._ended:
+                return
+        deadline = endpoint.next_deadline()
+        if deadline != self._armed:
+            if self._timer is not None:
+                self._timer.cancel()
+            self._armed = deadline
+            self._timer = None if deadline is None else clock.call_at(deadline, self._expired)
+
+    def _received(self, data: Data) -> None:
+        if self._ended:
+            return
+        try:
+            self._endpoint.receive(data, self._clock.now())
+        except Exception as error:
+            self._end(error)
+            return
+        self.kick()
+
+    def _expired(self) -> None:
+        deadline, self._armed, self._timer = self._armed, None, None
+        if self._ended or deadline is None:
+            return
+        try:
+            # a timer may come a rounding step early
+            self._endpoint.handle_deadline(max(deadline, self._clock.now()))
+        except Exception as error:
+            self._end(error)
+            return
+        self.kick()
+
+    def _end(self, cause: Exception) -> None:
+        if self._ended:
+            return
+        self._ended = True
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+        self._on_end(cause)

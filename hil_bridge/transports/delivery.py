@@ -1,0 +1,163 @@
+"""What every transport needs inside: a place for arrivals until somebody listens, and a queue with times."""
+
+import asyncio
+from collections import deque
+from collections.abc import Awaitable, Callable, Sized
+from contextlib import suppress
+from typing import Generic, TypeVar
+
+from hil_bridge.clock import Clock
+from hil_bridge.errors import TransportClosed, TransportError
+
+Data = TypeVar("Data", bound=Sized)
+
+QUEUE_BYTES = 65536
+"""Bound of every queue of bytes. Chosen: a minute of a 9600-baud line."""
+
+QUEUE_FRAMES = 1024
+"""Bound of every queue of CAN frames. Chosen: an eighth of a second of a full bus at 1 Mbit/s."""
+
+FLUSH_S = 1.0
+"""For how long `aclose` hands over what is queued, s. Part of the transport contract."""
+
+
+class Delivery(Generic[Data]):
+    """The receiving side of a transport: keeps arrivals until `start`, ends once, after the last data."""
+
+    __slots__ = (
+        "_closing",
+        "_early",
+        "_limit",
+        "_on_data",
+        "_on_end",
+        "ended",
+        "name",
+        "overruns",
+        "waiting",
+    )
+
+    def __init__(self, name: str, limit: int) -> None:
+        self.name = name
+        self._early: deque[Data] = deque()
+        self._limit = limit
+        self._on_data: Callable[[Data], None] | None = None
+        self._on_end: Callable[[TransportError], None] | None = None
+        self._closing = False
+        self.waiting = 0
+        """Bytes or frames that arrived before `start`."""
+        self.overruns = 0
+        """Bytes or frames lost because nobody started the transport."""
+        self.ended: TransportError | None = None
+        """Why nothing comes any more."""
+
+    def start(self, on_data: Callable[[Data], None], on_end: Callable[[TransportError], None]) -> None:
+        """Listen; hands over what came before."""
+        if self._on_end is not None:
+            raise RuntimeError(f"{self.name} was started before")
+        self._on_end = on_end
+        while self._early:
+            data = self._early.popleft()
+            self.waiting -= len(data)
+            on_data(data)
+        self._on_data = on_data
+        if self.ended is not None:
+            on_end(self.ended)
+
+    def data(self, data: Data) -> None:
+        """Hand over an arrival, or keep it until `start`."""
+        if self.ended is not None:
+            return
+        if self._on_data is not None:
+            self._on_data(data)
+        elif self.waiting + len(data) > self._limit:
+            self.overruns += len(data)
+        else:
+            self._early.append(data)
+            self.waiting += len(data)
+
+    def end(self, error: TransportError) -> None:
+        """End with this cause, unless it has ended."""
+        if self.ended is None:
+            self.ended = error
+            if self._on_data is not None and self._on_end is not None:
+                self._on_end(error)
+
+    def check(self) -> None:
+        """Raise TransportError when it has ended or is being closed; for `send`."""
+        if self.ended is not None:
+            raise type(self.ended)(*self.ended.args) from self.ended
+        if self._closing:
+            raise TransportClosed(f"{self.name}: it is being closed")
+
+    def begin_close(self) -> bool:
+        """Whether there is anything to close; from now on nothing more can be sent."""
+        if self._closing or self.ended is not None:
+            return False
+        self._closing = True
+        return True
+
+    def closed(self) -> None:
+        """End because we wanted it."""
+        self.end(TransportClosed(f"{self.name}: closed"))
+
+
+class TimedQueue:
+    """Actions that are done in order, each at its own time; one timer for all."""
+
+    __slots__ = ("_actions", "_armed", "_clock", "weight")
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+        self._actions: deque[tuple[float, int, Callable[[], None]]] = deque()
+        self._armed = False
+        self.weight = 0
+        """Bytes or frames under way."""
+
+    def put(self, action: Callable[[], None], weight: int, delay: float) -> None:
+        """Act after `delay`, s, but not before what was put before; 0 means on the loop's next turn."""
+        when = self._clock.now() + delay
+        if self._actions:
+            when = max(when, self._actions[-1][0])
+        self._actions.append((when, weight, action))
+        self.weight += weight
+        if not self._armed:
+            self._arm(at_once=delay <= 0.0)
+
+    async def drained(self) -> None:
+        """Return when everything was done."""
+        while self._actions:
+            await self._clock.sleep_until(self._actions[-1][0])
+
+    def clear(self) -> None:
+        """Lose what is under way."""
+        self._actions.clear()
+        self.weight = 0
+
+    def _arm(self, at_once: bool) -> None:
+        self._armed = True
+        if at_once:
+            self._clock.loop.call_soon(self._run)
+        else:
+            self._clock.call_at(self._actions[0][0], self._run)
+
+    def _run(self) -> None:
+        self._armed = False
+        now = self._clock.now()
+        try:
+            # what is put meanwhile waits for the next turn, or two ends that answer each other never return
+            for _ in range(len(self._actions)):
+                if not self._actions or self._actions[0][0] > now:
+                    break
+                _, weight, action = self._actions.popleft()
+                self.weight -= weight
+                action()
+        finally:
+            if self._actions and not self._armed:
+                self._arm(at_once=self._actions[0][0] <= now)
+
+
+async def flush(drained: Awaitable[None]) -> None:
+    """Wait until it is drained, for the time that a transport may take to close."""
+    with suppress(TimeoutError):
+        async with asyncio.timeout(FLUSH_S):
+            await drained

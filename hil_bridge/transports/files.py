@@ -1,0 +1,134 @@
+"""A byte wire over a file descriptor that the event loop watches: serial port, pseudo-terminal, socket."""
+
+import os
+import select
+from collections.abc import Callable
+from typing import Protocol
+
+from hil_bridge.clock import Clock
+from hil_bridge.errors import TransportError
+from hil_bridge.transports.delivery import QUEUE_BYTES, Delivery, flush
+
+_READ_BYTES = 65536
+
+
+def hung_up(fd: int) -> bool:
+    """Whether an empty read is the end. On a terminal it may also mean that the data was flushed away."""
+    poll = select.poll()
+    poll.register(fd, select.POLLIN)
+    return bool(poll.poll(0))
+
+
+class FileOwner(Protocol):
+    """What kind of file it is."""
+
+    @property
+    def fd(self) -> int:
+        """The file descriptor, open and non-blocking."""
+
+    def unsent(self) -> bool:
+        """Whether the operating system still holds data that left our queue."""
+
+    def close(self) -> None:
+        """Close without waiting."""
+
+    def at_end(self) -> TransportError:
+        """What it means when there is nothing more to read."""
+
+    def broken(self, error: OSError) -> TransportError:
+        """What an error of the operating system means."""
+
+
+class FileWire:
+    """Transport over a file descriptor. Writes at once when it can, else queues up to QUEUE_BYTES."""
+
+    __slots__ = ("_clock", "_delivery", "_fd", "_open", "_owner", "_queue")
+
+    def __init__(self, name: str, owner: FileOwner, clock: Clock) -> None:
+        self._owner = owner
+        self._fd = owner.fd
+        self._clock = clock
+        self._delivery: Delivery[bytes] = Delivery(name, QUEUE_BYTES)
+        self._queue = bytearray()
+        self._open = True
+
+    @property
+    def name(self) -> str:
+        return self._delivery.name
+
+    def start(self, on_data: Callable[[bytes], None], on_end: Callable[[TransportError], None]) -> None:
+        # what came before lies in the operating system's buffer
+        self._delivery.start(on_data, on_end)
+        if self._open:
+            self._clock.loop.add_reader(self._fd, self._readable)
+
+    def send(self, data: bytes) -> None:
+        self._delivery.check()
+        if len(self._queue) + len(data) > QUEUE_BYTES:
+            raise TransportError(
+                f"{self.name}: the queue of {QUEUE_BYTES} bytes is full; the peer does not read"
+            )
+        if self._queue:
+            self._queue += data
+            return
+        written = self._write(data)
+        if self._delivery.ended is not None:
+            self._delivery.check()
+        if written < len(data):
+            self._queue += data[written:]
+            self._clock.loop.add_writer(self._fd, self._writable)
+
+    async def aclose(self) -> None:
+        if not self._delivery.begin_close():
+            return
+        try:
+            await flush(self._drained())
+        finally:
+            self._close()
+            self._delivery.closed()
+
+    async def _drained(self) -> None:
+        # the operating system does not tell when the last byte has left
+        while self._open and (self._queue or self._owner.unsent()):
+            await self._clock.sleep_until(self._clock.now() + 0.002)
+
+    def _readable(self) -> None:
+        try:
+            data = os.read(self._fd, _READ_BYTES)
+        except (BlockingIOError, InterruptedError):
+            return
+        except OSError as error:
+            self._end(self._owner.broken(error))
+            return
+        if data:
+            self._delivery.data(data)
+        elif hung_up(self._fd):
+            self._end(self._owner.at_end())
+
+    def _writable(self) -> None:
+        written = self._write(self._queue)
+        if self._open:
+            del self._queue[:written]
+            if not self._queue:
+                self._clock.loop.remove_writer(self._fd)
+
+    def _write(self, data: bytes | bytearray) -> int:
+        try:
+            return os.write(self._fd, data)
+        except (BlockingIOError, InterruptedError):
+            return 0
+        except OSError as error:
+            self._end(self._owner.broken(error))
+            return 0
+
+    def _end(self, error: TransportError) -> None:
+        self._close()
+        self._delivery.end(error)
+
+    def _close(self) -> None:
+        if self._open:
+            self._open = False
+            self._clock.loop.remove_reader(self._fd)
+            self._clock.loop.remove_writer(self._fd)
+            self._queue.clear()
+            self._owner.close()

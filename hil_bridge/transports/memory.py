@@ -1,0 +1,91 @@
+"""A byte wire inside one event loop, with latency and without jitter."""
+
+import asyncio
+from collections.abc import Callable
+from functools import partial
+from weakref import WeakKeyDictionary
+
+from hil_bridge.clock import Clock
+from hil_bridge.errors import TransportEnded, TransportError, TransportUnavailable
+from hil_bridge.transports.base import Transport
+from hil_bridge.transports.delivery import QUEUE_BYTES, Delivery, TimedQueue, flush
+from hil_bridge.transports.listening import Exchange
+
+_LISTENERS: WeakKeyDictionary[asyncio.AbstractEventLoop, dict[str, Exchange]] = WeakKeyDictionary()
+"""Who listens under which name, for each loop."""
+
+
+def memory_pair(
+    clock: Clock, latency_s: float = 0.0, name: str = "memory:pair"
+) -> tuple[Transport[bytes], Transport[bytes]]:
+    """Two ends of a wire. What one sends reaches the other whole after the latency, never within `send`."""
+    here = _MemoryEnd(clock, latency_s, name)
+    there = _MemoryEnd(clock, latency_s, name)
+    here.peer, there.peer = there, here
+    return here, there
+
+
+def listen_memory(name: str, clock: Clock) -> Transport[bytes]:
+    """Wait for clients of this name in this loop, one at a time. Raises TransportUnavailable if taken."""
+    listeners = _LISTENERS.setdefault(clock.loop, {})
+    if name in listeners:
+        raise TransportUnavailable(f"memory:{name}: another listens under this name already; choose another")
+    listeners[name] = Exchange(f"memory:{name}", free=lambda: None, stop=lambda: _forget(clock, name))
+    return listeners[name]
+
+
+def connect_memory(name: str, latency_s: float, clock: Clock) -> Transport[bytes]:
+    """Connect to who listens under this name. Raises TransportUnavailable when nobody does or it is taken."""
+    exchange = _LISTENERS.get(clock.loop, {}).get(name)
+    if exchange is None:
+        raise TransportUnavailable(
+            f"memory:{name}: nobody listens under this name; start the other side first"
+        )
+    if exchange.busy:
+        raise TransportUnavailable(f"memory:{name}: another client is connected; close that one first")
+    here, there = memory_pair(clock, latency_s, f"memory:{name}")
+    exchange.attach(there)
+    return here
+
+
+def _forget(clock: Clock, name: str) -> None:
+    del _LISTENERS[clock.loop][name]
+
+
+class _MemoryEnd:
+    __slots__ = ("_delivery", "_latency", "_queue", "peer")
+
+    peer: "_MemoryEnd"
+
+    def __init__(self, clock: Clock, latency: float, name: str) -> None:
+        self._delivery: Delivery[bytes] = Delivery(name, QUEUE_BYTES)
+        self._queue = TimedQueue(clock)
+        self._latency = latency
+
+    @property
+    def name(self) -> str:
+        return self._delivery.name
+
+    def start(self, on_data: Callable[[bytes], None], on_end: Callable[[TransportError], None]) -> None:
+        self._delivery.start(on_data, on_end)
+
+    def send(self, data: bytes) -> None:
+        self._delivery.check()
+        if not data:
+            return
+        arrivals = self.peer._delivery
+        if self._queue.weight + arrivals.waiting + len(data) > QUEUE_BYTES:
+            raise TransportError(
+                f"{self.name}: the queue of {QUEUE_BYTES} bytes is full; the peer does not read"
+            )
+        self._queue.put(partial(arrivals.data, bytes(data)), len(data), self._latency)
+
+    async def aclose(self) -> None:
+        if not self._delivery.begin_close():
+            return
+        end = partial(self.peer._delivery.end, TransportEnded(f"{self.name}: the peer closed"))
+        self._queue.put(end, 0, self._latency)
+        try:
+            await flush(self._queue.drained())
+        finally:
+            self._delivery.closed()

@@ -1,0 +1,76 @@
+"""Foreign exceptions as one line for a person: what, where, what to do."""
+
+import errno
+import socket
+
+from hil_bridge.errors import TransportBroken, TransportUnavailable
+
+_PORT_ADVICE = {
+    errno.ENOENT: "there is no such port; check the cable and `ls /dev/tty*`",
+    errno.ENODEV: "there is no device behind this port; check the cable and `ls /dev/tty*`",
+    errno.ENXIO: "there is no device behind this port; check the cable and `ls /dev/tty*`",
+    errno.EIO: "the port does not answer; unplug the adapter and plug it in again",
+    errno.EACCES: "no permission; add yourself to the group dialout and log in again",
+    errno.EPERM: "no permission; add yourself to the group dialout and log in again",
+    errno.EBUSY: "another program holds the port; `fuser -v {target}` tells which",
+    errno.EAGAIN: "another program holds the port; `fuser -v {target}` tells which",
+    errno.ENOTTY: "this is not a serial port; check the path",
+}
+_CAN_ADVICE = {
+    errno.ENODEV: "there is no such CAN interface; `ip -details link show` lists what there is",
+    errno.ENXIO: "there is no such CAN interface; `ip -details link show` lists what there is",
+    errno.ENETDOWN: "the CAN interface is down; `sudo ip link set {target} up` (set its bitrate before)",
+    errno.EAFNOSUPPORT: "this system has no SocketCAN; load the kernel module `can_raw`",
+    errno.EPROTONOSUPPORT: "this system has no SocketCAN; load the kernel module `can_raw`",
+    errno.EPERM: "no permission to open the CAN interface",
+    errno.EACCES: "no permission to open the CAN interface",
+}
+_NET_ADVICE = {
+    errno.ECONNREFUSED: "nobody listens there; start the other side first or check the port number",
+    errno.EHOSTUNREACH: "the host cannot be reached; check the address and the cable",
+    errno.ENETUNREACH: "the network cannot be reached; check the address and the cable",
+    errno.ETIMEDOUT: "no answer; check the address and the cable",
+    errno.ECONNRESET: "the other side dropped the connection",
+    errno.EPIPE: "the other side dropped the connection",
+    socket.EAI_NONAME: "there is no host of this name; check the spelling",
+    errno.EADDRINUSE: "another program listens on this port already; choose another or port 0",
+    errno.EADDRNOTAVAIL: "this address is not one of this computer's",
+    errno.EACCES: "no permission; ports below 1024 need it",
+}
+ADVICE = {
+    "serial": _PORT_ADVICE,
+    "can+slcan": _PORT_ADVICE,
+    "pty": _PORT_ADVICE,
+    "can+socketcan": _CAN_ADVICE,
+    "tcp": _NET_ADVICE,
+    "tcp-listen": _NET_ADVICE,
+}
+
+
+def unavailable(scheme: str, name: str, target: str, error: BaseException) -> TransportUnavailable:
+    """Why a wire could not be opened."""
+    return TransportUnavailable(f"{name}: cannot be opened: {_reason(scheme, target, error)}")
+
+
+def broken(scheme: str, name: str, target: str, error: BaseException) -> TransportBroken:
+    """Why an open wire broke."""
+    return TransportBroken(f"{name}: broke: {_reason(scheme, target, error)}")
+
+
+def error_number(error: BaseException | None) -> int | None:
+    """The operating system's error number, wherever a library has wrapped it."""
+    while error is not None:
+        for attribute in ("errno", "error_code"):
+            if isinstance(number := getattr(error, attribute, None), int):
+                return number
+        if isinstance(error, TimeoutError):
+            return errno.ETIMEDOUT
+        error = error.__cause__ or error.__context__
+    return None
+
+
+def _reason(scheme: str, target: str, error: BaseException) -> str:
+    number = error_number(error)
+    if number is not None and number in ADVICE.get(scheme, {}):
+        return ADVICE[scheme][number].format(target=target)
+    return " ".join(str(error).split()) or type(error).__name__

@@ -1,0 +1,89 @@
+"""URLs: what is understood, and what the errors say."""
+
+from pathlib import Path
+
+import pytest
+
+from hil_bridge.clock import Clock, run_virtual
+from hil_bridge.errors import ConfigError
+from hil_bridge.transports import LineSettings, Parity, connect_bytes, connect_can, listen_bytes, listen_can
+from hil_bridge.transports.urls import CONNECT_BYTES, CONNECT_CAN, LISTEN_BYTES, parse_url
+
+UNDERSTOOD = [
+    (
+        CONNECT_BYTES,
+        "serial:///dev/ttyUSB0?baudrate=19200&parity=E&stopbits=2",
+        "/dev/ttyUSB0",
+        LineSettings(19200, Parity.EVEN, 2),
+    ),
+    (CONNECT_BYTES, "serial:///dev/ttyUSB0", "/dev/ttyUSB0", LineSettings(9600, Parity.NONE, 1)),
+    (CONNECT_BYTES, "serial:///dev/ttyUSB0?parity=O", "/dev/ttyUSB0", LineSettings(9600, Parity.ODD, 1)),
+    (CONNECT_BYTES, "tcp://192.168.0.5:4001", "192.168.0.5:4001", None),
+    (CONNECT_BYTES, "memory:robot", "robot", None),
+    (CONNECT_BYTES, "memory:robot?baudrate=9600&parity=E", "robot", LineSettings(9600, Parity.EVEN)),
+    (LISTEN_BYTES, "pty:", "", None),
+    (LISTEN_BYTES, "pty:?baudrate=9600&parity=E", "", LineSettings(9600, Parity.EVEN)),
+    (LISTEN_BYTES, "tcp-listen://127.0.0.1:0?baudrate=300", "127.0.0.1:0", LineSettings(300)),
+    (CONNECT_CAN, "can+socketcan://vcan0", "vcan0", None),
+    (CONNECT_CAN, "can+slcan:///dev/ttyACM0?bitrate=1000000&tty_baudrate=115200", "/dev/ttyACM0", None),
+]
+
+
+@pytest.mark.parametrize(("schemes", "url", "target", "line"), UNDERSTOOD, ids=[row[1] for row in UNDERSTOOD])
+def test_understood(schemes, url, target, line) -> None:  # type: ignore[no-untyped-def]
+    parsed = parse_url(url, schemes)
+    assert (parsed.target, parsed.line, parsed.text) == (target, line, url)
+
+
+def test_options_have_their_types() -> None:
+    assert parse_url("pty:?link=/tmp/robot", LISTEN_BYTES).options == {"link": Path("/tmp/robot")}
+    assert parse_url("memory:a?latency_ms=0.5", CONNECT_BYTES).options == {"latency_ms": 0.5}
+    assert parse_url("can+slcan:///dev/x?bitrate=500000", CONNECT_CAN).options == {"bitrate": 500_000}
+    assert parse_url("tcp://[::1]:80", CONNECT_BYTES).host_port == ("::1", 80)
+
+
+REFUSED = [
+    (connect_bytes, "", "unknown scheme ''; allowed: serial, tcp, memory"),
+    (connect_bytes, "/dev/ttyUSB0", "unknown scheme"),
+    (connect_bytes, "usb:///dev/ttyUSB0", "unknown scheme 'usb'; allowed: serial, tcp, memory"),
+    (connect_bytes, "serial://?baudrate=9600", "target is missing; for example serial:///dev/ttyUSB0"),
+    (
+        connect_bytes,
+        "serial:///dev/x?baud=9600",
+        "unknown option 'baud'; allowed: baudrate, parity, stopbits",
+    ),
+    (connect_bytes, "serial:///dev/x?baudrate=fast", "baudrate must be a whole number above 0, got 'fast'"),
+    (connect_bytes, "serial:///dev/x?baudrate=0", "baudrate must be a whole number above 0"),
+    (connect_bytes, "serial:///dev/x?baudrate=²", "baudrate must be a whole number above 0"),
+    (connect_bytes, "serial:///dev/x?baudrate=", "baudrate must be a whole number above 0"),
+    (connect_bytes, "serial:///dev/x?parity=even", "parity must be one of N, E, O, got 'even'"),
+    (connect_bytes, "serial:///dev/x?stopbits=1.5", "stopbits must be one of 1, 2"),
+    (connect_bytes, "serial:///dev/x?parity=E&parity=N", "'parity' is given twice"),
+    (connect_bytes, "serial:///dev/x#1", "after #"),
+    (connect_bytes, "memory:a?latency_ms=-1", "latency_ms must be a number of milliseconds, 0 or more"),
+    (connect_bytes, "memory:a?latency_ms=nan", "latency_ms must be"),
+    (connect_bytes, "memory:a?parity=E", "parity means nothing without a baudrate"),
+    (connect_bytes, "tcp://localhost", "host and port must be like 127.0.0.1:4000"),
+    (connect_bytes, "tcp://localhost:0", "host and port"),
+    (connect_bytes, "tcp://localhost:99999", "host and port"),
+    (connect_bytes, "tcp://[::1:4000", "Invalid IPv6"),
+    (connect_can, "can+vector://0", "allowed: can+memory, can+socketcan, can+virtual, can+slcan"),
+    (connect_can, "can+slcan:///dev/x?bitrate=123", "bitrate must be one of 10000, 20000"),
+    (connect_can, "can+socketcan://can0?bitrate=1", "unknown option 'bitrate'; allowed: none"),
+    (listen_bytes, "pty:///dev/x", "nothing may stand between"),
+    (listen_bytes, "pty:?link=robot", "link must be an absolute path"),
+    (listen_bytes, "memory:a?latency_ms=1", "allowed: none"),
+    (listen_bytes, "serial:///dev/x", "unknown scheme 'serial'; allowed: pty, tcp-listen, memory"),
+    (listen_can, "can+slcan:///dev/x", "unknown scheme"),
+]
+
+
+@pytest.mark.parametrize(("open_wire", "url", "says"), REFUSED, ids=[row[1] for row in REFUSED])
+def test_refused(open_wire, url, says) -> None:  # type: ignore[no-untyped-def]
+    async def main() -> None:
+        with pytest.raises(ConfigError) as caught:
+            await open_wire(url, Clock.running())
+        assert says in str(caught.value)
+        assert repr(url) in str(caught.value)
+
+    run_virtual(main)

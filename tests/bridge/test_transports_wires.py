@@ -1,0 +1,422 @@
+"""What each wire in virtual time does beyond the suite: exact times, faults, arbitration, changing clients."""
+
+import asyncio
+from typing import Any
+
+import pytest
+
+from hil_bridge.clock import Clock, run_virtual
+from hil_bridge.errors import (
+    ConfigError,
+    TransportBroken,
+    TransportClosed,
+    TransportError,
+    TransportUnavailable,
+)
+from hil_bridge.transports import (
+    Delayed,
+    Direction,
+    Faults,
+    Faulty,
+    LineSettings,
+    MemoryCanBus,
+    Paced,
+    Parity,
+    Tap,
+    Transport,
+    connect_bytes,
+    connect_can,
+    frame_bits,
+    listen_bytes,
+    listen_can,
+    memory_pair,
+)
+from protocol.can import CanFrame
+
+LINE = LineSettings(9600, Parity.EVEN, 1)
+
+
+class Log:
+    """What arrives at a transport, with the time."""
+
+    def __init__(self, transport: Transport[Any], clock: Clock) -> None:
+        self.items: list[tuple[float, Any]] = []
+        self.end: TransportError | None = None
+        self._clock = clock
+        transport.start(lambda data: self.items.append((clock.now(), data)), self._on_end)
+
+    def _on_end(self, error: TransportError) -> None:
+        self.end = error
+
+    @property
+    def times(self) -> list[float]:
+        return [at for at, _ in self.items]
+
+
+def test_a_character_has_11_bits_at_8e1_and_10_at_8n1() -> None:
+    assert LINE.bits == 11
+    assert LineSettings(19200).bits == 10
+    assert LineSettings(300, Parity.ODD, 2).bits == 12
+
+
+@pytest.mark.parametrize("outward", [True, False])
+def test_a_block_of_57_bytes_takes_exactly_its_character_times(outward: bool) -> None:
+    async def main() -> None:
+        clock = Clock.running()
+        inner, far = memory_pair(clock)
+        near = Paced(inner, LINE, clock, fifo=14)
+        here, there = Log(near, clock), Log(far, clock)
+        await asyncio.sleep(0.1)
+        start = clock.now()
+        block = bytes(range(57))
+        (near if outward else far).send(block)
+        await asyncio.sleep(1.0)
+        log = there if outward else here
+        assert b"".join(data for _, data in log.items) == block
+        assert [len(data) for _, data in log.items] == [14, 14, 14, 14, 1]
+        assert log.times == [start + n * 11 / 9600 for n in (14, 28, 42, 56, 57)]
+
+    run_virtual(main)
+
+
+def test_bursts_queue_after_one_another_and_idle_time_is_not_made_up() -> None:
+    async def main() -> None:
+        clock = Clock.running()
+        inner, far = memory_pair(clock)
+        near, there = Paced(inner, LINE, clock, fifo=14), Log(far, clock)
+        start = clock.now()
+        near.send(b"abc")
+        near.send(b"de")  # extends the burst
+        await clock.sleep_until(start + 2 * 11 / 9600)
+        near.send(b"f")
+        await clock.sleep_until(start + 1.0)
+        near.send(b"g")
+        await asyncio.sleep(1.0)
+        assert there.items == [(start + 6 * 11 / 9600, b"abcdef"), (start + 1.0 + 11 / 9600, b"g")]
+
+    run_virtual(main)
+
+
+def test_paced_times_do_not_drift_over_a_long_burst() -> None:
+    async def main() -> None:
+        clock = Clock.running()
+        inner, far = memory_pair(clock)
+        near, there = Paced(inner, LINE, clock), Log(far, clock)
+        start = clock.now()
+        near.send(bytes(50_000))
+        await asyncio.sleep(100)
+        assert there.times[-1] == start + 50_000 * 11 / 9600
+
+    run_virtual(main)
+
+
+def test_paced_bounds_both_queues() -> None:
+    async def main() -> None:
+        clock = Clock.running()
+        inner, far = memory_pair(clock)
+        near, there = Paced(inner, LINE, clock), Log(far, clock)
+        here = Log(near, clock)
+        with pytest.raises(TransportError, match="full"):
+            near.send(bytes(70_000))
+        near.send(b"fits")
+        far.send(bytes(60_000))
+        await asyncio.sleep(0)
+        far.send(bytes(10_000))
+        await asyncio.sleep(100)
+        assert there.items[0][1] == b"fits"
+        assert sum(len(data) for _, data in here.items) == 60_000
+        assert near.overruns == 10_000
+
+    run_virtual(main)
+
+
+def test_the_end_comes_after_what_is_on_the_line() -> None:
+    async def main() -> None:
+        clock = Clock.running()
+        for wrap, last in (
+            (lambda wire: Paced(wire, LINE, clock), 20 * 11 / 9600),
+            (lambda wire: Delayed(wire, 0.25, clock), 0.25),
+        ):
+            inner, far = memory_pair(clock)
+            near = wrap(inner)
+            log, start = Log(near, clock), clock.now()
+            far.send(bytes(20))
+            await far.aclose()
+            await asyncio.sleep(1)
+            assert log.times[-1] == start + last
+            assert log.end is not None
+
+    run_virtual(main)
+
+
+def test_closing_gives_a_slow_line_one_second() -> None:
+    async def main() -> None:
+        clock = Clock.running()
+        inner, far = memory_pair(clock)
+        near, there = Paced(inner, LINE, clock, fifo=1), Log(far, clock)
+        start = clock.now()
+        near.send(bytes(5000))
+        await near.aclose()
+        assert clock.now() == start + 1.0
+        await asyncio.sleep(1)
+        assert len(there.items) == 872  # 9600 / 11 characters
+
+    run_virtual(main)
+
+
+def test_latency_is_exact_both_ways() -> None:
+    async def main() -> None:
+        clock = Clock.running()
+        inner, far = memory_pair(clock, 0.001)
+        near = Delayed(inner, 0.0025, clock)
+        here, there = Log(near, clock), Log(far, clock)
+        start = clock.now()
+        near.send(b"a")
+        far.send(b"b")
+        await clock.sleep_until(start + 0.0005)
+        near.send(b"c")
+        await asyncio.sleep(1)
+        assert there.items == [(start + 0.0025 + 0.001, b"a"), (start + 0.0005 + 0.0025 + 0.001, b"c")]
+        assert here.items == [(start + 0.001 + 0.0025, b"b")]
+
+    run_virtual(main)
+
+
+def test_a_full_memory_wire_refuses_and_stays_in_order() -> None:
+    async def main() -> None:
+        clock = Clock.running()
+        left, right = memory_pair(clock)
+        left.send(bytes(65_000))
+        with pytest.raises(TransportError, match="full"):
+            left.send(bytes(1000))
+        left.send(b"end")
+        await asyncio.sleep(0)
+        log = Log(right, clock)
+        assert [len(data) for _, data in log.items] == [65_000, 3]
+        left.send(bytes(65_000))
+
+    run_virtual(main)
+
+
+def test_tap_shows_both_directions_in_order() -> None:
+    async def main() -> None:
+        clock, seen = Clock.running(), []
+        inner, far = memory_pair(clock)
+        near = Tap(inner, lambda direction, data: seen.append((direction, data)))
+        log = Log(near, clock)
+        near.send(b"ping")
+        far.send(b"pong")
+        await asyncio.sleep(0.1)
+        assert seen == [(Direction.SENT, b"ping"), (Direction.RECEIVED, b"pong")]
+        assert [data for _, data in log.items] == [b"pong"]
+
+    run_virtual(main)
+
+
+def test_faults_repeat_with_the_seed_and_have_their_rates() -> None:
+    async def damaged(faults: Faults, seed: int, noise: bytes = b"") -> bytes:
+        clock = Clock.running()
+        inner, far = memory_pair(clock)
+        near, log = Faulty(inner, faults, seed), Log(far, clock)
+        near.start(lambda data: None, lambda error: None)
+        for _ in range(10):
+            far.send(noise)
+            near.send(bytes(2000))
+            await asyncio.sleep(0)
+        await asyncio.sleep(0.1)
+        return b"".join(data for _, data in log.items)
+
+    async def main() -> None:
+        all_faults = Faults(loss=0.02, corruption=0.03, duplication=0.01)
+        first = await damaged(all_faults, 1)
+        assert first == await damaged(all_faults, 1, noise=b"the other direction draws its own numbers")
+        assert first != await damaged(all_faults, 2)
+        assert len(await damaged(Faults(loss=0.1), 1)) == pytest.approx(18_000, abs=200)
+        assert len(await damaged(Faults(duplication=0.1), 1)) == pytest.approx(22_000, abs=200)
+        corrupted = await damaged(Faults(corruption=0.1), 1)
+        assert len(corrupted) == 20_000
+        assert {byte.bit_count() for byte in corrupted} == {0, 1}
+        assert sum(byte > 0 for byte in corrupted) == pytest.approx(2000, abs=200)
+        assert await damaged(Faults(), 1) == bytes(20_000)
+        assert await damaged(Faults(loss=1.0), 1) == b""
+
+    run_virtual(main)
+
+
+def test_a_cut_cable_is_broken_here_and_silent_there() -> None:
+    async def main() -> None:
+        clock = Clock.running()
+        inner, far = memory_pair(clock)
+        near = Faulty(inner, Faults())
+        here, there = Log(near, clock), Log(far, clock)
+        near.cut()
+        assert isinstance(here.end, TransportBroken)
+        with pytest.raises(TransportBroken):
+            near.send(b"x")
+        far.send(b"y")
+        await asyncio.sleep(1)
+        assert here.items == there.items == []
+        assert there.end is None
+        await near.aclose()
+        assert isinstance(here.end, TransportBroken)
+
+    run_virtual(main)
+
+
+# --- CAN
+
+
+def test_frame_lengths() -> None:
+    # ISO 11898-1: 44 bits and 3 of pause around the data; 20 more for the longer identifier
+    assert frame_bits(CanFrame(0x100)) == 47
+    assert frame_bits(CanFrame(0x100, bytes(8))) == 111
+    assert frame_bits(CanFrame(0x100, bytes(8), extended=True)) == 131
+    assert frame_bits(CanFrame(0x100, remote=True)) == 47
+
+
+def test_frames_take_their_time_and_carry_it() -> None:
+    async def main() -> None:
+        clock = Clock.running()
+        bus = MemoryCanBus(clock, 250_000)
+        sender, receiver, other = bus.connect(), bus.connect(), bus.connect()
+        own, log, third = Log(sender, clock), Log(receiver, clock), Log(other, clock)
+        start = clock.now()
+        sender.send([CanFrame(0x101, bytes(8)), CanFrame(0x100, b"ab")])
+        await asyncio.sleep(1)
+        ends = [start + 111 / 250_000, start + (111 + 63) / 250_000]
+        assert [(at, frames[0].received_at) for at, frames in log.items] == [(end, end) for end in ends]
+        assert [frames for _, frames in log.items] == [
+            (CanFrame(0x101, bytes(8)),),
+            (CanFrame(0x100, b"ab"),),
+        ]
+        assert log.items == third.items
+        assert own.items == []
+
+    run_virtual(main)
+
+
+def test_the_lower_identifier_wins_among_those_that_wait() -> None:
+    async def main() -> None:
+        clock = Clock.running()
+        bus = MemoryCanBus(clock)
+        nodes = [bus.connect() for _ in range(5)]
+        log = Log(bus.connect(), clock)
+        frames = [
+            CanFrame(0x300),
+            CanFrame(0x100, remote=True),
+            CanFrame(0x100),
+            CanFrame(0x100 << 18, extended=True),
+            CanFrame(0x0FF << 18 | 5, extended=True),
+        ]
+        for node, frame in zip(nodes, frames, strict=True):
+            node.send([frame])
+        await asyncio.sleep(1)
+        assert [items[0] for _, items in log.items] == [frames[4], frames[2], frames[1], frames[3], frames[0]]
+
+    run_virtual(main)
+
+
+def test_a_node_that_answers_takes_part_in_the_next_arbitration() -> None:
+    async def main() -> None:
+        clock = Clock.running()
+        bus = MemoryCanBus(clock)
+        talker, answerer = bus.connect(), bus.connect()
+        log = Log(bus.connect(), clock)
+        answerer.start(lambda frames: answerer.send([CanFrame(0x001)]), lambda error: None)
+        talker.send([CanFrame(0x200), CanFrame(0x201)])
+        await asyncio.sleep(1)
+        assert [frames[0].identifier for _, frames in log.items] == [0x200, 0x001, 0x201, 0x001]
+
+    run_virtual(main)
+
+
+def test_the_can_queue_is_bounded_and_a_leaving_node_hands_over_its_frames() -> None:
+    async def main() -> None:
+        clock = Clock.running()
+        bus = MemoryCanBus(clock, 10_000)
+        sender, log = bus.connect(), Log(bus.connect(), clock)
+        with pytest.raises(TransportError, match="full"):
+            sender.send([CanFrame(1)] * 1025)
+        sender.send([CanFrame(1)] * 1024)
+        start = clock.now()
+        await sender.aclose()
+        assert clock.now() == start + 1.0
+        await asyncio.sleep(1)
+        assert len(log.items) == 212  # 10 000 / 47
+
+    run_virtual(main)
+
+
+# --- by URL
+
+
+def test_clients_of_a_memory_listener_come_and_go() -> None:
+    async def main() -> None:
+        clock = Clock.running()
+        with pytest.raises(TransportUnavailable, match="nobody listens"):
+            await connect_bytes("memory:robot", clock)
+        listening = await listen_bytes("memory:robot", clock)
+        with pytest.raises(TransportUnavailable, match="already"):
+            await listen_bytes("memory:robot", clock)
+        assert listening.address == "memory:robot"
+        log = Log(listening.transport, clock)
+        listening.transport.send(b"into the void")
+        for k in range(3):
+            client = await connect_bytes(f"{listening.address}?latency_ms=1.5", clock)
+            with pytest.raises(TransportUnavailable, match="another client"):
+                await connect_bytes("memory:robot", clock)
+            heard = Log(client, clock)
+            start = clock.now()
+            client.send(b"hello %d" % k)
+            listening.transport.send(b"welcome %d" % k)
+            await asyncio.sleep(0.1)
+            assert heard.items == [(start + 0.0015, b"welcome %d" % k)]
+            await client.aclose()
+            await asyncio.sleep(0.1)
+        assert [data for _, data in log.items] == [b"hello 0", b"hello 1", b"hello 2"]
+        assert log.end is None
+        await listening.transport.aclose()
+        assert isinstance(log.end, TransportClosed)
+        await (await listen_bytes("memory:robot", clock)).transport.aclose()
+
+    run_virtual(main)
+
+
+def test_a_memory_url_with_a_baudrate_is_paced() -> None:
+    async def main() -> None:
+        clock = Clock.running()
+        log = Log((await listen_bytes("memory:robot", clock)).transport, clock)
+        client = await connect_bytes("memory:robot?latency_ms=2&baudrate=9600&parity=E", clock)
+        start = clock.now()
+        client.send(b"12345")
+        await asyncio.sleep(1)
+        assert log.items == [(start + 5 * 11 / 9600 + 0.002, b"12345")]
+
+    run_virtual(main)
+
+
+def test_nodes_of_a_memory_bus_must_agree_on_the_bitrate() -> None:
+    async def main() -> None:
+        clock = Clock.running()
+        listening = await listen_can("can+memory:sensor?bitrate=500000", clock)
+        with pytest.raises(ConfigError, match="bitrate=250000"):
+            await connect_can("can+memory:sensor?bitrate=250000", clock)
+        client, log = await connect_can(listening.address, clock), Log(listening.transport, clock)
+        start = clock.now()
+        client.send([CanFrame(0x100)])
+        await asyncio.sleep(1)
+        assert log.times == [start + 47 / 500_000]
+        await client.aclose()
+        await listening.transport.aclose()
+        # the bus is gone with its last node
+        await (await connect_can("can+memory:sensor?bitrate=250000", clock)).aclose()
+
+    run_virtual(main)
+
+
+def test_memory_names_belong_to_their_loop() -> None:
+    async def main() -> None:
+        await listen_bytes("memory:robot", Clock.running())
+
+    run_virtual(main)
+    run_virtual(main)
