@@ -8,7 +8,7 @@ def require_above_zero(model: Any, *names: str) -> None:
     """Raise ValueError naming the first of these attributes that is not a finite number above 0."""
     for name in names:
         value = getattr(model, name)
-        if not (math.isfinite(value) and value > 0):
+        if not (isinstance(value, (int, float)) and math.isfinite(value) and value > 0):
             raise ValueError(f"{name} must be a number above 0, got {value}")
 
 
@@ -16,5 +16,5 @@ def require_not_negative(model: Any, *names: str) -> None:
     """Raise ValueError naming the first of these attributes that is not a finite number of at least 0."""
     for name in names:
         value = getattr(model, name)
-        if not (math.isfinite(value) and value >= 0):
+        if not (isinstance(value, (int, float)) and math.isfinite(value) and value >= 0):
             raise ValueError(f"{name} must be a number of at least 0, got {value}")

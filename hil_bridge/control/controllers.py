@@ -53,7 +53,7 @@ class FuzzyPi:
 
     def __post_init__(self) -> None:
         require_above_zero(self, "output_step_mm")
-        Surface(self.surface)
+        _check_surface(self.surface)
 
     def initial(self) -> FuzzyState:
         """State before the first sample in contact."""
@@ -101,7 +101,7 @@ class FuzzyAdaptive:
 
     def __post_init__(self) -> None:
         require_above_zero(self, "output_step_mm")
-        Surface(self.surface)
+        _check_surface(self.surface)
         _check_adaptation(self)
 
     def initial(self) -> AdaptiveState:
@@ -163,7 +163,7 @@ class ResolutionAware:
 
     def __post_init__(self) -> None:
         require_above_zero(self, "output_step_mm")
-        Surface(self.surface)
+        _check_surface(self.surface)
         _check_adaptation(self)
 
     def initial(self) -> AdaptiveState:
@@ -221,6 +221,11 @@ def scheduled_gain(stiffness: float) -> float:
     if decade <= 4:
         return 1.0
     return 0.5 if decade <= 5 else 0.25
+
+
+def _check_surface(surface: str) -> None:
+    if surface not in tuple(Surface):
+        raise ValueError(f"surface must be one of {', '.join(Surface)}, got {surface!r}")
 
 
 def _check_reference(reference: float) -> None:

@@ -2,7 +2,7 @@
 
 Source: eq. (4) of the paper, k = [f(k) − f(k−1)] / [x(k) − x(k−1)], with the gates that trials found
 necessary: a pair counts only when the position moved by half a resolution step and the force by twice its
-uncertainty, when the quotient is a possible stiffness, and in proportion to its change of force.
+uncertainty, when the quotient is a possible stiffness, and counts the more, the more its force changed.
 
 Which two samples make a pair. Until there is an estimate, a pair that does not pass the gates keeps its older
 sample, so that the small moves of a slow approach to a soft surface add up; the sample is given up after
@@ -80,5 +80,6 @@ def _average(so_far: float | None, gates: Gates, quotient: float, pressed: float
         return so_far
     if so_far is None:
         return quotient
-    weight = abs(pressed) / (abs(pressed) + gates.half_weight)
+    # Noise of given size spoils a quotient by 1/|Δf|, so its variance asks for a weight by the square.
+    weight = pressed**2 / (pressed**2 + gates.half_weight**2)
     return math.exp((1 - weight) * math.log(so_far) + weight * math.log(quotient))

@@ -21,7 +21,7 @@ GRAVITY_BASE = np.array([0.0, 0.0, -STANDARD_GRAVITY])
 
 
 def rotation_matrix(quaternion: Sequence[float]) -> Array:
-    """Rotation of a quaternion w x y z, which is brought to unit length first, for robot links round what they send.
+    """Rotation of a quaternion w x y z, brought to unit length first, for robot links round what they send.
 
     Raises ValueError for one without direction: zero, infinite or not a number.
     """

@@ -99,11 +99,11 @@ def computed_matrix() -> Matrix:
 
 def evaluate(surface: Surface, error_percent: float, change_percent: float) -> Inference:
     """Output level for an error and its change, percent of the desired force. Raises ValueError for a NaN."""
-    if surface is Surface.CONTINUOUS:
+    if surface == Surface.CONTINUOUS:
         graded_error = interpolate_level(error_percent, ERROR_EDGES_PERCENT)
         graded_change = interpolate_level(change_percent, CHANGE_EDGES_PERCENT)
         return Inference(graded_error, graded_change, infer(graded_error, graded_change))
-    matrix = GAIN_MATRIX if surface is Surface.PAPER else computed_matrix()
+    matrix = GAIN_MATRIX if surface == Surface.PAPER else computed_matrix()
     error = quantise(error_percent, ERROR_EDGES_PERCENT)
     change = quantise(change_percent, CHANGE_EDGES_PERCENT)
     return Inference(error, change, matrix[error + TOP_LEVEL][change + TOP_LEVEL])

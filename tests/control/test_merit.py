@@ -1,0 +1,51 @@
+"""Figures of merit on arrays whose figures are known by hand."""
+
+import numpy as np
+import pytest
+
+from hil_bridge.control import figures_of_merit
+
+
+def figures(force, commanded=None, contact=None, period=0.5, reference=10.0):
+    n = len(force)
+    return figures_of_merit(
+        np.arange(n) * period + 77.0,
+        force,
+        reference,
+        np.zeros(n) if commanded is None else commanded,
+        np.ones(n, bool) if contact is None else contact,
+    )
+
+
+def test_step_response_by_hand():
+    force = [0.0, 5.0, 9.0, 12.0] + [10.0, 11.0] * 30
+    merit = figures(force, commanded=np.arange(64) * 0.125e-3)
+    assert (merit.rise_samples, merit.rise_seconds) == (2, 1.0)
+    assert merit.overshoot_percent == pytest.approx(20.0)
+    assert merit.steady_mean_error == pytest.approx(0.5)
+    assert merit.steady_peak_to_peak == pytest.approx(1.0)
+    assert merit.rms_error == pytest.approx(np.sqrt((100 + 25 + 1 + 4 + 30) / 64))
+    assert merit.steps_per_second == pytest.approx(2.0)
+    assert merit.largest_force == 12.0
+
+
+def test_too_short_or_too_weak_a_run_leaves_figures_undefined():
+    merit = figures([1.0, 2.0])
+    assert merit.rise_samples is merit.rise_seconds is merit.steady_mean_error is None
+    assert merit.steady_peak_to_peak is merit.steps_per_second is None
+    assert merit.overshoot_percent == 0.0
+
+
+def test_contact_losses_are_falling_edges():
+    assert figures([1.0] * 6, contact=[False, True, False, False, True, False]).contact_losses == 2
+
+
+def test_reference_may_change_in_time():
+    assert figures([5.0, 10.0], reference=[5.0, 10.0]).rms_error == 0.0
+
+
+def test_nothing_and_unequal_lengths_are_refused():
+    with pytest.raises(ValueError, match="at least one sample"):
+        figures([])
+    with pytest.raises(ValueError, match="at least one sample"):
+        figures([1.0], commanded=[0.0, 0.0])

@@ -1,0 +1,183 @@
+"""The last word before the wire."""
+
+import math
+from dataclasses import replace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hil_bridge.control import Allow, Cause, Clamp, Limits, Observation, Request, Stop, Supervisor
+from hil_bridge.errors import ConfigError
+
+DOWN = (0.0, 0.0, -1.0)
+LIMITS = Limits(
+    correction_total_mm=20.0, workspace_min_m=(-0.1, -0.1, -0.015), workspace_max_m=(0.1, 0.1, 0.01)
+)
+SUPERVISOR = Supervisor(LIMITS)
+START = SUPERVISOR.initial((0.0, 0.0, 0.0))
+QUIET = Observation(now=100.0, force=5.0, resultant=6.0, sensor_at=99.99, sensor_sequence=7)
+MM = st.floats(-60, 60)
+
+
+def request(depth_mm, across_mm=0.0):
+    return Request(depth_mm * 1e-3, (across_mm * 1e-3, 0.0, -depth_mm * 1e-3), DOWN)
+
+
+def step(asked, state=START, **observed):
+    return SUPERVISOR.step(state, replace(QUIET, **observed), asked)
+
+
+def test_request_within_limits_is_allowed_as_it_is():
+    asked = request(1.5, 1.0)
+    state, verdict = step(asked)
+    assert verdict == Allow(asked.depth, asked.position)
+    assert (state.depth, state.position) == (asked.depth, asked.position)
+
+
+def test_depth_per_cycle_is_clamped_and_pulling_back_is_not():
+    _, verdict = step(request(5.0))
+    assert isinstance(verdict, Clamp)
+    assert verdict.depth == pytest.approx(2e-3)
+    assert verdict.position == pytest.approx((0.0, 0.0, -2e-3))
+    assert verdict.reasons == ("deeper by more than 2 mm in a cycle",)
+    _, verdict = step(request(-9.0))
+    assert isinstance(verdict, Allow)
+
+
+def test_depth_in_total_is_clamped():
+    supervisor = Supervisor(Limits(correction_total_mm=3.0))
+    state = supervisor.initial((0.0, 0.0, 0.0))
+    for _ in range(5):
+        state, verdict = supervisor.step(
+            state, replace(QUIET, sensor_sequence=state.still_cycles), request(50.0)
+        )
+        state = replace(state, sensor_sequence=None)
+    assert verdict.depth == pytest.approx(3e-3)
+    assert verdict.reasons == ("deeper than 3 mm in total",)
+
+
+def test_move_across_is_clamped_without_shortening_a_retraction():
+    _, verdict = step(request(-4.0, 50.0))
+    assert isinstance(verdict, Clamp)
+    assert verdict.position == pytest.approx((5e-3, 0.0, 4e-3))
+    assert verdict.depth == -4e-3
+
+
+def test_way_out_of_the_workspace_ends_at_its_border():
+    _, verdict = step(request(-20.0))
+    assert isinstance(verdict, Clamp)
+    assert verdict.position == pytest.approx((0.0, 0.0, 0.01))
+    assert verdict.depth == pytest.approx(-0.01)
+    assert verdict.reasons == ("leaves the workspace",)
+
+
+def test_start_outside_the_workspace_is_a_configuration_error():
+    with pytest.raises(ConfigError, match="outside"):
+        SUPERVISOR.initial((0.0, 0.0, 0.5))
+
+
+@pytest.mark.parametrize(
+    ("observed", "cause"),
+    [
+        ({"force": 50.1}, Cause.FORCE),
+        ({"force": -50.1}, Cause.FORCE),
+        ({"force": math.nan}, Cause.NOT_A_NUMBER),
+        ({"resultant": 100.1}, Cause.RESULTANT_FORCE),
+        ({"saturated": True}, Cause.SATURATED),
+        ({"now": 100.21}, Cause.STALE),
+        ({"sensor_at": 100.1}, Cause.STALE),
+        ({"repeated_frames": 400}, Cause.FROZEN),
+        ({"link_ok": False}, Cause.LINK),
+    ],
+)
+def test_each_cause_stops_and_just_inside_does_not(observed, cause):
+    _, verdict = step(request(0.5), **observed)
+    assert isinstance(verdict, Stop)
+    assert verdict.cause is cause
+    inside = {"force": 50.0, "resultant": 100.0, "now": 100.18, "repeated_frames": 399}
+    assert isinstance(step(request(0.5), **inside)[1], Allow)
+
+
+def test_counter_that_stands_still_or_goes_back_stops():
+    state, verdicts = START, []
+    for _ in range(4):
+        state, verdict = step(request(0.0), state)
+        verdicts.append(verdict)
+    assert [type(v) for v in verdicts] == [Allow, Allow, Allow, Stop]
+    assert verdicts[-1].cause is Cause.FROZEN
+    state, _ = step(request(0.0))
+    assert step(request(0.0), state, sensor_sequence=6)[1].cause is Cause.SEQUENCE
+
+
+def test_depth_that_does_not_match_the_position_stops():
+    lying = Request(0.0, (0.0, 0.0, -1e-3), DOWN)
+    assert step(lying)[1].cause is Cause.INCONSISTENT
+    assert step(Request(0.0, (0.0, 0.0, 0.0), (0.0, 0.0, -2.0)))[1].cause is Cause.INCONSISTENT
+
+
+@given(st.floats(), st.floats(allow_nan=True), MM, MM)
+def test_force_above_the_limit_never_passes(force, resultant, depth, across):
+    _, verdict = step(request(depth, across), force=force, resultant=resultant)
+    fine = abs(force) <= LIMITS.force_limit_n and -math.inf < resultant <= LIMITS.resultant_limit_n
+    assert isinstance(verdict, Stop) != fine
+
+
+@given(
+    st.sampled_from(["now", "force", "resultant", "sensor_at", "depth", 0, 1, 2]),
+    st.sampled_from([math.nan, math.inf]),
+)
+def test_not_a_number_anywhere_stops(where, value):
+    asked, observed = request(0.5), {}
+    if where == "depth":
+        asked = replace(asked, depth=value)
+    elif isinstance(where, int):
+        asked = replace(
+            asked, position=tuple(value if i == where else x for i, x in enumerate(asked.position))
+        )
+    else:
+        observed = {where: value}
+    assert isinstance(step(asked, **observed)[1], Stop)
+
+
+@given(st.lists(st.tuples(MM, st.floats(-20, 20)), min_size=1, max_size=30))
+def test_allowed_path_stays_within_limits_clamps_are_idempotent_and_never_deeper_than_asked(asked):
+    state = START
+    for k, (depth, across) in enumerate(asked):
+        wanted = request(depth, across)
+        after, verdict = step(wanted, state, sensor_sequence=100 + k)
+        assert verdict.depth <= max(wanted.depth, state.depth) + 1e-9
+        assert verdict.depth - state.depth <= 2e-3 + 1e-9
+        assert verdict.depth <= 20e-3 + 1e-9
+        assert all(
+            low <= x <= high
+            for low, x, high in zip(
+                LIMITS.workspace_min_m, verdict.position, LIMITS.workspace_max_m, strict=True
+            )
+        )
+        assert verdict.position[2] == pytest.approx(-verdict.depth, abs=1e-9)
+        _, again = step(Request(verdict.depth, verdict.position, DOWN), state, sensor_sequence=100 + k)
+        assert again == Allow(verdict.depth, verdict.position)
+        state = after
+
+
+@given(st.lists(st.tuples(MM, st.floats(-100, 100)), max_size=10))
+def test_stop_is_latched(later):
+    state, stop = step(request(0.0), force=60.0)
+    for k, (depth, force) in enumerate(later):
+        state, verdict = step(request(depth), state, force=force, sensor_sequence=k)
+        assert verdict is stop
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"force_limit_n": 0.0},
+        {"stale_after_ms": math.nan},
+        {"correction_total_mm": -1.0},
+        {"workspace_min_m": (0.0, 0.0, 9.0)},
+    ],
+)
+def test_impossible_limits_are_refused(wrong):
+    with pytest.raises(ValueError, match=next(iter(wrong))):
+        Limits(**wrong)

@@ -1,0 +1,130 @@
+"""The course of a run: phases, contact, loss, ends."""
+
+import math
+from dataclasses import replace
+
+import pytest
+
+from hil_bridge.control import Command, FuzzyAdaptive, FuzzyPi, Measurement, Phase, Task, TaskParameters
+
+PARAMETERS = TaskParameters(travel_limit_mm=10.0, approach_depth_limit_mm=5.0, retract_mm=4.0)
+
+
+class Watched:
+    """Counts its steps in its state and never moves."""
+
+    name = "watched"
+
+    def initial(self):
+        return 0
+
+    def step(self, state, measurement, reference):
+        assert reference == 10.0
+        return state + 1, Command(measurement.commanded, 0.0, explanation={"contact": measurement.in_contact})
+
+
+def drive(task, force_of, samples, state=None):
+    """Follow the task's depth exactly; the force is a function of depth, travel and sample."""
+    state, depth, travel, outputs = state or task.initial(), 0.0, 0.0, []
+    for k in range(samples):
+        state, output = task.step(state, Measurement(k * 0.18, force_of(depth, travel, k), depth, depth))
+        depth, travel = output.target.depth, output.target.travel
+        outputs.append(output)
+    return state, outputs
+
+
+def surface_at(contact, stiffness=5000.0):
+    return lambda depth, travel, k: stiffness * max(depth - contact, 0.0)
+
+
+def test_whole_course():
+    state, outputs = drive(Task(PARAMETERS, FuzzyPi()), surface_at(3e-3), 60)
+    phases = [output.phase for output in outputs]
+    assert sorted(set(phases), key=phases.index) == [Phase.APPROACH, Phase.TRACK, Phase.RETRACT, Phase.END]
+    assert phases.count(Phase.TRACK) == 10
+    assert state.cause == "travelled 10 mm"
+    tracked = [output for output in outputs if output.phase is Phase.TRACK]
+    assert [o.target.travel for o in tracked] == pytest.approx([k * 1e-3 for k in range(1, 11)])
+    assert outputs[-1].target.travel == pytest.approx(10e-3)
+    assert outputs[-1].target.depth == pytest.approx(tracked[-1].target.depth - 4e-3)
+    assert outputs[-1].losses == 0
+
+
+def test_controller_is_stepped_in_track_only():
+    state, outputs = drive(Task(PARAMETERS, Watched()), surface_at(3e-3), 60)
+    assert all((output.command is not None) == (output.phase is Phase.TRACK) for output in outputs)
+    assert state.controller == sum(output.phase is Phase.TRACK for output in outputs)
+
+
+def test_nothing_there_is_a_cause_and_never_deeper_than_the_limit():
+    state, outputs = drive(Task(PARAMETERS, Watched()), lambda *_: 0.0, 40)
+    assert state.cause == "no contact found within 5 mm"
+    assert state.phase is Phase.END
+    assert state.controller is None
+    assert max(output.target.depth for output in outputs) == pytest.approx(5e-3)
+    assert outputs[-1].target.depth == pytest.approx(1e-3)
+
+
+def test_contact_loss_waits_then_approaches_anew_and_keeps_what_was_learnt():
+    task = Task(replace(PARAMETERS, loss_samples=3, travel_limit_mm=100.0), FuzzyAdaptive())
+    # A hole of 4 mm after 5 mm of travel.
+    state, outputs = drive(task, lambda d, t, k: 5000 * max(d - (3e-3 if t < 5e-3 else 7e-3), 0.0), 40)
+    lost = next(i for i, output in enumerate(outputs) if i > 10 and not output.in_contact)
+    assert outputs[-1].losses == 1
+    assert {output.target.travel for output in outputs[lost : lost + 3]} == {outputs[lost - 1].target.travel}
+    after = [output.phase for output in outputs[lost:]]
+    assert after[:4] == [Phase.TRACK] * 3 + [Phase.APPROACH]
+    back = lost + 3 + after[3:].index(Phase.TRACK)
+    assert outputs[back].command.stiffness == pytest.approx(outputs[lost].command.stiffness)
+    assert state.phase is Phase.TRACK
+
+
+def test_loss_is_told_to_the_controller_and_has_hysteresis():
+    forces = [2.0, 0.7, 0.4, 0.7, 1.1]
+    task = Task(PARAMETERS, Watched())
+    _, outputs = drive(task, lambda d, t, k: forces[k], len(forces))
+    assert [output.in_contact for output in outputs] == [True, True, False, False, True]
+    assert [output.command.explanation["contact"] for output in outputs] == [True, True, False, False, True]
+    assert outputs[-1].losses == 1
+
+
+def test_too_many_losses_end_the_run():
+    task = Task(replace(PARAMETERS, loss_limit=3, travel_limit_mm=1e3), Watched())
+    state, _ = drive(task, lambda d, t, k: 5.0 * (k % 2 == 0), 30)
+    assert state.cause == "contact lost 3 times"
+    assert state.phase is Phase.END
+
+
+def test_finish_from_outside_retracts_once():
+    task = Task(PARAMETERS, Watched())
+    state, outputs = drive(task, surface_at(0.0), 4)
+    state = task.finish(task.finish(state, "time is up"), "again")
+    assert state.cause == "time is up"
+    depth = outputs[-1].target.depth
+    _, output = task.step(state, Measurement(1.0, 5.0, depth, depth))
+    assert output.phase is Phase.RETRACT
+    assert output.target.depth == pytest.approx(depth - 1e-3)
+
+
+@pytest.mark.parametrize("force", [math.nan, math.inf])
+def test_force_that_is_not_finite_never_moves_deeper(force):
+    task = Task(PARAMETERS, Watched())
+    state = task.initial()
+    after, output = task.step(state, Measurement(0.0, force, 0.0, 1e-3))
+    assert after is state
+    assert output.target.depth == 1e-3
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"force_n": 0.0},
+        {"step_mm": -1.0},
+        {"loss_threshold_n": 2.0},
+        {"contact_threshold_n": 10.0},
+        {"retract_mm": math.nan},
+    ],
+)
+def test_impossible_parameters_are_refused(wrong):
+    with pytest.raises(ValueError, match=next(iter(wrong))):
+        TaskParameters(**wrong)
