@@ -24,13 +24,13 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from protocol.arap import Quaternion, Vector
 from protocol.marks import Mark, check_settings, setting
 
 Floats = NDArray[np.float64]
-Vector = tuple[float, float, float]
-Quaternion = tuple[float, float, float, float]
 
-_HISTORY_S = 1.5
+_HISTORY_S = 10.0
+"""Chosen: longer than any stall of a process after which its run is still of use."""
 _ROUNDING_S = 1e-9
 """A point left for less than this is reached: the sum of ticks carries rounding errors."""
 _REST_M = 1e-10
@@ -132,7 +132,7 @@ class PositionLoop:
 
 
 class Motion:
-    """The moving robot: queue of points, interpolator, three position loops, a second of history."""
+    """The moving robot: queue of points, interpolator, three position loops, some seconds of history."""
 
     def __init__(
         self, profile: ServoProfile, position: Vector, quaternion: Quaternion, powered_at: float
@@ -217,7 +217,7 @@ class Motion:
     def trajectory(self, times: Floats) -> tuple[Floats, Floats]:
         """True positions (n, 3), m, and velocities (n, 3), m/s, base frame, at ascending `times` (n,).
 
-        Raises ValueError for times older than the history, which holds the last second.
+        Times before the history, which holds the last ten seconds, answer as its first moment.
         """
         ticks, tau = self._locate(times)
         rows = self._history[ticks % self._size]
@@ -229,19 +229,17 @@ class Motion:
         return positions, velocities
 
     def orientations(self, times: Floats) -> Floats:
-        """Tool frame in the base frame at ascending `times` (n,): (n, 4), w x y z.
-
-        Raises ValueError for times older than the history, which holds the last second.
-        """
+        """Tool frame in the base frame at ascending `times` (n,): (n, 4), w x y z; history as above."""
         return self._quaternions[self._locate(times)[0] % self._size]
 
     def _locate(self, times: Floats) -> tuple[NDArray[np.int64], Floats]:
         """Row number and time since the loops took that row's set point, for each of `times`."""
         self.advance(float(times[-1]))
         since = times - (self._powered_at + self._delay)
-        ticks = np.clip(np.floor(since / self._period).astype(np.int64), 0, self._tick)
-        if int(ticks[0]) <= self._tick - self._size:
-            raise ValueError(f"no history of the motion as old as {float(times[0])!r} s")
+        ticks = np.floor(since / self._period).astype(np.int64)
+        # ndarray.clip costs several times as much for blocks as small as one period.
+        np.maximum(ticks, max(self._tick - self._size + 1, 0), out=ticks)
+        np.minimum(ticks, self._tick, out=ticks)
         return ticks, np.maximum(since - ticks * self._period, 0.0)
 
     def _skip_rest(self, now: float) -> None:

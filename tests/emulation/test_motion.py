@@ -198,15 +198,20 @@ def test_a_long_rest_changes_nothing() -> None:
     assert long.reported(later + 1.0) == pytest.approx(START, abs=1e-12)
 
 
-def test_what_cannot_be_answered_raises() -> None:
+def test_times_before_the_history_answer_as_its_first_moment() -> None:
     motion = robot()
-    motion.enqueue(Waypoint(shifted(x=0.1), DOWN, 0.01), T0)
-    motion.advance(T0 + 5.0)
-    motion.trajectory(np.array([T0 + 4.0]))
-    with pytest.raises(ValueError, match="no history"):
-        motion.trajectory(np.array([T0 + 1.0]))
+    motion.enqueue(Waypoint(shifted(x=0.5), DOWN, 0.02), T0)
+    motion.advance(T0 + 20.0)
+    positions, _ = motion.trajectory(T0 + np.array([1.0, 5.0, 10.1, 15.0]))
+    assert positions[0, 0] == positions[1, 0] == pytest.approx(START[0] + 0.02 * 10.0, abs=0.003)
+    assert positions[2, 0] == pytest.approx(START[0] + 0.02 * 10.03, abs=0.001)
+    assert positions[3, 0] == pytest.approx(START[0] + 0.02 * 14.93, abs=0.001)
+
+
+def test_what_cannot_be_raises() -> None:
+    motion = robot()
     with pytest.raises(ValueError, match="speed"):
-        motion.enqueue(Waypoint(START, DOWN, 0.0), T0 + 5.0)
+        motion.enqueue(Waypoint(START, DOWN, 0.0), T0)
     with pytest.raises(ValueError, match="zero quaternion"):
         Motion(ServoProfile(), START, (0.0, 0.0, 0.0, 0.0), T0)
     with pytest.raises(ValueError, match="damping_ratio"):

@@ -1,0 +1,167 @@
+"""The emulated cell: robot, tool, surface and sensor coupled, each behind the wire of the real one.
+
+Frames: base with z up; the tool frame's z axis points out of the flange, so that a tool pointing down has the
+quaternion (0, 1, 0, 0); the sensor frame has the tool frame's orientation and lies in the flange. The sensor
+reads the wrench that surface and gravity exert on the tool: pressing down on the surface gives a negative Fz.
+"""
+
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emulators.contact import Contact, SurfaceProfile
+from emulators.jr3 import Gateway, GatewayProfile, Jr3Sensor, SensorProfile
+from emulators.robot import S3Controller, S3Profile, ServoProfile
+from protocol.adlp import LinkProfile
+from protocol.arap import Quaternion, Vector
+from protocol.marks import Mark, check_settings, setting
+
+Floats = NDArray[np.float64]
+
+_GRAVITY = np.array([0.0, 0.0, -9.80665])
+"""Standard gravity in the base frame, m/s²."""
+
+
+@dataclass(frozen=True, slots=True)
+class ToolProfile:
+    """The rigid tool behind the sensor."""
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
+
+    length_mm: float = setting(
+        200.0, Mark.CHOSEN, "sensor to tip, along tool z", unit="mm", minimum=0.0, maximum=1000.0
+    )
+    mass_kg: float = setting(
+        0.5, Mark.CHOSEN, "what the sensor carries", unit="kg", minimum=0.0, maximum=10.0
+    )
+    centre_of_gravity_mm: tuple[float, float, float] = setting(
+        (0.0, 0.0, 80.0), Mark.CHOSEN, "centre of that mass in the sensor frame", unit="mm"
+    )
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+
+
+@dataclass(frozen=True, slots=True)
+class CellProfile:
+    """Everything that an emulated cell is made of."""
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
+
+    robot: S3Profile = field(default_factory=S3Profile)
+    servo: ServoProfile = field(default_factory=ServoProfile)
+    link: LinkProfile = field(default_factory=LinkProfile)
+    tool: ToolProfile = field(default_factory=ToolProfile)
+    surface: SurfaceProfile = field(default_factory=SurfaceProfile)
+    sensor: SensorProfile = field(default_factory=SensorProfile)
+    gateway: GatewayProfile = field(default_factory=GatewayProfile)
+    start_position_mm: tuple[float, float, float] = setting(
+        (900.0, -100.0, 600.0),
+        Mark.CHOSEN,
+        "tool centre point at power-up, base frame",
+        unit="mm",
+        minimum=-4095.0,
+        maximum=4095.0,
+    )
+    start_quaternion: tuple[float, float, float, float] = setting(
+        (0.0, 1.0, 0.0, 0.0), Mark.CHOSEN, "tool frame at power-up in the base frame, w x y z"
+    )
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+
+
+@dataclass(frozen=True, slots=True)
+class TrueState:
+    """What the emulator knows and no device tells: for tests and comparisons."""
+
+    position: Vector
+    """Tool centre point in the base frame, m."""
+    velocity: Vector
+    """Its velocity in the base frame, m/s."""
+    quaternion: Quaternion
+    """Tool frame in the base frame, w x y z."""
+    contact_force: Vector
+    """Force of the surface on the tool tip in the base frame, N."""
+
+
+class Cell:
+    """Two endpoints, `robot` of bytes and `gateway` of CAN frames, that touch the same surface.
+
+    Raises ValueError for a start outside the robot's work area.
+    """
+
+    def __init__(self, profile: CellProfile, now: float, seed: int) -> None:
+        x, y, z = (p / 1000.0 for p in profile.start_position_mm)
+        length = profile.tool.length_mm / 1000.0
+        self.robot = S3Controller(
+            profile.robot,
+            profile.link,
+            profile.servo,
+            (x, y, z),
+            profile.start_quaternion,
+            now,
+            seed,
+            tool_length=length,
+        )
+        self.gateway = Gateway(profile.gateway, Jr3Sensor(profile.sensor, self.wrench, seed), now)
+        self._motion = self.robot.motion
+        self._contact = Contact(profile.surface)
+        self._tip = np.array([0.0, 0.0, length])
+        self._centre_of_gravity = np.array(profile.tool.centre_of_gravity_mm) / 1000.0
+        self._weight = profile.tool.mass_kg * _GRAVITY
+
+    def wrench(self, times: Floats) -> Floats:
+        """Wrench (n, 6) on the tool about the sensor's origin in the sensor frame, N and N·m.
+
+        `times` (n,) ascend, s.
+        """
+        wrenches = np.zeros((len(times), 6))
+        if not len(times):
+            return wrenches
+        forces = self._contact.force(*self._motion.trajectory(times))
+        quaternions = self._motion.orientations(times)
+        turns = np.flatnonzero((quaternions[1:] != quaternions[:-1]).any(axis=1)) + 1
+        for begin, end in zip((0, *turns.tolist()), (*turns.tolist(), len(times)), strict=True):
+            rotation = rotation_matrix(quaternions[begin])
+            wrenches[begin:end] = forces[begin:end] @ force_to_wrench(rotation, self._tip)
+            wrenches[begin:end] += self._weight @ force_to_wrench(rotation, self._centre_of_gravity)
+        return wrenches
+
+    def true_state(self, time: float) -> TrueState:
+        """The truth at `time`, s."""
+        times = np.array([time])
+        positions, velocities = self._motion.trajectory(times)
+        forces = self._contact.force(positions, velocities)
+        return TrueState(
+            _vector(positions[0]), _vector(velocities[0]), self._motion.orientation(time), _vector(forces[0])
+        )
+
+
+def rotation_matrix(quaternion: Floats) -> Floats:
+    """Matrix (3, 3) whose columns are the rotated frame's axes, of a unit quaternion w x y z."""
+    w, x, y, z = quaternion.tolist()
+    return np.array(
+        [
+            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
+            [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
+            [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
+        ]
+    )
+
+
+def force_to_wrench(rotation: Floats, arm: Floats) -> Floats:
+    """Matrix (3, 6) that turns row forces in the base frame into row wrenches in the sensor frame.
+
+    `rotation` (3, 3) is the sensor frame in the base frame, `arm` (3,) where the force acts, sensor frame, m.
+    """
+    x, y, z = arm.tolist()
+    moment = np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])
+    return np.hstack((rotation, rotation @ moment))
+
+
+def _vector(row: Floats) -> Vector:
+    x, y, z = row.tolist()
+    return x, y, z

@@ -1,0 +1,80 @@
+"""What may differ between one S3 controller and the next, or is not known of any."""
+
+from dataclasses import dataclass
+from typing import Any, ClassVar, Literal
+
+from protocol.arap import Mode, RefusalCode
+from protocol.marks import Mark, check_settings, setting
+
+
+@dataclass(frozen=True, slots=True)
+class S3Profile:
+    """Behaviour of the controller above the link, and size of the IRB 2000."""
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
+
+    # --- time and queue
+    turnaround_ms: float = setting(
+        12.0, Mark.ASSUMED, "from an order's end to the bid for its answer, mean", unit="ms", minimum=0.0
+    )
+    turnaround_spread_ms: float = setting(
+        4.0, Mark.ASSUMED, "uniform spread of the turnaround to either side", unit="ms", minimum=0.0
+    )
+    queue_depth: int = setting(
+        4, Mark.ASSUMED, "points accepted and not yet reached, the one moved to included", minimum=1
+    )
+    move_reply: Literal["queued", "reached"] = setting(
+        "queued", Mark.ASSUMED, "when a move is answered: queued, reached"
+    )
+    order_backlog: int = setting(
+        4, Mark.ASSUMED, "orders kept, the one being answered included; more are lost", minimum=1
+    )
+    # --- state
+    power_up_mode: int = setting(
+        int(Mode.STANDBY),
+        Mark.ASSUMED,
+        "mode after power-up: 0 standby, 1 operation, 2 synchronise, 3 both",
+        minimum=0,
+        maximum=3,
+    )
+    link_control: bool = setting(True, Mark.CHOSEN, "the pendant has given the link control at power-up")
+    no_control_refusal: int = setting(
+        int(RefusalCode.WRONG_KEY_MODE),
+        Mark.ASSUMED,
+        "code that refuses orders while the link has no control; read status is answered",
+        minimum=0,
+        maximum=255,
+    )
+    unusable_move_refusal: int = setting(
+        int(RefusalCode.NOT_POSSIBLE),
+        Mark.ASSUMED,
+        "code that refuses a move without speed, without a unit quaternion, or in robot coordinates",
+        minimum=0,
+        maximum=255,
+    )
+    programs: tuple[int, ...] = setting(
+        (1,), Mark.CHOSEN, "numbers of the programs in memory", minimum=0, maximum=65535
+    )
+    emergency_stop_error: tuple[int, int] = setting(
+        (13, 0),
+        Mark.ASSUMED,
+        "x and y of the operational error told at an emergency stop",
+        minimum=0,
+        maximum=65535,
+    )
+    # --- size of the arm
+    axis_2_height_mm: float = setting(780.0, Mark.OBSERVED, "base to axis 2", unit="mm", above=0.0)
+    upper_arm_mm: float = setting(710.0, Mark.OBSERVED, "axis 2 to axis 3", unit="mm", above=0.0)
+    elbow_offset_mm: float = setting(
+        125.0, Mark.OBSERVED, "axis 3 to the forearm's axis", unit="mm", minimum=0.0
+    )
+    forearm_mm: float = setting(850.0, Mark.OBSERVED, "elbow to wrist", unit="mm", above=0.0)
+    wrist_to_flange_mm: float = setting(150.0, Mark.OBSERVED, "wrist to flange", unit="mm", minimum=0.0)
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+        if self.turnaround_spread_ms > self.turnaround_ms:
+            raise ValueError(
+                f"turnaround_spread_ms must be at most turnaround_ms ({self.turnaround_ms:g}), "
+                f"got {self.turnaround_spread_ms:g}"
+            )

@@ -1,0 +1,168 @@
+"""Robot, tool, surface and sensor coupled: what the force frames say of where the robot stands."""
+
+import struct
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pydantic import TypeAdapter, ValidationError
+
+from emulators.cell import Cell, CellProfile, ToolProfile, force_to_wrench, rotation_matrix
+from emulators.contact import SurfaceProfile
+from emulators.jr3 import GatewayProfile, SensorProfile
+from emulators.robot import Waypoint
+from protocol.can import CanFrame
+
+T0 = 777.125
+DOWN = (0.0, 1.0, 0.0, 0.0)
+AT_ONCE = 1000.0
+FULL_SCALE_FZ = 185.0
+NO_TOOL = ToolProfile(mass_kg=0.0)
+
+
+def settled_at(cell: Cell, xyz: tuple[float, float, float], quaternion: tuple[float, ...] = DOWN) -> float:
+    """Put the tip at a place and let it come to rest; the time at which it has."""
+    w, x, y, z = quaternion
+    cell.robot.motion.enqueue(Waypoint(xyz, (w, x, y, z), AT_ONCE), T0)
+    return T0 + 5.0
+
+
+def read_frames(cell: Cell, begin: float, seconds: float) -> np.ndarray:
+    """Forces in N (n, 3) of an unfiltered stream at 1 kHz, decoded here by hand."""
+    cell.gateway.receive([CanFrame(0x201, bytes.fromhex("0000E8030000"))], begin)
+    frames: list[CanFrame] = []
+    while (due := cell.gateway.next_deadline()) is not None and due <= begin + seconds:
+        cell.gateway.handle_deadline(due)
+        frames.extend(cell.gateway.data_to_send(due))
+    counts = np.array([struct.unpack("<3hH", f.data)[:3] for f in frames if f.identifier == 0x601])
+    return counts * np.array([115.0, 111.0, FULL_SCALE_FZ]) / 16384.0
+
+
+def test_pressing_2_mm_into_the_sponge_reads_10_n_on_the_wire() -> None:
+    cell = Cell(CellProfile(tool=NO_TOOL), T0, seed=5)
+    at = settled_at(cell, (0.9, 0.0, 0.588))
+    truth = cell.true_state(at)
+    forces = read_frames(cell, at, 0.5)[10:]
+    assert len(forces) > 400
+    # Dead band: the tip may stand half a resolution step, 0.31 N, beside where it was sent.
+    assert truth.contact_force == pytest.approx((0.0, 0.0, 10.0), abs=5000.0 * 0.0000625 + 1e-9)
+    # Pressing down is a force into the flange, -z.
+    count = FULL_SCALE_FZ / 16384.0
+    assert forces[:, 2].mean() == pytest.approx(-truth.contact_force[2], abs=0.2 * count)
+    assert 0.5 * count < forces[:, 2].std() < 1.5 * count
+    assert np.abs(forces[:, :2].mean(axis=0)).max() < 0.02
+
+
+def test_in_the_air_the_sensor_carries_the_tool() -> None:
+    cell = Cell(CellProfile(tool=ToolProfile(mass_kg=2.0, centre_of_gravity_mm=(10.0, -20.0, 80.0))), T0, 1)
+    wrench = cell.wrench(np.array([T0, T0 + 0.1]))
+    weight = 2.0 * 9.80665
+    # Tool z points down, tool y along -y of the base: r × f with r = (10, -20, 80) mm and f = (0, 0, weight).
+    expected = [0.0, 0.0, weight, -0.02 * weight, -0.01 * weight, 0.0]
+    np.testing.assert_allclose(wrench, [expected] * 2, rtol=0, atol=1e-12)
+
+
+def test_a_force_at_the_tip_has_the_textbook_moment() -> None:
+    cell = Cell(
+        CellProfile(
+            tool=ToolProfile(length_mm=250.0, mass_kg=0.0),
+            surface=SurfaceProfile(friction=0.5, friction_smoothing_mm_s=1e-3),
+        ),
+        T0,
+        1,
+    )
+    cell.robot.motion.enqueue(Waypoint((0.9, -0.1, 0.588), DOWN, AT_ONCE), T0)
+    cell.robot.motion.enqueue(Waypoint((0.9, 0.1, 0.588), DOWN, 0.05), T0 + 0.5)
+    at = T0 + 2.0
+    force = cell.true_state(at).contact_force
+    fx, fy, fz, mx, my, mz = cell.wrench(np.array([at]))[0]
+    assert force[1] == pytest.approx(-0.5 * force[2], rel=1e-3)
+    # Pointing down, tool y is base -y: friction against +y of the base is +y of the tool, at 0.25 m along z.
+    assert (fx, fy, fz) == pytest.approx((force[0], -force[1], -force[2]), abs=1e-12)
+    assert (mx, my, mz) == pytest.approx((-0.25 * fy, 0.25 * fx, 0.0), abs=1e-12)
+
+
+unit = st.floats(-1.0, 1.0)
+
+
+@settings(max_examples=50)
+@given(st.tuples(unit, unit, unit, unit), st.tuples(unit, unit, unit), st.tuples(unit, unit, unit))
+def test_moving_a_force_to_the_sensor_keeps_its_power(
+    q: tuple[float, ...], force: tuple[float, ...], twist: tuple[float, ...]
+) -> None:
+    norm = np.linalg.norm(q)
+    if norm < 0.1:
+        q, norm = (1.0, 0.0, 0.0, 0.0), np.float64(1.0)
+    rotation = rotation_matrix(np.array(q) / norm)
+    arm, omega, speed = np.array([0.1, -0.2, 0.3]), np.array(twist), np.array([0.3, 0.1, -0.2])
+    np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
+    wrench = np.array(force) @ force_to_wrench(rotation, arm)
+    at_tip = rotation @ (speed + np.cross(omega, arm))
+    assert wrench @ np.concatenate((speed, omega)) == pytest.approx(np.array(force) @ at_tip, abs=1e-12)
+
+
+def test_the_wrench_turns_with_the_tool_within_a_block() -> None:
+    cell = Cell(CellProfile(tool=ToolProfile(mass_kg=1.0)), T0, 1)
+    # A quarter turn about base x at 90°/s, from tool down to tool along base y.
+    settled_at(cell, (0.9, -0.1, 0.6), (0.7071067811865476, -0.7071067811865476, 0.0, 0.0))
+    times = T0 + np.arange(0.0, 1.5, 0.001)
+    wrench = cell.wrench(times)
+    np.testing.assert_allclose(np.linalg.norm(wrench[:, :3], axis=1), 9.80665, rtol=1e-12)
+    np.testing.assert_allclose(wrench[-1, :3], [0.0, 9.80665, 0.0], rtol=0, atol=1e-9)
+    halfway = wrench[np.searchsorted(times, T0 + 0.53)]
+    assert halfway[1] == pytest.approx(halfway[2], rel=0.1)
+    np.testing.assert_array_equal(np.concatenate([cell.wrench(t) for t in np.split(times, 60)]), wrench)
+
+
+def test_no_times_give_no_wrenches() -> None:
+    assert Cell(CellProfile(), T0, 1).wrench(np.empty(0)).shape == (0, 6)
+
+
+def test_the_same_seed_gives_the_same_frames() -> None:
+    def frames(seed: int) -> np.ndarray:
+        cell = Cell(CellProfile(gateway=GatewayProfile(boot_s=0.0)), T0, seed)
+        return read_frames(cell, settled_at(cell, (0.9, 0.0, 0.589)), 0.1)
+
+    np.testing.assert_array_equal(frames(2), frames(2))
+    assert (frames(2) != frames(3)).any()
+
+
+def test_both_resting_places_of_one_reported_position_differ_by_less_than_the_papers_limit_cycle() -> None:
+    cell = Cell(CellProfile(surface=SurfaceProfile(stiffness_n_m=20_000.0), tool=NO_TOOL), T0, 1)
+    motion, forces, reported = cell.robot.motion, [], []
+    for k, height in enumerate((0.588, 0.5875, 0.588)):
+        motion.enqueue(Waypoint((0.9, 0.0, height), DOWN, AT_ONCE), T0 + k)
+        forces.append(cell.true_state(T0 + k + 0.9).contact_force[2])
+        reported.append(motion.reported(T0 + k + 0.9)[2])
+    assert reported[0] == reported[2]
+    assert 0.05 < abs(forces[2] - forces[0]) <= 20_000.0 * 0.000125
+
+
+def test_a_cell_is_read_from_plain_tables_by_name() -> None:
+    adapter = TypeAdapter(CellProfile)
+    profile = adapter.validate_python(
+        {
+            "tool": {"length_mm": 150.0, "mass_kg": 1.0},
+            "surface": {"kind": "sinusoidal", "amplitude_mm": 3.0},
+            "robot": {"move_reply": "reached", "programs": [1, 2]},
+            "sensor": {"noise_counts": 0.0},
+            "start_position_mm": [900, 0, 650],
+        }
+    )
+    assert profile.surface.kind == "sinusoidal"
+    assert profile.robot.programs == (1, 2)
+    assert profile.sensor == SensorProfile(noise_counts=0.0)
+    assert profile.start_position_mm == (900.0, 0.0, 650.0)
+    assert Cell(profile, T0, 1).true_state(T0).position == pytest.approx((0.9, 0.0, 0.65))
+    with pytest.raises(ValidationError, match="stifness"):
+        adapter.validate_python({"surface": {"stifness_n_m": 1.0}})
+    with pytest.raises(ValidationError, match="mass_kg must be at least 0"):
+        adapter.validate_python({"tool": {"mass_kg": -1.0}})
+    with pytest.raises(ValidationError, match="damping_ratio"):
+        adapter.validate_python({"servo": {"damping_ratio": 0.0}})
+
+
+def test_a_start_out_of_reach_is_refused() -> None:
+    with pytest.raises(ValueError, match="work area"):
+        Cell(CellProfile(start_position_mm=(3000.0, 0.0, 0.0)), T0, 1)
