@@ -267,11 +267,11 @@ def _clamp(limits: Limits, state: SupervisorState, request: Request) -> Allow | 
         reasons.append(f"across by more than {limits.travel_per_cycle_mm:g} mm in a cycle")
 
     low, high = np.array(limits.workspace_min_m), np.array(limits.workspace_max_m)
-    if np.any(target < low) or np.any(target > high):
+    beyond = (target < low) | (target > high)
+    if np.any(beyond):
         move = target - before
         border = np.where(move > 0, high, low)
-        moving = move != 0
-        share = float(np.min((border[moving] - before[moving]) / move[moving], initial=1.0))
+        share = float(np.min((border[beyond] - before[beyond]) / move[beyond]))
         # The last allowed position is inside; clipping only takes off what the arithmetic left over.
         target = np.clip(before + share * move, low, high)
         depth = state.depth + share * (depth - state.depth)
