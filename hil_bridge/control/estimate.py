@@ -81,5 +81,6 @@ def _average(so_far: float | None, gates: Gates, quotient: float, pressed: float
     if so_far is None:
         return quotient
     # Noise of given size spoils a quotient by 1/|Δf|, so its variance asks for a weight by the square.
-    weight = pressed**2 / (pressed**2 + gates.half_weight**2)
+    ratio = gates.half_weight / pressed
+    weight = 1.0 / (1.0 + ratio * ratio)
     return math.exp((1 - weight) * math.log(so_far) + weight * math.log(quotient))
