@@ -105,6 +105,19 @@ def test_waves_agree_with_the_distance_to_the_curve() -> None:
         assert depth[0] == pytest.approx(nearest, rel=0.02)
 
 
+@pytest.mark.parametrize("kind", SurfaceKind)
+def test_on_the_surface_depth_falls_fastest_along_the_outward_normal(kind: SurfaceKind) -> None:
+    contact = Contact(SurfaceProfile(kind=kind, path_deg=30.0))
+    for along in (-0.04, 0.013, 0.031):
+        place = np.array([0.9 + along * math.cos(math.pi / 6), along * math.sin(math.pi / 6), TOP])
+        for _ in range(30):  # down or up to the surface
+            place[2] += contact.depth_and_normal(place[None])[0][0]
+        steps = 1e-7 * np.eye(3)
+        ahead, behind = (contact.depth_and_normal(place + sign * steps)[0] for sign in (1.0, -1.0))
+        normal = contact.depth_and_normal(place[None])[1][0]
+        np.testing.assert_allclose((behind - ahead) / 2e-7, normal, rtol=0, atol=1e-6)
+
+
 def test_a_slope_of_nothing_is_flat() -> None:
     depth, along, up = Sloped(0.5, 0.0).depth_and_normal(np.array([0.3]), np.array([0.499]))
     assert (depth[0], along[0], up[0]) == (pytest.approx(0.001), 0.0, 1.0)
