@@ -144,9 +144,11 @@ class Task:
     def step(self, state: TaskState, measurement: Measurement) -> tuple[TaskState, TaskOutput]:
         """One sample. `measurement.in_contact` is not looked at: contact is judged here, from the force.
 
-        A measurement that is not finite changes nothing and asks for the depth commanded before.
+        A measurement that is not finite changes nothing and asks for the depth commanded before; a retraction
+        goes on regardless, for it needs neither force nor position.
         """
-        if not (math.isfinite(measurement.force) and math.isfinite(measurement.position)):
+        finite = math.isfinite(measurement.force) and math.isfinite(measurement.position)
+        if not finite and state.phase in (Phase.APPROACH, Phase.TRACK):
             return state, _output(state, measurement.commanded, state.phase)
         parameters = self.parameters
         threshold = parameters.loss_threshold_n if state.in_contact else parameters.contact_threshold_n

@@ -115,6 +115,14 @@ def test_force_that_is_not_finite_never_moves_deeper(force):
     assert output.target.depth == 1e-3
 
 
+def test_retraction_goes_on_with_a_dead_sensor():
+    task = Task(PARAMETERS, Watched())
+    state = task.finish(task.initial(), "the sensor died")
+    state, outputs = drive(task, lambda *_: math.nan, 8, state)
+    assert state.phase is Phase.END
+    assert outputs[-1].target.depth == pytest.approx(-4e-3)
+
+
 @pytest.mark.parametrize(
     "wrong",
     [
