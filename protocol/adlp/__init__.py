@@ -24,9 +24,10 @@ from protocol.adlp.events import (
     MessageReceived,
     MessageSent,
     NoticeKind,
+    Role,
 )
 from protocol.adlp.journal import EVENT_LIMIT, Count
-from protocol.adlp.link import MESSAGE_LIMIT, QUEUE_LIMIT, Link, Role
+from protocol.adlp.link import MESSAGE_LIMIT, QUEUE_LIMIT, Link
 from protocol.adlp.profile import DleStuffing, LengthStyle, LinkProfile
 from protocol.adlp.transitions import TRANSITIONS, Action, State, Stimulus, Transition
 

@@ -67,9 +67,9 @@ class Flaw:
     at: int
     """Where it is wrong, in bytes from the block's DLE."""
     size: int
-    """Bytes that are certainly its own: the whole block when only the check character is wrong, else 1."""
-    checksum: bool
-    """The frame is whole and only its check character is wrong."""
+    """Bytes that are certainly its own: all of a whole frame, else 1."""
+    whole: bool
+    """The frame ends properly; only its check character, or the length that the telegram states, is wrong."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,6 +168,9 @@ class BlockFormat:
         telegram = b"".join(parts)
         if data[mark + 2] != check_character(telegram):
             return _wrong_checksum(telegram, data[mark + 2], mark + 3 - start)
+        length = int.from_bytes(telegram[:2], "big")
+        if len(telegram) not in telegram_sizes(length, self.styles):  # a lost 00 does not change an XOR
+            return Flaw(f"length {length} in a telegram of {len(telegram)} bytes", 2, mark + 3 - start, True)
         return Block(telegram, data[start + 1], mark + 3 - start)
 
 

@@ -1,8 +1,15 @@
-"""What a computer link tells its owner."""
+"""The two ends of a computer link, and what a link tells its owner."""
 
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import TypeAlias
+
+
+class Role(StrEnum):
+    """Which end of the link; the spelling is that of the profile's collision winner."""
+
+    HOST = "host"
+    ROBOT = "robot"
 
 
 class LinkFailure(StrEnum):

@@ -3,7 +3,6 @@
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from enum import StrEnum
 
 from protocol.adlp.block import (
     HEADER_SIZE,
@@ -24,6 +23,7 @@ from protocol.adlp.events import (
     MessageReceived,
     MessageSent,
     NoticeKind,
+    Role,
 )
 from protocol.adlp.journal import Count, Journal
 from protocol.adlp.profile import LinkProfile
@@ -34,6 +34,9 @@ QUEUE_LIMIT = 16
 """Messages that may wait to be sent. Mark: chosen."""
 MESSAGE_LIMIT = 4096
 """Blocks of one incoming message that are kept: half a megabyte. Mark: chosen."""
+GARBAGE_SIZE = 5
+"""After so many meaningless bytes in one run a control byte is one more of them, until the line falls silent:
+else the data of a mutilated block would be answered. Mark: chosen (STX, length and addresses of a block)."""
 
 _CONTROL_STIMULI = {
     Control.ENQ: Stimulus.ENQ,
@@ -44,13 +47,6 @@ _CONTROL_STIMULI = {
     Control.EOT: Stimulus.EOT,
 }
 _RECEIVING = frozenset((State.AWAITING_BLOCK, State.AWAITING_MORE, State.DISCARDING))
-
-
-class Role(StrEnum):
-    """Which end of the link; the spelling is that of the profile's collision winner."""
-
-    HOST = "host"
-    ROBOT = "robot"
 
 
 @dataclass(slots=True)
@@ -105,8 +101,6 @@ class Link:
         self._actions: dict[Action, Callable[[], State]] = {
             action: getattr(self, f"_{action.value}") for action in Action
         }
-
-    # --- what the owner sees
 
     @property
     def state(self) -> State:
@@ -193,6 +187,8 @@ class Link:
 
     def _take(self, token: Token) -> None:
         match token:
+            case Control() if self._noise >= GARBAGE_SIZE:
+                self._step(Stimulus.NOISE, 1)
             case Control():
                 self._step(_CONTROL_STIMULI[token], 1)
             case Block():
@@ -202,13 +198,14 @@ class Link:
                 self._step(Stimulus.NOISE, token.size)
             case Flaw():
                 self._notice(NoticeKind.BAD_BLOCK, token.text)
-                self._step(Stimulus.BAD_CHECKSUM if token.checksum else Stimulus.MUTILATED, token.size)
+                self._step(Stimulus.BAD_CHECKSUM if token.whole else Stimulus.MUTILATED, token.size)
             case _:
                 self._step(Stimulus.NOISE, len(token.data))
 
     def _step(self, stimulus: Stimulus, size: int = 0) -> None:
         """Look up and act. `size` is the length of what came, for the noise account."""
-        discarding = self._state is State.DISCARDING and stimulus is not Stimulus.BLOCK
+        whole = stimulus is Stimulus.BLOCK or stimulus is Stimulus.BAD_CHECKSUM
+        discarding = self._state is State.DISCARDING and not whole
         if discarding or stimulus is Stimulus.NOISE or stimulus is Stimulus.MUTILATED:
             self._add_noise(size)
         elif self._noise and size:
@@ -245,9 +242,8 @@ class Link:
         self._journal.count(Count.NOISE_BYTES, size)
 
     def _end_noise(self) -> None:
-        if self._noise:
-            self._notice(NoticeKind.NOISE, f"{self._noise} bytes without meaning dropped")
-            self._noise = 0
+        self._notice(NoticeKind.NOISE, f"{self._noise} bytes without meaning dropped")
+        self._noise = 0
 
     def _notice(self, kind: NoticeKind, text: str) -> None:
         self._journal.notice(kind, text)
@@ -343,7 +339,7 @@ class Link:
         return self._send_next()
 
     def _note_reversed(self) -> None:
-        self._notice(NoticeKind.RVI, "the other side asks for the line")
+        self._notice(NoticeKind.RVI, "line asked for")
         self._sending.reversed = True
 
     def _repeat_refused(self) -> State:

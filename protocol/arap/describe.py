@@ -11,6 +11,7 @@ from protocol.adlp import (
     Control,
     DleStuffing,
     Flaw,
+    LengthStyle,
     LinkProfile,
     check_character,
 )
@@ -86,32 +87,45 @@ def _block_at(raw: bytes, at: int, stuffing: DleStuffing, max_telegram: int) -> 
     if stuffing == "double":
         head = head.replace(_DLE * 2, _DLE)
     from_robot = head[2:3] != bytes((FROM_PC,))
-    styles = LENGTH_STYLES[:1] if from_robot else LENGTH_STYLES
-    found = BlockFormat(stuffing, styles, max_telegram).decode(raw, at)
+    found = _decode(raw, at, [BlockFormat(stuffing, (style,), max_telegram) for style in _styles(from_robot)])
     match found:
         case Block():
             return _describe_block(at, found, from_robot)
         case Flaw(at=1):
             return _noise(raw, at)
-        case Flaw(checksum=True):
+        case Flaw(whole=True):
             telegram = raw[at + 2 : at + found.size - 3]
             if stuffing == "double":
                 telegram = telegram.replace(_DLE * 2, _DLE)
             item = _describe_block(at, Block(telegram, raw[at + 1], found.size), from_robot)
-            item["checksum"] |= {"got": f"{raw[at + found.size - 1]:02X}", "right": False}
+            check = item["checksum"]
+            check["got"] = f"{raw[at + found.size - 1]:02X}"
+            check["right"] = check["got"] == check["expected"]
             item["problem"] = found.text
             item["problem_offset"] = at + found.at
             return item
         case Flaw():
-            return _error(at, _extent(raw, at), f"block: {found.text}", at + found.at)
-        case None:
-            return _error(at, len(raw) - at, "block: the capture ends inside it", len(raw))
+            return _error(at, _extent(raw, at, 2), f"block: {found.text}", at + found.at)
+        case _:
+            size = _extent(raw, at, len(raw) - at)
+            return _error(at, size, "block: the capture ends before its length is reached", len(raw))
 
 
-def _extent(raw: bytes, at: int) -> int:
+def _styles(from_robot: bool) -> tuple[LengthStyle, ...]:
+    return LENGTH_STYLES[:1] if from_robot else LENGTH_STYLES
+
+
+def _decode(raw: bytes, at: int, formats: list[BlockFormat]) -> Block | Flaw | None:
+    """The best reading. Nothing more will come, so a reading that would wait for more is none."""
+    readings = [found for form in formats if (found := form.decode(raw, at)) is not None]
+    readings.sort(key=lambda found: (isinstance(found, Flaw), not (isinstance(found, Flaw) and found.whole)))
+    return readings[0] if readings else None
+
+
+def _extent(raw: bytes, at: int, otherwise: int) -> int:
     """Size of what probably is the block, judged by the next DLE ETX alone."""
     trailer = raw.find(bytes((Control.DLE, Control.ETX)), at + 2)
-    return min(trailer + 3, len(raw)) - at if trailer >= 0 else 2
+    return min(trailer + 3, len(raw)) - at if trailer >= 0 else otherwise
 
 
 def _error(at: int, size: int, meaning: str, where: int) -> dict[str, Any]:

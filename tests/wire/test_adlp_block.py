@@ -83,7 +83,7 @@ def test_robot_reports_a_wrong_check_character_once_no_reading_is_left():
     assert ROBOT.decode(bytes(block)) is None
     found = ROBOT.decode(bytes(block) + bytes(8))
     assert isinstance(found, Flaw)
-    assert (found.checksum, found.size) == (True, 17)
+    assert (found.whole, found.size) == (True, 17)
 
 
 def test_block_that_holds_dle_etx_is_framed_by_its_length():
@@ -115,6 +115,7 @@ def test_check_character_of_10_is_not_doubled():
         (DOUBLED, "10 02" + "00" * 129, 2),
         (DOUBLED, "10 02" + "10 10" * 129, 2),
         (DOUBLED, "10 02 00 08 10 03 00", 6),
+        (DOUBLED, "10 02 00 08 10 03 0B", 2),
     ],
 )
 def test_flaw_says_where(form, block, where):

@@ -480,7 +480,7 @@ ROWS = [
         "bad check character after garbage",
         HOST,
         (rx(0, "05"), tx(0, "06"), rx(0.02, "FF" + BAD_REPLY), tx(0.02, "15"), rx(0.03, "04")),
-        ("bad block", "NAK sent", "noise", "failed: early EOT"),
+        ("bad block", "noise", "NAK sent", "failed: early EOT"),
     ),
     Row(
         "collision: the PC yields and bids again after the robot's EOT",
@@ -785,6 +785,12 @@ ROWS = [
             rx(1.03, "04"),
         ),
         ("noise", "noise", R_REPLY),
+    ),
+    Row(
+        "half a frame at start-up that holds control bytes is not answered",
+        HOST,
+        (rx(0, "00 00 18 01 00 05 06 05 10 03 18"), rx(0.3, "05"), tx(0.3, "06"), rx(0.31, "04")),
+        ("noise", "failed: early EOT"),
     ),
     Row(
         "half a frame at start-up",

@@ -1,0 +1,286 @@
+"""Telegrams and payloads against the computer-link specification, sections 3 and 4."""
+
+import math
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from protocol.arap import (
+    POSITION_STEP,
+    FunctionCode,
+    Mode,
+    Move,
+    MoveKind,
+    Refusal,
+    RefusalCode,
+    Spontaneous,
+    SpontaneousKind,
+    Status,
+    Telegram,
+    TelegramType,
+    function_text,
+    layout_of,
+    position_from_words,
+    position_words,
+    quaternion_from_words,
+    quaternion_words,
+    read_status,
+    receive_program,
+    refusal_text,
+    response,
+    round_position,
+    start_program,
+    stop_program,
+    suffix_text,
+    type_text,
+    write_mode,
+)
+from protocol.endpoint import LocalProtocolError, RemoteProtocolError
+from protocol.marks import Mark
+
+# Specification section 4, telegrams inside the golden blocks.
+GOLDEN = [
+    (read_status(), "00 08 01 00 13 01 00 00"),
+    (stop_program(), "00 08 01 00 03 01 00 00"),
+    (write_mode(Mode.OPERATION), "00 08 01 00 14 01 00 01"),
+]
+# Section 3, read from a real robot: words of position and quaternion.
+REAL_WORDS = "0FE9 E5DC 1487 0817 D455 0997 2D13"
+
+telegrams = st.builds(
+    Telegram,
+    st.integers(0, 255),
+    st.integers(0, 255),
+    st.integers(0, 65535),
+    st.binary(max_size=120),
+    st.booleans(),
+)
+
+
+@pytest.mark.parametrize(("telegram", "text"), GOLDEN, ids=["read status", "stop program", "write mode"])
+def test_golden_telegram(telegram, text):
+    raw = bytes.fromhex(text)
+    assert telegram.encode() == raw
+    assert Telegram.decode(raw, from_robot=False) == telegram
+
+
+def test_other_orders_lie_as_the_specification_says():
+    assert start_program(7).encode().hex(" ").upper() == "00 0A 01 00 02 01 00 00 00 07"
+    assert start_program(7, from_start=False).encode().hex(" ").upper() == "00 0A 01 00 02 01 00 01 00 07"
+    assert receive_program(258).encode().hex(" ").upper() == "00 0E 01 00 1D 01 00 01 01 02 00 00 00 00"
+    assert read_status().encode("data").hex(" ").upper() == "00 00 01 00 13 01 00 00"
+    with pytest.raises(LocalProtocolError, match="start program"):
+        start_program(70000)
+
+
+@given(telegrams, st.sampled_from(["whole", "data"]))
+@settings(max_examples=100)
+def test_round_trip(telegram, style):
+    if telegram.from_robot and style == "data":
+        with pytest.raises(LocalProtocolError, match="whole length"):
+            telegram.encode(style)
+    else:
+        raw = telegram.encode(style)
+        assert Telegram.decode(raw, telegram.from_robot) == telegram
+        with pytest.raises(RemoteProtocolError):
+            Telegram.decode(raw, not telegram.from_robot)
+
+
+@pytest.mark.parametrize(
+    ("text", "from_robot", "message"),
+    [
+        ("00 08 01 00 13 01 00", False, "at least 8 bytes, got 7"),
+        ("00 09 01 00 13 01 00 00", False, "bytes 0–1: length 9"),
+        ("00 00 00 00 13 01 00 00", True, "bytes 0–1: length 0"),
+        ("00 08 00 00 13 01 00 00", False, "byte 2: source 0 is not the PC"),
+        ("00 08 01 00 13 01 00 00", True, "byte 2: source 1 is not the controller"),
+        ("00 08 01 05 13 01 00 00", False, "byte 3: destination 5"),
+    ],
+)
+def test_what_is_wrong_with_a_telegram_is_said(text, from_robot, message):
+    with pytest.raises(RemoteProtocolError, match=message):
+        Telegram.decode(bytes.fromhex(text), from_robot)
+
+
+def test_telegram_that_cannot_be_written():
+    with pytest.raises(LocalProtocolError):
+        Telegram(256, 1).encode()
+
+
+@given(st.binary(max_size=80), st.booleans())
+@settings(max_examples=150)
+def test_arbitrary_bytes_raise_remote_errors_or_nothing(raw, from_robot):
+    for data in (raw, (len(raw) + 8).to_bytes(2, "big") + bytes((not from_robot, 0, *raw[:4])) + raw[4:]):
+        try:
+            telegram = Telegram.decode(data, from_robot)
+        except RemoteProtocolError:
+            continue
+        for read in (Status, Move, Refusal, Spontaneous):
+            try:
+                read.from_telegram(telegram)
+            except RemoteProtocolError:
+                continue
+
+
+def test_check_value_of_a_real_robot():
+    data = bytes.fromhex("0001 0002 0003 0004 08 0A" + REAL_WORDS)
+    status = Status.from_telegram(Telegram(19, 2, 0, data, from_robot=True))
+    assert status.position == (0.509125, -0.8365, 0.656875)
+    assert status.quaternion_words == (2071, -11179, 2455, 11539)
+    assert round(math.hypot(*status.quaternion), 6) == 0.999998
+    assert (status.program, status.instruction, status.tcp, status.frame) == (1, 2, 3, 4)
+    flags = {name for name in Status.__dataclass_fields__ if getattr(status, name) is True}
+    assert flags == {"key_auto", "operation", "emergency_stop"}
+    telegram = status.to_telegram()
+    assert telegram.data == data
+    assert len(telegram.encode()) == 32
+
+
+@pytest.mark.parametrize(
+    ("flag", "byte", "bit"),
+    [
+        ("local", 16, 0),
+        ("interrupt_permitted", 16, 1),
+        ("programming_unit", 16, 2),
+        ("key_auto", 16, 3),
+        ("standby", 17, 0),
+        ("operation", 17, 1),
+        ("execution", 17, 2),
+        ("emergency_stop", 17, 3),
+    ],
+)
+def test_status_flag_has_its_place(flag, byte, bit):
+    raw = Status((0, 0, 0), (16384, 0, 0, 0), **{flag: True}).to_telegram().encode()
+    assert (raw[16], raw[17]) == ((1 << bit, 0) if byte == 16 else (0, 1 << bit))
+
+
+words = st.integers(-32768, 32767)
+
+
+@given(st.tuples(words, words, words), st.tuples(words, words, words, words), st.booleans())
+@settings(max_examples=100)
+def test_status_round_trip(position, quaternion, flag):
+    status = Status(position, quaternion, 9, 8, 7, 6, local=flag, execution=flag)
+    assert Status.from_telegram(status.to_telegram()) == status
+
+
+def test_move_lies_as_the_specification_says():
+    move = Move(MoveKind.END, (0.509125, -0.8365, 0.656875), (1.0, 0.0, -1.0, 0.5), 0.1, 1.0, True)
+    raw = move.to_telegram().encode()
+    assert len(raw) == 52
+    assert raw[:8].hex() == "0034010018010003"
+    assert raw[8:18].hex() == "00000000" + "00" + "06" + "0320" + "2000"
+    assert raw[18:32].hex() == "0fe9e5dc1487" + "40000000c0002000"
+    assert raw[32:] == bytes(20)
+    assert (
+        Move(MoveKind.START).to_telegram().encode()[6:18].hex() == "0002" + "00000000" + "0002" + "00002000"
+    )
+    assert Move(MoveKind.POINT).to_telegram().encode()[13] == 0
+
+
+moves = st.builds(
+    Move,
+    st.sampled_from(MoveKind),
+    st.tuples(*[st.integers(-32767, 32767).map(lambda n: n / 8000)] * 3),
+    st.tuples(*[st.integers(-16384, 16384).map(lambda n: n / 16384)] * 4),
+    st.integers(0, 65535).map(lambda n: n / 8000),
+    st.integers(0, 65535).map(lambda n: n / 8192),
+    st.booleans(),
+)
+
+
+@given(moves, st.sampled_from([52, 60]))
+@settings(max_examples=100)
+def test_move_round_trip(move, length):
+    telegram = move.to_telegram(length)
+    assert len(telegram.encode()) == length
+    assert Move.from_telegram(telegram) == move
+
+
+@pytest.mark.parametrize(
+    "move",
+    [
+        Move(MoveKind.POINT, (4.1, 0.0, 0.0)),
+        Move(MoveKind.POINT, (0.0, math.nan, 0.0)),
+        Move(MoveKind.POINT, (0.0, 0.0, -math.inf)),
+        Move(MoveKind.POINT, quaternion=(1.001, 0.0, 0.0, 0.0)),
+        Move(MoveKind.POINT, velocity=-0.1),
+        Move(MoveKind.POINT, velocity=8.2),
+        Move(MoveKind.POINT, run_speed=8.0),
+    ],
+)
+def test_move_out_of_range_is_refused_before_the_wire(move):
+    with pytest.raises(LocalProtocolError, match="is outside"):
+        move.to_telegram()
+
+
+def test_wrong_move_telegrams_are_refused():
+    telegram = Move(MoveKind.POINT).to_telegram()
+    with pytest.raises(RemoteProtocolError, match="56 bytes, expected 52 or 60"):
+        Move.from_telegram(Telegram(24, 1, 0, bytes(48)))
+    assert Move.from_telegram(Telegram(24, 1, 0, bytes(48)), lengths=(56,)).kind is MoveKind.POINT
+    with pytest.raises(RemoteProtocolError, match="suffix 9"):
+        Move.from_telegram(Telegram(24, 1, 9, telegram.data))
+    with pytest.raises(RemoteProtocolError, match="expected function 19"):
+        Status.from_telegram(telegram)
+    with pytest.raises(RemoteProtocolError, match="needs 24 bytes"):
+        Status.from_telegram(Telegram(19, 2, 0, bytes(23), True))
+
+
+@given(st.tuples(*[st.floats(-4.0958, 4.0958)] * 3))
+@settings(max_examples=100)
+def test_rounding_to_device_words_is_to_the_nearest_and_stays(position):
+    rounded = round_position(position)
+    assert all(abs(a - b) <= POSITION_STEP / 2 + 1e-12 for a, b in zip(rounded, position, strict=True))
+    assert round_position(rounded) == rounded
+    assert position_words(rounded) == position_words(position)
+
+
+def test_words_and_values():
+    assert position_words((4.095875, -4.095875, 0.0)) == (32767, -32767, 0)
+    assert position_from_words((32767, -32768, 1)) == (4.095875, -4.096, 0.000125)
+    assert quaternion_words((1.0, -1.0, 0.5, 0.0)) == (16384, -16384, 8192, 0)
+    assert quaternion_from_words((16384, -16384, 8192, 0)) == (1.0, -1.0, 0.5, 0.0)
+
+
+def test_refusal_and_spontaneous():
+    refusal = Refusal(RefusalCode.OUTSIDE_WORK_AREA)
+    telegram = refusal.to_telegram(read_status())
+    assert telegram.encode().hex(" ").upper() == "00 0A 00 00 13 06 00 00 00 0F"
+    assert Refusal.from_telegram(telegram) == refusal
+    assert refusal.text == "outside the work area, or no start point"
+    assert Refusal(77).text == "unknown refusal code 77"
+    assert Refusal(8).text == "unspecified"
+    told = Spontaneous(SpontaneousKind.SYSTEM_ERROR, 508, 3)
+    assert told.to_telegram().encode().hex(" ").upper() == "00 0C 00 00 7F 03 00 07 01 FC 00 03"
+    assert Spontaneous.from_telegram(told.to_telegram()) == told
+    assert told.text == "system error 508.3"
+    assert Spontaneous(4, 1, 2).text == "unknown kind 4 1.2"
+    assert response(read_status(), b"ab") == Telegram(19, 2, 0, b"ab", True)
+
+
+def test_texts_of_codes():
+    assert function_text(4) == "read TCP"
+    assert function_text(45) == "ARAP version"
+    assert function_text(200) == "unknown function 200"
+    assert type_text(0x0A) == "further block follows, from S3"
+    assert type_text(7) == "unknown type 07"
+    assert suffix_text(20, 3) == "operation synchronise"
+    assert suffix_text(2, 1) == "continue"
+    assert suffix_text(99, 1) == ""
+    assert str(write_mode(Mode.STANDBY)) == "write mode 0 (standby), order, 0 bytes of data"
+    for code in FunctionCode:
+        assert function_text(code)
+    for kind in TelegramType:
+        assert type_text(kind)
+    for reason in RefusalCode:
+        assert refusal_text(reason)
+
+
+def test_every_known_payload_has_a_layout_with_marks():
+    assert layout_of(19, 2).fields[0].mark is Mark.ASSUMED
+    x = next(field for field in layout_of(24, 1).fields if field.name == "x")
+    assert (x.offset + 8, x.mark, x.unit, x.scale) == (18, Mark.OBSERVED, "m", POSITION_STEP)
+    assert layout_of(4, 6).name == "refusal"
+    assert layout_of(4, 1) is None
