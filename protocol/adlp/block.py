@@ -69,7 +69,7 @@ class Flaw:
     size: int
     """Bytes that are certainly its own: all of a whole frame, else 1."""
     whole: bool
-    """The frame ends properly; only its check character, or the length that the telegram states, is wrong."""
+    """The frame ends where it should and only its check character is wrong."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,11 +166,12 @@ class BlockFormat:
         if len(data) < mark + 3:
             return None
         telegram = b"".join(parts)
+        length = int.from_bytes(telegram[:2], "big")
+        if len(telegram) not in telegram_sizes(length, self.styles):
+            # Cut short by a lost DLE, or short of a 00, which no XOR tells.
+            return Flaw(f"length {length} in a telegram of {len(telegram)} bytes", 2, 1, False)
         if data[mark + 2] != check_character(telegram):
             return _wrong_checksum(telegram, data[mark + 2], mark + 3 - start)
-        length = int.from_bytes(telegram[:2], "big")
-        if len(telegram) not in telegram_sizes(length, self.styles):  # a lost 00 does not change an XOR
-            return Flaw(f"length {length} in a telegram of {len(telegram)} bytes", 2, mark + 3 - start, True)
         return Block(telegram, data[start + 1], mark + 3 - start)
 
 

@@ -98,9 +98,7 @@ def _block_at(raw: bytes, at: int, stuffing: DleStuffing, max_telegram: int) -> 
             if stuffing == "double":
                 telegram = telegram.replace(_DLE * 2, _DLE)
             item = _describe_block(at, Block(telegram, raw[at + 1], found.size), from_robot)
-            check = item["checksum"]
-            check["got"] = f"{raw[at + found.size - 1]:02X}"
-            check["right"] = check["got"] == check["expected"]
+            item["checksum"] |= {"got": f"{raw[at + found.size - 1]:02X}", "right": False}
             item["problem"] = found.text
             item["problem_offset"] = at + found.at
             return item

@@ -114,7 +114,7 @@ def test_check_character_of_10_is_not_doubled():
         (DOUBLED, "10 02 00 08 10 00", 4),
         (DOUBLED, "10 02" + "00" * 129, 2),
         (DOUBLED, "10 02" + "10 10" * 129, 2),
-        (DOUBLED, "10 02 00 08 10 03 00", 6),
+        (DOUBLED, "10 02 00 08 01 00 13 01 00 00 10 03 19", 12),
         (DOUBLED, "10 02 00 08 10 03 0B", 2),
     ],
 )
