@@ -43,3 +43,11 @@ class StaleMeasurement(DeviceError):
 
 class SafetyStop(BridgeError):
     """The supervisor stopped the run; the message is the latched cause."""
+
+
+class OrderRefused(DeviceError):
+    """The robot controller refused an order; `code` is its refusal code."""
+
+    def __init__(self, text: str, code: int) -> None:
+        super().__init__(text)
+        self.code = code

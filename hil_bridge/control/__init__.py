@@ -22,6 +22,7 @@ from hil_bridge.control.frames import (
     transform_wrench,
 )
 from hil_bridge.control.fuzzy import Inference, Surface, computed_matrix, evaluate, infer, quantise
+from hil_bridge.control.loop import ControlLoop, Decision, LoopState, Sample
 from hil_bridge.control.merit import FiguresOfMerit, figures_of_merit
 from hil_bridge.control.supervisor import (
     Allow,
@@ -37,6 +38,7 @@ from hil_bridge.control.supervisor import (
 )
 from hil_bridge.control.task import Phase, Target, Task, TaskOutput, TaskParameters, TaskState
 from hil_bridge.control.types import Command, Controller, Measurement
+from hil_bridge.control.wrist import Wrist
 
 __all__ = [
     "CONTROLLERS",
@@ -45,7 +47,9 @@ __all__ = [
     "Cause",
     "Clamp",
     "Command",
+    "ControlLoop",
     "Controller",
+    "Decision",
     "FiguresOfMerit",
     "FuzzyAdaptive",
     "FuzzyPi",
@@ -53,11 +57,13 @@ __all__ = [
     "Gates",
     "Inference",
     "Limits",
+    "LoopState",
     "Measurement",
     "Observation",
     "Phase",
     "Request",
     "ResolutionAware",
+    "Sample",
     "StiffnessEstimate",
     "Stop",
     "Supervisor",
@@ -69,6 +75,7 @@ __all__ = [
     "TaskParameters",
     "TaskState",
     "Verdict",
+    "Wrist",
     "computed_matrix",
     "evaluate",
     "figures_of_merit",

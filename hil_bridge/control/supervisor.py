@@ -8,7 +8,7 @@ decision, ends it.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import ClassVar, TypeAlias
 
@@ -30,7 +30,7 @@ class Cause(StrEnum):
     STALE = "stale"
     FROZEN = "frozen"
     SEQUENCE = "sequence"
-    LINK = "link"
+    DEVICE = "device"
     INCONSISTENT = "inconsistent"
 
 
@@ -98,8 +98,8 @@ class Observation:
     """How many of the newest frames in a row carried identical counts on all axes."""
     saturated: bool = False
     """True when an axis is at the end of its range, so that the force may be anything above."""
-    link_ok: bool = True
-    """False when the robot link failed."""
+    fault: str = ""
+    """What is wrong with a device, in words; empty while nothing is."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,6 +191,14 @@ class Supervisor:
             verdict,
         )
 
+    def limit(self, state: SupervisorState, request: Request) -> tuple[SupervisorState, Allow | Clamp]:
+        """One cycle of pulling back, which a stop does not end: only the limits of motion hold.
+
+        The request must be finite. A stop stays latched.
+        """
+        verdict = _clamp(self.limits, state, request)
+        return replace(state, depth=verdict.depth, position=verdict.position), verdict
+
 
 def _find_cause(
     limits: Limits, state: SupervisorState, observation: Observation, request: Request, still: int
@@ -207,7 +215,7 @@ def _find_cause(
     before, now = state.sensor_sequence, observation.sensor_sequence
     checks = (
         (not all(map(math.isfinite, numbers)), Cause.NOT_A_NUMBER, "a measurement or command is no number"),
-        (not observation.link_ok, Cause.LINK, "the robot link failed"),
+        (bool(observation.fault), Cause.DEVICE, observation.fault),
         (
             abs(observation.force) > limits.force_limit_n,
             Cause.FORCE,

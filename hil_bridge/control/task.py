@@ -52,7 +52,7 @@ class TaskParameters:
     """Contact losses after which the run is ended."""
     step_mm: float = 1.0
     """Travel along the surface per sample. Source: the paper's experiments."""
-    travel_limit_mm: float = 200.0
+    travel_limit_mm: float = 500.0
     """Travel after which tracking ends."""
     retract_step_mm: float = 1.0
     """Depth taken back per cycle while retracting."""
@@ -106,6 +106,8 @@ class TaskState:
     """The controller's own state; None before the first contact."""
     cause: str = ""
     """Why the run retracts or has ended; empty while it goes on."""
+    failed: bool = False
+    """The cause is a failure, not the end of the work."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,6 +124,8 @@ class TaskOutput:
     """Contact losses so far."""
     cause: str = ""
     """Why the run retracts or has ended; empty while it goes on."""
+    failed: bool = False
+    """The cause is a failure, not the end of the work."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,6 +144,12 @@ class Task:
         if state.phase in (Phase.RETRACT, Phase.END):
             return state
         return replace(state, phase=Phase.RETRACT, turn=None, cause=cause)
+
+    def fail(self, state: TaskState, cause: str) -> TaskState:
+        """Retract from the next sample on, because something is wrong."""
+        if state.phase in (Phase.RETRACT, Phase.END):
+            return state
+        return replace(self.finish(state, cause), failed=True)
 
     def step(self, state: TaskState, measurement: Measurement) -> tuple[TaskState, TaskOutput]:
         """One sample. `measurement.in_contact` is not looked at: contact is judged here, from the force.
@@ -173,7 +183,7 @@ class Task:
         limit_mm = self.parameters.approach_depth_limit_mm
         if depth - turn > limit_mm * 1e-3 + _ROUNDING:
             cause = f"no contact found within {limit_mm:g} mm"
-            return self._retract(self.finish(state, cause), measurement)
+            return self._retract(self.fail(state, cause), measurement)
         state = replace(state, turn=turn)
         return state, _output(state, depth, Phase.APPROACH)
 
@@ -192,7 +202,7 @@ class Task:
         state = replace(state, samples_lost=state.samples_lost + 1, losses=state.losses + first)
         output = _output(state, command.position, Phase.TRACK, command)
         if state.losses >= self.parameters.loss_limit:
-            state = self.finish(state, f"contact lost {state.losses} times")
+            state = self.fail(state, f"contact lost {state.losses} times")
         elif state.samples_lost >= self.parameters.loss_samples:
             state = replace(state, phase=Phase.APPROACH, turn=None)
         return state, output
@@ -211,7 +221,7 @@ class Task:
 
 def _output(state: TaskState, depth: float, phase: Phase, command: Command | None = None) -> TaskOutput:
     return TaskOutput(
-        phase, Target(depth, state.travel), state.in_contact, command, state.losses, state.cause
+        phase, Target(depth, state.travel), state.in_contact, command, state.losses, state.cause, state.failed
     )
 
 

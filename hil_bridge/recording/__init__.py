@@ -3,9 +3,11 @@
 from hil_bridge.recording.reader import Recording, read
 from hil_bridge.recording.recorder import Recorder
 from hil_bridge.recording.records import CycleRecord, EventRecord, SensorRecord
-from hil_bridge.recording.summary import Outcome, RunEnd, Summary, summarise
+from hil_bridge.recording.summary import PHASE_EVENT, STOP_EVENT, Outcome, RunEnd, Summary, summarise
 
 __all__ = [
+    "PHASE_EVENT",
+    "STOP_EVENT",
     "CycleRecord",
     "EventRecord",
     "Outcome",

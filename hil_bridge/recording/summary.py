@@ -1,7 +1,6 @@
 """What a run comes down to, from its record alone: figures of merit, durations, times and counters."""
 
 import dataclasses
-import itertools
 import json
 import math
 import statistics
@@ -17,7 +16,7 @@ from hil_bridge.recording.files import write_whole
 from hil_bridge.recording.reader import Recording
 from hil_bridge.recording.recorder import DROPPED_PREFIX
 from hil_bridge.recording.records import CycleRecord
-from hil_bridge.recording.topics import TOPICS, finite
+from hil_bridge.recording.topics import SENSOR, TOPICS, finite
 
 PHASE_EVENT = "phase"
 """Kind of the events whose text is the name of the phase that begins."""
@@ -46,7 +45,9 @@ class RunEnd:
     line_floor_s: float | None = None
     """What the characters of one cycle take on the line at least."""
     link: Mapping[str, float] = field(default_factory=dict)
-    """Counters of the links by name, with the unit in the name where there is one."""
+    """Counters of the computer link by name."""
+    sensor_lost: int | None = None
+    """Sensor frames that were sent and never came, as the client of the gateway counts them."""
 
     def as_metadata(self) -> dict[str, str]:
         """For `Recorder.close`, so that a record tells its end by itself."""
@@ -55,6 +56,7 @@ class RunEnd:
             "cause": self.cause,
             "line_floor_s": json.dumps(self.line_floor_s),
             "link": json.dumps(dict(self.link), sort_keys=True),
+            "sensor_lost": json.dumps(self.sensor_lost),
         }
 
 
@@ -103,8 +105,8 @@ class Summary:
     """From the status order to the answer of the move order."""
     line_floor_s: float | None
     sensor_frames_received: int
-    sensor_frames_lost: int
-    """Gaps in the stream's counter that are not the recorder's own."""
+    sensor_frames_lost: int | None
+    """Frames that never came; None when the record was cut off before its end."""
     recorder_dropped: Mapping[str, int]
     """Records that did not reach the file, by topic."""
     link: Mapping[str, float]
@@ -127,7 +129,6 @@ def summarise(recording: Recording, end: RunEnd | None = None) -> Summary:
     cycles = recording.cycles
     track = [cycle for cycle in cycles if cycle.phase == TRACK and math.isfinite(cycle.force)]
     dropped = _dropped(recording)
-    received, missing = _stream(recording)
     steady = [cycle.force for cycle in track[-STEADY_SAMPLES:]]
     references = [cycle.force_reference for cycle in track or cycles]
     spans = phases(recording)
@@ -150,8 +151,8 @@ def summarise(recording: Recording, end: RunEnd | None = None) -> Summary:
         cycle_rate_hz=_rate(cycles),
         cycle_time=_times([cycle.answered_at - cycle.started_at for cycle in cycles]),
         line_floor_s=end.line_floor_s,
-        sensor_frames_received=received,
-        sensor_frames_lost=max(0, missing - dropped.get("/sensor", 0)),
+        sensor_frames_received=len(recording.sensors) + dropped[SENSOR.name],
+        sensor_frames_lost=end.sensor_lost,
         recorder_dropped=dropped,
         link=dict(end.link),
     )
@@ -162,11 +163,13 @@ def end_of(recording: Recording) -> RunEnd:
     told = recording.end
     outcome = told.get("outcome", "")
     floor, link = _json(told.get("line_floor_s")), _json(told.get("link"))
+    lost = _json(told.get("sensor_lost"))
     return RunEnd(
         Outcome(outcome) if outcome in set(Outcome) else Outcome.INTERRUPTED,
         told.get("cause", "") if told else "the recording ends before the run does",
         float(floor) if isinstance(floor, (int, float)) else None,
         {str(k): v for k, v in link.items() if isinstance(v, (int, float))} if isinstance(link, dict) else {},
+        lost if isinstance(lost, int) else None,
     )
 
 
@@ -222,13 +225,6 @@ def _times(durations: Sequence[float]) -> Times | None:
         return None
     p50, p90, p99 = (float(value) for value in np.percentile(known, (50, 90, 99)))
     return Times(statistics.fmean(known), p50, p90, p99, max(known))
-
-
-def _stream(recording: Recording) -> tuple[int, int]:
-    """Sensor frames that were recorded, and gaps in their counter."""
-    sequences = [sensor.sequence for sensor in recording.sensors]
-    gaps = (after - before - 1 for before, after in itertools.pairwise(sequences))
-    return len(sequences), sum(gap for gap in gaps if gap > 0)
 
 
 def _dropped(recording: Recording) -> dict[str, int]:

@@ -16,6 +16,13 @@ from protocol.marks import Mark
 
 FULL_SCALE_COUNTS = 16384
 """Counts that mean full scale; twice as much is representable. Source: JR3 manual 5907E."""
+GATEWAY_BITRATE = 1_000_000
+"""bit/s. Source: the firmware."""
+SATURATED_COUNTS = 32752
+"""Counts from which an axis may be at the end of its range, whatever the converter.
+
+Derived: 32768 − 2^(16 − bits), the manual's default, for the coarsest converter of 12 bits.
+"""
 COUNTER_MODULUS = 65536
 AXES = ("fx", "fy", "fz", "mx", "my", "mz")
 NODES = range(1, 128)

@@ -88,7 +88,7 @@ def test_start_outside_the_workspace_is_a_configuration_error():
         ({"now": 100.21}, Cause.STALE),
         ({"sensor_at": 100.1}, Cause.STALE),
         ({"repeated_frames": 400}, Cause.FROZEN),
-        ({"link_ok": False}, Cause.LINK),
+        ({"fault": "the sensor restarted"}, Cause.DEVICE),
     ],
 )
 def test_each_cause_stops_and_just_inside_does_not(observed, cause):

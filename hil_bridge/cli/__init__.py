@@ -1,0 +1,46 @@
+"""The command line `hil-bridge`. Each command imports what it needs when it runs, so that help comes at once."""
+
+import sys
+
+import click
+
+from hil_bridge.cli.decode import decode
+from hil_bridge.cli.emulate import emulate
+from hil_bridge.cli.files import config, profile, report
+from hil_bridge.cli.run import run
+from hil_bridge.errors import BridgeError
+
+EXIT_INTERRUPTED = 130
+"""What a shell expects of a command that Ctrl-C ended."""
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.version_option(package_name="hil-bridge", prog_name="hil-bridge")
+def cli() -> None:
+    """Force control of a position-controlled robot, over its real wires or the same wires emulated.
+
+    Exit codes: 0 done, 2 configuration or input, 3 device, link or safety stop, 130 interrupted.
+    """
+
+
+for command in (run, emulate, decode, report, config, profile):
+    cli.add_command(command)
+
+
+def main() -> None:
+    """Entry point: errors that a person is meant to read become one line on standard error and an exit code."""
+    try:
+        code = cli.main(standalone_mode=False)
+    except BridgeError as error:
+        click.echo(f"hil-bridge: {error}", err=True)
+        code = error.exit_code
+    except click.ClickException as error:
+        error.show()
+        code = error.exit_code
+    except (click.Abort, KeyboardInterrupt):
+        code = EXIT_INTERRUPTED
+    except BrokenPipeError:
+        # Whoever read our output has left (`| head`); nothing more can be said, also not while exiting.
+        sys.stderr.close()
+        code = 0
+    sys.exit(code)

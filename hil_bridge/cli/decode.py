@@ -1,0 +1,59 @@
+"""`hil-bridge decode`: pasted bytes and frames, as JSON."""
+
+import json
+import sys
+
+import click
+
+
+@click.group()
+def decode() -> None:
+    """Decode pasted bytes or frames to JSON: fields, units, and what is wrong and where."""
+
+
+def _print(items: list[dict[str, object]]) -> None:
+    click.echo(json.dumps(items, indent=1, ensure_ascii=False))
+    if any(item.get("error") for item in items):
+        sys.exit(2)
+
+
+@decode.command("computer-link")
+@click.argument("hex_bytes", metavar="HEX…", nargs=-1, required=True)
+def computer_link(hex_bytes: tuple[str, ...]) -> None:
+    """Decode bytes of the S3 computer link, control bytes and blocks mixed.
+
+    HEX may be spaced as you like: "10 02 00 08 01 00 13 01 00 00 10 03 18" or 100200…
+    Ends with exit code 2 when anything in it is wrong.
+    """
+    from hil_bridge.errors import ConfigError
+    from protocol.arap import describe
+
+    text = "".join(hex_bytes).replace(":", "").replace(",", "")
+    text = "".join(text.split())
+    for position, character in enumerate(text):
+        if character not in "0123456789abcdefABCDEF":
+            raise ConfigError(
+                f"HEX: {character!r} at digit {position + 1} is no hexadecimal digit; give byte pairs like 10 02"
+            )
+    if len(text) % 2:
+        raise ConfigError(f"HEX: {len(text)} digits are no whole bytes; one digit is missing or too many")
+    _print(describe(bytes.fromhex(text)))
+
+
+@decode.command("jr3-can")
+@click.argument("frames", metavar="ID#DATA…", nargs=-1, required=True)
+def jr3_can(frames: tuple[str, ...]) -> None:
+    """Decode frames of the JR3 CAN gateway, as candump writes them: 201#C80010270000.
+
+    Ends with exit code 2 when anything in it is wrong.
+    """
+    from hil_bridge.errors import ConfigError
+    from protocol.jr3 import describe, parse_frame
+
+    items = []
+    for text in frames:
+        try:
+            items.append(describe(parse_frame(text)))
+        except ValueError as error:
+            raise ConfigError(f"frame {text!r}: {error}") from error
+    _print(items)

@@ -1,0 +1,44 @@
+"""`hil-bridge emulate`: the devices alone, for a bridge or any other client in another process."""
+
+from pathlib import Path
+
+import click
+
+
+@click.command()
+@click.argument("what", type=click.Choice(["cell", "robot", "sensor"]))
+@click.argument("config_file", metavar="[CONFIG.toml]", required=False, type=click.Path(path_type=Path))
+@click.option(
+    "--robot-port", metavar="URL", help="Where the robot listens.  [default: a paced pseudo-terminal]"
+)
+@click.option(
+    "--sensor-port",
+    metavar="URL",
+    help="Where the sensor's CAN gateway is.  [default: slcan on a pseudo-terminal]",
+)
+@click.option("--seed", type=int, help="Seed of every random draw in the devices.")
+@click.option("--json", "as_json", is_flag=True, help="Print where they listen as one line of JSON.")
+def emulate(
+    what: str,
+    config_file: Path | None,
+    robot_port: str | None,
+    sensor_port: str | None,
+    seed: int | None,
+    as_json: bool,
+) -> None:
+    """Serve the emulated cell, or its robot or sensor alone, until stopped with Ctrl-C.
+
+    Ports to listen on: pty:?baudrate=9600&parity=E, tcp-listen://127.0.0.1:0?baudrate=9600&parity=E for the robot;
+    can+slcan+pty:, can+socketcan://vcan0 for the sensor.
+    """
+    from hil_bridge.compose import Ports, real_ports
+    from hil_bridge.config import load_config
+    from hil_bridge.serve import serve
+
+    config = load_config(config_file, {"run.seed": seed})
+    usual = real_ports(config.cell.link)
+    ports = Ports(
+        None if what == "sensor" else robot_port or usual.robot,
+        None if what == "robot" else sensor_port or usual.sensor,
+    )
+    serve(config, ports, as_json)

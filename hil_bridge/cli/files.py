@@ -1,0 +1,71 @@
+"""Commands around files: `report`, `config`, `profile`."""
+
+import json
+from pathlib import Path
+
+import click
+
+_FILE = click.Path(path_type=Path)
+
+
+@click.command()
+@click.argument("recording", type=_FILE)
+@click.option("--out", type=_FILE, metavar="DIR", help="Where to put it.  [default: beside the recording]")
+def report(recording: Path, out: Path | None) -> None:
+    """Make report.png and report.html from a recording."""
+    from hil_bridge.recording import read, summarise
+    from hil_bridge.report import write_report
+
+    record = read(recording)
+    page = write_report(record, summarise(record), out or recording.parent)
+    click.echo(page)
+
+
+@click.group()
+def config() -> None:
+    """Make or describe a configuration file."""
+
+
+@config.command()
+@click.argument("path", type=_FILE, default=Path("hil-bridge.toml"))
+def init(path: Path) -> None:
+    """Write a commented file with every setting at its default.  [default: hil-bridge.toml]"""
+    from hil_bridge.config import commented_defaults
+    from hil_bridge.errors import ConfigError
+
+    try:
+        with path.open("x", encoding="utf-8") as file:
+            file.write(commented_defaults())
+    except FileExistsError as error:
+        raise ConfigError(f"{path} is there already; name another file or remove it") from error
+    except OSError as error:
+        raise ConfigError(f"cannot write {path}: {error.strerror}") from error
+    click.echo(f"wrote {path}")
+
+
+@config.command()
+def schema() -> None:
+    """Print the JSON schema of a configuration file."""
+    from hil_bridge.config import schema as json_schema
+
+    click.echo(json.dumps(json_schema(), indent=1, ensure_ascii=False))
+
+
+@click.group()
+def profile() -> None:
+    """What is known and what is assumed about the devices."""
+
+
+@profile.command()
+@click.argument("config_file", metavar="[CONFIG.toml]", required=False, type=_FILE)
+@click.option("--all", "everything", is_flag=True, help="Also what is observed, derived, standard or chosen.")
+def show(config_file: Path | None, everything: bool) -> None:
+    """Print every assumed value in use with its mark; correct them in the configuration."""
+    from hil_bridge.config import load_config, profile_rows
+    from protocol.marks import Mark
+
+    for key, item in profile_rows(load_config(config_file, {})):
+        if everything or item.info.mark is Mark.ASSUMED:
+            unit = f" {item.info.unit}" if item.info.unit else ""
+            changed = "" if item.value == item.default else f" (default {item.default})"
+            click.echo(f"{key} = {item.value}{unit}{changed}  [{item.info.mark}]  {item.info.meaning}")

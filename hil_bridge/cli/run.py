@@ -1,0 +1,64 @@
+"""`hil-bridge run`: the closed loop."""
+
+import sys
+from pathlib import Path
+
+import click
+
+CONTROLLERS = ("fuzzy", "fuzzy-adaptive", "resolution-aware")
+_FILE = click.Path(path_type=Path)
+
+
+@click.command()
+@click.argument("config_file", metavar="[CONFIG.toml]", required=False, type=_FILE)
+@click.option(
+    "--robot",
+    metavar="URL",
+    help="Robot's computer link: serial:///dev/ttyUSB0?baudrate=9600&parity=E, tcp://host:port.",
+)
+@click.option(
+    "--sensor", metavar="URL", help="Sensor's CAN gateway: can+socketcan://can0, can+slcan:///dev/ttyACM0."
+)
+@click.option("--controller", type=click.Choice(CONTROLLERS), help="Force controller.")
+@click.option("--force-n", type=float, metavar="F", help="Desired contact force, N.")
+@click.option("--duration", "duration_s", type=float, metavar="S", help="How long to track the surface, s.")
+@click.option("--virtual", is_flag=True, help="Virtual time: as fast as it computes, and exactly repeatable.")
+@click.option("--seed", type=int, metavar="N", help="Seed of every random draw in the emulated cell.")
+@click.option("--record", type=_FILE, metavar="FILE", help="Record the run as MCAP.")
+@click.option("--summary", type=_FILE, metavar="FILE", help="Write the figures as JSON.")
+@click.option("--report", type=_FILE, metavar="DIR", help="Write report.png and report.html.")
+@click.option("--no-view", is_flag=True, help="No live view.")
+def run(
+    config_file: Path | None,
+    robot: str | None,
+    sensor: str | None,
+    controller: str | None,
+    force_n: float | None,
+    duration_s: float | None,
+    virtual: bool,
+    seed: int | None,
+    record: Path | None,
+    summary: Path | None,
+    report: Path | None,
+    no_view: bool,
+) -> None:
+    """Approach the surface, hold the force while moving along it, retract.
+
+    Without --robot and --sensor it starts the emulated cell itself: over a 9600 baud pseudo-terminal and an
+    emulated slcan adapter, or with --virtual over in-memory wires. Ctrl-C retracts and ends with a whole record.
+    """
+    from hil_bridge.config import load_config
+    from hil_bridge.session import Outputs, execute
+
+    config = load_config(
+        config_file,
+        {
+            "robot.url": robot,
+            "sensor.url": sensor,
+            "controller.name": controller,
+            "task.force_n": force_n,
+            "run.duration_s": duration_s,
+            "run.seed": seed,
+        },
+    )
+    sys.exit(execute(config, virtual, Outputs(record, summary, report), view=not no_view))

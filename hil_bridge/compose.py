@@ -1,0 +1,141 @@
+"""The composition root: which wire, which device and which emulator are joined. No other module knows both sides."""
+
+from collections.abc import AsyncIterator, Callable
+from contextlib import AsyncExitStack, asynccontextmanager
+from dataclasses import dataclass, replace
+from typing import Any
+
+from emulators.cell import Cell, CellProfile
+from emulators.slcan_adapter import SlcanAdapter, SlcanProfile
+from hil_bridge.clock import Clock
+from hil_bridge.errors import ConfigError, TransportError
+from hil_bridge.pump import Pump
+from hil_bridge.transports import Frames, Transport, listen_bytes, listen_can
+from hil_bridge.transports.urls import CONNECT_BYTES, parse_url
+from protocol.adlp import LinkProfile
+from protocol.jr3 import GATEWAY_BITRATE
+
+SLCAN = "can+slcan+"
+"""Before a listening byte URL: an emulated slcan adapter on that wire."""
+
+
+@dataclass(frozen=True, slots=True)
+class Ports:
+    """One URL each for robot and sensor, to listen on or to connect to; None for a device that is not served."""
+
+    robot: str | None
+    sensor: str | None
+
+
+def real_ports(link: LinkProfile) -> Ports:
+    """Where the cell listens in real time: a line as the real robot has it, and an slcan adapter."""
+    return Ports(f"pty:?{_line(link)}", f"{SLCAN}pty:")
+
+
+VIRTUAL_PORTS = Ports("memory:robot", "can+memory:sensor")
+"""Where the cell listens in virtual time."""
+
+
+def robot_wire(url: str, link: LinkProfile) -> tuple[str, LinkProfile]:
+    """A robot URL with what it leaves out of its serial line taken from the profile, and the profile with what
+    the URL says of the line. Raises ConfigError.
+    """
+    parsed = parse_url(url, CONNECT_BYTES)
+    options = parsed.options
+    try:
+        link = replace(
+            link,
+            baudrate=options.get("baudrate", link.baudrate),
+            parity=str(options.get("parity", link.parity)),
+            stop_bits=options.get("stopbits", link.stop_bits),
+        )
+    except ValueError as error:
+        raise ConfigError(f"{url!r}: {error}") from error
+    return (f"serial://{parsed.target}?{_line(link)}" if parsed.scheme == "serial" else url), link
+
+
+def _line(link: LinkProfile) -> str:
+    return f"baudrate={link.baudrate}&parity={link.parity}&stopbits={link.stop_bits}"
+
+
+class SlcanPort:
+    """The emulated adapter between a byte wire and its CAN side: a transport of frames for the gateway."""
+
+    def __init__(self, serial: Transport[bytes], clock: Clock) -> None:
+        self._serial = serial
+        self._clock = clock
+        self._adapter = SlcanAdapter(SlcanProfile())
+        self._on_frames: Callable[[Frames], None] = lambda frames: None
+
+    @property
+    def name(self) -> str:
+        """The URL of the byte wire."""
+        return self._serial.name
+
+    def start(self, on_data: Callable[[Frames], None], on_end: Callable[[TransportError], None]) -> None:
+        """Begin to serve the host that talks to the adapter."""
+        self._on_frames = on_data
+        self._serial.start(self._from_host, on_end)
+
+    def send(self, data: Frames) -> None:
+        """Frames seen on the adapter's bus, for the host if its channel is open."""
+        self._adapter.send_frames(data, self._clock.now())
+        self._answer()
+
+    async def aclose(self) -> None:
+        """Close the byte wire."""
+        await self._serial.aclose()
+
+    def _from_host(self, data: bytes) -> None:
+        self._adapter.receive(data, self._clock.now())
+        self._answer()
+        frames = []
+        while (frame := self._adapter.next_event()) is not None:
+            frames.append(frame)
+        if frames:
+            self._on_frames(frames)
+
+    def _answer(self) -> None:
+        if text := self._adapter.data_to_send(self._clock.now()):
+            self._serial.send(text)
+
+
+@asynccontextmanager
+async def emulated_cell(
+    profile: CellProfile,
+    seed: int,
+    clock: Clock,
+    ports: Ports,
+    on_failure: Callable[[BaseException], None],
+) -> AsyncIterator[Ports]:
+    """Serve the cell's devices on the given listening URLs (None: not served) until the context is left.
+
+    `on_failure` is told when a device can no longer be served.
+    """
+    cell = Cell(profile, clock.now(), seed)
+    async with AsyncExitStack() as stack:
+
+        def attach(endpoint: Any, transport: Transport[Any]) -> None:
+            stack.push_async_callback(transport.aclose)
+            Pump(endpoint, transport, clock, _nothing, on_failure).start()
+
+        robot = sensor = None
+        if ports.robot is not None:
+            bytes_at = await listen_bytes(ports.robot, clock)
+            attach(cell.robot, bytes_at.transport)
+            robot = bytes_at.address
+            if robot.startswith("memory:"):  # pacing is done at the connecting end of a memory wire
+                robot += f"?{_line(profile.link)}"
+        if ports.sensor is not None and ports.sensor.startswith(SLCAN):
+            bytes_at = await listen_bytes(ports.sensor.removeprefix(SLCAN), clock)
+            attach(cell.gateway, SlcanPort(bytes_at.transport, clock))
+            sensor = bytes_at.address.replace("serial://", "can+slcan://", 1) + f"?bitrate={GATEWAY_BITRATE}"
+        elif ports.sensor is not None:
+            frames_at = await listen_can(ports.sensor, clock)
+            attach(cell.gateway, frames_at.transport)
+            sensor = frames_at.address
+        yield Ports(robot, sensor)
+
+
+def _nothing(event: object) -> None:
+    """A device keeps to its wire: nobody beside it is told what happened."""

@@ -1,0 +1,313 @@
+"""The configuration: one TOML file, validated, every key with its unit in its name."""
+
+import ast
+import dataclasses
+import difflib
+import inspect
+import json
+import math
+import textwrap
+import tomllib
+from collections.abc import Iterator, Mapping
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    TypeAdapter,
+    ValidationError,
+    ValidationInfo,
+    field_validator,
+)
+
+from emulators.cell import CellProfile
+from hil_bridge.control import CONTROLLERS, Limits, TaskParameters
+from hil_bridge.errors import ConfigError
+from protocol.adlp import LinkProfile
+from protocol.jr3 import GatewayClientProfile
+from protocol.marks import Setting, settings
+
+Vector = tuple[float, float, float]
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, use_attribute_docstrings=True)
+
+
+class RunConfig(_Section):
+    """The run as a whole."""
+
+    duration_s: float = Field(30.0, gt=0)
+    """How long to track the surface once in contact."""
+    seed: int = Field(1, ge=0)
+    """Seed of every random draw in the emulated cell."""
+    period_ms: float = Field(0.0, ge=0)
+    """Control cycle; 0 runs as fast as the computer link answers."""
+
+
+class RobotConfig(_Section):
+    """The robot controller and its computer link."""
+
+    url: str = ""
+    """serial:///dev/ttyUSB0?baudrate=9600&parity=E or tcp://host:port; empty starts the emulated robot."""
+    velocity_mm_s: float = Field(50.0, gt=0, le=1000)
+    """Path velocity given with every point; it must outrun one step a cycle."""
+    link: LinkProfile = LinkProfile()
+    """What is known and assumed about the computer link."""
+
+
+class SensorConfig(_Section):
+    """The force/torque sensor, its gateway and its mounting."""
+
+    url: str = ""
+    """can+socketcan://can0 or can+slcan:///dev/ttyACM0; empty starts the emulated sensor."""
+    mounting_deg: float = 0.0
+    """Rotation of the sensor about the tool's z axis: angle from the tool's x axis to the sensor's."""
+    flip_fx_mx: bool = False
+    """Set it when the sensor counts left-handed as seen from the tool: negates Fx and Mx."""
+    gateway: GatewayClientProfile = GatewayClientProfile()
+    """What the client asks of the gateway."""
+
+
+class ToolConfig(_Section):
+    """What hangs below the sensor."""
+
+    mass_kg: float = Field(0.0, ge=0)
+    """Mass below the sensor; with a constant orientation the tare removes its weight by itself."""
+    centre_of_gravity_mm: Vector = (0.0, 0.0, 0.0)
+    """From the sensor's origin, in the tool frame."""
+
+
+class FrameConfig(_Section):
+    """The task frame: which way is into the surface and which way along it, in the robot's base frame."""
+
+    approach: Vector = (0.0, 0.0, -1.0)
+    """Into the surface."""
+    travel: Vector = (0.0, 1.0, 0.0)
+    """Along the surface; perpendicular to `approach`."""
+
+    @field_validator("approach", "travel")
+    @classmethod
+    def _unit(cls, vector: Vector) -> Vector:
+        length = math.hypot(*vector)
+        if length < 1e-9:
+            raise ValueError("must not be the zero vector")
+        return vector[0] / length, vector[1] / length, vector[2] / length
+
+    @field_validator("travel")
+    @classmethod
+    def _perpendicular(cls, travel: Vector, info: ValidationInfo) -> Vector:
+        approach = info.data.get("approach")
+        if approach and abs(sum(a * b for a, b in zip(approach, travel, strict=True))) > 1e-6:
+            raise ValueError("must be perpendicular to frame.approach")
+        return travel
+
+
+class ControllerConfig(_Section):
+    """The force controller and its parameters."""
+
+    name: str = "resolution-aware"
+    """fuzzy, fuzzy-adaptive or resolution-aware."""
+    parameters: dict[str, Any] = {}
+    """Parameters of that controller that differ from their defaults."""
+
+    @field_validator("name")
+    @classmethod
+    def _known(cls, name: str) -> str:
+        if name not in CONTROLLERS:
+            raise ValueError(f"no controller is called {name!r}; choose one of {', '.join(CONTROLLERS)}")
+        return name
+
+    @field_validator("parameters")
+    @classmethod
+    def _fitting(cls, parameters: dict[str, Any], info: ValidationInfo) -> dict[str, Any]:
+        if (name := info.data.get("name")) is not None:
+            kind = CONTROLLERS[name]
+            known = [field.name for field in dataclasses.fields(kind)]
+            if unknown := [key for key in parameters if key not in known]:
+                raise ValueError(f"{name} has no parameter {unknown[0]!r}, only {', '.join(known)}")
+            TypeAdapter(kind).validate_python(parameters)
+        return parameters
+
+
+class Config(_Section):
+    """Everything a run is a function of, beside the devices themselves."""
+
+    run: RunConfig = RunConfig()
+    robot: RobotConfig = RobotConfig()
+    sensor: SensorConfig = SensorConfig()
+    tool: ToolConfig = ToolConfig()
+    frame: FrameConfig = FrameConfig()
+    task: TaskParameters = TaskParameters()
+    controller: ControllerConfig = ControllerConfig()
+    limits: Limits = Limits()
+    cell: CellProfile = CellProfile()
+    """The emulated cell: used by `emulate`, and by `run` for what has no URL."""
+
+
+def load_config(path: Path | None, overrides: Mapping[str, object]) -> Config:
+    """Read a TOML file, put the overrides that are not None (`section.key`) on top, and validate.
+
+    Raises ConfigError with the file, the key and what to do.
+    """
+    values: dict[str, Any] = {}
+    if path is not None:
+        try:
+            values = tomllib.loads(path.read_text(encoding="utf-8"))
+        except OSError as error:
+            raise ConfigError(f"cannot read {path}: {error.strerror}") from error
+        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+            raise ConfigError(f"{path} is no TOML: {error}") from error
+    given = set()
+    for key, value in overrides.items():
+        if value is None:
+            continue
+        section, name = key.split(".")
+        table = values.setdefault(section, {})
+        if isinstance(table, dict):
+            table[name] = value
+            given.add(key)
+    try:
+        return Config.model_validate(values)
+    except ValidationError as error:
+        raise ConfigError(_explain(error, path, given)) from error
+
+
+def dump(config: Config) -> str:
+    """The whole configuration as one line of JSON, for the record."""
+    return json.dumps(config.model_dump(mode="json"), separators=(",", ":"), sort_keys=True)
+
+
+def profile_rows(config: Config) -> Iterator[tuple[str, Setting]]:
+    """Every setting that carries a mark, with its dotted key."""
+    for key, section in _sections("", config):
+        if dataclasses.is_dataclass(section):
+            for item in settings(section):
+                yield f"{key}.{item.name}", item
+
+
+def schema() -> dict[str, Any]:
+    """JSON schema of a configuration file, settings described with their marks."""
+    result = Config.model_json_schema()
+    for key, section in _sections("", Config()):
+        definition = result["$defs"].get(type(section).__name__) if key else None
+        for name, text in _comments(type(section)).items():
+            if definition and name in definition["properties"]:
+                definition["properties"][name]["description"] = text
+    return result
+
+
+def commented_defaults() -> str:
+    """A configuration file with every setting at its default and a comment above it."""
+    lines = [
+        "# Configuration of hil-bridge. Every setting stands at its default; delete what you do not change."
+    ]
+    for key, section in _sections("", Config()):
+        comments = _comments(type(section))
+        plain = [(name, value) for name, value in _items(section) if not _is_section(value)]
+        if not plain:
+            continue
+        lines += ["", f"[{key}]"]
+        for name, value in plain:
+            lines += textwrap.wrap(comments.get(name, ""), 108, initial_indent="# ", subsequent_indent="# ")
+            lines.append(f"{name} = {_toml(value)}" if value is not None else f"# {name} =")
+    return "\n".join(lines) + "\n"
+
+
+def _is_section(value: object) -> bool:
+    return isinstance(value, BaseModel) or dataclasses.is_dataclass(value)
+
+
+def _items(section: object) -> list[tuple[str, Any]]:
+    if isinstance(section, BaseModel):
+        return [(name, getattr(section, name)) for name in type(section).model_fields]
+    return [(field.name, getattr(section, field.name)) for field in dataclasses.fields(section)]  # type: ignore[arg-type]
+
+
+def _sections(key: str, section: object) -> Iterator[tuple[str, Any]]:
+    """The section itself, then every section inside it, with dotted keys."""
+    if key:
+        yield key, section
+    for name, value in _items(section):
+        if _is_section(value):
+            yield from _sections(f"{key}.{name}" if key else name, value)
+
+
+@cache
+def _comments(cls: type) -> dict[str, str]:
+    """What is said about each field of a section: the setting's meaning with unit and mark, or its docstring."""
+    if issubclass(cls, BaseModel):
+        return {name: info.description or "" for name, info in cls.model_fields.items()}
+    comments = _attribute_docstrings(cls)
+    for field in dataclasses.fields(cls):
+        if info := field.metadata.get("setting"):
+            unit = f", {info.unit}" if info.unit else ""
+            comments[field.name] = f"{info.meaning.rstrip('.')}{unit} [{info.mark}]"
+    return comments
+
+
+def _attribute_docstrings(cls: type) -> dict[str, str]:
+    """The string literals that stand right under the fields of a dataclass."""
+    body = ast.parse(textwrap.dedent(inspect.getsource(cls))).body[0]
+    assert isinstance(body, ast.ClassDef)
+    found = {}
+    for statement, following in zip(body.body, body.body[1:], strict=False):
+        match statement, following:
+            case (
+                ast.AnnAssign(target=ast.Name(id=name)),
+                ast.Expr(value=ast.Constant(value=str(text))),
+            ):
+                found[name] = " ".join(text.split())
+    return found
+
+
+def _toml(value: object) -> str:
+    match value:
+        case bool():
+            return str(value).lower()
+        case str():
+            return json.dumps(value, ensure_ascii=False)
+        case tuple() | list():
+            return "[" + ", ".join(_toml(item) for item in value) + "]"
+        case dict():
+            return "{" + ", ".join(f"{key} = {_toml(item)}" for key, item in value.items()) + "}"
+        case _:
+            return repr(value)
+
+
+def _explain(error: ValidationError, path: Path | None, given: set[str]) -> str:
+    """The first thing that is wrong as one line: where, what, what to do."""
+    first = error.errors()[0]
+    key = ".".join(str(part) for part in first["loc"])
+    option = next((name for name in given if key == name), None)
+    where = f"--{option.split('.')[1].replace('_', '-')}" if option else f"{path or 'configuration'}: {key}"
+    more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
+    match first["type"]:
+        case "extra_forbidden" | "unexpected_keyword_argument":
+            return f"{where} is no setting{_instead(first['loc'])}{more}"
+        case "value_error":
+            return f"{where}: {first['ctx']['error']}{more}"
+        case _:
+            message = first["msg"][0].lower() + first["msg"][1:]
+            return f"{where}: {message}, got {first['input']!r}{more}"
+
+
+def _instead(location: tuple[int | str, ...]) -> str:
+    """Names that a mistyped key may have meant; a wrong unit suffix is named as such."""
+    section: Any = Config()
+    for part in location[:-1]:
+        section = getattr(section, str(part), None)
+    if not _is_section(section):
+        return ""
+    names = [name for name, _ in _items(section)]
+    wrong = str(location[-1])
+    stem = wrong.rsplit("_", 1)[0]
+    same_stem = [name for name in names if name.rsplit("_", 1)[0] == stem or name.startswith(f"{wrong}_")]
+    if same_stem:
+        return f"; the unit is part of the name: {' or '.join(same_stem)}"
+    if close := difflib.get_close_matches(wrong, names, 1):
+        return f"; did you mean {close[0]}?"
+    return f"; known here: {', '.join(names)}"

@@ -1,0 +1,162 @@
+"""One cycle's decision as a pure function: sample → task and controller → supervisor → target position.
+
+The same function makes the decisions of a run and of its replay.
+"""
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+from hil_bridge.control.supervisor import (
+    Allow,
+    Clamp,
+    Observation,
+    Request,
+    Stop,
+    Supervisor,
+    SupervisorState,
+    Verdict,
+)
+from hil_bridge.control.task import Phase, Target, Task, TaskOutput, TaskState
+from hil_bridge.control.types import Measurement
+
+Vector: TypeAlias = tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """What one cycle has measured."""
+
+    now: float
+    """When it is looked at, s on the run's clock."""
+    position: Vector
+    """Reported tool position, base frame, m."""
+    force: float
+    """Contact force along the approach direction, N, positive while pressing."""
+    resultant: float
+    """Length of the force vector, N."""
+    sensor_at: float
+    """When the sensor frame arrived, s on the run's clock."""
+    sensor_sequence: int
+    """Its counter, unwrapped."""
+    repeated_frames: int = 0
+    """How many of the newest frames in a row carried identical counts."""
+    saturated: bool = False
+    """An axis is at the end of its range."""
+    fault: str = ""
+    """What is wrong with a device, in words; empty while nothing is."""
+    wrench: tuple[float, ...] = ()
+    """The whole contact wrench, tool frame, N and N·m: for the record alone."""
+
+
+@dataclass(frozen=True, slots=True)
+class LoopState:
+    """Everything that one decision leaves to the next."""
+
+    start: Vector
+    """Reported position at the start point, base frame, m."""
+    task: TaskState
+    supervisor: SupervisorState
+
+
+@dataclass(frozen=True, slots=True)
+class Decision:
+    """What the cycle is to command, and why."""
+
+    depth: float
+    """Reported position along the approach direction from the start point, m."""
+    target: Target
+    """Commanded depth and travel from the start point, m, after the supervisor's clamps."""
+    position: Vector
+    """The same as a point in the base frame, m, not yet rounded to device words."""
+    output: TaskOutput
+    verdict: Verdict
+    ended: bool
+    """The run is over; nothing more is to be commanded after this."""
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Why the supervisor clamped or stopped; empty when it allowed."""
+        match self.verdict:
+            case Clamp(reasons=reasons):
+                return reasons
+            case Stop(text=text):
+                return (text,)
+            case _:
+                return ()
+
+
+@dataclass(frozen=True, slots=True)
+class ControlLoop:
+    """Task and supervisor in the task frame."""
+
+    task: Task
+    supervisor: Supervisor
+    approach: Vector
+    """Unit vector into the surface, base frame."""
+    travel: Vector
+    """Unit vector along the surface, base frame, perpendicular to `approach`."""
+
+    def initial(self, start: Vector) -> LoopState:
+        """State at the start point, away from the surface; its reported position in the base frame, m."""
+        return LoopState(start, self.task.initial(), self.supervisor.initial(start))
+
+    def finish(self, state: LoopState, cause: str) -> LoopState:
+        """Retract from the next sample on, for a reason from outside: time is up, a person wants it."""
+        return LoopState(state.start, self.task.finish(state.task, cause), state.supervisor)
+
+    def step(self, state: LoopState, sample: Sample) -> tuple[LoopState, Decision]:
+        """One cycle. A stop turns it into a retraction; while retracting only the limits of motion apply,
+        for pulling back is what a stop is for.
+        """
+        depth = sum((p - s) * n for p, s, n in zip(sample.position, state.start, self.approach, strict=True))
+        measurement = Measurement(
+            time=sample.sensor_at,
+            force=sample.force,
+            position=depth,
+            commanded=state.supervisor.depth,
+        )
+        task, output = self.task.step(state.task, measurement)
+        verdict: Verdict
+        way: Allow | Clamp
+        if output.phase in (Phase.RETRACT, Phase.END):
+            supervisor, verdict = self.supervisor.limit(state.supervisor, self._request(state, output))
+        else:
+            supervisor, verdict = self.supervisor.step(
+                state.supervisor, _observe(sample), self._request(state, output)
+            )
+        if isinstance(verdict, Stop):
+            task, output = self.task.step(self.task.fail(state.task, verdict.text), measurement)
+            supervisor, way = self.supervisor.limit(supervisor, self._request(state, output))
+        else:
+            way = verdict
+        # Held back at the border of the workspace, a retraction has come as far as it can.
+        held = output.phase is Phase.RETRACT and way.depth >= state.supervisor.depth
+        return LoopState(state.start, task, supervisor), Decision(
+            depth,
+            Target(way.depth, output.target.travel),
+            way.position,
+            output,
+            verdict,
+            ended=task.phase is Phase.END or held,
+        )
+
+    def _request(self, state: LoopState, output: TaskOutput) -> Request:
+        depth, travel = output.target.depth, output.target.travel
+        x, y, z = (
+            s + depth * n + travel * t
+            for s, n, t in zip(state.start, self.approach, self.travel, strict=True)
+        )
+        return Request(depth, (x, y, z), self.approach)
+
+
+def _observe(sample: Sample) -> Observation:
+    return Observation(
+        now=sample.now,
+        force=sample.force,
+        resultant=sample.resultant,
+        sensor_at=sample.sensor_at,
+        sensor_sequence=sample.sensor_sequence,
+        repeated_frames=sample.repeated_frames,
+        saturated=sample.saturated,
+        fault=sample.fault,
+    )

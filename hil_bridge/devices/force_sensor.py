@@ -1,0 +1,161 @@
+"""The force/torque sensor as the cycle sees it: newest frame for control, every frame for the recorder."""
+
+import asyncio
+from collections.abc import Callable
+from contextlib import suppress
+
+from hil_bridge.clock import Clock
+from hil_bridge.errors import BridgeError, DeviceError, TransportClosed
+from hil_bridge.pump import Pump
+from hil_bridge.transports import Frames, Transport
+from protocol.jr3 import (
+    GatewayClient,
+    GatewayClientProfile,
+    GatewayEvent,
+    GatewayFailed,
+    GatewayReady,
+    GatewayRebooted,
+    GatewayStopped,
+    SensorFrame,
+    Zeroed,
+    wrench_from_counts,
+)
+
+_STOP_PATIENCE = 0.5
+"""How long a close waits for the acknowledge of the stop, s. Chosen: two acknowledge time-outs."""
+
+
+class ForceSensor:
+    """Client of a JR3 sensor behind its CAN gateway.
+
+    `on_frame` is given every complete six-axis frame, `on_notice(kind, text)` what is worth a line in the record.
+    """
+
+    def __init__(
+        self,
+        transport: Transport[Frames],
+        profile: GatewayClientProfile,
+        clock: Clock,
+        on_frame: Callable[[SensorFrame], None],
+        on_notice: Callable[[str, str], None],
+    ) -> None:
+        self.name = transport.name
+        self.newest: SensorFrame | None = None
+        """The frame that arrived last, or None before the first."""
+        self.received = 0
+        """Complete frames so far."""
+        self.repeated = 0
+        """How many of the newest frames in a row carried identical counts on all axes."""
+        self._transport = transport
+        self._clock = clock
+        self._on_frame = on_frame
+        self._on_notice = on_notice
+        self._client = GatewayClient(profile, clock.now())
+        self._pump = Pump(self._client, transport, clock, self._take, self._ended)
+        self._full_scales: tuple[float, ...] | None = None
+        self._failure: BridgeError | None = None
+        self._waiters: list[tuple[type, asyncio.Future[None]]] = []
+
+    @property
+    def lost(self) -> int:
+        """Frames that the counter says were sent and that never came."""
+        return self._client.statistics.lost
+
+    def start(self) -> None:
+        """Begin to listen and to bring the gateway up."""
+        self._pump.start()
+
+    async def ready(self) -> tuple[float, ...]:
+        """Wait until the gateway streams; its full scales fx fy fz mx my mz, N and N·m.
+
+        Raises DeviceError with the reason when it stays silent, has no sensor, or names an impossible full scale.
+        """
+        if self._full_scales is None:
+            await self._until(GatewayReady)
+        assert self._full_scales is not None
+        return self._full_scales
+
+    async def tare(self) -> None:
+        """Let the gateway take its present filtered output as zero, and wait for the first frame after it."""
+        self._client.zero()
+        self._pump.kick()
+        await self._until(Zeroed)
+        await self._until(SensorFrame)
+
+    def check(self) -> None:
+        """Raise what ended the sensor, if anything did: for the cycle, before it trusts the newest frame."""
+        if self._failure is not None:
+            raise self._failure
+
+    def wrench(self, frame: SensorFrame) -> tuple[float, ...]:
+        """Wrench of a frame in the sensor frame: fx fy fz mx my mz, N and N·m."""
+        assert self._full_scales is not None, "no frame comes before the full scales"
+        return wrench_from_counts(frame.counts, self._full_scales)
+
+    async def aclose(self) -> None:
+        """Stop the stream, wait a moment for the gateway to say that it knows, and close the bus."""
+        if self._failure is None:
+            self._client.stop()
+            self._pump.kick()
+            with suppress(BridgeError, TimeoutError):
+                async with asyncio.timeout(_STOP_PATIENCE):
+                    await self._until(GatewayStopped)
+        await self._transport.aclose()
+
+    async def _until(self, event: type) -> None:
+        self.check()
+        waiter: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+        self._waiters.append((event, waiter))
+        await waiter
+
+    def _take(self, event: GatewayEvent) -> None:
+        match event:
+            case SensorFrame():
+                previous = self.newest
+                same = previous is not None and previous.counts == event.counts
+                self.repeated = self.repeated + 1 if same else 0
+                self.newest = event
+                self.received += 1
+                self._on_frame(event)
+            case GatewayReady(full_scales=full_scales):
+                self._full_scales = full_scales
+            case GatewayFailed(text=text):
+                self._fail(DeviceError(f"force sensor on {self.name}: {text}"))
+            case GatewayRebooted():
+                if self._full_scales is None:
+                    self._on_notice("sensor", "the gateway booted")
+                else:
+                    self._fail(
+                        DeviceError(
+                            f"force sensor on {self.name} restarted in mid-run, its zero is lost; "
+                            "check its supply, then start again"
+                        )
+                    )
+        if self._waiters:
+            self._wake(type(event))
+
+    def _wake(self, event: type) -> None:
+        done = [waiter for kind, waiter in self._waiters if kind is event]
+        self._waiters = [pair for pair in self._waiters if pair[0] is not event]
+        for waiter in done:
+            if not waiter.done():
+                waiter.set_result(None)
+
+    def _ended(self, cause: BaseException) -> None:
+        if isinstance(cause, BridgeError):
+            self._fail(cause, quiet=isinstance(cause, TransportClosed))
+        else:
+            failure = DeviceError(f"force sensor {self.name} stopped: {cause!r}")
+            failure.__cause__ = cause
+            self._fail(failure)
+
+    def _fail(self, failure: BridgeError, quiet: bool = False) -> None:
+        if self._failure is not None:
+            return
+        self._failure = failure
+        if not quiet:
+            self._on_notice("sensor", str(failure))
+        waiters, self._waiters = self._waiters, []
+        for _, waiter in waiters:
+            if not waiter.done():
+                waiter.set_exception(failure)

@@ -1,0 +1,205 @@
+"""The robot controller as the cycle sees it: orders over the computer link, a movement as a context."""
+
+import asyncio
+from collections.abc import AsyncIterator, Callable, Mapping
+from contextlib import asynccontextmanager
+
+from hil_bridge.clock import Clock
+from hil_bridge.errors import BridgeError, DeviceError, OrderRefused, TransportClosed
+from hil_bridge.pump import Pump
+from hil_bridge.transports import Transport
+from protocol.adlp import LinkFailed, LinkFailure, LinkNotice, LinkProfile
+from protocol.arap import (
+    Answered,
+    ArapEvent,
+    ArapHost,
+    Mode,
+    Move,
+    MoveKind,
+    OrderFailed,
+    OrderFailure,
+    Quaternion,
+    Refusal,
+    Refused,
+    SpontaneousReceived,
+    Status,
+    Telegram,
+    UnexpectedReceived,
+    Vector,
+    read_status,
+    write_mode,
+)
+
+_REMEDIES: Mapping[int, str] = {
+    5: "turn the controller's key to AUTO and let the pendant give the link control (TO SC)",
+    6: "the controller is in standby: let it go to operation",
+    13: "release the stop at the controller's panel, then start again",
+    15: "check the workspace and the start point of the movement",
+    16: "release the work stop, then start again",
+}
+"""What a person can do about a refusal, by its code."""
+
+_ZEROS: Vector = (0.0, 0.0, 0.0)
+"""What a start, and an end without any point before it, carry as coordinates."""
+
+
+class RobotLink:
+    """Client of the S3 controller's computer link.
+
+    One order at a time, each with exactly one answer, as the link demands. `on_notice(kind, text)` is told what
+    is worth a line in the record: repeats, time-outs, noise, spontaneous messages.
+    """
+
+    def __init__(
+        self,
+        transport: Transport[bytes],
+        profile: LinkProfile,
+        clock: Clock,
+        on_notice: Callable[[str, str], None],
+    ) -> None:
+        self.name = transport.name
+        self.profile = profile
+        self._transport = transport
+        self._on_notice = on_notice
+        self._host = ArapHost(profile)
+        self._pump = Pump(self._host, transport, clock, self._take, self._ended)
+        self._answer: asyncio.Future[Telegram] | None = None
+        self._failure: BridgeError | None = None
+
+    @property
+    def counters(self) -> Mapping[str, int]:
+        """Link-level counts since opening: bids, repeats, time-outs, noise bytes and so on, by name."""
+        return self._host.link.counters
+
+    def start(self) -> None:
+        """Begin to listen."""
+        self._pump.start()
+
+    async def aclose(self) -> None:
+        """Hand over what is queued and close the port."""
+        await self._transport.aclose()
+
+    async def order(self, telegram: Telegram) -> Telegram:
+        """Send one order and wait for its answer.
+
+        Raises OrderRefused when the controller refuses, DeviceError when the link fails,
+        TransportError when the wire does.
+        """
+        while self._answer is not None:  # a cancelled caller may have left its order under way
+            await asyncio.wait([self._answer])
+        if self._failure is not None:
+            raise self._failure
+        answer = self._answer = asyncio.get_running_loop().create_future()
+        answer.add_done_callback(self._settled)
+        self._host.order(telegram)
+        self._pump.kick()
+        return await asyncio.shield(answer)
+
+    async def read_status(self) -> Status:
+        """Mode, flags, reported position and orientation, from the controller."""
+        return Status.from_telegram(await self.order(read_status()))
+
+    async def to_operation(self) -> None:
+        """Ask for the operation mode, in which the controller moves."""
+        await self.order(write_mode(Mode.OPERATION))
+
+    @asynccontextmanager
+    async def motion(self, velocity: float) -> AsyncIterator["Motion"]:
+        """A movement sequence: entering starts it, leaving ends it at the last point, whatever happened inside.
+
+        `velocity` is the speed along the path, m/s.
+        """
+        motion = Motion(self, velocity)
+        await self.order(motion.telegram(MoveKind.START))
+        try:
+            yield motion
+        except BaseException:
+            try:
+                await asyncio.shield(motion.end())
+            except BridgeError as error:
+                self._on_notice("motion", f"the movement could not be ended: {error}")
+            raise
+        else:
+            await motion.end()
+
+    def _settled(self, answer: "asyncio.Future[Telegram]") -> None:
+        if self._answer is answer:
+            self._answer = None
+        if not answer.cancelled():
+            answer.exception()  # seen, also when nobody waits any more
+
+    def _take(self, event: ArapEvent) -> None:
+        match event:
+            case Answered(answer=answer):
+                self._resolve(answer)
+            case Refused(order=order, refusal=refusal):
+                self._resolve(self._refused(order, refusal))
+            case OrderFailed(reason=reason, text=text):
+                self._resolve(DeviceError(self._explain(reason, text)))
+            case SpontaneousReceived(spontaneous=spontaneous):
+                self._on_notice("robot", spontaneous.text)
+            case LinkNotice() | LinkFailed() | UnexpectedReceived():
+                self._on_notice("link", event.text)
+
+    def _resolve(self, outcome: Telegram | BridgeError) -> None:
+        answer = self._answer
+        if answer is None or answer.done():
+            return
+        if isinstance(outcome, BridgeError):
+            answer.set_exception(outcome)
+        else:
+            answer.set_result(outcome)
+
+    def _ended(self, cause: BaseException) -> None:
+        if isinstance(cause, BridgeError):
+            self._failure = cause
+        else:
+            self._failure = DeviceError(f"robot link {self.name} stopped: {cause!r}")
+            self._failure.__cause__ = cause
+        if not isinstance(cause, TransportClosed):
+            self._on_notice("link", str(self._failure))
+        self._resolve(self._failure)
+
+    def _refused(self, order: Telegram, refusal: Refusal) -> OrderRefused:
+        text = f"robot on {self.name} refused order {order.function}: {refusal.code} {refusal.text}"
+        remedy = _REMEDIES.get(refusal.code)
+        return OrderRefused(f"{text}; {remedy}" if remedy else text, refusal.code)
+
+    def _explain(self, reason: LinkFailure | OrderFailure, text: str) -> str:
+        line = f"{self.profile.baudrate} 8{self.profile.parity}{self.profile.stop_bits}"
+        match reason:
+            case LinkFailure.NO_ANSWER:
+                advice = (
+                    f"check the cable, the rate ({line}) and that the pendant gave the link control (TO SC)"
+                )
+            case LinkFailure.ONLY_NOISE:
+                advice = f"only noise comes back: check parity and rate at both ends (now {line})"
+            case _:
+                advice = "see the record for what went over the link"
+        return f"robot on {self.name}: {text}; {advice}"
+
+
+class Motion:
+    """A movement sequence under way. Points are absolute tool positions in the robot's base frame."""
+
+    def __init__(self, link: RobotLink, velocity: float) -> None:
+        self._link = link
+        self._velocity = velocity
+        self._last: tuple[Vector, Quaternion] | None = None
+
+    def telegram(
+        self, kind: MoveKind, position: Vector = _ZEROS, quaternion: Quaternion = (*_ZEROS, 0.0)
+    ) -> Telegram:
+        """The order for one step of the sequence; position in m, quaternion w x y z, tool in base."""
+        return Move(kind=kind, position=position, quaternion=quaternion, velocity=self._velocity).to_telegram(
+            self._link.profile.move_length
+        )
+
+    async def to(self, position: Vector, quaternion: Quaternion) -> None:
+        """Order the next point; returns when the controller has taken it, not when it is reached."""
+        self._last = position, quaternion
+        await self._link.order(self.telegram(MoveKind.POINT, position, quaternion))
+
+    async def end(self) -> None:
+        """End the sequence at the last point ordered."""
+        await self._link.order(self.telegram(MoveKind.END, *(self._last or ())))

@@ -1,0 +1,247 @@
+"""One run of the closed loop: connect, tare, then cycle by cycle status → force → decision → move → record.
+
+The shell around the pure `ControlLoop`: it stamps the hops, hands data one way along them, and waits for nothing
+but the robot's answers.
+"""
+
+import math
+from collections.abc import AsyncIterator
+from dataclasses import dataclass
+from typing import Protocol
+
+from hil_bridge.clock import Clock
+from hil_bridge.config import Config
+from hil_bridge.control import (
+    Command,
+    ControlLoop,
+    Decision,
+    Phase,
+    Sample,
+    Supervisor,
+    Task,
+    Wrist,
+    force_along,
+    make_controller,
+)
+from hil_bridge.devices import ForceSensor, Motion, RobotLink
+from hil_bridge.errors import BridgeError, DeviceError
+from hil_bridge.recording import PHASE_EVENT, STOP_EVENT, CycleRecord, EventRecord, Outcome
+from protocol.adlp import BLOCK_OVERHEAD, HEADER_SIZE, LinkProfile
+from protocol.arap import Quaternion, Status, round_position
+from protocol.arap.layouts import STATUS
+from protocol.jr3 import SATURATED_COUNTS
+
+
+class Log(Protocol):
+    """Where a run puts what it knows; must not block."""
+
+    def cycle(self, record: CycleRecord) -> None:
+        """A cycle has ended."""
+
+    def event(self, record: EventRecord) -> None:
+        """Something happened beside the cycles."""
+
+
+@dataclass(frozen=True, slots=True)
+class RunResult:
+    """How a run ended."""
+
+    outcome: Outcome
+    cause: str = ""
+
+
+def line_floor(profile: LinkProfile) -> float:
+    """What the characters of one cycle take on the line at least, s: a status and a move, without turnaround.
+
+    Derived: order and answer each travel as ENQ, ACK, block, ACK, EOT. Source: computer-link specification,
+    section 5.
+    """
+    telegrams = HEADER_SIZE + (HEADER_SIZE + STATUS.size) + profile.move_length + HEADER_SIZE
+    return (telegrams + 4 * (4 + BLOCK_OVERHEAD)) * profile.character_time
+
+
+class Run:
+    """A run over a robot link and a force sensor that have been started; call it once."""
+
+    def __init__(self, config: Config, clock: Clock, robot: RobotLink, sensor: ForceSensor, log: Log) -> None:
+        self._config = config
+        self._clock = clock
+        self._robot = robot
+        self._sensor = sensor
+        self._log = log
+        self._wrist = Wrist(
+            math.radians(config.sensor.mounting_deg),
+            config.sensor.flip_fx_mx,
+            config.tool.mass_kg,
+            tuple(value * 1e-3 for value in config.tool.centre_of_gravity_mm),
+        )
+        controller = make_controller(config.controller.name, **config.controller.parameters)
+        self._loop = ControlLoop(
+            Task(config.task, controller),
+            Supervisor(config.limits),
+            config.frame.approach,
+            config.frame.travel,
+        )
+        self._quaternion_tare: Quaternion = (1.0, 0.0, 0.0, 0.0)
+        self._force = 0.0
+        self._interrupted = False
+        self._phase = ""
+        self.moving = False
+        """A movement sequence is under way: only `interrupt` may end it, not cancellation."""
+
+    def interrupt(self) -> None:
+        """Retract from the next cycle on, and end."""
+        self._interrupted = True
+
+    async def __call__(self) -> RunResult:
+        """The whole run. Raises BridgeError when a device fails before the movement has begun."""
+        self._enter("connect")
+        await self._bring_up()
+        self._enter("tare")
+        await self._sensor.tare()
+        start = await self._robot.read_status()
+        self._quaternion_tare = start.quaternion
+        self.moving = True
+        try:
+            async with self._robot.motion(self._config.robot.velocity_mm_s * 1e-3) as motion:
+                result = await self._cycles(motion, start)
+        except BridgeError as error:
+            result = self._stopped(str(error))
+        self.moving = False
+        self._enter("end")
+        return result
+
+    async def _bring_up(self) -> None:
+        status = await self._robot.read_status()
+        if status.emergency_stop:
+            raise DeviceError(
+                f"robot on {self._robot.name} is in emergency stop; release it at the controller's panel"
+            )
+        if not status.operation:
+            await self._robot.to_operation()
+        await self._sensor.ready()
+
+    async def _cycles(self, motion: Motion, start: Status) -> RunResult:
+        """The cycles between the start and the end of the movement sequence."""
+        state = self._loop.initial(start.position)
+        result = RunResult(Outcome.COMPLETED)
+        track_ends = math.inf
+        async for cycle, started_at in self._beats():
+            status = await self._robot.read_status()
+            sample = self._sample(status)
+            if self._interrupted and result.outcome is Outcome.COMPLETED:
+                result = RunResult(Outcome.INTERRUPTED)
+                state = self._loop.finish(state, "interrupted")
+            elif sample.now >= track_ends:
+                state = self._loop.finish(state, "time is up")
+            state, decision = self._loop.step(state, sample)
+            self._enter(decision.output.phase)
+            if decision.output.phase is Phase.TRACK and track_ends == math.inf:
+                track_ends = sample.now + self._config.run.duration_s
+            if decision.output.failed and result.outcome is not Outcome.STOPPED:
+                result = self._stopped(decision.output.cause)
+            controlled_at = self._clock.now()
+            target = round_position(decision.position)
+            await motion.to(target, status.quaternion)
+            self._log.cycle(self._record(cycle, started_at, controlled_at, status, sample, decision))
+            if decision.ended:
+                break
+        return result
+
+    async def _beats(self) -> AsyncIterator[tuple[int, float]]:
+        """Number and begin of each cycle: as fast as the link answers, or on the period's absolute beats.
+
+        After an overrun the beats missed are skipped, never caught up.
+        """
+        period, cycle = self._config.run.period_ms * 1e-3, 0
+        anchor = self._clock.now()
+        beat = 0
+        while True:
+            now = self._clock.now()
+            yield cycle, now
+            cycle += 1
+            if period:
+                beat += 1
+                passed = math.floor((self._clock.now() - anchor) / period)
+                if passed >= beat + 1:
+                    self._event("overrun", f"{passed - beat} beats of {period * 1e3:g} ms skipped")
+                    beat = passed + 1
+                await self._clock.sleep_until(anchor + beat * period)
+
+    def _sample(self, status: Status) -> Sample:
+        """The newest of everything, now that the robot has answered."""
+        frame = self._sensor.newest
+        assert frame is not None, "the tare waited for a frame"
+        fault = ""
+        try:
+            self._sensor.check()
+        except BridgeError as error:
+            fault = str(error)
+        if status.emergency_stop:
+            fault = f"robot on {self._robot.name} is in emergency stop"
+        wrench = self._wrist.contact_wrench(
+            self._sensor.wrench(frame), status.quaternion, self._quaternion_tare
+        )
+        return Sample(
+            now=self._clock.now(),
+            position=status.position,
+            force=force_along(self._config.frame.approach, status.quaternion, wrench),
+            resultant=math.hypot(*wrench[:3]),
+            sensor_at=frame.at,
+            sensor_sequence=frame.sequence,
+            repeated_frames=self._sensor.repeated,
+            saturated=any(abs(count) >= SATURATED_COUNTS for count in frame.counts),
+            fault=fault,
+            wrench=tuple(wrench.tolist()),
+        )
+
+    def _record(
+        self,
+        cycle: int,
+        started_at: float,
+        controlled_at: float,
+        status: Status,
+        sample: Sample,
+        decision: Decision,
+    ) -> CycleRecord:
+        output = decision.output
+        command = output.command or Command(decision.target.depth, 0.0)
+        return CycleRecord(
+            cycle=cycle,
+            phase=output.phase,
+            started_at=started_at,
+            status_at=sample.now,
+            sensor_at=sample.sensor_at,
+            controlled_at=controlled_at,
+            sent_at=controlled_at,
+            answered_at=self._clock.now(),
+            sensor_sequence=sample.sensor_sequence,
+            force=sample.force,
+            force_reference=self._config.task.force_n,
+            wrench=sample.wrench,
+            position=status.position,
+            quaternion=status.quaternion,
+            depth=decision.depth,
+            depth_commanded=decision.target.depth,
+            travel_commanded=decision.target.travel,
+            correction=command.correction,
+            stiffness=command.stiffness,
+            gain=command.gain,
+            held=command.held,
+            in_contact=output.in_contact,
+            verdict=decision.verdict.kind,
+            reasons=decision.reasons,
+            explanation=command.explanation,
+        )
+
+    def _stopped(self, cause: str) -> RunResult:
+        self._event(STOP_EVENT, cause)
+        return RunResult(Outcome.STOPPED, cause)
+
+    def _enter(self, phase: str) -> None:
+        if phase != self._phase:
+            self._phase = phase
+            self._event(PHASE_EVENT, phase)
+
+    def _event(self, kind: str, text: str) -> None:
+        self._log.event(EventRecord(self._clock.now(), kind, text))

@@ -1,0 +1,263 @@
+"""One run from the outside: event loop, wires, recorder, view, Ctrl-C, and what is left on the disk."""
+
+import asyncio
+import signal
+import sys
+import tempfile
+from collections.abc import AsyncIterator, Iterator
+from contextlib import AsyncExitStack, asynccontextmanager, contextmanager, suppress
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+
+import click
+
+from hil_bridge.clock import Clock, run_real, run_virtual
+from hil_bridge.compose import VIRTUAL_PORTS, Ports, emulated_cell, real_ports, robot_wire
+from hil_bridge.config import Config, dump
+from hil_bridge.devices import ForceSensor, RobotLink
+from hil_bridge.errors import BridgeError, ConfigError
+from hil_bridge.recording import (
+    CycleRecord,
+    EventRecord,
+    Outcome,
+    Recorder,
+    RunEnd,
+    SensorRecord,
+    Summary,
+    read,
+    summarise,
+)
+from hil_bridge.run import Run, RunResult, line_floor
+from hil_bridge.transports import connect_bytes, connect_can
+from hil_bridge.view import REFRESH_SECONDS, Health, LiveView
+from protocol.jr3 import SensorFrame
+
+EXIT_CODES = {Outcome.COMPLETED: 0, Outcome.STOPPED: 3, Outcome.INTERRUPTED: 130}
+"""130 is what a shell expects of a command that Ctrl-C ended."""
+
+TROUBLE = ("block repeated", "bid repeated", "time-out", "bad block", "gap in block")
+"""Counters of the link that the view adds up as link errors."""
+
+
+@dataclass(frozen=True, slots=True)
+class Outputs:
+    """Files that a run leaves; None for what is not wanted."""
+
+    record: Path | None = None
+    summary: Path | None = None
+    report: Path | None = None
+
+
+def execute(config: Config, virtual: bool, outputs: Outputs, view: bool) -> int:
+    """Run once, leave the outputs, print the figures; the exit code.
+
+    Raises BridgeError when a device fails before the movement has begun, or a file cannot be written.
+    """
+    if virtual and (config.robot.url or config.sensor.url):
+        raise ConfigError("--virtual runs against the emulated cell alone; leave it out to use real ports")
+    for directory in filter(
+        None, (outputs.report, *(f and f.parent for f in (outputs.record, outputs.summary)))
+    ):
+        try:
+            directory.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise ConfigError(f"cannot make the folder {directory}: {error.strerror}") from error
+    with _record_path(outputs) as path:
+        session = _Session(config, path, view)
+        (run_virtual if virtual else run_real)(session.main)
+        recording = read(path)
+        summary = summarise(recording)
+        if outputs.summary is not None:
+            summary.write_json(outputs.summary)
+        _print_figures(summary)
+        if outputs.report is not None:
+            from hil_bridge.report import write_report
+
+            click.echo(f"report: {write_report(recording, summary, outputs.report)}")
+    if outputs.record is not None:
+        click.echo(f"record: {outputs.record}")
+    outcome = Outcome(summary.outcome)
+    if outcome is Outcome.STOPPED:
+        click.echo(f"hil-bridge: stopped: {summary.cause}", err=True)
+    return EXIT_CODES[outcome]
+
+
+@contextmanager
+def _record_path(outputs: Outputs) -> Iterator[Path]:
+    """Where the run is recorded; in a temporary folder when nobody wants to keep it, for the figures come from it."""
+    if outputs.record is not None:
+        yield outputs.record
+        return
+    with tempfile.TemporaryDirectory(prefix="hil-bridge-") as folder:
+        yield Path(folder) / "run.mcap"
+
+
+class _Session:
+    """Everything around one `Run`, inside its event loop. Also its log."""
+
+    def __init__(self, config: Config, record: Path, view: bool) -> None:
+        self._config = config
+        self._record_path = record
+        self._view_wanted = view
+        self._link = config.robot.link
+        self._clock: Clock
+        self._recorder: Recorder
+        self._view: LiveView | None = None
+        self._robot: RobotLink | None = None
+        self._sensor: ForceSensor | None = None
+
+    # --- what the run and the devices tell
+
+    def cycle(self, record: CycleRecord) -> None:
+        """A cycle has ended."""
+        self._recorder.put(record)
+        if self._view is not None:
+            self._view.update(record)
+
+    def event(self, record: EventRecord) -> None:
+        """Something happened beside the cycles."""
+        self._recorder.put(record)
+        if self._view is not None and record.kind == "phase":
+            self._view.enter(record.text)
+
+    def _frame(self, frame: SensorFrame) -> None:
+        self._recorder.put(SensorRecord(frame.at, frame.sequence, frame.counts))
+
+    def _notice(self, kind: str, text: str) -> None:
+        self.event(EventRecord(self._clock.now(), kind, text))
+
+    # --- the run
+
+    async def main(self) -> None:
+        """Open everything, run, close everything; the record is whole whatever happened."""
+        clock = self._clock = Clock.running()
+        config = self._config
+        self._recorder = Recorder(
+            self._record_path,
+            clock.wall_ns,
+            threaded=not clock.is_virtual,
+            metadata={
+                "config": dump(config),
+                "controller": config.controller.name,
+                "seed": str(config.run.seed),
+                "version": version("hil-bridge"),
+            },
+        )
+        end = RunEnd(Outcome.STOPPED)
+        try:
+            result = await self._with_devices()
+            end = self._end(result)
+        except BridgeError as error:
+            end = self._end(RunResult(Outcome.STOPPED, str(error)))
+            raise
+        except asyncio.CancelledError:
+            end = self._end(RunResult(Outcome.INTERRUPTED))
+            raise KeyboardInterrupt from None
+        finally:
+            self._recorder.close(end.as_metadata())
+            clock.close()
+
+    def _end(self, result: RunResult) -> RunEnd:
+        return RunEnd(
+            result.outcome,
+            result.cause,
+            line_floor(self._link),
+            dict(self._robot.counters) if self._robot else {},
+            self._sensor.lost if self._sensor else None,
+        )
+
+    async def _with_devices(self) -> RunResult:
+        config, clock = self._config, self._clock
+        async with AsyncExitStack() as stack:
+            robot_url, sensor_url = config.robot.url, config.sensor.url
+            if not (robot_url and sensor_url):
+                ports = VIRTUAL_PORTS if clock.is_virtual else real_ports(config.cell.link)
+                served = await stack.enter_async_context(
+                    emulated_cell(
+                        config.cell,
+                        config.run.seed,
+                        clock,
+                        Ports(None if robot_url else ports.robot, None if sensor_url else ports.sensor),
+                        lambda cause: self._notice("emulator", repr(cause)),
+                    )
+                )
+                robot_url, sensor_url = robot_url or served.robot or "", sensor_url or served.sensor or ""
+            robot_url, self._link = robot_wire(robot_url, config.robot.link)
+            robot = self._robot = RobotLink(
+                await connect_bytes(robot_url, clock), self._link, clock, self._notice
+            )
+            stack.push_async_callback(robot.aclose)
+            sensor = self._sensor = ForceSensor(
+                await connect_can(sensor_url, clock),
+                config.sensor.gateway,
+                clock,
+                self._frame,
+                self._notice,
+            )
+            stack.push_async_callback(sensor.aclose)
+            robot.start()
+            sensor.start()
+            run = Run(config, clock, robot, sensor, self)
+            async with self._shown(), self._interruptible(run):
+                return await run()
+
+    @asynccontextmanager
+    async def _interruptible(self, run: Run) -> AsyncIterator[None]:
+        """Ctrl-C retracts while the robot moves, and ends at once before that."""
+        if self._clock.is_virtual:
+            yield
+            return
+        loop, task = asyncio.get_running_loop(), asyncio.current_task()
+        assert task is not None
+
+        def interrupted() -> None:
+            if run.moving:
+                run.interrupt()
+            else:
+                task.cancel()
+
+        with suppress(NotImplementedError):  # no signal handlers in loops of other platforms
+            for number in (signal.SIGINT, signal.SIGTERM):
+                loop.add_signal_handler(number, interrupted)
+        try:
+            yield
+        finally:
+            with suppress(NotImplementedError):
+                for number in (signal.SIGINT, signal.SIGTERM):
+                    loop.remove_signal_handler(number)
+
+    @asynccontextmanager
+    async def _shown(self) -> AsyncIterator[None]:
+        """The live view in a task of its own; in virtual time there is nobody to watch."""
+        if not self._view_wanted or self._clock.is_virtual:
+            yield
+            return
+        config = self._config
+        self._view = LiveView(
+            config.run.duration_s, config.task.force_n, sys.stdout, line_floor(self._link)
+        )
+        task = asyncio.create_task(self._refresh(self._view), name="view")
+        try:
+            with self._view:
+                yield
+        finally:
+            task.cancel()
+            with suppress(asyncio.CancelledError):
+                await task
+
+    async def _refresh(self, view: LiveView) -> None:
+        while True:
+            await asyncio.to_thread(view.refresh, self._clock.now(), self._health())
+            await asyncio.sleep(REFRESH_SECONDS)
+
+    def _health(self) -> Health:
+        assert self._robot is not None
+        assert self._sensor is not None
+        counters, newest = self._robot.counters, self._sensor.newest
+        return Health(sum(counters.get(name, 0) for name in TROUBLE), self._sensor.lost, newest and newest.at)
+
+
+def _print_figures(summary: Summary) -> None:
+    """The figures that a person wants to see at once."""
+    click.echo(f"{summary.outcome}{': ' + summary.cause if summary.cause else ''}")

@@ -1,0 +1,95 @@
+"""The one check: format, lint, types, import contracts, tests with coverage, and the built wheel elsewhere.
+
+Run it with the environment's Python (`make test` does). Every step runs even when an earlier one failed; the
+exit code is 0 only when all passed. `--only NAME` runs one step.
+"""
+
+import argparse
+import subprocess
+import sys
+import tempfile
+import time
+import venv
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+BIN = Path(sys.executable).parent
+
+
+def tool(name: str, *arguments: str) -> Callable[[], int]:
+    """A step that is one command of the environment, its output shown as it comes."""
+    return lambda: subprocess.run([BIN / name, *arguments], cwd=ROOT, check=False).returncode
+
+
+def wheel_elsewhere() -> int:
+    """Build the wheel, install it into a fresh environment outside the checkout, and run it there."""
+    with tempfile.TemporaryDirectory(prefix="hil-bridge-wheel-") as name:
+        place = Path(name)
+
+        def run(*command: str | Path) -> None:
+            done = subprocess.run(command, cwd=place, capture_output=True, text=True, check=False)
+            if done.returncode:
+                raise RuntimeError(
+                    f"{' '.join(map(str, command))} ended with {done.returncode}\n{done.stdout}{done.stderr}"
+                )
+
+        try:
+            run(sys.executable, "-m", "build", "--wheel", "--outdir", place, ROOT)
+            (wheel,) = place.glob("*.whl")
+            venv.create(place / "env", with_pip=True)
+            scripts = place / "env" / BIN.name
+            run(
+                scripts / "python", "-m", "pip", "install", "--quiet", "--disable-pip-version-check", wheel
+            )
+            bridge = scripts / "hil-bridge"
+            run(bridge, "--version")
+            run(bridge, "run", "--virtual", "--duration", "5", "--no-view", "--summary", place / "s.json")
+            if not (place / "s.json").stat().st_size:
+                raise RuntimeError("the short run wrote an empty summary")
+        except (RuntimeError, OSError, ValueError) as error:
+            print(error)
+            return 1
+    return 0
+
+
+STEPS: dict[str, Callable[[], int]] = {
+    "format": tool("ruff", "format", "--check", "."),
+    "lint": tool("ruff", "check", "."),
+    "types": tool("mypy"),
+    "imports": tool("lint-imports"),
+    "tests": tool("pytest", "--cov", "--cov-report=term"),
+}
+
+
+def main() -> int:
+    """Run the steps, the wheel beside the others since it mostly waits for downloads."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--only", choices=[*STEPS, "wheel"])
+    only = parser.parse_args().only
+
+    results: dict[str, tuple[int, float]] = {}
+
+    def timed(name: str, step: Callable[[], int]) -> None:
+        began = time.monotonic()
+        code = step()
+        results[name] = code, time.monotonic() - began
+
+    with ThreadPoolExecutor(1) as beside:
+        wheel = beside.submit(timed, "wheel", wheel_elsewhere) if only in (None, "wheel") else None
+        for name, step in STEPS.items():
+            if only in (None, name):
+                print(f"── {name}", flush=True)
+                timed(name, step)
+        if wheel is not None:
+            print("── wheel, installed into a fresh environment", flush=True)
+            wheel.result()
+
+    for name, (code, seconds) in results.items():
+        print(f"{'ok    ' if code == 0 else 'FAILED'} {name} ({seconds:.0f} s)")
+    return int(any(code for code, _ in results.values()))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
