@@ -222,7 +222,10 @@ class Link:
         match stimulus:
             case Stimulus.NOISE | Stimulus.MUTILATED | Stimulus.GAP:
                 pass  # on the noise account already
-            case Stimulus.BLOCK | Stimulus.BAD_CHECKSUM:
+            case Stimulus.BAD_CHECKSUM:
+                self._add_noise(size)  # if it was cut short, its tail follows
+                self._notice(NoticeKind.STRAY_BLOCK, f"{stimulus} while {self._state}")
+            case Stimulus.BLOCK:
                 self._sending.heard += size
                 self._notice(NoticeKind.STRAY_BLOCK, f"{stimulus} while {self._state}")
             case _:
