@@ -7,11 +7,11 @@ import math
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
 from emulators.jr3.sensor import SENSOR_RATE_HZ, Jr3Sensor
 from protocol.can import CanFrame
@@ -263,10 +263,16 @@ class Gateway:
 
     def _filter(self, counts: NDArray[np.int64]) -> None:
         """First-order low pass, y += α (x − y); α may differ from the block before."""
-        alpha = self._smoothing
-        state = ((1 - alpha) * self._filtered)[np.newaxis]
-        filtered, _ = lfilter((alpha,), (1.0, alpha - 1.0), counts, axis=0, zi=state)
+        away = counts - self._filtered
         if self._zero_requested:
             self._zero_requested = False
-            self._offset = filtered[0].copy()
-        self._filtered = filtered[-1].copy()
+            self._offset = self._filtered + self._smoothing * away[0]
+        # Of a block only the last output is ever sent, so the recursion is one weighted sum; taken from where
+        # the filter stands, so that a constant input leaves it exactly there.
+        self._filtered = self._filtered + _impulse_response(self._smoothing, len(counts)) @ away
+
+
+@lru_cache(maxsize=64)
+def _impulse_response(smoothing: float, count: int) -> NDArray[np.float64]:
+    """Weight of each of `count` samples, oldest first, in a first-order low pass y += smoothing (x − y)."""
+    return smoothing * (1.0 - smoothing) ** np.arange(count - 1, -1, -1.0)
