@@ -10,7 +10,7 @@ from emulators.slcan_adapter import SlcanAdapter, SlcanProfile
 from hil_bridge.clock import Clock
 from hil_bridge.errors import ConfigError, TransportError
 from hil_bridge.pump import Pump
-from hil_bridge.transports import Frames, Transport, listen_bytes, listen_can
+from hil_bridge.transports import Frames, Parity, Transport, listen_bytes, listen_can
 from hil_bridge.transports.urls import CONNECT_BYTES, parse_url
 from protocol.adlp import LinkProfile
 from protocol.jr3 import GATEWAY_BITRATE
@@ -46,7 +46,7 @@ def robot_wire(url: str, link: LinkProfile) -> tuple[str, LinkProfile]:
         link = replace(
             link,
             baudrate=options.get("baudrate", link.baudrate),
-            parity=str(options.get("parity", link.parity)),
+            parity=Parity(options.get("parity", link.parity)).value,
             stop_bits=options.get("stopbits", link.stop_bits),
         )
     except ValueError as error:

@@ -40,11 +40,11 @@ class _Section(BaseModel):
 class RunConfig(_Section):
     """The run as a whole."""
 
-    duration_s: float = Field(30.0, gt=0)
+    duration_s: float = Field(default=30.0, gt=0)
     """How long to track the surface once in contact."""
-    seed: int = Field(1, ge=0)
+    seed: int = Field(default=1, ge=0)
     """Seed of every random draw in the emulated cell."""
-    period_ms: float = Field(0.0, ge=0)
+    period_ms: float = Field(default=0.0, ge=0)
     """Control cycle; 0 runs as fast as the computer link answers."""
 
 
@@ -53,7 +53,7 @@ class RobotConfig(_Section):
 
     url: str = ""
     """serial:///dev/ttyUSB0?baudrate=9600&parity=E or tcp://host:port; empty starts the emulated robot."""
-    velocity_mm_s: float = Field(50.0, gt=0, le=1000)
+    velocity_mm_s: float = Field(default=50.0, gt=0, le=1000)
     """Path velocity given with every point; it must outrun one step a cycle."""
     link: LinkProfile = LinkProfile()
     """What is known and assumed about the computer link."""
@@ -75,7 +75,7 @@ class SensorConfig(_Section):
 class ToolConfig(_Section):
     """What hangs below the sensor."""
 
-    mass_kg: float = Field(0.0, ge=0)
+    mass_kg: float = Field(default=0.0, ge=0)
     """Mass below the sensor; with a constant orientation the tare removes its weight by itself."""
     centre_of_gravity_mm: Vector = (0.0, 0.0, 0.0)
     """From the sensor's origin, in the tool frame."""
@@ -125,7 +125,7 @@ class ControllerConfig(_Section):
     @classmethod
     def _fitting(cls, parameters: dict[str, Any], info: ValidationInfo) -> dict[str, Any]:
         if (name := info.data.get("name")) is not None:
-            kind = CONTROLLERS[name]
+            kind: Any = CONTROLLERS[name]
             known = [field.name for field in dataclasses.fields(kind)]
             if unknown := [key for key in parameters if key not in known]:
                 raise ValueError(f"{name} has no parameter {unknown[0]!r}, only {', '.join(known)}")
@@ -194,7 +194,7 @@ def schema() -> dict[str, Any]:
     result = Config.model_json_schema()
     for key, section in _sections("", Config()):
         definition = result["$defs"].get(type(section).__name__) if key else None
-        for name, text in _comments(type(section)).items():
+        for name, text in _comments(section.__class__).items():
             if definition and name in definition["properties"]:
                 definition["properties"][name]["description"] = text
     return result
@@ -206,7 +206,7 @@ def commented_defaults() -> str:
         "# Configuration of hil-bridge. Every setting stands at its default; delete what you do not change."
     ]
     for key, section in _sections("", Config()):
-        comments = _comments(type(section))
+        comments = _comments(section.__class__)
         plain = [(name, value) for name, value in _items(section) if not _is_section(value)]
         if not plain:
             continue
@@ -237,7 +237,7 @@ def _sections(key: str, section: object) -> Iterator[tuple[str, Any]]:
 
 
 @cache
-def _comments(cls: type) -> dict[str, str]:
+def _comments(cls: Any) -> dict[str, str]:
     """What is said about each field of a section: the setting's meaning with unit and mark, or its docstring."""
     if issubclass(cls, BaseModel):
         return {name: info.description or "" for name, info in cls.model_fields.items()}
@@ -249,7 +249,7 @@ def _comments(cls: type) -> dict[str, str]:
     return comments
 
 
-def _attribute_docstrings(cls: type) -> dict[str, str]:
+def _attribute_docstrings(cls: Any) -> dict[str, str]:
     """The string literals that stand right under the fields of a dataclass."""
     body = ast.parse(textwrap.dedent(inspect.getsource(cls))).body[0]
     assert isinstance(body, ast.ClassDef)

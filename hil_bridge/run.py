@@ -69,11 +69,12 @@ class Run:
         self._robot = robot
         self._sensor = sensor
         self._log = log
+        x, y, z = config.tool.centre_of_gravity_mm
         self._wrist = Wrist(
             math.radians(config.sensor.mounting_deg),
             config.sensor.flip_fx_mx,
             config.tool.mass_kg,
-            tuple(value * 1e-3 for value in config.tool.centre_of_gravity_mm),
+            (x * 1e-3, y * 1e-3, z * 1e-3),
         )
         controller = make_controller(config.controller.name, **config.controller.parameters)
         self._loop = ControlLoop(

@@ -75,8 +75,9 @@ def execute(config: Config, virtual: bool, outputs: Outputs, view: bool) -> int:
             from hil_bridge.report import write_report
 
             click.echo(f"report: {write_report(recording, summary, outputs.report)}")
-    if outputs.record is not None:
-        click.echo(f"record: {outputs.record}")
+    for name, file in (("record", outputs.record), ("summary", outputs.summary)):
+        if file is not None:
+            click.echo(f"{name}: {file}")
     outcome = Outcome(summary.outcome)
     if outcome is Outcome.STOPPED:
         click.echo(f"hil-bridge: stopped: {summary.cause}", err=True)
@@ -234,9 +235,7 @@ class _Session:
             yield
             return
         config = self._config
-        self._view = LiveView(
-            config.run.duration_s, config.task.force_n, sys.stdout, line_floor(self._link)
-        )
+        self._view = LiveView(config.run.duration_s, config.task.force_n, sys.stdout, line_floor(self._link))
         task = asyncio.create_task(self._refresh(self._view), name="view")
         try:
             with self._view:
@@ -255,9 +254,36 @@ class _Session:
         assert self._robot is not None
         assert self._sensor is not None
         counters, newest = self._robot.counters, self._sensor.newest
-        return Health(sum(counters.get(name, 0) for name in TROUBLE), self._sensor.lost, newest and newest.at)
+        return Health(
+            link_errors=sum(counters.get(name, 0) for name in TROUBLE),
+            frames_lost=self._sensor.lost,
+            sensor_at=None if newest is None else newest.at,
+        )
 
 
 def _print_figures(summary: Summary) -> None:
     """The figures that a person wants to see at once."""
     click.echo(f"{summary.outcome}{': ' + summary.cause if summary.cause else ''}")
+    tracked, figures = summary.phases_s.get("track", 0.0), summary.figures
+    if summary.force_reference_n is None or not figures:
+        return
+    rows = [("tracked", f"{tracked:.1f} s at {summary.force_reference_n:g} N with {summary.controller}")]
+    if summary.force_mean_steady_n is not None:
+        rows.append(
+            (
+                "steady force",
+                f"{summary.force_mean_steady_n:.2f} N mean, {figures['steady_peak_to_peak_n']:.2f} N peak to peak",
+            )
+        )
+    rise = figures["rise_samples"]
+    rows += [
+        ("rise to 90 %", "not reached" if rise is None else f"{rise:.0f} samples, {figures['rise_s']:.2f} s"),
+        ("overshoot", f"{figures['overshoot_percent']:.1f} %"),
+        ("RMS error", f"{figures['rms_error_n']:.2f} N"),
+        ("contact losses", f"{figures['contact_losses']:.0f}"),
+    ]
+    if summary.cycle_time is not None:
+        floor = f", {summary.line_floor_s * 1e3:.1f} ms of it the line" if summary.line_floor_s else ""
+        rows.append(("cycle time", f"{summary.cycle_time.mean_s * 1e3:.1f} ms mean{floor}"))
+    for name, text in rows:
+        click.echo(f"  {name:<15}{text}")

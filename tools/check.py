@@ -40,9 +40,7 @@ def wheel_elsewhere() -> int:
             (wheel,) = place.glob("*.whl")
             venv.create(place / "env", with_pip=True)
             scripts = place / "env" / BIN.name
-            run(
-                scripts / "python", "-m", "pip", "install", "--quiet", "--disable-pip-version-check", wheel
-            )
+            run(scripts / "python", "-m", "pip", "install", "--quiet", "--disable-pip-version-check", wheel)
             bridge = scripts / "hil-bridge"
             run(bridge, "--version")
             run(bridge, "run", "--virtual", "--duration", "5", "--no-view", "--summary", place / "s.json")

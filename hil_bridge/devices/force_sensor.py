@@ -51,7 +51,7 @@ class ForceSensor:
         self._on_frame = on_frame
         self._on_notice = on_notice
         self._client = GatewayClient(profile, clock.now())
-        self._pump = Pump(self._client, transport, clock, self._take, self._ended)
+        self._pump: Pump[Frames, GatewayEvent] = Pump(self._client, transport, clock, self._take, self._ended)
         self._full_scales: tuple[float, ...] | None = None
         self._failure: BridgeError | None = None
         self._waiters: list[tuple[type, asyncio.Future[None]]] = []

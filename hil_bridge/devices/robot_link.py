@@ -62,7 +62,7 @@ class RobotLink:
         self._transport = transport
         self._on_notice = on_notice
         self._host = ArapHost(profile)
-        self._pump = Pump(self._host, transport, clock, self._take, self._ended)
+        self._pump: Pump[bytes, ArapEvent] = Pump(self._host, transport, clock, self._take, self._ended)
         self._answer: asyncio.Future[Telegram] | None = None
         self._failure: BridgeError | None = None
 

@@ -91,7 +91,11 @@ def run_rows(summary: Summary) -> tuple[Row, ...]:
             quantity(summary.line_floor_s, 1e3, ".1f", "ms"),
             "what the characters of one cycle take on the line",
         ),
-        Row("sensor frames", f"{summary.sensor_frames_received}", "" if summary.sensor_frames_lost is None else f"{summary.sensor_frames_lost} lost"),
+        Row(
+            "sensor frames",
+            f"{summary.sensor_frames_received}",
+            "" if summary.sensor_frames_lost is None else f"{summary.sensor_frames_lost} lost",
+        ),
         Row("records dropped", f"{dropped}", "by the recorder: disk too slow or full"),
     )
 

@@ -89,7 +89,7 @@ def line(snapshot: Snapshot) -> str:
     parts = [f"{snapshot.elapsed_s:7.1f} s", f"{snapshot.phase:<8}"]
     if snapshot.newest is not None:
         parts += [
-            f"force {snapshot.newest.force:7.2f} N of {snapshot.reference_n:.2f} N",
+            f"force {snapshot.newest.force:z7.2f} N of {snapshot.reference_n:.2f} N",
             f"depth {snapshot.newest.depth * 1e3:8.3f} mm",
         ]
         if snapshot.newest.verdict != "allow":
@@ -99,5 +99,5 @@ def line(snapshot: Snapshot) -> str:
     parts.append(f"link errors {snapshot.link_errors}")
     parts.append(f"frames lost {snapshot.frames_lost}")
     if snapshot.remaining_s is not None:
-        parts.append(f"{snapshot.remaining_s:.0f} s left")
+        parts.append(f"{snapshot.remaining_s:.0f} s to track")
     return "  ".join(parts)

@@ -27,8 +27,10 @@ class Snapshot:
 
     phase: str
     elapsed_s: float
+    tracked_s: float
+    """How long the surface has been tracked."""
     total_s: float | None
-    """Expected length of the run, where one is known."""
+    """How long it is to be tracked, where that is known."""
     reference_n: float
     line_floor_s: float | None
     """What the characters of one cycle take on the line."""
@@ -41,7 +43,7 @@ class Snapshot:
 
     @property
     def remaining_s(self) -> float | None:
-        return None if self.total_s is None else max(0.0, self.total_s - self.elapsed_s)
+        return None if self.total_s is None else max(0.0, self.total_s - self.tracked_s)
 
     @property
     def cycle_time_s(self) -> float | None:
@@ -58,6 +60,8 @@ class ViewModel:
         self._reference_n = reference_n
         self._line_floor_s = line_floor_s
         self._began: float | None = None
+        self._track_since: float | None = None
+        self._track_until: float | None = None
         self._phase = "connect"
         self._newest: CycleRecord | None = None
         self._forces: deque[float] = deque(maxlen=HISTORY_CYCLES)
@@ -66,6 +70,9 @@ class ViewModel:
         """A cycle has ended."""
         self._newest = record
         self._phase = record.phase
+        if record.phase == "track":
+            self._track_since = self._track_since or record.started_at
+            self._track_until = record.answered_at
         self._forces.append(record.force)
 
     def enter(self, phase: str) -> None:
@@ -80,6 +87,7 @@ class ViewModel:
         return Snapshot(
             phase=self._phase,
             elapsed_s=now - self._began,
+            tracked_s=(self._track_until or 0.0) - (self._track_since or 0.0),
             total_s=self._total_s,
             reference_n=newest.force_reference if newest else self._reference_n,
             line_floor_s=self._line_floor_s,

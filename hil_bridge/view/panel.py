@@ -50,7 +50,7 @@ def _force_line(snapshot: Snapshot) -> Text:
     if snapshot.newest is None or not math.isfinite(snapshot.newest.force):
         return Text(f"force      –        target {reference:6.2f} N", style="dim")
     force = snapshot.newest.force
-    line = Text.assemble(("force ", "dim"), (f"{force:8.2f} N", "bold"), f"   target {reference:6.2f} N")
+    line = Text.assemble(("force ", "dim"), (f"{force:z8.2f} N", "bold"), f"   target {reference:6.2f} N")
     if snapshot.newest.in_contact:
         line.append(f"   off by {force - reference:+7.2f} N", _error_style(force, reference))
     else:
@@ -158,6 +158,6 @@ def _progress(snapshot: Snapshot) -> RenderableType:
     grid.add_column(no_wrap=True)
     grid.add_column(ratio=1)
     grid.add_column(no_wrap=True)
-    bar = ProgressBar(total=max(snapshot.total_s, 1e-9), completed=snapshot.elapsed_s)
-    grid.add_row(elapsed, bar, f"{remaining_s:.1f} s left")
+    bar = ProgressBar(total=max(snapshot.total_s, 1e-9), completed=snapshot.tracked_s)
+    grid.add_row(elapsed, bar, f"{remaining_s:.1f} s to track")
     return grid

@@ -74,7 +74,7 @@ def test_the_panel_says_what_the_cycle_and_the_wires_do() -> None:
         "lost 7",
         "allow",
         "cycle 42  10.2 s",
-        "19.8 s left",
+        "29.8 s to track",
     ):
         assert part in text
     assert text.split("link errors")[1].split()[0] == "3"
@@ -129,7 +129,7 @@ def test_plain_lines_come_once_a_second_and_when_the_phase_changes() -> None:
         ("3.0", "track"),
     ]
     assert "48.73 N of 50.00 N" in lines[-1]
-    assert "link errors 1  frames lost 2  27 s left" in lines[-1]
+    assert "link errors 1  frames lost 2  30 s to track" in lines[-1]
     assert stream.getvalue().isascii()
 
 
