@@ -20,7 +20,6 @@ class Pump(Generic[Data, Event]):
     """
 
     __slots__ = (
-        "_again",
         "_armed",
         "_clock",
         "_ended",
@@ -48,7 +47,6 @@ class Pump(Generic[Data, Event]):
         self._timer: Timer | None = None
         self._armed: float | None = None
         self._turning = False
-        self._again = False
         self._ended = False
 
     def start(self) -> None:
@@ -58,11 +56,8 @@ class Pump(Generic[Data, Event]):
 
     def kick(self) -> None:
         """To be called after the endpoint was given something to do; also from within `on_event`."""
-        if self._turning:
-            self._again = True
-            return
-        if self._ended:
-            return
+        if self._turning or self._ended:
+            return  # the turn that is under way asks the endpoint again before it ends
         self._turning = True
         try:
             self._turn()
@@ -74,17 +69,15 @@ class Pump(Generic[Data, Event]):
     def _turn(self) -> None:
         endpoint, clock = self._endpoint, self._clock
         while True:
-            self._again = False
             while (event := endpoint.next_event()) is not None:
                 self._on_event(event)
                 if self._ended:
                     return
             # read anew: a callback may have told the endpoint a later time
             data = endpoint.data_to_send(clock.now())
-            if len(data):
-                self._transport.send(data)
-            elif not self._again:
+            if not len(data):
                 break
+            self._transport.send(data)
             if self._ended:
                 return
         deadline = endpoint.next_deadline()

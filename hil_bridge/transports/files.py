@@ -64,6 +64,8 @@ class FileWire:
 
     def send(self, data: bytes) -> None:
         self._delivery.check()
+        if not data:
+            return
         if len(self._queue) + len(data) > QUEUE_BYTES:
             raise TransportError(
                 f"{self.name}: the queue of {QUEUE_BYTES} bytes is full; the peer does not read"

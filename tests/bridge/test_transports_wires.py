@@ -1,4 +1,4 @@
-"""What each wire in virtual time does beyond the suite: exact times, faults, arbitration, changing clients."""
+"""What each wire does in virtual time beyond the suite: exact times, faults, arbitration, new clients."""
 
 import asyncio
 from typing import Any
@@ -31,6 +31,7 @@ from hil_bridge.transports import (
     listen_can,
     memory_pair,
 )
+from hil_bridge.transports.delivery import Delivery
 from protocol.can import CanFrame
 
 LINE = LineSettings(9600, Parity.EVEN, 1)
@@ -196,6 +197,23 @@ def test_a_full_memory_wire_refuses_and_stays_in_order() -> None:
         left.send(bytes(65_000))
 
     run_virtual(main)
+
+
+def test_an_end_while_early_data_is_handed_over_comes_once_and_last() -> None:
+    seen: list[object] = []
+    delivery: Delivery[bytes] = Delivery("wire", 10)
+
+    def cut(data: bytes) -> None:
+        seen.append(data)
+        delivery.end(TransportBroken("wire: cut"))
+
+    for data in (b"one", b"two", b"too much", b"six"):
+        delivery.data(data)
+    delivery.start(cut, lambda error: seen.append(str(error)))
+    assert seen == [b"one", b"two", b"six", "wire: cut"]
+    assert delivery.overruns == 8
+    with pytest.raises(RuntimeError, match="started before"):
+        delivery.start(cut, print)
 
 
 def test_tap_shows_both_directions_in_order() -> None:

@@ -284,8 +284,11 @@ async def test_slcan_opens_its_channel_and_survives_noise() -> None:
             b"x" * 5000,  # a line that does not end
         )
         for k, garbage in enumerate(noise):
+            before = wire.malformed
             os.write(master, garbage)
             await asyncio.sleep(0.02)
+            # python-can passes over words that it does not know
+            assert (wire.malformed > before) == (garbage not in (b"\r\r\a", b"hello\r"))
             # one ack, then two frames in the same read: all must come out at once
             os.write(master, b"\r\rt%03X2BEEF\r\rt1230\r" % k)
             await asyncio.sleep(0.02)
