@@ -71,6 +71,7 @@ class Rig:
                 # as a device does: give the endpoint something to do and kick, from within the callback
                 self.endpoint.out.append(b"kicked")
                 self.pump.kick()
+                self.events.append(("kick returned", None))
             case ("data", b"raise"):
                 raise KeyError("on_event")
 
@@ -102,6 +103,8 @@ def test_a_kick_from_within_an_event_is_served_in_the_same_turn() -> None:
         rig.far.send(b"kick")
         await asyncio.sleep(0.1)
         assert rig.heard == [b"kcik", b"kicked"]
+        # no event is told while another is being told
+        assert [name for name, _ in rig.events] == ["data", "kick returned", "sent", "sent"]
 
     run_virtual(main)
 
