@@ -154,20 +154,18 @@ class Run:
 
         After an overrun the beats missed are skipped, never caught up.
         """
-        period, cycle = self._config.run.period_ms * 1e-3, 0
-        anchor = self._clock.now()
-        beat = 0
+        period = self._config.run.period_ms * 1e-3
+        anchor, beat, cycle = self._clock.now(), 0, 0
         while True:
-            now = self._clock.now()
-            yield cycle, now
+            yield cycle, self._clock.now()
             cycle += 1
-            if period:
-                beat += 1
-                passed = math.floor((self._clock.now() - anchor) / period)
-                if passed >= beat + 1:
-                    self._event("overrun", f"{passed - beat} beats of {period * 1e3:g} ms skipped")
-                    beat = passed + 1
-                await self._clock.sleep_until(anchor + beat * period)
+            if not period:
+                continue
+            next_beat = max(beat + 1, math.ceil((self._clock.now() - anchor) / period))
+            if (skipped := next_beat - beat - 1) > 0:
+                self._event("overrun", f"{skipped} beats of {period * 1e3:g} ms skipped")
+            beat = next_beat
+            await self._clock.sleep_until(anchor + beat * period)
 
     def _sample(self, status: Status) -> Sample:
         """The newest of everything, now that the robot has answered."""

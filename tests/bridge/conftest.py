@@ -1,0 +1,128 @@
+"""The whole loop in virtual time, with hands on the cell and the wires while it runs."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import pytest
+
+from emulators.cell import Cell
+from hil_bridge.clock import Clock, run_virtual
+from hil_bridge.config import Config
+from hil_bridge.devices import ForceSensor, RobotLink
+from hil_bridge.pump import Pump
+from hil_bridge.recording import CycleRecord, EventRecord
+from hil_bridge.run import Run, RunResult
+from hil_bridge.transports import (
+    Faults,
+    Faulty,
+    Frames,
+    Transport,
+    connect_bytes,
+    connect_can,
+    listen_bytes,
+    listen_can,
+)
+
+
+class CutCan:
+    """A CAN wire on which, once cut, nothing arrives any more."""
+
+    def __init__(self, inner: Transport[Frames]) -> None:
+        self._inner = inner
+        self.cut = False
+        self.name = inner.name
+        self.aclose = inner.aclose
+        self.send = inner.send
+
+    def start(self, on_data: Callable[[Frames], None], on_end: Callable[..., None]) -> None:
+        self.inject = on_data
+        self._inner.start(lambda frames: None if self.cut else on_data(frames), on_end)
+
+
+@dataclass
+class Bench:
+    """One run and what it left; also the log that the run writes to."""
+
+    config: Config
+    cycles: list[CycleRecord] = field(default_factory=list)
+    events: list[EventRecord] = field(default_factory=list)
+    result: RunResult | None = None
+    ended_at: float = 0.0
+    meddle: Callable[["Bench", CycleRecord], None] = lambda bench, record: None
+    prepare: Callable[["Bench"], None] = lambda bench: None
+    """Called when the cell stands and nobody has spoken to it yet."""
+    cell: Cell = field(init=False)
+    clock: Clock = field(init=False)
+    line: Faulty = field(init=False)
+    can: CutCan = field(init=False)
+    robot: RobotLink = field(init=False)
+    run: Run = field(init=False)
+
+    def cycle(self, record: CycleRecord) -> None:
+        self.cycles.append(record)
+        self.meddle(self, record)
+
+    def event(self, record: EventRecord) -> None:
+        self.events.append(record)
+
+    def notice(self, kind: str, text: str) -> None:
+        self.events.append(EventRecord(self.clock.now(), kind, text))
+
+    def texts(self, kind: str) -> list[str]:
+        return [event.text for event in self.events if event.kind == kind]
+
+    def tracked(self) -> list[CycleRecord]:
+        return [record for record in self.cycles if record.phase == "track"]
+
+    @property
+    def true_force(self) -> float:
+        """What presses at the end, N; nothing once the tool has been retracted."""
+        return self.cell.true_state(self.ended_at).contact_force[2]
+
+    async def main(self) -> None:
+        self.clock = clock = Clock.running()
+        config = self.config
+        self.cell = cell = Cell(config.cell, clock.now(), config.run.seed)
+        self.prepare(self)
+        robot_port = await listen_bytes("memory:robot", clock)
+        sensor_port = await listen_can("can+memory:sensor", clock)
+        for endpoint, port in ((cell.robot, robot_port), (cell.gateway, sensor_port)):
+            Pump[Any, Any](endpoint, port.transport, clock, lambda event: None, lambda cause: None).start()
+        wire = await connect_bytes("memory:robot?baudrate=9600&parity=E", clock)
+        self.line = Faulty(wire, Faults(), seed=config.run.seed)
+        self.can = CutCan(await connect_can("can+memory:sensor", clock))
+        self.robot = robot = RobotLink(self.line, config.robot.link, clock, self.notice)
+        sensor = ForceSensor(self.can, config.sensor.gateway, clock, lambda frame: None, self.notice)
+        robot.start()
+        sensor.start()
+        self.run = Run(config, clock, robot, sensor, self)
+        try:
+            self.result = await self.run()
+        finally:
+            self.ended_at = clock.now()
+            await sensor.aclose()
+            await robot.aclose()
+            await robot_port.transport.aclose()
+            await sensor_port.transport.aclose()
+
+
+@pytest.fixture(scope="session")
+def bench() -> Callable[..., Bench]:
+    """Run the loop with a configuration as nested dictionaries; `meddle` is called after every cycle."""
+
+    def run(
+        meddle: Callable[[Bench, CycleRecord], None] | None = None,
+        prepare: Callable[[Bench], None] | None = None,
+        **sections: Any,
+    ) -> Bench:
+        sections.setdefault("run", {}).setdefault("duration_s", 5.0)
+        bench = Bench(Config.model_validate(sections))
+        if meddle is not None:
+            bench.meddle = meddle
+        if prepare is not None:
+            bench.prepare = prepare
+        run_virtual(bench.main)
+        return bench
+
+    return run

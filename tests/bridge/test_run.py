@@ -1,0 +1,181 @@
+"""The closed loop against the emulated cell, over paced memory wires, in virtual time."""
+
+import statistics
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from hil_bridge.config import Config
+from hil_bridge.errors import DeviceError
+from hil_bridge.recording import CycleRecord, Outcome
+from hil_bridge.run import line_floor
+from hil_bridge.transports import Faults
+from protocol.adlp import LinkProfile
+from protocol.can import CanFrame
+
+Bench = Any
+RunBench = Callable[..., Bench]
+
+
+def after(cycles: int, act: Callable[[Bench], None]) -> Callable[[Bench, CycleRecord], None]:
+    """Meddle once, when that many cycles have tracked the surface."""
+
+    def meddle(bench: Bench, record: CycleRecord) -> None:
+        if len(bench.tracked()) == cycles and record.phase == "track":
+            act(bench)
+
+    return meddle
+
+
+@pytest.mark.parametrize("controller", ["fuzzy", "fuzzy-adaptive", "resolution-aware"])
+def test_every_controller_holds_ten_newtons_on_the_sponge(bench: RunBench, controller: str) -> None:
+    run = bench(run={"duration_s": 20.0}, controller={"name": controller})
+    assert run.result.outcome is Outcome.COMPLETED
+    steady = [record.force for record in run.tracked()[-40:]]
+    assert statistics.fmean(steady) == pytest.approx(10.0, abs=0.5)
+    assert all(record.in_contact for record in run.tracked())
+    assert run.texts("phase") == ["connect", "tare", "approach", "track", "retract", "end"]
+    assert run.true_force == 0.0
+
+
+def test_the_tool_moves_a_millimetre_along_the_surface_each_cycle(bench: RunBench) -> None:
+    track = bench().tracked()
+    travel = [record.travel_commanded for record in track]
+    assert travel == pytest.approx([k * 1e-3 for k in range(1, len(track) + 1)])
+    assert track[-1].position[1] - track[0].position[1] == pytest.approx(travel[-2], abs=0.003)
+
+
+def test_a_cycle_takes_the_line_and_two_turnarounds(bench: RunBench) -> None:
+    floor = line_floor(LinkProfile())
+    assert floor == pytest.approx(136 * 11 / 9600)  # computer-link specification, section 5
+    times = [record.answered_at - record.started_at for record in bench().cycles]
+    assert floor + 2 * 0.008 <= min(times)
+    assert max(times) <= floor + 2 * 0.016 + 1e-6
+    assert statistics.fmean(times) == pytest.approx(floor + 2 * 0.012, rel=0.02)
+
+
+def test_hops_are_stamped_in_order(bench: RunBench) -> None:
+    for record in bench().cycles:
+        hops = (record.started_at, record.status_at, record.controlled_at, record.sent_at, record.answered_at)
+        assert list(hops) == sorted(hops)
+        assert 0.0 <= record.status_at - record.sensor_at <= 0.0102
+
+
+def test_a_fixed_period_keeps_absolute_beats_and_skips_what_it_misses(bench: RunBench) -> None:
+    begins = [record.started_at for record in bench(run={"duration_s": 5.0, "period_ms": 250.0}).cycles]
+    assert [b - begins[0] for b in begins] == pytest.approx([k * 0.25 for k in range(len(begins))], abs=1e-9)
+    run = bench(run={"duration_s": 3.0, "period_ms": 100.0})
+    begins = [record.started_at for record in run.cycles]
+    assert [b - begins[0] for b in begins] == pytest.approx([k * 0.2 for k in range(len(begins))], abs=1e-9)
+    assert run.texts("overrun")[0] == "1 beats of 100 ms skipped"
+
+
+def test_the_tare_hides_the_tools_weight(bench: RunBench) -> None:
+    run = bench(cell={"tool": {"mass_kg": 3.0}})
+    assert (
+        max(abs(record.force) for record in run.cycles if record.phase == "approach" and record.depth < 0.009)
+        < 0.1
+    )
+    assert run.result.outcome is Outcome.COMPLETED
+
+
+def test_a_turned_and_left_handed_sensor_reads_the_same_force(bench: RunBench) -> None:
+    """The flip negates Fx, which nothing excites here; the friction along the path must come out turned."""
+    plain = bench().tracked()[-1]
+    turned = bench(sensor={"mounting_deg": 90.0, "flip_fx_mx": True}).tracked()[-1]
+    assert turned.force == pytest.approx(plain.force, abs=0.1)
+    assert turned.wrench[0] == pytest.approx(-plain.wrench[1], abs=0.1)
+
+
+@pytest.mark.parametrize(
+    "surface",
+    [
+        {"kind": "sloped", "slope_deg": 5.0},
+        {"kind": "sinusoidal", "amplitude_mm": 2.0, "period_mm": 100.0},
+        {"kind": "circular_arc", "radius_mm": 300.0},
+    ],
+)
+def test_contact_is_kept_on_every_surface(bench: RunBench, surface: dict[str, Any]) -> None:
+    run = bench(run={"duration_s": 10.0}, cell={"surface": surface}, task={"step_mm": 0.5})
+    assert run.result.outcome is Outcome.COMPLETED
+    assert all(record.in_contact for record in run.tracked()[5:])
+    assert statistics.fmean(record.force for record in run.tracked()[10:]) == pytest.approx(10.0, abs=2.5)
+
+
+def test_too_much_force_stops_retracts_and_keeps_the_cause(bench: RunBench) -> None:
+    run = bench(limits={"force_limit_n": 6.0})
+    assert run.result.outcome is Outcome.STOPPED
+    assert "beyond 6 N" in run.result.cause
+    assert run.texts("stop") == [run.result.cause]
+    stop = next(record for record in run.cycles if record.verdict == "stop")
+    assert stop.phase == "retract"
+    assert stop.depth_commanded < stop.depth
+    assert run.true_force == 0.0
+    assert run.cycles[-1].depth_commanded == pytest.approx(stop.depth_commanded + 0.001 - 0.02, abs=1e-6)
+
+
+def test_an_emergency_stop_in_mid_track_ends_the_run_with_its_name(bench: RunBench) -> None:
+    run = bench(after(5, lambda bench: bench.cell.robot.press_emergency_stop(bench.clock.now())))
+    assert run.result.outcome is Outcome.STOPPED
+    assert "13 stop or emergency stop" in run.result.cause
+    assert run.ended_at - run.cycles[-1].answered_at < 1.0
+
+
+def test_a_silent_sensor_is_stale_and_the_tool_retracts(bench: RunBench) -> None:
+    run = bench(after(5, lambda bench: setattr(bench.can, "cut", True)))
+    assert run.result.outcome is Outcome.STOPPED
+    assert "the newest force is" in run.result.cause
+    assert run.true_force == 0.0
+
+
+def test_a_gateway_that_boots_again_has_lost_its_zero(bench: RunBench) -> None:
+    run = bench(after(5, lambda bench: bench.can.inject([CanFrame(0x701)])))
+    assert "restarted in mid-run" in run.result.cause
+    assert run.true_force == 0.0
+
+
+def test_a_dead_robot_link_ends_the_run_in_the_time_of_its_time_outs(bench: RunBench) -> None:
+    run = bench(after(5, lambda bench: setattr(bench.line, "faults", Faults(loss=1.0))))
+    assert run.result.outcome is Outcome.STOPPED
+    assert "robot on memory:robot" in run.result.cause
+    assert run.ended_at - run.cycles[-1].answered_at < 25.0
+
+
+def test_a_noisy_line_is_repeated_over(bench: RunBench) -> None:
+    run = bench(
+        lambda bench, record: setattr(bench.line, "faults", Faults(corruption=2e-4)), run={"duration_s": 30.0}
+    )
+    assert run.result.outcome is Outcome.COMPLETED
+    assert sum(run.robot.counters[name] for name in ("block repeated", "bid repeated", "NAK sent")) > 0
+
+
+def test_no_surface_no_contact(bench: RunBench) -> None:
+    run = bench(cell={"surface": {"height_mm": 400.0}}, task={"approach_depth_limit_mm": 8.0})
+    assert (run.result.outcome, run.result.cause) == (Outcome.STOPPED, "no contact found within 8 mm")
+
+
+def test_the_workspace_holds_the_tool_back(bench: RunBench) -> None:
+    run = bench(limits={"workspace_min_m": (-3.0, -3.0, 0.595)}, task={"approach_depth_limit_mm": 20.0})
+    lowest = min(record.position[2] for record in run.cycles)
+    assert lowest >= 0.595 - 0.0625e-3
+    assert any("leaves the workspace" in record.reasons for record in run.cycles)
+    assert run.result.outcome is Outcome.STOPPED
+
+
+def test_an_interruption_retracts_and_says_so(bench: RunBench) -> None:
+    run = bench(after(5, lambda bench: bench.run.interrupt()))
+    assert run.result.outcome is Outcome.INTERRUPTED
+    assert run.cycles[-1].phase == "retract"
+    assert run.true_force == 0.0
+
+
+def test_a_robot_in_emergency_stop_is_not_moved(bench: RunBench) -> None:
+    with pytest.raises(DeviceError, match="emergency stop; release it"):
+        bench(prepare=lambda bench: bench.cell.robot.press_emergency_stop(bench.clock.now()))
+
+
+def test_line_floor_follows_the_profile() -> None:
+    assert line_floor(LinkProfile(baudrate=19200)) == pytest.approx(136 * 11 / 19200)
+    assert line_floor(LinkProfile(parity="N", move_length=60)) == pytest.approx(144 * 10 / 9600)
+    assert Config().robot.link == LinkProfile()
