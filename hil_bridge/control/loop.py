@@ -124,8 +124,9 @@ class ControlLoop:
             supervisor, verdict = self.supervisor.step(
                 state.supervisor, _observe(sample), self._request(state, output)
             )
-        if isinstance(verdict, Stop):
-            task, output = self.task.step(self.task.fail(state.task, verdict.text), measurement)
+        cause = _cause(state, output, verdict)
+        if isinstance(verdict, Stop) or cause:
+            task, output = self.task.step(self.task.fail(state.task, cause), measurement)
             supervisor, way = self.supervisor.limit(supervisor, self._request(state, output))
         else:
             way = verdict
@@ -147,6 +148,19 @@ class ControlLoop:
             for s, n, t in zip(state.start, self.approach, self.travel, strict=True)
         )
         return Request(depth, (x, y, z), self.approach)
+
+
+def _cause(state: LoopState, output: TaskOutput, verdict: Verdict) -> str:
+    """Why the run must end; empty while it need not. An approach that is held in place would last for ever."""
+    match verdict:
+        case Stop(text=text):
+            return text
+        case Clamp(depth=depth, reasons=reasons) if (
+            output.phase is Phase.APPROACH and depth <= state.supervisor.depth
+        ):
+            return f"no contact found: the approach {', '.join(reasons)}"
+        case _:
+            return ""
 
 
 def _observe(sample: Sample) -> Observation:
