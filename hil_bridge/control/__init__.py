@@ -2,16 +2,7 @@
 pure.
 """
 
-from hil_bridge.control.controllers import (
-    CONTROLLERS,
-    AdaptiveState,
-    FuzzyAdaptive,
-    FuzzyPi,
-    FuzzyState,
-    ResolutionAware,
-    make_controller,
-    scheduled_gain,
-)
+from hil_bridge.control.controllers import CONTROLLERS, make_controller
 from hil_bridge.control.estimate import Gates, StiffnessEstimate
 from hil_bridge.control.frames import (
     force_along,
@@ -22,8 +13,18 @@ from hil_bridge.control.frames import (
     transform_wrench,
 )
 from hil_bridge.control.fuzzy import Inference, Surface, computed_matrix, evaluate, infer, quantise
+from hil_bridge.control.fuzzy_control import (
+    AdaptiveState,
+    FuzzyAdaptive,
+    FuzzyPi,
+    FuzzyState,
+    ResolutionAware,
+    scheduled_gain,
+)
+from hil_bridge.control.linear import Admittance, AdmittanceState, Pi, PiState
 from hil_bridge.control.loop import ControlLoop, Decision, LoopState, Sample
 from hil_bridge.control.merit import FiguresOfMerit, figures_of_merit
+from hil_bridge.control.stiffness import Pairing, Stiffness
 from hil_bridge.control.supervisor import (
     Allow,
     Cause,
@@ -43,6 +44,8 @@ from hil_bridge.control.wrist import Wrist
 __all__ = [
     "CONTROLLERS",
     "AdaptiveState",
+    "Admittance",
+    "AdmittanceState",
     "Allow",
     "Cause",
     "Clamp",
@@ -60,10 +63,14 @@ __all__ = [
     "LoopState",
     "Measurement",
     "Observation",
+    "Pairing",
     "Phase",
+    "Pi",
+    "PiState",
     "Request",
     "ResolutionAware",
     "Sample",
+    "Stiffness",
     "StiffnessEstimate",
     "Stop",
     "Supervisor",

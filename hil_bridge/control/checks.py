@@ -3,6 +3,15 @@
 import math
 from typing import Any
 
+FORBID_EXTRA: dict[str, str] = {"extra": "forbid"}
+"""Tells pydantic to refuse keys that no field has."""
+
+
+def check_reference(reference: float) -> None:
+    """Raise ValueError for a desired force that is not a finite number above 0."""
+    if not (math.isfinite(reference) and reference > 0):
+        raise ValueError(f"the desired force must be above 0 N, got {reference}")
+
 
 def require_above_zero(model: Any, *names: str) -> None:
     """Raise ValueError naming the first of these attributes that is not a finite number above 0."""

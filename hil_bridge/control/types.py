@@ -4,6 +4,7 @@ The approach direction is a unit vector pointing from the tool into the surface:
 surface, forces are positive while the tool presses.
 """
 
+import math
 from dataclasses import dataclass, field
 from typing import Protocol, TypeVar
 
@@ -22,6 +23,26 @@ class Measurement:
     """Position commanded in the cycle before, after the supervisor's clamps, m."""
     in_contact: bool = True
     """False before the first contact and after a contact loss."""
+    paired_force: float | None = None
+    """Force that acted when the robot controller composed `position`, N: the other half of a force–position
+    pair. None where nothing older than `force` is known.
+    """
+    travel: float = 0.0
+    """Reported position along the surface, of the same moment as `position`, m from the start point."""
+    travel_next: float = 0.0
+    """Position along the surface that will be commanded together with the answer, m."""
+    saturated: bool = False
+    """An axis of the sensor is at the end of its range: the force may be anything above."""
+
+    @property
+    def is_finite(self) -> bool:
+        """Whether forces and positions are numbers at all."""
+        return all(map(math.isfinite, (self.force, self.force_at_position, self.position, self.commanded)))
+
+    @property
+    def force_at_position(self) -> float:
+        """Force that belongs to `position`, N: the paired one, else the newest."""
+        return self.force if self.paired_force is None else self.paired_force
 
 
 @dataclass(frozen=True, slots=True)
