@@ -1,0 +1,161 @@
+"""Margins of textbook loops, and the limit cycle of the quantised loop against its simulation."""
+
+import math
+
+import numpy as np
+import pytest
+
+from hil_bridge.control.stability import (
+    SampledPlant,
+    admittance_response,
+    limit_cycle,
+    loop_phase_deg,
+    margins,
+    pi_response,
+)
+
+STEP = 0.125e-3
+FAST = 1e5
+"""rad/s: a servo that has settled before anyone looks."""
+
+
+def ideal(dead_samples: float = 0.5, period: float = 0.1) -> SampledPlant:
+    return SampledPlant(period, dead_samples * period, FAST)
+
+
+def simulate(stiffness, integral, plant, offset=0.5, samples=2000, quantise=True, kick=0.0):
+    """Force samples of an integral controller around positions of whole steps; the target between two of them."""
+    taps = plant.taps()
+    target = stiffness * STEP * (40 + offset)
+    commands = [40.3 * STEP + kick] * (len(taps) + 1)
+    forces = []
+    for _ in range(samples):
+        # No command acts at once, so the first tap is 0.
+        words = [round(x / STEP) * STEP if quantise else x for x in reversed(commands[1 - len(taps) :])]
+        force = stiffness * float(np.dot(taps[1:], words))
+        forces.append(force)
+        commands.append(commands[-1] - integral * (force - target))
+    return np.array(forces)
+
+
+def mean_period(forces, target, period):
+    above = forces > target
+    rises = np.flatnonzero(~above[:-1] & above[1:])
+    return (rises[-1] - rises[0]) / (len(rises) - 1) * period
+
+
+def test_integrator_with_a_sample_of_delay_has_the_textbook_margins():
+    # L = g/(z − 1): on the negative real axis at z = −1, where |L| = g/2; |L| = 1 at sin(θ/2) = g/2.
+    found = margins(1000.0, pi_response(0.0, 0.4e-3), ideal())
+    assert found.gain_margin == pytest.approx(2 / 0.4, rel=1e-3)
+    assert found.phase_crossover_rad_s == pytest.approx(math.pi / 0.1, rel=1e-3)
+    theta = 2 * math.asin(0.2)
+    assert found.gain_crossover_rad_s == pytest.approx(theta / 0.1, rel=1e-3)
+    assert found.phase_margin_deg == pytest.approx(90 - math.degrees(theta / 2), abs=0.1)
+    assert found.stable
+
+
+def test_a_second_sample_of_delay_halves_the_gain_margin():
+    # L = g/(z(z − 1)): phase −90° − 3θ/2, so θ = π/3, where |L| = g.
+    found = margins(1000.0, pi_response(0.0, 0.4e-3), ideal(1.5))
+    assert found.gain_margin == pytest.approx(1 / 0.4, rel=1e-3)
+    assert found.phase_crossover_rad_s == pytest.approx(math.pi / 3 / 0.1, rel=1e-3)
+
+
+def test_phase_of_an_integrator_with_delay_is_a_straight_line():
+    omega = np.array([1.0, 5.0, 20.0])
+    phase = loop_phase_deg(1000.0, pi_response(0.0, 1e-3), ideal(1.5), omega)
+    assert phase == pytest.approx(-90 - 1.5 * np.degrees(omega * 0.1), abs=0.1)
+
+
+def test_proportional_part_alone_does_not_integrate():
+    found = margins(1000.0, pi_response(0.5e-3, 0.0), ideal())
+    assert found.gain_margin == pytest.approx(2.0, rel=1e-3)  # 0.5/z at z = −1
+    assert found.phase_margin_deg == math.inf
+    assert math.isnan(found.gain_crossover_rad_s)
+
+
+def test_margin_falls_with_stiffness_as_its_inverse():
+    plant = SampledPlant(0.18, 0.13)
+    soft, hard = (margins(k, pi_response(0.0, 2e-5), plant).gain_margin for k in (5e3, 5e4))
+    assert soft == pytest.approx(10 * hard, rel=1e-6)
+
+
+@pytest.mark.parametrize(("delay", "period"), [(0.13, 0.18), (0.07, 0.1), (0.25, 0.1)])
+def test_a_loop_oscillates_from_its_gain_margin_on(delay, period):
+    plant = SampledPlant(period, delay)
+    critical = margins(1e4, pi_response(0.0, 1e-5), plant).gain_margin * 1e-5
+    calm, wild = (
+        np.ptp(simulate(1e4, factor * critical, plant, samples=400, quantise=False, kick=STEP)[-40:])
+        for factor in (0.9, 1.1)
+    )
+    assert calm < 0.05
+    assert wild > 5.0
+
+
+def test_admittance_without_mass_is_an_integrator_and_mass_costs_phase():
+    plant = SampledPlant(0.1, 0.07)
+    z = np.exp(1j * np.array([0.1, 1.0, 3.0]))
+    assert admittance_response(0.0, 50.0, 0.1)(z) == pytest.approx(pi_response(0.0, 0.1 / 50.0)(z))
+    light, heavy = (margins(5e3, admittance_response(m, 2e3, 0.1), plant) for m in (1.0, 500.0))
+    assert heavy.phase_margin_deg < light.phase_margin_deg
+    assert not margins(5e4, admittance_response(500.0, 2e3, 0.1), plant).stable
+
+
+def test_fast_and_slow_servos_settle_at_one():
+    for zeta in (0.3, 1.0, 2.5):
+        plant = SampledPlant(0.1, 0.033, 25.0, zeta)
+        assert plant.taps().sum() == pytest.approx(1.0)
+        assert plant.taps()[0] == 0.0
+
+
+@pytest.mark.parametrize("stiffness", [5e3, 2e4, 1e5])
+@pytest.mark.parametrize(("delay", "period"), [(0.12, 0.1), (0.15, 0.1), (0.25, 0.1), (0.2, 0.18)])
+@pytest.mark.parametrize("loop_gain", [0.1, 0.3])
+def test_limit_cycle_is_predicted(stiffness, delay, period, loop_gain):
+    plant = SampledPlant(period, delay)
+    integral = loop_gain / stiffness
+    predicted = limit_cycle(stiffness, pi_response(0.0, integral), plant, STEP)
+    forces = simulate(stiffness, integral, plant)[-400:]
+    assert np.ptp(forces) == pytest.approx(predicted.peak_to_peak, rel=0.25)
+    assert mean_period(forces, stiffness * STEP * 40.5, period) == pytest.approx(predicted.period, rel=0.25)
+    assert predicted.peak_to_peak == pytest.approx(stiffness * STEP, rel=0.25)
+
+
+@pytest.mark.parametrize("loop_gain", [0.05, 0.1, 0.2, 0.3, 0.4])
+@pytest.mark.parametrize(("delay", "period"), [(0.05, 0.1), (0.13, 0.18)])
+def test_with_short_delays_the_prediction_bounds_the_swing(delay, period, loop_gain):
+    plant = SampledPlant(period, delay)
+    predicted = limit_cycle(2e4, pi_response(0.0, loop_gain / 2e4), plant, STEP)
+    assert predicted.period == pytest.approx(4 * period)
+    for kick in (0.0, 0.2 * STEP, 0.7 * STEP):
+        swing = np.ptp(simulate(2e4, loop_gain / 2e4, plant, kick=kick)[-400:])
+        assert swing <= 1.02 * predicted.peak_to_peak
+
+
+@pytest.mark.parametrize("offset", [0.2, 0.35, 0.7])
+def test_off_the_middle_the_cycle_is_slower(offset):
+    plant = SampledPlant(0.1, 0.35)
+    predicted = limit_cycle(2e4, pi_response(0.0, 0.05 / 2e4), plant, STEP, offset=offset)
+    forces = simulate(2e4, 0.05 / 2e4, plant, offset, samples=4000)[-1000:]
+    measured = mean_period(forces, 2e4 * STEP * (40 + offset), 0.1)
+    assert measured == pytest.approx(predicted.period, rel=0.25)
+
+
+def test_dead_band_makes_it_slower():
+    plant = SampledPlant(0.1, 0.15)
+    plain, banded = (
+        limit_cycle(2e4, pi_response(0.0, 0.1 / 2e4), plant, STEP, dead_band=b) for b in (0.0, 0.5)
+    )
+    assert banded.period > 1.5 * plain.period
+    assert banded.peak_to_peak == pytest.approx(2e4 * STEP, rel=0.05)
+
+
+def test_loops_without_a_limit_cycle_are_refused():
+    plant = SampledPlant(0.1, 0.05)
+    with pytest.raises(ValueError, match="unstable"):
+        limit_cycle(2e4, pi_response(0.0, 30.0 / 2e4), plant, STEP)
+    with pytest.raises(ValueError, match="offset"):
+        limit_cycle(2e4, pi_response(0.0, 0.1 / 2e4), plant, STEP, offset=1.0)
+    with pytest.raises(ValueError, match="period"):
+        SampledPlant(0.0, 0.1)
