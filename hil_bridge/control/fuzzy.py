@@ -1,10 +1,10 @@
-"""Fuzzy inference of the paper: quantised error and change of error to an output level.
+"""Fuzzy inference: quantised error and change of error to an output level, of the paper's rules or others.
 
-Three surfaces over the same inputs. `paper` looks the answer up in the printed Table 3. `rules` looks it
-up in a matrix computed from the recovered rules: AND is the minimum, implication the minimum, aggregation
-the maximum, the answer the centre of gravity over the levels −6 to +6, rounded to the nearest level.
-`continuous` is the limit of ever finer levels that the paper mentions: memberships interpolated between
-levels, nothing rounded.
+Three surfaces over the same inputs. `paper` looks the answer up in the table that is printed with the rules.
+`rules` looks it up in a table computed from the rules: AND is the minimum, implication the minimum,
+aggregation the maximum, the answer the centre of gravity over the output's levels, rounded to the nearest
+level. `continuous` is the limit of ever finer levels that the paper mentions: memberships interpolated
+between levels, nothing rounded.
 """
 
 import math
@@ -13,16 +13,10 @@ from dataclasses import dataclass
 from enum import StrEnum
 from functools import cache
 
-from hil_bridge.control.tables import (
-    CHANGE_EDGES_PERCENT,
-    ERROR_EDGES_PERCENT,
-    GAIN_MATRIX,
-    LEVELS,
-    MEMBERSHIPS,
-    RULES,
-)
+from hil_bridge.control.rules import PAPER_RULES, RuleBase, Table
+from hil_bridge.control.tables import LEVELS
 
-Matrix = tuple[tuple[int, ...], ...]
+Terms = list[tuple[str, tuple[float, ...]]]
 
 TOP_LEVEL = LEVELS[-1]
 
@@ -31,92 +25,185 @@ class Surface(StrEnum):
     """Which control surface answers."""
 
     PAPER = "paper"
-    """Table 3 as printed, its one asymmetric entry included."""
+    """The table as printed with the rules (the paper's Table 3, its one asymmetric entry included); where a
+    rule base prints none, as `rules`.
+    """
     RULES = "rules"
-    """Table 3 as the recovered rules give it."""
+    """The table as the rules give it."""
     CONTINUOUS = "continuous"
     """The rules without quantisation of inputs and output."""
 
 
 @dataclass(frozen=True, slots=True)
 class Inference:
-    """One evaluation of a surface; whole numbers but on the continuous surface."""
+    """One evaluation of a surface; levels of the rule base but on the continuous surface."""
 
     level_error: float
     level_change: float
     level_output: float
 
 
-def quantise(percent: float, edges: tuple[float, ...]) -> int:
-    """Level −6…+6 of a percentage. Raises ValueError for a NaN.
+class InferenceSystem:
+    """A rule base made ready to answer within microseconds."""
+
+    def __init__(self, base: RuleBase, surface: Surface) -> None:
+        self.base = base
+        self.surface = surface
+        self._error_terms = [(term.name, term.degrees) for term in base.error.terms]
+        self._change_terms = [(term.name, term.degrees) for term in base.change.terms]
+        self._shapes = {term.name: term.degrees for term in base.output.terms}
+        self._rules = {
+            (rule.error, rule.change): (f"{rule.error}∧{rule.change}→{rule.output}", rule.output)
+            for rule in base.rules
+        }
+        self._explanations: dict[tuple[int, int], dict[str, float]] = {}
+        # Computed here and not when first needed: that would be within a control cycle.
+        self._table: Table | None = None
+        if surface == Surface.PAPER and base.printed is not None:
+            self._table = base.printed
+        elif surface != Surface.CONTINUOUS:
+            self._table = self.computed_table()
+
+    def evaluate(self, error_percent: float, change_percent: float) -> Inference:
+        """Output level for an error and its change, percent of the desired force. ValueError for a NaN."""
+        error, change = self.base.error, self.base.change
+        if self._table is None:
+            row = _position(error_percent, error.edges_percent)
+            column = _position(change_percent, change.edges_percent)
+            return Inference(
+                _level_at(row, error.levels), _level_at(column, change.levels), self.infer(row, column)
+            )
+        i = _index(error_percent, error.edges_percent)
+        j = _index(change_percent, change.edges_percent)
+        return Inference(error.levels[i], change.levels[j], self._table[i][j])
+
+    def explain(self, error_percent: float, change_percent: float) -> dict[str, float]:
+        """Rules that fire and to what degree, by names such as `NB∧ZO→PM`. Raises ValueError for a NaN.
+
+        With quantised inputs they are those of the two levels: the rules behind the table's entry, even
+        where a printed table says otherwise.
+        """
+        error_edges, change_edges = self.base.error.edges_percent, self.base.change.edges_percent
+        if self._table is None:
+            return self._explain(
+                _position(error_percent, error_edges), _position(change_percent, change_edges)
+            )
+        entry = _index(error_percent, error_edges), _index(change_percent, change_edges)
+        found = self._explanations.get(entry)
+        if found is None:
+            found = self._explanations[entry] = self._explain(*entry)
+        return found.copy()
+
+    def infer(self, row: float, column: float) -> float:
+        """Centre of gravity over the output's levels for two places among the levels of error and change.
+
+        A place is a level's number counted from 0, or lies between two.
+        """
+        strengths: dict[str, float] = {}
+        for (_, output), strength in self._fired(row, column):
+            strengths[output] = max(strength, strengths.get(output, 0.0))
+        shapes = [(strength, self._shapes[output]) for output, strength in strengths.items()]
+        moment = area = 0.0
+        for index, level in enumerate(self.base.output.levels):
+            height = max(min(strength, shape[index]) for strength, shape in shapes)
+            moment += height * level
+            area += height
+        return moment / area
+
+    def computed_table(self) -> Table:
+        """The output level that the rules give for each level of error (row) and change (column)."""
+        columns = range(len(self.base.change.levels))
+        levels = self.base.output.levels
+        return tuple(
+            tuple(_nearest(self.infer(row, column), levels) for column in columns)
+            for row in range(len(self.base.error.levels))
+        )
+
+    def _explain(self, row: float, column: float) -> dict[str, float]:
+        return {name: strength for (name, _), strength in self._fired(row, column)}
+
+    def _fired(self, row: float, column: float) -> list[tuple[tuple[str, str], float]]:
+        """Name and output term of each rule that holds to some degree, with that degree."""
+        changes = _memberships(column, self._change_terms)
+        return [
+            (self._rules[error, change], min(error_degree, change_degree))
+            for error, error_degree in _memberships(row, self._error_terms)
+            for change, change_degree in changes
+        ]
+
+
+@cache
+def paper_system(surface: Surface) -> InferenceSystem:
+    """The paper's rule base behind one of the surfaces."""
+    return InferenceSystem(PAPER_RULES, surface)
+
+
+def evaluate(surface: Surface, error_percent: float, change_percent: float) -> Inference:
+    """Output level of the paper's rules for an error and its change, percent of the desired force.
+
+    Raises ValueError for a NaN.
+    """
+    return paper_system(surface).evaluate(error_percent, change_percent)
+
+
+def computed_matrix() -> Table:
+    """Table 3 as it follows from Table 2 and the rules."""
+    return paper_system(Surface.RULES).computed_table()
+
+
+def infer(level_error: float, level_change: float) -> float:
+    """Centre of gravity that the paper's rules give for two levels within −6…+6, not only whole ones."""
+    return paper_system(Surface.CONTINUOUS).infer(level_error + TOP_LEVEL, level_change + TOP_LEVEL)
+
+
+def quantise(percent: float, edges: tuple[float, ...], levels: tuple[float, ...] = LEVELS) -> float:
+    """Level of a percentage. Raises ValueError for a NaN.
 
     Assumed: a value exactly on an edge belongs to the level nearer zero; the paper's ranges share their
     borders.
     """
-    if math.isnan(percent):
-        raise ValueError("cannot quantise a value that is not a number")
-    below = bisect_left(edges, percent) if percent > 0 else bisect_right(edges, percent)
-    return below - TOP_LEVEL
+    return levels[_index(percent, edges)]
 
 
-def interpolate_level(percent: float, edges: tuple[float, ...]) -> float:
-    """Real-valued level −6…+6: each edge lies half-way between its two levels, straight lines between edges.
+def interpolate_level(percent: float, edges: tuple[float, ...], levels: tuple[float, ...] = LEVELS) -> float:
+    """Real-valued level: each edge lies half-way between its two levels, straight lines between edges.
 
     The outermost levels have no outer edge, so their line goes on with the slope of their neighbour.
     Raises ValueError for a NaN.
     """
+    return _level_at(_position(percent, edges), levels)
+
+
+def _index(percent: float, edges: tuple[float, ...]) -> int:
+    if math.isnan(percent):
+        raise ValueError("cannot quantise a value that is not a number")
+    return bisect_left(edges, percent) if percent > 0 else bisect_right(edges, percent)
+
+
+def _position(percent: float, edges: tuple[float, ...]) -> float:
     if math.isnan(percent):
         raise ValueError("cannot grade a value that is not a number")
     segment = min(max(bisect_right(edges, percent) - 1, 0), len(edges) - 2)
     left, right = edges[segment], edges[segment + 1]
-    level = LEVELS[segment] + 0.5 + (percent - left) / (right - left)
-    return min(max(level, float(-TOP_LEVEL)), float(TOP_LEVEL))
+    position = segment + 0.5 + (percent - left) / (right - left)
+    return min(max(position, 0.0), float(len(edges)))
 
 
-def infer(level_error: float, level_change: float) -> float:
-    """Centre of gravity that the rules give for two levels within −6…+6, which need not be whole numbers."""
-    strengths: dict[str, float] = {}
-    changes = [(_VALUES.index(value), degree) for value, degree in _memberships(level_change)]
-    for value, error_degree in _memberships(level_error):
-        row = RULES[value]
-        for column, change_degree in changes:
-            strength = min(error_degree, change_degree)
-            strengths[row[column]] = max(strength, strengths.get(row[column], 0.0))
-    moment = area = 0.0
-    shapes = [(strength, MEMBERSHIPS[value]) for value, strength in strengths.items()]
-    for index, level in enumerate(LEVELS):
-        height = max(min(strength, shape[index]) for strength, shape in shapes)
-        moment += height * level
-        area += height
-    return moment / area
+def _level_at(position: float, levels: tuple[float, ...]) -> float:
+    left = min(int(position), len(levels) - 2)
+    return levels[left] + (position - left) * (levels[left + 1] - levels[left])
 
 
-@cache
-def computed_matrix() -> Matrix:
-    """Table 3 as it follows from Table 2 and the rules."""
-    return tuple(tuple(round(infer(error, change)) for change in LEVELS) for error in LEVELS)
+def _memberships(position: float, terms: Terms) -> list[tuple[str, float]]:
+    """Terms that hold to some degree, interpolated between levels."""
+    left = int(position)
+    share = position - left
+    if share == 0.0:
+        return [(name, degrees[left]) for name, degrees in terms if degrees[left] > 0.0]
+    graded = ((name, degrees[left] * (1 - share) + degrees[left + 1] * share) for name, degrees in terms)
+    return [(name, degree) for name, degree in graded if degree > 0.0]
 
 
-def evaluate(surface: Surface, error_percent: float, change_percent: float) -> Inference:
-    """Output level for an error and its change, percent of the desired force. Raises ValueError for a NaN."""
-    if surface == Surface.CONTINUOUS:
-        graded_error = interpolate_level(error_percent, ERROR_EDGES_PERCENT)
-        graded_change = interpolate_level(change_percent, CHANGE_EDGES_PERCENT)
-        return Inference(graded_error, graded_change, infer(graded_error, graded_change))
-    matrix = GAIN_MATRIX if surface == Surface.PAPER else computed_matrix()
-    error = quantise(error_percent, ERROR_EDGES_PERCENT)
-    change = quantise(change_percent, CHANGE_EDGES_PERCENT)
-    return Inference(error, change, matrix[error + TOP_LEVEL][change + TOP_LEVEL])
-
-
-_VALUES = tuple(MEMBERSHIPS)
-
-
-def _memberships(level: float) -> list[tuple[str, float]]:
-    """Linguistic values that hold to some degree at a level, interpolated between the columns of Table 2."""
-    left = min(math.floor(level), TOP_LEVEL - 1)
-    index, share = left + TOP_LEVEL, level - left
-    degrees = (
-        (value, shape[index] * (1 - share) + shape[index + 1] * share) for value, shape in MEMBERSHIPS.items()
-    )
-    return [(value, degree) for value, degree in degrees if degree > 0.0]
+def _nearest(value: float, levels: tuple[float, ...]) -> float:
+    # Of two equally near, the one nearer zero: opposite inputs then keep opposite outputs.
+    return min(levels, key=lambda level: (abs(level - value), abs(level)))
