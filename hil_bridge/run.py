@@ -1,11 +1,11 @@
 """One run of the closed loop: connect, tare, then cycle by cycle status → force → decision → move → record.
 
-The shell around the pure `ControlLoop`: it stamps the hops, hands data one way along them, and waits for nothing
-but the robot's answers.
+The shell around the pure `ControlLoop`: it stamps the hops, hands data one way along them, and waits for
+nothing but the robot's answers.
 """
 
 import math
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -23,13 +23,14 @@ from hil_bridge.control import (
     force_along,
     make_controller,
 )
+from hil_bridge.control.frames import Array
 from hil_bridge.devices import ForceSensor, Motion, RobotLink
 from hil_bridge.errors import BridgeError, DeviceError
 from hil_bridge.recording import PHASE_EVENT, STOP_EVENT, CycleRecord, EventRecord, Outcome
 from protocol.adlp import BLOCK_OVERHEAD, HEADER_SIZE, LinkProfile
 from protocol.arap import Quaternion, Status, round_position
 from protocol.arap.layouts import STATUS
-from protocol.jr3 import SATURATED_COUNTS
+from protocol.jr3 import SATURATED_COUNTS, GatewayClientProfile
 
 
 class Log(Protocol):
@@ -60,6 +61,23 @@ def line_floor(profile: LinkProfile) -> float:
     return (telegrams + 4 * (4 + BLOCK_OVERHEAD)) * profile.character_time
 
 
+def answer_time(profile: LinkProfile) -> float:
+    """From a status answer's beginning to its end on the line, s: how old the position in it is on arrival.
+
+    Derived: the controller reads its position, bids, and is done with the EOT: ENQ, ACK, block, ACK, EOT.
+    Source: computer-link specification, sections 2 and 5.
+    """
+    return (HEADER_SIZE + STATUS.size + BLOCK_OVERHEAD + 4) * profile.character_time
+
+
+def filter_delay(profile: GatewayClientProfile) -> float:
+    """How much later than the force itself the gateway tells of it, s: 1/(2π f_c) of its first-order filter.
+
+    Source: textbook group delay of a first-order low pass at low frequencies.
+    """
+    return 1.0 / (2.0 * math.pi * profile.cutoff_hz) if profile.cutoff_hz else 0.0
+
+
 class Run:
     """A run over a robot link and a force sensor that have been started; call it once."""
 
@@ -83,6 +101,8 @@ class Run:
             config.frame.approach,
             config.frame.travel,
         )
+        self._answer_time = answer_time(robot.profile)
+        self._filter_delay = filter_delay(config.sensor.gateway)
         self._quaternion_tare: Quaternion = (1.0, 0.0, 0.0, 0.0)
         self._force = 0.0
         self._interrupted = False
@@ -178,13 +198,14 @@ class Run:
             fault = str(error)
         if status.emergency_stop:
             fault = f"robot on {self._robot.name} is in emergency stop"
-        wrench = self._wrist.contact_wrench(
-            self._sensor.wrench(frame), status.quaternion, self._quaternion_tare
-        )
+        now = self._clock.now()
+        composed_at = now - self._answer_time
+        wrench = self._contact_wrench(self._sensor.wrench(frame), status)
+        paired = self._sensor.wrench_at(composed_at + self._filter_delay)
         return Sample(
-            now=self._clock.now(),
+            now=now,
             position=status.position,
-            force=force_along(self._config.frame.approach, status.quaternion, wrench),
+            force=self._force_along(wrench, status),
             resultant=math.hypot(*wrench[:3]),
             sensor_at=frame.at,
             sensor_sequence=frame.sequence,
@@ -192,7 +213,17 @@ class Run:
             saturated=any(abs(count) >= SATURATED_COUNTS for count in frame.counts),
             fault=fault,
             wrench=tuple(wrench.tolist()),
+            position_at=composed_at,
+            paired_force=None
+            if paired is None
+            else self._force_along(self._contact_wrench(paired, status), status),
         )
+
+    def _contact_wrench(self, measured: Sequence[float], status: Status) -> Array:
+        return self._wrist.contact_wrench(measured, status.quaternion, self._quaternion_tare)
+
+    def _force_along(self, wrench: Array, status: Status) -> float:
+        return force_along(self._config.frame.approach, status.quaternion, wrench)
 
     def _record(
         self,

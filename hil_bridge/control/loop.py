@@ -3,11 +3,13 @@
 The same function makes the decisions of a run and of its replay.
 """
 
+import math
 from dataclasses import dataclass
 from typing import TypeAlias
 
 from hil_bridge.control.supervisor import (
     Allow,
+    Cause,
     Clamp,
     Observation,
     Request,
@@ -46,6 +48,10 @@ class Sample:
     """What is wrong with a device, in words; empty while nothing is."""
     wrench: tuple[float, ...] = ()
     """The whole contact wrench, tool frame, N and N·m: for the record alone."""
+    position_at: float | None = None
+    """When `position` was true, s on the run's clock; None where that is not known."""
+    paired_force: float | None = None
+    """Contact force along the approach direction at that moment, N; None where none is known."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,24 +114,31 @@ class ControlLoop:
         """One cycle. A stop turns it into a retraction; while retracting only the limits of motion apply,
         for pulling back is what a stop is for.
         """
-        depth = sum((p - s) * n for p, s, n in zip(sample.position, state.start, self.approach, strict=True))
+        moved = [p - s for p, s in zip(sample.position, state.start, strict=True)]
+        depth = sum(m * n for m, n in zip(moved, self.approach, strict=True))
         measurement = Measurement(
             time=sample.sensor_at,
             force=sample.force,
             position=depth,
             commanded=state.supervisor.depth,
+            paired_force=sample.paired_force,
+            travel=sum(m * t for m, t in zip(moved, self.travel, strict=True)),
+            saturated=sample.saturated,
         )
-        task, output = self.task.step(state.task, measurement)
+        task, output, failure = self._decide(state.task, measurement)
         verdict: Verdict
         way: Allow | Clamp
         if output.phase in (Phase.RETRACT, Phase.END):
             supervisor, verdict = self.supervisor.limit(state.supervisor, self._request(state, output))
+        elif failure:
+            supervisor, verdict = self.supervisor.stop(state.supervisor, Cause.CONTROLLER, failure)
         else:
             supervisor, verdict = self.supervisor.step(
                 state.supervisor, _observe(sample), self._request(state, output)
             )
         cause = _cause(state, output, verdict)
         if isinstance(verdict, Stop) or cause:
+            # From the state before this sample: what the controller made of it no longer matters.
             task, output = self.task.step(self.task.fail(state.task, cause), measurement)
             supervisor, way = self.supervisor.limit(supervisor, self._request(state, output))
         else:
@@ -141,6 +154,23 @@ class ControlLoop:
             ended=task.phase is Phase.END or held,
         )
 
+    def _decide(self, state: TaskState, measurement: Measurement) -> tuple[TaskState, TaskOutput, str]:
+        """The task's step, and what is wrong with its controller; empty while nothing is.
+
+        A controller may be anybody's: whatever it raises, and a command that is no number, is its failure.
+        """
+        name = self.task.controller.name
+        try:
+            task, output = self.task.step(state, measurement)
+        except Exception as error:
+            text = f"controller {name} failed: {type(error).__name__}: {error}"
+            return state, self.task.hold(state, measurement), text
+        command = output.command
+        if command is None or (math.isfinite(command.position) and math.isfinite(command.correction)):
+            return task, output, ""
+        text = f"controller {name} failed: it commands {command.position} m"
+        return state, self.task.hold(state, measurement), text
+
     def _request(self, state: LoopState, output: TaskOutput) -> Request:
         depth, travel = output.target.depth, output.target.travel
         x, y, z = (
@@ -151,7 +181,9 @@ class ControlLoop:
 
 
 def _cause(state: LoopState, output: TaskOutput, verdict: Verdict) -> str:
-    """Why the run must end; empty while it need not. An approach that is held in place would last for ever."""
+    """Why the run must end; empty while it need not. An approach that is held in place would last for
+    ever.
+    """
     match verdict:
         case Stop(text=text):
             return text

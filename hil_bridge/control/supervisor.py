@@ -32,6 +32,7 @@ class Cause(StrEnum):
     SEQUENCE = "sequence"
     DEVICE = "device"
     INCONSISTENT = "inconsistent"
+    CONTROLLER = "controller"
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,6 +191,11 @@ class Supervisor:
             SupervisorState(verdict.depth, verdict.position, observation.sensor_sequence, still),
             verdict,
         )
+
+    def stop(self, state: SupervisorState, cause: Cause, text: str) -> tuple[SupervisorState, Stop]:
+        """End the motion for a reason that was found elsewhere. The first stop stays."""
+        stop = state.stopped or Stop(cause, text)
+        return replace(state, stopped=stop), stop
 
     def limit(self, state: SupervisorState, request: Request) -> tuple[SupervisorState, Allow | Clamp]:
         """One cycle of pulling back, which a stop does not end: only the limits of motion hold.

@@ -151,6 +151,10 @@ class Task:
             return state
         return replace(self.finish(state, cause), failed=True)
 
+    def hold(self, state: TaskState, measurement: Measurement) -> TaskOutput:
+        """The answer that changes nothing."""
+        return _output(state, measurement.commanded, state.phase)
+
     def step(self, state: TaskState, measurement: Measurement) -> tuple[TaskState, TaskOutput]:
         """One sample. `measurement.in_contact` is not looked at: contact is judged here, from the force.
 
@@ -188,11 +192,11 @@ class Task:
         return state, _output(state, depth, Phase.APPROACH)
 
     def _track(self, state: TaskState, measurement: Measurement) -> tuple[TaskState, TaskOutput]:
-        seen = replace(measurement, in_contact=state.in_contact)
+        travel = state.travel + (self.parameters.step_mm * 1e-3 if state.in_contact else 0.0)
+        seen = replace(measurement, in_contact=state.in_contact, travel_next=travel)
         memory, command = self.controller.step(state.controller, seen, self.parameters.force_n)
         state = replace(state, controller=memory)
         if state.in_contact:
-            travel = state.travel + self.parameters.step_mm * 1e-3
             state = replace(state, travel=travel, samples_lost=0)
             output = _output(state, command.position, Phase.TRACK, command)
             if travel > self.parameters.travel_limit_mm * 1e-3 - _ROUNDING:

@@ -1,6 +1,7 @@
 """The force/torque sensor as the cycle sees it: newest frame for control, every frame for the recorder."""
 
 import asyncio
+from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 
@@ -25,10 +26,15 @@ _STOP_PATIENCE = 0.5
 """How long a close waits for the acknowledge of the stop, s. Chosen: two acknowledge time-outs."""
 
 
+_HISTORY = 256
+"""Frames kept for looking back. Chosen: 2.6 s of the default stream, many answers of the robot's link."""
+
+
 class ForceSensor:
     """Client of a JR3 sensor behind its CAN gateway.
 
-    `on_frame` is given every complete six-axis frame, `on_notice(kind, text)` what is worth a line in the record.
+    `on_frame` is given every complete six-axis frame, `on_notice(kind, text)` what is worth a line in the
+    record.
     """
 
     def __init__(
@@ -46,6 +52,7 @@ class ForceSensor:
         """Complete frames so far."""
         self.repeated = 0
         """How many of the newest frames in a row carried identical counts on all axes."""
+        self._history: deque[SensorFrame] = deque(maxlen=_HISTORY)
         self._transport = transport
         self._clock = clock
         self._on_frame = on_frame
@@ -68,7 +75,8 @@ class ForceSensor:
     async def ready(self) -> tuple[float, ...]:
         """Wait until the gateway streams; its full scales fx fy fz mx my mz, N and N·m.
 
-        Raises DeviceError with the reason when it stays silent, has no sensor, or names an impossible full scale.
+        Raises DeviceError with the reason when it stays silent, has no sensor, or names an impossible full
+        scale.
         """
         if self._full_scales is None:
             await self._until(GatewayReady)
@@ -80,6 +88,7 @@ class ForceSensor:
         self._client.zero()
         self._pump.kick()
         await self._until(Zeroed)
+        self._history.clear()
         await self._until(SensorFrame)
 
     def check(self) -> None:
@@ -91,6 +100,23 @@ class ForceSensor:
         """Wrench of a frame in the sensor frame: fx fy fz mx my mz, N and N·m."""
         assert self._full_scales is not None, "no frame comes before the full scales"
         return wrench_from_counts(frame.counts, self._full_scales)
+
+    def wrench_at(self, at: float) -> tuple[float, ...] | None:
+        """Wrench as `wrench` gives it that arrived at a moment of the past, a line between the frames around
+        it.
+
+        The newest one for a moment after it; None before the oldest frame kept since the last tare.
+        """
+        later: SensorFrame | None = None
+        for frame in reversed(self._history):
+            if frame.at <= at:
+                if later is None:
+                    return self.wrench(frame)
+                share = (at - frame.at) / (later.at - frame.at)
+                before, after = self.wrench(frame), self.wrench(later)
+                return tuple(a + share * (b - a) for a, b in zip(before, after, strict=True))
+            later = frame
+        return None
 
     async def aclose(self) -> None:
         """Stop the stream, wait a moment for the gateway to say that it knows, and close the bus."""
@@ -115,6 +141,7 @@ class ForceSensor:
                 same = previous is not None and previous.counts == event.counts
                 self.repeated = self.repeated + 1 if same else 0
                 self.newest = event
+                self._history.append(event)
                 self.received += 1
                 self._on_frame(event)
             case GatewayReady(full_scales=full_scales):
