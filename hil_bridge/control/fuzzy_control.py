@@ -10,7 +10,8 @@ from typing import ClassVar
 
 from hil_bridge.control.checks import FORBID_EXTRA, check_reference, require_above_zero, require_not_negative
 from hil_bridge.control.estimate import Gates, StiffnessEstimate, contact_lost, update
-from hil_bridge.control.fuzzy import Inference, Surface, evaluate
+from hil_bridge.control.fuzzy import InferenceSystem, Surface, paper_system
+from hil_bridge.control.rules import read_rules
 from hil_bridge.control.types import Command, Measurement
 
 
@@ -44,10 +45,13 @@ class FuzzyPi:
     """K: correction of one output level. The paper takes one resolution step of the robot."""
     surface: Surface = Surface.PAPER
     """Printed matrix, matrix computed from the rules, or the rules without quantisation."""
+    rules_file: str = ""
+    """TOML file with a rule base; empty takes the paper's."""
+    _system: InferenceSystem = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         require_above_zero(self, "output_step_mm")
-        _check_surface(self.surface)
+        object.__setattr__(self, "_system", _ready(self.surface, self.rules_file))
 
     def initial(self) -> FuzzyState:
         """State before the first sample in contact."""
@@ -64,8 +68,8 @@ class FuzzyPi:
         if not measurement.is_finite:
             return state, _stay(measurement)
         error = measurement.force - reference
-        inference = _infer(self.surface, state.error, error, reference)
-        return FuzzyState(error), _correct(measurement, inference, self.output_step_mm)
+        explanation = _infer(self._system, state.error, error, reference)
+        return FuzzyState(error), _correct(measurement, explanation, self.output_step_mm)
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,6 +88,9 @@ class FuzzyAdaptive:
     """K: correction of one output level."""
     surface: Surface = Surface.PAPER
     """Printed matrix, matrix computed from the rules, or the rules without quantisation."""
+    rules_file: str = ""
+    """TOML file with a rule base; empty takes the paper's."""
+    _system: InferenceSystem = field(init=False, repr=False, compare=False)
     resolution_mm: float = 0.125
     """Smallest step of the reported position."""
     force_uncertainty_n: float = 0.5
@@ -95,7 +102,7 @@ class FuzzyAdaptive:
 
     def __post_init__(self) -> None:
         require_above_zero(self, "output_step_mm")
-        _check_surface(self.surface)
+        object.__setattr__(self, "_system", _ready(self.surface, self.rules_file))
         _check_adaptation(self)
 
     def initial(self) -> AdaptiveState:
@@ -114,13 +121,13 @@ class FuzzyAdaptive:
             return state, _stay(measurement, state.estimate.stiffness)
         error = measurement.force - reference
         estimate = _estimate(self, state.estimate, measurement)
-        inference = _infer(self.surface, state.error, error, reference)
+        explanation = _infer(self._system, state.error, error, reference)
         state = AdaptiveState(error, estimate)
         stiffness = estimate.stiffness
         if stiffness is None:
-            return state, _correct(measurement, inference, self.output_step_mm)
+            return state, _correct(measurement, explanation, self.output_step_mm)
         gain = scheduled_gain(stiffness)
-        command = _correct(measurement, inference, self.output_step_mm, gain, stiffness)
+        command = _correct(measurement, explanation, self.output_step_mm, gain, stiffness)
         if not measurement.in_contact:
             return state, command
         feedforward = _feedforward(self.feedforward_limit_mm, measurement, error, stiffness)
@@ -146,6 +153,9 @@ class ResolutionAware:
     """K: correction of one output level of the fuzzy PI."""
     surface: Surface = Surface.PAPER
     """Printed matrix, matrix computed from the rules, or the rules without quantisation."""
+    rules_file: str = ""
+    """TOML file with a rule base; empty takes the paper's."""
+    _system: InferenceSystem = field(init=False, repr=False, compare=False)
     resolution_mm: float = 0.125
     """Smallest step of the robot's position."""
     force_uncertainty_n: float = 0.5
@@ -157,7 +167,7 @@ class ResolutionAware:
 
     def __post_init__(self) -> None:
         require_above_zero(self, "output_step_mm")
-        _check_surface(self.surface)
+        object.__setattr__(self, "_system", _ready(self.surface, self.rules_file))
         _check_adaptation(self)
 
     def initial(self) -> AdaptiveState:
@@ -176,13 +186,13 @@ class ResolutionAware:
             return state, _stay(measurement, state.estimate.stiffness)
         error = measurement.force - reference
         estimate = _estimate(self, state.estimate, measurement)
-        inference = _infer(self.surface, state.error, error, reference)
+        explanation = _infer(self._system, state.error, error, reference)
         state = AdaptiveState(error, estimate)
         stiffness = estimate.stiffness
         if stiffness is None or not measurement.in_contact:
-            return state, _correct(measurement, inference, self.output_step_mm, 1.0, stiffness)
+            return state, _correct(measurement, explanation, self.output_step_mm, 1.0, stiffness)
         band = stiffness * self.resolution_mm * 1e-3 / 2 + self.force_uncertainty_n
-        explanation = {**_levels(inference), "band_n": band}
+        explanation["band_n"] = band
         if abs(error) <= band:
             return state, Command(measurement.commanded, 0.0, stiffness, 1.0, True, explanation)
         feedforward = _feedforward(self.feedforward_limit_mm, measurement, error, stiffness)
@@ -198,9 +208,11 @@ def scheduled_gain(stiffness: float) -> float:
     return 0.5 if decade <= 5 else 0.25
 
 
-def _check_surface(surface: str) -> None:
+def _ready(surface: str, rules_file: str) -> InferenceSystem:
     if surface not in tuple(Surface):
         raise ValueError(f"surface must be one of {', '.join(Surface)}, got {surface!r}")
+    chosen = Surface(surface)
+    return InferenceSystem(read_rules(rules_file), chosen) if rules_file else paper_system(chosen)
 
 
 def _check_adaptation(model: FuzzyAdaptive | ResolutionAware) -> None:
@@ -210,17 +222,16 @@ def _check_adaptation(model: FuzzyAdaptive | ResolutionAware) -> None:
         require_above_zero(model, "feedforward_limit_mm")
 
 
-def _infer(surface: Surface, before: float | None, error: float, reference: float) -> Inference:
+def _infer(system: InferenceSystem, before: float | None, error: float, reference: float) -> dict[str, float]:
+    """Levels of both inputs and of the answer, and the rules behind it with their weights."""
     change = 0.0 if before is None else error - before
-    return evaluate(surface, 100.0 * error / reference, 100.0 * change / reference)
-
-
-def _levels(inference: Inference) -> dict[str, float]:
-    return {
-        "level_error": inference.level_error,
-        "level_change": inference.level_change,
-        "level_output": inference.level_output,
-    }
+    percents = 100.0 * error / reference, 100.0 * change / reference
+    inference = system.evaluate(*percents)
+    explanation = system.explain(*percents)
+    explanation["level_error"] = inference.level_error
+    explanation["level_change"] = inference.level_change
+    explanation["level_output"] = inference.level_output
+    return explanation
 
 
 def _stay(measurement: Measurement, stiffness: float | None = None) -> Command:
@@ -229,13 +240,13 @@ def _stay(measurement: Measurement, stiffness: float | None = None) -> Command:
 
 def _correct(
     measurement: Measurement,
-    inference: Inference,
+    explanation: dict[str, float],
     output_step_mm: float,
     gain: float = 1.0,
     stiffness: float | None = None,
 ) -> Command:
-    correction = gain * inference.level_output * output_step_mm * 1e-3
-    return Command(measurement.commanded + correction, correction, stiffness, gain, False, _levels(inference))
+    correction = gain * explanation["level_output"] * output_step_mm * 1e-3
+    return Command(measurement.commanded + correction, correction, stiffness, gain, False, explanation)
 
 
 def _estimate(

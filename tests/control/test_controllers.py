@@ -46,11 +46,11 @@ def test_too_much_force_moves_away_and_too_little_moves_in(controller):
 def test_fuzzy_output_is_table_times_step_added_to_the_previous_command():
     controller = FuzzyPi()
     state, first = controller.step(controller.initial(), sample(0.0), 50.0)
-    assert first.explanation == {"level_error": -6, "level_change": 0, "level_output": 4}
+    assert first.explanation.items() >= {"level_error": -6, "level_change": 0, "level_output": 4}.items()
     assert first.position == pytest.approx(4 * 0.125e-3)
     # −75 % after −100 %: levels −6 and +5 (an edge belongs to the level nearer zero), G = 0.
     _, second = controller.step(state, sample(12.5, commanded=first.position), 50.0)
-    assert second.explanation == {"level_error": -6, "level_change": 5, "level_output": 0}
+    assert second.explanation.items() >= {"level_error": -6, "level_change": 5, "level_output": 0}.items()
     assert second.position == first.position
 
 
