@@ -1,7 +1,8 @@
 """Stability of the sampled force loop, and the limit cycle that the position resolution leaves in it.
 
-The loop. Every T seconds a controller turns the force error into a position command, which reaches the servo a
-delay d later and stays until the next one; the servo is of second order with dc gain 1, the surface a spring:
+The loop. Every T seconds a controller turns the force error into a position command, which reaches the servo
+a delay d later and stays until the next one; the servo is of second order with dc gain 1, the surface a
+spring:
 
     L(z) = k_e · C(z) · P(z),    closed loop 1 + L(z) = 0,    z = exp(jθ),  θ = ω·T in (0, π].
 
@@ -12,7 +13,7 @@ The plant, exact for a command held over a period, with s(t) the servo's step re
 A delay that is no multiple of T needs nothing special in this form. Controllers, error in N to command in m:
 
     PI in velocity form   C(z) = K_p + K_i · z/(z − 1)
-    admittance            C(z) = T·(1 − a)/B · z²/((z − a)(z − 1)),   a = exp(−B·T/M)
+    admittance            C(z) = [T − τ(1 − a) + τ(1 − a)²/(z − a)]/B · z/(z − 1),   τ = M/B, a = exp(−T/τ)
 
 The admittance is the mass M with the damper B, exact for a force held over a period.
 """
@@ -78,9 +79,11 @@ class SampledPlant:
         """h_0, h_1, …: what a command adds to the position n samples later. They add up to 1."""
         slowest = self.natural_frequency * min(self.damping_ratio, 0.5 / self.damping_ratio)
         settling = self.delay - math.log(_SETTLED) / slowest
-        ends = np.arange(-1, math.ceil(settling / self.period) + 2) * self.period - self.delay
-        taps = np.diff(self.step_response(ends))
-        return taps / taps.sum()
+        samples = np.arange(-1, math.ceil(settling / self.period) + 2, dtype=np.float64)
+        ends: Floats = samples * self.period - self.delay
+        taps: Floats = np.diff(self.step_response(ends))
+        total = float(taps.sum())
+        return taps / total
 
     def response(self, z: Complexes) -> Complexes:
         """P(z) on the unit circle."""
@@ -94,9 +97,10 @@ def pi_response(proportional: float, integral: float) -> Response:
 
 def admittance_response(mass: float, damping: float, period: float) -> Response:
     """C(z) of a virtual mass (kg) with a damper (N·s/m), stepped once a period (s)."""
-    a = math.exp(-damping * period / mass) if mass > 0.0 else 0.0
-    gain = period * (1.0 - a) / damping
-    return lambda z: gain * z * z / ((z - a) * (z - 1.0))
+    tau = mass / damping
+    a = math.exp(-period / tau) if tau > 0.0 else 0.0
+    coasted = tau * (1.0 - a)
+    return lambda z: (period - coasted + coasted * (1.0 - a) / (z - a)) / damping * z / (z - 1.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,7 +129,7 @@ def loop_response(stiffness: float, controller: Response, plant: SampledPlant, t
 
 
 def loop_phase_deg(stiffness: float, controller: Response, plant: SampledPlant, omega: Floats) -> Floats:
-    """Phase of the loop at ω in rad/s, up to π/T, without jumps, °. It begins near −90° where the loop integrates."""
+    """Phase of the loop at ω in rad/s, up to π/T, without jumps, °; −90° at first where it integrates."""
     theta = np.geomspace(_LOWEST, math.pi, _GRID)
     phase = np.unwrap(np.angle(loop_response(stiffness, controller, plant, theta)))
     return np.degrees(np.interp(omega * plant.period, theta, phase))
@@ -169,22 +173,23 @@ def limit_cycle(
     dead_band: float = 0.0,
     offset: float = 0.5,
 ) -> LimitCycle:
-    """Limit cycle of the loop whose position moves in whole steps of `resolution` (m), by describing function.
+    """Limit cycle of the loop whose position moves in whole steps of `resolution` (m): describing function.
 
-    The desired force lies between two reachable ones, at `offset` (0 … 1) of their distance k_e·Δx_res, so the
-    integrator swings the command over the border between two positions, for ever. Around that border the
+    The desired force lies between two reachable ones, at `offset` (0 … 1) of their distance k_e·Δx_res, so
+    the integrator swings the command over the border between two positions, for ever. Around that border the
     quantiser is a relay of height q, with i further steps from the amplitude i·q on:
 
         N(A) = 2q/(πA) · [1 + 2·Σ_{i=1}^{⌊A/q⌋} √(1 − (i·q/A)²)]
 
-    and an oscillation persists where N(A)·L(exp(jθ)) = −1. Without a dead band θ is the loop's phase crossover
-    and N(A) its gain margin; as long as that exceeds 4/π at A = q, two positions alone take part and the
-    force swings by k_e·q: the paper's k_e·Δx_res. A dead band of ± b·q about the border makes the relay one
-    with hysteresis, N(A) = 2q/(πA)·exp(−j·asin(b·q/A)), whose balance is Im L = −π·b/2, at a lower θ.
+    and an oscillation persists where N(A)·L(exp(jθ)) = −1. Without a dead band θ is the loop's phase
+    crossover and N(A) its gain margin; as long as that exceeds 4/π at A = q, two positions alone take part
+    and the force swings by k_e·q: the paper's k_e·Δx_res. A dead band of ± b·q about the border makes the
+    relay one with hysteresis, N(A) = 2q/(πA)·exp(−j·asin(b·q/A)), whose balance is Im L = −π·b/2, at a
+    lower θ.
 
     Off the middle the way back over the border is slower from one side than from the other: with the same
-    dead time, a period at the middle of P becomes P/(4·p·(1 − p)) at the offset p, exactly so for an integrator
-    with a dead time. What the servo has not followed within half a period is taken off the swing.
+    dead time, a period at the middle of P becomes P/(4·p·(1 − p)) at the offset p, exactly so for an
+    integrator with a dead time. What the servo has not followed within half a period is taken off the swing.
 
     Raises ValueError for an offset outside (0, 1), or when the loop has no such oscillation.
     """
@@ -237,7 +242,7 @@ def _further_steps(gain: float) -> int:
 
 
 def _followed(plant: SampledPlant, samples: int) -> float:
-    """Share of a swing that the servo follows when the command is a square wave of this period, in samples."""
+    """Share of a swing that the servo follows of a square wave with this period, in samples."""
     high = samples // 2
     square = np.where(np.arange(samples) < high, 1.0, 0.0)
     taps = plant.taps()

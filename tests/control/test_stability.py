@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from hil_bridge.control import Admittance, Measurement, Pi
 from hil_bridge.control.stability import (
     SampledPlant,
     admittance_response,
@@ -24,7 +25,7 @@ def ideal(dead_samples: float = 0.5, period: float = 0.1) -> SampledPlant:
 
 
 def simulate(stiffness, integral, plant, offset=0.5, samples=2000, quantise=True, kick=0.0):
-    """Force samples of an integral controller around positions of whole steps; the target between two of them."""
+    """Force samples of an integral controller on whole steps; the target is between two of them."""
     taps = plant.taps()
     target = stiffness * STEP * (40 + offset)
     commands = [40.3 * STEP + kick] * (len(taps) + 1)
@@ -159,3 +160,23 @@ def test_loops_without_a_limit_cycle_are_refused():
         limit_cycle(2e4, pi_response(0.0, 0.1 / 2e4), plant, STEP, offset=1.0)
     with pytest.raises(ValueError, match="period"):
         SampledPlant(0.0, 0.1)
+
+
+def test_responses_are_those_of_the_controllers():
+    """The response of a controller object to a force impulse, summed up, is its transfer function."""
+    period, stop = 0.18, 400
+    z = np.exp(1j * np.array([0.5, 1.5, 3.0]))
+    for controller, response in (
+        (Pi(correction_limit_mm=1e9), pi_response(0.1 / 5e3, 0.2 / 5e3)),
+        (Admittance(correction_limit_mm=1e9), admittance_response(220.0, 4500.0, period)),
+    ):
+        state, commanded, moves = controller.initial(), 0.0, []
+        for k in range(stop):
+            force = 9.0 if k == 1 else 10.0
+            measurement = Measurement(k * period, force, 0.0, commanded)
+            state, command = controller.step(state, measurement, 10.0)
+            moves.append(command.position - commanded)
+            commanded = command.position
+        # Moves die out where the command does not; the command is their sum: z/(z − 1) times them.
+        transfer = sum(move * z ** -(k - 1) for k, move in enumerate(moves) if k) * z / (z - 1)
+        assert transfer == pytest.approx(response(z), rel=1e-6)
