@@ -96,7 +96,7 @@ class Run:
         )
         controller = make_controller(config.controller.name, **config.controller.parameters)
         self._loop = ControlLoop(
-            Task(config.task, controller),
+            Task(config.task, controller, config.limits.force_limit_n),
             Supervisor(config.limits),
             config.frame.approach,
             config.frame.travel,

@@ -24,6 +24,7 @@ from hil_bridge.control.fuzzy_control import (
 from hil_bridge.control.linear import Admittance, AdmittanceState, Pi, PiState
 from hil_bridge.control.loop import ControlLoop, Decision, LoopState, Sample
 from hil_bridge.control.merit import FiguresOfMerit, figures_of_merit
+from hil_bridge.control.predictive import Predictive, PredictiveState
 from hil_bridge.control.stiffness import Pairing, Stiffness
 from hil_bridge.control.supervisor import (
     Allow,
@@ -67,6 +68,8 @@ __all__ = [
     "Phase",
     "Pi",
     "PiState",
+    "Predictive",
+    "PredictiveState",
     "Request",
     "ResolutionAware",
     "Sample",

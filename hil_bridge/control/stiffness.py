@@ -16,6 +16,9 @@ from typing import ClassVar
 from hil_bridge.control.checks import require_above_zero
 from hil_bridge.control.types import Measurement
 
+_FIRST_SPAN = 5
+"""Samples over which moves add up while there is no estimate. Chosen."""
+
 
 @dataclass(frozen=True, slots=True)
 class Pairing:
@@ -73,6 +76,8 @@ class Stiffness:
     """Position of the older pair, m."""
     travel: float = 0.0
     """Travel of the older pair, m."""
+    age: int = 0
+    """Samples since the older pair."""
 
     @property
     def value(self) -> float | None:
@@ -104,15 +109,17 @@ def observe(estimate: Stiffness, pairing: Pairing, measurement: Measurement, slo
     force, position, travel = measurement.force_at_position, measurement.position, measurement.travel
     if measurement.saturated or not all(map(math.isfinite, (force, position, travel, slope))):
         return estimate
-    newer = replace(estimate, force=force, position=position, travel=travel)
+    newer = replace(estimate, force=force, position=position, travel=travel, age=0)
     if estimate.force is None:
         return newer
     moved = position - estimate.position - slope * (travel - estimate.travel)
     pressed = force - estimate.force
     telling = abs(moved) >= pairing.smallest_move * pairing.resolution_mm * 1e-3 * (1 - 1e-6)
     if not telling:
-        # Until there is an estimate, small moves of a cautious beginning add up.
-        return estimate if estimate.value is None and measurement.travel == estimate.travel else newer
+        # Until there is an estimate, small moves of a cautious beginning add up, though not for ever: a
+        # surface that moves sideways under the tool would enter the quotient without bound.
+        older = estimate.value is None and estimate.age + 1 < _FIRST_SPAN
+        return replace(estimate, age=estimate.age + 1) if older else newer
     if not pairing.stiffness_min <= pressed / moved <= pairing.stiffness_max:
         return newer
     if abs(pressed) < 2 * pairing.force_uncertainty_n:

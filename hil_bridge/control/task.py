@@ -35,11 +35,17 @@ class TaskParameters:
     force_n: float = 10.0
     """Desired contact force. Source: the paper's experiments."""
     approach_step_mm: float = 0.5
-    """Depth added per cycle while approaching. Times the stiffness of the hardest surface expected it is the
-    force of the first touch, which must stay below the supervisor's limit.
+    """Depth added per cycle while approaching, at most."""
+    expected_stiffness_n_m: float = 5000.0
+    """Stiffness of the hardest surface expected: the approach goes slowly enough for a first touch to press
+    with no more than the desired force, and than half the supervisor's limit. Source: the paper's sponge.
     """
     approach_depth_limit_mm: float = 50.0
-    """Depth added at most in an approach, a repeated one included, before it is given up."""
+    """Depth added at most in an approach before it is given up."""
+    search_depth_limit_mm: float = 5.0
+    """Depth added at most after a contact loss before the surface counts as ended: an edge is no hole to dive
+    into.
+    """
     contact_threshold_n: float = 1.0
     """Force above which there is contact."""
     loss_threshold_n: float = 0.5
@@ -64,7 +70,9 @@ class TaskParameters:
             self,
             "force_n",
             "approach_step_mm",
+            "expected_stiffness_n_m",
             "approach_depth_limit_mm",
+            "search_depth_limit_mm",
             "contact_threshold_n",
             "loss_samples",
             "loss_limit",
@@ -98,6 +106,12 @@ class TaskState:
     turn: float | None = None
     """Depth at which the present approach or retraction began, m; None before its first sample."""
     in_contact: bool = False
+    free: float | None = None
+    """Reported position of the newest sample without contact, m."""
+    lost_at: float | None = None
+    """Depth commanded when contact was lost, m; None before the first loss and when it has been found
+    again.
+    """
     samples_lost: int = 0
     """Samples in a row without contact."""
     losses: int = 0
@@ -134,6 +148,8 @@ class Task:
 
     parameters: TaskParameters
     controller: Controller[Any]
+    force_limit_n: float = math.inf
+    """Contact force at which the supervisor stops the run."""
 
     def initial(self) -> TaskState:
         """State at the start point, away from the surface."""
@@ -166,7 +182,9 @@ class Task:
             return state, _output(state, measurement.commanded, state.phase)
         parameters = self.parameters
         threshold = parameters.loss_threshold_n if state.in_contact else parameters.contact_threshold_n
-        state = replace(state, in_contact=measurement.force > threshold)
+        touching = measurement.force > threshold
+        free = state.free if touching else measurement.position
+        state = replace(state, in_contact=touching, free=free)
         match state.phase:
             case Phase.APPROACH:
                 return self._approach(state, measurement)
@@ -183,27 +201,54 @@ class Task:
             state = replace(state, phase=Phase.TRACK, turn=None, samples_lost=0, controller=memory)
             return self._track(state, measurement)
         turn = measurement.commanded if state.turn is None else state.turn
-        depth = measurement.commanded + self.parameters.approach_step_mm * 1e-3
+        depth = measurement.commanded + self._approach_step(measurement)
         limit_mm = self.parameters.approach_depth_limit_mm
         if depth - turn > limit_mm * 1e-3 + _ROUNDING:
             cause = f"no contact found within {limit_mm:g} mm"
             return self._retract(self.fail(state, cause), measurement)
         state = replace(state, turn=turn)
+        if self._beyond_edge(state, depth):
+            return self._retract(self.fail(state, self._edge), measurement)
         return state, _output(state, depth, Phase.APPROACH)
+
+    def _approach_step(self, measurement: Measurement) -> float:
+        """Depth to add, m, so that a touch anywhere from here on ends within the force allowed.
+
+        Derived: there is no contact at the reported position, so however late a touch shows, it ends no
+        deeper below the surface than the command is ahead of that position. What is already under way is the
+        delay as it is measured; half of what is allowed at once keeps the steps even.
+        """
+        parameters = self.parameters
+        allowed = min(parameters.force_n, self.force_limit_n / 2) / parameters.expected_stiffness_n_m
+        ahead = max(measurement.commanded - measurement.position, 0.0)
+        return max(min(parameters.approach_step_mm * 1e-3, allowed / 2, allowed - ahead), _SLOWEST)
+
+    def _beyond_edge(self, state: TaskState, depth: float) -> bool:
+        limit = self.parameters.search_depth_limit_mm * 1e-3
+        return state.lost_at is not None and depth - state.lost_at > limit + _ROUNDING
+
+    @property
+    def _edge(self) -> str:
+        return f"the surface ended: no contact within {self.parameters.search_depth_limit_mm:g} mm"
 
     def _track(self, state: TaskState, measurement: Measurement) -> tuple[TaskState, TaskOutput]:
         travel = state.travel + (self.parameters.step_mm * 1e-3 if state.in_contact else 0.0)
-        seen = replace(measurement, in_contact=state.in_contact, travel_next=travel)
+        seen = replace(measurement, in_contact=state.in_contact, travel_next=travel, free_position=state.free)
         memory, command = self.controller.step(state.controller, seen, self.parameters.force_n)
         state = replace(state, controller=memory)
         if state.in_contact:
-            state = replace(state, travel=travel, samples_lost=0)
+            state = replace(state, travel=travel, samples_lost=0, lost_at=None)
             output = _output(state, command.position, Phase.TRACK, command)
             if travel > self.parameters.travel_limit_mm * 1e-3 - _ROUNDING:
                 state = self.finish(state, f"travelled {self.parameters.travel_limit_mm:g} mm")
             return state, output
         first = state.samples_lost == 0
-        state = replace(state, samples_lost=state.samples_lost + 1, losses=state.losses + first)
+        lost_at = measurement.commanded if first and state.lost_at is None else state.lost_at
+        state = replace(
+            state, samples_lost=state.samples_lost + 1, losses=state.losses + first, lost_at=lost_at
+        )
+        if self._beyond_edge(state, command.position):
+            return self._retract(self.fail(state, self._edge), measurement)
         output = _output(state, command.position, Phase.TRACK, command)
         if state.losses >= self.parameters.loss_limit:
             state = self.fail(state, f"contact lost {state.losses} times")
@@ -231,3 +276,8 @@ def _output(state: TaskState, depth: float, phase: Phase, command: Command | Non
 
 _ROUNDING = 1e-9
 """Slack for sums of steps, m."""
+
+_SLOWEST = 0.05e-3
+"""Approach step that is taken whatever the stiffness, m. Chosen: less than a robot's resolution is no
+step.
+"""

@@ -31,6 +31,8 @@ class Measurement:
     """Reported position along the surface, of the same moment as `position`, m from the start point."""
     travel_next: float = 0.0
     """Position along the surface that will be commanded together with the answer, m."""
+    free_position: float | None = None
+    """Reported position of the newest sample before the present contact, m; None where there was none."""
     saturated: bool = False
     """An axis of the sensor is at the end of its range: the force may be anything above."""
 

@@ -1,0 +1,192 @@
+"""The controller that looks ahead: where along the travel will the desired force be?
+
+Every pair of reported position x and force f of the same moment says at which position the desired force
+would act there: z = x + (f_d − f)/k. Since travel and depth go through the same line, queue and servo, a
+command is a point (travel, depth) of a path, whatever the delay; so z is looked at as a function of travel,
+a straight line is laid through its last few values, and the command is that line's value at the travel it is
+sent with.
+"""
+
+import math
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+from hil_bridge.control.checks import FORBID_EXTRA, check_reference, require_above_zero, require_not_negative
+from hil_bridge.control.stiffness import Pairing, Stiffness, observe
+from hil_bridge.control.types import Command, Measurement
+
+
+@dataclass(frozen=True, slots=True)
+class Pair:
+    """Force and position of one moment."""
+
+    travel: float
+    """m"""
+    position: float
+    """m"""
+    force: float
+    """N"""
+
+
+@dataclass(frozen=True, slots=True)
+class PredictiveState:
+    """What the predictive controller remembers."""
+
+    estimate: Stiffness = field(default_factory=Stiffness)
+    pairs: tuple[Pair, ...] = ()
+    """Newest last, all of the present contact."""
+    slope: float = 0.0
+    """How much deeper the surface lies per travel, as far as known."""
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """A straight line through values along the travel."""
+
+    value: float
+    """At the travel asked for."""
+    slope: float
+    slope_error: float
+    """Standard error of the slope."""
+
+
+@dataclass(frozen=True, slots=True)
+class Predictive:
+    """x(k+1) = ẑ(travel commanded with it), ẑ the weighted line through z_i = x_i + (f_d − f_i)/k_est.
+
+    Derived. The gain 1/k_est falls by itself on harder surfaces. Weights are inverse variances: quantisation
+    of the position, force noise, the doubt in k_est times the distance to the desired force, and what a
+    curved surface departs from a line. A move inwards takes k_est larger by its standard error; before there
+    is an estimate, it takes the stiffest surface, and a move outwards the softest that the approach allows.
+    It holds where no reachable position is nearer, |f_e| ≤ k_est · Δx_res/2 + uncertainty, unless the
+    surface moves.
+    """
+
+    __pydantic_config__: ClassVar = FORBID_EXTRA
+    name: ClassVar[str] = "predictive"
+
+    window: int = 6
+    """Pairs that the line goes through."""
+    stiffest_n_m: float = 100_000.0
+    """Stiffness assumed for moves inwards before any was estimated."""
+    caution: float = 1.0
+    """Standard errors of the estimate by which it is taken larger for a move inwards."""
+    steepest: float = 0.3
+    """Standard deviation of the slopes expected, m deeper per m of travel: a doubtful slope is taken for
+    less.
+    """
+    smallest_radius_mm: float = 100.0
+    """Radius of curvature of the surface down to which pairs far behind still count in full."""
+    step_limit_mm: float = 2.0
+    """Farthest that the command may move in a sample, either way. Chosen."""
+    resolution_mm: float = 0.125
+    """Smallest step of the robot's position."""
+    force_uncertainty_n: float = 0.1
+    """Standard deviation of the force."""
+
+    def __post_init__(self) -> None:
+        require_above_zero(self, "window", "stiffest_n_m", "steepest", "smallest_radius_mm", "step_limit_mm")
+        require_not_negative(self, "caution")
+        self.pairing  # noqa: B018 - checks the rest
+
+    @property
+    def pairing(self) -> Pairing:
+        """What is known of pairs."""
+        return Pairing(resolution_mm=self.resolution_mm, force_uncertainty_n=self.force_uncertainty_n)
+
+    def initial(self) -> PredictiveState:
+        """State before the first sample in contact."""
+        return PredictiveState()
+
+    def step(
+        self, state: PredictiveState, measurement: Measurement, reference: float
+    ) -> tuple[PredictiveState, Command]:
+        """One sample. A measurement that is not finite moves nothing and is forgotten.
+
+        Raises ValueError for a reference that is not above 0.
+        """
+        check_reference(reference)
+        if not (measurement.is_finite and math.isfinite(measurement.travel + measurement.travel_next)):
+            return state, Command(measurement.commanded, 0.0, state.estimate.value)
+        estimate = observe(state.estimate, self.pairing, measurement, state.slope)
+        if not measurement.in_contact:
+            state = PredictiveState(estimate)
+            stiffness = estimate.value or self.stiffest_n_m
+            # A third: contact found again shows two cycles late, and must not be pressed threefold by then.
+            return state, self._answer(measurement, estimate, reference / (3 * stiffness), {})
+        newest = Pair(measurement.travel, measurement.position, measurement.force_at_position)
+        pairs = (*state.pairs, newest)[-self.window :]
+        if estimate.value is None:
+            correction = self._probe(measurement, reference)
+            return PredictiveState(estimate, pairs), self._answer(measurement, estimate, correction, {})
+        return self._follow(estimate, pairs, measurement, reference)
+
+    def _follow(
+        self, estimate: Stiffness, pairs: tuple[Pair, ...], measurement: Measurement, reference: float
+    ) -> tuple[PredictiveState, Command]:
+        line = self._fit(estimate, pairs, measurement.travel_next, reference)
+        stiffness = estimate.value or self.stiffest_n_m
+        error = measurement.force - reference
+        band = stiffness * self.resolution_mm * 1e-3 / 2 + self.force_uncertainty_n
+        moving = abs(line.slope) > 2 * line.slope_error
+        held = abs(error) <= band and not moving
+        explanation = {
+            "relative_error": estimate.relative_error(self.pairing),
+            "slope": line.slope,
+            "predicted_m": line.value,
+            "band_n": band,
+        }
+        correction = 0.0 if held else line.value - measurement.commanded
+        command = self._answer(measurement, estimate, correction, explanation, held)
+        return PredictiveState(estimate, pairs, line.slope if moving else 0.0), command
+
+    def _probe(self, measurement: Measurement, reference: float) -> float:
+        """Correction while nothing is known of the stiffness, m."""
+        error = reference - measurement.force
+        if error >= 0 or measurement.free_position is None:
+            return error / self.stiffest_n_m
+        # Contact began behind the last position without it, so the surface is at least this stiff.
+        travelled = max(measurement.position - measurement.free_position, self.resolution_mm * 1e-3)
+        return (
+            error / (2 * measurement.force_at_position / travelled)
+            if measurement.force_at_position > 0
+            else 0
+        )
+
+    def _fit(self, estimate: Stiffness, pairs: tuple[Pair, ...], at: float, reference: float) -> Line:
+        """Weighted least squares with a slope that is 0 ± `steepest` before any pair is seen."""
+        stiffness = estimate.value or self.stiffest_n_m
+        doubt = min(estimate.relative_error(self.pairing), 1.0)
+        wary = stiffness * (1 + self.caution * doubt)
+        still = (self.resolution_mm * 1e-3) ** 2 / 12 + (self.force_uncertainty_n / stiffness) ** 2
+        bend = 0.5 / (self.smallest_radius_mm * 1e-3)
+        s0 = s1 = s2 = t0 = t1 = 0.0
+        base = pairs[-1].position
+        for pair in pairs:
+            short, away = reference - pair.force, pair.travel - at
+            wanted = pair.position - base + short / (wary if short > 0 else stiffness)
+            variance = still + (doubt * short / stiffness) ** 2 + (bend * away * away) ** 2
+            weight = 1.0 / variance
+            s0 += weight
+            s1 += weight * away
+            s2 += weight * away * away
+            t0 += weight * wanted
+            t1 += weight * away * wanted
+        s2 += 1.0 / self.steepest**2
+        determinant = s0 * s2 - s1 * s1
+        slope = (s0 * t1 - s1 * t0) / determinant
+        return Line(base + (s2 * t0 - s1 * t1) / determinant, slope, math.sqrt(s0 / determinant))
+
+    def _answer(
+        self,
+        measurement: Measurement,
+        estimate: Stiffness,
+        correction: float,
+        explanation: dict[str, float],
+        held: bool = False,
+    ) -> Command:
+        limit = self.step_limit_mm * 1e-3
+        correction = min(max(correction, -limit), limit)
+        position = measurement.commanded + correction
+        confidence = estimate.confidence(self.pairing)
+        return Command(position, correction, estimate.value, confidence, held, explanation)
