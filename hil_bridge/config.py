@@ -17,6 +17,7 @@ from pydantic import (
     BaseModel,
     ConfigDict,
     Field,
+    PydanticUserError,
     TypeAdapter,
     ValidationError,
     ValidationInfo,
@@ -24,7 +25,8 @@ from pydantic import (
 )
 
 from emulators.cell import CellProfile
-from hil_bridge.control import CONTROLLERS, Limits, TaskParameters
+from hil_bridge.control import Limits, TaskParameters
+from hil_bridge.control.controllers import controller_kind
 from hil_bridge.errors import ConfigError
 from protocol.adlp import LinkProfile
 from protocol.jr3 import GatewayClientProfile
@@ -110,26 +112,33 @@ class ControllerConfig(_Section):
     """The force controller and its parameters."""
 
     name: str = "resolution-aware"
-    """fuzzy, fuzzy-adaptive or resolution-aware."""
+    """One of ours or one that another package offers; a wrong name lists them."""
     parameters: dict[str, Any] = {}
     """Parameters of that controller that differ from their defaults."""
 
     @field_validator("name")
     @classmethod
     def _known(cls, name: str) -> str:
-        if name not in CONTROLLERS:
-            raise ValueError(f"no controller is called {name!r}; choose one of {', '.join(CONTROLLERS)}")
+        try:
+            controller_kind(name)
+        except ConfigError as error:
+            raise ValueError(str(error)) from error
         return name
 
     @field_validator("parameters")
     @classmethod
     def _fitting(cls, parameters: dict[str, Any], info: ValidationInfo) -> dict[str, Any]:
         if (name := info.data.get("name")) is not None:
-            kind: Any = CONTROLLERS[name]
-            known = [field.name for field in dataclasses.fields(kind)]
+            kind: Any = controller_kind(name)
+            known = [field.name for field in dataclasses.fields(kind) if field.init]
             if unknown := [key for key in parameters if key not in known]:
                 raise ValueError(f"{name} has no parameter {unknown[0]!r}, only {', '.join(known)}")
-            TypeAdapter(kind).validate_python(parameters)
+            try:
+                adapter = TypeAdapter(kind)
+            except PydanticUserError as error:
+                reason = str(error).splitlines()[0]
+                raise ValueError(f"{name} has a parameter that no file can hold: {reason}") from error
+            adapter.validate_python(parameters)
         return parameters
 
 

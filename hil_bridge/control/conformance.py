@@ -1,0 +1,156 @@
+"""Tests that every force controller has to pass, for the test module of whoever writes one.
+
+    import pytest
+    from hil_bridge.control.conformance import *
+    from my_package.control import MyController
+
+    @pytest.fixture
+    def controller():
+        return MyController()
+
+pytest then finds these tests in that module. They know a controller only by `control.types.Controller`; it
+should be in a state in which it is in use: parameters as a run would have them.
+"""
+
+import copy
+import dataclasses
+import itertools
+import math
+from typing import Any
+
+import pytest
+from pydantic import TypeAdapter
+
+from hil_bridge.control.types import Command, Controller, Measurement
+
+__all__ = [
+    "test_finite_measurements_give_finite_answers",
+    "test_measurement_that_is_not_a_number_moves_nothing",
+    "test_parameter_that_is_not_a_number_is_refused",
+    "test_parameters_can_be_read_from_a_configuration",
+    "test_same_inputs_give_the_same_answers",
+    "test_state_is_not_changed_in_place",
+    "test_too_little_force_never_moves_away",
+    "test_too_much_force_never_pushes_deeper",
+]
+
+Steps = list[tuple[Any, Measurement, float, Any, Command]]
+"""State, measurement and reference as given, state and command as answered."""
+
+CYCLE = 0.18
+"""Cycle of the computer link at 9600 baud, s."""
+REFERENCES = (0.5, 10.0, 200.0)
+"""Desired forces, N."""
+_FACTORS = (-1.0, 0.0, 0.01, 0.9, 1.0, 1.1, 3.0, 1000.0)
+_DEPTHS = (-0.05, -0.125e-3, 0.0, 0.125e-3, 2e-3, 1.5)
+
+
+def test_same_inputs_give_the_same_answers(controller: Controller[Any]) -> None:
+    for reference in REFERENCES:
+        steps = _walk(controller, reference)
+        assert steps == _walk(controller, reference), (
+            "a second run over the same samples differs from the first"
+        )
+        for given, measurement, _, state, command in reversed(steps):
+            again = controller.step(given, measurement, reference)
+            assert again == (state, command), f"asked again out of order, {measurement} is answered otherwise"
+
+
+def test_state_is_not_changed_in_place(controller: Controller[Any]) -> None:
+    state = controller.initial()
+    for measurement in _grid(10.0):
+        before = copy.deepcopy(state)
+        after, _ = controller.step(state, measurement, 10.0)
+        assert state == before, f"the state that was given was changed by {measurement}"
+        state = after
+    assert controller.initial() == controller.initial(), "two initial states differ"
+
+
+def test_finite_measurements_give_finite_answers(controller: Controller[Any]) -> None:
+    for reference in REFERENCES:
+        for _, measurement, _, _, command in _walk(controller, reference):
+            numbers = [command.position, command.correction, command.gain, *command.explanation.values()]
+            if command.stiffness is not None:
+                numbers.append(command.stiffness)
+            assert all(math.isfinite(number) for number in numbers), f"{measurement} is answered by {command}"
+
+
+def test_too_much_force_never_pushes_deeper(controller: Controller[Any]) -> None:
+    for reference, factor in itertools.product(REFERENCES, (1.2, 2.0, 10.0)):
+        moved = _hold(controller, reference, factor, 1)
+        assert factor < 2.0 or moved < 0.0, f"{factor:g} times the desired {reference:g} N moves nothing"
+
+
+def test_too_little_force_never_moves_away(controller: Controller[Any]) -> None:
+    for reference, factor in itertools.product(REFERENCES, (0.8, 0.3, 0.0)):
+        moved = _hold(controller, reference, factor, -1)
+        assert factor > 0.5 or moved > 0.0, f"{factor:g} times the desired {reference:g} N moves nothing"
+
+
+@pytest.mark.parametrize("field", ["force", "position"])
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+def test_measurement_that_is_not_a_number_moves_nothing(
+    controller: Controller[Any], field: str, value: float
+) -> None:
+    state = controller.initial()
+    for k, force in enumerate((0.0, 4.0, 8.0, 9.0)):
+        good = Measurement(k * CYCLE, force, k * 1e-3, 3e-3)
+        changed: Any = {field: value}
+        bad = dataclasses.replace(good, **changed)
+        after, command = controller.step(state, bad, 10.0)
+        assert command.position == good.commanded, f"{field} {value} is answered by {command}"
+        _, beside = controller.step(state, good, 10.0)
+        _, behind = controller.step(after, good, 10.0)
+        assert beside == behind, f"{field} {value} still has a say in the next sample"
+        state, _ = controller.step(state, good, 10.0)
+
+
+def test_parameter_that_is_not_a_number_is_refused(controller: Controller[Any]) -> None:
+    for name, value in _parameters(controller).items():
+        if isinstance(value, float):
+            changed = _parameters(controller) | {name: math.nan}
+            with pytest.raises(ValueError):  # noqa: PT011 - the words are the controller's own
+                type(controller)(**changed)
+
+
+def test_parameters_can_be_read_from_a_configuration(controller: Controller[Any]) -> None:
+    kind: Any = type(controller)
+    assert isinstance(kind.name, str), "the class itself must bear the name"
+    assert TypeAdapter(kind).validate_python(_parameters(controller)) == controller
+
+
+def _grid(reference: float) -> list[Measurement]:
+    """Samples in the order of time, forces and depths in every combination, contact lost now and then."""
+    combinations = itertools.product(_DEPTHS, _FACTORS)
+    return [
+        Measurement(k * CYCLE, factor * reference, depth, depth + 0.25e-3, k % 7 != 6)
+        for k, (depth, factor) in enumerate(combinations)
+    ]
+
+
+def _walk(controller: Controller[Any], reference: float) -> Steps:
+    steps: Steps = []
+    state = controller.initial()
+    for measurement in _grid(reference):
+        after, command = controller.step(state, measurement, reference)
+        steps.append((state, measurement, reference, after, command))
+        state = after
+    return steps
+
+
+def _hold(controller: Controller[Any], reference: float, factor: float, excess: int) -> float:
+    """How far a steady force moves the command in twenty samples, every step in the right direction, m."""
+    start = commanded = 3e-3
+    state = controller.initial()
+    for k in range(20):
+        measurement = Measurement(k * CYCLE, factor * reference, commanded, commanded)
+        state, command = controller.step(state, measurement, reference)
+        step = command.position - commanded
+        assert step * excess <= 1e-12, f"{measurement} for a desired {reference:g} N moves by {step:g} m"
+        commanded = command.position
+    return commanded - start
+
+
+def _parameters(controller: Controller[Any]) -> dict[str, Any]:
+    fields = dataclasses.fields(controller)  # type: ignore[arg-type]
+    return {field.name: getattr(controller, field.name) for field in fields if field.init}

@@ -1,0 +1,182 @@
+"""Controllers of other packages: found, chosen by name, and blamed by name when they are broken."""
+
+import subprocess
+import sys
+from textwrap import dedent
+
+import pytest
+
+from hil_bridge.config import load_config
+from hil_bridge.control import make_controller
+from hil_bridge.control.controllers import controller_kind
+from hil_bridge.control.plugins import plugin_names
+from hil_bridge.errors import ConfigError
+
+GOOD = """
+    from dataclasses import dataclass
+    from typing import ClassVar
+
+    from hil_bridge.control import Command
+
+
+    @dataclass(frozen=True)
+    class Steady:
+        name: ClassVar[str] = "steady"
+        step_mm: float = 0.125
+
+        def initial(self):
+            return None
+
+        def step(self, state, measurement, reference):
+            return None, Command(measurement.commanded, 0.0)
+"""
+
+
+@pytest.fixture
+def install(tmp_path, monkeypatch):
+    """Put a distribution with one module and its entry points where Python finds it."""
+    modules = []
+
+    def put(distribution: str, module: str, code: str, **points: str) -> None:
+        place = tmp_path / distribution
+        info = place / f"{distribution}-1.2.dist-info"
+        info.mkdir(parents=True)
+        (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {distribution}\nVersion: 1.2\n")
+        lines = [f"{name} = {module}:{target}" for name, target in points.items()]
+        (info / "entry_points.txt").write_text("\n".join(["[hil_bridge.controllers]", *lines]) + "\n")
+        (place / f"{module}.py").write_text(dedent(code))
+        monkeypatch.syspath_prepend(str(place))
+        modules.append(module)
+
+    yield put
+    for module in modules:
+        sys.modules.pop(module, None)
+
+
+def refusal(name: str) -> str:
+    with pytest.raises(ConfigError) as raised:
+        make_controller(name)
+    assert "\n" not in str(raised.value)
+    return str(raised.value)
+
+
+def test_a_controller_of_another_package_is_chosen_by_name_like_ours(install, tmp_path):
+    install("lab", "lab_control", GOOD, steady="Steady")
+    assert plugin_names() == ["steady"]
+    controller = make_controller("steady", step_mm=0.5)
+    assert (type(controller).__module__, controller.step_mm) == ("lab_control", 0.5)
+    path = tmp_path / "c.toml"
+    path.write_text('[controller]\nname = "steady"\nparameters.step_mm = 0.25\n')
+    config = load_config(path, {})
+    assert make_controller(config.controller.name, **config.controller.parameters).step_mm == 0.25
+    path.write_text('[controller]\nname = "steady"\nparameters.step_m = 0.25\n')
+    with pytest.raises(ConfigError, match="steady has no parameter 'step_m', only step_mm"):
+        load_config(path, {})
+    path.write_text('[controller]\nname = "steady"\nparameters.step_mm = "wide"\n')
+    with pytest.raises(ConfigError, match="step_mm"):
+        load_config(path, {})
+
+
+def test_nothing_is_imported_before_it_is_chosen(install):
+    install("lab", "lab_control", GOOD, steady="Steady")
+    make_controller("fuzzy")
+    assert "steady" in refusal("clever")
+    assert "lab_control" not in sys.modules
+    make_controller("steady")
+    assert "lab_control" in sys.modules
+
+
+def test_a_name_of_ours_cannot_be_taken(install, tmp_path):
+    install("lab", "lab_control", GOOD, fuzzy="Steady")
+    assert refusal("fuzzy") == "controller 'fuzzy' is built in, but lab 1.2 offers one of that name, too"
+    make_controller("pi")
+    (tmp_path / "c.toml").write_text('[controller]\nname = "fuzzy"\n')
+    with pytest.raises(ConfigError, match=r"c\.toml: controller\.name: controller 'fuzzy' is built in"):
+        load_config(tmp_path / "c.toml", {})
+
+
+def test_two_packages_cannot_offer_the_same(install):
+    install("lab", "lab_control", GOOD, steady="Steady")
+    install("shop", "shop_control", GOOD, steady="Steady")
+    assert refusal("steady") == "controller 'steady' is offered by lab 1.2 and by shop 1.2; uninstall one"
+
+
+@pytest.mark.parametrize(
+    ("code", "target", "says"),
+    [
+        ("1/0", "Steady", "cannot be loaded: ZeroDivisionError: division by zero"),
+        ("import no_such_thing", "Steady", "cannot be loaded: ModuleNotFoundError: No module named"),
+        ("raise RuntimeError('two\\nlines')", "Steady", "cannot be loaded: RuntimeError: two"),
+        ("raise RuntimeError", "Steady", "cannot be loaded: RuntimeError"),
+        (GOOD, "Other", "cannot be loaded: AttributeError"),
+        ("Steady = 3", "Steady", "broken_control:Steady is no dataclass"),
+        ("class Steady: pass", "Steady", "broken_control:Steady is no dataclass"),
+        (GOOD.replace("initial", "begin"), "Steady", "has no method initial"),
+        (GOOD.replace('"steady"', '"other"'), "Steady", "must bear that as its attribute `name`"),
+    ],
+)
+def test_a_broken_one_is_blamed_on_its_distribution(install, code, target, says):
+    install("broken", "broken_control", code, steady=target)
+    text = refusal("steady")
+    assert text.startswith("controller 'steady' of broken 1.2")
+    assert says in text
+    make_controller("fuzzy")
+
+
+def test_a_parameter_that_no_file_can_hold_is_said_in_one_line(install, tmp_path):
+    code = GOOD.replace("step_mm: float = 0.125", "lock: Lock = None").replace(
+        "@dataclass", "class Lock: ...\n\n    @dataclass"
+    )
+    install("lab", "lab_control", code, steady="Steady")
+    (tmp_path / "c.toml").write_text('[controller]\nname = "steady"\nparameters.lock = 1\n')
+    with pytest.raises(ConfigError, match="steady has a parameter that no file can hold"):
+        load_config(tmp_path / "c.toml", {})
+
+
+def test_the_kind_is_the_class_itself(install):
+    install("lab", "lab_control", GOOD, steady="Steady")
+    assert controller_kind("steady") is sys.modules["lab_control"].Steady
+
+
+def test_conformance_is_a_one_line_import_for_others(install, tmp_path):
+    install("lab", "lab_control", GOOD, steady="Steady")
+    module = tmp_path / "test_lab.py"
+    module.write_text(
+        dedent("""
+        import pytest
+        from hil_bridge.control.conformance import *
+        from lab_control import Steady
+
+        @pytest.fixture
+        def controller():
+            return Steady()
+        """)
+    )
+    where = [*sys.path, str(tmp_path / "lab")]
+    run = subprocess.run(
+        [
+            sys.executable,
+            "-m",
+            "pytest",
+            "-q",
+            "-p",
+            "no:cacheprovider",
+            "--rootdir",
+            str(tmp_path),
+            str(module),
+        ],
+        env={"PYTHONPATH": ":".join(where), "PATH": "/usr/bin:/bin"},
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    # It never moves and takes NaN for a parameter.
+    failed = sorted(
+        line.split("::")[1].split()[0] for line in run.stdout.splitlines() if line.startswith("FAILED")
+    )
+    assert failed == [
+        "test_parameter_that_is_not_a_number_is_refused",
+        "test_too_little_force_never_moves_away",
+        "test_too_much_force_never_pushes_deeper",
+    ], run.stdout
