@@ -1,4 +1,7 @@
-"""One run through the whole chain in virtual time, kept in memory: paced wires, emulated cell, the bridge's own run."""
+"""One run through the whole chain in virtual time, kept in memory.
+
+Paced wires, the emulated cell, and the bridge's own devices and run, joined by the composition root.
+"""
 
 from contextlib import AsyncExitStack
 from dataclasses import dataclass, field
@@ -25,8 +28,8 @@ class CellRun(NamedTuple):
 def run_cell(config: Config) -> CellRun:
     """Run a configuration against the emulated cell in virtual time, without files.
 
-    The same configuration gives the same records. Raises ConfigError for a configuration with URLs, BridgeError
-    when a device fails before the movement has begun.
+    The same configuration gives the same records. Raises ConfigError for a configuration with URLs,
+    BridgeError when a device fails before the movement has begun.
     """
     if config.robot.url or config.sensor.url:
         raise ConfigError("experiments run against the emulated cell alone: leave the URLs empty")

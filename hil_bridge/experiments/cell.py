@@ -1,0 +1,129 @@
+"""One run of the whole chain as a job, and what the experiments keep of it."""
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil_bridge.config import Config
+from hil_bridge.control import FiguresOfMerit, figures_of_merit
+from hil_bridge.experiments.chain import run_cell
+from hil_bridge.experiments.wall import Parameters
+from hil_bridge.recording import Outcome
+
+Floats = NDArray[np.float64]
+
+LIMIT_N = 1000.0
+"""The supervisor's force limits in experiments: what a controller does is to be seen, not stopped."""
+
+
+class CellTrace(NamedTuple):
+    """The TRACK phase of a run, one value a cycle, and how the run ended."""
+
+    time: Floats
+    """Since TRACK began, s."""
+    force: Floats
+    """N"""
+    depth: Floats
+    """Reported, from the start point, m."""
+    commanded: Floats
+    """Commanded depth, m."""
+    travel: Floats
+    """Commanded along the surface, m."""
+    stiffness: Floats
+    """Estimate, N/m; NaN where the controller has none."""
+    merit: FiguresOfMerit | None
+    """None when there never was contact."""
+    period: float
+    """Mean time between cycles, s."""
+    completed: bool
+    cause: str
+    """Why the run was stopped; empty when it was not."""
+
+
+@dataclass(frozen=True, slots=True)
+class CellJob:
+    """A run against the emulated cell, described by what the experiments vary."""
+
+    controller: str
+    parameters: Parameters
+    seed: int
+    stiffness: float = 5000.0
+    """N/m"""
+    reference: float = 10.0
+    """N"""
+    duration: float = 16.0
+    """Of TRACK, s."""
+    step_mm: float = 1.0
+    """Travel along the surface a sample."""
+    contour: bool = False
+    """Sinusoidal surface, 10 mm amplitude and 200 mm period, instead of the flat one."""
+    baudrate: int = 9600
+    noise_counts: float = 1.0
+    """Noise of every axis before the sensor's filters, rms."""
+    resolution_mm: float = 0.125
+
+    def config(self) -> Config:
+        """The configuration of the run; what is not named here stands at its default."""
+        # The approach is short and slow, so that time goes into tracking and a hard surface is not hit.
+        link = {"baudrate": self.baudrate}
+        surface: dict[str, Any] = {"stiffness_n_m": self.stiffness}
+        if self.contour:
+            surface |= {"kind": "sinusoidal", "amplitude_mm": 10.0, "period_mm": 200.0, "origin_y_mm": -100.0}
+        return Config.model_validate(
+            {
+                "run": {"duration_s": self.duration, "seed": self.seed},
+                "robot": {"link": link},
+                "controller": {"name": self.controller, "parameters": dict(self.parameters)},
+                "task": {
+                    "force_n": self.reference,
+                    "step_mm": self.step_mm,
+                    "approach_step_mm": 0.125,
+                    "retract_mm": 1.0,
+                    "loss_limit": 1000,
+                    "travel_limit_mm": 1000.0,
+                },
+                "limits": {"force_limit_n": LIMIT_N, "resultant_limit_n": LIMIT_N},
+                "cell": {
+                    "link": link,
+                    "surface": surface,
+                    "sensor": {"noise_counts": self.noise_counts},
+                    "servo": {"resolution_mm": self.resolution_mm},
+                    "start_position_mm": (900.0, -100.0, 590.5),
+                },
+            }
+        )
+
+    def __call__(self) -> CellTrace:
+        """Run it."""
+        run = run_cell(self.config())
+        cycles = [cycle for cycle in run.cycles if cycle.phase == "track"]
+
+        def column(name: str) -> Floats:
+            return np.array([getattr(cycle, name) for cycle in cycles], dtype=np.float64)
+
+        time = column("status_at")
+        time -= time[0] if len(time) else 0.0
+        merit = None
+        if cycles:
+            merit = figures_of_merit(
+                time,
+                column("force"),
+                self.reference,
+                column("depth_commanded"),
+                [cycle.in_contact for cycle in cycles],
+                self.resolution_mm,
+            )
+        return CellTrace(
+            time,
+            column("force"),
+            column("depth"),
+            column("depth_commanded"),
+            column("travel_commanded"),
+            column("stiffness"),
+            merit,
+            float(np.mean(np.diff(time))) if len(time) > 1 else float("nan"),
+            run.result.outcome is Outcome.COMPLETED,
+            run.result.cause,
+        )

@@ -1,0 +1,45 @@
+"""Runs simulations on all cores, in processes of their own, and tells how far they are."""
+
+import os
+from collections.abc import Callable, Iterable
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from multiprocessing import get_context
+from typing import Any
+
+from hil_bridge.experiments.results import Job
+
+CHUNK = 4
+"""Jobs handed to a process at once. Chosen: some seconds of work, so that the end is not spent waiting for one."""
+
+
+def run_jobs(
+    jobs: Iterable[Job], workers: int | None = None, advance: Callable[[int], None] = lambda count: None
+) -> dict[Job, Any]:
+    """Results by job; a job that occurs twice runs once. `advance` is told how many have ended since.
+
+    `workers` processes, by default one a core; with 1 everything runs in this one.
+    """
+    todo = list(dict.fromkeys(jobs))
+    chunks = [todo[at : at + CHUNK] for at in range(0, len(todo), CHUNK)]
+    workers = min(workers or os.cpu_count() or 1, max(len(chunks), 1))
+    results: dict[Job, Any] = {}
+    if workers == 1:
+        for job in todo:
+            results[job] = job()
+            advance(1)
+        return results
+    # Spawned, not forked: the same on every platform, and no thread's lock is copied while it is held.
+    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+        futures = {pool.submit(_run, chunk): chunk for chunk in chunks}
+        try:
+            for future in as_completed(futures):
+                results.update(zip(futures[future], future.result(), strict=True))
+                advance(len(futures[future]))
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+    return results
+
+
+def _run(jobs: list[Job]) -> list[Any]:
+    return [job() for job in jobs]

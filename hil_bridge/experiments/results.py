@@ -1,0 +1,140 @@
+"""What an experiment is, what it leaves, and how tables become files and come back."""
+
+import csv
+import io
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol, TypeAlias
+
+Value: TypeAlias = str | int | float | None
+Row: TypeAlias = dict[str, Value]
+"""One row of a table by column; None where there is no figure."""
+
+SIGNIFICANT_DIGITS = 4
+
+
+class Job(Protocol):
+    """One simulation: hashable, picklable, a pure function of its fields."""
+
+    def __call__(self) -> Any:
+        """Do it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Claim:
+    """What the paper says, and what came out, in a line each."""
+
+    paper: str
+    found: str
+
+
+@dataclass(frozen=True, slots=True)
+class Findings:
+    """What an experiment leaves."""
+
+    table: tuple[Row, ...]
+    """The numbers, as they go into the CSV file."""
+    picture: bytes
+    """PNG."""
+    series: tuple[Row, ...] = ()
+    """The curves of the picture where the table does not hold them, for a second CSV file."""
+
+
+@dataclass(frozen=True, slots=True)
+class Experiment:
+    """Simulations, and what to make of their results."""
+
+    name: str
+    title: str
+    jobs: Callable[[int], Sequence[Job]]
+    """The simulations for so many noise seeds."""
+    evaluate: Callable[[Sequence[Job], Sequence[Any]], Findings]
+    """Table and picture from these jobs and their results."""
+    describe: Callable[[Sequence[Row]], tuple[str, tuple[Claim, ...]]]
+    """The paragraph, and the paper's claims with what came out: from the table alone, so that no number in the
+    text can differ from the CSV file.
+    """
+    shown: tuple[str, ...] = ()
+    """Columns of the table that a page shows; none for a table too long for it."""
+
+
+def rounded(value: float | None) -> float | None:
+    """To the digits that a table keeps."""
+    return None if value is None else float(f"{value:.{SIGNIFICANT_DIGITS}g}")
+
+
+def to_csv(rows: Sequence[Row]) -> str:
+    """The rows under a line of column names; an empty field for None."""
+    text = io.StringIO()
+    if rows:
+        writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+    return text.getvalue()
+
+
+def from_csv(text: str) -> tuple[Row, ...]:
+    """The rows again."""
+    return tuple(
+        {name: _value(field) for name, field in row.items()} for row in csv.DictReader(io.StringIO(text))
+    )
+
+
+def _value(field: str) -> Value:
+    if not field:
+        return None
+    for kind in (int, float):
+        try:
+            return kind(field)
+        except ValueError:
+            continue
+    return field
+
+
+def markdown(rows: Sequence[Row], columns: Sequence[str]) -> str:
+    """These columns as a Markdown table; underscores of column names become spaces."""
+    lines = [
+        "| " + " | ".join(column.replace("_", " ") for column in columns) + " |",
+        "|" + "---|" * len(columns),
+    ]
+    lines += ["| " + " | ".join(shown(row[column]) for column in columns) + " |" for row in rows]
+    return "\n".join(lines)
+
+
+def shown(value: Value) -> str:
+    """A figure as a person reads it: three digits, thousands apart, a dash for none."""
+    match value:
+        case None:
+            return "–"
+        case str():
+            return value
+        case int():
+            return f"{value:,}".replace(",", " ")
+        case _ if abs(value) >= 999.5:
+            return f"{float(f'{value:.3g}'):,.0f}".replace(",", " ")
+        case _:
+            return f"{value:.3g}"
+
+
+def pick(rows: Sequence[Row], **wanted: Value) -> list[Row]:
+    """The rows that have these values."""
+    return [row for row in rows if all(row[name] == value for name, value in wanted.items())]
+
+
+def one(rows: Sequence[Row], **wanted: Value) -> Row:
+    """The only such row. Raises ValueError when there is none, or more than one."""
+    (row,) = pick(rows, **wanted)
+    return row
+
+
+def number(row: Row, column: str) -> float:
+    """A figure that is there. Raises TypeError when it is none."""
+    value = row[column]
+    if not isinstance(value, (int, float)):
+        raise TypeError(f"{column} is {value!r}, no number")
+    return float(value)
+
+
+def distinct(rows: Sequence[Row], column: str) -> list[Any]:
+    """The values of a column, each once, in order of first appearance."""
+    return list(dict.fromkeys(row[column] for row in rows))

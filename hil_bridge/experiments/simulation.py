@@ -1,0 +1,211 @@
+"""Figs. 3 and 5: the paper's simulation on walls of five stiffnesses, without and with adaptation."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from hil_bridge.experiments.drawing import COLOURS, Sheet, label
+from hil_bridge.experiments.results import Claim, Experiment, Findings, Row, number, one, pick, shown
+from hil_bridge.experiments.statistics import figures
+from hil_bridge.experiments.wall import RESOLUTION, Parameters, WallJob, WallRun
+
+STIFFNESSES = (1e3, 5e3, 2e4, 5e4, 1e5)
+"""N/m. Source: project specification of the force control, section 4; the paper prints none."""
+REFERENCE_N = 50.0
+"""Source: likewise."""
+SHOWN_SAMPLES = 60
+
+FIXED, ADAPTED, AWARE = "fuzzy", "fuzzy-adaptive", "resolution-aware"
+UNLIMITED: Parameters = (("feedforward_limit_mm", None),)
+"""The paper limits no feedforward, and on a simulated wall none is needed."""
+PARAMETERS: dict[str, Parameters] = {FIXED: (), ADAPTED: (), AWARE: UNLIMITED}
+
+SETTLED_STEPS = 0.05
+"""Resolution steps per second below which a mean over seeds counts as rest."""
+
+
+def jobs(controllers: Sequence[str], seeds: int) -> list[WallJob]:
+    """Every controller on every wall, for noise seeds 0, 1, …"""
+    return [
+        WallJob(name, PARAMETERS[name], stiffness, REFERENCE_N, seed)
+        for name in controllers
+        for stiffness in STIFFNESSES
+        for seed in range(seeds)
+    ]
+
+
+def tabulate(done: Sequence[WallJob], results: Sequence[WallRun]) -> tuple[Row, ...]:
+    """A row for each controller and wall: figures over the seeds."""
+    groups: dict[tuple[str, float], list[WallRun]] = {}
+    for job, result in zip(done, results, strict=True):
+        groups.setdefault((job.controller, job.stiffness), []).append(result)
+    return tuple(
+        {"controller": controller, "stiffness_n_m": int(stiffness), **figures([run.merit for run in runs])}
+        for (controller, stiffness), runs in groups.items()
+    )
+
+
+def evaluate(done: Sequence[WallJob], results: Sequence[WallRun]) -> Findings:
+    """Table, and the force over the first samples of the first seed."""
+    table = tabulate(done, results)
+    names = list(dict.fromkeys(job.controller for job in done))
+    series: list[Row] = []
+    with Sheet(4.6 * max(len(names), 2), 4.3, 1, len(names), sharey=True) as sheet:
+        for ax, name in zip(sheet.axes, names, strict=True):
+            ax.axhline(REFERENCE_N, color="black", lw=1.0, ls="--")
+            for colour, stiffness in zip(COLOURS, STIFFNESSES, strict=False):
+                (run,) = (
+                    result
+                    for job, result in zip(done, results, strict=True)
+                    if (job.controller, job.stiffness, job.seed) == (name, stiffness, 0)
+                )
+                force = np.array(run.force[:SHOWN_SAMPLES])
+                ax.plot(force, color=colour, lw=1.2, marker=".", ms=4, label=label(str(stiffness)))
+                series += [
+                    {"controller": name, "stiffness_n_m": int(stiffness), "sample": k, "force_n": round(f, 4)}
+                    for k, f in enumerate(force.tolist())
+                ]
+            ax.set_title(name)
+            ax.set_xlabel("sample")
+        sheet.axes[0].set_ylabel("contact force, N")
+        handles, labels = sheet.axes[0].get_legend_handles_labels()
+        sheet.figure.legend(
+            handles, labels, title="stiffness of the wall, N/m", loc="outside lower center", ncols=5
+        )
+        picture = sheet.png()
+    return Findings(table, picture, tuple(series))
+
+
+def _cycling(rows: Sequence[Row]) -> list[int]:
+    """Walls on which the command still moves in steady state."""
+    return [int(number(row, "stiffness_n_m")) for row in rows if number(row, "steps_per_second") > SETTLED_STEPS]
+
+
+def _walls(stiffnesses: Sequence[Any]) -> str:
+    if not stiffnesses:
+        return "no wall"
+    return ", ".join(shown(value) for value in stiffnesses) + " N/m"
+
+
+def _steps(row: Row) -> float:
+    """Steady peak-to-peak in resolution steps of the position."""
+    return number(row, "steady_peak_to_peak_n") / (number(row, "stiffness_n_m") * RESOLUTION)
+
+
+def describe_fixed(table: Sequence[Row]) -> tuple[str, tuple[Claim, ...]]:
+    """What came out of Fig. 3."""
+    soft, sponge, hard, hardest = (one(table, stiffness_n_m=k) for k in (1000, 5000, 50_000, 100_000))
+    cycling = _cycling(pick(table, controller=FIXED))
+    text = (
+        f"The paper says that with a fixed gain matrix the response is overdamped on a soft wall and ends in a "
+        f"limit cycle on a hard one. Both came out. On {shown(soft['stiffness_n_m'])} N/m the force takes "
+        f"{shown(soft['rise_samples'])} samples to 90 % of the {REFERENCE_N:g} N, on "
+        f"{shown(sponge['stiffness_n_m'])} N/m {shown(sponge['rise_samples'])}, and on "
+        f"{shown(hardest['stiffness_n_m'])} N/m {shown(hardest['rise_samples'])}; overshoot is "
+        f"{shown(soft['overshoot_percent'])} % on the softest and {shown(hard['overshoot_percent'])} % on "
+        f"{shown(hard['stiffness_n_m'])} N/m. There the force swings by "
+        f"{shown(hard['steady_peak_to_peak_n'])} N for ever, {_steps(hard):.1f} resolution steps; on the hardest "
+        f"by {shown(hardest['steady_peak_to_peak_n'])} N, {_steps(hardest):.1f} steps. In steady state the "
+        f"command still moves on {_walls(cycling)}; on the softest because it has not arrived yet. "
+        f"The paper prints neither the desired force nor the stiffnesses, so its curves cannot be laid over these."
+    )
+    claims = (
+        Claim(
+            "overdamped on a soft wall",
+            f"rise {shown(soft['rise_samples'])} samples, overshoot {shown(soft['overshoot_percent'])} % at "
+            f"{shown(soft['stiffness_n_m'])} N/m: reproduced",
+        ),
+        Claim(
+            "limit cycle on a hard wall",
+            f"{shown(hard['steady_peak_to_peak_n'])} N peak to peak at {shown(hard['stiffness_n_m'])} N/m: "
+            "reproduced",
+        ),
+    )
+    return text, claims
+
+
+def describe_adapted(table: Sequence[Row]) -> tuple[str, tuple[Claim, ...]]:
+    """What came out of Fig. 5."""
+    fixed, adapted, aware = (pick(table, controller=name) for name in (FIXED, ADAPTED, AWARE))
+    before, after = (one(rows, stiffness_n_m=5000) for rows in (fixed, adapted))
+    faster = number(before, "rise_samples") / number(after, "rise_samples")
+    hard = one(adapted, stiffness_n_m=100_000)
+    hard_fixed = one(fixed, stiffness_n_m=100_000)
+    small = [row for row in adapted if number(row, "stiffness_n_m") <= 20_000]
+    overshoot = max(number(row, "overshoot_percent") for row in small)
+    calm = [row for row in aware if number(row, "stiffness_n_m") >= 5_000]
+    bound = all(
+        abs(number(row, "steady_error_n")) <= number(row, "stiffness_n_m") * RESOLUTION / 2 for row in calm
+    )
+    aware_cycling, cycling = (
+        _cycling([row for row in rows if number(row, "stiffness_n_m") >= 5_000]) for rows in (aware, adapted)
+    )
+    aware_overshoot = max(
+        number(row, "overshoot_percent") for row in aware if number(row, "stiffness_n_m") <= 50_000
+    )
+    gone = "does" if not cycling else "does not"
+    text = (
+        f"The paper says that adaptation makes the response faster with a small overshoot and that the limit "
+        f"cycle disappears. Faster: at {shown(after['stiffness_n_m'])} N/m the rise falls from "
+        f"{shown(before['rise_samples'])} to {shown(after['rise_samples'])} samples, {faster:.1f} times. Small "
+        f"overshoot: at most {shown(overshoot)} % up to 20 000 N/m, but {shown(hard['overshoot_percent'])} % at "
+        f"{shown(hard['stiffness_n_m'])} N/m. The limit cycle {gone} disappear at {REFERENCE_N:g} N: the command "
+        f"keeps moving on {_walls(cycling)}, and at {shown(hard['stiffness_n_m'])} N/m the force swings by "
+        f"{shown(hard['steady_peak_to_peak_n'])} N, with fixed gains by "
+        f"{shown(hard_fixed['steady_peak_to_peak_n'])} N. The reason is that the fuzzy correction goes on beside "
+        f"the feedforward: quartered and rounded to whole steps it still outweighs an error that no reachable "
+        f"position can better, for one step is worth "
+        f"{shown(number(hard, 'stiffness_n_m') * RESOLUTION)} N there. "
+        f"The resolution-aware controller commands the feedforward alone and rests inside half a step: from "
+        f"5 000 N/m on its command moves on {_walls(aware_cycling)}, its mean error is "
+        f"{'within' if bound else 'not always within'} half a step's force, and its overshoot is at most "
+        f"{shown(aware_overshoot)} % up to 50 000 N/m."
+    )
+    claims = (
+        Claim("adaptation speeds up the response", f"{faster:.1f} times faster at 5 000 N/m: reproduced"),
+        Claim(
+            "small overshoot",
+            f"at most {shown(overshoot)} % up to 20 000 N/m, {shown(hard['overshoot_percent'])} % at "
+            "100 000 N/m: reproduced on soft walls only",
+        ),
+        Claim(
+            "the limit cycle disappears",
+            (
+                "reproduced"
+                if not cycling
+                else f"it stays on {_walls(cycling)}; the resolution-aware controller ends it on all but "
+                f"{_walls(aware_cycling)}"
+            ),
+        ),
+    )
+    return text, claims
+
+
+_SHOWN = (
+    "controller",
+    "stiffness_n_m",
+    "rise_samples",
+    "overshoot_percent",
+    "steady_error_n",
+    "steady_peak_to_peak_n",
+    "steps_per_second",
+)
+
+FIG3 = Experiment(
+    "fig3",
+    "Fig. 3: simulation with fixed gains",
+    lambda seeds: jobs((FIXED,), seeds),
+    evaluate,
+    describe_fixed,
+    _SHOWN,
+)
+FIG5 = Experiment(
+    "fig5",
+    "Fig. 5: simulation with adaptation",
+    lambda seeds: jobs((FIXED, ADAPTED, AWARE), seeds),
+    evaluate,
+    describe_adapted,
+    _SHOWN,
+)
+
