@@ -5,6 +5,8 @@ quaternion (0, 1, 0, 0); the sensor frame has the tool frame's orientation and l
 reads the wrench that surface and gravity exert on the tool: pressing down on the surface gives a negative Fz.
 """
 
+import copy
+import math
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
@@ -13,6 +15,7 @@ from numpy.typing import NDArray
 
 from emulators.contact import Contact, SurfaceProfile
 from emulators.jr3 import Gateway, GatewayProfile, Jr3Sensor, SensorProfile
+from emulators.jr3.sensor import SENSOR_RATE_HZ
 from emulators.robot import S3Controller, S3Profile, ServoProfile
 from protocol.adlp import LinkProfile
 from protocol.arap import Quaternion, Vector
@@ -22,6 +25,8 @@ Floats = NDArray[np.float64]
 
 _GRAVITY = np.array([0.0, 0.0, -9.80665])
 """Standard gravity in the base frame, m/s²."""
+_PAST_S = 10.0
+"""How much of what nobody measured a material is shown: as much as the motion keeps."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,7 +126,7 @@ class Cell:
         wrenches = np.zeros((len(times), 6))
         if not len(times):
             return wrenches
-        forces = self._contact.force(*self._motion.trajectory(times))
+        forces = self._contact_force(self._contact, times)
         quaternions = self._motion.orientations(times)
         turns = np.flatnonzero((quaternions[1:] != quaternions[:-1]).any(axis=1)) + 1
         for begin, end in zip((0, *turns.tolist()), (*turns.tolist(), len(times)), strict=True):
@@ -134,10 +139,28 @@ class Cell:
         """The truth at `time`, s."""
         times = np.array([time])
         positions, velocities = self._motion.trajectory(times)
-        forces = self._contact.force(positions, velocities)
+        # A copy: whoever asks for the truth must not change what the sensor will read.
+        forces = self._contact_force(copy.copy(self._contact), times)
         return TrueState(
             _vector(positions[0]), _vector(velocities[0]), self._motion.orientation(time), _vector(forces[0])
         )
+
+    def _contact_force(self, contact: Contact, times: Floats) -> Floats:
+        """Force of the surface (n, 3) at ascending `times` (n,), base frame, N.
+
+        A material that remembers is first shown the samples that nobody read, so that its force is one of
+        the motion and not of who looked when. It cannot go back: for times before what it was shown, it
+        answers as if the tip jumped there.
+        """
+        shown = contact.remembered_until
+        if shown is not None:
+            begin = max(shown, times[0] - _PAST_S) * SENSOR_RATE_HZ
+            # Samples are numbered; a millionth keeps rounding from moving one across.
+            missed = np.arange(math.floor(begin + 1e-6) + 1, math.ceil(times[0] * SENSOR_RATE_HZ - 1e-6))
+            if len(missed):
+                past = missed / SENSOR_RATE_HZ
+                contact.force(*self._motion.trajectory(past), past)
+        return contact.force(*self._motion.trajectory(times), times)
 
 
 def rotation_matrix(quaternion: Floats) -> Floats:

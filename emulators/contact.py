@@ -1,19 +1,21 @@
-"""Contact of the tool tip with a surface: stiffness, damping and friction at a point.
+"""Contact of the tool tip with a surface: shape, material and friction at a point.
 
 A surface is a profile in the plane of path and height, the same everywhere across the path, in the base
-frame (z up). The material is a linear spring and damper along the outward normal; it never pulls. Friction is
-Coulomb's, smoothed near zero velocity.
+frame (z up). The material acts along the outward normal and never pulls; its stiffness may change along the
+path, and the surface may end. Friction is Coulomb's, smoothed near zero velocity.
 Source of the default stiffness: project specification of the force control, section 5.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
+from itertools import pairwise
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from emulators.materials import MaterialProfile, Memory
 from protocol.marks import Mark, check_settings, setting
 
 Floats = NDArray[np.float64]
@@ -123,7 +125,24 @@ class SurfaceProfile:
         5000.0, Mark.OBSERVED, "stiffness along the normal; the paper's sponge", unit="N/m", minimum=0.0
     )
     damping_ns_m: float = setting(
-        10.0, Mark.ASSUMED, "damping along the normal while in contact", unit="N·s/m", minimum=0.0
+        10.0,
+        Mark.ASSUMED,
+        "damping along the normal while in contact (material linear)",
+        unit="N·s/m",
+        minimum=0.0,
+    )
+    material: MaterialProfile = field(default_factory=MaterialProfile)
+    stiffness_profile: tuple[tuple[float, float], ...] = setting(
+        (),
+        Mark.CHOSEN,
+        "factors on the stiffness along the path, linear between, constant beyond: pairs of path coordinate "
+        "in mm and factor; empty for 1 everywhere",
+    )
+    begin_mm: float | None = setting(
+        None, Mark.CHOSEN, "path coordinate before which there is no surface; none by default", unit="mm"
+    )
+    end_mm: float | None = setting(
+        None, Mark.CHOSEN, "path coordinate behind which there is no surface; none by default", unit="mm"
     )
     friction: float = setting(0.2, Mark.ASSUMED, "Coulomb coefficient against tangential motion", minimum=0.0)
     friction_smoothing_mm_s: float = setting(
@@ -136,6 +155,17 @@ class SurfaceProfile:
 
     def __post_init__(self) -> None:
         check_settings(self)
+        if any(len(pair) != 2 for pair in self.stiffness_profile):
+            raise ValueError("stiffness_profile must be pairs of path coordinate and factor")
+        if not all(math.isfinite(number) for pair in self.stiffness_profile for number in pair):
+            raise ValueError("stiffness_profile must be finite numbers")
+        if any(factor < 0.0 for _, factor in self.stiffness_profile):
+            raise ValueError("stiffness_profile must have factors of at least 0")
+        for (place, _), (following, _) in pairwise(self.stiffness_profile):
+            if not place < following:
+                raise ValueError(f"stiffness_profile must ascend, but {following:g} mm follows {place:g} mm")
+        if self.begin_mm is not None and self.end_mm is not None and not self.begin_mm < self.end_mm:
+            raise ValueError(f"end_mm must be more than begin_mm, {self.begin_mm:g}, got {self.end_mm:g}")
 
     def shape(self) -> Surface:
         """The surface in m and rad."""
@@ -152,12 +182,19 @@ class SurfaceProfile:
 
 
 class Contact:
-    """The force that a surface exerts on the tool tip."""
+    """The force that a surface exerts on the tool tip. A copy goes on from the same memory on its own."""
 
     def __init__(self, profile: SurfaceProfile) -> None:
         self._surface = profile.shape()
-        self._stiffness = profile.stiffness_n_m
-        self._damping = profile.damping_ns_m
+        self._material = profile.material.law(profile.stiffness_n_m, profile.damping_ns_m)
+        self._memory = Memory()
+        places = [(place / 1000.0, factor) for place, factor in profile.stiffness_profile]
+        self._factors = np.array(places or [(0.0, 1.0)]).T
+        self._uniform = not places
+        begin, end = profile.begin_mm, profile.end_mm
+        self._ends = begin is not None or end is not None
+        self._begin = -math.inf if begin is None else begin / 1000.0
+        self._end = math.inf if end is None else end / 1000.0
         self._friction = profile.friction
         self._smoothing = profile.friction_smoothing_mm_s / 1000.0
         angle = math.radians(profile.path_deg)
@@ -167,23 +204,42 @@ class Contact:
     def depth_and_normal(self, positions: Floats) -> tuple[Floats, Floats]:
         """Depth (n,) of the tip below the surface, m, negative outside, and the outward normals (n, 3).
 
-        `positions` (n, 3) are those of the tip in the base frame, m; so are the normals.
+        Where the surface has ended the depth is at most 0. `positions` (n, 3) are those of the tip in the
+        base frame, m; so are the normals.
         """
         along = (positions - self._origin) @ self._path
         depth, normal_along, normal_up = self._surface.depth_and_normal(along, positions[:, 2])
+        if self._ends:
+            beyond = (along < self._begin) | (along > self._end)
+            depth = np.where(beyond, np.minimum(depth, 0.0), depth)
         normals = normal_along[:, None] * self._path
         normals[:, 2] = normal_up
         return depth, normals
 
-    def force(self, positions: Floats, velocities: Floats) -> Floats:
-        """Force on the tool tip in the base frame (n, 3), N, for tip positions and velocities (n, 3)."""
+    @property
+    def remembered_until(self) -> float | None:
+        """Time of the newest sample of a material with a memory, s; None for one that has none."""
+        return self._memory.time if self._material.remembers else None
+
+    def force(self, positions: Floats, velocities: Floats, times: Floats | None = None) -> Floats:
+        """Force on the tool tip in the base frame (n, 3), N, for tip positions and velocities (n, 3).
+
+        A material with a memory needs the `times` (n,) too, ascending, s, and goes on from the call before.
+        """
         depth, normals = self.depth_and_normal(positions)
-        if not (depth > 0.0).any():
+        material = self._material
+        if not material.remembers and not (depth > 0.0).any():
             return np.zeros_like(positions)
         leaving = np.einsum("ij,ij->i", velocities, normals)
-        pressing = np.where(depth > 0.0, self._stiffness * depth - self._damping * leaving, 0.0)
-        np.maximum(pressing, 0.0, out=pressing)
+        factor = 1.0 if self._uniform else self._factor(positions)
+        pressing, self._memory = material.press(depth, -leaving, factor, times, self._memory)
         sliding = velocities - leaving[:, None] * normals
         speed = np.sqrt(np.einsum("ij,ij->i", sliding, sliding) + self._smoothing**2)
         force: Floats = pressing[:, None] * normals - (self._friction * pressing / speed)[:, None] * sliding
         return force
+
+    def _factor(self, positions: Floats) -> Floats:
+        """Factor (n,) on the stiffness under the tip."""
+        places, factors = self._factors
+        factor: Floats = np.interp((positions - self._origin) @ self._path, places, factors)
+        return factor

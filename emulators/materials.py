@@ -1,0 +1,193 @@
+"""How a surface answers to being pressed: spring, spring with hysteresis, or one that relaxes.
+
+Depths and speeds are along the outward normal, positive into the material; forces are positive outward and
+never negative, for nothing sticks.
+"""
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any, ClassVar, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from protocol.marks import Mark, check_settings, setting
+
+Floats = NDArray[np.float64]
+
+_LEVEL_M = 1e-12
+"""A dent shallower than this has gone: the material would take for ever to come back entirely."""
+
+
+class MaterialKind(StrEnum):
+    """What the surface is made of."""
+
+    LINEAR = "linear"
+    """Spring and damper."""
+    HUNT_CROSSLEY = "hunt_crossley"
+    """Spring that hardens with depth, damped in proportion to its force: begins and ends without a jump."""
+    STANDARD_LINEAR_SOLID = "standard_linear_solid"
+    """Spring parallel to a Maxwell element: relaxes under a constant depth and comes back slowly."""
+
+
+@dataclass(frozen=True, slots=True)
+class MaterialProfile:
+    """What the surface is made of, beside its stiffness."""
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
+
+    kind: MaterialKind = setting(MaterialKind.LINEAR, Mark.CHOSEN, "law of the material")  # noqa: RUF009
+    exponent: float = setting(
+        1.5, Mark.ASSUMED, "power of the depth (hunt_crossley)", minimum=1.0, maximum=10.0
+    )
+    reference_depth_mm: float = setting(
+        2.0,
+        Mark.CHOSEN,
+        "depth at which the force is that of a linear spring of the same stiffness (hunt_crossley)",
+        unit="mm",
+        above=0.0,
+    )
+    dissipation_s_m: float = setting(
+        2.0,
+        Mark.ASSUMED,
+        "share of the spring's force that each m/s of approach adds (hunt_crossley)",
+        unit="s/m",
+        minimum=0.0,
+    )
+    maxwell_share: float = setting(
+        0.5,
+        Mark.ASSUMED,
+        "stiffness of the Maxwell element's spring over that of the other one (standard_linear_solid)",
+        minimum=0.0,
+        maximum=1000.0,
+    )
+    relaxation_time_ms: float = setting(
+        500.0,
+        Mark.ASSUMED,
+        "time constant of the Maxwell element at a constant depth (standard_linear_solid)",
+        unit="ms",
+        above=0.0,
+    )
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+
+    def law(self, stiffness: float, damping: float) -> "Material":
+        """The material with a stiffness in N/m and a damping in N·s/m; only a linear one has the latter."""
+        match self.kind:
+            case MaterialKind.LINEAR:
+                return Linear(stiffness, damping)
+            case MaterialKind.HUNT_CROSSLEY:
+                return HuntCrossley(
+                    stiffness, self.exponent, self.reference_depth_mm / 1000.0, self.dissipation_s_m
+                )
+            case MaterialKind.STANDARD_LINEAR_SOLID:
+                return StandardLinearSolid(stiffness, self.maxwell_share, self.relaxation_time_ms / 1000.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Memory:
+    """What a material knows of its past: that of one that has none, or was never touched, by default."""
+
+    time: float = -math.inf
+    """Of the newest sample, s."""
+    dent: float = 0.0
+    """How deep the surface is, m, be it held there or on its way back."""
+    strain: float = 0.0
+    """Of the Maxwell element's spring, m."""
+
+
+class Material(Protocol):
+    """A law from depth to force."""
+
+    @property
+    def remembers(self) -> bool:
+        """Whether the force depends on the past: then every sample must be shown, with its time."""
+
+    def press(
+        self, depth: Floats, approach: Floats, factor: Floats | float, times: Floats | None, memory: Memory
+    ) -> tuple[Floats, Memory]:
+        """Forces (n,), N, for depth, m, and its rate of change, m/s; `factor` scales the stiffness.
+
+        `times` (n,) ascend, s. Raises ValueError when they are missing and the material remembers.
+        """
+
+
+@dataclass(frozen=True, slots=True)
+class Linear:
+    """f = k·d + c·ḋ while in contact."""
+
+    stiffness: float
+    damping: float
+    remembers: ClassVar[bool] = False
+
+    def press(
+        self, depth: Floats, approach: Floats, factor: Floats | float, times: Floats | None, memory: Memory
+    ) -> tuple[Floats, Memory]:
+        pressing = np.where(depth > 0.0, self.stiffness * factor * depth + self.damping * approach, 0.0)
+        return np.maximum(pressing, 0.0, out=pressing), memory
+
+
+@dataclass(frozen=True, slots=True)
+class HuntCrossley:
+    """f = k'·dⁿ + λ·dⁿ·ḋ; k' = k·d₀^(1−n), so that the force at the reference depth is k·d₀, and λ = k'·a.
+
+    Source: Hunt and Crossley, Coefficient of restitution interpreted as damping in vibroimpact, 1975.
+    """
+
+    stiffness: float
+    exponent: float
+    reference_depth: float
+    dissipation: float
+    remembers: ClassVar[bool] = False
+
+    def press(
+        self, depth: Floats, approach: Floats, factor: Floats | float, times: Floats | None, memory: Memory
+    ) -> tuple[Floats, Memory]:
+        relative = np.maximum(depth, 0.0) / self.reference_depth
+        spring = self.stiffness * self.reference_depth * factor * relative**self.exponent
+        pressing = spring * (1.0 + self.dissipation * approach)
+        return np.maximum(pressing, 0.0, out=pressing), memory
+
+
+@dataclass(frozen=True, slots=True)
+class StandardLinearSolid:
+    """f = k·s + k₁·e with dent s, k₁ = share·k, and ė = ṡ − e/τ for the strain e of the Maxwell spring.
+
+    While the tip is in contact s is its depth. A tip that leaves faster than the material follows leaves a
+    dent that goes by f = 0, with the time constant τ·(1 + share), and meets no force before it is below it.
+
+    Exact for a depth that is linear between samples; so is the strain, whatever the blocks. Assumed: the
+    memory travels with the tip, as if the dent were dragged along and no fresh material came under it.
+    """
+
+    stiffness: float
+    share: float
+    relaxation_time: float
+    remembers: ClassVar[bool] = True
+
+    def press(
+        self, depth: Floats, approach: Floats, factor: Floats | float, times: Floats | None, memory: Memory
+    ) -> tuple[Floats, Memory]:
+        if times is None:
+            raise ValueError("a material that remembers must be told the times of the samples")
+        time = max(memory.time, float(times[-1]))
+        if memory.dent == 0.0 and not (depth > 0.0).any():
+            return np.zeros_like(depth), Memory(time)
+        # Over a step h the strain keeps exp(-h/τ) of itself and gains g of what the dent grows by.
+        steps = np.maximum(np.diff(times, prepend=memory.time), 0.0) / self.relaxation_time
+        keeps = np.exp(-steps)
+        gains = np.ones_like(steps)
+        np.divide(-np.expm1(-steps), steps, out=gains, where=steps > 0.0)
+        share, dent, strain, forces = self.share, memory.dent, memory.strain, []
+        for sunk, keep, gain in zip(depth.tolist(), keeps.tolist(), gains.tolist(), strict=True):
+            rigid = 1.0 + share * gain
+            # The force is k·(1 + share·g)·(depth − free): free is the dent without force.
+            free = share * (gain * dent - keep * strain) / rigid
+            forces.append(rigid * (sunk - free) if sunk > free else 0.0)
+            before, dent = dent, max(sunk, free)
+            strain = keep * strain + gain * (dent - before)
+            if dent < _LEVEL_M:
+                dent = strain = 0.0
+        return self.stiffness * factor * np.array(forces), Memory(time, dent, strain)
