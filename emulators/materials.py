@@ -37,7 +37,9 @@ class MaterialProfile:
 
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
 
-    kind: MaterialKind = setting(MaterialKind.LINEAR, Mark.CHOSEN, "law of the material")  # noqa: RUF009
+    kind: MaterialKind = setting(  # noqa: RUF009
+        MaterialKind.LINEAR, Mark.CHOSEN, "its law: linear, hunt_crossley or standard_linear_solid"
+    )
     exponent: float = setting(
         1.5, Mark.ASSUMED, "power of the depth (hunt_crossley)", minimum=1.0, maximum=10.0
     )

@@ -2,7 +2,7 @@
 pure.
 """
 
-from hil_bridge.control.controllers import CONTROLLERS, make_controller
+from hil_bridge.control.controllers import CONTROLLERS, controller_kind, make_controller
 from hil_bridge.control.estimate import Gates, StiffnessEstimate
 from hil_bridge.control.frames import (
     force_along,
@@ -12,7 +12,15 @@ from hil_bridge.control.frames import (
     transform_twist,
     transform_wrench,
 )
-from hil_bridge.control.fuzzy import Inference, Surface, computed_matrix, evaluate, infer, quantise
+from hil_bridge.control.fuzzy import (
+    Inference,
+    InferenceSystem,
+    Surface,
+    computed_matrix,
+    evaluate,
+    infer,
+    quantise,
+)
 from hil_bridge.control.fuzzy_control import (
     AdaptiveState,
     FuzzyAdaptive,
@@ -24,7 +32,9 @@ from hil_bridge.control.fuzzy_control import (
 from hil_bridge.control.linear import Admittance, AdmittanceState, Pi, PiState
 from hil_bridge.control.loop import ControlLoop, Decision, LoopState, Sample
 from hil_bridge.control.merit import FiguresOfMerit, figures_of_merit
+from hil_bridge.control.plugins import plugin_names
 from hil_bridge.control.predictive import Predictive, PredictiveState
+from hil_bridge.control.rules import PAPER_RULES, RuleBase, parse_rules, read_rules, rules_as_toml
 from hil_bridge.control.stiffness import Pairing, Stiffness
 from hil_bridge.control.supervisor import (
     Allow,
@@ -44,6 +54,7 @@ from hil_bridge.control.wrist import Wrist
 
 __all__ = [
     "CONTROLLERS",
+    "PAPER_RULES",
     "AdaptiveState",
     "Admittance",
     "AdmittanceState",
@@ -60,6 +71,7 @@ __all__ = [
     "FuzzyState",
     "Gates",
     "Inference",
+    "InferenceSystem",
     "Limits",
     "LoopState",
     "Measurement",
@@ -72,6 +84,7 @@ __all__ = [
     "PredictiveState",
     "Request",
     "ResolutionAware",
+    "RuleBase",
     "Sample",
     "Stiffness",
     "StiffnessEstimate",
@@ -87,14 +100,19 @@ __all__ = [
     "Verdict",
     "Wrist",
     "computed_matrix",
+    "controller_kind",
     "evaluate",
     "figures_of_merit",
     "force_along",
     "infer",
     "make_controller",
+    "parse_rules",
+    "plugin_names",
     "quantise",
+    "read_rules",
     "rotate",
     "rotation_matrix",
+    "rules_as_toml",
     "scheduled_gain",
     "tool_gravity_wrench",
     "transform_twist",
