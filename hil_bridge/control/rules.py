@@ -7,6 +7,7 @@ names the output's term for a pair of input terms. The output's levels are facto
 
 import json
 import math
+import re
 import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -279,7 +280,7 @@ def _array(numbers: Sequence[float]) -> str:
 
 
 def _key(name: str) -> str:
-    return json.dumps(name, ensure_ascii=False)
+    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else json.dumps(name, ensure_ascii=False)
 
 
 def _by_error(rules: Sequence[Rule]) -> list[tuple[str, list[Rule]]]:

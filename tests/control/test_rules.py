@@ -55,6 +55,14 @@ def test_a_base_of_ones_own_survives_it_too_and_writes_plain_toml():
     assert base.printed is None
 
 
+def test_names_of_terms_may_hold_anything():
+    base = parse_rules(
+        SMALL.replace('"down"', '"langsam, \\"fallend\\" ∧"').replace(".down", '."langsam, \\"fallend\\" ∧"')
+    )
+    assert base.change.terms[0].name == 'langsam, "fallend" ∧'
+    assert parse_rules(rules_as_toml(base)) == base
+
+
 def test_the_papers_base_answers_with_the_printed_table_or_the_computed_one():
     printed, computed = (
         [
