@@ -8,12 +8,17 @@ sent with.
 """
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
 from hil_bridge.control.checks import FORBID_EXTRA, check_reference, require_above_zero, require_not_negative
 from hil_bridge.control.stiffness import Pairing, Stiffness, observe
 from hil_bridge.control.types import Command, Measurement
+
+_PROBE_RANGE = 50.0
+"""The stiffest surface over the softest that is believed while probing. Chosen: with the default, 2 kN/m."""
+_SWING, _CALM, _GUARD_MOST = 1.5, 0.95, 8.0
+"""What a swing multiplies the guard by, what every other sample does, and its largest value. Chosen."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,6 +42,10 @@ class PredictiveState:
     """Newest last, all of the present contact."""
     slope: float = 0.0
     """How much deeper the surface lies per travel, as far as known."""
+    side: int = 0
+    """Sign of the last force error that was clearly no noise."""
+    guard: float = 0.0
+    """Factor on the stiffness while the error swings from side to side; below 1 it is none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +69,8 @@ class Predictive:
     is an estimate, it takes the stiffest surface, and a move outwards the softest that the approach allows.
     It holds where no reachable position is nearer, |f_e| ≤ k_est · Δx_res/2 + uncertainty, unless the
     surface moves.
+    An error that swings from side to side betrays an estimate that is too low, by damping or friction: from
+    the second swing on, each raises the stiffness used in its place for a while.
     """
 
     __pydantic_config__: ClassVar = FORBID_EXTRA
@@ -110,59 +121,77 @@ class Predictive:
             return state, Command(measurement.commanded, 0.0, state.estimate.value)
         estimate = observe(state.estimate, self.pairing, measurement, state.slope)
         if not measurement.in_contact:
-            state = PredictiveState(estimate)
-            stiffness = estimate.value or self.stiffest_n_m
-            # A third: contact found again shows two cycles late, and must not be pressed threefold by then.
-            return state, self._answer(measurement, estimate, reference / (3 * stiffness), {})
+            correction = self._search(estimate, reference)
+            state = PredictiveState(estimate, guard=state.guard)
+            return state, self._answer(measurement, estimate, correction, {})
         newest = Pair(measurement.travel, measurement.position, measurement.force_at_position)
-        pairs = (*state.pairs, newest)[-self.window :]
+        state = replace(state, estimate=estimate, pairs=(*state.pairs, newest)[-self.window :])
         if estimate.value is None:
-            correction = self._probe(measurement, reference)
-            return PredictiveState(estimate, pairs), self._answer(measurement, estimate, correction, {})
-        return self._follow(estimate, pairs, measurement, reference)
+            correction = self._probe(state, measurement, reference)
+            return state, self._answer(measurement, estimate, correction, {})
+        return self._follow(state, estimate.value, measurement, reference)
 
     def _follow(
-        self, estimate: Stiffness, pairs: tuple[Pair, ...], measurement: Measurement, reference: float
+        self, state: PredictiveState, stiffness: float, measurement: Measurement, reference: float
     ) -> tuple[PredictiveState, Command]:
-        line = self._fit(estimate, pairs, measurement.travel_next, reference)
-        stiffness = estimate.value or self.stiffest_n_m
         error = measurement.force - reference
         band = stiffness * self.resolution_mm * 1e-3 / 2 + self.force_uncertainty_n
+        side = (error > 2 * band) - (error < -2 * band) or state.side
+        swung = side * state.side < 0
+        guard = min(state.guard * _SWING, _GUARD_MOST) if swung else max(state.guard * _CALM, 1.0 / _SWING)
+        line = self._fit(state, stiffness * max(guard, 1.0), measurement.travel_next, reference)
         moving = abs(line.slope) > 2 * line.slope_error
         held = abs(error) <= band and not moving
         explanation = {
-            "relative_error": estimate.relative_error(self.pairing),
+            "relative_error": state.estimate.relative_error(self.pairing),
+            "guard": max(guard, 1.0),
             "slope": line.slope,
             "predicted_m": line.value,
             "band_n": band,
         }
         correction = 0.0 if held else line.value - measurement.commanded
-        command = self._answer(measurement, estimate, correction, explanation, held)
-        return PredictiveState(estimate, pairs, line.slope if moving else 0.0), command
+        command = self._answer(measurement, state.estimate, correction, explanation, held)
+        return replace(state, slope=line.slope if moving else 0.0, side=side, guard=guard), command
 
-    def _probe(self, measurement: Measurement, reference: float) -> float:
+    def _probe(self, state: PredictiveState, measurement: Measurement, reference: float) -> float:
         """Correction while nothing is known of the stiffness, m."""
         error = reference - measurement.force
-        if error >= 0 or measurement.free_position is None:
+        if error >= 0:
+            return error / self._stiffest(state.pairs)
+        if measurement.free_position is None:
             return error / self.stiffest_n_m
         # Contact began behind the last position without it, so the surface is at least this stiff.
         travelled = max(measurement.position - measurement.free_position, self.resolution_mm * 1e-3)
-        return (
-            error / (2 * measurement.force_at_position / travelled)
-            if measurement.force_at_position > 0
-            else 0
-        )
+        return error * travelled / (2 * max(measurement.force_at_position, -error))
 
-    def _fit(self, estimate: Stiffness, pairs: tuple[Pair, ...], at: float, reference: float) -> Line:
+    def _stiffest(self, pairs: tuple[Pair, ...]) -> float:
+        """Twice what the surface can be at most, going by moves inwards that the force hardly answered,
+        N/m.
+        """
+        newest, least = pairs[-1], self.stiffest_n_m / _PROBE_RANGE
+        for pair in pairs[:-1]:
+            moved = newest.position - pair.position - self.resolution_mm * 1e-3
+            if moved > self.resolution_mm * 1e-3 / 2:
+                pressed = max(newest.force - pair.force, 0.0) + 2 * self.force_uncertainty_n
+                return min(max(2 * pressed / moved, least), self.stiffest_n_m)
+        return self.stiffest_n_m
+
+    def _search(self, estimate: Stiffness, reference: float) -> float:
+        """Correction while contact is lost, m."""
+        if estimate.value is None:
+            return max(reference / self.stiffest_n_m, self.resolution_mm * 1e-3)
+        # A third: contact found again shows two cycles late, and must not be pressed threefold by then.
+        return reference / (3 * estimate.value)
+
+    def _fit(self, state: PredictiveState, stiffness: float, at: float, reference: float) -> Line:
         """Weighted least squares with a slope that is 0 ± `steepest` before any pair is seen."""
-        stiffness = estimate.value or self.stiffest_n_m
-        doubt = min(estimate.relative_error(self.pairing), 1.0)
+        doubt = min(state.estimate.relative_error(self.pairing), 1.0)
         wary = stiffness * (1 + self.caution * doubt)
         still = (self.resolution_mm * 1e-3) ** 2 / 12 + (self.force_uncertainty_n / stiffness) ** 2
         bend = 0.5 / (self.smallest_radius_mm * 1e-3)
         s0 = s1 = s2 = t0 = t1 = 0.0
-        base = pairs[-1].position
-        for pair in pairs:
+        base = state.pairs[-1].position
+        for pair in state.pairs:
             short, away = reference - pair.force, pair.travel - at
             wanted = pair.position - base + short / (wary if short > 0 else stiffness)
             variance = still + (doubt * short / stiffness) ** 2 + (bend * away * away) ** 2

@@ -33,8 +33,9 @@ class Pairing:
     forgetting: float = 0.8
     """λ: what older pairs still count when a pair has been added. Chosen: half of them after three."""
     smallest_move: float = 1.5
-    """|φ| from which a pair counts, in resolution steps. Chosen: a reversal moves the robot by one step less
-    than it reports.
+    """Move from which a pair counts, in resolution steps; once there is an estimate, the mean of |φ| and of
+    |Δf|/k, lest those be chosen in which |φ| is large by quantisation alone. Chosen: a reversal moves the
+    robot by one step less than it reports.
     """
     stiffness_min: float = 1e2
     """Smallest stiffness that is believed, N/m."""
@@ -114,15 +115,16 @@ def observe(estimate: Stiffness, pairing: Pairing, measurement: Measurement, slo
         return newer
     moved = position - estimate.position - slope * (travel - estimate.travel)
     pressed = force - estimate.force
-    telling = abs(moved) >= pairing.smallest_move * pairing.resolution_mm * 1e-3 * (1 - 1e-6)
+    known = estimate.value
+    size = abs(moved) if known is None else (abs(moved) + abs(pressed) / known) / 2
+    telling = size >= pairing.smallest_move * pairing.resolution_mm * 1e-3 * (1 - 1e-6)
     if not telling:
         # Until there is an estimate, small moves of a cautious beginning add up, though not for ever: a
         # surface that moves sideways under the tool would enter the quotient without bound.
-        older = estimate.value is None and estimate.age + 1 < _FIRST_SPAN
+        older = known is None and estimate.age + 1 < _FIRST_SPAN
         return replace(estimate, age=estimate.age + 1) if older else newer
-    if not pairing.stiffness_min <= pressed / moved <= pairing.stiffness_max:
-        return newer
-    if abs(pressed) < 2 * pairing.force_uncertainty_n:
+    possible = moved and pairing.stiffness_min <= pressed / moved <= pairing.stiffness_max
+    if not possible or abs(pressed) < 2 * pairing.force_uncertainty_n:
         return newer
     kept = pairing.forgetting
     return replace(

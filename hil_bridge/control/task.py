@@ -58,6 +58,10 @@ class TaskParameters:
     """Contact losses after which the run is ended."""
     step_mm: float = 1.0
     """Travel along the surface per sample. Source: the paper's experiments."""
+    travel_from_share: float = 0.0
+    """Share of the desired force that must be reached after contact was found before the tool travels; 0
+    travels at once. Waiting keeps an unknown slope out of the first estimate of the stiffness.
+    """
     travel_limit_mm: float = 500.0
     """Travel after which tracking ends."""
     retract_step_mm: float = 1.0
@@ -79,9 +83,11 @@ class TaskParameters:
             "travel_limit_mm",
             "retract_step_mm",
         )
-        require_not_negative(self, "loss_threshold_n", "step_mm", "retract_mm")
+        require_not_negative(self, "loss_threshold_n", "step_mm", "travel_from_share", "retract_mm")
         if self.loss_threshold_n > self.contact_threshold_n:
             raise ValueError("loss_threshold_n must not be above contact_threshold_n")
+        if self.travel_from_share > 1:
+            raise ValueError("travel_from_share must not be above 1")
         if self.contact_threshold_n >= self.force_n:
             raise ValueError("contact_threshold_n must be below force_n")
 
@@ -106,6 +112,8 @@ class TaskState:
     turn: float | None = None
     """Depth at which the present approach or retraction began, m; None before its first sample."""
     in_contact: bool = False
+    settled: bool = False
+    """The force has been high enough for the tool to travel, since contact was found."""
     free: float | None = None
     """Reported position of the newest sample without contact, m."""
     lost_at: float | None = None
@@ -198,7 +206,9 @@ class Task:
     def _approach(self, state: TaskState, measurement: Measurement) -> tuple[TaskState, TaskOutput]:
         if state.in_contact:
             memory = self.controller.initial() if state.controller is None else state.controller
-            state = replace(state, phase=Phase.TRACK, turn=None, samples_lost=0, controller=memory)
+            state = replace(
+                state, phase=Phase.TRACK, turn=None, samples_lost=0, settled=False, controller=memory
+            )
             return self._track(state, measurement)
         turn = measurement.commanded if state.turn is None else state.turn
         depth = measurement.commanded + self._approach_step(measurement)
@@ -232,7 +242,10 @@ class Task:
         return f"the surface ended: no contact within {self.parameters.search_depth_limit_mm:g} mm"
 
     def _track(self, state: TaskState, measurement: Measurement) -> tuple[TaskState, TaskOutput]:
-        travel = state.travel + (self.parameters.step_mm * 1e-3 if state.in_contact else 0.0)
+        enough = measurement.force >= self.parameters.travel_from_share * self.parameters.force_n
+        state = replace(state, settled=state.settled or enough)
+        goes_on = state.in_contact and state.settled
+        travel = state.travel + (self.parameters.step_mm * 1e-3 if goes_on else 0.0)
         seen = replace(measurement, in_contact=state.in_contact, travel_next=travel, free_position=state.free)
         memory, command = self.controller.step(state.controller, seen, self.parameters.force_n)
         state = replace(state, controller=memory)
