@@ -6,6 +6,7 @@ import click
 
 from hil_bridge.cli.decode import decode
 from hil_bridge.cli.emulate import emulate
+from hil_bridge.cli.experiment import experiment
 from hil_bridge.cli.files import config, profile, report
 from hil_bridge.cli.run import run
 from hil_bridge.errors import BridgeError
@@ -23,7 +24,7 @@ def cli() -> None:
     """
 
 
-for command in (run, emulate, decode, report, config, profile):
+for command in (run, emulate, experiment, decode, report, config, profile):
     cli.add_command(command)
 
 

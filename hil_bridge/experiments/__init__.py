@@ -1,0 +1,27 @@
+"""The paper's figures and tables, repeated by simulation and on the emulated cell, and what goes beyond."""
+
+from hil_bridge.experiments.chain import CellRun, run_cell
+from hil_bridge.experiments.comparison import COMPARISON
+from hil_bridge.experiments.pages import write_findings, write_page
+from hil_bridge.experiments.pool import run_jobs
+from hil_bridge.experiments.resolution import RESOLUTION
+from hil_bridge.experiments.results import Experiment, Findings
+from hil_bridge.experiments.rules import RULES
+from hil_bridge.experiments.simulation import FIG3, FIG5
+from hil_bridge.experiments.tracking import TRACKING
+
+EXPERIMENTS = {
+    experiment.name: experiment for experiment in (RULES, FIG3, FIG5, *TRACKING, RESOLUTION, COMPARISON)
+}
+"""Every experiment by its name, in the order of the paper."""
+
+__all__ = [
+    "EXPERIMENTS",
+    "CellRun",
+    "Experiment",
+    "Findings",
+    "run_cell",
+    "run_jobs",
+    "write_findings",
+    "write_page",
+]

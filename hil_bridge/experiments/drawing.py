@@ -7,7 +7,6 @@ import numpy as np
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 # Okabe-Ito colours: told apart with every common kind of colour blindness.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#8C6D31")
@@ -30,7 +29,7 @@ _STYLE: dict[Any, Any] = {
 
 
 class Sheet:
-    """A figure in the making: its axes, then its bytes. Use it as a context, for the style holds only inside."""
+    """A figure in the making: its axes, then its bytes. A context, for the style holds only inside."""
 
     def __init__(self, width: float, height: float, rows: int = 1, columns: int = 1, **how: Any) -> None:
         import matplotlib  # late: it takes most of a second, and the command line imports this package
@@ -42,7 +41,7 @@ class Sheet:
         self._layout = (rows, columns)
         self._how = how
         self._figure_type, self._canvas_type = Figure, FigureCanvasAgg
-        self.figure: Figure
+        self.figure: Any
         self.axes: list[Axes]
 
     def __enter__(self) -> "Sheet":
@@ -59,10 +58,11 @@ class Sheet:
         """The picture. The same figure gives the same bytes with the same version of matplotlib."""
         from PIL import Image  # comes with matplotlib
 
-        self._canvas.draw()
-        pixels = Image.fromarray(np.asarray(self._canvas.buffer_rgba())).convert("RGB")
+        self._canvas.draw()  # type: ignore[no-untyped-call]
+        drawn = np.asarray(self._canvas.buffer_rgba())  # type: ignore[no-untyped-call]
+        pixels = Image.fromarray(drawn).convert("RGB")
         buffer = io.BytesIO()
-        # A palette makes line drawings a third of the size, so that they can be kept beside the documentation.
+        # A palette makes line drawings a third of the size; they are kept beside the documentation.
         pixels.quantize(128, dither=Image.Dither.NONE).save(buffer, "PNG", optimize=True)
         return buffer.getvalue()
 

@@ -9,7 +9,7 @@ from typing import Any
 from hil_bridge.experiments.results import Job
 
 CHUNK = 4
-"""Jobs handed to a process at once. Chosen: some seconds of work, so that the end is not spent waiting for one."""
+"""Jobs handed to a process at once. Chosen: a second or two of work."""
 
 
 def run_jobs(

@@ -1,8 +1,8 @@
 """The paper's discussion: the limit cycle that the position resolution leaves, measured and predicted.
 
-An integral controller whose loop gain is the same on every surface, so that stiffness and resolution alone make
-the difference: in the paper's simulation, where the position is rounded and nothing else, and through the whole
-chain, whose servo does not react inside its dead band.
+The controller is an integral one whose loop gain is the same on every surface, so that stiffness and
+resolution alone make the difference: in the paper's simulation, where the position is rounded and nothing
+else, and through the whole chain, whose servo does not react inside its dead band.
 """
 
 import math
@@ -33,7 +33,7 @@ def _parameters(stiffness: float) -> Parameters:
 
 
 def _reference(stiffness: float, resolution_mm: float) -> float:
-    """Some steps from losing contact, and half-way between two forces that whole steps reach from zero depth."""
+    """Some steps from losing contact, and half-way between two forces that whole steps reach from zero."""
     step = stiffness * resolution_mm * 1e-3
     return (math.ceil(10.0 / step) + 2.5) * step
 
@@ -81,7 +81,10 @@ def plant(job: CellJob, period: float) -> SampledPlant:
     cell = job.config().cell
     characters = 2 + BLOCK_OVERHEAD + cell.link.move_length
     servo = cell.servo
-    delay = characters * cell.link.character_time + (1.5 * servo.interpolation_ms + servo.transport_delay_ms) * 1e-3
+    delay = (
+        characters * cell.link.character_time
+        + (1.5 * servo.interpolation_ms + servo.transport_delay_ms) * 1e-3
+    )
     return SampledPlant(period, delay, servo.natural_frequency_rad_s, servo.damping_ratio)
 
 
@@ -101,7 +104,8 @@ def evaluate(done: Sequence[Any], results: Sequence[Any]) -> Findings:
             cells = [
                 (job, result)
                 for job, result in pairs
-                if isinstance(job, CellJob) and (job.stiffness, job.resolution_mm) == (stiffness, resolution_mm)
+                if isinstance(job, CellJob)
+                and (job.stiffness, job.resolution_mm) == (stiffness, resolution_mm)
             ]
             table.append(_row(stiffness, resolution_mm, wall, cells))
     return Findings(tuple(table), _draw(table))
@@ -126,6 +130,7 @@ def _row(
         "chain_n_sd": rounded(swing_sd),
         "predicted_period_s": rounded(predicted.period),
         "chain_period_s": rounded(period),
+        "sample_ms": rounded(spread(trace.period * 1e3 for _, trace in cells)[0]),
         "seeds": len(cells),
     }
 
@@ -190,24 +195,29 @@ def describe(table: Sequence[Row]) -> tuple[str, tuple[Claim, ...]]:
     simulated = [number(row, "simulated_n") / number(row, "step_force_n") for row in table]
     predicted = [number(row, "chain_n") / number(row, "predicted_n") for row in table]
     slope, _ = np.polyfit(
-        np.log([number(row, "step_force_n") for row in table]), np.log([number(row, "chain_n") for row in table]), 1
+        np.log([number(row, "step_force_n") for row in table]),
+        np.log([number(row, "chain_n") for row in table]),
+        1,
     )
     periods = [number(row, "chain_period_s") for row in table if row["chain_period_s"] is not None]
     text = (
-        f"The paper says that a constant force ends in a slow oscillation of amplitude k_e·Δx_res, because the "
-        f"position may be anywhere within half a step of the reported one. Over {len(table)} combinations of "
-        f"stiffness and resolution, k_e·Δx_res from {shown(min(number(row, 'step_force_n') for row in table))} to "
-        f"{shown(max(number(row, 'step_force_n') for row in table))} N, an integral controller ends in one. With "
-        f"rounding alone its peak-to-peak is {min(simulated):.2f} to {max(simulated):.2f} times k_e·Δx_res. Through "
-        f"the whole chain it is {min(ratios):.2f} to {max(ratios):.2f} times, on average {np.mean(ratios):.2f}, "
-        f"and grows with the power {slope:.2f} of it: the proportionality is reproduced. Against the describing "
-        f"function, which knows the servo's lag, it is {min(predicted):.2f} to {max(predicted):.2f} times as "
-        f"large. The servo with its dead band stops where the reported position becomes the wanted one, which is up "
-        f"to half a step before it, so a command of one step moves the tool by less or, after the next "
-        f"correction, by more than a step. The oscillation's period is {shown(min(periods))} to "
-        f"{shown(max(periods))} s, predicted {shown(min(number(row, 'predicted_period_s') for row in table))} to "
-        f"{shown(max(number(row, 'predicted_period_s') for row in table))} s at the middle between two forces; "
-        f"off the middle it is slower, as the prediction says."
+        f"The paper says that a constant force ends in a slow oscillation of amplitude k_e·Δx_res, because "
+        f"the position may be anywhere within half a step of the reported one. Over {len(table)} "
+        f"combinations of stiffness and resolution, k_e·Δx_res from "
+        f"{shown(min(number(row, 'step_force_n') for row in table))} to "
+        f"{shown(max(number(row, 'step_force_n') for row in table))} N, an integral controller ends in one. "
+        f"With rounding alone its peak-to-peak is {min(simulated):.2f} to {max(simulated):.2f} times "
+        f"k_e·Δx_res. Through the whole chain it is {min(ratios):.2f} to {max(ratios):.2f} times, on "
+        f"average {np.mean(ratios):.2f}, and grows with the power {slope:.2f} of it: the proportionality is "
+        f"reproduced. Against the describing function, which knows the servo's lag, it is "
+        f"{min(predicted):.2f} to {max(predicted):.2f} times as large. The reason is the dead band: the "
+        f"servo turns itself off as soon as the reported position is the wanted one, so on the way between "
+        f"two steps it has only to cross the border between them, and the tool moves by what it passes that "
+        f"border before the next tick notices. k_e·Δx_res is what a servo leaves that goes on to its set "
+        f"point. The oscillation's period is {shown(min(periods))} to {shown(max(periods))} s, at "
+        f"{shown(number(table[0], 'sample_ms'))} ms a sample; predicted are "
+        f"{shown(min(number(row, 'predicted_period_s') for row in table))} s, the slowest of the cycles "
+        f"that sampling allows with less than a sample of delay."
         if periods
         else "No oscillation was found in any combination of stiffness and resolution, against the paper."
     )

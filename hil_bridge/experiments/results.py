@@ -48,11 +48,11 @@ class Experiment:
     title: str
     jobs: Callable[[int], Sequence[Job]]
     """The simulations for so many noise seeds."""
-    evaluate: Callable[[Sequence[Job], Sequence[Any]], Findings]
-    """Table and picture from these jobs and their results."""
+    evaluate: Callable[..., Findings]
+    """Table and picture from the jobs and their results, two sequences of the same length."""
     describe: Callable[[Sequence[Row]], tuple[str, tuple[Claim, ...]]]
-    """The paragraph, and the paper's claims with what came out: from the table alone, so that no number in the
-    text can differ from the CSV file.
+    """The paragraph, and the paper's claims with what came out: from the table alone, so that no number in
+    the text can differ from the CSV file.
     """
     shown: tuple[str, ...] = ()
     """Columns of the table that a page shows; none for a table too long for it."""

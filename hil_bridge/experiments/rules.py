@@ -25,7 +25,9 @@ def evaluate(done: Sequence[Job], results: Sequence[Any]) -> Findings:
     ]
     with Sheet(7.6, 6.2) as sheet:
         (ax,) = sheet.axes
-        image = ax.imshow(computed, cmap="PuOr", vmin=-6, vmax=6, origin="lower", extent=(-6.5, 6.5, -6.5, 6.5))
+        image = ax.imshow(
+            computed, cmap="PuOr", vmin=-6, vmax=6, origin="lower", extent=(-6.5, 6.5, -6.5, 6.5)
+        )
         for entry in table:
             differs = entry["printed"] != entry["computed"]
             ax.text(
@@ -37,7 +39,7 @@ def evaluate(done: Sequence[Job], results: Sequence[Any]) -> Findings:
                 fontsize=8.5 if differs else 9.5,
                 fontweight="bold" if differs else "normal",
                 color="white" if abs(number(entry, "computed")) > 4 else "black",
-                bbox={"boxstyle": "square,pad=0.25", "facecolor": "none", "edgecolor": "#D55E00", "lw": 2.0}
+                bbox={"boxstyle": "square,pad=0.25", "facecolor": "none", "edgecolor": "black", "lw": 2.0}
                 if differs
                 else None,
             )
@@ -67,11 +69,11 @@ def describe(table: Sequence[Row]) -> tuple[str, tuple[Claim, ...]]:
         for row in wrong
     )
     text = (
-        f"The paper prints Table 3 but not the rules behind it. Mamdani inference on Table 2 with the recovered "
-        f"rules gives {len(table) - len(wrong)} of its {len(table)} entries. What differs: {named or 'nothing'}. "
-        f"The printed matrix should be antisymmetric, G(−e, −ce) = −G(e, ce); it is not at "
-        f"{', '.join(f'({_signed(e)}, {_signed(c)})' for e, c in odd) or 'no entry'}, which points at the same "
-        f"entry: a slip in the paper."
+        f"The paper prints Table 3 but not the rules behind it. Mamdani inference on Table 2 with the "
+        f"recovered rules gives {len(table) - len(wrong)} of its {len(table)} entries. What differs: "
+        f"{named or 'nothing'}. The printed matrix should be antisymmetric, G(−e, −ce) = −G(e, ce); it is "
+        f"not at {', '.join(f'({_signed(e)}, {_signed(c)})' for e, c in odd) or 'no entry'}, which points "
+        f"at the same entry: a slip in the paper."
     )
     claim = Claim(
         "Table 3 follows from rules after MacVicar-Whelan",

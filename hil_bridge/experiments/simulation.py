@@ -79,7 +79,9 @@ def evaluate(done: Sequence[WallJob], results: Sequence[WallRun]) -> Findings:
 
 def _cycling(rows: Sequence[Row]) -> list[int]:
     """Walls on which the command still moves in steady state."""
-    return [int(number(row, "stiffness_n_m")) for row in rows if number(row, "steps_per_second") > SETTLED_STEPS]
+    return [
+        int(number(row, "stiffness_n_m")) for row in rows if number(row, "steps_per_second") > SETTLED_STEPS
+    ]
 
 
 def _walls(stiffnesses: Sequence[Any]) -> str:
@@ -98,17 +100,18 @@ def describe_fixed(table: Sequence[Row]) -> tuple[str, tuple[Claim, ...]]:
     soft, sponge, hard, hardest = (one(table, stiffness_n_m=k) for k in (1000, 5000, 50_000, 100_000))
     cycling = _cycling(pick(table, controller=FIXED))
     text = (
-        f"The paper says that with a fixed gain matrix the response is overdamped on a soft wall and ends in a "
-        f"limit cycle on a hard one. Both came out. On {shown(soft['stiffness_n_m'])} N/m the force takes "
-        f"{shown(soft['rise_samples'])} samples to 90 % of the {REFERENCE_N:g} N, on "
+        f"The paper says that with a fixed gain matrix the response is overdamped on a soft wall and ends "
+        f"in a limit cycle on a hard one. Both came out. On {shown(soft['stiffness_n_m'])} N/m the force "
+        f"takes {shown(soft['rise_samples'])} samples to 90 % of the {REFERENCE_N:g} N, on "
         f"{shown(sponge['stiffness_n_m'])} N/m {shown(sponge['rise_samples'])}, and on "
         f"{shown(hardest['stiffness_n_m'])} N/m {shown(hardest['rise_samples'])}; overshoot is "
         f"{shown(soft['overshoot_percent'])} % on the softest and {shown(hard['overshoot_percent'])} % on "
         f"{shown(hard['stiffness_n_m'])} N/m. There the force swings by "
-        f"{shown(hard['steady_peak_to_peak_n'])} N for ever, {_steps(hard):.1f} resolution steps; on the hardest "
-        f"by {shown(hardest['steady_peak_to_peak_n'])} N, {_steps(hardest):.1f} steps. In steady state the "
-        f"command still moves on {_walls(cycling)}; on the softest because it has not arrived yet. "
-        f"The paper prints neither the desired force nor the stiffnesses, so its curves cannot be laid over these."
+        f"{shown(hard['steady_peak_to_peak_n'])} N for ever, {_steps(hard):.1f} resolution steps; on the "
+        f"hardest by {shown(hardest['steady_peak_to_peak_n'])} N, {_steps(hardest):.1f} steps. In steady "
+        f"state the command still moves on {_walls(cycling)}; on the softest because it has not arrived "
+        f"yet. The paper prints neither the desired force nor the stiffnesses, so its curves cannot be laid "
+        f"over these."
     )
     claims = (
         Claim(
@@ -146,21 +149,20 @@ def describe_adapted(table: Sequence[Row]) -> tuple[str, tuple[Claim, ...]]:
     )
     gone = "does" if not cycling else "does not"
     text = (
-        f"The paper says that adaptation makes the response faster with a small overshoot and that the limit "
-        f"cycle disappears. Faster: at {shown(after['stiffness_n_m'])} N/m the rise falls from "
-        f"{shown(before['rise_samples'])} to {shown(after['rise_samples'])} samples, {faster:.1f} times. Small "
-        f"overshoot: at most {shown(overshoot)} % up to 20 000 N/m, but {shown(hard['overshoot_percent'])} % at "
-        f"{shown(hard['stiffness_n_m'])} N/m. The limit cycle {gone} disappear at {REFERENCE_N:g} N: the command "
-        f"keeps moving on {_walls(cycling)}, and at {shown(hard['stiffness_n_m'])} N/m the force swings by "
-        f"{shown(hard['steady_peak_to_peak_n'])} N, with fixed gains by "
-        f"{shown(hard_fixed['steady_peak_to_peak_n'])} N. The reason is that the fuzzy correction goes on beside "
-        f"the feedforward: quartered and rounded to whole steps it still outweighs an error that no reachable "
-        f"position can better, for one step is worth "
-        f"{shown(number(hard, 'stiffness_n_m') * RESOLUTION)} N there. "
-        f"The resolution-aware controller commands the feedforward alone and rests inside half a step: from "
-        f"5 000 N/m on its command moves on {_walls(aware_cycling)}, its mean error is "
-        f"{'within' if bound else 'not always within'} half a step's force, and its overshoot is at most "
-        f"{shown(aware_overshoot)} % up to 50 000 N/m."
+        f"The paper says that adaptation makes the response faster with a small overshoot and that the "
+        f"limit cycle disappears. Faster: at {shown(after['stiffness_n_m'])} N/m the rise falls from "
+        f"{shown(before['rise_samples'])} to {shown(after['rise_samples'])} samples, {faster:.1f} times. "
+        f"Small overshoot: at most {shown(overshoot)} % up to 20 000 N/m, but "
+        f"{shown(hard['overshoot_percent'])} % at {shown(hard['stiffness_n_m'])} N/m. The limit cycle "
+        f"{gone} disappear at {REFERENCE_N:g} N: the command keeps moving on {_walls(cycling)}, and at "
+        f"{shown(hard['stiffness_n_m'])} N/m the force swings by {shown(hard['steady_peak_to_peak_n'])} N, "
+        f"with fixed gains by {shown(hard_fixed['steady_peak_to_peak_n'])} N. The reason is that the fuzzy "
+        f"correction goes on beside the feedforward: quartered and rounded to whole steps it still "
+        f"outweighs an error that no reachable position can better, for one step is worth "
+        f"{shown(number(hard, 'stiffness_n_m') * RESOLUTION)} N there. The resolution-aware controller "
+        f"commands the feedforward alone and rests inside half a step: from 5 000 N/m on its command moves "
+        f"on {_walls(aware_cycling)}, its mean error is {'within' if bound else 'not always within'} half a "
+        f"step's force, and its overshoot is at most {shown(aware_overshoot)} % up to 50 000 N/m."
     )
     claims = (
         Claim("adaptation speeds up the response", f"{faster:.1f} times faster at 5 000 N/m: reproduced"),
@@ -174,7 +176,7 @@ def describe_adapted(table: Sequence[Row]) -> tuple[str, tuple[Claim, ...]]:
             (
                 "reproduced"
                 if not cycling
-                else f"it stays on {_walls(cycling)}; the resolution-aware controller ends it on all but "
+                else f"it stays on {_walls(cycling)}; with the resolution-aware controller on "
                 f"{_walls(aware_cycling)}"
             ),
         ),
@@ -208,4 +210,3 @@ FIG5 = Experiment(
     describe_adapted,
     _SHOWN,
 )
-

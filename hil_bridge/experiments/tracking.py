@@ -14,6 +14,8 @@ REFERENCE_N = 10.0
 STIFFNESS = 5000.0
 FLAT_SECONDS, CONTOUR_SECONDS = 20.0, 40.0
 """Chosen: a hundred samples on the flat sponge, more than a period of the contour."""
+SHOWN_SECONDS = 10.0
+"""What the picture of the flat sponge shows; nothing new happens later."""
 
 
 def jobs(controllers: Sequence[str], contour: bool, seeds: int) -> list[CellJob]:
@@ -106,6 +108,7 @@ def evaluate_flat(done: Sequence[CellJob], results: Sequence[CellTrace]) -> Find
             ax.set_yscale("log")
             ax.set_ylim(1e3, 3e4)
             ax.set_ylabel("stiffness\nestimate, N/m")
+        sheet.axes[-1].set_xlim(-0.2, SHOWN_SECONDS)
         sheet.axes[-1].set_xlabel("time since contact, s")
         picture = sheet.png()
     return Findings(table, picture, _series(groups))
@@ -154,19 +157,21 @@ def describe_fig7(table: Sequence[Row]) -> tuple[str, tuple[Claim, ...]]:
     """The flat sponge without adaptation."""
     row = one(table, controller=FIXED)
     text = (
-        f"The paper shows that the fuzzy controller without adaptation reaches and holds {REFERENCE_N:g} N on a "
-        f"flat sponge of about {shown(STIFFNESS)} N/m, at 1 mm a sample. Through the emulated chain, at "
-        f"{shown(row['period_ms'])} ms a sample, it takes {shown(row['rise_samples'])} samples to 90 % "
+        f"The paper shows that the fuzzy controller without adaptation reaches and holds {REFERENCE_N:g} N "
+        f"on a flat sponge of about {shown(STIFFNESS)} N/m, at 1 mm a sample. Through the emulated chain, "
+        f"at {shown(row['period_ms'])} ms a sample, it takes {shown(row['rise_samples'])} samples to 90 % "
         f"(spread {shown(row['rise_samples_sd'])} over {row['seeds']} seeds), overshoots by "
-        f"{shown(row['overshoot_percent'])} % and rests at a mean error of {shown(row['steady_error_n'])} N, with "
-        f"{shown(row['steady_peak_to_peak_n'])} N peak to peak and {shown(row['contact_losses'])} contact losses. "
-        f"It rests because Table 1 takes an error below 5 % of the desired force for small and Table 3 answers "
-        f"small with nothing; one resolution step is worth {shown(STIFFNESS * 0.125e-3)} N here. "
-        f"The paper prints no time axis in words, so the rise cannot be compared in seconds."
+        f"{shown(row['overshoot_percent'])} % and rests at a mean error of {shown(row['steady_error_n'])} "
+        f"N, with {shown(row['steady_peak_to_peak_n'])} N peak to peak and {shown(row['contact_losses'])} "
+        f"contact losses. It rests because Table 1 takes an error below 5 % of the desired force for small "
+        f"and Table 3 answers small with nothing; one resolution step is worth "
+        f"{shown(STIFFNESS * 0.125e-3)} N here. The paper prints no time axis in words, so the rise cannot "
+        f"be compared in seconds."
     )
     claim = Claim(
         "the fuzzy controller holds 10 N on a sponge",
-        f"rise {shown(row['rise_samples'])} samples, steady error {shown(row['steady_error_n'])} N: reproduced",
+        f"rise {shown(row['rise_samples'])} samples, steady error "
+        f"{shown(row['steady_error_n'])} N: reproduced",
     )
     return text, (claim,)
 
@@ -179,22 +184,24 @@ def describe_fig8(table: Sequence[Row]) -> tuple[str, tuple[Claim, ...]]:
     better = number(fixed, "rise_samples") / number(best, "rise_samples")
     estimate = number(adapted, "stiffness_estimate_n_m") / STIFFNESS
     text = (
-        f"The paper says that the adaptive controller responds faster than the fixed one and that the estimator "
-        f"works as expected. It came out {word}: {shown(adapted['rise_samples'])} samples to 90 % against "
-        f"{shown(fixed['rise_samples'])}, a factor of {faster:.1f}. The estimate ends at "
-        f"{shown(adapted['stiffness_estimate_n_m'])} N/m, {estimate:.2f} times the stiffness of the sponge; the "
-        f"reported position lags and is rounded, and the force is sampled at another moment than the position, "
-        f"which the paper's eq. (4) does not know. Overshoot is {shown(adapted['overshoot_percent'])} %, against "
-        f"{shown(fixed['overshoot_percent'])} % with fixed gains; the steady force swings by "
-        f"{shown(adapted['steady_peak_to_peak_n'])} N against {shown(fixed['steady_peak_to_peak_n'])} N, since "
-        f"the feedforward is commanded at every sample and the answer to it is seen a sample late. "
-        f"The project's own controller, {BEST}, takes {shown(best['rise_samples'])} samples ({better:.1f} times "
-        f"faster than fixed gains), overshoots by {shown(best['overshoot_percent'])} % and leaves "
-        f"{shown(best['steady_peak_to_peak_n'])} N peak to peak at a mean error of "
-        f"{shown(best['steady_error_n'])} N."
+        f"The paper says that the adaptive controller responds faster than the fixed one and that the "
+        f"estimator works as expected. It came out {word}: {shown(adapted['rise_samples'])} samples to 90 % "
+        f"against {shown(fixed['rise_samples'])}, a factor of {faster:.1f}. The estimate ends at "
+        f"{shown(adapted['stiffness_estimate_n_m'])} N/m, {estimate:.2f} times the stiffness of the sponge; "
+        f"the reported position lags and is rounded, and the force is sampled at another moment than the "
+        f"position, which the paper's eq. (4) does not know. Overshoot is "
+        f"{shown(adapted['overshoot_percent'])} %, against {shown(fixed['overshoot_percent'])} % with fixed "
+        f"gains; the steady force swings by {shown(adapted['steady_peak_to_peak_n'])} N against "
+        f"{shown(fixed['steady_peak_to_peak_n'])} N. The project's own controller, {BEST}, takes "
+        f"{shown(best['rise_samples'])} samples ({better:.1f} times faster than fixed gains), overshoots by "
+        f"{shown(best['overshoot_percent'])} % and leaves {shown(best['steady_peak_to_peak_n'])} N peak to "
+        f"peak at a mean error of {shown(best['steady_error_n'])} N."
     )
     claims = (
-        Claim("with adaptation the response on the sponge is faster", f"{faster:.1f} times: {_verdict(faster > 1.2)}"),
+        Claim(
+            "with adaptation the response on the sponge is faster",
+            f"{faster:.1f} times: {_verdict(faster > 1.2)}",
+        ),
         Claim(
             "the environment estimator works as expected",
             f"it ends at {shown(adapted['stiffness_estimate_n_m'])} N/m on {shown(STIFFNESS)} N/m",
@@ -212,12 +219,13 @@ def describe_fig9(table: Sequence[Row]) -> tuple[str, tuple[Claim, ...]]:
     row = one(table, controller=FIXED)
     slope = np.pi * 2 * 10.0 / 200.0
     text = (
-        f"The paper shows the contour that was executed (Fig. 9) and the force without adaptation (Fig. 10), "
-        f"without dimensions; here the sponge is a wave of 10 mm amplitude and 200 mm period. After the rise the "
-        f"force is off by {shown(row['tracking_rms_n'])} N RMS and at worst by {shown(row['worst_error_n'])} N, "
-        f"with {shown(row['contact_losses'])} contact losses. On the steepest part the surface moves by "
-        f"{slope:.2f} mm a sample under the tool, so an integrating controller must be off by as much as it takes "
-        f"to command that move at every sample: the error follows the slope of the contour."
+        f"The paper shows the contour that was executed (Fig. 9) and the force without adaptation (Fig. "
+        f"10), without dimensions; here the sponge is a wave of 10 mm amplitude and 200 mm period. After "
+        f"the rise the force is off by {shown(row['tracking_rms_n'])} N RMS and at worst by "
+        f"{shown(row['worst_error_n'])} N, with {shown(row['contact_losses'])} contact losses. On the "
+        f"steepest part the surface moves by {slope:.2f} mm a sample under the tool, so an integrating "
+        f"controller must be off by as much as it takes to command that move at every sample: the error "
+        f"follows the slope of the contour."
     )
     claim = Claim(
         "a curved contour is tracked without adaptation",
@@ -236,15 +244,16 @@ def describe_fig11(table: Sequence[Row]) -> tuple[str, tuple[Claim, ...]]:
         f"{shown(adapted['tracking_rms_n'])} N with the paper's adaptation against "
         f"{shown(fixed['tracking_rms_n'])} N without ({ratio:.2f} times), at worst "
         f"{shown(adapted['worst_error_n'])} N against {shown(fixed['worst_error_n'])} N, with "
-        f"{shown(adapted['contact_losses'])} and {shown(fixed['contact_losses'])} contact losses. The estimate ends at "
-        f"{shown(adapted['stiffness_estimate_n_m'])} N/m: on a slope the surface itself moves between two samples, "
-        f"and eq. (4) takes the force that this makes for an answer to the robot's move. The project's own "
-        f"controller, {BEST}, is off by {shown(best['tracking_rms_n'])} N RMS ({best_ratio:.2f} times fixed gains), at "
-        f"worst by {shown(best['worst_error_n'])} N."
+        f"{shown(adapted['contact_losses'])} and {shown(fixed['contact_losses'])} contact losses. The "
+        f"estimate ends at {shown(adapted['stiffness_estimate_n_m'])} N/m: on a slope the surface itself "
+        f"moves between two samples, and eq. (4) takes the force that this makes for an answer to the "
+        f"robot's move. The project's own controller, {BEST}, is off by {shown(best['tracking_rms_n'])} N "
+        f"RMS ({best_ratio:.2f} times fixed gains), at worst by {shown(best['worst_error_n'])} N."
     )
     claim = Claim(
         "adaptation improves the force on a contour",
-        f"RMS error {ratio:.2f} times that of fixed gains: {_verdict(ratio < 0.95)}; {BEST} {best_ratio:.2f} times",
+        f"RMS error {ratio:.2f} times that of fixed gains: {_verdict(ratio < 0.95)}; {BEST} "
+        f"{best_ratio:.2f} times",
     )
     return text, (claim,)
 

@@ -1,0 +1,98 @@
+"""`hil-bridge experiment`: the paper's results, repeated."""
+
+from pathlib import Path
+
+import click
+
+from hil_bridge.errors import ConfigError
+
+ALL = "all"
+
+
+@click.command()
+@click.argument("names", metavar="NAME…|all", nargs=-1, required=True)
+@click.option(
+    "--out",
+    "folder",
+    type=click.Path(path_type=Path),
+    default=Path("experiments"),
+    show_default=True,
+    metavar="DIR",
+    help="Where pictures, numbers and texts go.",
+)
+@click.option(
+    "--seeds",
+    type=click.IntRange(min=1),
+    default=5,
+    show_default=True,
+    metavar="N",
+    help="Noise seeds behind every mean and spread.",
+)
+@click.option(
+    "--page",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Write the page over all of them here.  [default: index.md in DIR, with `all`]",
+)
+@click.option(
+    "--workers", type=click.IntRange(min=1), metavar="N", help="Processes.  [default: one for each core]"
+)
+def experiment(
+    names: tuple[str, ...], folder: Path, seeds: int, page: Path | None, workers: int | None
+) -> None:
+    """Repeat figures and tables of the paper, and say where they differ.
+
+    NAME is rules, fig3, fig5 (simulation), fig7, fig8, fig9-10, fig11 (the emulated cell in virtual time),
+    resolution, controllers, or all. Each leaves a picture, its numbers as CSV and a text; the same seeds give
+    the same files.
+    """
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+    from hil_bridge.experiments import EXPERIMENTS, run_jobs, write_findings, write_page
+
+    wanted = list(dict.fromkeys(EXPERIMENTS if ALL in names else names))
+    if unknown := [name for name in wanted if name not in EXPERIMENTS]:
+        raise ConfigError(
+            f"there is no experiment {unknown[0]!r}; choose from {', '.join(EXPERIMENTS)}, {ALL}"
+        )
+    # Before minutes of work, not after them.
+    for directory in (folder, *([page.parent] if page else [])):
+        _make(directory)
+    chosen = [EXPERIMENTS[name] for name in wanted]
+    jobs = {item.name: item.jobs(seeds) for item in chosen}
+    everything = list(dict.fromkeys(job for each in jobs.values() for job in each))
+    console = Console(stderr=True)
+    with Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        console=console,
+        disable=not console.is_terminal,
+    ) as progress:
+        bar = progress.add_task("simulations", total=len(everything))
+        results = run_jobs(everything, workers, lambda count: progress.advance(bar, count))
+    found = {}
+    for item in chosen:
+        done = jobs[item.name]
+        found[item.name] = item.evaluate(done, [results[job] for job in done])
+        write_findings(item, found[item.name], folder)
+        click.echo(f"{item.title}: {folder / item.name}.md")
+    if page is None and ALL in names:
+        page = folder / "index.md"
+    if page is not None:
+        command = f"hil-bridge experiment {' '.join(names)} --seeds {seeds} --out {folder} --page {page}"
+        write_page(page, folder, found, chosen, command)
+        click.echo(f"page: {page}")
+
+
+def _make(directory: Path) -> None:
+    """Make a folder and see that a file can be put there. Raises ConfigError."""
+    probe = directory / ".writable"
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        probe.touch()
+        probe.unlink()
+    except OSError as error:
+        raise ConfigError(f"cannot write to {directory}: {error.strerror}") from error
