@@ -1,0 +1,55 @@
+"""The command `hil-bridge experiment` from the outside."""
+
+import pytest
+from click.testing import CliRunner
+
+from hil_bridge.cli.experiment import experiment
+from hil_bridge.errors import ConfigError
+from hil_bridge.experiments import EXPERIMENTS
+
+
+def run(*arguments):
+    return CliRunner().invoke(experiment, [str(argument) for argument in arguments])
+
+
+def test_rules_and_simulation_leave_their_files(tmp_path):
+    result = run(
+        "rules", "fig3", "--out", tmp_path, "--seeds", 1, "--workers", 1, "--page", tmp_path / "p.md"
+    )
+    assert result.exit_code == 0
+    names = {path.name for path in tmp_path.iterdir()}
+    assert names == {
+        "p.md",
+        "rules.png",
+        "rules.csv",
+        "rules.md",
+        "fig3.png",
+        "fig3.csv",
+        "fig3.md",
+        "fig3-curves.csv",
+    }
+
+
+def test_same_seeds_give_the_same_files(tmp_path):
+    for folder in ("a", "b"):
+        run("fig3", "--out", tmp_path / folder, "--seeds", 2, "--workers", 1)
+    for path in (tmp_path / "a").iterdir():
+        assert path.read_bytes() == (tmp_path / "b" / path.name).read_bytes()
+
+
+def test_unknown_names_are_answered_with_the_known_ones(tmp_path):
+    result = run("fig4", "--out", tmp_path)
+    assert isinstance(result.exception, ConfigError)
+    assert result.exception.exit_code == 2
+    assert all(name in str(result.exception) for name in (*EXPERIMENTS, "all", "fig4"))
+
+
+@pytest.mark.parametrize("option", ["--out", "--page"])
+def test_unwritable_places_are_refused_in_one_line_before_any_work(tmp_path, option):
+    blocked = tmp_path / "file"
+    blocked.write_text("in the way")
+    result = run("controllers", "--out", tmp_path, option, blocked / "below")
+    assert isinstance(result.exception, ConfigError)
+    assert result.exception.exit_code == 2
+    assert len(str(result.exception).splitlines()) == 1
+    assert str(blocked) in str(result.exception)

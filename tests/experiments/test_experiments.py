@@ -1,0 +1,167 @@
+"""Experiments in small: they repeat exactly, and no number of a text differs from its CSV file."""
+
+import csv
+import io
+import struct
+
+import pytest
+
+from hil_bridge.experiments import EXPERIMENTS, run_cell, run_jobs, write_findings, write_page
+from hil_bridge.experiments.cell import CellJob
+from hil_bridge.experiments.results import from_csv, markdown, one, shown, to_csv
+from hil_bridge.experiments.simulation import REFERENCE_N, STIFFNESSES
+from hil_bridge.experiments.wall import RESOLUTION, WallJob
+
+
+def evaluated(name, seeds, keep=lambda job: True):
+    experiment = EXPERIMENTS[name]
+    jobs = [job for job in experiment.jobs(seeds) if keep(job)]
+    results = run_jobs(jobs, workers=1)
+    return experiment, experiment.evaluate(jobs, [results[job] for job in jobs])
+
+
+@pytest.fixture(scope="module")
+def fig5():
+    return evaluated("fig5", 20)[1].table
+
+
+def row(table, controller, stiffness):
+    return one(table, controller=controller, stiffness_n_m=stiffness)
+
+
+@pytest.mark.parametrize(
+    ("stiffness", "rise"), [(1000, 129), (5000, 30), (20_000, 11), (50_000, 3), (100_000, 1)]
+)
+def test_rise_of_fixed_gains_is_that_of_the_specification(fig5, stiffness, rise):
+    assert row(fig5, "fuzzy", stiffness)["rise_samples"] == pytest.approx(rise, rel=0.2)
+
+
+@pytest.mark.parametrize(("stiffness", "swing"), [(50_000, 32.0), (100_000, 63.0)])
+def test_limit_cycle_of_fixed_gains_is_that_of_the_specification(fig5, stiffness, swing):
+    assert row(fig5, "fuzzy", stiffness)["steady_peak_to_peak_n"] == pytest.approx(swing, rel=0.2)
+
+
+def test_adaptation_of_the_paper_is_ten_times_faster_on_the_sponge(fig5):
+    fixed, adapted = (row(fig5, name, 5000)["rise_samples"] for name in ("fuzzy", "fuzzy-adaptive"))
+    assert fixed >= 10 * adapted
+
+
+@pytest.mark.parametrize("stiffness", [5000, 20_000, 50_000, 100_000])
+def test_resolution_awareness_rests_where_no_step_is_better(fig5, stiffness):
+    aware = row(fig5, "resolution-aware", stiffness)
+    assert aware["steps_per_second"] == 0.0
+    assert abs(aware["steady_error_n"]) <= stiffness * RESOLUTION / 2
+    if stiffness <= 50_000:
+        assert aware["overshoot_percent"] <= 10.0
+
+
+def test_simulation_covers_the_reference_cases(fig5):
+    assert REFERENCE_N == 50.0
+    assert {entry["stiffness_n_m"] for entry in fig5} == set(STIFFNESSES)
+
+
+@pytest.mark.parametrize("name", ["rules", "fig3", "fig5"])
+def test_text_follows_from_the_csv_file_alone(name):
+    experiment, findings = evaluated(name, 2)
+    assert experiment.describe(from_csv(to_csv(findings.table))) == experiment.describe(findings.table)
+
+
+def test_numbers_of_a_text_stand_in_its_csv_file(tmp_path):
+    experiment, findings = evaluated("fig3", 2)
+    write_findings(experiment, findings, tmp_path)
+    rows = list(csv.DictReader(io.StringIO((tmp_path / "fig3.csv").read_text())))
+    text = (tmp_path / "fig3.md").read_text()
+    by_wall = {int(entry["stiffness_n_m"]): entry for entry in rows}
+    assert f"takes {float(by_wall[1000]['rise_samples']):.3g} samples" in text
+    assert f"swings by {float(by_wall[50_000]['steady_peak_to_peak_n']):.3g} N" in text
+
+
+def test_a_changed_number_changes_the_text():
+    experiment, findings = evaluated("fig3", 1)
+    changed = [{**entry, "steady_peak_to_peak_n": 77.7} for entry in findings.table]
+    assert "77.7 N" in experiment.describe(changed)[0]
+
+
+def test_the_one_entry_that_the_rules_do_not_give_is_named():
+    experiment, findings = evaluated("rules", 1)
+    text, _ = experiment.describe(findings.table)
+    assert "168 of its 169" in text
+    assert "G(+6, 0) is printed −5 and computed −4" in text
+
+
+@pytest.mark.parametrize(
+    ("name", "columns"),
+    [
+        ("rules", {"error_level", "change_level", "printed", "computed"}),
+        (
+            "fig3",
+            {"controller", "stiffness_n_m", "seeds", "rise_samples", "rise_samples_sd", "overshoot_percent"},
+        ),
+    ],
+)
+def test_columns(name, columns):
+    _, findings = evaluated(name, 1)
+    assert columns <= set(from_csv(to_csv(findings.table))[0])
+
+
+def test_pictures_are_png_small_enough_and_repeat():
+    first, second = (evaluated("fig5", 1)[1].picture for _ in range(2))
+    assert first == second
+    assert first.startswith(b"\x89PNG")
+    width, height = struct.unpack(">II", first[16:24])
+    assert width > 800
+    assert height > 300
+    assert len(first) < 150_000
+
+
+def test_a_simulated_run_is_a_function_of_its_seed():
+    job = WallJob("fuzzy", (), 5e3, 50.0, seed=3, samples=30)
+    assert job() == job()
+    assert job() != WallJob("fuzzy", (), 5e3, 50.0, seed=4, samples=30)()
+
+
+def test_a_run_of_the_chain_is_a_function_of_its_seed():
+    config = CellJob("fuzzy", (), seed=1, duration=2.0).config()
+    first, second = run_cell(config), run_cell(config)
+    assert first == second
+    assert first.result.outcome == "completed"
+    assert {cycle.phase for cycle in first.cycles} >= {"approach", "track", "retract"}
+
+
+def test_processes_give_what_one_gives():
+    jobs = [CellJob("fuzzy", (), seed, duration=1.0) for seed in (1, 2)]
+    jobs += [WallJob("fuzzy", (), 5e3, 50.0, seed, samples=10) for seed in range(6)]
+    ended = []
+    alone, together = run_jobs(jobs, 1), run_jobs(jobs, 2, ended.append)
+    assert sum(ended) == len(jobs)
+    assert list(alone) == jobs
+    for job in jobs:
+        assert repr(alone[job]) == repr(together[job])
+
+
+def test_every_figure_of_the_chain_comes_out_of_a_short_run(tmp_path):
+    for name in ("fig7", "fig9-10"):
+        experiment = EXPERIMENTS[name]
+        (job,) = experiment.jobs(1)
+        short = CellJob(job.controller, job.parameters, 1, duration=9.0, contour=job.contour)
+        findings = experiment.evaluate([short], [short()])
+        paths = write_findings(experiment, findings, tmp_path)
+        assert all(path.stat().st_size for path in paths)
+        assert from_csv(paths[1].read_text()) == findings.table
+        assert {"force_n", "depth_mm", "time_s"} <= set(findings.series[0])
+
+
+def test_page_names_its_command_and_finds_its_pictures(tmp_path):
+    experiment, findings = evaluated("rules", 1)
+    folder = tmp_path / "paper"
+    write_findings(experiment, findings, folder)
+    write_page(tmp_path / "paper.md", folder, {"rules": findings}, [experiment], "the command")
+    page = (tmp_path / "paper.md").read_text()
+    assert "the command" in page
+    assert "(paper/rules.png)" in page
+    assert "168 of 169" in page
+
+
+def test_figures_are_shown_as_people_read_them():
+    assert [shown(v) for v in (None, "x", 5000, 12345.6, 0.12345)] == ["–", "x", "5 000", "12 300", "0.123"]
+    assert markdown([{"a_b": 1}], ["a_b"]).splitlines()[0] == "| a b |"
