@@ -348,6 +348,25 @@ def test_a_node_that_answers_takes_part_in_the_next_arbitration() -> None:
     run_virtual(main)
 
 
+def test_who_comes_at_the_instant_of_the_begin_takes_part_and_who_comes_later_waits() -> None:
+    async def main() -> None:
+        clock = Clock.running()
+        bus = MemoryCanBus(clock)
+        first, second, late = (bus.connect() for _ in range(3))
+        log = Log(bus.connect(), clock)
+        start = clock.now()
+        first.send([CanFrame(0x200)])
+        await asyncio.sleep(0)
+        second.send([CanFrame(0x100)])
+        await clock.sleep_until(start + 1e-6)
+        late.send([CanFrame(0x001)])
+        await asyncio.sleep(1)
+        assert [frames[0].identifier for _, frames in log.items] == [0x100, 0x001, 0x200]
+        assert [at for at, _ in log.items] == [start + 47 * count / 1_000_000 for count in (1, 2, 3)]
+
+    run_virtual(main)
+
+
 def test_the_can_queue_is_bounded_and_a_leaving_node_hands_over_its_frames() -> None:
     async def main() -> None:
         clock = Clock.running()
