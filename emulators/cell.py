@@ -117,23 +117,30 @@ class Cell:
         self._tip = np.array([0.0, 0.0, length])
         self._centre_of_gravity = np.array(profile.tool.centre_of_gravity_mm) / 1000.0
         self._weight = profile.tool.mass_kg * _GRAVITY
+        self._turn(self._motion.orientation(now))
 
     def wrench(self, times: Floats) -> Floats:
         """Wrench (n, 6) on the tool about the sensor's origin in the sensor frame, N and N·m.
 
         `times` (n,) ascend, s.
         """
-        wrenches = np.zeros((len(times), 6))
+        wrenches = np.empty((6, len(times)))
         if not len(times):
-            return wrenches
-        forces = self._contact_force(self._contact, times)
-        quaternions = self._motion.orientations(times)
-        turns = np.flatnonzero((quaternions[1:] != quaternions[:-1]).any(axis=1)) + 1
-        for begin, end in zip((0, *turns.tolist()), (*turns.tolist(), len(times)), strict=True):
-            rotation = rotation_matrix(quaternions[begin])
-            wrenches[begin:end] = forces[begin:end] @ force_to_wrench(rotation, self._tip)
-            wrenches[begin:end] += self._weight @ force_to_wrench(rotation, self._centre_of_gravity)
-        return wrenches
+            return wrenches.T
+        forces = self._contact_force(self._contact, times).T
+        for part, quaternion in self._motion.orientations(times):
+            if quaternion != self._turned:
+                self._turn(quaternion)
+            np.matmul(self._force_to_wrench, forces[:, part], out=wrenches[:, part])
+            wrenches[:, part] += self._weight_wrench
+        return wrenches.T
+
+    def _turn(self, quaternion: Quaternion) -> None:
+        """Prepare for this orientation of the tool: it stays the same over many samples."""
+        self._turned = quaternion
+        rotation = rotation_matrix(np.array(quaternion))
+        self._force_to_wrench = force_to_wrench(rotation, self._tip).T
+        self._weight_wrench = (self._weight @ force_to_wrench(rotation, self._centre_of_gravity))[:, None]
 
     def true_state(self, time: float) -> TrueState:
         """The truth at `time`, s."""

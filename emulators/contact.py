@@ -41,21 +41,11 @@ class Surface(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Flat:
-    """Level at one height."""
+class Plane:
+    """Rises along the path; `height` at path coordinate 0, m, `slope` in rad."""
 
     height: float
-
-    def depth_and_normal(self, along: Floats, height: Floats) -> tuple[Floats, Floats, Floats]:
-        return self.height - height, np.zeros_like(along), np.ones_like(along)
-
-
-@dataclass(frozen=True, slots=True)
-class Sloped:
-    """A plane that rises along the path; `height` at path coordinate 0, `slope` in rad."""
-
-    height: float
-    slope: float
+    slope: float = 0.0
 
     def depth_and_normal(self, along: Floats, height: Floats) -> tuple[Floats, Floats, Floats]:
         sine, cosine = math.sin(self.slope), math.cos(self.slope)
@@ -172,9 +162,9 @@ class SurfaceProfile:
         height = self.height_mm / 1000.0
         match self.kind:
             case SurfaceKind.FLAT:
-                return Flat(height)
+                return Plane(height)
             case SurfaceKind.SLOPED:
-                return Sloped(height, math.radians(self.slope_deg))
+                return Plane(height, math.radians(self.slope_deg))
             case SurfaceKind.SINUSOIDAL:
                 return Sinusoidal(height, self.amplitude_mm / 1000.0, self.period_mm / 1000.0)
             case SurfaceKind.CIRCULAR_ARC:
@@ -200,6 +190,11 @@ class Contact:
         angle = math.radians(profile.path_deg)
         self._path = np.array([math.cos(angle), math.sin(angle), 0.0])
         self._origin = np.array([profile.origin_x_mm, profile.origin_y_mm, 0.0]) / 1000.0
+        self._level: tuple[float, Floats] | None = None
+        """Depth of the base frame's origin and normal (3, 1) of a surface whose normal is the same everywhere."""
+        if isinstance(self._surface, Plane) and not self._ends:
+            depth, normals = self._depth_and_normal(np.zeros((3, 1)))
+            self._level = float(depth[0]), normals
 
     def depth_and_normal(self, positions: Floats) -> tuple[Floats, Floats]:
         """Depth (n,) of the tip below the surface, m, negative outside, and the outward normals (n, 3).
@@ -207,14 +202,8 @@ class Contact:
         Where the surface has ended the depth is at most 0. `positions` (n, 3) are those of the tip in the
         base frame, m; so are the normals.
         """
-        along = (positions - self._origin) @ self._path
-        depth, normal_along, normal_up = self._surface.depth_and_normal(along, positions[:, 2])
-        if self._ends:
-            beyond = (along < self._begin) | (along > self._end)
-            depth = np.where(beyond, np.minimum(depth, 0.0), depth)
-        normals = normal_along[:, None] * self._path
-        normals[:, 2] = normal_up
-        return depth, normals
+        depth, normal = self._depth_and_normal(positions.T)
+        return depth, np.broadcast_to(normal.T, positions.shape)
 
     @property
     def remembered_until(self) -> float | None:
@@ -226,20 +215,34 @@ class Contact:
 
         A material with a memory needs the `times` (n,) too, ascending, s, and goes on from the call before.
         """
-        depth, normals = self.depth_and_normal(positions)
+        # One row an axis: numpy is quickest along the last dimension, and three is too short for it.
+        depth, normal = self._depth_and_normal(positions.T)
         material = self._material
-        if not material.remembers and not (depth > 0.0).any():
+        if not material.remembers and depth.max(initial=0.0) <= 0.0:
             return np.zeros_like(positions)
-        leaving = np.einsum("ij,ij->i", velocities, normals)
+        velocity = velocities.T
+        leaving = np.einsum("ij,ij->j", velocity, normal)
         factor = 1.0 if self._uniform else self._factor(positions)
         pressing, self._memory = material.press(depth, -leaving, factor, times, self._memory)
-        sliding = velocities - leaving[:, None] * normals
-        speed = np.sqrt(np.einsum("ij,ij->i", sliding, sliding) + self._smoothing**2)
-        force: Floats = pressing[:, None] * normals - (self._friction * pressing / speed)[:, None] * sliding
-        return force
+        sliding = velocity - leaving * normal
+        speed = np.sqrt(np.einsum("ij,ij->j", sliding, sliding) + self._smoothing**2)
+        force: Floats = pressing * normal - (self._friction * pressing / speed) * sliding
+        return force.T
 
     def _factor(self, positions: Floats) -> Floats:
         """Factor (n,) on the stiffness under the tip."""
         places, factors = self._factors
         factor: Floats = np.interp((positions - self._origin) @ self._path, places, factors)
         return factor
+
+    def _depth_and_normal(self, positions: Floats) -> tuple[Floats, Floats]:
+        """Depth (n,) and outward normals (3, n), or (3, 1) for all alike, at tip positions (3, n)."""
+        if self._level is not None:
+            depth_of_origin, normal = self._level
+            return depth_of_origin - normal[:, 0] @ positions, normal
+        along = self._path @ (positions - self._origin[:, None])
+        depth, normal_along, normal_up = self._surface.depth_and_normal(along, positions[2])
+        if self._ends:
+            beyond = (along < self._begin) | (along > self._end)
+            depth = np.where(beyond, np.minimum(depth, 0.0), depth)
+        return depth, np.stack((normal_along * self._path[0], normal_along * self._path[1], normal_up))

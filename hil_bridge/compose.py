@@ -8,7 +8,7 @@ from typing import Any
 from emulators.cell import Cell, CellProfile
 from emulators.slcan_adapter import SlcanAdapter, SlcanProfile
 from hil_bridge.clock import Clock
-from hil_bridge.errors import ConfigError, TransportError
+from hil_bridge.errors import ConfigError, TransportClosed, TransportError
 from hil_bridge.pump import Pump
 from hil_bridge.transports import Frames, Parity, Transport, listen_bytes, listen_can
 from hil_bridge.transports.urls import CONNECT_BYTES, parse_url
@@ -115,9 +115,13 @@ async def emulated_cell(
     cell = Cell(profile, clock.now(), seed)
     async with AsyncExitStack() as stack:
 
+        def ended(cause: BaseException) -> None:
+            if not isinstance(cause, TransportClosed):
+                on_failure(cause)
+
         def attach(endpoint: Any, transport: Transport[Any]) -> None:
             stack.push_async_callback(transport.aclose)
-            Pump(endpoint, transport, clock, _nothing, on_failure).start()
+            Pump(endpoint, transport, clock, _nothing, ended).start()
 
         robot = sensor = None
         if ports.robot is not None:

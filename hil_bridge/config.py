@@ -8,7 +8,7 @@ import json
 import math
 import textwrap
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -33,6 +33,16 @@ from protocol.jr3 import GatewayClientProfile
 from protocol.marks import Setting, settings
 
 Vector = tuple[float, float, float]
+
+OPTIONS = {
+    "run.duration_s": "--duration",
+    "run.seed": "--seed",
+    "robot.url": "--robot",
+    "sensor.url": "--sensor",
+    "controller.name": "--controller",
+    "task.force_n": "--force-n",
+}
+"""Command-line options by the key that they override."""
 
 
 class _Section(BaseModel):
@@ -201,11 +211,13 @@ def profile_rows(config: Config) -> Iterator[tuple[str, Setting]]:
 def schema() -> dict[str, Any]:
     """JSON schema of a configuration file, settings described with their marks."""
     result = Config.model_json_schema()
-    for key, section in _sections("", Config()):
-        definition = result["$defs"].get(type(section).__name__) if key else None
-        for name, text in _comments(section.__class__).items():
-            if definition and name in definition["properties"]:
-                definition["properties"][name]["description"] = text
+    definitions = result["$defs"]
+    for key, section in (("", Config()), *_sections("", Config())):
+        definition = definitions[type(section).__name__] if key else result
+        comments = _comments(section.__class__)
+        for name, entry in definition["properties"].items():
+            described = definitions.get(entry.get("$ref", "").rpartition("/")[2], {})
+            entry["description"] = comments.get(name) or described["description"]
     return result
 
 
@@ -290,29 +302,46 @@ def _toml(value: object) -> str:
 def _explain(error: ValidationError, path: Path | None, given: set[str]) -> str:
     """The first thing that is wrong as one line: where, what, what to do."""
     first = error.errors()[0]
-    key = ".".join(str(part) for part in first["loc"])
-    option = next((name for name in given if key == name), None)
-    where = f"--{option.split('.')[1].replace('_', '-')}" if option else f"{path or 'configuration'}: {key}"
-    more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
+    location, got = [str(part) for part in first["loc"]], f", got {first['input']!r}"
     match first["type"]:
         case "extra_forbidden" | "unexpected_keyword_argument":
-            return f"{where} is no setting{_instead(first['loc'])}{more}"
+            text = f" is no setting{_instead(location)}"
         case "value_error":
-            return f"{where}: {first['ctx']['error']}{more}"
+            cause = str(first["ctx"]["error"])
+            text = f": {cause}"
+            # a check of a whole section begins with the setting that it blames
+            blamed, _, rest = cause.partition(" ")
+            if _at((*location, blamed)) is not None:
+                location.append(blamed)
+                text = f" {rest}"
+        case "missing":  # only a vector can lack something
+            location.pop()
+            text = f": a value is missing{got}"
+        case kind if kind == "dict_type" or _is_section(_at(location)):
+            text = f" must be a table of settings{got}"
         case _:
-            message = first["msg"][0].lower() + first["msg"][1:]
-            return f"{where}: {message}, got {first['input']!r}{more}"
+            text = f": {first['msg'].replace('Input should', 'must', 1)}{got}"
+    key = ".".join(location)
+    where = OPTIONS[key] if key in given else f"{path or 'configuration'}: {key}"
+    more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
+    return where + text + more
 
 
-def _instead(location: tuple[int | str, ...]) -> str:
+def _at(location: Sequence[str]) -> object:
+    """What stands there in the default configuration; None for what is not there."""
+    found: Any = Config()
+    for part in location:
+        found = getattr(found, part, None)
+    return found
+
+
+def _instead(location: Sequence[str]) -> str:
     """Names that a mistyped key may have meant; a wrong unit suffix is named as such."""
-    section: Any = Config()
-    for part in location[:-1]:
-        section = getattr(section, str(part), None)
+    section = _at(location[:-1])
     if not _is_section(section):
         return ""
     names = [name for name, _ in _items(section)]
-    wrong = str(location[-1])
+    wrong = location[-1]
     stem = wrong.rsplit("_", 1)[0]
     same_stem = [name for name in names if name.rsplit("_", 1)[0] == stem or name.startswith(f"{wrong}_")]
     if same_stem:

@@ -20,23 +20,18 @@ def serve(config: Config, ports: Ports, as_json: bool) -> None:
 
 async def _serve(config: Config, ports: Ports, as_json: bool) -> None:
     loop, clock = asyncio.get_running_loop(), Clock.running()
-    stopped: asyncio.Future[None] = loop.create_future()
+    stopped = asyncio.Event()
+    causes: list[BaseException] = []
 
-    def end(cause: BaseException | None = None) -> None:
-        if stopped.done():
-            return
-        if cause is None:
-            stopped.set_result(None)
-        elif isinstance(cause, BridgeError):
-            stopped.set_exception(cause)
-        else:
-            stopped.set_exception(DeviceError(f"an emulated device failed: {cause!r}"))
+    def failed(cause: BaseException) -> None:
+        causes.append(cause)
+        stopped.set()
 
     with suppress(NotImplementedError):  # no signal handlers in loops of other platforms
         for number in (signal.SIGINT, signal.SIGTERM):
-            loop.add_signal_handler(number, end)
+            loop.add_signal_handler(number, stopped.set)
     try:
-        async with emulated_cell(config.cell, config.run.seed, clock, ports, end) as served:
+        async with emulated_cell(config.cell, config.run.seed, clock, ports, failed) as served:
             where = {"robot": served.robot, "sensor": served.sensor}
             where = {device: url for device, url in where.items() if url is not None}
             if as_json:
@@ -46,6 +41,10 @@ async def _serve(config: Config, ports: Ports, as_json: bool) -> None:
                     click.echo(f"{device}: {url}")
                 options = " ".join(f"--{device} '{url}'" for device, url in where.items())
                 click.echo(f"Connect with: hil-bridge run {options}\nStop with Ctrl-C.")
-            await stopped
+            await stopped.wait()
+            if causes:
+                if isinstance(causes[0], BridgeError):
+                    raise causes[0]
+                raise DeviceError(f"an emulated device failed: {causes[0]!r}") from causes[0]
     finally:
         clock.close()

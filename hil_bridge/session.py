@@ -1,6 +1,7 @@
 """One run from the outside: event loop, wires, recorder, view, Ctrl-C, and what is left on the disk."""
 
 import asyncio
+import os
 import signal
 import sys
 import tempfile
@@ -56,32 +57,61 @@ def execute(config: Config, virtual: bool, outputs: Outputs, view: bool) -> int:
     """
     if virtual and (config.robot.url or config.sensor.url):
         raise ConfigError("--virtual runs against the emulated cell alone; leave it out to use real ports")
-    for directory in filter(
-        None, (outputs.report, *(f and f.parent for f in (outputs.record, outputs.summary)))
-    ):
-        try:
-            directory.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise ConfigError(f"cannot make the folder {directory}: {error.strerror}") from error
+    if config.robot.url and not config.sensor.url:
+        raise ConfigError(
+            "a robot without a sensor: the emulated sensor cannot feel what that robot touches; "
+            "give --sensor (sensor.url) too"
+        )
+    if config.task.force_n >= config.limits.force_limit_n:
+        raise ConfigError(
+            f"task.force_n (--force-n) of {config.task.force_n:g} N must be below limits.force_limit_n of "
+            f"{config.limits.force_limit_n:g} N, or every run would be stopped"
+        )
+    _prepare(outputs)
     with _record_path(outputs) as path:
         session = _Session(config, path, view)
-        (run_virtual if virtual else run_real)(session.main)
-        recording = read(path)
-        summary = summarise(recording)
-        if outputs.summary is not None:
-            summary.write_json(outputs.summary)
-        _print_figures(summary)
-        if outputs.report is not None:
-            from hil_bridge.report import write_report
+        result = (run_virtual if virtual else run_real)(session.main)
+        click.echo(result.outcome)
+        if session.cycles:
+            _leave(outputs, path)
+        elif outputs.record is not None:
+            click.echo(f"record: {outputs.record}")
+    if result.outcome is Outcome.STOPPED:
+        click.echo(f"hil-bridge: stopped: {result.cause}", err=True)
+    return EXIT_CODES[result.outcome]
 
-            click.echo(f"report: {write_report(recording, summary, outputs.report)}")
-    for name, file in (("record", outputs.record), ("summary", outputs.summary)):
-        if file is not None:
-            click.echo(f"{name}: {file}")
-    outcome = Outcome(summary.outcome)
-    if outcome is Outcome.STOPPED:
-        click.echo(f"hil-bridge: stopped: {summary.cause}", err=True)
-    return EXIT_CODES[outcome]
+
+def _prepare(outputs: Outputs) -> None:
+    """Find out before the robot moves what cannot be written afterwards. Raises ConfigError."""
+    files = [file for file in (outputs.record, outputs.summary) if file is not None]
+    for folder in (*(file.parent for file in files), *filter(None, (outputs.report,))):
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise ConfigError(
+                f"cannot make the folder {folder}: {error.strerror}; name another place"
+            ) from error
+        if not os.access(folder, os.W_OK):
+            raise ConfigError(f"cannot write into {folder}: no permission; name another place")
+    for file in files:
+        if file.is_dir():
+            raise ConfigError(f"cannot write {file}: it is a folder; name a file in it")
+
+
+def _leave(outputs: Outputs, path: Path) -> None:
+    """Print the figures of the record at `path` and leave what is wanted of them."""
+    recording = read(path)
+    summary = summarise(recording)
+    _print_figures(summary)
+    if outputs.record is not None:
+        click.echo(f"record: {outputs.record}")
+    if outputs.summary is not None:
+        summary.write_json(outputs.summary)
+        click.echo(f"summary: {outputs.summary}")
+    if outputs.report is not None:
+        from hil_bridge.report import write_report
+
+        click.echo(f"report: {write_report(recording, summary, outputs.report)}")
 
 
 @contextmanager
@@ -107,11 +137,14 @@ class _Session:
         self._view: LiveView | None = None
         self._robot: RobotLink | None = None
         self._sensor: ForceSensor | None = None
+        self.cycles = 0
+        """Cycles so far; a record without any has no figures."""
 
     # --- what the run and the devices tell
 
     def cycle(self, record: CycleRecord) -> None:
         """A cycle has ended."""
+        self.cycles += 1
         self._recorder.put(record)
         if self._view is not None:
             self._view.update(record)
@@ -130,7 +163,7 @@ class _Session:
 
     # --- the run
 
-    async def main(self) -> None:
+    async def main(self) -> RunResult:
         """Open everything, run, close everything; the record is whole whatever happened."""
         clock = self._clock = Clock.running()
         config = self._config
@@ -149,6 +182,7 @@ class _Session:
         try:
             result = await self._with_devices()
             end = self._end(result)
+            return result
         except BridgeError as error:
             end = self._end(RunResult(Outcome.STOPPED, str(error)))
             raise
@@ -263,7 +297,6 @@ class _Session:
 
 def _print_figures(summary: Summary) -> None:
     """The figures that a person wants to see at once."""
-    click.echo(f"{summary.outcome}{': ' + summary.cause if summary.cause else ''}")
     tracked, figures = summary.phases_s.get("track", 0.0), summary.figures
     if summary.force_reference_n is None or not figures:
         return

@@ -103,10 +103,13 @@ class Jr3Sensor:
         return counts.astype(np.int64)
 
     def _noise(self, indices: NDArray[np.int64]) -> NDArray[np.float64]:
-        numbers = indices // _CHUNK
-        if not len(indices) or numbers[0] == numbers[-1]:
-            return self._noise_chunk(int(numbers[0]) if len(indices) else 0)[indices % _CHUNK]
+        if not len(indices):
+            return np.empty((0, 6))
+        first, last = int(indices[0]) // _CHUNK, int(indices[-1]) // _CHUNK
+        if first == last:
+            return self._noise_chunk(first).take(indices - first * _CHUNK, axis=0)
         noise = np.empty((len(indices), 6))
+        numbers = indices // _CHUNK
         for number in np.unique(numbers):
             chosen = numbers == number
             noise[chosen] = self._noise_chunk(int(number))[indices[chosen] % _CHUNK]

@@ -163,13 +163,13 @@ class Motion:
         self._velocity = [0.0, 0.0, 0.0]
         self._resting = True
 
-        # Row k % n describes the loops from the moment they take set point k:
-        # input, error, velocity and reported step, three axes each.
+        # Item k % n describes the loops from the moment they take set point k: the factors of 1, a and b in
+        # the positions and the velocities of the axes (6, 3), and the reported steps.
         self._size = math.ceil((_HISTORY_S + self._delay) / self._period) + 2
-        self._history = np.empty((self._size, 12))
-        self._quaternions = np.empty((self._size, 4))
-        self._history[:] = (*position, *self._error, *self._velocity, *reported)
-        self._quaternions[:] = self._turned
+        self._history = np.empty((self._size, 6, 3))
+        self._history[:] = self._factors()
+        self._reports = [tuple(reported)] * self._size
+        self._quaternions = [self._turned] * self._size
 
     def enqueue(self, waypoint: Waypoint, now: float) -> None:
         """Add a point behind those waiting; the first tick after `now` sees it."""
@@ -200,8 +200,7 @@ class Motion:
 
     def orientation(self, now: float) -> Quaternion:
         """Tool frame in the base frame at `now`, w x y z."""
-        w, x, y, z = self.orientations(np.array([now]))[0].tolist()
-        return w, x, y, z
+        return self.orientations(np.array([now]))[0][1]
 
     def next_tick(self) -> float:
         """When the interpolator next acts, s."""
@@ -219,33 +218,54 @@ class Motion:
 
         Times before the history, which holds the last ten seconds, answer as its first moment.
         """
-        ticks, tau = self._locate(times)
-        rows = self._history[ticks % self._size]
-        a, b = self._loop.response(tau)
-        a, b = a[:, None], b[:, None]
-        error, velocity = rows[:, 3:6], rows[:, 6:9]
-        positions = rows[:, 0:3] + a * error + b * velocity
-        velocities = (a - self._loop.drag * b) * velocity - (self._loop.stiffness * b) * error
-        return positions, velocities
+        path = np.empty((6, len(times)))
+        first, last, since = self._locate(times)
+        for tick, part in self._stretches(first, last, since):
+            basis = np.empty((3, part.stop - part.start))
+            basis[0] = 1.0
+            basis[1:] = self._loop.response(np.maximum(since[part] - tick * self._period, 0.0))
+            np.matmul(self._history[tick % self._size], basis, out=path[:, part])
+        return path[:3].T, path[3:].T
 
-    def orientations(self, times: Floats) -> Floats:
-        """Tool frame in the base frame at ascending `times` (n,): (n, 4), w x y z; history as above."""
-        return self._quaternions[self._locate(times)[0] % self._size]
+    def orientations(self, times: Floats) -> list[tuple[slice, Quaternion]]:
+        """Tool frame in the base frame, w x y z, at ascending `times` (n,): which of them have which, in
+        order; history as above.
+        """
+        first, last, since = self._locate(times)
+        quaternions = [self._quaternions[tick % self._size] for tick in range(first, last + 1)]
+        if quaternions.count(quaternions[0]) == len(quaternions):
+            return [(slice(0, len(times)), quaternions[0])]
+        return [
+            (part, self._quaternions[tick % self._size]) for tick, part in self._stretches(first, last, since)
+        ]
 
-    def _locate(self, times: Floats) -> tuple[NDArray[np.int64], Floats]:
-        """Row number and time since the loops took that row's set point, for each of `times`."""
+    def _locate(self, times: Floats) -> tuple[int, int, Floats]:
+        """Ticks whose set points the loops have at the first and the last of `times`, and the times (n,)
+        since they took that of tick 0, s.
+        """
         self.advance(float(times[-1]))
         since = times - (self._powered_at + self._delay)
-        ticks = np.floor(since / self._period).astype(np.int64)
-        # ndarray.clip costs several times as much for blocks as small as one period.
-        np.maximum(ticks, max(self._tick - self._size + 1, 0), out=ticks)
-        np.minimum(ticks, self._tick, out=ticks)
-        return ticks, np.maximum(since - ticks * self._period, 0.0)
+        oldest = max(self._tick - self._size + 1, 0)
+        first, last = (math.floor(float(end) / self._period) for end in (since[0], since[-1]))
+        return min(max(first, oldest), self._tick), min(max(last, oldest), self._tick), since
+
+    def _stretches(self, first: int, last: int, since: Floats) -> list[tuple[int, slice]]:
+        """The ticks from `first` to `last`, each with the part of `since` that it holds for."""
+        if first == last:
+            return [(first, slice(0, len(since)))]
+        ticks = range(first, last + 1)
+        edges = np.searchsorted(np.floor(since / self._period), ticks[1:]).tolist()
+        return [
+            (tick, slice(begin, end))
+            for tick, begin, end in zip(ticks, (0, *edges), (*edges, len(since)), strict=True)
+            if begin < end
+        ]
 
     def _skip_rest(self, now: float) -> None:
         """Jump over ticks in which nothing moves and which no one can ask about any more."""
         self._history[:] = self._history[self._tick % self._size]
-        self._quaternions[:] = self._turned
+        self._reports = [tuple(self._reported)] * self._size
+        self._quaternions = [self._turned] * self._size
         self._tick = math.floor((now - self._powered_at) / self._period) - 1
 
     def _do_tick(self) -> None:
@@ -254,6 +274,7 @@ class Motion:
         row = self._tick % self._size
         if self._resting and not self._queue:
             self._history[row] = self._history[row - 1]
+            self._reports[row] = self._reports[row - 1]
             self._quaternions[row] = self._turned
             return
         self._interpolate(self._period)
@@ -262,8 +283,17 @@ class Motion:
             set_point = round(self._at[axis] / self._step)
             resting &= self._carry(axis, set_point)
         self._resting = resting
-        self._history[row] = (*self._input, *self._error, *self._velocity, *self._reported)
+        self._history[row] = self._factors()
+        self._reports[row] = tuple(self._reported)
         self._quaternions[row] = self._turned
+
+    def _factors(self) -> list[tuple[float, float, float]]:
+        """Factors of 1, a and b in the three positions and the three velocities, see `PositionLoop`."""
+        stiffness, drag = self._loop.stiffness, self._loop.drag
+        return [
+            *zip(self._input, self._error, self._velocity, strict=True),
+            *((0.0, v, -stiffness * e - drag * v) for e, v in zip(self._error, self._velocity, strict=True)),
+        ]
 
     def _carry(self, axis: int, set_point: int) -> bool:
         """One axis over one tick to its new set point; whether it is at rest afterwards."""
@@ -296,10 +326,9 @@ class Motion:
     def _reported_steps(self, now: float) -> list[int]:
         times = np.array([now])
         positions, _ = self.trajectory(times)
-        before = self._history[self._locate(times)[0][0] % self._size, 9:12]
+        before = self._reports[self._locate(times)[0] % self._size]
         return [
-            self._report(position, round(step))
-            for position, step in zip(positions[0].tolist(), before.tolist(), strict=True)
+            self._report(position, step) for position, step in zip(positions[0].tolist(), before, strict=True)
         ]
 
     def _interpolate(self, budget: float) -> None:

@@ -15,13 +15,19 @@ EXIT_INTERRUPTED = 130
 """What a shell expects of a command that Ctrl-C ended."""
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.group(
+    invoke_without_command=True,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+)
 @click.version_option(package_name="hil-bridge", prog_name="hil-bridge")
-def cli() -> None:
+@click.pass_context
+def cli(context: click.Context) -> None:
     """Force control of a position-controlled robot, over its real wires or the same wires emulated.
 
     Exit codes: 0 done, 2 configuration or input, 3 device, link or safety stop, 130 interrupted.
     """
+    if context.invoked_subcommand is None:
+        click.echo(context.get_help())
 
 
 for command in (run, emulate, experiment, decode, report, config, profile):
@@ -31,12 +37,14 @@ for command in (run, emulate, experiment, decode, report, config, profile):
 def main() -> None:
     """Entry point: errors that a person is meant to read become one line on standard error and an exit code."""
     try:
-        code = cli.main(standalone_mode=False)
+        code = cli.main(prog_name="hil-bridge", standalone_mode=False)
     except BridgeError as error:
         click.echo(f"hil-bridge: {error}", err=True)
         code = error.exit_code
     except click.ClickException as error:
-        error.show()
+        context = getattr(error, "ctx", None)
+        see = f"; see `{context.command_path} --help`" if context else ""
+        click.echo(f"hil-bridge: {' '.join(error.format_message().split()).rstrip('.')}{see}", err=True)
         code = error.exit_code
     except (click.Abort, KeyboardInterrupt):
         code = EXIT_INTERRUPTED

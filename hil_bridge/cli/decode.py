@@ -6,14 +6,14 @@ import sys
 import click
 
 
-@click.group()
+@click.group(no_args_is_help=False)
 def decode() -> None:
     """Decode pasted bytes or frames to JSON: fields, units, and what is wrong and where."""
 
 
 def _print(items: list[dict[str, object]]) -> None:
     click.echo(json.dumps(items, indent=1, ensure_ascii=False))
-    if any(item.get("error") for item in items):
+    if any(item.get("problem") or item.get("problems") or item.get("kind") == "noise" for item in items):
         sys.exit(2)
 
 
@@ -30,6 +30,8 @@ def computer_link(hex_bytes: tuple[str, ...]) -> None:
 
     text = "".join(hex_bytes).replace(":", "").replace(",", "")
     text = "".join(text.split())
+    if not text:
+        raise ConfigError("HEX: nothing to decode; give byte pairs like 10 02")
     for position, character in enumerate(text):
         if character not in "0123456789abcdefABCDEF":
             raise ConfigError(

@@ -21,7 +21,7 @@ def report(recording: Path, out: Path | None) -> None:
     click.echo(page)
 
 
-@click.group()
+@click.group(no_args_is_help=False)
 def config() -> None:
     """Make or describe a configuration file."""
 
@@ -51,7 +51,7 @@ def schema() -> None:
     click.echo(json.dumps(json_schema(), indent=1, ensure_ascii=False))
 
 
-@click.group()
+@click.group(no_args_is_help=False)
 def profile() -> None:
     """What is known and what is assumed about the devices."""
 

@@ -9,15 +9,26 @@ CONTROLLERS = ("fuzzy", "fuzzy-adaptive", "resolution-aware")
 _FILE = click.Path(path_type=Path)
 
 
+def _not_empty(context: click.Context, parameter: click.Parameter, url: str | None) -> str | None:
+    """An empty URL is an unset shell variable, not the wish for an emulated device."""
+    if url == "":
+        raise click.BadParameter("it is empty; leave the option out for the emulated device")
+    return url
+
+
 @click.command()
 @click.argument("config_file", metavar="[CONFIG.toml]", required=False, type=_FILE)
 @click.option(
     "--robot",
     metavar="URL",
+    callback=_not_empty,
     help="Robot's computer link: serial:///dev/ttyUSB0?baudrate=9600&parity=E, tcp://host:port.",
 )
 @click.option(
-    "--sensor", metavar="URL", help="Sensor's CAN gateway: can+socketcan://can0, can+slcan:///dev/ttyACM0."
+    "--sensor",
+    metavar="URL",
+    callback=_not_empty,
+    help="Sensor's CAN gateway: can+socketcan://can0, can+slcan:///dev/ttyACM0.",
 )
 @click.option("--controller", type=click.Choice(CONTROLLERS), help="Force controller.")
 @click.option("--force-n", type=float, metavar="F", help="Desired contact force, N.")

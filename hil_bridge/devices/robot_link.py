@@ -168,12 +168,8 @@ class RobotLink:
     def _explain(self, reason: LinkFailure | OrderFailure, text: str) -> str:
         line = f"{self.profile.baudrate} 8{self.profile.parity}{self.profile.stop_bits}"
         match reason:
-            case LinkFailure.NO_ANSWER:
-                advice = (
-                    f"check the cable, the rate ({line}) and that the pendant gave the link control (TO SC)"
-                )
-            case LinkFailure.ONLY_NOISE:
-                advice = f"only noise comes back: check parity and rate at both ends (now {line})"
+            case LinkFailure.NO_ANSWER | LinkFailure.ONLY_NOISE:
+                advice = f"this end is set to {line}"
             case _:
                 advice = "see the record for what went over the link"
         return f"robot on {self.name}: {text}; {advice}"

@@ -135,7 +135,7 @@ class Topic:
 
         Raises ValueError naming the column that is missing or wrong.
         """
-        message = json.loads(data, parse_constant=_refuse_constant)
+        message = _from_json(data.decode())
         if not isinstance(message, dict):
             raise ValueError("the message is not an object")
         values = {}
@@ -151,6 +151,9 @@ class Topic:
 
 def _refuse_constant(word: str) -> float:
     raise ValueError(f"{word} is not JSON")
+
+
+_from_json = json.JSONDecoder(parse_constant=_refuse_constant).decode
 
 
 def _plain(value: Any) -> object:

@@ -3,10 +3,9 @@
 import asyncio
 from collections import deque
 from collections.abc import Callable
-from dataclasses import replace
 from weakref import WeakKeyDictionary
 
-from hil_bridge.clock import Clock
+from hil_bridge.clock import Clock, Timer
 from hil_bridge.errors import ConfigError, TransportError
 from hil_bridge.transports.base import Frames, Transport
 from hil_bridge.transports.delivery import QUEUE_FRAMES, Delivery, flush
@@ -41,8 +40,10 @@ class MemoryCanBus:
         self._begun = 0.0
         """When the present unbroken traffic began."""
         self._bits = 0
-        """Bit times of it that are over or taken."""
-        self._busy = False
+        """Bit times of it that are over."""
+        self._frame: tuple[_Node, int, Timer] | None = None
+        """What is on the bus: its sender, its bit times and the timer of its end."""
+        self._delivering = False
 
     @property
     def empty(self) -> bool:
@@ -62,41 +63,58 @@ class MemoryCanBus:
     async def idle(self, node: "_Node") -> None:
         """Return when this node has sent everything."""
         while node.outgoing:
-            await self._clock.sleep_until(self._free_at())
+            bits = self._frame[1] if self._frame is not None else 0
+            await self._clock.sleep_until(self._at(self._bits + bits))
             await asyncio.sleep(0)
 
     def wake(self) -> None:
         """A node has something to send."""
-        if not self._busy:
-            self._busy = True
-            self._begun, self._bits = self._clock.now(), 0
-            # who else begins at this instant takes part in the arbitration
-            self._clock.loop.call_soon(self._arbitrate)
+        if self._delivering:
+            return  # the next arbitration is about to come
+        now = self._clock.now()
+        if self._frame is None:
+            if now != self._at(self._bits):
+                self._begun, self._bits = now, 0
+            self._arbitrate()
+        elif now == self._at(self._bits):
+            # who begins at the very instant at which the frame began takes part in the arbitration
+            self._frame[2].cancel()
+            self._arbitrate()
 
-    def _free_at(self) -> float:
-        return self._begun + self._bits / self.bitrate
+    def _at(self, bits: int) -> float:
+        return self._begun + bits / self.bitrate
 
     def _arbitrate(self) -> None:
+        self._frame = None
         waiting = [node for node in self._nodes if node.outgoing]
-        if not waiting:
-            self._busy = False
-            return
-        sender = min(waiting, key=lambda node: _priority(node.outgoing[0]))
-        self._bits += frame_bits(sender.outgoing[0])
-        self._clock.call_at(self._free_at(), lambda: self._frame_ends(sender))
+        if waiting:
+            sender = min(waiting, key=_priority) if len(waiting) > 1 else waiting[0]
+            bits = frame_bits(sender.outgoing[0])
+            self._frame = sender, bits, self._clock.call_at(self._at(self._bits + bits), self._frame_ends)
 
-    def _frame_ends(self, sender: "_Node") -> None:
-        self._clock.loop.call_soon(self._arbitrate)
-        if not sender.outgoing:
-            return  # it has left the bus
-        frame = replace(sender.outgoing.popleft(), received_at=self._free_at())
+    def _frame_ends(self) -> None:
+        assert self._frame is not None
+        sender, bits, _ = self._frame
+        self._bits += bits
+        self._delivering = True
+        try:
+            if sender.outgoing:  # else it has left the bus
+                self._deliver(sender, sender.outgoing.popleft())
+        finally:
+            self._delivering = False
+            self._arbitrate()
+
+    def _deliver(self, sender: "_Node", sent: CanFrame) -> None:
+        at = self._at(self._bits)
+        frame = CanFrame(sent.identifier, sent.data, sent.extended, sent.remote, sent.error, at)
         for node in tuple(self._nodes):
             if node is not sender:
                 node.delivery.data((frame,))
 
 
-def _priority(frame: CanFrame) -> tuple[int, bool, int, bool]:
-    """Order of arbitration: a dominant 0 wins at the first bit that differs."""
+def _priority(node: "_Node") -> tuple[int, bool, int, bool]:
+    """Order of arbitration of the node's next frame: a dominant 0 wins at the first bit that differs."""
+    frame = node.outgoing[0]
     base = frame.identifier >> 18 if frame.extended else frame.identifier
     return base, frame.extended, frame.identifier, frame.remote
 

@@ -11,6 +11,8 @@
 
 A baud rate on a wire that is no serial port means that bytes are paced as on such a line. Without more said a
 line has 9600 baud, no parity and one stop bit.
+
+pyserial and python-can take their time to import, so that only a wire of theirs imports them.
 """
 
 import math
@@ -28,8 +30,6 @@ from hil_bridge.transports.listening import Listening
 from hil_bridge.transports.memory import connect_memory, listen_memory
 from hil_bridge.transports.memory_can import join_memory_can
 from hil_bridge.transports.pseudo_terminal import PseudoTerminal
-from hil_bridge.transports.python_can import open_python_can
-from hil_bridge.transports.serial_port import open_serial_port
 from hil_bridge.transports.tcp import connect_tcp, listen_tcp
 
 SLCAN_BITRATES = (10_000, 20_000, 50_000, 83_300, 100_000, 125_000, 250_000, 500_000, 750_000, 1_000_000)
@@ -176,6 +176,8 @@ async def connect_bytes(url: str, clock: Clock) -> Transport[bytes]:
     line = parsed.line
     match parsed.scheme:
         case "serial":
+            from hil_bridge.transports.serial_port import open_serial_port
+
             return await open_serial_port(parsed.target, line or LineSettings(), clock, url)
         case "tcp":
             return await connect_tcp(*parsed.host_port, clock, url)
@@ -223,6 +225,8 @@ async def listen_can(url: str, clock: Clock) -> Listening[Frames]:
 async def _open_can(parsed: WireUrl, clock: Clock) -> Transport[Frames]:
     if parsed.scheme == "can+memory":
         return join_memory_can(parsed.target, parsed.options.get("bitrate"), clock)
+    from hil_bridge.transports.python_can import open_python_can
+
     interface = parsed.scheme.removeprefix("can+")
     return await open_python_can(interface, parsed.target, clock, parsed.text, **parsed.options)
 

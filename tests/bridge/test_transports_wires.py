@@ -1,6 +1,6 @@
 """What each wire does in virtual time beyond the suite: exact times, faults, arbitration, new clients."""
 
-import asyncio
+from asyncio import sleep as pass_time  # in virtual time, where nobody waits
 from typing import Any
 
 import pytest
@@ -67,11 +67,11 @@ def test_a_block_of_57_bytes_takes_exactly_its_character_times(outward: bool) ->
         inner, far = memory_pair(clock)
         near = Paced(inner, LINE, clock, fifo=14)
         here, there = Log(near, clock), Log(far, clock)
-        await asyncio.sleep(0.1)
+        await pass_time(0.1)
         start = clock.now()
         block = bytes(range(57))
         (near if outward else far).send(block)
-        await asyncio.sleep(1.0)
+        await pass_time(1.0)
         log = there if outward else here
         assert b"".join(data for _, data in log.items) == block
         assert [len(data) for _, data in log.items] == [14, 14, 14, 14, 1]
@@ -92,7 +92,7 @@ def test_bursts_queue_after_one_another_and_idle_time_is_not_made_up() -> None:
         near.send(b"f")
         await clock.sleep_until(start + 1.0)
         near.send(b"g")
-        await asyncio.sleep(1.0)
+        await pass_time(1.0)
         assert there.items == [(start + 6 * 11 / 9600, b"abcdef"), (start + 1.0 + 11 / 9600, b"g")]
 
     run_virtual(main)
@@ -105,7 +105,7 @@ def test_paced_times_do_not_drift_over_a_long_burst() -> None:
         near, there = Paced(inner, LINE, clock), Log(far, clock)
         start = clock.now()
         near.send(bytes(50_000))
-        await asyncio.sleep(100)
+        await pass_time(100)
         assert there.times[-1] == start + 50_000 * 11 / 9600
 
     run_virtual(main)
@@ -121,9 +121,9 @@ def test_paced_bounds_both_queues() -> None:
             near.send(bytes(70_000))
         near.send(b"fits")
         far.send(bytes(60_000))
-        await asyncio.sleep(0)
+        await pass_time(0)
         far.send(bytes(10_000))
-        await asyncio.sleep(100)
+        await pass_time(100)
         assert there.items[0][1] == b"fits"
         assert sum(len(data) for _, data in here.items) == 60_000
         assert near.overruns == 10_000
@@ -143,7 +143,7 @@ def test_the_end_comes_after_what_is_on_the_line() -> None:
             log, start = Log(near, clock), clock.now()
             far.send(bytes(20))
             await far.aclose()
-            await asyncio.sleep(1)
+            await pass_time(1)
             assert log.times[-1] == start + last
             assert log.end is not None
 
@@ -159,7 +159,7 @@ def test_closing_gives_a_slow_line_one_second() -> None:
         near.send(bytes(5000))
         await near.aclose()
         assert clock.now() == start + 1.0
-        await asyncio.sleep(1)
+        await pass_time(1)
         assert len(there.items) == 872  # 9600 / 11 characters
 
     run_virtual(main)
@@ -176,7 +176,7 @@ def test_latency_is_exact_both_ways() -> None:
         far.send(b"b")
         await clock.sleep_until(start + 0.0005)
         near.send(b"c")
-        await asyncio.sleep(1)
+        await pass_time(1)
         assert there.items == [(start + 0.0025 + 0.001, b"a"), (start + 0.0005 + 0.0025 + 0.001, b"c")]
         assert here.items == [(start + 0.001 + 0.0025, b"b")]
 
@@ -191,7 +191,7 @@ def test_a_full_memory_wire_refuses_and_stays_in_order() -> None:
         with pytest.raises(TransportError, match="full"):
             left.send(bytes(1000))
         left.send(b"end")
-        await asyncio.sleep(0)
+        await pass_time(0)
         log = Log(right, clock)
         assert [len(data) for _, data in log.items] == [65_000, 3]
         left.send(bytes(65_000))
@@ -224,7 +224,7 @@ def test_tap_shows_both_directions_in_order() -> None:
         log = Log(near, clock)
         near.send(b"ping")
         far.send(b"pong")
-        await asyncio.sleep(0.1)
+        await pass_time(0.1)
         assert seen == [(Direction.SENT, b"ping"), (Direction.RECEIVED, b"pong")]
         assert [data for _, data in log.items] == [b"pong"]
 
@@ -240,8 +240,8 @@ def test_faults_repeat_with_the_seed_and_have_their_rates() -> None:
         for _ in range(10):
             far.send(noise)
             near.send(bytes(2000))
-            await asyncio.sleep(0)
-        await asyncio.sleep(0.1)
+            await pass_time(0)
+        await pass_time(0.1)
         return b"".join(data for _, data in log.items)
 
     async def main() -> None:
@@ -272,7 +272,7 @@ def test_a_cut_cable_is_broken_here_and_silent_there() -> None:
         with pytest.raises(TransportBroken):
             near.send(b"x")
         far.send(b"y")
-        await asyncio.sleep(1)
+        await pass_time(1)
         assert here.items == there.items == []
         assert there.end is None
         await near.aclose()
@@ -300,7 +300,7 @@ def test_frames_take_their_time_and_carry_it() -> None:
         own, log, third = Log(sender, clock), Log(receiver, clock), Log(other, clock)
         start = clock.now()
         sender.send([CanFrame(0x101, bytes(8)), CanFrame(0x100, b"ab")])
-        await asyncio.sleep(1)
+        await pass_time(1)
         ends = [start + 111 / 250_000, start + (111 + 63) / 250_000]
         assert [(at, frames[0].received_at) for at, frames in log.items] == [(end, end) for end in ends]
         assert [frames for _, frames in log.items] == [
@@ -328,7 +328,7 @@ def test_the_lower_identifier_wins_among_those_that_wait() -> None:
         ]
         for node, frame in zip(nodes, frames, strict=True):
             node.send([frame])
-        await asyncio.sleep(1)
+        await pass_time(1)
         assert [items[0] for _, items in log.items] == [frames[4], frames[2], frames[1], frames[3], frames[0]]
 
     run_virtual(main)
@@ -342,8 +342,27 @@ def test_a_node_that_answers_takes_part_in_the_next_arbitration() -> None:
         log = Log(bus.connect(), clock)
         answerer.start(lambda frames: answerer.send([CanFrame(0x001)]), lambda error: None)
         talker.send([CanFrame(0x200), CanFrame(0x201)])
-        await asyncio.sleep(1)
+        await pass_time(1)
         assert [frames[0].identifier for _, frames in log.items] == [0x200, 0x001, 0x201, 0x001]
+
+    run_virtual(main)
+
+
+def test_who_comes_at_the_instant_of_the_begin_takes_part_and_who_comes_later_waits() -> None:
+    async def main() -> None:
+        clock = Clock.running()
+        bus = MemoryCanBus(clock)
+        first, second, late = (bus.connect() for _ in range(3))
+        log = Log(bus.connect(), clock)
+        start = clock.now()
+        first.send([CanFrame(0x200)])
+        await pass_time(0)
+        second.send([CanFrame(0x100)])
+        await clock.sleep_until(start + 1e-6)
+        late.send([CanFrame(0x001)])
+        await pass_time(1)
+        assert [frames[0].identifier for _, frames in log.items] == [0x100, 0x001, 0x200]
+        assert [at for at, _ in log.items] == [start + 47 * count / 1_000_000 for count in (1, 2, 3)]
 
     run_virtual(main)
 
@@ -359,7 +378,7 @@ def test_the_can_queue_is_bounded_and_a_leaving_node_hands_over_its_frames() -> 
         start = clock.now()
         await sender.aclose()
         assert clock.now() == start + 1.0
-        await asyncio.sleep(1)
+        await pass_time(1)
         assert len(log.items) == 212  # 10 000 / 47
 
     run_virtual(main)
@@ -387,10 +406,10 @@ def test_clients_of_a_memory_listener_come_and_go() -> None:
             start = clock.now()
             client.send(b"hello %d" % k)
             listening.transport.send(b"welcome %d" % k)
-            await asyncio.sleep(0.1)
+            await pass_time(0.1)
             assert heard.items == [(start + 0.0015, b"welcome %d" % k)]
             await client.aclose()
-            await asyncio.sleep(0.1)
+            await pass_time(0.1)
         assert [data for _, data in log.items] == [b"hello 0", b"hello 1", b"hello 2"]
         assert log.end is None
         await listening.transport.aclose()
@@ -407,7 +426,7 @@ def test_a_memory_url_with_a_baudrate_is_paced() -> None:
         client = await connect_bytes("memory:robot?latency_ms=2&baudrate=9600&parity=E", clock)
         start = clock.now()
         client.send(b"12345")
-        await asyncio.sleep(1)
+        await pass_time(1)
         assert log.items == [(start + 5 * 11 / 9600 + 0.002, b"12345")]
 
     run_virtual(main)
@@ -422,7 +441,7 @@ def test_nodes_of_a_memory_bus_must_agree_on_the_bitrate() -> None:
         client, log = await connect_can(listening.address, clock), Log(listening.transport, clock)
         start = clock.now()
         client.send([CanFrame(0x100)])
-        await asyncio.sleep(1)
+        await pass_time(1)
         assert log.times == [start + 47 / 500_000]
         await client.aclose()
         await listening.transport.aclose()

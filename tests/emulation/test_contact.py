@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from emulators.contact import CircularArc, Contact, Sinusoidal, Sloped, SurfaceKind, SurfaceProfile
+from emulators.contact import CircularArc, Contact, Plane, Sinusoidal, SurfaceKind, SurfaceProfile
 
 TOP = 0.59
 
@@ -119,8 +119,19 @@ def test_on_the_surface_depth_falls_fastest_along_the_outward_normal(kind: Surfa
 
 
 def test_a_slope_of_nothing_is_flat() -> None:
-    depth, along, up = Sloped(0.5, 0.0).depth_and_normal(np.array([0.3]), np.array([0.499]))
+    depth, along, up = Plane(0.5, 0.0).depth_and_normal(np.array([0.3]), np.array([0.499]))
     assert (depth[0], along[0], up[0]) == (pytest.approx(0.001), 0.0, 1.0)
+
+
+def test_the_depth_below_a_slope_is_the_one_of_its_shape_anywhere() -> None:
+    profile = SurfaceProfile(kind=SurfaceKind.SLOPED, slope_deg=20.0, path_deg=30.0, origin_y_mm=50.0)
+    places = np.array([[0.9, 0.05, 0.59], [1.1, -0.3, 0.7], [0.4, 0.2, 0.5]])
+    depth, normals = Contact(profile).depth_and_normal(places)
+    along = (places - [0.9, 0.05, 0.0]) @ [math.cos(math.pi / 6), 0.5, 0.0]
+    expected, normal_along, normal_up = profile.shape().depth_and_normal(along, places[:, 2])
+    np.testing.assert_allclose(depth, expected, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(normals[:, 2], normal_up, rtol=1e-15)
+    np.testing.assert_allclose(normals[:, 1], normal_along * 0.5, rtol=1e-15)
 
 
 @pytest.mark.parametrize(

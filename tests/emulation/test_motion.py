@@ -176,7 +176,12 @@ def test_orientation_follows_the_line_and_a_turn_takes_its_time() -> None:
     assert angle_between(DOWN, motion.orientation(T0 + 0.521)) == pytest.approx(math.pi / 4, abs=1e-9)
     assert not motion.waiting(T0 + 1.0)
     assert motion.orientation(T0 + 1.05) == pytest.approx(turned, abs=1e-12)
-    assert motion.orientations(T0 + np.array([0.1, 1.04])).shape == (2, 4)
+    times = T0 + np.array([0.105, 0.106, 0.125, 1.045, 1.1, 1.2])
+    stretches = motion.orientations(times)
+    assert [(part.start, part.stop) for part, _ in stretches][:2] == [(0, 2), (2, 3)]
+    for part, quaternion in stretches:
+        assert {motion.orientation(now) for now in times[part].tolist()} == {quaternion}
+    assert motion.orientations(times[3:]) == [(slice(0, 3), motion.orientation(T0 + 1.2))]
 
 
 def test_slerp_takes_the_shorter_arc() -> None:

@@ -1,0 +1,279 @@
+"""The command line as a person meets it, in this process; what runs the loop runs in virtual time."""
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TypeAlias
+
+import pytest
+
+import hil_bridge.cli
+from hil_bridge import session
+from hil_bridge.errors import DeviceError
+from hil_bridge.recording import read
+from hil_bridge.run import Run
+
+Result: TypeAlias = tuple[int, str, str]
+Command: TypeAlias = Callable[..., Result]
+
+STATUS_ORDER = "10 02 00 08 01 00 13 01 00 00 10 03"
+
+
+@pytest.fixture
+def hil(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], tmp_path: Path) -> Command:
+    """Run `hil-bridge` with these arguments in an empty folder: exit code, standard output, standard error."""
+    monkeypatch.chdir(tmp_path)
+
+    def command(*arguments: str) -> Result:
+        monkeypatch.setattr(sys, "argv", ["hil-bridge", *arguments])
+        with pytest.raises(SystemExit) as ended:
+            hil_bridge.cli.main()
+        output, errors = capfd.readouterr()
+        return int(ended.value.code or 0), output, errors
+
+    return command
+
+
+def refused(result: Result) -> str:
+    """The one line that a refusal is."""
+    code, _, errors = result
+    assert code == 2, errors
+    assert errors.startswith("hil-bridge: ")
+    assert errors.count("\n") == 1
+    return errors
+
+
+VIRTUAL = ("run", "--virtual", "--no-view")
+
+
+def test_help_imports_none_of_the_heavy_libraries() -> None:
+    program = (
+        "import sys, hil_bridge.cli\nsys.argv = ['hil-bridge', '--help']\n"
+        "try: hil_bridge.cli.main()\n"
+        "except SystemExit: pass\n"
+        "print([n for n in ('numpy', 'scipy', 'matplotlib', 'rich', 'can', 'serial', 'pydantic', 'mcap', 'asyncio')"
+        " if n in sys.modules], file=sys.stderr)"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert "Exit codes" in done.stdout
+    assert done.stderr == "[]\n"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ([*VIRTUAL, "--duration", "0"], "--duration: must be greater than 0, got 0.0"),
+        ([*VIRTUAL, "--duration", "-1"], "--duration: must be greater than 0, got -1.0"),
+        ([*VIRTUAL, "--duration", "inf"], "--duration: must be a finite number"),
+        ([*VIRTUAL, "--duration", "soon"], "'soon' is not a valid float; see `hil-bridge run --help`"),
+        ([*VIRTUAL, "--force-n", "-3"], "--force-n must be a number above 0, got -3.0"),
+        ([*VIRTUAL, "--force-n", "nan"], "--force-n must be a number above 0, got nan"),
+        ([*VIRTUAL, "--force-n", "1000"], "must be below limits.force_limit_n of 50 N"),
+        ([*VIRTUAL, "--seed", "-1"], "--seed: must be greater than or equal to 0"),
+        ([*VIRTUAL, "--controller", "pid"], "'pid' is not one of 'fuzzy'"),
+        ([*VIRTUAL, "--robot", "tcp://h:1"], "leave it out to use real ports"),
+        ([*VIRTUAL, "--bogus"], "No such option"),
+        ([*VIRTUAL, "--record", "."], "it is a folder; name a file in it"),
+        ([*VIRTUAL, "--summary", "file/s.json"], "cannot make the folder file"),
+        ([*VIRTUAL, "--report", "file"], "cannot make the folder file"),
+        (["run", "--robot", ""], "it is empty; leave the option out"),
+        (["run", "--robot", "tcp://h:1"], "give --sensor (sensor.url) too"),
+        (
+            ["run", "--robot", "foo:", "--sensor", "can+slcan:///dev/x"],
+            "unknown scheme 'foo'; allowed: serial, ",
+        ),
+        (
+            ["run", "--robot", "serial://", "--sensor", "can+slcan:///dev/x"],
+            "the target is missing; for example",
+        ),
+        (
+            ["run", "--robot", "serial:///dev/x?parity=X", "--sensor", "can+slcan:///dev/x"],
+            "parity must be one of N, E, O, got 'X'",
+        ),
+        (
+            ["run", "--robot", "serial:///dev/x?speed=1", "--sensor", "can+slcan:///dev/x"],
+            "unknown option 'speed'; allowed: baudrate",
+        ),
+        (["run", "--sensor", "tcp://h:1"], "unknown scheme 'tcp'; allowed: can+"),
+        (["emulate", "cell", "--robot-port", "foo:"], "unknown scheme 'foo'; allowed: pty, tcp-listen"),
+        (["emulate", "cell", "--sensor-port", "foo:"], "unknown scheme 'foo'; allowed: can+"),
+        (["emulate", "robot", "--robot-port", "tcp-listen://h"], "host and port must be like 127.0.0.1:4000"),
+        (["emulate", "arm"], "'arm' is not one of 'cell', 'robot', 'sensor'"),
+        (["report", "none.mcap"], "cannot read the recording none.mcap: No such file"),
+        (["report", "file"], "file is not an MCAP file"),
+        (["report", "."], "Is a directory"),
+        (["profile", "show", "file"], "file is no TOML"),
+        (["config", "init", "file"], "file is there already"),
+        (["config", "init", "none/c.toml"], "cannot write none/c.toml: No such file"),
+        (["decode"], "Missing command; see `hil-bridge decode --help`"),
+        (["decode", "computer-link", ""], "nothing to decode"),
+        (["decode", "computer-link", "10", "0"], "3 digits are no whole bytes"),
+        (["decode", "computer-link", "1g"], "'g' at digit 2 is no hexadecimal digit"),
+        (["decode", "jr3-can", "201"], "a # between identifier and data is missing"),
+        (["decode", "jr3-can", "xyz#00"], "'x' is no hexadecimal digit"),
+        (["bogus"], "No such command 'bogus'; see `hil-bridge --help`"),
+    ],
+)
+def test_bad_input_is_one_line_that_says_what_to_do(
+    hil: Command, tmp_path: Path, arguments: list[str], message: str
+) -> None:
+    (tmp_path / "file").write_text("no TOML, no recording")
+    assert message in refused(hil(*arguments))
+
+
+@pytest.mark.parametrize(
+    ("robot", "message"),
+    [
+        ("serial:///dev/there-is-none", "cannot be opened: there is no such port; check the cable"),
+        ("tcp://127.0.0.1:1", "nobody listens there; start the other side first"),
+    ],
+)
+def test_a_wire_that_cannot_be_opened_is_a_device_error(hil: Command, robot: str, message: str) -> None:
+    code, _, errors = hil(
+        "run", "--no-view", "--robot", robot, "--sensor", "can+slcan:///dev/none", "--record", "r.mcap"
+    )
+    assert (code, errors.count("\n")) == (3, 1)
+    assert robot in errors
+    assert message in errors
+    assert Path("r.mcap").stat().st_size
+
+
+def test_a_port_without_permission_names_the_group(hil: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+    opened = os.open
+
+    def forbidden(path: str, *arguments: int, **options: int) -> int:
+        if path == "/dev/ttyFORBIDDEN":
+            raise PermissionError(13, "Permission denied", path)
+        return opened(path, *arguments, **options)
+
+    monkeypatch.setattr(os, "open", forbidden)
+    code, _, errors = hil(
+        "run", "--no-view", "--robot", "serial:///dev/ttyFORBIDDEN", "--sensor", "can+slcan:///dev/none"
+    )
+    assert (code, errors.count("\n")) == (3, 1)
+    assert "no permission; add yourself to the group dialout" in errors
+
+
+# --- whole runs
+
+
+def test_a_run_prints_its_figures_and_leaves_what_report_makes_again(hil: Command) -> None:
+    code, output, errors = hil(
+        *VIRTUAL, "--duration", "2", "--record", "r.mcap", "--summary", "s.json", "--report", "rep"
+    )
+    lines = output.splitlines()
+    assert (code, errors) == (0, "")
+    assert lines[0] == "completed"
+    assert lines[-3:] == ["record: r.mcap", "summary: s.json", "report: rep/report.html"]
+    assert any(line.startswith("  tracked") and "resolution-aware" in line for line in lines)
+    assert json.loads(Path("s.json").read_text())["outcome"] == "completed"
+    assert hil("report", "r.mcap", "--out", "again") == (0, "again/report.html\n", "")
+    assert Path("again/report.html").read_bytes() == Path("rep/report.html").read_bytes()
+    Path("cut.mcap").write_bytes(Path("r.mcap").read_bytes()[:3000])
+    Path("empty.mcap").touch()
+    assert "before the first control cycle" in refused(hil("report", "cut.mcap"))
+    assert "empty.mcap is empty" in refused(hil("report", "empty.mcap"))
+
+
+def test_the_emulators_own_end_is_no_event_of_a_run(hil: Command) -> None:
+    assert hil(*VIRTUAL, "--duration", "0.3", "--record", "r.mcap")[0] == 0
+    assert not [event for event in read(Path("r.mcap")).events if event.kind == "emulator"]
+
+
+def test_a_sensor_that_never_boots_is_one_line_and_keeps_the_record(hil: Command) -> None:
+    Path("c.toml").write_text("[cell.sensor]\nconnected = false\n")
+    code, output, errors = hil(
+        *VIRTUAL, "c.toml", "--record", "r.mcap", "--report", "rep", "--summary", "s.json"
+    )
+    assert (code, output, errors.count("\n")) == (3, "", 1)
+    assert "force sensor on can+memory:sensor" in errors
+    assert "sensor unplugged?" in errors
+    assert "holds no control cycle" in refused(hil("report", "r.mcap"))
+
+
+def test_a_device_that_fails_before_the_first_cycle_is_the_cause_told(
+    hil: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(self: Run, status: object) -> None:
+        raise DeviceError("the robot said no")
+
+    monkeypatch.setattr(Run, "_sample", fail)
+    code, output, errors = hil(*VIRTUAL, "--record", "r.mcap", "--report", "rep", "--summary", "s.json")
+    assert (code, errors) == (3, "hil-bridge: stopped: the robot said no\n")
+    assert output == "stopped\nrecord: r.mcap\n"
+
+
+def test_a_stop_tells_its_cause_and_still_leaves_everything(hil: Command) -> None:
+    Path("c.toml").write_text("[task]\napproach_depth_limit_mm = 1.0\n")
+    code, output, errors = hil(*VIRTUAL, "c.toml", "--summary", "s.json", "--report", "rep")
+    assert (code, errors) == (3, "hil-bridge: stopped: no contact found within 1 mm\n")
+    assert output.startswith("stopped\n")
+    assert output.endswith("report: rep/report.html\n")
+    assert json.loads(Path("s.json").read_text())["cause"] == "no contact found within 1 mm"
+
+
+def test_an_interruption_before_the_movement_ends_at_once(
+    hil: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*arguments: object, **options: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(session, "connect_bytes", interrupted)
+    code, output, errors = hil(*VIRTUAL, "--report", "rep")
+    assert (code, output, errors.strip()) == (130, "", "")
+
+
+# --- decode, config, profile
+
+
+def test_sound_bytes_and_frames_decode_with_exit_code_0(hil: Command) -> None:
+    code, output, _ = hil("decode", "computer-link", *STATUS_ORDER.split(), "18")
+    assert (code, json.loads(output)[0]["header"]["function_text"]) == (0, "read status")
+    assert hil("decode", "computer-link", f"05{STATUS_ORDER}18".replace(" ", ":"))[0] == 0
+    code, output, _ = hil("decode", "jr3-can", "201#C80010270000")
+    assert (code, json.loads(output)[0]["op"]) == (0, "start async")
+
+
+def test_what_is_wrong_in_a_block_is_told_with_its_place_and_exit_code_2(hil: Command) -> None:
+    code, output, errors = hil("decode", "computer-link", STATUS_ORDER, "19")
+    (item,) = json.loads(output)
+    assert (code, errors) == (2, "")
+    assert item["problem"] == "check character is 19, the telegram needs 18"
+    assert item["problem_offset"] == 12
+    for broken in ("10 02 00 08 01 00", "55", f"{STATUS_ORDER} 18 55"):
+        assert hil("decode", "computer-link", broken)[0] == 2, broken
+
+
+@pytest.mark.parametrize("frame", ["201#C800", "201#", "7FF#00", "080#R", "00000201#C80010270000"])
+def test_frames_with_wrong_ids_or_lengths_have_exit_code_2(hil: Command, frame: str) -> None:
+    code, output, errors = hil("decode", "jr3-can", "201#C80010270000", frame)
+    sound, broken = json.loads(output)
+    assert (code, errors, sound["problems"]) == (2, "", [])
+    assert broken["problems"]
+
+
+def test_config_commands(hil: Command) -> None:
+    assert hil("config", "init") == (0, "wrote hil-bridge.toml\n", "")
+    assert hil("profile", "show", "hil-bridge.toml") == hil("profile", "show")
+    code, output, _ = hil("config", "schema")
+    assert (code, json.loads(output)["type"]) == (0, "object")
+
+
+def test_the_profile_shows_what_is_assumed_and_what_was_changed(hil: Command) -> None:
+    Path("c.toml").write_text("[robot.link]\nbid_limit = 7\n")
+    assumed = hil("profile", "show", "c.toml")[1].splitlines()
+    everything = hil("profile", "show", "c.toml", "--all")[1].splitlines()
+    assert all("  [assumed]  " in line for line in assumed)
+    assert [line for line in everything if "  [assumed]  " in line] == assumed
+    assert len(everything) > len(assumed)
+    assert any(line.startswith("robot.link.bid_limit = 7 (default 3)  [assumed]  ") for line in assumed)
+    assert any(line.startswith("robot.link.baudrate = 9600 Bd  [observed]") for line in everything)
+
+
+def test_without_a_command_there_is_help(hil: Command) -> None:
+    code, output, errors = hil()
+    assert (code, errors) == (0, "")
+    assert output.startswith("Usage: hil-bridge ")

@@ -1,0 +1,127 @@
+"""The configuration file: what is refused and how, and what the commands around it print."""
+
+import dataclasses
+import json
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pydantic import BaseModel
+
+from hil_bridge.config import Config, commented_defaults, load_config, profile_rows, schema
+from hil_bridge.errors import ConfigError
+from protocol.marks import Mark
+
+
+def refusal(tmp_path: Path, text: str, **overrides: object) -> str:
+    path = tmp_path / "c.toml"
+    path.write_text(text)
+    with pytest.raises(ConfigError) as caught:
+        load_config(path, {key.replace("__", "."): value for key, value in overrides.items()})
+    message = str(caught.value)
+    assert "\n" not in message
+    return message.removeprefix(f"{tmp_path}/")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[run]\nbogus = 1", "c.toml: run.bogus is no setting; known here: duration_s, seed, period_ms"),
+        ("[run]\nduration_ms = 1", "run.duration_ms is no setting; the unit is part of the name: duration_s"),
+        ("[task]\nforce = 1", "task.force is no setting; the unit is part of the name: force_n"),
+        ("[cell.surface]\nstifness_n_m = 1", "did you mean stiffness_n_m?"),
+        ("[bogus]\nx = 1", "bogus is no setting; known here: run, robot"),
+        ('[run]\nduration_s = "x"', "run.duration_s: must be a valid number"),
+        ("run = 3", "run must be a table of settings, got 3"),
+        ("[robot]\nlink = 3", "robot.link must be a table of settings, got 3"),
+        ("[controller]\nparameters = 3", "controller.parameters must be a table of settings, got 3"),
+        ("[frame]\ntravel = [0, 0]", "frame.travel: a value is missing, got [0, 0]"),
+        ("[frame]\ntravel = [0, 0, 0]", "frame.travel: must not be the zero vector"),
+        ("[frame]\ntravel = [0, 0, 1]", "frame.travel: must be perpendicular to frame.approach"),
+        ("[cell.surface]\nstiffness_n_m = -1.0", "cell.surface.stiffness_n_m must be at least 0, got -1"),
+        ("[task]\nforce_n = nan", "task.force_n must be a number above 0, got nan"),
+        ('[robot.link]\ndle_stuffing = "x"', "robot.link.dle_stuffing: must be 'off' or 'double', got 'x'"),
+        ('[controller]\nname = "pid"', "no controller is called 'pid'; choose one of fuzzy, "),
+        ("[controller.parameters]\nfoo = 1", "resolution-aware has no parameter 'foo', only output_step_mm"),
+        ("[run]\nseed = -1\nx = 1", "(and 1 more)"),
+        ("hello", "c.toml is no TOML: "),
+    ],
+)
+def test_what_is_wrong_is_named_with_the_way_out(tmp_path: Path, text: str, message: str) -> None:
+    assert message in refusal(tmp_path, text)
+
+
+def test_an_option_is_named_as_it_was_typed_and_the_file_as_it_stands(tmp_path: Path) -> None:
+    assert refusal(tmp_path, "", run__duration_s=0.0).startswith("--duration: must be greater than 0")
+    assert refusal(tmp_path, "", task__force_n=-3.0).startswith("--force-n must be a number above 0")
+    assert refusal(tmp_path, "[run]\nseed = -1", run__duration_s=3.0).startswith("c.toml: run.seed")
+
+
+def test_a_file_that_cannot_be_read_is_named(tmp_path: Path) -> None:
+    (tmp_path / "latin.toml").write_bytes(b"\xff\xfe")
+    for path, why in (
+        (tmp_path, "Is a directory"),
+        (tmp_path / "nothing.toml", "No such file"),
+        (tmp_path / "latin.toml", "is no TOML"),
+    ):
+        with pytest.raises(ConfigError, match=why) as caught:
+            load_config(path, {})
+        assert str(path) in str(caught.value)
+
+
+def test_the_written_defaults_read_back_as_the_defaults(tmp_path: Path) -> None:
+    path = tmp_path / "c.toml"
+    path.write_text(commented_defaults())
+    assert load_config(path, {}) == Config()
+
+
+def keys(prefix: str, value: Any) -> set[str]:
+    if isinstance(value, BaseModel):
+        items = [(name, getattr(value, name)) for name in type(value).model_fields]
+    elif dataclasses.is_dataclass(value):
+        items = [(field.name, getattr(value, field.name)) for field in dataclasses.fields(value)]
+    else:
+        return {prefix}
+    return set().union(*(keys(f"{prefix}.{name}" if prefix else name, item) for name, item in items))
+
+
+def test_the_defaults_file_has_every_setting_with_a_comment() -> None:
+    found, section, comment = set(), "", False
+    for line in commented_defaults().splitlines():
+        if line.startswith("["):
+            section = line.strip("[]")
+        elif line and not line.startswith("#"):
+            assert comment, f"{line} has no comment"
+            found.add(f"{section}.{line.partition(' = ')[0]}")
+        comment = line.startswith("# ")
+    assert found == keys("", Config())
+    assert tomllib.loads(commented_defaults())["cell"]["surface"]
+
+
+def test_the_schema_describes_every_setting_and_has_the_keys_of_the_configuration() -> None:
+    described = json.loads(json.dumps(schema()))
+
+    def walk(prefix: str, node: dict[str, Any]) -> set[str]:
+        found: set[str] = set()
+        for name, entry in node["properties"].items():
+            key = f"{prefix}.{name}" if prefix else name
+            assert entry.get("description"), key
+            inner = entry.get("$ref", "").removeprefix("#/$defs/")
+            table = described["$defs"].get(inner, {})
+            found |= walk(key, table) if "properties" in table else {key}
+        return found
+
+    assert walk("", described) == keys("", Config())
+    tables = [node for node in described["$defs"].values() if "properties" in node]
+    assert not any(table.get("additionalProperties", True) for table in tables)
+
+
+def test_every_setting_with_a_mark_is_a_profile_row(tmp_path: Path) -> None:
+    path = tmp_path / "c.toml"
+    path.write_text("[robot.link]\nbid_limit = 7\n")
+    rows = dict(profile_rows(load_config(path, {})))
+    assert rows["robot.link.bid_limit"].value == 7
+    assert rows["robot.link.bid_limit"].default == 3
+    assert rows["robot.link.baudrate"].info.mark is Mark.OBSERVED
+    assert rows["cell.robot.turnaround_ms"].info.mark is Mark.ASSUMED

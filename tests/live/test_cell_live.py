@@ -1,0 +1,168 @@
+"""Bridge and emulator as two processes, over pseudo-terminals and TCP in real time."""
+
+import json
+import os
+import pty
+import signal
+import subprocess
+import sys
+import time
+import tty
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+pytestmark = pytest.mark.live
+
+HIL = (sys.executable, "-c", "from hil_bridge.cli import main; main()")
+PATIENCE = 60.0
+"""For a whole process on a busy machine, s."""
+
+
+def start(*arguments: str) -> "subprocess.Popen[str]":
+    return subprocess.Popen(
+        [*HIL, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, bufsize=1
+    )
+
+
+@contextmanager
+def emulated(
+    *arguments: str, stop: signal.Signals = signal.SIGTERM
+) -> Iterator[tuple["subprocess.Popen[str]", list[str]]]:
+    """An emulator process, and the options that connect a run to it; it must end well when asked to."""
+    process = start("emulate", *arguments, "--json")
+    try:
+        assert process.stdout is not None
+        where = json.loads(process.stdout.readline())
+        yield process, [text for device, url in where.items() for text in (f"--{device}", url)]
+        if process.poll() is None:
+            process.send_signal(stop)
+            assert process.communicate(timeout=PATIENCE) == ("", "")
+            assert process.returncode == 0
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def wait_until(happened: Callable[[], bool]) -> None:
+    ends = time.monotonic() + PATIENCE
+    while not happened():
+        assert time.monotonic() < ends
+        time.sleep(0.05)
+
+
+def begun(record: Path, kibibytes: int) -> Callable[[], bool]:
+    return lambda: record.exists() and record.stat().st_size > kibibytes * 1024
+
+
+@pytest.fixture
+def short(tmp_path: Path) -> str:
+    """A configuration that retracts by little, to save time."""
+    path = tmp_path / "c.toml"
+    path.write_text("[task]\nretract_mm = 3.0\n")
+    return str(path)
+
+
+def finish(process: "subprocess.Popen[str]") -> tuple[int, list[str], str]:
+    output, errors = process.communicate(timeout=PATIENCE)
+    return process.returncode, output.splitlines(), errors
+
+
+def test_two_processes_hold_ten_newtons(tmp_path: Path, short: str) -> None:
+    with emulated("cell") as (_, options):
+        summary = tmp_path / "s.json"
+        code, lines, errors = finish(
+            start("run", short, *options, "--duration", "8", "--no-view", "--summary", str(summary))
+        )
+        assert (code, errors) == (0, "")
+        assert lines[0] == "completed"
+        figures = json.loads(summary.read_text())
+        assert figures["force_mean_steady_n"] == pytest.approx(10.0, abs=0.6)
+        assert figures["sensor_frames_lost"] == 0
+
+
+def test_a_killed_emulator_ends_the_run_at_once_with_its_cause_and_a_whole_record(tmp_path: Path) -> None:
+    record = tmp_path / "r.mcap"
+    with emulated("cell", "--robot-port", "tcp-listen://127.0.0.1:0?baudrate=9600&parity=E") as (
+        cell,
+        options,
+    ):
+        assert options[1].startswith("tcp://127.0.0.1:")
+        run = start("run", *options, "--no-view", "--record", str(record))
+        wait_until(begun(record, 30))
+        cell.kill()
+        killed = time.monotonic()
+        code, lines, errors = finish(run)
+        assert time.monotonic() - killed < 5.0
+        assert (code, lines[0], errors.count("\n")) == (3, "stopped", 1)
+        assert errors.startswith(f"hil-bridge: stopped: {options[1]}: the other side ")
+    code, _, errors = finish(start("report", str(record), "--out", str(tmp_path)))
+    assert (code, errors) == (0, "")
+
+
+def test_ctrl_c_retracts_and_leaves_everything(tmp_path: Path, short: str) -> None:
+    record, summary = tmp_path / "r.mcap", tmp_path / "s.json"
+    run = start(
+        *(
+            "run",
+            short,
+            "--no-view",
+            "--record",
+            str(record),
+            "--summary",
+            str(summary),
+            "--report",
+            str(tmp_path),
+        )
+    )
+    wait_until(begun(record, 30))
+    run.send_signal(signal.SIGINT)
+    code, lines, errors = finish(run)
+    assert (code, errors) == (130, "")
+    assert lines[0] == "interrupted"
+    assert lines[-1] == f"report: {tmp_path / 'report.html'}"
+    figures = json.loads(summary.read_text())
+    assert (figures["outcome"], figures["truncated"]) == ("interrupted", False)
+    assert list(figures["phases_s"])[-2:] == ["track", "retract"]
+
+
+def test_ctrl_c_while_connecting_ends_at_once(tmp_path: Path) -> None:
+    """The robot is a pseudo-terminal on which nobody answers."""
+    master, slave = pty.openpty()
+    try:
+        tty.setraw(slave)
+        record = tmp_path / "r.mcap"
+        device = os.ttyname(slave)
+        with emulated("sensor", stop=signal.SIGINT) as (_, options):
+            run = start(
+                *("run", "--robot", f"serial://{device}", *options, "--no-view", "--record", str(record))
+            )
+            assert os.read(master, 1) == b"\x05"
+            run.send_signal(signal.SIGINT)
+            asked = time.monotonic()
+            code, lines, errors = finish(run)
+            assert time.monotonic() - asked < 5.0
+            assert (code, lines, errors.strip()) == (130, [], "")
+            assert record.stat().st_size
+    finally:
+        os.close(master)
+        os.close(slave)
+
+
+def test_a_port_that_another_holds_is_named(tmp_path: Path) -> None:
+    with emulated("sensor") as (_, options):
+        master, slave = pty.openpty()
+        held = f"serial://{os.ttyname(slave)}"
+        holder = start("run", "--robot", held, *options, "--no-view")
+        try:
+            assert os.read(master, 1) == b"\x05"
+            code, _, errors = finish(start("run", "--robot", held, *options, "--no-view"))
+            assert (code, errors.count("\n")) == (3, 1)
+            assert "another program holds the port; `fuser -v " in errors
+        finally:
+            holder.kill()
+            holder.communicate()
+            os.close(master)
+            os.close(slave)
