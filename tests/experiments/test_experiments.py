@@ -3,11 +3,14 @@
 import csv
 import io
 import struct
+from dataclasses import replace
 
 import pytest
 
-from hil_bridge.experiments import EXPERIMENTS, run_cell, run_jobs, write_findings, write_page
+from hil_bridge.control import CONTROLLERS
+from hil_bridge.experiments import EXPERIMENTS, resolution, run_cell, run_jobs, write_findings, write_page
 from hil_bridge.experiments.cell import CellJob
+from hil_bridge.experiments.comparison import held, ranking, variants
 from hil_bridge.experiments.results import from_csv, markdown, one, shown, to_csv
 from hil_bridge.experiments.simulation import REFERENCE_N, STIFFNESSES
 from hil_bridge.experiments.wall import RESOLUTION, WallJob
@@ -143,7 +146,7 @@ def test_every_figure_of_the_chain_comes_out_of_a_short_run(tmp_path):
     for name in ("fig7", "fig9-10"):
         experiment = EXPERIMENTS[name]
         (job,) = experiment.jobs(1)
-        short = CellJob(job.controller, job.parameters, 1, duration=9.0, contour=job.contour)
+        short = replace(job, duration=9.0)
         findings = experiment.evaluate([short], [short()])
         paths = write_findings(experiment, findings, tmp_path)
         assert all(path.stat().st_size for path in paths)
@@ -165,3 +168,53 @@ def test_page_names_its_command_and_finds_its_pictures(tmp_path):
 def test_figures_are_shown_as_people_read_them():
     assert [shown(v) for v in (None, "x", 5000, 12345.6, 0.12345)] == ["–", "x", "5 000", "12 300", "0.123"]
     assert markdown([{"a_b": 1}], ["a_b"]).splitlines()[0] == "| a b |"
+
+
+@pytest.mark.parametrize("name", ["fig8", "fig11"])
+def test_text_of_the_tracking_figures_follows_from_their_csv_files(name):
+    experiment = EXPERIMENTS[name]
+    jobs = [replace(job, duration=9.0) for job in experiment.jobs(1)]
+    findings = experiment.evaluate(jobs, [job() for job in jobs])
+    text, claims = experiment.describe(from_csv(to_csv(findings.table)))
+    assert (text, claims) == experiment.describe(findings.table)
+    assert "predictive" in text
+    assert claims
+
+
+def test_limit_cycle_grows_with_the_force_of_a_step_and_stays_below_it(monkeypatch):
+    monkeypatch.setattr(resolution, "STIFFNESSES", (5e3, 5e4))
+    monkeypatch.setattr(resolution, "RESOLUTIONS_MM", (0.125, 0.5))
+    monkeypatch.setattr(resolution, "SECONDS", 12.0)
+    monkeypatch.setattr(resolution, "STEADY_SAMPLES", 40)
+    experiment, findings = evaluated("resolution", 1)
+    for entry in findings.table:
+        assert entry["simulated_n"] == pytest.approx(entry["step_force_n"], rel=0.01)
+        assert entry["predicted_n"] == pytest.approx(entry["simulated_n"], rel=0.25)
+        assert 0.1 < entry["chain_n"] / entry["step_force_n"] <= 1.05
+    assert experiment.describe(from_csv(to_csv(findings.table))) == experiment.describe(findings.table)
+
+
+def test_comparison_counts_what_is_held():
+    experiment = EXPERIMENTS["controllers"]
+    jobs = [
+        job
+        for job in experiment.jobs(1)
+        if job.controller in ("fuzzy", "fuzzy-adaptive")
+        and job.stiffness in (5e3, 5e4)
+        and (job.baudrate, job.noise_counts) == (19200, 1.0)
+    ]
+    findings = experiment.evaluate(jobs, [job() for job in jobs])
+    assert len(findings.table) == 4
+    counts = {entry["controller"]: entry["held"] for entry in ranking(findings.table)}
+    assert counts["fuzzy"] == sum(held(entry) for entry in findings.table if entry["controller"] == "fuzzy")
+    text, _ = experiment.describe(from_csv(to_csv(findings.table)))
+    assert text == experiment.describe(findings.table)[0]
+    assert f"The fixed gains hold {counts['fuzzy']} of 2 points" in text
+
+
+def test_the_whole_grid_has_every_controller_with_and_without_the_estimate():
+    jobs = EXPERIMENTS["controllers"].jobs(1)
+    assert {job.controller for job in jobs} == set(CONTROLLERS)
+    assert {"pi", "pi+estimate", "admittance", "admittance+estimate"} <= set(variants())
+    assert {job.stiffness for job in jobs} >= {500.0, 200_000.0}
+    assert {job.baudrate for job in jobs} == {9600, 19200}
