@@ -5,7 +5,7 @@ Eq. (1), (2): error f_e(k) = f_a(k) − f_d and change f_ce(k) = f_e(k) − f_e(
 """
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
 from hil_bridge.control.checks import FORBID_EXTRA, check_reference, require_above_zero, require_not_negative
@@ -143,7 +143,8 @@ class ResolutionAware:
     x(k+1) = x_est(k) of eq. (5) while |f_e| > k_est · Δx_res/2 + uncertainty, else the command stays.
     Derived: positions are Δx_res apart, hence forces k_est · Δx_res, so a smaller error cannot be
     bettered by a step; the fuzzy correction, never 0 for long on a hard surface, would keep the limit
-    cycle alive. Without an estimate, and without contact, the fuzzy PI works alone.
+    cycle alive. Estimate and feedforward take the force that acted when the position was true, where it is
+    known. Without an estimate, and without contact, the fuzzy PI works alone.
     """
 
     __pydantic_config__: ClassVar = FORBID_EXTRA
@@ -185,7 +186,8 @@ class ResolutionAware:
         if not measurement.is_finite:
             return state, _stay(measurement, state.estimate.stiffness)
         error = measurement.force - reference
-        estimate = _estimate(self, state.estimate, measurement)
+        aligned = replace(measurement, force=measurement.force_at_position)
+        estimate = _estimate(self, state.estimate, aligned)
         explanation = _infer(self._system, state.error, error, reference)
         state = AdaptiveState(error, estimate)
         stiffness = estimate.stiffness
@@ -195,7 +197,9 @@ class ResolutionAware:
         explanation["band_n"] = band
         if abs(error) <= band:
             return state, Command(measurement.commanded, 0.0, stiffness, 1.0, True, explanation)
-        feedforward = _feedforward(self.feedforward_limit_mm, measurement, error, stiffness)
+        feedforward = _feedforward(
+            self.feedforward_limit_mm, measurement, aligned.force - reference, stiffness
+        )
         explanation["feedforward_m"] = feedforward
         return state, Command(feedforward, 0.0, stiffness, 1.0, False, explanation)
 

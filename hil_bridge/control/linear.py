@@ -31,15 +31,15 @@ class Pi:
     """x(k+1) = x_commanded(k) + [K_p · (e(k) − e(k−1)) + K_i · e(k)] / k_t, e = f_d − f. Source: textbook PI
     in velocity form, gains relative to the stiffness k_t that they were tuned at.
 
-    With `gain_scheduling` the estimated stiffness takes the place of k_t as soon as there is one.
+    With `gain_scheduling` the estimated stiffness takes the place of k_t; before there is one, the stiffest.
     """
 
     __pydantic_config__: ClassVar = FORBID_EXTRA
     name: ClassVar[str] = "pi"
 
-    proportional: float = 0.1
+    proportional: float = 0.2
     """K_p: share of a change of the error that is answered in a sample."""
-    integral: float = 0.2
+    integral: float = 0.4
     """K_i: share of the error that is made up for in a sample. Chosen with the other for little overshoot at
     the delay of the computer link, nearly two samples.
     """
@@ -47,6 +47,8 @@ class Pi:
     """k_t: stiffness that the gains were tuned at; the paper's sponge."""
     gain_scheduling: bool = False
     """Whether the gains follow the estimated stiffness."""
+    stiffest_n_m: float = 100_000.0
+    """With scheduling, stiffness assumed before there is an estimate: the hardest surface that may come."""
     correction_limit_mm: float = 2.0
     """Farthest that the command may move in a sample, either way. Chosen."""
     resolution_mm: float = 0.125
@@ -56,7 +58,7 @@ class Pi:
 
     def __post_init__(self) -> None:
         require_not_negative(self, "proportional")
-        require_above_zero(self, "integral", "tuned_at_n_m", "correction_limit_mm")
+        require_above_zero(self, "integral", "tuned_at_n_m", "stiffest_n_m", "correction_limit_mm")
         _pairing(self)
 
     def initial(self) -> PiState:
@@ -107,10 +109,10 @@ class Admittance:
     __pydantic_config__: ClassVar = FORBID_EXTRA
     name: ClassVar[str] = "admittance"
 
-    mass_kg: float = 220.0
-    """M. Chosen: with the damper a time constant of 50 ms, a fraction of the cycle."""
-    damping_ns_m: float = 4500.0
-    """D. Chosen: at the stiffness tuned at, a fifth of the error is made up for in a cycle of 0.18 s."""
+    mass_kg: float = 66.0
+    """M. Chosen: with the damper a time constant of 30 ms, a fraction of the cycle."""
+    damping_ns_m: float = 2200.0
+    """D. Chosen: at the stiffness tuned at, two fifths of the error are made up for in a cycle of 0.18 s."""
     spring_n_m: float = 0.0
     """K. Above 0 the force rests below or above the desired one, by K times the distance from the first
     contact.
@@ -119,6 +121,8 @@ class Admittance:
     """Stiffness that mass and damper were chosen for; the paper's sponge."""
     gain_scheduling: bool = False
     """Whether mass, damper and spring follow the estimated stiffness."""
+    stiffest_n_m: float = 100_000.0
+    """With scheduling, stiffness assumed before there is an estimate: the hardest surface that may come."""
     cycle_ms: float = 180.0
     """Cycle taken for the first one, before any was measured, and the longest that is believed, five of
     them.
@@ -131,7 +135,9 @@ class Admittance:
     """Standard deviation of the force, for the estimate."""
 
     def __post_init__(self) -> None:
-        require_above_zero(self, "mass_kg", "damping_ns_m", "tuned_at_n_m", "cycle_ms", "correction_limit_mm")
+        require_above_zero(
+            self, "mass_kg", "damping_ns_m", "tuned_at_n_m", "stiffest_n_m", "cycle_ms", "correction_limit_mm"
+        )
         require_not_negative(self, "spring_n_m")
         _pairing(self)
 
@@ -192,9 +198,8 @@ def _pairing(model: Pi | Admittance) -> Pairing:
 
 
 def _gain(model: Pi | Admittance, estimate: Stiffness) -> float:
-    """Stiffness tuned at over the estimated one; 1 without scheduling or estimate."""
-    stiffness = estimate.value
-    return model.tuned_at_n_m / stiffness if model.gain_scheduling and stiffness is not None else 1.0
+    """Stiffness tuned at over the one there is, with scheduling; else 1."""
+    return model.tuned_at_n_m / (estimate.value or model.stiffest_n_m) if model.gain_scheduling else 1.0
 
 
 def _limit(correction: float, limit_mm: float) -> float:

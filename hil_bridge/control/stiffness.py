@@ -16,6 +16,10 @@ from typing import ClassVar
 from hil_bridge.control.checks import require_above_zero
 from hil_bridge.control.types import Measurement
 
+_SLOPE_GAIN = 0.3
+"""Share of a newly seen slope that is believed. Chosen: a position off by one step is a third of it."""
+_LEAST_TRAVEL = 0.2e-3
+"""Travel below which two samples say nothing of the slope, m. Chosen: more than a resolution step."""
 _FIRST_SPAN = 5
 """Samples over which moves add up while there is no estimate. Chosen."""
 
@@ -79,6 +83,8 @@ class Stiffness:
     """Travel of the older pair, m."""
     age: int = 0
     """Samples since the older pair."""
+    slope: float = 0.0
+    """How much deeper the surface lies per travel, going by x − f/k."""
 
     @property
     def value(self) -> float | None:
@@ -98,27 +104,33 @@ class Stiffness:
         return 1.0 / (1.0 + self.relative_error(pairing))
 
 
-def observe(estimate: Stiffness, pairing: Pairing, measurement: Measurement, slope: float = 0.0) -> Stiffness:
-    """Take one sample. `slope` is how much deeper the surface lies per metre of travel, as far as known.
+def observe(
+    estimate: Stiffness, pairing: Pairing, measurement: Measurement, slope: float | None = None
+) -> Stiffness:
+    """Take one sample. `slope` is how much deeper the surface lies per travel, from who knows it better.
 
     Without contact the estimate stays and pairs begin anew. A sample that is saturated or not finite is
-    passed over, and so is a move too small to tell: its older half is replaced, for sums of small moves
-    carry the robot's dead band.
+    passed over, and so is a move too small to tell: its older half is replaced, for sums of small moves carry
+    the robot's dead band.
     """
     if not measurement.in_contact:
         return replace(estimate, force=None)
     force, position, travel = measurement.force_at_position, measurement.position, measurement.travel
+    slope = estimate.slope if slope is None else slope
     if measurement.saturated or not all(map(math.isfinite, (force, position, travel, slope))):
         return estimate
     newer = replace(estimate, force=force, position=position, travel=travel, age=0)
     if estimate.force is None:
         return newer
-    moved = position - estimate.position - slope * (travel - estimate.travel)
+    travelled = travel - estimate.travel
+    moved = position - estimate.position - slope * travelled
     pressed = force - estimate.force
     known = estimate.value
+    if known is not None and abs(travelled) > _LEAST_TRAVEL:
+        seen = (position - estimate.position - pressed / known) / travelled
+        newer = replace(newer, slope=slope + _SLOPE_GAIN * (min(max(seen, -1.0), 1.0) - slope))
     size = abs(moved) if known is None else (abs(moved) + abs(pressed) / known) / 2
-    telling = size >= pairing.smallest_move * pairing.resolution_mm * 1e-3 * (1 - 1e-6)
-    if not telling:
+    if size < pairing.smallest_move * pairing.resolution_mm * 1e-3 * (1 - 1e-6):
         # Until there is an estimate, small moves of a cautious beginning add up, though not for ever: a
         # surface that moves sideways under the tool would enter the quotient without bound.
         older = known is None and estimate.age + 1 < _FIRST_SPAN

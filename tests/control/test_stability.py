@@ -167,8 +167,11 @@ def test_responses_are_those_of_the_controllers():
     period, stop = 0.18, 400
     z = np.exp(1j * np.array([0.5, 1.5, 3.0]))
     for controller, response in (
-        (Pi(correction_limit_mm=1e9), pi_response(0.1 / 5e3, 0.2 / 5e3)),
-        (Admittance(correction_limit_mm=1e9), admittance_response(220.0, 4500.0, period)),
+        (Pi(proportional=0.1, integral=0.2, correction_limit_mm=1e9), pi_response(0.1 / 5e3, 0.2 / 5e3)),
+        (
+            Admittance(mass_kg=220.0, damping_ns_m=4500.0, correction_limit_mm=1e9),
+            admittance_response(220.0, 4500.0, period),
+        ),
     ):
         state, commanded, moves = controller.initial(), 0.0, []
         for k in range(stop):
