@@ -67,6 +67,6 @@ class Sheet:
         return buffer.getvalue()
 
 
-def label(name: str) -> str:
+def label(value: float) -> str:
     """A number for a legend: thousands apart."""
-    return f"{float(name):,.0f}".replace(",", " ")
+    return f"{value:,.0f}".replace(",", " ")

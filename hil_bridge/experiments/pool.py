@@ -1,6 +1,7 @@
 """Runs simulations on all cores, in processes of their own, and tells how far they are."""
 
 import os
+import signal
 from collections.abc import Callable, Iterable
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from multiprocessing import get_context
@@ -29,7 +30,10 @@ def run_jobs(
             advance(1)
         return results
     # Spawned, not forked: the same on every platform, and no thread's lock is copied while it is held.
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+    # Ctrl-C reaches every process of a terminal; only this one is to answer it.
+    with ProcessPoolExecutor(
+        workers, get_context("spawn"), signal.signal, (signal.SIGINT, signal.SIG_IGN)
+    ) as pool:
         futures = {pool.submit(_run, chunk): chunk for chunk in chunks}
         try:
             for future in as_completed(futures):

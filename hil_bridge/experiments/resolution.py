@@ -14,7 +14,17 @@ import numpy as np
 from hil_bridge.control.stability import SampledPlant, limit_cycle, pi_response
 from hil_bridge.experiments.cell import CellJob, CellTrace
 from hil_bridge.experiments.drawing import COLOURS, MARKERS, Sheet
-from hil_bridge.experiments.results import Claim, Experiment, Findings, Row, number, pick, rounded, shown
+from hil_bridge.experiments.results import (
+    Claim,
+    Experiment,
+    Findings,
+    Row,
+    number,
+    pick,
+    rounded,
+    shown,
+    verdict,
+)
 from hil_bridge.experiments.statistics import spread
 from hil_bridge.experiments.wall import Parameters, WallJob, WallRun
 from protocol.adlp import BLOCK_OVERHEAD
@@ -209,12 +219,12 @@ def describe(table: Sequence[Row]) -> tuple[str, tuple[Claim, ...]]:
         f"With rounding alone its peak-to-peak is {min(simulated):.2f} to {max(simulated):.2f} times "
         f"k_e·Δx_res. Through the whole chain it is {min(ratios):.2f} to {max(ratios):.2f} times, on "
         f"average {np.mean(ratios):.2f}, and grows with the power {slope:.2f} of it: the proportionality is "
-        f"reproduced. Against the describing function, which knows the servo's lag, it is "
+        f"{verdict(0.8 < slope < 1.2)}. Against the describing function, which knows the servo's lag, it is "
         f"{min(predicted):.2f} to {max(predicted):.2f} times as large. The reason is the dead band: the "
         f"servo turns itself off as soon as the reported position is the wanted one, so on the way between "
         f"two steps it has only to cross the border between them, and the tool moves by what it passes that "
-        f"border before the next tick notices. k_e·Δx_res is what a servo leaves that goes on to its set "
-        f"point. The oscillation's period is {shown(min(periods))} to {shown(max(periods))} s, at "
+        f"border, and coasts, before the next tick stops it. k_e·Δx_res is what a servo leaves that goes on "
+        f"to its set point. The oscillation's period is {shown(min(periods))} to {shown(max(periods))} s, at "
         f"{shown(number(table[0], 'sample_ms'))} ms a sample; predicted are "
         f"{shown(min(number(row, 'predicted_period_s') for row in table))} s, the slowest of the cycles "
         f"that sampling allows with less than a sample of delay."
@@ -223,8 +233,8 @@ def describe(table: Sequence[Row]) -> tuple[str, tuple[Claim, ...]]:
     )
     claim = Claim(
         "limit cycle of amplitude k_e·Δx_res",
-        f"{np.mean(ratios):.2f} times k_e·Δx_res on average through the chain ({min(ratios):.2f} … "
-        f"{max(ratios):.2f}), {min(simulated):.2f} … {max(simulated):.2f} with rounding alone",
+        f"proportional to it: {verdict(0.8 < slope < 1.2)}; the factor is {np.mean(ratios):.2f} through the chain "
+        f"({min(ratios):.2f} … {max(ratios):.2f}), {min(simulated):.2f} … {max(simulated):.2f} with rounding alone",
     )
     return text, (claim,)
 

@@ -116,6 +116,11 @@ def shown(value: Value) -> str:
             return f"{value:.3g}"
 
 
+def verdict(holds: bool) -> str:
+    """What a page says of a claim."""
+    return "reproduced" if holds else "not reproduced"
+
+
 def pick(rows: Sequence[Row], **wanted: Value) -> list[Row]:
     """The rows that have these values."""
     return [row for row in rows if all(row[name] == value for name, value in wanted.items())]
