@@ -106,8 +106,15 @@ def _draw(table: Sequence[Row]) -> bytes:
                 known = [row for row in rows if row[column] is not None]
                 ax.errorbar(
                     [number(row, "stiffness_n_m") for row in known],
-                    [max(number(row, column), limits[0]) for row in known],
-                    [number(row, f"{column}_sd") for row in known],
+                    values := [max(number(row, column), limits[0]) for row in known],
+                    [
+                        # A bar down to zero would fill a logarithmic axis.
+                        [
+                            min(number(row, f"{column}_sd"), value / 2)
+                            for row, value in zip(known, values, strict=True)
+                        ],
+                        [number(row, f"{column}_sd") for row in known],
+                    ],
                     color=COLOURS[index % len(COLOURS)],
                     marker=MARKERS[index % len(MARKERS)],
                     ms=5,

@@ -2,8 +2,9 @@
 
 import os
 import signal
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import contextmanager
 from multiprocessing import get_context
 from typing import Any
 
@@ -11,6 +12,9 @@ from hil_bridge.experiments.results import Job
 
 CHUNK = 4
 """Jobs handed to a process at once. Chosen: a second or two of work."""
+
+THREAD_VARIABLES = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+"""What the libraries below numpy read when they are loaded."""
 
 
 def run_jobs(
@@ -31,9 +35,12 @@ def run_jobs(
         return results
     # Spawned, not forked: the same on every platform, and no thread's lock is copied while it is held.
     # Ctrl-C reaches every process of a terminal; only this one is to answer it.
-    with ProcessPoolExecutor(
-        workers, get_context("spawn"), signal.signal, (signal.SIGINT, signal.SIG_IGN)
-    ) as pool:
+    with (
+        _one_thread_each(),
+        ProcessPoolExecutor(
+            workers, get_context("spawn"), signal.signal, (signal.SIGINT, signal.SIG_IGN)
+        ) as pool,
+    ):
         futures = {pool.submit(_run, chunk): chunk for chunk in chunks}
         try:
             for future in as_completed(futures):
@@ -43,6 +50,23 @@ def run_jobs(
             pool.shutdown(wait=False, cancel_futures=True)
             raise
     return results
+
+
+@contextmanager
+def _one_thread_each() -> Iterator[None]:
+    """Processes that start meanwhile leave their linear algebra in one thread: theirs are matrices of three rows,
+    for which waking a thread on every core takes longer than the product.
+    """
+    before = {name: os.environ.get(name) for name in THREAD_VARIABLES}
+    os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
 
 
 def _run(jobs: list[Job]) -> list[Any]:
