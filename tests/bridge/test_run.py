@@ -1,5 +1,6 @@
 """The closed loop against the emulated cell, over paced memory wires, in virtual time."""
 
+import math
 import statistics
 from collections.abc import Callable
 from typing import Any
@@ -7,12 +8,14 @@ from typing import Any
 import pytest
 
 from hil_bridge.config import Config
+from hil_bridge.control import CONTROLLERS, Command, Measurement
 from hil_bridge.errors import DeviceError
 from hil_bridge.recording import CycleRecord, Outcome
-from hil_bridge.run import line_floor
+from hil_bridge.run import answer_time, filter_delay, line_floor
 from hil_bridge.transports import Faults
 from protocol.adlp import LinkProfile
 from protocol.can import CanFrame
+from protocol.jr3 import GatewayClientProfile
 
 Bench = Any
 RunBench = Callable[..., Bench]
@@ -28,7 +31,7 @@ def after(cycles: int, act: Callable[[Bench], None]) -> Callable[[Bench, CycleRe
     return meddle
 
 
-@pytest.mark.parametrize("controller", ["fuzzy", "fuzzy-adaptive", "resolution-aware"])
+@pytest.mark.parametrize("controller", CONTROLLERS)
 def test_every_controller_holds_ten_newtons_on_the_sponge(bench: RunBench, controller: str) -> None:
     run = bench(run={"duration_s": 20.0}, controller={"name": controller})
     assert run.result.outcome is Outcome.COMPLETED
@@ -36,6 +39,145 @@ def test_every_controller_holds_ten_newtons_on_the_sponge(bench: RunBench, contr
     assert statistics.fmean(steady) == pytest.approx(10.0, abs=0.5)
     assert all(record.in_contact for record in run.tracked())
     assert run.texts("phase") == ["connect", "tare", "approach", "track", "retract", "end"]
+    assert run.true_force == 0.0
+
+
+def rise(run: Bench, force: float) -> int:
+    """Samples of tracking until 90 % of the desired force."""
+    return next(i for i, record in enumerate(run.tracked()) if record.force >= 0.9 * force)
+
+
+def rms_after_rise(run: Bench, force: float) -> float:
+    """Of the force error from three samples after the rise on, N."""
+    tracked = run.tracked()[rise(run, force) + 3 :]
+    return math.sqrt(statistics.fmean((record.force - force) ** 2 for record in tracked))
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_on_the_flat_sponge_what_knows_the_stiffness_rises_twice_as_fast(bench: RunBench, seed: int) -> None:
+    runs = {
+        name: bench(run={"duration_s": 15.0, "seed": seed}, controller={"name": name})
+        for name in ("fuzzy", "fuzzy-adaptive", "resolution-aware", "predictive")
+    }
+    slow = rise(runs.pop("fuzzy"), 10.0)
+    for run in runs.values():
+        assert 2 * rise(run, 10.0) <= slow
+        assert all(record.in_contact for record in run.tracked())
+    assert rms_after_rise(runs["predictive"], 10.0) <= 0.6
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_looking_ahead_follows_a_curved_contour(bench: RunBench, seed: int) -> None:
+    surface = {"kind": "sinusoidal", "amplitude_mm": 10.0, "period_mm": 200.0}
+    cell = {"surface": surface, "start_position_mm": (900.0, -100.0, 605.0)}
+    ahead, behind = (
+        bench(run={"duration_s": 40.0, "seed": seed}, cell=cell, controller={"name": name})
+        for name in ("predictive", "fuzzy")
+    )
+    assert ahead.result.outcome is Outcome.COMPLETED
+    assert all(record.in_contact for record in ahead.tracked())
+    assert rms_after_rise(ahead, 10.0) <= 0.5
+    assert rms_after_rise(behind, 10.0) > 3 * rms_after_rise(ahead, 10.0)
+
+
+@pytest.mark.parametrize("stiffness", [500.0, 2e3, 5e3, 2e4, 5e4, 1e5])
+def test_one_tuning_holds_over_more_than_two_decades_of_stiffness(bench: RunBench, stiffness: float) -> None:
+    for seed in (1, 2):
+        run = bench(
+            run={"duration_s": 20.0, "seed": seed},
+            controller={"name": "predictive"},
+            task={"force_n": 50.0, "expected_stiffness_n_m": 1e5},
+            limits={"force_limit_n": 150.0, "resultant_limit_n": 300.0, "correction_total_mm": 200.0},
+            cell={
+                "surface": {"stiffness_n_m": stiffness},
+                "sensor": {"full_scales_n": (317.0, 314.0, 845.0)},
+                "start_position_mm": (900.0, -100.0, 592.0),
+            },
+        )
+        assert run.result.outcome is Outcome.COMPLETED
+        assert all(record.in_contact for record in run.tracked())
+        most = max(record.force for record in run.cycles)
+        assert most <= 50.0 + 0.15 * 50.0 + stiffness * 0.125e-3
+        steady = [record.force for record in run.tracked()[-40:]]
+        assert statistics.fmean(steady) == pytest.approx(50.0, abs=0.5 + stiffness * 0.125e-3 / 2)
+        assert max(steady) - min(steady) < 0.2  # no limit cycle
+
+
+def test_waiting_for_the_force_spares_a_hard_contour_the_first_blow(bench: RunBench) -> None:
+    surface = {"kind": "sinusoidal", "amplitude_mm": 10.0, "period_mm": 200.0, "stiffness_n_m": 1e5}
+    most = []
+    for share in (0.0, 0.8):
+        run = bench(
+            run={"duration_s": 10.0},
+            controller={"name": "predictive"},
+            task={"force_n": 50.0, "expected_stiffness_n_m": 1e5, "travel_from_share": share},
+            limits={"force_limit_n": 150.0, "resultant_limit_n": 300.0},
+            cell={
+                "surface": surface,
+                "sensor": {"full_scales_n": (317.0, 314.0, 845.0)},
+                "start_position_mm": (900.0, -100.0, 602.0),
+            },
+        )
+        assert run.result.outcome is Outcome.COMPLETED
+        most.append(max(record.force for record in run.cycles))
+    assert most[1] <= 70.0 < most[0]
+
+
+class Listening:
+    """A controller that only notes what it is given."""
+
+    name = "listening"
+
+    def __init__(self, fails_after: int = 1000) -> None:
+        self.given: list[Measurement] = []
+        self._fails_after = fails_after
+
+    def initial(self) -> None:
+        """Nothing to remember."""
+
+    def step(self, state: None, measurement: Measurement, reference: float) -> tuple[None, Command]:
+        """Go in and out."""
+        self.given.append(measurement)
+        if len(self.given) > self._fails_after:
+            raise ArithmeticError("lost count")
+        move = 1e-3 if len(self.given) % 4 < 2 else -1e-3
+        return None, Command(measurement.commanded + move, 0.0)
+
+
+def test_force_and_position_of_a_pair_are_of_the_same_moment(
+    bench: RunBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    listening = Listening()
+    monkeypatch.setattr("hil_bridge.run.make_controller", lambda *_, **__: listening)
+    bench(
+        task={"loss_samples": 1000, "approach_step_mm": 1.0, "step_mm": 0.0}, limits={"force_limit_n": 90.0}
+    )
+    moving = listening.given[4:]
+    assert all(m.paired_force is not None for m in moving)
+    # The dead band alone lets force and position differ, by half a step and the tail of the filter.
+    origin = statistics.fmean(m.position - m.force_at_position / 5000.0 for m in moving)
+    paired = [abs(5000.0 * (m.position - origin) - m.force_at_position) for m in moving]
+    newest = [abs(5000.0 * (m.position - origin) - m.force) for m in moving]
+    assert max(m.force for m in moving) - min(m.force for m in moving) > 5.0
+    assert max(paired) < 1.0
+    assert statistics.fmean(newest) > 3 * statistics.fmean(paired)
+
+
+def test_ages_follow_the_profiles() -> None:
+    assert answer_time(LinkProfile()) == pytest.approx(41 * 11 / 9600)
+    assert filter_delay(GatewayClientProfile(cutoff_hz=10.0)) == pytest.approx(0.0159, abs=1e-4)
+    assert filter_delay(GatewayClientProfile(cutoff_hz=0.0)) == 0.0
+
+
+def test_a_controller_that_raises_stops_the_run_by_name_and_retracts(
+    bench: RunBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("hil_bridge.run.make_controller", lambda *_, **__: Listening(fails_after=5))
+    run = bench()
+    assert run.result.outcome is Outcome.STOPPED
+    assert run.result.cause == "controller listening failed: ArithmeticError: lost count"
+    assert run.texts("stop") == [run.result.cause]
+    assert run.cycles[-1].phase == "retract"
     assert run.true_force == 0.0
 
 

@@ -1,117 +1,119 @@
-"""One cycle's decision: task, controller and supervisor in the task frame."""
+"""One cycle's decision, and what becomes of a controller that fails."""
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
 
 import pytest
 
 from hil_bridge.control import (
+    Cause,
+    Command,
     ControlLoop,
     Limits,
-    LoopState,
+    Measurement,
     Phase,
     Sample,
     Stop,
     Supervisor,
     Task,
     TaskParameters,
-    make_controller,
 )
 
-START = (0.9, -0.1, 0.6)
-LOOP = ControlLoop(
-    Task(TaskParameters(), make_controller("resolution-aware")),
-    Supervisor(Limits()),
-    approach=(0.0, 0.0, -1.0),
-    travel=(0.0, 1.0, 0.0),
-)
+START = (0.9, 0.0, 0.6)
 
 
-def sample(k: int, force: float = 0.0, depth: float = 0.0) -> Sample:
-    return Sample(
-        now=10.0 + k * 0.2,
-        position=(START[0], START[1], START[2] - depth),
-        force=force,
-        resultant=abs(force),
-        sensor_at=9.999 + k * 0.2,
-        sensor_sequence=20 * k,
+@dataclass
+class Broken:
+    """Works until its step number `after`, then does what it is told to."""
+
+    act: Any
+    after: int = 3
+    name: str = "broken"
+
+    def initial(self):
+        return 0
+
+    def step(self, state, measurement, reference):
+        return state + 1, self.act(measurement) if state >= self.after else Command(
+            measurement.commanded, 0.0
+        )
+
+
+def give_up(measurement):
+    raise ZeroDivisionError("the gain was 0")
+
+
+def drive(controller, cycles=60, force=8.0, **more):
+    """Contact from a depth of 2.2 mm on; the decisions until the end."""
+    loop = ControlLoop(
+        Task(TaskParameters(retract_mm=4.0), controller), Supervisor(Limits()), (0, 0, -1.0), (0, 1.0, 0)
     )
-
-
-def in_contact() -> LoopState:
-    """After three steps of approach and two samples of tracking."""
-    state = LOOP.initial(START)
-    for k, force in enumerate((0.0, 0.0, 0.0, 3.0, 8.0)):
-        state, _ = LOOP.step(state, sample(k, force, depth=0.0005 * k))
-    assert state.task.phase is Phase.TRACK
-    return state
-
-
-def test_depth_is_measured_and_commanded_along_the_approach_direction() -> None:
-    state, decision = LOOP.step(LOOP.initial(START), sample(0, depth=0.002))
-    assert decision.depth == pytest.approx(0.002)
-    assert decision.position == pytest.approx((0.9, -0.1, 0.6 - 0.0005))
-    assert (decision.target.depth, decision.verdict.kind, decision.reasons) == (
-        pytest.approx(0.0005),
-        "allow",
-        (),
-    )
-    assert state.supervisor.depth == pytest.approx(0.0005)
-
-
-def test_travel_moves_along_the_surface_while_tracking() -> None:
-    _, decision = LOOP.step(in_contact(), sample(5, 9.0, 0.0025))
-    assert decision.target.travel == pytest.approx(0.003)
-    assert decision.position[1] == pytest.approx(-0.1 + 0.003)
+    state, position, decisions = loop.initial(START), START, []
+    for k in range(cycles):
+        now = 100.0 + k * 0.18
+        pressed = force if START[2] - position[2] > 2.2e-3 else 0.0
+        sample = Sample(now, position, pressed, pressed, now - 0.01, k, **more)
+        state, decision = loop.step(state, sample)
+        decisions.append(decision)
+        position = decision.position
+        if decision.ended:
+            break
+    return state, decisions
 
 
 @pytest.mark.parametrize(
-    ("wrong", "text"),
+    ("act", "why"),
     [
-        ({"force": 51.0}, "beyond 50 N"),
-        ({"force": math.nan}, "no number"),
-        ({"sensor_at": 1.0}, "ms old"),
-        ({"saturated": True}, "end of its range"),
-        ({"fault": "force sensor on can0 restarted"}, "force sensor on can0 restarted"),
-        ({"repeated_frames": 500}, "repeated the same counts"),
+        (give_up, "ZeroDivisionError: the gain was 0"),
+        (lambda m: Command(math.nan, 0.0), "it commands nan m"),
+        (lambda m: Command(math.inf, 0.0), "it commands inf m"),
+        (lambda m: Command(m.commanded, math.nan), "it commands"),
+        (lambda m: None, "AttributeError"),
     ],
 )
-def test_a_stop_pulls_back_in_the_same_cycle_and_stays(wrong: dict[str, object], text: str) -> None:
-    before = in_contact()
-    state, decision = LOOP.step(before, replace(sample(5, 9.0, 0.0025), **wrong))  # type: ignore[arg-type]
-    assert isinstance(decision.verdict, Stop)
-    assert text in decision.reasons[0]
-    assert (decision.output.phase, decision.output.failed) == (Phase.RETRACT, True)
-    assert decision.target.depth == pytest.approx(before.supervisor.depth - 0.001)
-    cycles = 0
-    while not decision.ended:
-        state, decision = LOOP.step(state, sample(6 + cycles, 0.0))
-        assert text in decision.output.cause
-        cycles += 1
-    assert decision.target.depth == pytest.approx(before.supervisor.depth - 0.020)
-    assert state.supervisor.stopped is not None
-    assert cycles == 20
+def test_a_controller_that_fails_ends_in_a_retraction_that_names_it(act, why):
+    state, decisions = drive(Broken(act))
+    failed = next(i for i, d in enumerate(decisions) if isinstance(d.verdict, Stop))
+    verdict = decisions[failed].verdict
+    assert verdict.cause is Cause.CONTROLLER
+    assert verdict.text.startswith("controller broken failed: ")
+    assert why in verdict.text
+    # From that very cycle on the tool moves out, to the end, and the cause stays.
+    depths = [d.target.depth for d in decisions[failed - 1 :]]
+    assert all(after < before for before, after in pairwise(depths[:-1]))
+    assert depths[-1] == pytest.approx(depths[0] - 4e-3)
+    assert decisions[-1].ended
+    assert {d.output.phase for d in decisions[failed:]} == {Phase.RETRACT}
+    assert state.task.failed
+    assert state.task.cause == verdict.text
+    assert state.supervisor.stopped == verdict
+    assert all(math.isfinite(value) for d in decisions for value in d.position)
 
 
-def test_finishing_is_no_failure() -> None:
-    state, decision = LOOP.step(LOOP.finish(in_contact(), "time is up"), sample(5, 9.0, 0.0025))
-    assert (decision.output.phase, decision.output.cause, decision.output.failed) == (
-        Phase.RETRACT,
-        "time is up",
-        False,
-    )
-    assert state.supervisor.stopped is None
+def test_a_controller_that_fails_in_its_first_step_or_its_initial_state_is_no_different():
+    class Stillborn(Broken):
+        def initial(self):
+            raise KeyError("tuning")
+
+    for controller in (Broken(give_up, after=0), Stillborn(give_up)):
+        state, decisions = drive(controller)
+        assert decisions[-1].ended
+        assert "controller broken failed" in state.task.cause
 
 
-def test_a_retraction_held_by_the_workspace_ends_there() -> None:
-    loop = replace(LOOP, supervisor=Supervisor(Limits(workspace_max_m=(3.0, 3.0, 0.602))))
-    state = loop.finish(loop.initial(START), "interrupted")
-    decisions = []
-    for k in range(10):
-        state, decision = loop.step(state, sample(k))
-        decisions.append(decision)
-        if decision.ended:
-            break
-    assert decisions[-1].position[2] == pytest.approx(0.602)
-    assert decisions[-1].reasons == ("leaves the workspace",)
-    assert len(decisions) <= 4
+def test_measurement_tells_travel_pair_and_saturation():
+    seen: list[Measurement] = []
+
+    def note(measurement):
+        seen.append(measurement)
+        return Command(measurement.commanded, 0.0)
+
+    drive(Broken(note, after=0), cycles=12, paired_force=3.5)
+    assert {m.paired_force for m in seen} == {3.5}
+    # The robot of this test is where it was sent, so it reports the travel commanded before.
+    assert [m.travel for m in seen] == pytest.approx([k * 1e-3 for k in range(len(seen))])
+    assert [m.travel_next - m.travel for m in seen] == pytest.approx([1e-3] * len(seen))
+    assert seen[0].free_position == pytest.approx(2e-3)
+    assert seen[0].position == pytest.approx(2.5e-3)

@@ -131,8 +131,65 @@ def test_retraction_goes_on_with_a_dead_sensor():
         {"loss_threshold_n": 2.0},
         {"contact_threshold_n": 10.0},
         {"retract_mm": math.nan},
+        {"travel_from_share": 1.5},
+        {"expected_stiffness_n_m": 0.0},
+        {"search_depth_limit_mm": -1.0},
     ],
 )
 def test_impossible_parameters_are_refused(wrong):
     with pytest.raises(ValueError, match=next(iter(wrong))):
         TaskParameters(**wrong)
+
+
+@pytest.mark.parametrize("lag", [0, 1, 2, 4])
+@pytest.mark.parametrize(("stiffness", "limit"), [(5e3, 50.0), (2e4, 50.0), (5e3, 12.0)])
+def test_first_touch_presses_no_more_than_allowed_however_late_the_robot_follows(stiffness, limit, lag):
+    """The robot is where it was sent `lag` samples ago, and the approach stops when contact shows."""
+    parameters = replace(PARAMETERS, expected_stiffness_n_m=stiffness, approach_step_mm=2.0)
+    allowed = min(10.0, limit / 2)
+    for contact in (1.0e-3, 1.3e-3, 1.77e-3, 2.01e-3):
+        task = Task(parameters, Watched(), limit)
+        state, commands = task.initial(), [0.0] * (lag + 1)
+        for k in range(400):
+            depth = commands[-1 - lag]
+            force = stiffness * max(depth - contact, 0.0)
+            state, output = task.step(state, Measurement(k * 0.18, force, depth, commands[-1]))
+            if output.phase is Phase.TRACK:
+                break
+            commands.append(output.target.depth)
+        assert output.phase is Phase.TRACK
+        threshold = parameters.contact_threshold_n
+        assert stiffness * (commands[-1] - contact) <= allowed + threshold + 1e-6
+
+
+def test_approach_is_as_fast_as_its_setting_on_soft_surfaces_and_never_stands():
+    soft = Task(replace(PARAMETERS, expected_stiffness_n_m=500.0), Watched())
+    hard = Task(replace(PARAMETERS, expected_stiffness_n_m=1e7), Watched())
+    for task, step in ((soft, 0.5e-3), (hard, 0.05e-3)):
+        _, outputs = drive(task, lambda *_: 0.0, 5)
+        assert [o.target.depth for o in outputs] == pytest.approx([step * k for k in range(1, 6)])
+
+
+def test_an_edge_is_an_end_and_no_hole_to_dive_into():
+    parameters = replace(PARAMETERS, travel_limit_mm=100.0, approach_depth_limit_mm=50.0)
+    for controller in (FuzzyPi(), FuzzyAdaptive()):
+        task = Task(replace(parameters, search_depth_limit_mm=3.0), controller)
+        state, outputs = drive(task, lambda d, t, k: 5e3 * max(d - 3e-3, 0.0) if t < 5e-3 else 0.0, 60)
+        lost = next(i for i, output in enumerate(outputs) if i > 10 and not output.in_contact)
+        assert state.cause == "the surface ended: no contact within 3 mm"
+        assert state.failed
+        assert state.phase is Phase.END
+        deepest = max(output.target.depth for output in outputs)
+        assert deepest <= outputs[lost - 1].target.depth + 3e-3 + 1e-9
+
+
+def test_travel_may_wait_for_the_force():
+    parameters = replace(PARAMETERS, travel_from_share=0.8)
+    _, outputs = drive(Task(parameters, FuzzyPi()), surface_at(3e-3), 40)
+    track = [output for output in outputs if output.phase is Phase.TRACK]
+    moved = next(i for i, output in enumerate(track) if output.target.travel > 0)
+    assert moved > 0
+    forces = [5e3 * (output.target.depth - 3e-3) for output in track]
+    assert forces[moved - 1] >= 8.0
+    assert all(force < 8.0 for force in forces[: moved - 1])
+    assert track[moved + 3].target.travel == pytest.approx(4e-3)
