@@ -2,6 +2,7 @@
 
 import csv
 import io
+import os
 import struct
 from dataclasses import replace
 
@@ -131,12 +132,16 @@ def test_a_run_of_the_chain_is_a_function_of_its_seed():
     assert {cycle.phase for cycle in first.cycles} >= {"approach", "track", "retract"}
 
 
-def test_processes_give_what_one_gives():
+def test_processes_give_what_one_gives(monkeypatch):
     jobs = [CellJob("fuzzy", (), seed, duration=1.0) for seed in (1, 2)]
     jobs += [WallJob("fuzzy", (), 5e3, 50.0, seed, samples=10) for seed in range(6)]
     ended = []
+    monkeypatch.setenv("OMP_NUM_THREADS", "3")
+    monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
     alone, together = run_jobs(jobs, 1), run_jobs(jobs, 2, ended.append)
     assert sum(ended) == len(jobs)
+    assert os.environ["OMP_NUM_THREADS"] == "3"
+    assert "OPENBLAS_NUM_THREADS" not in os.environ
     assert list(alone) == jobs
     for job in jobs:
         assert repr(alone[job]) == repr(together[job])
