@@ -2,6 +2,8 @@
 
 import asyncio
 import errno
+import fcntl
+import os
 import threading
 from collections import deque
 from collections.abc import Callable
@@ -46,10 +48,23 @@ async def open_python_can(
 def _open(interface: str, channel: str, options: dict[str, Any]) -> can.BusABC:
     match interface:
         case "slcan":
+            _check_free(channel)
             options = {"sleep_after_open": 0.0, "timeout": 0.0, **options}
         case "virtual":
             options = {"rx_queue_size": QUEUE_FRAMES, **options}
-    return can.Bus(channel=channel, interface=interface, ignore_config=True, **options)
+    bus = can.Bus(channel=channel, interface=interface, ignore_config=True, **options)
+    if isinstance(bus, slcanBus):
+        bus.serialPortOrig.exclusive = True
+    return bus
+
+
+def _check_free(port: str) -> None:
+    """Raise OSError when another program has locked the port: python-can would talk into its conversation."""
+    fd = os.open(port, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    try:
+        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    finally:
+        os.close(fd)
 
 
 def _close_opened(opening: "asyncio.Future[can.BusABC]") -> None:

@@ -263,6 +263,25 @@ async def test_a_can_interface_that_is_not_there() -> None:
             await connect_can("can+socketcan:", clock)
 
 
+async def test_a_port_that_another_program_holds_is_no_slcan_adapter_of_ours() -> None:
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    url = f"can+slcan://{os.ttyname(slave)}?bitrate=1000000"
+    with closing(Clock.running()) as clock:
+        wire = await connect_can(url, clock)
+        said = os.read(master, 4096)
+        with pytest.raises(TransportUnavailable, match="another program holds the port"):
+            await connect_can(url, clock)
+        os.set_blocking(master, False)
+        with pytest.raises(BlockingIOError):  # the first conversation was not disturbed
+            os.read(master, 4096)
+        assert said.startswith(b"C\r")
+        await wire.aclose()
+        await (await connect_can(url, clock)).aclose()
+    os.close(master)
+    os.close(slave)
+
+
 async def test_slcan_opens_its_channel_and_survives_noise() -> None:
     master, slave = os.openpty()
     tty.setraw(slave)
