@@ -25,7 +25,7 @@ from pydantic import (
 )
 
 from emulators.cell import CellProfile
-from hil_bridge.control import Limits, TaskParameters
+from hil_bridge.control import Limits, OscillationDetector, TaskParameters
 from hil_bridge.control.controllers import controller_kind
 from hil_bridge.errors import ConfigError
 from protocol.adlp import LinkProfile
@@ -121,7 +121,7 @@ class FrameConfig(_Section):
 class ControllerConfig(_Section):
     """The force controller and its parameters."""
 
-    name: str = "resolution-aware"
+    name: str = "predictive"
     """One of ours or one that another package offers; a wrong name lists them."""
     parameters: dict[str, Any] = {}
     """Parameters of that controller that differ from their defaults."""
@@ -163,6 +163,7 @@ class Config(_Section):
     task: TaskParameters = TaskParameters()
     controller: ControllerConfig = ControllerConfig()
     limits: Limits = Limits()
+    oscillation: OscillationDetector = OscillationDetector()
     cell: CellProfile = CellProfile()
     """The emulated cell: used by `emulate`, and by `run` for what has no URL."""
 

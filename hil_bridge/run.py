@@ -32,6 +32,9 @@ from protocol.arap import Quaternion, Status, round_position
 from protocol.arap.layouts import STATUS
 from protocol.jr3 import SATURATED_COUNTS, GatewayClientProfile
 
+TIME_IS_UP = "time is up"
+"""Why a run ends that went as it was meant to."""
+
 
 class Log(Protocol):
     """Where a run puts what it knows; must not block."""
@@ -100,11 +103,11 @@ class Run:
             Supervisor(config.limits),
             config.frame.approach,
             config.frame.travel,
+            config.oscillation if config.limits.oscillation_guard else None,
         )
         self._answer_time = answer_time(robot.profile)
         self._filter_delay = filter_delay(config.sensor.gateway)
         self._quaternion_tare: Quaternion = (1.0, 0.0, 0.0, 0.0)
-        self._force = 0.0
         self._interrupted = False
         self._phase = ""
         self.moving = False
@@ -148,13 +151,14 @@ class Run:
         result = RunResult(Outcome.COMPLETED)
         track_ends = math.inf
         async for cycle, started_at in self._beats():
+            commanded_before = state.supervisor.depth
             status = await self._robot.read_status()
             sample = self._sample(status)
             if self._interrupted and result.outcome is Outcome.COMPLETED:
                 result = RunResult(Outcome.INTERRUPTED)
                 state = self._loop.finish(state, "interrupted")
             elif sample.now >= track_ends:
-                state = self._loop.finish(state, "time is up")
+                state = self._loop.finish(state, TIME_IS_UP)
             state, decision = self._loop.step(state, sample)
             self._enter(decision.output.phase)
             if decision.output.phase is Phase.TRACK and track_ends == math.inf:
@@ -164,9 +168,14 @@ class Run:
             controlled_at = self._clock.now()
             target = round_position(decision.position)
             await motion.to(target, status.quaternion)
-            self._log.cycle(self._record(cycle, started_at, controlled_at, status, sample, decision))
+            correction = decision.target.depth - commanded_before
+            self._log.cycle(
+                self._record(cycle, started_at, controlled_at, status, sample, decision, correction)
+            )
             if decision.ended:
                 break
+        if result.outcome is Outcome.COMPLETED and state.task.cause != TIME_IS_UP:
+            return RunResult(Outcome.COMPLETED, state.task.cause)
         return result
 
     async def _beats(self) -> AsyncIterator[tuple[int, float]]:
@@ -233,6 +242,7 @@ class Run:
         status: Status,
         sample: Sample,
         decision: Decision,
+        correction: float,
     ) -> CycleRecord:
         output = decision.output
         command = output.command or Command(decision.target.depth, 0.0)
@@ -254,14 +264,14 @@ class Run:
             depth=decision.depth,
             depth_commanded=decision.target.depth,
             travel_commanded=decision.target.travel,
-            correction=command.correction,
+            correction=correction,
             stiffness=command.stiffness,
             gain=command.gain,
             held=command.held,
             in_contact=output.in_contact,
             verdict=decision.verdict.kind,
             reasons=decision.reasons,
-            explanation=command.explanation,
+            explanation={**command.explanation, "feedback_m": command.correction},
         )
 
     def _stopped(self, cause: str) -> RunResult:

@@ -5,6 +5,7 @@ import os
 import signal
 import sys
 import tempfile
+import threading
 from collections.abc import AsyncIterator, Iterator
 from contextlib import AsyncExitStack, asynccontextmanager, contextmanager, suppress
 from dataclasses import dataclass
@@ -50,8 +51,10 @@ class Outputs:
     report: Path | None = None
 
 
-def execute(config: Config, virtual: bool, outputs: Outputs, view: bool) -> int:
-    """Run once, leave the outputs, print the figures; the exit code.
+def execute(
+    config: Config, virtual: bool, outputs: Outputs, view: bool, config_file: Path | None = None
+) -> int:
+    """Run once, leave the outputs, print the figures; the exit code. `config_file` is never written over.
 
     Raises BridgeError when a device fails before the movement has begun, or a file cannot be written.
     """
@@ -67,11 +70,12 @@ def execute(config: Config, virtual: bool, outputs: Outputs, view: bool) -> int:
             f"task.force_n (--force-n) of {config.task.force_n:g} N must be below limits.force_limit_n of "
             f"{config.limits.force_limit_n:g} N, or every run would be stopped"
         )
-    _prepare(outputs)
+    _prepare(outputs, config_file)
     with _record_path(outputs) as path:
         session = _Session(config, path, view)
         result = (run_virtual if virtual else run_real)(session.main)
-        click.echo(result.outcome)
+        ended = f": {result.cause}" if result.cause and result.outcome is not Outcome.STOPPED else ""
+        click.echo(f"{result.outcome}{ended}")
         if session.cycles:
             _leave(outputs, path)
         elif outputs.record is not None:
@@ -81,7 +85,7 @@ def execute(config: Config, virtual: bool, outputs: Outputs, view: bool) -> int:
     return EXIT_CODES[result.outcome]
 
 
-def _prepare(outputs: Outputs) -> None:
+def _prepare(outputs: Outputs, config_file: Path | None) -> None:
     """Find out before the robot moves what cannot be written afterwards. Raises ConfigError."""
     files = [file for file in (outputs.record, outputs.summary) if file is not None]
     for folder in (*(file.parent for file in files), *filter(None, (outputs.report,))):
@@ -96,6 +100,14 @@ def _prepare(outputs: Outputs) -> None:
     for file in files:
         if file.is_dir():
             raise ConfigError(f"cannot write {file}: it is a folder; name a file in it")
+    taken = {} if config_file is None else {config_file.resolve(): "the configuration"}
+    for option, wanted in (("--record", outputs.record), ("--summary", outputs.summary)):
+        if wanted is None:
+            continue
+        place = wanted.resolve()
+        if place in taken:
+            raise ConfigError(f"{option} {wanted} would overwrite {taken[place]}; name another file")
+        taken[place] = option
 
 
 def _leave(outputs: Outputs, path: Path) -> None:
@@ -186,9 +198,12 @@ class _Session:
         except BridgeError as error:
             end = self._end(RunResult(Outcome.STOPPED, str(error)))
             raise
-        except asyncio.CancelledError:
-            end = self._end(RunResult(Outcome.INTERRUPTED))
-            raise KeyboardInterrupt from None
+        except (
+            asyncio.CancelledError
+        ):  # Ctrl-C before the movement: everything has been closed on the way here
+            result = RunResult(Outcome.INTERRUPTED, "before the movement began")
+            end = self._end(result)
+            return result
         finally:
             self._recorder.close(end.as_metadata())
             clock.close()
@@ -239,28 +254,29 @@ class _Session:
 
     @asynccontextmanager
     async def _interruptible(self, run: Run) -> AsyncIterator[None]:
-        """Ctrl-C retracts while the robot moves, and ends at once before that."""
-        if self._clock.is_virtual:
-            yield
-            return
+        """Ctrl-C retracts while the robot moves, and ends at once before that.
+
+        Python's own signal handlers, since a loop in virtual time has none: they run between two callbacks'
+        instructions, so they only set a flag or ask for the cancellation.
+        """
         loop, task = asyncio.get_running_loop(), asyncio.current_task()
         assert task is not None
 
-        def interrupted() -> None:
+        def interrupted(number: int, frame: object) -> None:
             if run.moving:
                 run.interrupt()
             else:
-                task.cancel()
+                loop.call_soon_threadsafe(task.cancel)
 
-        with suppress(NotImplementedError):  # no signal handlers in loops of other platforms
-            for number in (signal.SIGINT, signal.SIGTERM):
-                loop.add_signal_handler(number, interrupted)
+        if threading.current_thread() is not threading.main_thread():  # only there may handlers be set
+            yield
+            return
+        before = {number: signal.signal(number, interrupted) for number in (signal.SIGINT, signal.SIGTERM)}
         try:
             yield
         finally:
-            with suppress(NotImplementedError):
-                for number in (signal.SIGINT, signal.SIGTERM):
-                    loop.remove_signal_handler(number)
+            for number, handler in before.items():
+                signal.signal(number, handler)
 
     @asynccontextmanager
     async def _shown(self) -> AsyncIterator[None]:

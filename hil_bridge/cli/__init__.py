@@ -1,5 +1,6 @@
 """The command line `hil-bridge`. Each command imports what it needs when it runs, so that help comes at once."""
 
+import io
 import sys
 
 import click
@@ -36,6 +37,9 @@ for command in (run, emulate, experiment, decode, report, config, profile):
 
 def main() -> None:
     """Entry point: errors that a person is meant to read become one line on standard error and an exit code."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")  # a terminal without "→" must not end a command
     try:
         code = cli.main(prog_name="hil-bridge", standalone_mode=False)
     except BridgeError as error:

@@ -5,7 +5,8 @@ from pathlib import Path
 
 import click
 
-CONTROLLERS = ("fuzzy", "fuzzy-adaptive", "resolution-aware")
+CONTROLLERS = "fuzzy, fuzzy-adaptive, resolution-aware, pi, admittance, predictive"
+"""Ours, for the help text alone: the configuration also knows those of installed packages."""
 _FILE = click.Path(path_type=Path)
 
 
@@ -30,7 +31,7 @@ def _not_empty(context: click.Context, parameter: click.Parameter, url: str | No
     callback=_not_empty,
     help="Sensor's CAN gateway: can+socketcan://can0, can+slcan:///dev/ttyACM0.",
 )
-@click.option("--controller", type=click.Choice(CONTROLLERS), help="Force controller.")
+@click.option("--controller", metavar="NAME", help=f"Force controller: {CONTROLLERS}, or a plug-in.")
 @click.option("--force-n", type=float, metavar="F", help="Desired contact force, N.")
 @click.option("--duration", "duration_s", type=float, metavar="S", help="How long to track the surface, s.")
 @click.option("--virtual", is_flag=True, help="Virtual time: as fast as it computes, and exactly repeatable.")
@@ -72,4 +73,4 @@ def run(
             "run.seed": seed,
         },
     )
-    sys.exit(execute(config, virtual, Outputs(record, summary, report), view=not no_view))
+    sys.exit(execute(config, virtual, Outputs(record, summary, report), not no_view, config_file))

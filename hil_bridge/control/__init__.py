@@ -32,6 +32,7 @@ from hil_bridge.control.fuzzy_control import (
 from hil_bridge.control.linear import Admittance, AdmittanceState, Pi, PiState
 from hil_bridge.control.loop import ControlLoop, Decision, LoopState, Sample
 from hil_bridge.control.merit import FiguresOfMerit, figures_of_merit
+from hil_bridge.control.oscillation import OscillationDetector, OscillationState
 from hil_bridge.control.plugins import plugin_names
 from hil_bridge.control.predictive import Predictive, PredictiveState
 from hil_bridge.control.rules import PAPER_RULES, RuleBase, parse_rules, read_rules, rules_as_toml
@@ -76,6 +77,8 @@ __all__ = [
     "LoopState",
     "Measurement",
     "Observation",
+    "OscillationDetector",
+    "OscillationState",
     "Pairing",
     "Phase",
     "Pi",

@@ -4,9 +4,10 @@ The same function makes the decisions of a run and of its replay.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import TypeAlias
 
+from hil_bridge.control.oscillation import Advice, OscillationDetector, OscillationState
 from hil_bridge.control.supervisor import (
     Allow,
     Cause,
@@ -62,6 +63,7 @@ class LoopState:
     """Reported position at the start point, base frame, m."""
     task: TaskState
     supervisor: SupervisorState
+    oscillation: OscillationState = field(default_factory=OscillationState)
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,6 +103,8 @@ class ControlLoop:
     """Unit vector into the surface, base frame."""
     travel: Vector
     """Unit vector along the surface, base frame, perpendicular to `approach`."""
+    detector: OscillationDetector | None = None
+    """Lowers the gain of a loop that swings, and at last ends the run; None lets it swing."""
 
     def initial(self, start: Vector) -> LoopState:
         """State at the start point, away from the surface; its reported position in the base frame, m."""
@@ -108,7 +112,7 @@ class ControlLoop:
 
     def finish(self, state: LoopState, cause: str) -> LoopState:
         """Retract from the next sample on, for a reason from outside: time is up, a person wants it."""
-        return LoopState(state.start, self.task.finish(state.task, cause), state.supervisor)
+        return replace(state, task=self.task.finish(state.task, cause))
 
     def step(self, state: LoopState, sample: Sample) -> tuple[LoopState, Decision]:
         """One cycle. A stop turns it into a retraction; while retracting only the limits of motion apply,
@@ -126,12 +130,18 @@ class ControlLoop:
             saturated=sample.saturated,
         )
         task, output, failure = self._decide(state.task, measurement)
+        oscillation, advice = self._watch(state.oscillation, measurement, output)
+        if advice is not None and advice.factor < 1.0:
+            output = _calmed(output, measurement, advice)
         verdict: Verdict
         way: Allow | Clamp
         if output.phase in (Phase.RETRACT, Phase.END):
             supervisor, verdict = self.supervisor.limit(state.supervisor, self._request(state, output))
         elif failure:
             supervisor, verdict = self.supervisor.stop(state.supervisor, Cause.CONTROLLER, failure)
+        elif advice is not None and advice.retract:
+            text = f"the force goes on swinging by ±{advice.amplitude:.1f} N at the lowest gain"
+            supervisor, verdict = self.supervisor.stop(state.supervisor, Cause.OSCILLATION, text)
         else:
             supervisor, verdict = self.supervisor.step(
                 state.supervisor, _observe(sample), self._request(state, output)
@@ -142,10 +152,14 @@ class ControlLoop:
             task, output = self.task.step(self.task.fail(state.task, cause), measurement)
             supervisor, way = self.supervisor.limit(supervisor, self._request(state, output))
         else:
+            if advice is not None and advice.factor < 1.0:
+                lowered = f"the force swings: gain lowered to {advice.factor:g}"
+                reasons = verdict.reasons if isinstance(verdict, Clamp) else ()
+                verdict = Clamp(verdict.depth, verdict.position, (*reasons, lowered))
             way = verdict
         # Held back at the border of the workspace, a retraction has come as far as it can.
         held = output.phase is Phase.RETRACT and way.depth >= state.supervisor.depth
-        return LoopState(state.start, task, supervisor), Decision(
+        return LoopState(state.start, task, supervisor, oscillation), Decision(
             depth,
             Target(way.depth, output.target.travel),
             way.position,
@@ -171,6 +185,17 @@ class ControlLoop:
         text = f"controller {name} failed: it commands {command.position} m"
         return state, self.task.hold(state, measurement), text
 
+    def _watch(
+        self, state: OscillationState, measurement: Measurement, output: TaskOutput
+    ) -> tuple[OscillationState, Advice | None]:
+        """The detector's word on a sample of TRACK in contact; it begins anew with every other phase."""
+        if self.detector is None or output.phase is not Phase.TRACK:
+            return OscillationState(), None
+        if output.command is None or not output.in_contact:
+            return state, None
+        error = measurement.force - self.task.parameters.force_n
+        return self.detector.step(state, error, output.command.stiffness)
+
     def _request(self, state: LoopState, output: TaskOutput) -> Request:
         depth, travel = output.target.depth, output.target.travel
         x, y, z = (
@@ -178,6 +203,13 @@ class ControlLoop:
             for s, n, t in zip(state.start, self.approach, self.travel, strict=True)
         )
         return Request(depth, (x, y, z), self.approach)
+
+
+def _calmed(output: TaskOutput, measurement: Measurement, advice: Advice) -> TaskOutput:
+    """The task's answer with the detector's factor on the change of command."""
+    change = output.target.depth - measurement.commanded
+    depth = measurement.commanded + advice.factor * change
+    return replace(output, target=replace(output.target, depth=depth))
 
 
 def _cause(state: LoopState, output: TaskOutput, verdict: Verdict) -> str:

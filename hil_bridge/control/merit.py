@@ -25,7 +25,7 @@ class FiguresOfMerit:
     overshoot_percent: float
     """Largest force above the desired one, percent of it; 0 when it was never above."""
     steady_mean_error: float | None
-    """Mean of force − desired force over the last 40 samples, N."""
+    """Mean of force − desired force over the last 40 samples, N; None for fewer since the rise."""
     steady_peak_to_peak: float | None
     """Largest less smallest force over the last 40 samples, N."""
     rms_error: float
@@ -58,7 +58,7 @@ def figures_of_merit(
     error = pressed - desired
     risen = np.flatnonzero(pressed >= RISE_FRACTION * desired)
     rise = int(risen[0]) if risen.size else None
-    steady = pressed.size >= STEADY_SAMPLES
+    steady = pressed.size - (rise or 0) >= STEADY_SAMPLES  # else the rise itself would count as unsteadiness
     tail = slice(-STEADY_SAMPLES, None)
     return FiguresOfMerit(
         rise_samples=rise,

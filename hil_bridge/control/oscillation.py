@@ -66,6 +66,10 @@ class OscillationState:
     """Finished peaks of the window beyond the band, oldest first: sample and error in N; signs alternate."""
     factor: float = 1.0
     retract: bool = False
+    found: int = 0
+    """Oscillations found so far: each doubles how long calm must last before the gain is raised again, for a
+    loop that swings at a gain will mostly do so again.
+    """
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +79,9 @@ class OscillationDetector:
     __pydantic_config__: ClassVar = {"extra": "forbid"}
 
     window_samples: int = 40
-    """Samples within which the peaks must lie; also how long calm must last before the gain is raised."""
+    """Samples within which the peaks must lie. Calm must last that long, doubled for every oscillation found,
+    before the gain is raised.
+    """
     peaks: int = 6
     """Peaks beyond the band, on alternating sides, that make an oscillation: three periods."""
     decay: float = 0.7
@@ -126,9 +132,10 @@ class OscillationDetector:
         if self._sustained(peaks):
             return self._found(now, extreme, extreme_at, peaks, state)
         factor, since = state.factor, state.quiet_since
-        if factor < 1.0 and not peaks and now - since >= self.window_samples:
+        patience = self.window_samples << state.found
+        if factor < 1.0 and not peaks and now - since >= patience:
             factor, since = min(1.0, factor / self.notch), now
-        state = OscillationState(now, since, extreme, extreme_at, peaks, factor, state.retract)
+        state = OscillationState(now, since, extreme, extreme_at, peaks, factor, state.retract, state.found)
         return state, Advice(Finding.CALM, factor, state.retract)
 
     def band(self, stiffness: float | None) -> float:
@@ -162,7 +169,8 @@ class OscillationDetector:
             sum(abs(error) for _, error in newest) / len(newest),
             2.0 * (newest[-1][0] - newest[0][0]) / (len(newest) - 1),
         )
-        return OscillationState(now, now, extreme, extreme_at, (), factor, advice.retract), advice
+        found = before.found + 1
+        return OscillationState(now, now, extreme, extreme_at, (), factor, advice.retract, found), advice
 
 
 def _add(

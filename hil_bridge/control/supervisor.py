@@ -33,6 +33,7 @@ class Cause(StrEnum):
     DEVICE = "device"
     INCONSISTENT = "inconsistent"
     CONTROLLER = "controller"
+    OSCILLATION = "oscillation"
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,6 +62,8 @@ class Limits:
     """Frames in a row with identical counts on all axes after which the run stops. A filtered quiet signal
     repeats itself for some frames, a dead converter for ever.
     """
+    oscillation_guard: bool = True
+    """Lower the gain of a loop whose force swings for long, and end the run when that does not help."""
     still_after_cycles: int = 3
     """Cycles in a row without a new sensor frame after which the run stops."""
 

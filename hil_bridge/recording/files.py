@@ -9,8 +9,16 @@ from hil_bridge.errors import ConfigError
 def write_whole(path: Path, data: bytes) -> None:
     """Replace a file at once, so that no reader ever sees half of it.
 
-    Raises ConfigError when the place cannot be written; the file that was there stays as it was.
+    Behind a link the file that it names is replaced; a device or a pipe is written to as it is. Raises ConfigError
+    when the place cannot be written; the file that was there stays as it was.
     """
+    try:
+        path = path.resolve()
+        if path.exists() and not path.is_file():
+            path.write_bytes(data)
+            return
+    except OSError as error:
+        raise ConfigError(f"cannot write {path}: {error.strerror or error}") from error
     part = path.with_name(path.name + ".part")
     try:
         with part.open("wb") as file:

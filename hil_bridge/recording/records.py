@@ -44,7 +44,7 @@ class CycleRecord:
     travel_commanded: float
     """m along the tangential direction from the start point."""
     correction: float
-    """m, the feedback law's part."""
+    """Change of the commanded depth in this cycle, m; the feedback law's part of it is in `explanation`."""
     stiffness: float | None = None
     """Estimated contact stiffness, N/m."""
     gain: float = 1.0

@@ -92,7 +92,7 @@ class Summary:
     seed: str
     force_reference_n: float | None
     force_mean_steady_n: float | None
-    """Mean force over the last 40 samples of tracking; None when there are fewer."""
+    """Mean force over the last 40 samples of tracking; None when there are fewer since the rise."""
     figures: Mapping[str, float | None]
     """Figures of merit of the tracking phase, units in the names."""
     phases_s: Mapping[str, float]
@@ -129,7 +129,8 @@ def summarise(recording: Recording, end: RunEnd | None = None) -> Summary:
     cycles = recording.cycles
     track = [cycle for cycle in cycles if cycle.phase == TRACK and math.isfinite(cycle.force)]
     dropped = _dropped(recording)
-    steady = [cycle.force for cycle in track[-STEADY_SAMPLES:]]
+    figures = _figures(track)
+    steady = figures.get("steady_mean_error_n") is not None
     references = [cycle.force_reference for cycle in track or cycles]
     spans = phases(recording)
     return Summary(
@@ -139,8 +140,10 @@ def summarise(recording: Recording, end: RunEnd | None = None) -> Summary:
         controller=recording.metadata.get("controller", ""),
         seed=recording.metadata.get("seed", ""),
         force_reference_n=statistics.mode(references) if references else None,
-        force_mean_steady_n=statistics.fmean(steady) if len(steady) == STEADY_SAMPLES else None,
-        figures=_figures(track),
+        force_mean_steady_n=statistics.fmean(cycle.force for cycle in track[-STEADY_SAMPLES:])
+        if steady
+        else None,
+        figures=figures,
         phases_s={
             name: sum(span.end - span.begin for span in spans if span.name == name)
             for name in dict.fromkeys(span.name for span in spans)

@@ -135,7 +135,10 @@ def parse_url(url: str, schemes: Mapping[str, _Scheme]) -> WireUrl:
         raise ConfigError(f"{url!r}: {error}") from error
     scheme = schemes.get(parts.scheme)
     if scheme is None:
-        raise ConfigError(f"{url!r}: unknown scheme {parts.scheme!r}; allowed: {', '.join(schemes)}")
+        example = next(f"{name}:{scheme.target}" for name, scheme in schemes.items() if scheme.target)
+        raise ConfigError(
+            f"{url!r}: unknown scheme {parts.scheme!r}; allowed: {', '.join(schemes)}; for example {example}"
+        )
     target = unquote(parts.netloc + parts.path)
     if not scheme.target and target:
         raise ConfigError(f"{url!r}: nothing may stand between {parts.scheme}: and ?, got {target!r}")

@@ -17,7 +17,7 @@ class LinkProfile:
 
     # --- line
     baudrate: int = setting(9600, Mark.OBSERVED, "line rate", unit="Bd", minimum=300)
-    parity: Literal["N", "E", "O"] = setting("E", Mark.OBSERVED, "parity: none, even, odd")
+    parity: Literal["N", "E", "O"] = setting("E", Mark.OBSERVED, "parity: N none, E even, O odd")
     stop_bits: Literal[1, 2] = setting(1, Mark.OBSERVED, "stop bits a character")
     # --- data link
     dle_stuffing: Literal["off", "double"] = setting(

@@ -73,7 +73,10 @@ def test_help_imports_none_of_the_heavy_libraries() -> None:
         ([*VIRTUAL, "--force-n", "nan"], "--force-n must be a number above 0, got nan"),
         ([*VIRTUAL, "--force-n", "1000"], "must be below limits.force_limit_n of 50 N"),
         ([*VIRTUAL, "--seed", "-1"], "--seed: must be greater than or equal to 0"),
-        ([*VIRTUAL, "--controller", "pid"], "'pid' is not one of 'fuzzy'"),
+        (
+            [*VIRTUAL, "--controller", "pid"],
+            "--controller: there is no controller 'pid'; choose one of fuzzy, ",
+        ),
         ([*VIRTUAL, "--robot", "tcp://h:1"], "leave it out to use real ports"),
         ([*VIRTUAL, "--bogus"], "No such option"),
         ([*VIRTUAL, "--record", "."], "it is a folder; name a file in it"),
@@ -168,7 +171,7 @@ def test_a_run_prints_its_figures_and_leaves_what_report_makes_again(hil: Comman
     assert (code, errors) == (0, "")
     assert lines[0] == "completed"
     assert lines[-3:] == ["record: r.mcap", "summary: s.json", "report: rep/report.html"]
-    assert any(line.startswith("  tracked") and "resolution-aware" in line for line in lines)
+    assert any(line.startswith("  tracked") and "predictive" in line for line in lines)
     assert json.loads(Path("s.json").read_text())["outcome"] == "completed"
     assert hil("report", "r.mcap", "--out", "again") == (0, "again/report.html\n", "")
     assert Path("again/report.html").read_bytes() == Path("rep/report.html").read_bytes()
