@@ -1,7 +1,9 @@
 """The command line as a person meets it, in this process; what runs the loop runs in virtual time."""
 
+import asyncio
 import json
 import os
+import signal
 import subprocess
 import sys
 from collections.abc import Callable
@@ -13,7 +15,7 @@ import pytest
 import hil_bridge.cli
 from hil_bridge import session
 from hil_bridge.errors import DeviceError
-from hil_bridge.recording import read
+from hil_bridge.recording import CycleRecord, read
 from hil_bridge.run import Run
 
 Result: TypeAlias = tuple[int, str, str]
@@ -280,3 +282,54 @@ def test_without_a_command_there_is_help(hil: Command) -> None:
     code, output, errors = hil()
     assert (code, errors) == (0, "")
     assert output.startswith("Usage: hil-bridge ")
+
+
+def test_no_output_overwrites_what_the_run_needs(hil: Command, tmp_path: Path) -> None:
+    (tmp_path / "c.toml").write_text("[run]\nduration_s = 1\n")
+    assert "--record c.toml would overwrite the configuration" in refused(
+        hil(*VIRTUAL, "c.toml", "--record", "c.toml")
+    )
+    assert "--summary x would overwrite --record" in refused(
+        hil(*VIRTUAL, "--record", "x", "--summary", "./x")
+    )
+    assert (tmp_path / "c.toml").read_text() == "[run]\nduration_s = 1\n"
+
+
+def test_ctrl_c_in_virtual_time_retracts_too(hil: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+    cycle = session._Session.cycle
+
+    def interrupt(self: session._Session, record: CycleRecord) -> None:
+        cycle(self, record)
+        if record.cycle == 30:
+            signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr(session._Session, "cycle", interrupt)
+    before = signal.getsignal(signal.SIGINT)
+    code, output, errors = hil(*VIRTUAL, "--record", "r.mcap", "--summary", "s.json")
+    assert (code, errors) == (130, "")
+    assert output.startswith("interrupted\n")
+    recording = read(Path("r.mcap"))
+    assert (recording.cycles[-1].phase, recording.end["outcome"]) == ("retract", "interrupted")
+    assert json.loads(Path("s.json").read_text())["outcome"] == "interrupted"
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_ctrl_c_before_the_movement_says_so(hil: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+    async def connecting(self: Run) -> None:
+        signal.raise_signal(signal.SIGINT)
+        await asyncio.Event().wait()
+
+    monkeypatch.setattr(Run, "__call__", connecting)
+    code, output, errors = hil(*VIRTUAL, "--record", "r.mcap")
+    assert (code, errors) == (130, "")
+    assert output == "interrupted: before the movement began\nrecord: r.mcap\n"
+
+
+def test_a_terminal_without_the_letters_gets_escapes(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "hil_bridge", "decode", "computer-link", f"{STATUS_ORDER} 18"],
+        env={**os.environ, "PYTHONIOENCODING": "latin-1"},
+        capture_output=True,
+        check=True,
+    )
+    assert b"PC \\u2192 S3" in done.stdout

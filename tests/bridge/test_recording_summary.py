@@ -1,5 +1,6 @@
 import json
 import math
+import os
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -8,6 +9,7 @@ import pytest
 
 from hil_bridge.errors import ConfigError
 from hil_bridge.recording import CycleRecord, EventRecord, Recorder, Recording, SensorRecord, read
+from hil_bridge.recording.files import write_whole
 from hil_bridge.recording.summary import Outcome, RunEnd, end_of, phases, summarise
 
 PERIOD, LSB = 0.25, 0.000125
@@ -157,3 +159,17 @@ def test_a_summary_that_cannot_be_written_leaves_the_old_one(tmp_path: Path) -> 
     with pytest.raises(ConfigError, match="cannot write"):
         summary.write_json(tmp_path / "taken")
     assert [path.name for path in tmp_path.iterdir()] == ["taken"]
+
+
+def test_links_are_followed_and_pipes_written_to(tmp_path: Path) -> None:
+    target, link, pipe = tmp_path / "target.json", tmp_path / "link.json", tmp_path / "pipe"
+    target.write_text("old")
+    link.symlink_to(target)
+    write_whole(link, b"new")
+    assert (target.read_text(), link.is_symlink()) == ("new", True)
+    os.mkfifo(pipe)
+    reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+    write_whole(pipe, b"through")
+    assert os.read(reader, 100) == b"through"
+    os.close(reader)
+    assert pipe.is_fifo()
