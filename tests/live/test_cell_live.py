@@ -74,7 +74,7 @@ def test_two_processes_hold_ten_newtons(tmp_path: Path, short: str) -> None:
     with emulated("cell") as (_, options):
         summary = tmp_path / "s.json"
         code, lines, errors = finish(
-            start("run", short, *options, "--duration", "8", "--no-view", "--summary", str(summary))
+            start("run", short, *options, "--duration", "10", "--no-view", "--summary", str(summary))
         )
         assert (code, errors) == (0, "")
         assert lines[0] == "completed"
