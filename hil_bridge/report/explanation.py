@@ -87,7 +87,7 @@ def _columns(zero: float) -> list[tuple[str, Callable[[CycleRecord], str]]]:
         ("force, N", lambda cycle: _plain(cycle.force, ".2f")),
         ("error, N", lambda cycle: _plain(cycle.force - cycle.force_reference, "+.2f")),
         *(
-            (f"level of {name}", lambda cycle, key=key: _plain(cycle.explanation.get(key), "+.3g"))
+            (f"level of {name}", lambda cycle, key=key: _plain(cycle.explanation.get(key), ".3g"))
             for key, name in LEVELS.items()
         ),
         ("strongest rules, weight", _rules_text),

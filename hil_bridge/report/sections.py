@@ -10,7 +10,14 @@ from hil_bridge.report.explanation import decisions, strongest_rules, tracked
 from hil_bridge.report.figures import Row, quantity
 from hil_bridge.report.loop_plot import LOOP_SIZE_PX, draw_loop
 from hil_bridge.report.markup import cells, rows
-from hil_bridge.report.stability import GAIN_MARGIN, PHASE_MARGIN_DEG, Analysis, LinearLoop, analyse
+from hil_bridge.report.stability import (
+    GAIN_MARGIN,
+    PHASE_MARGIN_DEG,
+    STAND_IN_GAIN,
+    Analysis,
+    LinearLoop,
+    analyse,
+)
 
 _AS_PREDICTED = (0.5, 2.0)
 """Measured over predicted swing that still counts as predicted: the prediction is for the least favourable
@@ -104,34 +111,27 @@ def margins_sentence(analysis: Analysis, loop: LinearLoop) -> str:
 
 
 def cycle_sentence(analysis: Analysis) -> str:
-    """What was predicted beside what happened."""
-    predicted, swing, steps = (
-        analysis.predicted,
-        analysis.steady_peak_to_peak,
-        analysis.steps_per_second,
-    )
+    """What was predicted beside what was measured."""
+    predicted, swing, steps = analysis.predicted, analysis.steady_peak_to_peak, analysis.steps_per_second
     if predicted is None:
-        return (
-            "No limit cycle of the resolution is predicted: the loop is unstable by itself, quantised or not."
-        )
-    expected = (
-        f"A limit cycle of {predicted.peak_to_peak:.2f} N is predicted for a controller that never rests"
-    )
+        unstable = analysis.loop is not None and not analysis.loop.margins.stable
+        why = "the loop is unstable by itself, quantised or not" if unstable else "this loop has none"
+        return f"No limit cycle of the resolution is predicted: {why}."
+    text = f"A limit cycle of {predicted.peak_to_peak:.2f} N is predicted for a controller that never rests"
     if swing is None or steps is None:
-        return f"{expected}; the run has no steady state to compare it with."
+        return f"{text}; the run has no steady state to compare it with."
     if steps < _MOVES_TOLD:
-        return f"{expected}; the run rested: 0 steps/s, and a steady force within {swing:.2f} N."
-    moved = f"the command moved {steps:.2f} steps/s and the force by {swing:.2f} N peak to peak"
+        return f"{text}; the run rested: 0 steps/s, and a steady force within {swing:.2f} N."
     ratio = swing / predicted.peak_to_peak
+    text += f"; the command moved {steps:.2f} steps/s and the force swung by {swing:.2f} N, {ratio:.1f} times that"
+    if (period := analysis.dominant_period) is not None:
+        text += f", once in {period:.2f} s where {predicted.period:.2f} s are predicted"
     least, most = _AS_PREDICTED
     if ratio < least:
-        return f"{expected}; {moved}, less than that: the moves did not add up to the cycle."
+        return f"{text}. The moves did not add up to the limit cycle."
     if ratio > most:
-        return (
-            f"{expected}; {moved}, {ratio:.1f} times that: the resolution alone does not explain it, the gain,"
-            " the surface or the noise must be part of it."
-        )
-    return f"{expected}; {moved}, {ratio:.1f} times that: as far as the resolution allows."
+        return f"{text}. The resolution alone does not explain that: gain, surface or noise are part of it."
+    return f"{text}. That is the limit cycle that the resolution leaves."
 
 
 def _loop_rows(analysis: Analysis) -> list[Row]:
@@ -174,10 +174,7 @@ def _margin_rows(loop: LinearLoop) -> list[Row]:
 
 def _cycle_table(analysis: Analysis) -> str:
     predicted = analysis.predicted
-    swing = period = steps = None
-    if predicted is not None:
-        swing, period = predicted.peak_to_peak, predicted.period
-        steps = 2 * predicted.levels / period  # up and down once a period
+    swing, period = (predicted.peak_to_peak, predicted.period) if predicted else (None, None)
     lines = [
         ("one resolution step, k_e·Δx_res", quantity(analysis.step_force, 1, ".2f", "N"), ""),
         (
@@ -193,17 +190,20 @@ def _cycle_table(analysis: Analysis) -> str:
             else "none stands out",
         ),
         (
-            "resolution steps",
-            quantity(steps, 1, ".2f", "1/s"),
+            "resolution steps of the command",
+            "",
             quantity(analysis.steps_per_second, 1, ".2f", "1/s"),
         ),
     ]
-    what = "this controller" if analysis.loop else "an integrating controller that never rests"
-    note = (
-        f'<p class="note">Predicted for {what}, with the target half-way between two forces that whole steps'
-        " reach; anywhere else the period is longer.</p>"
+    stand_in = (
+        f"an integrator that makes up for {100 * STAND_IN_GAIN:g} % of the error in a sample and never rests"
     )
-    return cells(("", "predicted", "happened"), lines, "narrow") + note
+    note = (
+        f'<p class="note">Predicted by describing function for {"this controller" if analysis.loop else stand_in},'
+        f" a servo that lets the position be off by {analysis.dead_band:g} resolution steps, and a target half-way"
+        " between two forces that whole steps reach; anywhere else the period is longer.</p>"
+    )
+    return cells(("", "predicted", "measured"), lines, "narrow") + note
 
 
 def _stiffness(stiffness: float) -> str:
@@ -216,4 +216,4 @@ def _stiffness(stiffness: float) -> str:
 def _endless(value: float, form: str, unit: str) -> str:
     if math.isnan(value):
         return "nowhere"
-    return quantity(value, 1, form, unit) if math.isfinite(value) else "∞"
+    return quantity(value, 1, form, unit).replace(" °", "°") if math.isfinite(value) else "∞"

@@ -33,9 +33,9 @@ PHASE_MARGIN_DEG = 45.0
 GAIN_MARGIN = 2.0
 """Least gain margin that counts as comfortable, likewise."""
 
-_LOW_GAIN = 0.05
+STAND_IN_GAIN = 0.2
 """Share of the error made up for in a sample by the integrator that stands for a controller that is not
-linear. Chosen: low enough that two positions alone take part; the period does not depend on it.
+linear. Chosen: the one of the resolution experiment, low enough that two positions alone take part.
 """
 _INTERPOLATION_TICKS = 1.5
 """Ticks of the interpolator that a command waits: half of one until the next begins, and one to be passed on.
@@ -48,7 +48,7 @@ noise gets there once in hundreds of runs.
 _FREQUENCIES = 200
 _MOST_TAPS = 500
 """Samples that the servo may take to settle; whoever records more has no force loop but a garbled file."""
-_BISECTIONS = 24
+_BISECTIONS = 14
 _SOFTEST = 1e-4
 """Share of the stiffness below which no comfortable one is looked for."""
 
@@ -95,10 +95,12 @@ class Analysis:
     stiffness_source: str
     resolution: float
     """Δx_res, m"""
+    dead_band: float
+    """How far the position may be off without being corrected, either way, in resolution steps."""
     loop: LinearLoop | None
     """None for a controller that is not linear."""
     predicted: LimitCycle | None
-    """None for a loop that is unstable by itself."""
+    """None for a loop that is unstable by itself, or never swings."""
     steady_peak_to_peak: float | None
     """N; None when the run has no steady state."""
     steps_per_second: float | None
@@ -118,17 +120,13 @@ def analyse(recording: Recording, summary: Summary) -> Analysis | None:
     steady = track[-STEADY_SAMPLES:]
     emulated = _at(config, "robot.url") == ""
     resolution_mm = _number(config, "cell.servo.resolution_mm")
+    dead_band = _number(config, "cell.servo.dead_band_steps") or 0.0
     stiffness = _stiffness(steady, config, emulated)
     timed = _plant(track, config, emulated)
     if stiffness is None or timed is None or resolution_mm is None or resolution_mm <= 0.0:
         return None
     (k, stiffness_source), (plant, parts) = stiffness, timed
     loop = _linear_loop(config, summary.controller, k, plant, statistics.median(c.gain for c in steady))
-    response = pi_response(0.0, _LOW_GAIN / k) if loop is None else loop.response
-    try:
-        predicted = limit_cycle(k, response, plant, resolution_mm * 1e-3)
-    except ValueError:
-        predicted = None
     return Analysis(
         plant=plant,
         delay=parts,
@@ -136,8 +134,9 @@ def analyse(recording: Recording, summary: Summary) -> Analysis | None:
         stiffness=k,
         stiffness_source=stiffness_source,
         resolution=resolution_mm * 1e-3,
+        dead_band=dead_band,
         loop=loop,
-        predicted=predicted,
+        predicted=_predicted(k, loop, plant, resolution_mm * 1e-3, dead_band),
         steady_peak_to_peak=summary.figures.get("steady_peak_to_peak_n"),
         steps_per_second=summary.figures.get("steps_per_s"),
         dominant_period=dominant_period(
@@ -250,6 +249,18 @@ def _linear_loop(
     )
 
 
+def _predicted(
+    stiffness: float, loop: LinearLoop | None, plant: SampledPlant, resolution: float, dead_band: float
+) -> LimitCycle | None:
+    if loop is not None and not loop.margins.stable:
+        return None
+    response = pi_response(0.0, STAND_IN_GAIN / stiffness) if loop is None else loop.response
+    try:
+        return limit_cycle(stiffness, response, plant, resolution, dead_band)
+    except ValueError:
+        return None
+
+
 def _comfortable(found: Margins) -> bool:
     return found.gain_margin >= GAIN_MARGIN and found.phase_margin_deg >= PHASE_MARGIN_DEG
 
@@ -260,9 +271,11 @@ def _comfortable_to(
     """By bisection of the stiffness, for the phase margin follows it by no formula."""
     if not math.isfinite(found.gain_margin):
         return None
-    low, high = stiffness * min(1.0, found.gain_margin) * _SOFTEST, stiffness * found.gain_margin
-    if not _comfortable(margins(low, response, plant)):
-        return None
+    low, high = stiffness, stiffness * found.gain_margin
+    if not _comfortable(found):
+        low, high = min(low, high) * _SOFTEST, min(low, high)
+        if not _comfortable(margins(low, response, plant)):
+            return None
     for _ in range(_BISECTIONS):
         middle = math.sqrt(low * high)
         if _comfortable(margins(middle, response, plant)):
