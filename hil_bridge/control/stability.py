@@ -19,12 +19,14 @@ The admittance is the mass M with the damper B, exact for a force held over a pe
 """
 
 import math
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import expm
 
 from hil_bridge.control.checks import require_above_zero, require_not_negative
 
@@ -42,6 +44,12 @@ _LOWEST = 1e-4
 
 _FEWEST_SAMPLES = 4
 """Samples of the fastest limit cycle whose period does not depend on where in it the samples fall."""
+_START_STEPS = 5
+"""Steps below the border at which the holding servo's loop is started: it is to find its cycle from outside."""
+_LEARNED, _LOOKED_AT = 200, 100
+"""Samples until that loop repeats itself, and those that then count."""
+_PHASES = 5
+"""Places of the first sample in a tick of the servo, over which that cycle is averaged."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -208,6 +216,91 @@ def limit_cycle(
     swing = steps * _followed(plant, round(samples))
     period = samples / (4.0 * offset * (1.0 - offset)) * plant.period
     return LimitCycle(stiffness * resolution * swing, period, steps)
+
+
+def holding_limit_cycle(
+    stiffness: float,
+    integral: float,
+    plant: SampledPlant,
+    resolution: float,
+    tick: float,
+    smoothing: float = 0.0,
+) -> LimitCycle:
+    """Limit cycle with a servo that holds where it is once the rounded position equals its set point.
+
+    An integral controller (gain in m/N a sample) works on the same loop as in `limit_cycle`, the desired force
+    being the one on the border between two positions. Every `tick` (s) the servo takes the newest set point and
+    looks at its rounded position: is it another, the set point pulls, else the place where the axis is at
+    that moment. So the axis goes not from step to step, but over the border between them and no farther than
+    it is at the next tick. When m ticks bring it over, f_m = s(m·tick) is the share of the way to its set
+    point that it goes, and with samples enough to come to rest it is held δ beyond the border on both sides:
+
+        2δ = f_m·(q/2 + δ),    δ = q·f_m/(2·(2 − f_m)),    if it was short of the border at m − 1 ticks:
+        f_(m−1)·(q/2 + δ) < δ.
+
+    More than one m can fulfil that. The axis also swings through by what it coasts, and when the force
+    is sampled meanwhile, it is that which counts. So the cycle is not written down but found: the equations of
+    the switched loop, linear between ticks, are stepped until they repeat, from some steps below the border,
+    as a controller arrives there. Nothing in them is random or fitted.
+
+    The plant's delay is the mean one, half a tick of waiting for the servo included. `smoothing` (s) is the
+    time constant of a first-order filter of the force, which the delay must then leave out.
+
+    Raises ValueError when the loop is unstable, or comes to rest.
+    """
+    if not margins(stiffness, pi_response(0.0, integral), plant).stable:
+        raise ValueError("this loop is unstable, quantised or not")
+    loop = _HoldingLoop(stiffness * integral, plant, tick, smoothing)
+    runs = [loop.run(plant.period * 10.0 + phase * tick / _PHASES) for phase in range(_PHASES)]
+    passages = [np.flatnonzero((run[:-1] < 0.0) & (run[1:] >= 0.0)) for run in runs]
+    if min(len(found) for found in passages) < 2:
+        raise ValueError("this loop has no limit cycle: it comes to rest")
+    swing = float(np.mean([np.ptp(run) for run in runs]))
+    samples = float(np.mean([(found[-1] - found[0]) / (len(found) - 1) for found in passages]))
+    return LimitCycle(stiffness * resolution * swing, samples * plant.period, 1)
+
+
+class _HoldingLoop:
+    """The switched loop of `holding_limit_cycle`; positions in steps from the border, s."""
+
+    def __init__(self, loop_gain: float, plant: SampledPlant, tick: float, smoothing: float) -> None:
+        w, zeta = plant.natural_frequency, plant.damping_ratio
+        pole = 1.0 / smoothing if smoothing else 0.0
+        # State: position and filtered position, both less the place that pulls, and between them the velocity.
+        self._rates = np.array([[0.0, 1.0, 0.0], [-w * w, -2.0 * zeta * w, 0.0], [pole, 0.0, -pole]])
+        self._output = 2 if smoothing else 0
+        self._over_a_tick = expm(self._rates * tick)
+        self._gain = loop_gain
+        self._period = plant.period
+        self._dead_time = plant.delay - tick / 2.0
+        self._tick = tick
+
+    def run(self, first: float) -> Floats:
+        """Positions that the samples from time `first` on see, those that count."""
+        pulling = float(-_START_STEPS) + 0.5
+        state = np.zeros(3)
+        taken, reported, wanted = pulling, pulling, pulling
+        underway: deque[tuple[float, float]] = deque()
+        seen, ticks = [], 0
+        for sample in range(_LEARNED + _LOOKED_AT):
+            now = first + sample * self._period
+            while (ticks + 1) * self._tick <= now:
+                ticks += 1
+                state = self._over_a_tick @ state
+                before = taken
+                while underway and underway[0][0] <= ticks * self._tick:
+                    taken = underway.popleft()[1]
+                position = pulling + float(state[0])
+                held = before == taken == reported
+                reported = math.floor(position) + 0.5
+                place = taken if reported != taken else pulling if held else position
+                state[[0, 2]] += pulling - place
+                pulling = place
+            output = expm(self._rates * (now - ticks * self._tick)) @ state
+            seen.append(pulling + float(output[self._output]))
+            wanted -= self._gain * seen[-1]
+            underway.append((now + self._dead_time, math.floor(wanted) + 0.5))
+        return np.array(seen[-_LOOKED_AT:])
 
 
 def _sweep(stiffness: float, controller: Response, plant: SampledPlant) -> tuple[Floats, Complexes]:

@@ -1,6 +1,6 @@
 """One run of the whole chain as a job, and what the experiments keep of it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from hil_bridge.config import Config
 from hil_bridge.control import FiguresOfMerit, figures_of_merit
+from hil_bridge.control.merit import STEADY_SAMPLES
 from hil_bridge.experiments.chain import run_cell
 from hil_bridge.experiments.wall import Parameters
 from hil_bridge.recording import Outcome
@@ -63,6 +64,8 @@ class CellJob:
     noise_counts: float = 1.0
     """Noise of every axis before the sensor's filters, rms."""
     resolution_mm: float = 0.125
+    steady_samples: int = STEADY_SAMPLES
+    """At the end of the run, which count as its steady state."""
 
     def config(self) -> Config:
         """The configuration of the run; what is not named here stands at its default."""
@@ -115,6 +118,7 @@ class CellJob:
                 [cycle.in_contact for cycle in cycles],
                 self.resolution_mm,
             )
+            merit = self._of_the_end(merit, time, column("force"), column("depth_commanded"))
         return CellTrace(
             time,
             column("force"),
@@ -126,4 +130,19 @@ class CellJob:
             float(np.mean(np.diff(time))) if len(time) > 1 else float("nan"),
             run.result.outcome is Outcome.COMPLETED,
             run.result.cause,
+        )
+
+    def _of_the_end(
+        self, merit: FiguresOfMerit, time: Floats, force: Floats, depth: Floats
+    ) -> FiguresOfMerit:
+        """The figures with those of the steady state over this job's number of samples."""
+        count = self.steady_samples
+        if len(time) < count:
+            return replace(merit, steady_mean_error=None, steady_peak_to_peak=None, steps_per_second=None)
+        words = np.rint(depth[-count:] / (self.resolution_mm * 1e-3))
+        return replace(
+            merit,
+            steady_mean_error=float(np.mean(force[-count:] - self.reference)),
+            steady_peak_to_peak=float(np.ptp(force[-count:])),
+            steps_per_second=float(np.sum(np.abs(np.diff(words))) / (time[-1] - time[-count])),
         )

@@ -2,7 +2,7 @@
 
 The controller is an integral one whose loop gain is the same on every surface, so that stiffness and
 resolution alone make the difference: in the paper's simulation, where the position is rounded and nothing
-else, and through the whole chain, whose servo does not react inside its dead band.
+else, and through the whole chain, whose servo does not react inside its dead band. Each has its prediction.
 """
 
 import math
@@ -11,7 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from hil_bridge.control.stability import SampledPlant, limit_cycle, pi_response
+from hil_bridge.control.stability import (
+    LimitCycle,
+    SampledPlant,
+    holding_limit_cycle,
+    limit_cycle,
+    pi_response,
+)
 from hil_bridge.experiments.cell import CellJob, CellTrace
 from hil_bridge.experiments.drawing import COLOURS, MARKERS, Sheet
 from hil_bridge.experiments.results import (
@@ -26,16 +32,21 @@ from hil_bridge.experiments.results import (
     verdict,
 )
 from hil_bridge.experiments.statistics import spread
-from hil_bridge.experiments.wall import Parameters, WallJob, WallRun
+from hil_bridge.experiments.wall import PERIOD, Parameters, WallJob, WallRun
+from hil_bridge.run import filter_delay
 from protocol.adlp import BLOCK_OVERHEAD
 
 STIFFNESSES = (5e3, 1e4, 2e4, 5e4)
 RESOLUTIONS_MM = (0.125, 0.25, 0.5)
 LOOP_GAIN = 0.2
 """Share of the error that is made up for in a sample. Chosen: far from the loop's own instability."""
-STEADY_SAMPLES = 80
-SECONDS = 24.0
+STEADY_SAMPLES = 30
+SECONDS = 10.8
+"""Chosen: the rise, which takes half of it, and the samples that count."""
 WALL_SAMPLES = 240
+TOLERANCE = 0.25
+"""Share of a prediction by which the measured amplitude may differ from it."""
+YES, NO, NONE = "yes", "no", "no limit cycle predicted"
 
 
 def _parameters(stiffness: float) -> Parameters:
@@ -82,20 +93,59 @@ def jobs(seeds: int) -> list[WallJob | CellJob]:
     return done
 
 
-def plant(job: CellJob, period: float) -> SampledPlant:
-    """The loop as the stability analysis sees it, from the emulated cell's profile.
+ROUNDED = SampledPlant(PERIOD, PERIOD / 2, 100.0 / PERIOD)
+"""The paper's simulation as the stability analysis sees it: a command has been followed at the next sample."""
 
-    Derived: the delay is the line time of the move up to its last character, a tick and a half of the
-    interpolator, and its transport delay.
+
+def plant(job: CellJob, period: float) -> SampledPlant:
+    """The chain as the stability analysis sees it, from the profiles of the cell; the force's filter apart.
+
+    Derived: the delay is half the time between two force frames, the line time of the move up to its last
+    character, the controller's turnaround, half a tick of waiting for the interpolator, and its transport
+    delay.
     """
-    cell = job.config().cell
+    config = job.config()
+    cell = config.cell
     characters = 2 + BLOCK_OVERHEAD + cell.link.move_length
     servo = cell.servo
+    waiting_ms = (config.sensor.gateway.period_ms + servo.interpolation_ms) / 2.0
     delay = (
         characters * cell.link.character_time
-        + (1.5 * servo.interpolation_ms + servo.transport_delay_ms) * 1e-3
+        + (waiting_ms + cell.robot.turnaround_ms + servo.transport_delay_ms) * 1e-3
     )
     return SampledPlant(period, delay, servo.natural_frequency_rad_s, servo.damping_ratio)
+
+
+def _predicted_rounding(stiffness: float, resolution: float) -> LimitCycle | None:
+    """With rounding alone; None where there is no limit cycle."""
+    try:
+        return limit_cycle(stiffness, pi_response(0.0, LOOP_GAIN / stiffness), ROUNDED, resolution)
+    except ValueError:
+        return None
+
+
+def _predicted_chain(job: CellJob, period: float) -> LimitCycle | None:
+    """With the servo that holds inside its dead band; None where there is no limit cycle."""
+    config = job.config()
+    try:
+        return holding_limit_cycle(
+            job.stiffness,
+            LOOP_GAIN / job.stiffness,
+            plant(job, period),
+            job.resolution_mm * 1e-3,
+            config.cell.servo.interpolation_ms * 1e-3,
+            filter_delay(config.sensor.gateway),
+        )
+    except ValueError:
+        return None
+
+
+def agreement(measured: float, predicted: float | None) -> tuple[float | None, str]:
+    """Measured over predicted amplitude, and whether it is near enough to 1."""
+    if predicted is None:
+        return None, NONE
+    ratio = measured / predicted
+    return rounded(ratio), YES if abs(ratio - 1.0) <= TOLERANCE else NO
 
 
 def evaluate(done: Sequence[Any], results: Sequence[Any]) -> Findings:
@@ -124,23 +174,34 @@ def evaluate(done: Sequence[Any], results: Sequence[Any]) -> Findings:
 def _row(
     stiffness: float, resolution_mm: float, wall: WallRun, cells: Sequence[tuple[CellJob, CellTrace]]
 ) -> Row:
-    job, trace = cells[0]
-    predicted = limit_cycle(
-        stiffness, pi_response(0.0, LOOP_GAIN / stiffness), plant(job, trace.period), resolution_mm * 1e-3
-    )
-    swing, swing_sd = spread(float(np.ptp(trace.force[-STEADY_SAMPLES:])) for _, trace in cells)
+    job = cells[0][0]
+    sample, _ = spread(trace.period for _, trace in cells)
+    assert sample is not None, "every run has samples"
+    rounding = _predicted_rounding(stiffness, resolution_mm * 1e-3)
+    holding = _predicted_chain(job, sample)
+    rounding_n, holding_n = (rounded(cycle.peak_to_peak) if cycle else None for cycle in (rounding, holding))
+    simulated = float(np.ptp(wall.force[-STEADY_SAMPLES:]))
+    swings = [float(np.ptp(trace.force[-STEADY_SAMPLES:])) for _, trace in cells]
+    swing, swing_sd = float(np.mean(swings)), float(np.std(swings))
+    simulated_ratio, simulated_within = agreement(simulated, rounding_n)
+    chain_ratio, chain_within = agreement(swing, holding_n)
     period, _ = spread(_period(trace) for _, trace in cells)
     return {
         "stiffness_n_m": int(stiffness),
         "resolution_mm": resolution_mm,
         "step_force_n": rounded(stiffness * resolution_mm * 1e-3),
-        "predicted_n": rounded(predicted.peak_to_peak),
-        "simulated_n": rounded(float(np.ptp(wall.force[-STEADY_SAMPLES:]))),
+        "rounding_predicted_n": rounding_n,
+        "rounding_n": rounded(simulated),
+        "rounding_ratio": simulated_ratio,
+        "rounding_within_25_percent": simulated_within,
+        "chain_predicted_n": holding_n,
         "chain_n": rounded(swing),
         "chain_n_sd": rounded(swing_sd),
-        "predicted_period_s": rounded(predicted.period),
+        "chain_ratio": chain_ratio,
+        "chain_within_25_percent": chain_within,
+        "chain_predicted_period_s": rounded(holding.period) if holding else None,
         "chain_period_s": rounded(period),
-        "sample_ms": rounded(spread(trace.period * 1e3 for _, trace in cells)[0]),
+        "sample_ms": rounded(sample * 1e3),
         "seeds": len(cells),
     }
 
@@ -159,19 +220,26 @@ def _draw(table: Sequence[Row]) -> bytes:
         forces = [number(row, "step_force_n") for row in table]
         ends = [0.8 * min(forces), 1.25 * max(forces)]
         ax.plot(ends, ends, color="black", lw=1.0, ls="--", label="k_e·Δx_res, as the paper says")
+        for column, colour, name in (
+            ("rounding_predicted_n", COLOURS[3], "predicted: rounding alone (describing function)"),
+            ("chain_predicted_n", COLOURS[4], "predicted: servo that holds in its dead band"),
+        ):
+            known = [row for row in table if row[column] is not None]
+            ax.errorbar(
+                [number(row, "step_force_n") for row in known],
+                values := [number(row, column) for row in known],
+                [TOLERANCE * value for value in values],
+                ls="none",
+                marker="_",
+                ms=16,
+                mew=1.6,
+                capsize=5,
+                color=colour,
+                label=f"{name}, ± {TOLERANCE:.0%}",
+            )
         ax.plot(
             forces,
-            [number(row, "predicted_n") for row in table],
-            ls="none",
-            marker="_",
-            ms=16,
-            mew=1.6,
-            color=COLOURS[3],
-            label="predicted (describing function, servo)",
-        )
-        ax.plot(
-            forces,
-            [number(row, "simulated_n") for row in table],
+            [number(row, "rounding_n") for row in table],
             ls="none",
             marker="x",
             ms=7,
@@ -199,42 +267,72 @@ def _draw(table: Sequence[Row]) -> bytes:
         return sheet.png()
 
 
+def _places(rows: Sequence[Row]) -> str:
+    return ", ".join(
+        f"{shown(row['stiffness_n_m'])} N/m at {shown(row['resolution_mm'])} mm ({shown(row['step_force_n'])} N)"
+        for row in rows
+    )
+
+
+def _agreement(table: Sequence[Row], model: str) -> str:
+    """At which points the amplitude of a model is as predicted, at which not, and where none is predicted."""
+    column = f"{model}_within_25_percent"
+    parts = []
+    for value, title in ((YES, "within 25 %"), (NO, "farther off"), (NONE, NONE)):
+        rows = pick(table, **{column: value})
+        if not rows:
+            continue
+        ratios = [number(row, f"{model}_ratio") for row in rows if row[f"{model}_ratio"] is not None]
+        span = f", {min(ratios):.2f} … {max(ratios):.2f} times as predicted" if ratios else ""
+        where = f"each of the {len(rows)} points" if len(rows) == len(table) else _places(rows)
+        parts.append(f"{title} at {where}{span}")
+    return "; ".join(parts)
+
+
+def _between(values: Sequence[float], unit: str) -> str:
+    if not values:
+        return "none"
+    low, high = shown(min(values)), shown(max(values))
+    return f"{low} {unit}" if low == high else f"{low} to {high} {unit}"
+
+
+def _known(table: Sequence[Row], column: str) -> list[float]:
+    return [number(row, column) for row in table if row[column] is not None]
+
+
 def describe(table: Sequence[Row]) -> tuple[str, tuple[Claim, ...]]:
     """What the paper says of the amplitude, and what came out."""
+    forces = _known(table, "step_force_n")
     ratios = [number(row, "chain_n") / number(row, "step_force_n") for row in table]
-    simulated = [number(row, "simulated_n") / number(row, "step_force_n") for row in table]
-    predicted = [number(row, "chain_n") / number(row, "predicted_n") for row in table]
-    slope, _ = np.polyfit(
-        np.log([number(row, "step_force_n") for row in table]),
-        np.log([number(row, "chain_n") for row in table]),
-        1,
-    )
-    periods = [number(row, "chain_period_s") for row in table if row["chain_period_s"] is not None]
+    simulated = [number(row, "rounding_n") / number(row, "step_force_n") for row in table]
+    slope, _ = np.polyfit(np.log(forces), np.log(_known(table, "chain_n")), 1)
     text = (
         f"The paper says that a constant force ends in a slow oscillation of amplitude k_e·Δx_res, because "
         f"the position may be anywhere within half a step of the reported one. Over {len(table)} "
-        f"combinations of stiffness and resolution, k_e·Δx_res from "
-        f"{shown(min(number(row, 'step_force_n') for row in table))} to "
-        f"{shown(max(number(row, 'step_force_n') for row in table))} N, an integral controller ends in one. "
-        f"With rounding alone its peak-to-peak is {min(simulated):.2f} to {max(simulated):.2f} times "
-        f"k_e·Δx_res. Through the whole chain it is {min(ratios):.2f} to {max(ratios):.2f} times, on "
-        f"average {np.mean(ratios):.2f}, and grows with the power {slope:.2f} of it: the proportionality is "
-        f"{verdict(0.8 < slope < 1.2)}. Against the describing function, which knows the servo's lag, it is "
-        f"{min(predicted):.2f} to {max(predicted):.2f} times as large. The reason is the dead band: the "
-        f"servo turns itself off as soon as the reported position is the wanted one, so on the way between "
-        f"two steps it has only to cross the border between them, and the tool moves by what it passes that "
-        f"border, and coasts, before the next tick stops it. k_e·Δx_res is what a servo leaves that goes on "
-        f"to its set point. The oscillation's period is {shown(min(periods))} to {shown(max(periods))} s, at "
-        f"{shown(number(table[0], 'sample_ms'))} ms a sample; predicted are "
-        f"{shown(min(number(row, 'predicted_period_s') for row in table))} s, the slowest of the cycles "
-        f"that sampling allows with less than a sample of delay."
-        if periods
-        else "No oscillation was found in any combination of stiffness and resolution, against the paper."
+        f"combinations of stiffness and resolution, k_e·Δx_res from {shown(min(forces))} to "
+        f"{shown(max(forces))} N, an integral controller was left alone with the force half-way between two "
+        f"steps. With rounding alone the peak-to-peak is {min(simulated):.2f} to {max(simulated):.2f} times "
+        f"k_e·Δx_res; against the describing function of the quantised loop it is "
+        f"{_agreement(table, 'rounding')}. Through the whole chain it is {min(ratios):.2f} to "
+        f"{max(ratios):.2f} times k_e·Δx_res, on average {np.mean(ratios):.2f}, and grows with the power "
+        f"{slope:.2f} of it: the proportionality is {verdict(0.8 < slope < 1.2)}. The factor is the servo's. "
+        f"It turns itself off at the first tick at which the reported position is the wanted one, so on the "
+        f"way between two steps it has only to cross the border between them: it is held a few hundredths of "
+        f"a step beyond, and swings through by what it coasts while the force is sampled. Stepped from tick "
+        f"to tick, that loop is predicted from the servo's frequency and damping, tick, delays, filter of "
+        f"the force, sample time and gain, without anything fitted; against it the measured swing is "
+        f"{_agreement(table, 'chain')}. k_e·Δx_res is what a servo leaves that goes on to its set point. The "
+        f"oscillation's period is {_between(_known(table, 'chain_period_s'), 's')}, predicted "
+        f"{_between(_known(table, 'chain_predicted_period_s'), 's')}, at "
+        f"{shown(number(table[0], 'sample_ms'))} ms a sample. The columns of ratios are measured over "
+        f"predicted."
     )
     claim = Claim(
         "limit cycle of amplitude k_e·Δx_res",
-        f"proportional to it: {verdict(0.8 < slope < 1.2)}; the factor is {np.mean(ratios):.2f} through the chain "
-        f"({min(ratios):.2f} … {max(ratios):.2f}), {min(simulated):.2f} … {max(simulated):.2f} with rounding alone",
+        f"proportional to it: {verdict(0.8 < slope < 1.2)}; the factor is {min(simulated):.2f} … "
+        f"{max(simulated):.2f} with rounding alone, {min(ratios):.2f} … {max(ratios):.2f} through the chain. "
+        f"Measured against predicted, rounding alone: {_agreement(table, 'rounding')}; servo with dead band: "
+        f"{_agreement(table, 'chain')}",
     )
     return text, (claim,)
 
@@ -249,11 +347,15 @@ RESOLUTION = Experiment(
         "stiffness_n_m",
         "resolution_mm",
         "step_force_n",
-        "predicted_n",
-        "simulated_n",
+        "rounding_predicted_n",
+        "rounding_n",
+        "rounding_within_25_percent",
+        "chain_predicted_n",
         "chain_n",
         "chain_n_sd",
-        "predicted_period_s",
+        "chain_ratio",
+        "chain_within_25_percent",
+        "chain_predicted_period_s",
         "chain_period_s",
     ),
 )

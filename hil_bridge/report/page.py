@@ -2,7 +2,6 @@
 
 import base64
 import json
-from collections.abc import Iterable
 from html import escape
 from pathlib import Path
 
@@ -10,8 +9,10 @@ from hil_bridge.errors import ConfigError
 from hil_bridge.recording.files import write_whole
 from hil_bridge.recording.reader import Recording
 from hil_bridge.recording.summary import Summary
-from hil_bridge.report.figures import Row, merit_rows, quantity, run_rows
-from hil_bridge.report.plots import SIZE_PX, draw
+from hil_bridge.report.figures import merit_rows, quantity, run_rows
+from hil_bridge.report.markup import pairs, rows, table
+from hil_bridge.report.plots import draw, size_px
+from hil_bridge.report.sections import beginning, controller_section, stability_section
 
 PICTURE = "report.png"
 PAGE = "report.html"
@@ -27,6 +28,13 @@ table { border-collapse: collapse; width: 100%; }
 td { text-align: left; padding: .25rem .8rem .25rem 0; border-bottom: 1px solid #ddd; vertical-align: top; }
 table.narrow { width: auto; min-width: 20rem; }
 td.value { white-space: nowrap; font-variant-numeric: tabular-nums; font-weight: 600; text-align: right; }
+th { text-align: left; vertical-align: bottom; padding: .25rem .8rem .25rem 0; border-bottom: 2px solid #bbb;
+     font-weight: 600; color: #555; }
+p { max-width: 52rem; } p.verdict { border-left: .3rem solid #0072B2; padding-left: .8rem; }
+details { margin: .8rem 0; } summary { cursor: pointer; font-weight: 600; }
+.scroll { overflow: auto; max-height: 40rem; } table.dense { font-size: 12px; }
+table.dense th { position: sticky; top: 0; background: #fff; }
+table.dense th, table.dense td { padding: .15rem .7rem .15rem 0; font-variant-numeric: tabular-nums; }
 td.note { color: #555; } img { max-width: 100%; height: auto; border: 1px solid #ddd; }
 pre { background: #f5f5f5; padding: .8rem; overflow: auto; max-height: 30rem; font-size: 13px; }
 .columns { display: grid; grid-template-columns: repeat(auto-fit, minmax(26rem, 1fr)); gap: 0 2.5rem; }
@@ -56,45 +64,28 @@ def page(recording: Recording, summary: Summary, picture: bytes) -> str:
         "<p>The recording ends early; everything here covers what is there.</p>" if summary.truncated else ""
     )
     data = base64.b64encode(picture).decode()
-    width, height = SIZE_PX
+    width, height = size_px(recording)
     return f"""<!DOCTYPE html>
 <html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>
 <meta name="viewport" content="width=device-width, initial-scale=1"><style>{_CSS}</style></head><body>
 <h1>Force control run: {escape(summary.controller or "no controller named")}</h1>
 <p><span class="outcome {escape(summary.outcome)}">{escape(summary.outcome)}</span>{cause}</p>{cut}
-<div class="columns"><section><h2>Figures of merit</h2>{_rows(merit_rows(summary))}
-<h2>Phases</h2>{_pairs((name, quantity(value, 1, ".2f", "s")) for name, value in summary.phases_s.items())}
-</section><section><h2>Run</h2>{_rows(run_rows(summary))}</section></div>
+<div class="columns"><section><h2>Figures of merit</h2>{rows(merit_rows(summary))}
+<h2>Phases</h2>{pairs((name, quantity(value, 1, ".2f", "s")) for name, value in summary.phases_s.items())}
+</section><section><h2>Run</h2>{rows(run_rows(summary))}</section></div>
 <h2>Picture</h2><img alt="Force, depth, correction, stiffness and cycle time over time"
  width="{width}" height="{height}" src="data:image/png;base64,{data}">
-<h2>Link counters</h2>{_pairs((name, f"{value:g}") for name, value in summary.link.items())}
+{stability_section(recording, summary)}{controller_section(recording)}
+<h2>Link counters</h2>{pairs((name, f"{value:g}") for name, value in summary.link.items())}
 <h2>Events</h2>{_events(recording)}
 <h2>Configuration and versions</h2>{_metadata(recording)}
 </body></html>
 """
 
 
-def _rows(rows: Iterable[Row]) -> str:
-    return _table(
-        f'<td>{escape(row.label)}</td><td class="value">{escape(row.value)}</td>'
-        f'<td class="note">{escape(row.explanation)}</td>'
-        for row in rows
-    )
-
-
-def _pairs(pairs: Iterable[tuple[str, str]]) -> str:
-    rows = (f'<td>{escape(name)}</td><td class="value">{escape(value)}</td>' for name, value in pairs)
-    return _table(rows, "narrow")
-
-
-def _table(rows: Iterable[str], style: str = "wide") -> str:
-    body = "".join(f"<tr>{row}</tr>\n" for row in rows)
-    return f'<table class="{style}">{body}</table>' if body else "<p>none</p>"
-
-
 def _events(recording: Recording) -> str:
-    zero = min([recording.cycles[0].started_at, *(event.at for event in recording.events)])
-    table = _table(
+    zero = beginning(recording)
+    shown = table(
         (
             f'<td class="value">{event.at - zero:.3f} s</td><td>{escape(event.kind)}</td>'
             f"<td>{escape(event.text)}</td>"
@@ -103,7 +94,7 @@ def _events(recording: Recording) -> str:
         "narrow",
     )
     more = len(recording.events) - EVENTS_SHOWN
-    return table + (f"<p>and {more} more in the recording</p>" if more > 0 else "")
+    return shown + (f"<p>and {more} more in the recording</p>" if more > 0 else "")
 
 
 def _metadata(recording: Recording) -> str:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from hil_bridge.recording.reader import Recording
 from hil_bridge.recording.records import CycleRecord
 from hil_bridge.recording.summary import STOP_EVENT, TRACK, PhaseSpan, Summary, phases
+from hil_bridge.report.explanation import LEVELS
 from hil_bridge.report.figures import Row, merit_rows, run_rows
 
 if TYPE_CHECKING:
@@ -20,6 +21,8 @@ if TYPE_CHECKING:
 Array: TypeAlias = NDArray[np.float64]
 
 SIZE_PX = (1400, 1600)
+_LEVELS_PX = 230
+"""Additional height for the levels."""
 _DPI = 100
 _STREAM_BINS = 3000
 _FIT_SAMPLES = 8
@@ -44,7 +47,7 @@ _PHASE_COLOURS = {
     "track": "#e3f3ec",
     "retract": "#e2f0fa",
 }
-_STYLE: dict[Any, Any] = {
+STYLE: dict[Any, Any] = {
     "font.family": "DejaVu Sans",
     "font.size": 10.0,
     "axes.grid": True,
@@ -64,14 +67,17 @@ def draw(recording: Recording, summary: Summary) -> bytes:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    with matplotlib.rc_context(_STYLE):
-        figure = Figure(figsize=(SIZE_PX[0] / _DPI, SIZE_PX[1] / _DPI), dpi=_DPI)
+    with matplotlib.rc_context(STYLE):
+        width, height = size_px(recording)
+        figure = Figure(figsize=(width / _DPI, height / _DPI), dpi=_DPI)
         figure.set_layout_engine("constrained", h_pad=0.06, w_pad=0.08)
         canvas = FigureCanvasAgg(figure)
         figure.suptitle(_title(summary), fontsize=15, fontweight="bold", parse_math=False)
-        grid = figure.add_gridspec(6, 1, height_ratios=(3.2, 2.0, 1.5, 1.5, 1.6, 2.1))
+        levels = [1.6] * has_levels(recording.cycles)
+        ratios = (3.2, 2.0, 1.5, *levels, 1.5, 1.6, 2.1)
+        grid = figure.add_gridspec(len(ratios), 1, height_ratios=ratios)
         force = figure.add_subplot(grid[0])
-        axes = [force, *(figure.add_subplot(grid[row], sharex=force) for row in range(1, 5))]
+        axes = [force, *(figure.add_subplot(grid[row], sharex=force) for row in range(1, len(ratios) - 1))]
         spans = phases(recording)
         cycles = recording.cycles
         zero = min([span.begin for span in spans] + [cycle.started_at for cycle in cycles[:1]])
@@ -79,8 +85,10 @@ def draw(recording: Recording, summary: Summary) -> bytes:
         _draw_force(force, recording, time, zero)
         _draw_depth(axes[1], cycles, time)
         _draw_correction(axes[2], cycles, time)
-        _draw_stiffness(axes[3], cycles, time)
-        _draw_cycle_time(axes[4], cycles, time, summary)
+        if levels:
+            _draw_levels(axes[3], cycles, time)
+        _draw_stiffness(axes[-2], cycles, time)
+        _draw_cycle_time(axes[-1], cycles, time, summary)
         for ax in axes:
             _shade(ax, spans, zero, named=ax is force)
             _mark_stops(ax, recording, time, zero, named=ax is force)
@@ -88,10 +96,21 @@ def draw(recording: Recording, summary: Summary) -> bytes:
         axes[-1].set_xlabel("time since the run began, s")
         if spans:
             force.set_xlim(0.0, 1.005 * (max(span.end for span in spans) - zero))
-        _draw_table(figure.add_subplot(grid[5]), merit_rows(summary), run_rows(summary))
+        _draw_table(figure.add_subplot(grid[-1]), merit_rows(summary), run_rows(summary))
         buffer = io.BytesIO()
         canvas.print_png(buffer, metadata={"Software": None})  # type: ignore[no-untyped-call]
     return buffer.getvalue()
+
+
+def size_px(recording: Recording) -> tuple[int, int]:
+    """Width and height of the picture."""
+    width, height = SIZE_PX
+    return width, height + _LEVELS_PX * has_levels(recording.cycles)
+
+
+def has_levels(cycles: Sequence[CycleRecord]) -> bool:
+    """Whether the controller answers in levels."""
+    return any(key in cycle.explanation for cycle in cycles for key in LEVELS)
 
 
 def _title(summary: Summary) -> str:
@@ -174,6 +193,21 @@ def _draw_correction(ax: "Axes", cycles: Sequence[CycleRecord], time: Array) -> 
         ax.plot(time[held], np.zeros(len(held)), ls="none", marker="|", ms=6, color=_GREEN, label="held")
         _legend(ax)
     ax.set_ylabel("correction\nper cycle, mm")
+
+
+def _draw_levels(ax: "Axes", cycles: Sequence[CycleRecord], time: Array) -> None:
+    ax.axhline(0.0, color="#808080", lw=0.8)
+    looks: tuple[dict[str, Any], ...] = (
+        {"color": _BLUE, "lw": 2.6, "alpha": 0.45},
+        {"color": _ORANGE, "lw": 1.3, "ls": "--"},
+        {"color": _PURPLE, "lw": 1.3},
+    )
+    for (key, name), look in zip(LEVELS.items(), looks, strict=True):
+        told = [cycle.explanation.get(key, math.nan) for cycle in cycles]
+        ax.step(time, np.array(told, dtype=np.float64), where="post", label=name, **look)
+    ax.margins(y=0.15)
+    ax.set_ylabel("level")
+    _legend(ax)
 
 
 def _draw_stiffness(ax: "Axes", cycles: Sequence[CycleRecord], time: Array) -> None:

@@ -9,6 +9,7 @@ from hil_bridge.control import Admittance, Measurement, Pi
 from hil_bridge.control.stability import (
     SampledPlant,
     admittance_response,
+    holding_limit_cycle,
     limit_cycle,
     loop_phase_deg,
     margins,
@@ -150,6 +151,36 @@ def test_dead_band_makes_it_slower():
     )
     assert banded.period > 1.5 * plain.period
     assert banded.peak_to_peak == pytest.approx(2e4 * STEP, rel=0.05)
+
+
+@pytest.mark.parametrize(("frequency", "damping"), [(25.0, 1.0), (40.0, 1.0), (40.0, 0.7), (40.0, 1.5)])
+def test_a_servo_that_holds_is_held_just_beyond_the_border(frequency, damping):
+    """With samples long after the servo has come to rest the swing is a fixed point in closed form."""
+    tick = 0.02
+    plant = SampledPlant(2.0, 0.1, frequency, damping)
+    fixed, before = [], 0.0
+    for f in plant.step_response(tick * np.arange(1, 20)).tolist():
+        beyond = f / (2.0 * (2.0 - f))
+        if before * (0.5 + beyond) < beyond:
+            fixed.append(2e4 * STEP * 2.0 * beyond)
+        before = f
+    found = holding_limit_cycle(2e4, 0.05 / 2e4, plant, STEP, tick)
+    assert any(found.peak_to_peak == pytest.approx(swing, rel=0.01) for swing in fixed)
+    assert len(fixed) <= 3
+    assert found.period == pytest.approx(4.0, rel=0.01)
+
+
+def test_a_servo_that_holds_swings_farther_while_it_coasts():
+    rested = holding_limit_cycle(2e4, 0.2 / 2e4, SampledPlant(2.0, 0.1), STEP, 0.02)
+    coasting = holding_limit_cycle(2e4, 0.2 / 2e4, SampledPlant(0.18, 0.115), STEP, 0.02)
+    filtered = holding_limit_cycle(2e4, 0.2 / 2e4, SampledPlant(0.18, 0.115), STEP, 0.02, 0.016)
+    assert coasting.peak_to_peak > 1.8 * rested.peak_to_peak
+    assert rested.peak_to_peak < filtered.peak_to_peak < coasting.peak_to_peak
+
+
+def test_a_holding_servo_in_an_unstable_loop_is_refused():
+    with pytest.raises(ValueError, match="unstable"):
+        holding_limit_cycle(2e4, 30.0 / 2e4, SampledPlant(0.18, 0.1), STEP, 0.02)
 
 
 def test_loops_without_a_limit_cycle_are_refused():

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import pytest
 
-from hil_bridge.control import CONTROLLERS
+from hil_bridge.control import CONTROLLERS, figures_of_merit
 from hil_bridge.experiments import EXPERIMENTS, resolution, run_cell, run_jobs, write_findings, write_page
 from hil_bridge.experiments.cell import CellJob
 from hil_bridge.experiments.comparison import held, ranking, variants
@@ -147,6 +147,17 @@ def test_processes_give_what_one_gives(monkeypatch):
         assert repr(alone[job]) == repr(together[job])
 
 
+def test_the_steady_state_is_that_of_the_last_samples_asked_for():
+    long, short = (CellJob("fuzzy", (), 1, duration=8.0, steady_samples=count)() for count in (40, 10))
+    assert long.force.tolist() == short.force.tolist()
+    assert short.merit.steady_mean_error == pytest.approx(short.force[-10:].mean() - 10.0)
+    assert long.merit.steady_mean_error == pytest.approx(long.force[-40:].mean() - 10.0)
+    assert long.merit == figures_of_merit(
+        long.time, long.force, 10.0, long.commanded, [True] * len(long.time)
+    )
+    assert CellJob("fuzzy", (), 1, duration=2.0)().merit.steady_peak_to_peak is None
+
+
 def test_every_figure_of_the_chain_comes_out_of_a_short_run(tmp_path):
     for name in ("fig7", "fig9-10"):
         experiment = EXPERIMENTS[name]
@@ -186,17 +197,42 @@ def test_text_of_the_tracking_figures_follows_from_their_csv_files(name):
     assert claims
 
 
-def test_limit_cycle_grows_with_the_force_of_a_step_and_stays_below_it(monkeypatch):
-    monkeypatch.setattr(resolution, "STIFFNESSES", (5e3, 5e4))
-    monkeypatch.setattr(resolution, "RESOLUTIONS_MM", (0.125, 0.5))
-    monkeypatch.setattr(resolution, "SECONDS", 12.0)
-    monkeypatch.setattr(resolution, "STEADY_SAMPLES", 40)
-    experiment, findings = evaluated("resolution", 1)
+@pytest.fixture(scope="module")
+def resolution_findings():
+    return evaluated("resolution", 1)
+
+
+def test_limit_cycles_are_as_predicted_at_every_point(resolution_findings):
+    experiment, findings = resolution_findings
+    assert len(findings.table) == len(resolution.STIFFNESSES) * len(resolution.RESOLUTIONS_MM)
     for entry in findings.table:
-        assert entry["simulated_n"] == pytest.approx(entry["step_force_n"], rel=0.01)
-        assert entry["predicted_n"] == pytest.approx(entry["simulated_n"], rel=0.25)
-        assert 0.1 < entry["chain_n"] / entry["step_force_n"] <= 1.05
+        assert entry["rounding_n"] == pytest.approx(entry["rounding_predicted_n"], rel=0.25)
+        assert entry["chain_n"] == pytest.approx(entry["chain_predicted_n"], rel=0.25)
+        assert entry["chain_period_s"] == pytest.approx(entry["chain_predicted_period_s"], rel=0.25)
+        assert entry["rounding_n"] == pytest.approx(entry["step_force_n"], rel=0.01)
+        assert entry["chain_n"] < 0.5 * entry["step_force_n"]
+        assert entry["rounding_within_25_percent"] == entry["chain_within_25_percent"] == "yes"
+    _, (claim,) = experiment.describe(findings.table)
+    assert claim.found.count("within 25 % at each of the 12 points") == 2
+
+
+def test_text_of_the_limit_cycles_follows_from_their_csv_file(resolution_findings):
+    experiment, findings = resolution_findings
     assert experiment.describe(from_csv(to_csv(findings.table))) == experiment.describe(findings.table)
+
+
+def test_points_off_the_prediction_and_without_one_are_named(resolution_findings):
+    experiment, findings = resolution_findings
+    first, second, *others = findings.table
+    assert resolution.agreement(1.3, 1.0) == (1.3, "no")
+    assert resolution.agreement(1.2, 1.0) == (1.2, "yes")
+    assert resolution.agreement(1.2, None) == (None, "no limit cycle predicted")
+    off = {**first, "chain_ratio": 1.3, "chain_within_25_percent": "no"}
+    none = dict.fromkeys(("chain_predicted_n", "chain_ratio", "chain_predicted_period_s"))
+    calm = {**second, **none, "chain_within_25_percent": "no limit cycle predicted"}
+    _, (claim,) = experiment.describe([off, calm, *others])
+    assert "farther off at 5 000 N/m at 0.125 mm" in claim.found
+    assert "no limit cycle predicted at 5 000 N/m at 0.25 mm" in claim.found
 
 
 def test_comparison_counts_what_is_held():
@@ -221,5 +257,11 @@ def test_the_whole_grid_has_every_controller_with_and_without_the_estimate():
     jobs = EXPERIMENTS["controllers"].jobs(1)
     assert {job.controller for job in jobs} == set(CONTROLLERS)
     assert {"pi", "pi+estimate", "admittance", "admittance+estimate"} <= set(variants())
-    assert {job.stiffness for job in jobs} >= {500.0, 200_000.0}
+    stiffnesses = {job.stiffness for job in jobs}
+    assert len(stiffnesses) >= 6
+    assert (min(stiffnesses), max(stiffnesses)) == (500.0, 200_000.0)
     assert {job.baudrate for job in jobs} == {9600, 19200}
+    combinations = {
+        (job.controller, job.parameters, job.stiffness, job.noise_counts, job.baudrate) for job in jobs
+    }
+    assert len(combinations) == len(jobs) == len(variants()) * len(stiffnesses) * 2 * 2

@@ -1,0 +1,312 @@
+"""What a record tells about the stability of its force loop, and about the limit cycle that quantised
+positions leave in it: predicted beside measured.
+"""
+
+import json
+import math
+import statistics
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from hil_bridge.control.linear import Admittance, Pi
+from hil_bridge.control.merit import STEADY_SAMPLES
+from hil_bridge.control.stability import (
+    LimitCycle,
+    Margins,
+    Response,
+    SampledPlant,
+    admittance_response,
+    limit_cycle,
+    margins,
+    pi_response,
+)
+from hil_bridge.recording.reader import Recording
+from hil_bridge.recording.records import CycleRecord
+from hil_bridge.recording.summary import TRACK, Summary
+
+PHASE_MARGIN_DEG = 45.0
+"""Least phase margin that counts as comfortable: the textbooks' rule."""
+GAIN_MARGIN = 2.0
+"""Least gain margin that counts as comfortable, likewise."""
+
+STAND_IN_GAIN = 0.2
+"""Share of the error made up for in a sample by the integrator that stands for a controller that is not
+linear. Chosen: the one of the resolution experiment, low enough that two positions alone take part.
+"""
+_INTERPOLATION_TICKS = 1.5
+"""Ticks of the interpolator that a command waits: half of one until the next begins, and one to be passed on.
+Derived from how interpolator and position loops take turns.
+"""
+_PERIODIC_SHARE = 0.4
+"""Share of the variance of the error that one frequency must hold to be called its period. Chosen: white
+noise gets there once in hundreds of runs.
+"""
+_FREQUENCIES = 200
+_MOST_TAPS = 500
+"""Samples that the servo may take to settle; whoever records more has no force loop but a garbled file."""
+_BISECTIONS = 14
+_SOFTEST = 1e-4
+"""Share of the stiffness below which no comfortable one is looked for."""
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """A part of the delay."""
+
+    label: str
+    seconds: float
+    source: str
+    """measured, as configured or assumed"""
+
+
+@dataclass(frozen=True, slots=True)
+class LinearLoop:
+    """The loop of a linear controller."""
+
+    response: Response
+    """C(z), m/N"""
+    margins: Margins
+    comfortable_to: float | None
+    """Stiffness up to which both margins are comfortable, N/m; None when it is none of reasonable size."""
+    unstable_from: float
+    """Stiffness at which the margin is gone, N/m, with the gain as it was."""
+    scheduled: bool
+    """The gain follows the estimated stiffness."""
+
+    @property
+    def comfortable(self) -> bool:
+        """Both margins are what textbooks ask for."""
+        return _comfortable(self.margins)
+
+
+@dataclass(frozen=True, slots=True)
+class Analysis:
+    """The loop as the record shows it."""
+
+    plant: SampledPlant
+    delay: tuple[Part, ...]
+    servo_source: str
+    stiffness: float
+    """N/m"""
+    stiffness_source: str
+    resolution: float
+    """Δx_res, m"""
+    dead_band: float
+    """How far the position may be off without being corrected, either way, in resolution steps."""
+    loop: LinearLoop | None
+    """None for a controller that is not linear."""
+    predicted: LimitCycle | None
+    """None for a loop that is unstable by itself, or never swings."""
+    steady_peak_to_peak: float | None
+    """N; None when the run has no steady state."""
+    steps_per_second: float | None
+    dominant_period: float | None
+    """Of the force error in steady state, s; None when no period stands out."""
+
+    @property
+    def step_force(self) -> float:
+        """k_e·Δx_res, N."""
+        return self.stiffness * self.resolution
+
+
+def analyse(recording: Recording, summary: Summary) -> Analysis | None:
+    """None when the record says too little: no configuration, no tracked cycles, no stiffness."""
+    config = _configuration(recording)
+    track = [cycle for cycle in recording.cycles if cycle.phase == TRACK and math.isfinite(cycle.force)]
+    steady = track[-STEADY_SAMPLES:]
+    emulated = _at(config, "robot.url") == ""
+    resolution_mm = _number(config, "cell.servo.resolution_mm")
+    dead_band = _number(config, "cell.servo.dead_band_steps") or 0.0
+    stiffness = _stiffness(steady, config, emulated)
+    timed = _plant(track, config, emulated)
+    if stiffness is None or timed is None or resolution_mm is None or resolution_mm <= 0.0:
+        return None
+    (k, stiffness_source), (plant, parts) = stiffness, timed
+    loop = _linear_loop(config, summary.controller, k, plant, statistics.median(c.gain for c in steady))
+    return Analysis(
+        plant=plant,
+        delay=parts,
+        servo_source=_source(emulated),
+        stiffness=k,
+        stiffness_source=stiffness_source,
+        resolution=resolution_mm * 1e-3,
+        dead_band=dead_band,
+        loop=loop,
+        predicted=_predicted(k, loop, plant, resolution_mm * 1e-3, dead_band),
+        steady_peak_to_peak=summary.figures.get("steady_peak_to_peak_n"),
+        steps_per_second=summary.figures.get("steps_per_s"),
+        dominant_period=dominant_period(
+            [cycle.controlled_at for cycle in steady],
+            [cycle.force - cycle.force_reference for cycle in steady],
+        ),
+    )
+
+
+def dominant_period(time: Sequence[float], error: Sequence[float]) -> float | None:
+    """Period of the one oscillation that explains most of the error, s; None when none stands out.
+
+    By least squares at the times themselves, which need not be evenly spaced.
+    """
+    at, value = np.asarray(time, dtype=float), np.asarray(error, dtype=float)
+    if len(at) < STEADY_SAMPLES or not np.isfinite(at + value).all() or not (span := float(np.ptp(at))) > 0.0:
+        return None
+    value = value - value.mean()
+    power = float(value @ value)
+    if power <= 1e-12 * len(value):
+        return None
+    best, period = 0.0, None
+    for frequency in np.linspace(1.5, len(at) / 2, _FREQUENCIES) / span:
+        angle = math.tau * frequency * (at - at[0])
+        waves = np.column_stack((np.cos(angle), np.sin(angle)))
+        fitted = waves @ np.linalg.lstsq(waves, value, rcond=None)[0]
+        share = float(fitted @ fitted) / power
+        if share > best:
+            best, period = share, 1.0 / float(frequency)
+    return period if best >= _PERIODIC_SHARE else None
+
+
+def _stiffness(
+    steady: Sequence[CycleRecord], config: Mapping[str, Any], emulated: bool
+) -> tuple[float, str] | None:
+    known = [c.stiffness for c in steady if c.stiffness is not None and 0.0 < c.stiffness < math.inf]
+    if known:
+        return statistics.median(known), f"median of the last {len(known)} estimates"
+    linear = _at(config, "cell.surface.material.kind") in ("linear", None)
+    configured = _number(config, "cell.surface.stiffness_n_m")
+    if emulated and linear and configured is not None and configured > 0.0:
+        return configured, "no estimate; that of the emulated surface, as configured"
+    return None
+
+
+def _plant(
+    track: Sequence[CycleRecord], config: Mapping[str, Any], emulated: bool
+) -> tuple[SampledPlant, tuple[Part, ...]] | None:
+    periods = [b.started_at - a.started_at for a, b in pairwise(track)]
+    waits = [cycle.answered_at - cycle.sensor_at for cycle in track]
+    waits = [wait for wait in waits if math.isfinite(wait)]
+    servo = [
+        _number(config, f"cell.servo.{name}")
+        for name in ("interpolation_ms", "transport_delay_ms", "natural_frequency_rad_s", "damping_ratio")
+    ]
+    interpolation_ms, transport_ms, frequency, damping = servo
+    if not (periods and waits and interpolation_ms and frequency and damping) or transport_ms is None:
+        return None
+    source = _source(emulated)
+    parts = [
+        Part(
+            "force sample to the move's answer",
+            statistics.median(waits),
+            "measured, median; the move is accepted a little before its answer is complete",
+        ),
+        Part("interpolation", _INTERPOLATION_TICKS * interpolation_ms * 1e-3, f"1.5 ticks, {source}"),
+        Part("servo's transport delay", transport_ms * 1e-3, source),
+    ]
+    if cutoff := _number(config, "sensor.gateway.cutoff_hz"):
+        lag = 1.0 / (math.tau * cutoff)
+        parts.insert(0, Part("sensor's filter", lag, f"its time constant at {cutoff:g} Hz, as configured"))
+    delay = math.fsum(part.seconds for part in parts)
+    try:
+        plant = SampledPlant(statistics.median(periods), delay, frequency, damping)
+    except ValueError:
+        return None
+    settling = delay + 21.0 / (frequency * min(damping, 0.5 / damping))
+    return (plant, tuple(parts)) if settling <= _MOST_TAPS * plant.period else None
+
+
+def _linear_loop(
+    config: Mapping[str, Any], name: str, stiffness: float, plant: SampledPlant, gain: float
+) -> LinearLoop | None:
+    kind = {"pi": Pi, "admittance": Admittance}.get(name)
+    parameters = _at(config, "controller.parameters")
+    if kind is None or not isinstance(parameters, dict) or not 0.0 < gain < math.inf:
+        return None
+    try:
+        controller = kind(**parameters)
+    except (TypeError, ValueError):
+        return None
+    response: Response
+    match controller:
+        case Pi():
+            scale = gain / controller.tuned_at_n_m
+            response = pi_response(controller.proportional * scale, controller.integral * scale)
+        case Admittance(spring_n_m=0.0):
+            response = admittance_response(
+                controller.mass_kg / gain, controller.damping_ns_m / gain, plant.period
+            )
+        case _:  # with its spring it does not integrate, which the formulas take for granted
+            return None
+    found = margins(stiffness, response, plant)
+    return LinearLoop(
+        response,
+        found,
+        _comfortable_to(stiffness, response, plant, found),
+        stiffness * found.gain_margin,
+        controller.gain_scheduling,
+    )
+
+
+def _predicted(
+    stiffness: float, loop: LinearLoop | None, plant: SampledPlant, resolution: float, dead_band: float
+) -> LimitCycle | None:
+    if loop is not None and not loop.margins.stable:
+        return None
+    response = pi_response(0.0, STAND_IN_GAIN / stiffness) if loop is None else loop.response
+    try:
+        return limit_cycle(stiffness, response, plant, resolution, dead_band)
+    except ValueError:
+        return None
+
+
+def _comfortable(found: Margins) -> bool:
+    return found.gain_margin >= GAIN_MARGIN and found.phase_margin_deg >= PHASE_MARGIN_DEG
+
+
+def _comfortable_to(
+    stiffness: float, response: Response, plant: SampledPlant, found: Margins
+) -> float | None:
+    """By bisection of the stiffness, for the phase margin follows it by no formula."""
+    if not math.isfinite(found.gain_margin):
+        return None
+    low, high = stiffness, stiffness * found.gain_margin
+    if not _comfortable(found):
+        low, high = min(low, high) * _SOFTEST, min(low, high)
+        if not _comfortable(margins(low, response, plant)):
+            return None
+    for _ in range(_BISECTIONS):
+        middle = math.sqrt(low * high)
+        if _comfortable(margins(middle, response, plant)):
+            low = middle
+        else:
+            high = middle
+    return low
+
+
+def _source(emulated: bool) -> str:
+    return "as configured for the emulated robot" if emulated else "assumed, from the profile"
+
+
+def _configuration(recording: Recording) -> Mapping[str, Any]:
+    """The configuration that the run has recorded; empty when there is none that can be read."""
+    try:
+        found = json.loads(recording.metadata.get("config", ""))
+    except (ValueError, RecursionError):
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
+def _at(config: Mapping[str, Any], key: str) -> Any:
+    found: Any = config
+    for name in key.split("."):
+        found = found.get(name) if isinstance(found, dict) else None
+    return found
+
+
+def _number(config: Mapping[str, Any], key: str) -> float | None:
+    found = _at(config, key)
+    if isinstance(found, bool) or not isinstance(found, (int, float)):
+        return None
+    return float(found) if 0.0 <= found < 1e9 else None
