@@ -87,7 +87,11 @@ class CellJob:
                     "loss_limit": 1000,
                     "travel_limit_mm": 1000.0,
                 },
-                "limits": {"force_limit_n": LIMIT_N, "resultant_limit_n": LIMIT_N},
+                "limits": {
+                    "force_limit_n": LIMIT_N,
+                    "resultant_limit_n": LIMIT_N,
+                    "oscillation_guard": False,  # what a controller does by itself is the question
+                },
                 "cell": {
                     "link": link,
                     "surface": surface,
