@@ -148,7 +148,7 @@ def test_processes_give_what_one_gives(monkeypatch):
 
 
 def test_the_steady_state_is_that_of_the_last_samples_asked_for():
-    long, short = (CellJob("fuzzy", (), 1, duration=8.0, steady_samples=count)() for count in (40, 10))
+    long, short = (CellJob("fuzzy", (), 1, duration=12.0, steady_samples=count)() for count in (40, 10))
     assert long.force.tolist() == short.force.tolist()
     assert short.merit.steady_mean_error == pytest.approx(short.force[-10:].mean() - 10.0)
     assert long.merit.steady_mean_error == pytest.approx(long.force[-40:].mean() - 10.0)
