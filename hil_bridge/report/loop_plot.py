@@ -38,6 +38,7 @@ def draw_loop(analysis: Analysis, loop: LinearLoop) -> bytes:
         upper.loglog(omega, gain, color=_GAIN, lw=1.6)
         upper.axhline(1.0, color="#606060", lw=0.9, ls="--")
         upper.set_ylabel("loop gain")
+        upper.set_ylim(bottom=min(1.0, float(gain.min())) / 3.0)
         lower.semilogx(omega, phase, color=_PHASE, lw=1.6)
         lower.axhline(-180.0, color="#606060", lw=0.9, ls="--")
         lower.set_ylabel("phase, °")
@@ -52,7 +53,8 @@ def draw_loop(analysis: Analysis, loop: LinearLoop) -> bytes:
             text = f"gain margin {found.gain_margin:.2f}"
             upper.annotate(text, (at, min(left, 1.0)), va="top", **label)
             lower.axvline(at, color="#909090", lw=0.8, ls=":")
-        if math.isfinite(at := found.gain_crossover_rad_s):
+        turned = found.phase_margin_deg > 0.0 and not found.stable  # more than a turn: no margin to be shown
+        if math.isfinite(at := found.gain_crossover_rad_s) and not turned:
             reached = -180.0 + found.phase_margin_deg
             lower.plot([at, at], [-180.0, reached], color=_MARGIN, lw=2.4, marker="_", ms=9)
             text = f"phase margin {found.phase_margin_deg:.0f}°".replace("-", "−")

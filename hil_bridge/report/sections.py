@@ -116,7 +116,11 @@ def cycle_sentence(analysis: Analysis) -> str:
     if predicted is None:
         unstable = analysis.loop is not None and not analysis.loop.margins.stable
         why = "the loop is unstable by itself, quantised or not" if unstable else "this loop has none"
-        return f"No limit cycle of the resolution is predicted: {why}."
+        text = f"No limit cycle of the resolution is predicted: {why}."
+        if swing is None or steps is None:
+            return text
+        ratio = swing / analysis.step_force
+        return f"{text} The command moved {steps:.2f} steps/s, the force within {swing:.2f} N, {ratio:.1f} steps."
     text = f"A limit cycle of {predicted.peak_to_peak:.2f} N is predicted for a controller that never rests"
     if swing is None or steps is None:
         return f"{text}; the run has no steady state to compare it with."
@@ -156,9 +160,12 @@ def _loop_rows(analysis: Analysis) -> list[Row]:
 
 def _margin_rows(loop: LinearLoop) -> list[Row]:
     found = loop.margins
+    phase_margin = _endless(found.phase_margin_deg, ".0f", "°")
+    if found.phase_margin_deg > 0.0 and not found.stable:
+        phase_margin = "none"  # the gain is nowhere as low as 1, or only more than a turn later
     return [
         Row("gain margin", _endless(found.gain_margin, ".2f", ""), "factor on the gain until it oscillates"),
-        Row("phase margin", _endless(found.phase_margin_deg, ".0f", "°"), "phase left where the gain is 1"),
+        Row("phase margin", phase_margin, "phase left where the gain is 1"),
         Row(
             "gain crossover",
             _endless(found.gain_crossover_rad_s, ".2f", "rad/s"),

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from hil_bridge.control.stability import SampledPlant, admittance_response, margins, pi_response
+from hil_bridge.control.stability import SampledPlant, admittance_response, limit_cycle, margins, pi_response
 from hil_bridge.recording import CycleRecord, Recording
 from hil_bridge.recording.summary import Outcome, RunEnd, summarise
 from hil_bridge.report import write_report
@@ -188,6 +188,22 @@ def test_a_run_that_rests_is_told_apart_from_one_that_swings() -> None:
     slight = [dataclasses.replace(square(k), force=10.0 + 0.1 * (-1) ** (k // 5)) for k in range(60)]
     assert "did not add up" in cycle_sentence(analysis(record(slight)))
     assert "no steady state" in cycle_sentence(analysis(record([cycle(k) for k in range(20)])))
+
+
+def test_the_predicted_limit_cycle_counts_the_dead_band_of_the_servo() -> None:
+    found = analysis(recording := record([square(k) for k in range(60)]))
+    assert found.loop is not None
+    wanted = limit_cycle(5000.0, found.loop.response, found.plant, STEP, 0.5)
+    assert found.predicted == wanted
+    assert f"<td>period</td><td>{wanted.period:.2f} s</td><td>{found.dominant_period:.2f} s</td>" in section(
+        recording
+    )
+
+
+def test_an_unstable_loop_has_no_phase_margin_and_is_told_what_it_did() -> None:
+    recording = record([dataclasses.replace(square(k), stiffness=200_000.0) for k in range(60)])
+    assert '<td>phase margin</td><td class="value">none</td>' in section(recording)
+    assert "the force within 0.60 N, 0.0 steps" in cycle_sentence(analysis(recording))
 
 
 def test_noise_has_no_period() -> None:
