@@ -25,7 +25,7 @@ from pydantic import (
 )
 
 from emulators.cell import CellProfile
-from hil_bridge.control import Limits, OscillationDetector, TaskParameters
+from hil_bridge.control import Contour, Limits, OscillationDetector, TaskParameters
 from hil_bridge.control.controllers import controller_kind
 from hil_bridge.errors import ConfigError
 from protocol.adlp import LinkProfile
@@ -100,6 +100,12 @@ class FrameConfig(_Section):
     """Into the surface."""
     travel: Vector = (0.0, 1.0, 0.0)
     """Along the surface; perpendicular to `approach`."""
+    follow_normal: bool = False
+    """Control the force along the surface's normal, estimated from motion and force, and hold the speed along the
+    surface; otherwise both keep the directions given here, as in the paper.
+    """
+    contour: Contour = Contour()
+    """How the normal is estimated."""
 
     @field_validator("approach", "travel")
     @classmethod

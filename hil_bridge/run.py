@@ -104,6 +104,7 @@ class Run:
             config.frame.approach,
             config.frame.travel,
             config.oscillation if config.limits.oscillation_guard else None,
+            config.frame.contour if config.frame.follow_normal else None,
         )
         self._answer_time = answer_time(robot.profile)
         self._filter_delay = filter_delay(config.sensor.gateway)
@@ -215,6 +216,7 @@ class Run:
             now=now,
             position=status.position,
             force=self._force_along(wrench, status),
+            force_travel=force_along(self._config.frame.travel, status.quaternion, wrench),
             resultant=math.hypot(*wrench[:3]),
             sensor_at=frame.at,
             sensor_sequence=frame.sequence,
@@ -256,7 +258,7 @@ class Run:
             sent_at=controlled_at,
             answered_at=self._clock.now(),
             sensor_sequence=sample.sensor_sequence,
-            force=sample.force,
+            force=decision.force,
             force_reference=self._config.task.force_n,
             wrench=sample.wrench,
             position=status.position,
@@ -271,7 +273,11 @@ class Run:
             in_contact=output.in_contact,
             verdict=decision.verdict.kind,
             reasons=decision.reasons,
-            explanation={**command.explanation, "feedback_m": command.correction},
+            explanation={
+                **command.explanation,
+                "feedback_m": command.correction,
+                **({"surface_deg": math.degrees(decision.angle)} if decision.angle else {}),
+            },
         )
 
     def _stopped(self, cause: str) -> RunResult:

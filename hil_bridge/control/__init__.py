@@ -2,6 +2,7 @@
 pure.
 """
 
+from hil_bridge.control.contour import Contour, ContourState, normal_force
 from hil_bridge.control.controllers import CONTROLLERS, controller_kind, make_controller
 from hil_bridge.control.estimate import Gates, StiffnessEstimate
 from hil_bridge.control.frames import (
@@ -63,6 +64,8 @@ __all__ = [
     "Cause",
     "Clamp",
     "Command",
+    "Contour",
+    "ContourState",
     "ControlLoop",
     "Controller",
     "Decision",
@@ -109,6 +112,7 @@ __all__ = [
     "force_along",
     "infer",
     "make_controller",
+    "normal_force",
     "parse_rules",
     "plugin_names",
     "quantise",

@@ -7,6 +7,7 @@ import math
 from dataclasses import dataclass, field, replace
 from typing import TypeAlias
 
+from hil_bridge.control.contour import Contour, ContourState, normal_force
 from hil_bridge.control.oscillation import Advice, OscillationDetector, OscillationState
 from hil_bridge.control.supervisor import (
     Allow,
@@ -47,6 +48,8 @@ class Sample:
     """An axis is at the end of its range."""
     fault: str = ""
     """What is wrong with a device, in words; empty while nothing is."""
+    force_travel: float = 0.0
+    """Contact force along the travel direction, N, positive where the surface pushes against the travel."""
     wrench: tuple[float, ...] = ()
     """The whole contact wrench, tool frame, N and N·m: for the record alone."""
     position_at: float | None = None
@@ -64,6 +67,7 @@ class LoopState:
     task: TaskState
     supervisor: SupervisorState
     oscillation: OscillationState = field(default_factory=OscillationState)
+    contour: ContourState = field(default_factory=ContourState)
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,6 +76,10 @@ class Decision:
 
     depth: float
     """Reported position along the approach direction from the start point, m."""
+    force: float
+    """The force that was controlled, N: along the approach direction, or along the estimated normal."""
+    angle: float
+    """Estimated angle of the surface to the travel direction, rad; 0 where it is not estimated."""
     target: Target
     """Commanded depth and travel from the start point, m, after the supervisor's clamps."""
     position: Vector
@@ -105,6 +113,10 @@ class ControlLoop:
     """Unit vector along the surface, base frame, perpendicular to `approach`."""
     detector: OscillationDetector | None = None
     """Lowers the gain of a loop that swings, and at last ends the run; None lets it swing."""
+    contour: Contour | None = None
+    """Estimates the surface's normal, along which the force is then controlled; None keeps the approach direction,
+    as the paper does.
+    """
 
     def initial(self, start: Vector) -> LoopState:
         """State at the start point, away from the surface; its reported position in the base frame, m."""
@@ -129,6 +141,7 @@ class ControlLoop:
             travel=sum(m * t for m, t in zip(moved, self.travel, strict=True)),
             saturated=sample.saturated,
         )
+        contour, measurement = self._face(state, measurement, sample)
         task, output, failure = self._decide(state.task, measurement)
         oscillation, advice = self._watch(state.oscillation, measurement, output)
         if advice is not None and advice.factor < 1.0:
@@ -159,8 +172,10 @@ class ControlLoop:
             way = verdict
         # Held back at the border of the workspace, a retraction has come as far as it can.
         held = output.phase is Phase.RETRACT and way.depth >= state.supervisor.depth
-        return LoopState(state.start, task, supervisor, oscillation), Decision(
+        return LoopState(state.start, task, supervisor, oscillation, contour), Decision(
             depth,
+            measurement.force,
+            contour.angle,
             Target(way.depth, output.target.travel),
             way.position,
             output,
@@ -184,6 +199,25 @@ class ControlLoop:
             return task, output, ""
         text = f"controller {name} failed: it commands {command.position} m"
         return state, self.task.hold(state, measurement), text
+
+    def _face(
+        self, state: LoopState, measurement: Measurement, sample: Sample
+    ) -> tuple[ContourState, Measurement]:
+        """The measurement along the surface's normal while tracking; the estimate begins anew with every contact."""
+        if self.contour is None or state.task.phase is not Phase.TRACK:
+            return ContourState(), measurement
+        force, travel = measurement.force, measurement.travel
+        contour = self.contour.step(state.contour, travel, measurement.position, force, sample.force_travel)
+        if not (math.isfinite(force) and force > 0.0):
+            return contour, measurement
+        pressed = normal_force(contour.angle, force, sample.force_travel)
+        paired = measurement.paired_force
+        return contour, replace(
+            measurement,
+            force=pressed,
+            paired_force=None if paired is None else paired * pressed / force,
+            advance=math.cos(contour.angle),
+        )
 
     def _watch(
         self, state: OscillationState, measurement: Measurement, output: TaskOutput

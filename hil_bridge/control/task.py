@@ -245,7 +245,8 @@ class Task:
         enough = measurement.force >= self.parameters.travel_from_share * self.parameters.force_n
         state = replace(state, settled=state.settled or enough)
         goes_on = state.in_contact and state.settled
-        travel = state.travel + (self.parameters.step_mm * 1e-3 if goes_on else 0.0)
+        step = self.parameters.step_mm * 1e-3 * measurement.advance
+        travel = state.travel + (step if goes_on else 0.0)
         seen = replace(measurement, in_contact=state.in_contact, travel_next=travel, free_position=state.free)
         memory, command = self.controller.step(state.controller, seen, self.parameters.force_n)
         state = replace(state, controller=memory)

@@ -33,6 +33,8 @@ class Measurement:
     """Position along the surface that will be commanded together with the answer, m."""
     free_position: float | None = None
     """Reported position of the newest sample before the present contact, m; None where there was none."""
+    advance: float = 1.0
+    """Share of a step along the travel direction that moves the tool by a whole step along the surface."""
     saturated: bool = False
     """An axis of the sensor is at the end of its range: the force may be anything above."""
 

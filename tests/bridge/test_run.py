@@ -1,5 +1,6 @@
 """The closed loop against the emulated cell, over paced memory wires, in virtual time."""
 
+import itertools
 import math
 import statistics
 from collections.abc import Callable
@@ -360,3 +361,42 @@ def swing(run: Bench) -> float:
 def test_the_travel_limit_is_named_as_the_end(bench: RunBench) -> None:
     run = bench(task={"travel_limit_mm": 5.0})
     assert (run.result.outcome, run.result.cause) == (Outcome.COMPLETED, "travelled 5 mm")
+
+
+def test_on_a_contour_force_and_speed_follow_the_surfaces_normal(bench: RunBench) -> None:
+    """The fixed direction of the paper beside the estimated normal, judged by the emulator's truth."""
+    amplitude, period = 0.010, 0.200
+
+    def truth(follow: bool) -> tuple[float, float]:
+        """RMS error of the true normal force, N, and mean way along the surface a sample, mm."""
+        pressed: list[float] = []
+        path: list[tuple[float, ...]] = []
+
+        def look(bench: Bench, record: CycleRecord) -> None:
+            if record.phase != "track":
+                return
+            state = bench.cell.true_state(record.status_at)
+            slope = amplitude * math.tau / period * math.cos(math.tau * state.position[1] / period)
+            angle = math.atan(slope)
+            _, along, up = state.contact_force
+            pressed.append(up * math.cos(angle) - along * math.sin(angle))
+            path.append(state.position)
+
+        bench(
+            look,
+            run={"duration_s": 40.0},
+            frame={"follow_normal": follow},
+            cell={
+                "surface": {"kind": "sinusoidal", "amplitude_mm": 1e3 * amplitude, "period_mm": 1e3 * period}
+            },
+        )
+        errors = [force - 10.0 for force in pressed[15:]]
+        ways = [math.dist(a, b) for a, b in itertools.pairwise(path[15:])]
+        return math.sqrt(statistics.fmean(e * e for e in errors)), 1e3 * statistics.fmean(ways)
+
+    fixed_rms, fixed_way = truth(follow=False)
+    rms, way = truth(follow=True)
+    assert rms < 0.7 * fixed_rms
+    assert rms < 0.5
+    assert way == pytest.approx(1.0, abs=0.01)
+    assert fixed_way > 1.015
