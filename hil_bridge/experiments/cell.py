@@ -60,6 +60,10 @@ class CellJob:
     """Travel along the surface a sample."""
     contour: bool = False
     """Sinusoidal surface, 10 mm amplitude and 200 mm period, instead of the flat one."""
+    approach_step_mm: float = 0.125
+    """Depth added per cycle while approaching: small, so that a hard surface is not hit."""
+    follow_normal: bool = False
+    """Force along the estimated normal of the surface instead of the fixed direction of the paper."""
     baudrate: int = 9600
     noise_counts: float = 1.0
     """Noise of every axis before the sensor's filters, rms."""
@@ -69,7 +73,7 @@ class CellJob:
 
     def config(self) -> Config:
         """The configuration of the run; what is not named here stands at its default."""
-        # The approach is short and slow, so that time goes into tracking and a hard surface is not hit.
+        # The approach is short, so that time goes into tracking.
         link = {"baudrate": self.baudrate}
         surface: dict[str, Any] = {"stiffness_n_m": self.stiffness}
         if self.contour:
@@ -79,10 +83,11 @@ class CellJob:
                 "run": {"duration_s": self.duration, "seed": self.seed},
                 "robot": {"link": link},
                 "controller": {"name": self.controller, "parameters": dict(self.parameters)},
+                "frame": {"follow_normal": self.follow_normal},
                 "task": {
                     "force_n": self.reference,
                     "step_mm": self.step_mm,
-                    "approach_step_mm": 0.125,
+                    "approach_step_mm": self.approach_step_mm,
                     "retract_mm": 1.0,
                     "loss_limit": 1000,
                     "travel_limit_mm": 1000.0,
