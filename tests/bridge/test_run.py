@@ -400,3 +400,31 @@ def test_on_a_contour_force_and_speed_follow_the_surfaces_normal(bench: RunBench
     assert rms < 0.5
     assert way == pytest.approx(1.0, abs=0.01)
     assert fixed_way > 1.015
+
+
+@pytest.mark.parametrize("stiffness", [500.0, 5_000.0, 50_000.0, 100_000.0])
+@pytest.mark.parametrize("start_mm", [590.5, 592.03])
+def test_one_setting_serves_soft_and_hard_surfaces(
+    bench: RunBench, stiffness: float, start_mm: float
+) -> None:
+    """50 N from a light touch: at most 15 % over, and one resolution step of force. Approach and first moves are
+    made for the hardest surface expected; nothing is tuned in between.
+    """
+    run = bench(
+        run={"duration_s": 8.0},
+        controller={"name": "predictive", "parameters": {"stiffest_n_m": 200_000.0}},
+        task={"force_n": 50.0, "expected_stiffness_n_m": 100_000.0, "retract_mm": 1.0},
+        limits={"force_limit_n": 150.0, "resultant_limit_n": 300.0},
+        cell={
+            "surface": {"stiffness_n_m": stiffness},
+            "sensor": LARGE_SENSOR,
+            "start_position_mm": (900.0, -100.0, start_mm),
+        },
+    )
+    assert run.result.outcome is Outcome.COMPLETED
+    forces = [record.force for record in run.tracked()]
+    assert max(forces) <= 1.15 * 50.0 + stiffness * 0.125e-3
+    contact = [record.in_contact for record in run.tracked()]
+    assert sum(before and not after for before, after in itertools.pairwise(contact)) <= 1
+    if stiffness > 500.0:  # the supervisor's 2 mm a cycle make 500 N/m slow
+        assert statistics.fmean(forces[-10:]) == pytest.approx(50.0, abs=1.0 + stiffness * 0.0625e-3)
