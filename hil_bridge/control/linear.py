@@ -10,9 +10,9 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
-from scipy.linalg import expm
 
 from hil_bridge.control.checks import FORBID_EXTRA, check_reference, require_above_zero, require_not_negative
+from hil_bridge.control.frames import Array
 from hil_bridge.control.stiffness import Pairing, Stiffness, observe
 from hil_bridge.control.types import Command, Measurement
 
@@ -140,6 +140,7 @@ class Admittance:
         )
         require_not_negative(self, "spring_n_m")
         _pairing(self)
+        _expm(np.zeros((3, 3)))  # its import takes 0.1 s: here, not in the first cycle
 
     def initial(self) -> AdmittanceState:
         """State before the first sample in contact."""
@@ -189,8 +190,16 @@ class Admittance:
                 [0.0, 0.0, 0.0],
             ]
         )
-        after = expm(system * cycle) @ np.array([offset, velocity, force])
+        after = _expm(system * cycle) @ np.array([offset, velocity, force])
         return float(after[0]), float(after[1])
+
+
+def _expm(matrix: Array) -> Array:
+    """Matrix exponential; SciPy is loaded by those alone who use it."""
+    from scipy.linalg import expm
+
+    result: Array = expm(matrix)
+    return result
 
 
 def _pairing(model: Pi | Admittance) -> Pairing:
