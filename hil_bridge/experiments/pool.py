@@ -1,5 +1,6 @@
 """Runs simulations on all cores, in processes of their own, and tells how far they are."""
 
+import multiprocessing
 import os
 import signal
 from collections.abc import Callable, Iterable, Iterator
@@ -48,6 +49,10 @@ def run_jobs(
                 advance(len(futures[future]))
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
+            for (
+                worker
+            ) in multiprocessing.active_children():  # else leaving the pool waits for what they do now
+                worker.terminate()
             raise
     return results
 
