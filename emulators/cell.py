@@ -8,6 +8,7 @@ reads the wrench that surface and gravity exert on the tool: pressing down on th
 import copy
 import math
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
@@ -93,9 +94,9 @@ class TrueState:
 
 
 class Cell:
-    """Two endpoints, `robot` of bytes and `gateway` of CAN frames, that touch the same surface.
+    """A robot, and a sensor that touches what it touches, each behind its wire.
 
-    Raises ValueError for a start outside the robot's work area.
+    `robot` is an endpoint of bytes, `gateway` one of CAN frames. Raises ValueError for a start outside the robot's work area.
     """
 
     def __init__(self, profile: CellProfile, now: float, seed: int) -> None:
@@ -111,13 +112,21 @@ class Cell:
             seed,
             tool_length=length,
         )
-        self.gateway = Gateway(profile.gateway, Jr3Sensor(profile.sensor, self.wrench, seed), now)
+        self.sensor = Jr3Sensor(profile.sensor, self.wrench, seed)
+        """What every receiver of the sensor reads. A sensor has one plug: use one receiver of a cell."""
+        self._profile = profile
+        self._powered_at = now
         self._motion = self.robot.motion
         self._contact = Contact(profile.surface)
         self._tip = np.array([0.0, 0.0, length])
         self._centre_of_gravity = np.array(profile.tool.centre_of_gravity_mm) / 1000.0
         self._weight = profile.tool.mass_kg * _GRAVITY
         self._turn(self._motion.orientation(now))
+
+    @cached_property
+    def gateway(self) -> Gateway:
+        """The sensor's CAN gateway, powered with the cell."""
+        return Gateway(self._profile.gateway, self.sensor, self._powered_at)
 
     def wrench(self, times: Floats) -> Floats:
         """Wrench (n, 6) on the tool about the sensor's origin in the sensor frame, N and N·m.

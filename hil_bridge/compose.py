@@ -8,12 +8,22 @@ from typing import Any
 from emulators.cell import Cell, CellProfile
 from emulators.slcan_adapter import SlcanAdapter, SlcanProfile
 from hil_bridge.clock import Clock
+from hil_bridge.config import Config, SensorConfig
+from hil_bridge.devices import ForceSensor, RobotLink
 from hil_bridge.errors import ConfigError, TransportClosed, TransportError
 from hil_bridge.pump import Pump
-from hil_bridge.transports import Frames, Parity, Transport, listen_bytes, listen_can
+from hil_bridge.transports import (
+    Frames,
+    Parity,
+    Transport,
+    connect_bytes,
+    connect_can,
+    listen_bytes,
+    listen_can,
+)
 from hil_bridge.transports.urls import CONNECT_BYTES, parse_url
 from protocol.adlp import LinkProfile
-from protocol.jr3 import GATEWAY_BITRATE
+from protocol.jr3 import GATEWAY_BITRATE, GatewayClient, SensorFrame
 
 SLCAN = "can+slcan+"
 """Before a listening byte URL: an emulated slcan adapter on that wire."""
@@ -56,6 +66,63 @@ def robot_wire(url: str, link: LinkProfile) -> tuple[str, LinkProfile]:
 
 def _line(link: LinkProfile) -> str:
     return f"baudrate={link.baudrate}&parity={link.parity}&stopbits={link.stop_bits}"
+
+
+async def connect_robot(
+    url: str, link: LinkProfile, clock: Clock, on_notice: Callable[[str, str], None]
+) -> RobotLink:
+    """The robot behind a URL, not started yet. Raises ConfigError for the URL, TransportUnavailable for the wire."""
+    url, link = robot_wire(url, link)
+    return RobotLink(await connect_bytes(url, clock), link, clock, on_notice)
+
+
+async def connect_sensor(
+    url: str,
+    sensor: SensorConfig,
+    clock: Clock,
+    on_frame: Callable[[SensorFrame], None],
+    on_notice: Callable[[str, str], None],
+) -> ForceSensor:
+    """The sensor behind a URL, not started yet: the URL's scheme says which device stands between.
+
+    Raises ConfigError for the URL, TransportUnavailable for the wire.
+    """
+    wire = await connect_can(url, clock)
+    return ForceSensor(wire, GatewayClient(sensor.gateway, clock.now()), clock, on_frame, on_notice)
+
+
+@asynccontextmanager
+async def opened_devices(
+    config: Config,
+    clock: Clock,
+    on_frame: Callable[[SensorFrame], None],
+    on_notice: Callable[[str, str], None],
+) -> AsyncIterator[tuple[RobotLink, ForceSensor]]:
+    """Robot and sensor of a configuration, started; what has no URL is emulated. Closed when the context is left.
+
+    Raises ConfigError for a URL, TransportUnavailable for a wire.
+    """
+    robot_url, sensor_url = config.robot.url, config.sensor.url
+    async with AsyncExitStack() as stack:
+        if not (robot_url and sensor_url):
+            ports = VIRTUAL_PORTS if clock.is_virtual else real_ports(config.cell.link)
+            served = await stack.enter_async_context(
+                emulated_cell(
+                    config.cell,
+                    config.run.seed,
+                    clock,
+                    Ports(None if robot_url else ports.robot, None if sensor_url else ports.sensor),
+                    lambda cause: on_notice("emulator", repr(cause)),
+                )
+            )
+            robot_url, sensor_url = robot_url or served.robot or "", sensor_url or served.sensor or ""
+        robot = await connect_robot(robot_url, config.robot.link, clock, on_notice)
+        stack.push_async_callback(robot.aclose)
+        sensor = await connect_sensor(sensor_url, config.sensor, clock, on_frame, on_notice)
+        stack.push_async_callback(sensor.aclose)
+        robot.start()
+        sensor.start()
+        yield robot, sensor
 
 
 class SlcanPort:

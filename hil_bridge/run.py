@@ -30,7 +30,7 @@ from hil_bridge.recording import PHASE_EVENT, STOP_EVENT, CycleRecord, EventReco
 from protocol.adlp import BLOCK_OVERHEAD, HEADER_SIZE, LinkProfile
 from protocol.arap import Quaternion, Status, round_position
 from protocol.arap.layouts import STATUS
-from protocol.jr3 import SATURATED_COUNTS, GatewayClientProfile
+from protocol.jr3 import SATURATED_COUNTS
 
 TIME_IS_UP = "time is up"
 """Why a run ends that went as it was meant to."""
@@ -73,14 +73,6 @@ def answer_time(profile: LinkProfile) -> float:
     return (HEADER_SIZE + STATUS.size + BLOCK_OVERHEAD + 4) * profile.character_time
 
 
-def filter_delay(profile: GatewayClientProfile) -> float:
-    """How much later than the force itself the gateway tells of it, s: 1/(2π f_c) of its first-order filter.
-
-    Source: textbook group delay of a first-order low pass at low frequencies.
-    """
-    return 1.0 / (2.0 * math.pi * profile.cutoff_hz) if profile.cutoff_hz else 0.0
-
-
 class Run:
     """A run over a robot link and a force sensor that have been started; call it once."""
 
@@ -107,7 +99,7 @@ class Run:
             config.frame.contour if config.frame.follow_normal else None,
         )
         self._answer_time = answer_time(robot.profile)
-        self._filter_delay = filter_delay(config.sensor.gateway)
+        self._filter_delay = sensor.delay
         self._quaternion_tare: Quaternion = (1.0, 0.0, 0.0, 0.0)
         self._interrupted = False
         self._phase = ""

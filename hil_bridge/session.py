@@ -7,7 +7,7 @@ import sys
 import tempfile
 import threading
 from collections.abc import AsyncIterator, Iterator
-from contextlib import AsyncExitStack, asynccontextmanager, contextmanager, suppress
+from contextlib import asynccontextmanager, contextmanager, suppress
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -15,7 +15,7 @@ from pathlib import Path
 import click
 
 from hil_bridge.clock import Clock, run_real, run_virtual
-from hil_bridge.compose import VIRTUAL_PORTS, Ports, emulated_cell, real_ports, robot_wire
+from hil_bridge.compose import opened_devices
 from hil_bridge.config import Config, dump
 from hil_bridge.devices import ForceSensor, RobotLink
 from hil_bridge.errors import BridgeError, ConfigError
@@ -31,7 +31,6 @@ from hil_bridge.recording import (
     summarise,
 )
 from hil_bridge.run import Run, RunResult, line_floor
-from hil_bridge.transports import connect_bytes, connect_can
 from hil_bridge.view import REFRESH_SECONDS, Health, LiveView
 from protocol.jr3 import SensorFrame
 
@@ -219,35 +218,8 @@ class _Session:
 
     async def _with_devices(self) -> RunResult:
         config, clock = self._config, self._clock
-        async with AsyncExitStack() as stack:
-            robot_url, sensor_url = config.robot.url, config.sensor.url
-            if not (robot_url and sensor_url):
-                ports = VIRTUAL_PORTS if clock.is_virtual else real_ports(config.cell.link)
-                served = await stack.enter_async_context(
-                    emulated_cell(
-                        config.cell,
-                        config.run.seed,
-                        clock,
-                        Ports(None if robot_url else ports.robot, None if sensor_url else ports.sensor),
-                        lambda cause: self._notice("emulator", repr(cause)),
-                    )
-                )
-                robot_url, sensor_url = robot_url or served.robot or "", sensor_url or served.sensor or ""
-            robot_url, self._link = robot_wire(robot_url, config.robot.link)
-            robot = self._robot = RobotLink(
-                await connect_bytes(robot_url, clock), self._link, clock, self._notice
-            )
-            stack.push_async_callback(robot.aclose)
-            sensor = self._sensor = ForceSensor(
-                await connect_can(sensor_url, clock),
-                config.sensor.gateway,
-                clock,
-                self._frame,
-                self._notice,
-            )
-            stack.push_async_callback(sensor.aclose)
-            robot.start()
-            sensor.start()
+        async with opened_devices(config, clock, self._frame, self._notice) as (robot, sensor):
+            self._robot, self._sensor, self._link = robot, sensor, robot.profile
             run = Run(config, clock, robot, sensor, self)
             async with self._shown(), self._interruptible(run):
                 return await run()

@@ -4,20 +4,21 @@ import asyncio
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
+from typing import Any
 
 from hil_bridge.clock import Clock
 from hil_bridge.errors import BridgeError, DeviceError, TransportClosed
 from hil_bridge.pump import Pump
-from hil_bridge.transports import Frames, Transport
+from hil_bridge.transports import Transport
 from protocol.jr3 import (
-    GatewayClient,
-    GatewayClientProfile,
-    GatewayEvent,
-    GatewayFailed,
-    GatewayReady,
-    GatewayRebooted,
-    GatewayStopped,
+    SensorClient,
+    SensorEvent,
+    SensorFailed,
     SensorFrame,
+    SensorNotice,
+    SensorReady,
+    SensorRestarted,
+    SensorStopped,
     Zeroed,
     wrench_from_counts,
 )
@@ -31,7 +32,7 @@ _HISTORY = 256
 
 
 class ForceSensor:
-    """Client of a JR3 sensor behind its CAN gateway.
+    """A JR3 sensor behind whatever stands before it: `client` speaks its language over `transport`.
 
     `on_frame` is given every complete six-axis frame, `on_notice(kind, text)` what is worth a line in the
     record.
@@ -39,8 +40,8 @@ class ForceSensor:
 
     def __init__(
         self,
-        transport: Transport[Frames],
-        profile: GatewayClientProfile,
+        transport: Transport[Any],
+        client: SensorClient[Any],
         clock: Clock,
         on_frame: Callable[[SensorFrame], None],
         on_notice: Callable[[str, str], None],
@@ -57,8 +58,8 @@ class ForceSensor:
         self._clock = clock
         self._on_frame = on_frame
         self._on_notice = on_notice
-        self._client = GatewayClient(profile, clock.now())
-        self._pump: Pump[Frames, GatewayEvent] = Pump(self._client, transport, clock, self._take, self._ended)
+        self._client = client
+        self._pump: Pump[Any, SensorEvent] = Pump(client, transport, clock, self._take, self._ended)
         self._full_scales: tuple[float, ...] | None = None
         self._failure: BridgeError | None = None
         self._waiters: list[tuple[type, asyncio.Future[None]]] = []
@@ -68,23 +69,28 @@ class ForceSensor:
         """Frames that the counter says were sent and that never came."""
         return self._client.statistics.lost
 
+    @property
+    def delay(self) -> float:
+        """How much later than the force itself the device's filter tells of it, s."""
+        return self._client.delay
+
     def start(self) -> None:
-        """Begin to listen and to bring the gateway up."""
+        """Begin to listen and to bring the device up."""
         self._pump.start()
 
     async def ready(self) -> tuple[float, ...]:
-        """Wait until the gateway streams; its full scales fx fy fz mx my mz, N and N·m.
+        """Wait until the device streams; its full scales fx fy fz mx my mz, N and N·m.
 
         Raises DeviceError with the reason when it stays silent, has no sensor, or names an impossible full
         scale.
         """
         if self._full_scales is None:
-            await self._until(GatewayReady)
+            await self._until(SensorReady)
         assert self._full_scales is not None
         return self._full_scales
 
     async def tare(self) -> None:
-        """Let the gateway take its present filtered output as zero, and wait for the first frame after it."""
+        """Let the device take its present filtered output as zero, and wait for the first frame after it."""
         self._client.zero()
         self._pump.kick()
         await self._until(Zeroed)
@@ -119,13 +125,13 @@ class ForceSensor:
         return None
 
     async def aclose(self) -> None:
-        """Stop the stream, wait a moment for the gateway to say that it knows, and close the bus."""
+        """Stop the stream, wait a moment for the device to say that it knows, and close the wire."""
         if self._failure is None:
             self._client.stop()
             self._pump.kick()
             with suppress(BridgeError, TimeoutError):
                 async with asyncio.timeout(_STOP_PATIENCE):
-                    await self._until(GatewayStopped)
+                    await self._until(SensorStopped)
         await self._transport.aclose()
 
     async def _until(self, event: type) -> None:
@@ -134,7 +140,7 @@ class ForceSensor:
         self._waiters.append((event, waiter))
         await waiter
 
-    def _take(self, event: GatewayEvent) -> None:
+    def _take(self, event: SensorEvent) -> None:
         match event:
             case SensorFrame():
                 previous = self.newest
@@ -144,13 +150,15 @@ class ForceSensor:
                 self._history.append(event)
                 self.received += 1
                 self._on_frame(event)
-            case GatewayReady(full_scales=full_scales):
+            case SensorReady(full_scales=full_scales):
                 self._full_scales = full_scales
-            case GatewayFailed(text=text):
+            case SensorNotice(text=text):
+                self._on_notice("sensor", text)
+            case SensorFailed(text=text):
                 self._fail(DeviceError(f"force sensor on {self.name}: {text}"))
-            case GatewayRebooted():
+            case SensorRestarted():
                 if self._full_scales is None:
-                    self._on_notice("sensor", "the gateway booted")
+                    self._on_notice("sensor", "the device booted")
                 else:
                     self._fail(
                         DeviceError(

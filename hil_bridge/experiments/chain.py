@@ -3,18 +3,15 @@
 Paced wires, the emulated cell, and the bridge's own devices and run, joined by the composition root.
 """
 
-from contextlib import AsyncExitStack
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from hil_bridge.clock import Clock, run_virtual
-from hil_bridge.compose import VIRTUAL_PORTS, emulated_cell, robot_wire
+from hil_bridge.compose import opened_devices
 from hil_bridge.config import Config
-from hil_bridge.devices import ForceSensor, RobotLink
 from hil_bridge.errors import ConfigError
 from hil_bridge.recording import CycleRecord, EventRecord
 from hil_bridge.run import Run, RunResult
-from hil_bridge.transports import connect_bytes, connect_can
 
 
 class CellRun(NamedTuple):
@@ -58,29 +55,9 @@ class _Bench:
         def notice(kind: str, text: str) -> None:
             self.event(EventRecord(clock.now(), kind, text))
 
-        async with AsyncExitStack() as stack:
-            stack.callback(clock.close)
-            served = await stack.enter_async_context(
-                emulated_cell(
-                    config.cell,
-                    config.run.seed,
-                    clock,
-                    VIRTUAL_PORTS,
-                    lambda cause: notice("emulator", repr(cause)),
-                )
-            )
-            url, link = robot_wire(served.robot or "", config.robot.link)
-            robot = RobotLink(await connect_bytes(url, clock), link, clock, notice)
-            stack.push_async_callback(robot.aclose)
-            sensor = ForceSensor(
-                await connect_can(served.sensor or "", clock),
-                config.sensor.gateway,
-                clock,
-                lambda frame: None,
-                notice,
-            )
-            stack.push_async_callback(sensor.aclose)
-            robot.start()
-            sensor.start()
-            result = await Run(config, clock, robot, sensor, self)()
+        try:
+            async with opened_devices(config, clock, lambda frame: None, notice) as (robot, sensor):
+                result = await Run(config, clock, robot, sensor, self)()
+        finally:
+            clock.close()
         return CellRun(tuple(self.cycles), tuple(self.events), result)

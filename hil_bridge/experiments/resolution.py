@@ -33,7 +33,6 @@ from hil_bridge.experiments.results import (
 )
 from hil_bridge.experiments.statistics import spread
 from hil_bridge.experiments.wall import PERIOD, Parameters, WallJob, WallRun
-from hil_bridge.run import filter_delay
 from protocol.adlp import BLOCK_OVERHEAD
 
 STIFFNESSES = (5e3, 1e4, 2e4, 5e4)
@@ -134,7 +133,7 @@ def _predicted_chain(job: CellJob, period: float) -> LimitCycle | None:
             plant(job, period),
             job.resolution_mm * 1e-3,
             config.cell.servo.interpolation_ms * 1e-3,
-            filter_delay(config.sensor.gateway),
+            config.sensor.gateway.delay,
         )
     except ValueError:
         return None

@@ -1,65 +1,15 @@
-"""What a gateway client is told and what it tells: its profile, its events, its statistics."""
+"""What the bridge sees of a force/torque sensor, whatever stands between: one seam for every client of one."""
 
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal, TypeAlias
+from typing import Protocol, TypeAlias, TypeVar
 
-from protocol.jr3.messages import AXES
-from protocol.marks import Mark, check_settings, setting
+from protocol.endpoint import Endpoint
 
-
-@dataclass(frozen=True)
-class GatewayClientProfile:
-    """How a client treats its gateway."""
-
-    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
-
-    node: int = setting(1, Mark.OBSERVED, "node number of the gateway", minimum=1, maximum=127)
-    mode: Literal["async", "sync"] = setting(
-        "async", Mark.CHOSEN, "async: the gateway sends by its own clock; sync: it answers each SYNC"
-    )
-    cutoff_hz: float = setting(
-        10.0,
-        Mark.CHOSEN,
-        "cut-off of the gateway's first-order filter, 0 = unfiltered",
-        unit="Hz",
-        minimum=0.0,
-        maximum=655.35,
-    )
-    period_ms: float = setting(
-        10.0,
-        Mark.CHOSEN,
-        "between frames, asynchronous; the counter wraps every 8.4 s and must tell frames apart",
-        unit="ms",
-        above=0.0,
-        maximum=4000.0,
-    )
-    ack_timeout_s: float = setting(
-        0.25, Mark.OBSERVED, "wait for an acknowledge before asking again", unit="s", above=0.0
-    )
-    retries: int = setting(3, Mark.CHOSEN, "repetitions of a command without acknowledge", minimum=0)
-    ready_timeout_s: float = setting(
-        10.0, Mark.CHOSEN, "patience with a gateway that is silent or not ready", unit="s", above=0.0
-    )
-    settle_s: float = setting(
-        0.1, Mark.OBSERVED, "between start and first use or zero, for the filter", unit="s", minimum=0.0
-    )
-    sample_period_us: float = setting(
-        128.5, Mark.OBSERVED, "the gateway's sampling, one step of its frame counter", unit="µs", above=0.0
-    )
-    full_scales: tuple[float, ...] = setting(
-        (), Mark.CHOSEN, "fx fy fz mx my mz, empty = ask the gateway", unit="N, N·m", above=0.0
-    )
-
-    def __post_init__(self) -> None:
-        check_settings(self)
-        if self.mode not in ("async", "sync"):
-            raise ValueError(f"mode must be async or sync, got {self.mode}")
-        if len(self.full_scales) not in (0, len(AXES)):
-            raise ValueError(f"full_scales must be six values or none, got {len(self.full_scales)}")
+Data = TypeVar("Data")
 
 
 @dataclass(frozen=True, slots=True)
-class GatewayReady:
+class SensorReady:
     """The session is established and the filter has settled; samples follow."""
 
     full_scales: tuple[float, ...]
@@ -68,56 +18,79 @@ class GatewayReady:
 
 @dataclass(frozen=True, slots=True)
 class SensorFrame:
-    """One complete sample: its force frame and its moment frame have the same counter."""
+    """One complete six-axis sample."""
 
     counts: tuple[int, int, int, int, int, int]
     """fx fy fz mx my mz, full scale = 16384."""
     counter: int
-    """As sent: sensor samples since the start, modulo 65536."""
+    """As sent: the device's samples since its start, modulo 65536."""
     sequence: int
-    """The counter, unwrapped: grows by the sensor samples between frames (about 78 at 10 ms), by 1 over a
-    reboot, and never falls."""
+    """The counter, unwrapped: grows by the device's samples between frames (a CAN gateway: about 78 at 10 ms), by 1
+    over a restart, and never falls."""
     at: float
     """When the sample was complete, s on the receiver's clock."""
 
 
 @dataclass(frozen=True, slots=True)
 class Zeroed:
-    """The gateway acknowledged a zero: samples count from the wrench of this moment."""
+    """The device acknowledged a zero: samples count from the wrench of this moment."""
 
 
 @dataclass(frozen=True, slots=True)
-class GatewayRebooted:
-    """An established session was lost to a boot-up, offsets included; the client has begun again."""
+class SensorRestarted:
+    """The device began anew and has forgotten its offsets; the client has begun again."""
 
 
 @dataclass(frozen=True, slots=True)
-class GatewayStopped:
-    """The gateway acknowledged the stop; nothing more will come."""
+class SensorStopped:
+    """The device knows that it is not needed any more; nothing more will come."""
 
 
 @dataclass(frozen=True, slots=True)
-class GatewayFailed:
+class SensorNotice:
+    """Something worth a line in the record that ends nothing."""
+
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class SensorFailed:
     """The session is over."""
 
     text: str
     """What is wrong and what to look at, one line."""
 
 
-GatewayEvent: TypeAlias = (
-    GatewayReady | SensorFrame | Zeroed | GatewayRebooted | GatewayStopped | GatewayFailed
+SensorEvent: TypeAlias = (
+    SensorReady | SensorFrame | Zeroed | SensorRestarted | SensorStopped | SensorNotice | SensorFailed
 )
 
 
 @dataclass(slots=True)
-class GatewayStatistics:
+class SensorStatistics:
     """What was wrong with the samples that came, or with what came instead, since the client began."""
 
     lost: int = 0
-    """Frames that the counter says are missing; asynchronous mode only, since SYNC has no cadence."""
+    """Samples that the counter says are missing, where the device has a cadence of its own."""
     repeated: int = 0
     """Samples dropped because their counter was there before: duplicates and stragglers."""
     unpaired: int = 0
     """Force or moment frames without their other half."""
     malformed: int = 0
-    """Payloads that are too short."""
+    """Payloads that make no sense."""
+
+
+class SensorClient(Endpoint[Data, Data, SensorEvent], Protocol[Data]):
+    """The client's side of a session with a sensor. It begins by itself; `zero` may be asked for at any time."""
+
+    statistics: SensorStatistics
+
+    @property
+    def delay(self) -> float:
+        """How much later than the force itself the device's filter tells of it, s, at low frequencies."""
+
+    def zero(self) -> None:
+        """Make the present wrench the origin, once settled. Raises LocalProtocolError after the end."""
+
+    def stop(self) -> None:
+        """End the session; SensorStopped tells that the device knows. Harmless when called again."""

@@ -23,6 +23,7 @@ from hil_bridge.transports import (
     listen_bytes,
     listen_can,
 )
+from protocol.jr3 import GatewayClient
 
 
 class CutCan:
@@ -93,7 +94,13 @@ class Bench:
         self.line = Faulty(wire, Faults(), seed=config.run.seed)
         self.can = CutCan(await connect_can("can+memory:sensor", clock))
         self.robot = robot = RobotLink(self.line, config.robot.link, clock, self.notice)
-        sensor = ForceSensor(self.can, config.sensor.gateway, clock, lambda frame: None, self.notice)
+        sensor = ForceSensor(
+            self.can,
+            GatewayClient(config.sensor.gateway, clock.now()),
+            clock,
+            lambda frame: None,
+            self.notice,
+        )
         robot.start()
         sensor.start()
         self.run = Run(config, clock, robot, sensor, self)

@@ -9,7 +9,7 @@ from hil_bridge.devices import ForceSensor, RobotLink
 from hil_bridge.errors import DeviceError, TransportClosed, TransportEnded
 from hil_bridge.transports import Frames, connect_bytes, connect_can, listen_bytes, listen_can
 from protocol.adlp import LinkProfile
-from protocol.jr3 import GatewayClientProfile, parse_frame
+from protocol.jr3 import GatewayClient, GatewayClientProfile, parse_frame
 
 SCALES = {"481#": "101#0073006F00B900", "501#": "101#00380034003D00"}
 """Answers to the questions for full scales: 115 111 185 N, 5.6 5.2 6.1 N·m."""
@@ -37,7 +37,7 @@ def with_sensor(script: Script, answers: Mapping[str, str], default: str = "101#
         wire = await connect_can("can+memory:jr3", clock)
         sensor = ForceSensor(
             wire,
-            GatewayClientProfile(),
+            GatewayClient(GatewayClientProfile(), clock.now()),
             clock,
             lambda frame: None,
             lambda kind, text: notices.append((kind, text)),

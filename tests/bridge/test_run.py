@@ -12,7 +12,7 @@ from hil_bridge.config import Config
 from hil_bridge.control import CONTROLLERS, Command, Measurement
 from hil_bridge.errors import DeviceError
 from hil_bridge.recording import CycleRecord, Outcome
-from hil_bridge.run import answer_time, filter_delay, line_floor
+from hil_bridge.run import answer_time, line_floor
 from hil_bridge.transports import Faults
 from protocol.adlp import LinkProfile
 from protocol.can import CanFrame
@@ -166,8 +166,8 @@ def test_force_and_position_of_a_pair_are_of_the_same_moment(
 
 def test_ages_follow_the_profiles() -> None:
     assert answer_time(LinkProfile()) == pytest.approx(41 * 11 / 9600)
-    assert filter_delay(GatewayClientProfile(cutoff_hz=10.0)) == pytest.approx(0.0159, abs=1e-4)
-    assert filter_delay(GatewayClientProfile(cutoff_hz=0.0)) == 0.0
+    assert GatewayClientProfile(cutoff_hz=10.0).delay == pytest.approx(0.0159, abs=1e-4)
+    assert GatewayClientProfile(cutoff_hz=0.0).delay == 0.0
 
 
 def test_a_controller_that_raises_stops_the_run_by_name_and_retracts(

@@ -13,17 +13,17 @@ from protocol.can import CanFrame
 from protocol.jr3 import (
     GatewayClient,
     GatewayClientProfile,
-    GatewayEvent,
-    GatewayFailed,
-    GatewayReady,
-    GatewayRebooted,
-    GatewayStopped,
+    SensorEvent,
+    SensorFailed,
     SensorFrame,
+    SensorReady,
+    SensorRestarted,
+    SensorStopped,
     Zeroed,
     decode_triple,
     parse_frame,
 )
-from protocol.jr3.messages import FORCES, MOMENTS
+from protocol.jr3.can_gateway.messages import FORCES, MOMENTS
 
 T0 = 1234.567
 AWAKE = T0 + 2.5
@@ -309,7 +309,7 @@ class Bench:
     def __init__(self, gateway: Gateway, now: float, **profile: object) -> None:
         self.gateway, self.now = gateway, now
         self.client = GatewayClient(GatewayClientProfile(**profile), now)  # type: ignore[arg-type]
-        self.events: list[GatewayEvent] = []
+        self.events: list[SensorEvent] = []
         self.drop: Callable[[CanFrame], bool] = lambda frame: False
 
     def settle(self) -> None:
@@ -323,7 +323,7 @@ class Bench:
         while (event := self.client.next_event()) is not None:
             self.events.append(event)
 
-    def run(self, until: float) -> list[GatewayEvent]:
+    def run(self, until: float) -> list[SensorEvent]:
         self.events = []
         self.settle()
         while True:
@@ -339,11 +339,11 @@ class Bench:
             self.settle()
 
 
-def samples(events: list[GatewayEvent]) -> list[SensorFrame]:
+def samples(events: list[SensorEvent]) -> list[SensorFrame]:
     return [event for event in events if isinstance(event, SensorFrame)]
 
 
-READY = GatewayReady((115.0, 111.0, 185.0, 5.6, 5.2, 6.1))
+READY = SensorReady((115.0, 111.0, 185.0, 5.6, 5.2, 6.1))
 
 
 def test_session_from_power_up_over_the_wrap_to_the_end() -> None:
@@ -360,7 +360,7 @@ def test_session_from_power_up_over_the_wrap_to_the_end() -> None:
     assert Zeroed() in events
     assert samples(events)[-1].counts == (0,) * 6
     bench.client.stop()
-    assert bench.run(T0 + 40) == [GatewayStopped()]
+    assert bench.run(T0 + 40) == [SensorStopped()]
     assert (bench.client.statistics.lost, bench.client.statistics.unpaired) == (0, 0)
 
 
@@ -382,7 +382,7 @@ def test_lost_frames_on_the_bus_are_counted() -> None:
 def test_a_sensor_that_never_boots() -> None:
     bench = Bench(build(connected=False), T0)
     (failed,) = bench.run(T0 + 30)
-    assert isinstance(failed, GatewayFailed)
+    assert isinstance(failed, SensorFailed)
     assert "acknowledges but not ready" in failed.text
 
 
@@ -390,7 +390,7 @@ def test_a_gateway_without_power() -> None:
     bench = Bench(awake(), AWAKE)
     bench.drop = lambda frame: True
     (failed,) = bench.run(AWAKE + 30)
-    assert isinstance(failed, GatewayFailed)
+    assert isinstance(failed, SensorFailed)
     assert "silent: nothing on the bus" in failed.text
 
 
@@ -402,7 +402,7 @@ def test_a_gateway_that_reboots_loses_its_zero_and_is_started_again() -> None:
     again = Jr3Sensor(SensorProfile(noise_counts=0.0), constant, seed=3)
     bench.gateway = Gateway(GatewayProfile(), again, powered_at=bench.now)
     rebooted, ready, *after = bench.run(AWAKE + 4)
-    assert (rebooted, ready) == (GatewayRebooted(), READY)
+    assert (rebooted, ready) == (SensorRestarted(), READY)
     assert samples(after)[0].sequence == before[-1].sequence + 1
     assert samples(after)[-1].counts == tuple(COUNTS)
 

@@ -11,20 +11,20 @@ from protocol.endpoint import LocalProtocolError
 from protocol.jr3 import (
     GatewayClient,
     GatewayClientProfile,
-    GatewayEvent,
-    GatewayFailed,
-    GatewayReady,
-    GatewayRebooted,
-    GatewayStopped,
     Phase,
+    SensorEvent,
+    SensorFailed,
     SensorFrame,
+    SensorReady,
+    SensorRestarted,
+    SensorStopped,
     Zeroed,
     encode_sample,
     parse_frame,
 )
 
 T0 = 1000.25
-READY = GatewayReady((115.0, 111.0, 185.0, 5.6, 5.2, 6.1))
+READY = SensorReady((115.0, 111.0, 185.0, 5.6, 5.2, 6.1))
 FORCE_SCALES, MOMENT_SCALES = "101#0073006F00B900", "101#0038003400 3D00".replace(" ", "")
 
 
@@ -36,7 +36,7 @@ def sent(client: GatewayClient, now: float) -> list[str]:
     return [str(frame) for frame in client.data_to_send(now)]
 
 
-def events(client: GatewayClient) -> list[GatewayEvent]:
+def events(client: GatewayClient) -> list[SensorEvent]:
     told = []
     while (event := client.next_event()) is not None:
         told.append(event)
@@ -69,7 +69,7 @@ def sample(counter: int, value: int = 7) -> tuple[CanFrame, CanFrame]:
     return encode_sample(1, [value] * 6, counter % 65536)
 
 
-def feed(client: GatewayClient, counters: Iterable[int], now: float = T0 + 1) -> list[GatewayEvent]:
+def feed(client: GatewayClient, counters: Iterable[int], now: float = T0 + 1) -> list[SensorEvent]:
     for counter in counters:
         client.receive(sample(counter), now)
     return events(client)
@@ -86,7 +86,7 @@ def test_session_in_the_order_of_the_known_client() -> None:
     client.stop()
     client.stop()
     exchange(client, T0 + 1, "101#00", expect="281#")
-    assert events(client) == [GatewayStopped()]
+    assert events(client) == [SensorStopped()]
     assert client.next_deadline() is None
     assert sent(client, T0 + 2) == []
 
@@ -99,7 +99,7 @@ def test_synchronous_session_with_known_full_scales() -> None:
     with pytest.raises(LocalProtocolError, match="settling"):
         client.sync()
     client.handle_deadline(T0 + 0.1)
-    assert events(client) == [GatewayReady(scales)]
+    assert events(client) == [SensorReady(scales)]
     client.sync()
     client.sync()
     assert sent(client, T0 + 0.2) == ["080#", "080#"]
@@ -140,7 +140,7 @@ def test_silence_is_asked_again_and_fails_as_silence() -> None:
         client.handle_deadline(now)
     assert asked == [(T0 + k * 0.25, "401#") for k in range(4)]
     (failed,) = events(client)
-    assert isinstance(failed, GatewayFailed)
+    assert isinstance(failed, SensorFailed)
     assert "silent: nothing on the bus" in failed.text
     assert client.next_deadline() is None
     with pytest.raises(LocalProtocolError, match="failed"):
@@ -243,7 +243,7 @@ def test_stop_is_not_fooled_by_the_acknowledge_of_what_was_under_way() -> None:
     client.receive(frames("101#00"), T0 + 1)
     assert events(client) == []
     client.receive(frames("701#", "101#01"), T0 + 1)
-    assert events(client) == [GatewayStopped()]
+    assert events(client) == [SensorStopped()]
     for wish in (client.zero, client.sync, lambda: client.set_filter(1.0)):
         with pytest.raises(LocalProtocolError):
             wish()
@@ -254,14 +254,14 @@ def test_stop_after_a_failure_still_goes_out() -> None:
     client.handle_deadline(T0 + 10)
     client.stop()
     exchange(client, T0 + 11, "101#00", expect="281#")
-    assert isinstance(events(client)[-1], GatewayStopped)
+    assert isinstance(events(client)[-1], SensorStopped)
 
 
 def test_boot_up_starts_over_and_the_sequence_goes_on() -> None:
     client = ready()
     before = feed(client, [100, 178])
     client.receive(frames("701#"), T0 + 2)
-    assert events(client) == [GatewayRebooted()]
+    assert events(client) == [SensorRestarted()]
     establish(client, T0 + 2)
     assert events(client) == [READY]
     after = feed(client, [5, 83])

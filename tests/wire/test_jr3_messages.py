@@ -27,7 +27,7 @@ from protocol.jr3 import (
     split,
     wrench_from_counts,
 )
-from protocol.jr3.messages import ACKNOWLEDGED, FORCES, MOMENTS
+from protocol.jr3.can_gateway.messages import ACKNOWLEDGED, FORCES, MOMENTS
 
 GOLDEN_COMMANDS = {
     # Example of the gateway firmware's description.

@@ -13,8 +13,7 @@ from enum import Enum
 
 from protocol.can import CanFrame
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
-from protocol.jr3.messages import (
-    AXES,
+from protocol.jr3.can_gateway.messages import (
     COUNTER_MODULUS,
     FORCES,
     MOMENTS,
@@ -24,18 +23,18 @@ from protocol.jr3.messages import (
     decode_acknowledge,
     decode_triple,
     encode_command,
-    full_scales_si,
     identifier,
 )
+from protocol.jr3.can_gateway.profile import GatewayClientProfile, first_order_delay
+from protocol.jr3.counts import AXES, full_scales_si
 from protocol.jr3.session import (
-    GatewayClientProfile,
-    GatewayEvent,
-    GatewayFailed,
-    GatewayReady,
-    GatewayRebooted,
-    GatewayStatistics,
-    GatewayStopped,
+    SensorEvent,
+    SensorFailed,
     SensorFrame,
+    SensorReady,
+    SensorRestarted,
+    SensorStatistics,
+    SensorStopped,
     Zeroed,
 )
 
@@ -85,8 +84,8 @@ class GatewayClient:
         # Answers to SYNC come in order and after any time: there only the same counter is an old sample.
         behind = int(STRAGGLER_S * samples_per_second) if self._step else 0
         self._straggler_from = COUNTER_MODULUS - behind
-        self.statistics = GatewayStatistics()
-        self._events: deque[GatewayEvent] = deque()
+        self.statistics = SensorStatistics()
+        self._events: deque[SensorEvent] = deque()
         self._syncs = 0
         self._sequence: int | None = None
         self._zero_wanted = False
@@ -108,6 +107,11 @@ class GatewayClient:
     def phase(self) -> Phase:
         """Where the session is."""
         return self._phase
+
+    @property
+    def delay(self) -> float:
+        """How much later than the force itself a sample with the present cut-off tells of it, s."""
+        return first_order_delay(self._cutoff_hz)
 
     # --- what the owner asks for
 
@@ -135,7 +139,7 @@ class GatewayClient:
         self._syncs += 1
 
     def stop(self) -> None:
-        """End the session; GatewayStopped tells that the gateway knows. Harmless when called again."""
+        """End the session; SensorStopped tells that the gateway knows. Harmless when called again."""
         if self._phase in (Phase.STOPPING, Phase.STOPPED):
             return
         # What is under way may still be acknowledged: that must not be taken for the stop's acknowledge.
@@ -164,7 +168,7 @@ class GatewayClient:
             else:
                 self._others_heard = True
 
-    def next_event(self) -> GatewayEvent | None:
+    def next_event(self) -> SensorEvent | None:
         """The oldest event not yet taken, or None."""
         return self._events.popleft() if self._events else None
 
@@ -208,7 +212,7 @@ class GatewayClient:
             self._on_timeout(self._flight)
         if self._phase is Phase.SETTLING and now >= self._settled_at:
             self._phase = Phase.READY
-            self._events.append(GatewayReady(self._full_scales))
+            self._events.append(SensorReady(self._full_scales))
             if self._zero_wanted:
                 self._zero_wanted = False
                 self._enqueue(Op.ZERO)
@@ -249,7 +253,7 @@ class GatewayClient:
         self._phase, self._flight, self._quiet_until = Phase.FAILED, None, None
         self._queue.clear()
         self._syncs = 0
-        self._events.append(GatewayFailed(f"gateway node {self._profile.node}: {text}"))
+        self._events.append(SensorFailed(f"gateway node {self._profile.node}: {text}"))
 
     def _why_not_ready(self) -> str:
         waited = f"{self._profile.ready_timeout_s:g} s"
@@ -270,7 +274,7 @@ class GatewayClient:
         if self._phase in (Phase.STOPPING, Phase.STOPPED):
             return
         if self._phase is not Phase.ASKING:
-            self._events.append(GatewayRebooted())
+            self._events.append(SensorRestarted())
         self._begin(now)
 
     def _on_acknowledge(self, frame: CanFrame, now: float) -> None:
@@ -331,7 +335,7 @@ class GatewayClient:
                 self._events.append(Zeroed())
             case Op.STOP:
                 self._phase = Phase.STOPPED
-                self._events.append(GatewayStopped())
+                self._events.append(SensorStopped())
             case _:  # a new cut-off changes nothing here
                 pass
 

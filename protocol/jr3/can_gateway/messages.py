@@ -4,7 +4,6 @@ Source: firmware roboticslab-uc3m/jr3-mbed-firmware-can, read for facts. 1 Mbit/
 an op and a node, little-endian payloads.
 """
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
@@ -12,19 +11,12 @@ from enum import IntEnum
 from protocol.can import CanFrame
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
 from protocol.fields import Field, Layout
+from protocol.jr3.counts import AXES, FULL_SCALE_COUNTS
 from protocol.marks import Mark
 
-FULL_SCALE_COUNTS = 16384
-"""Counts that mean full scale; twice as much is representable. Source: JR3 manual 5907E."""
 GATEWAY_BITRATE = 1_000_000
 """bit/s. Source: the firmware."""
-SATURATED_COUNTS = 32752
-"""Counts from which an axis may be at the end of its range, whatever the converter.
-
-Derived: 32768 − 2^(16 − bits), the manual's default, for the coarsest converter of 12 bits.
-"""
 COUNTER_MODULUS = 65536
-AXES = ("fx", "fy", "fz", "mx", "my", "mz")
 NODES = range(1, 128)
 
 _OP_MASK = 0x780
@@ -219,21 +211,3 @@ def decode_triple(data: bytes, layout: Layout) -> Triple:
     """Half a sample by its layout, FORCES or MOMENTS. Raises RemoteProtocolError when it is too short."""
     x, y, z, counter = layout.unpack(data).values()
     return Triple((int(x), int(y), int(z)), int(counter))
-
-
-def full_scales_si(forces: Sequence[int], moments: Sequence[int]) -> tuple[float, ...]:
-    """The six full scales in N and N·m from the words of both queries (N, N·m×10)."""
-    return (*(float(word) for word in forces), *(word / 10 for word in moments))
-
-
-def wrench_from_counts(counts: Sequence[int], full_scales: Sequence[float]) -> tuple[float, ...]:
-    """Six counts in N and N·m; full scales in N and N·m."""
-    return tuple(count * scale / FULL_SCALE_COUNTS for count, scale in zip(counts, full_scales, strict=True))
-
-
-def counts_from_wrench(wrench: Sequence[float], full_scales: Sequence[float]) -> tuple[int, ...]:
-    """The nearest six counts to a wrench in N and N·m, not saturated; full scales in N and N·m."""
-    return tuple(
-        math.floor(value * FULL_SCALE_COUNTS / scale + 0.5)
-        for value, scale in zip(wrench, full_scales, strict=True)
-    )

@@ -3,7 +3,7 @@
 import string
 
 from protocol.can import CanFrame
-from protocol.jr3.messages import ACKNOWLEDGED, FROM_GATEWAY, FULL_SCALES, LAYOUTS, Op, split
+from protocol.jr3.can_gateway.messages import ACKNOWLEDGED, FROM_GATEWAY, FULL_SCALES, LAYOUTS, Op, split
 
 _HEX = frozenset(string.hexdigits)
 

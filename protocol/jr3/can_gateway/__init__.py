@@ -1,0 +1,45 @@
+"""The CAN gateway of a JR3 sensor: its frames and the client's session."""
+
+from protocol.jr3.can_gateway.client import GatewayClient, Phase
+from protocol.jr3.can_gateway.describe import describe, parse_frame
+from protocol.jr3.can_gateway.messages import (
+    COUNTER_MODULUS,
+    GATEWAY_BITRATE,
+    Acknowledge,
+    Command,
+    GatewayState,
+    Op,
+    Triple,
+    decode_acknowledge,
+    decode_command,
+    decode_triple,
+    encode_acknowledge,
+    encode_command,
+    encode_sample,
+    identifier,
+    split,
+)
+from protocol.jr3.can_gateway.profile import GatewayClientProfile
+
+__all__ = [
+    "COUNTER_MODULUS",
+    "GATEWAY_BITRATE",
+    "Acknowledge",
+    "Command",
+    "GatewayClient",
+    "GatewayClientProfile",
+    "GatewayState",
+    "Op",
+    "Phase",
+    "Triple",
+    "decode_acknowledge",
+    "decode_command",
+    "decode_triple",
+    "describe",
+    "encode_acknowledge",
+    "encode_command",
+    "encode_sample",
+    "identifier",
+    "parse_frame",
+    "split",
+]

@@ -1,0 +1,69 @@
+"""What a client may choose and has to assume about its CAN gateway."""
+
+import math
+from dataclasses import dataclass
+from typing import Any, ClassVar, Literal
+
+from protocol.jr3.counts import AXES
+from protocol.marks import Mark, check_settings, setting
+
+
+@dataclass(frozen=True)
+class GatewayClientProfile:
+    """How a client treats its gateway."""
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
+
+    node: int = setting(1, Mark.OBSERVED, "node number of the gateway", minimum=1, maximum=127)
+    mode: Literal["async", "sync"] = setting(
+        "async", Mark.CHOSEN, "async: the gateway sends by its own clock; sync: it answers each SYNC"
+    )
+    cutoff_hz: float = setting(
+        10.0,
+        Mark.CHOSEN,
+        "cut-off of the gateway's first-order filter, 0 = unfiltered",
+        unit="Hz",
+        minimum=0.0,
+        maximum=655.35,
+    )
+    period_ms: float = setting(
+        10.0,
+        Mark.CHOSEN,
+        "between frames, asynchronous; the counter wraps every 8.4 s and must tell frames apart",
+        unit="ms",
+        above=0.0,
+        maximum=4000.0,
+    )
+    ack_timeout_s: float = setting(
+        0.25, Mark.OBSERVED, "wait for an acknowledge before asking again", unit="s", above=0.0
+    )
+    retries: int = setting(3, Mark.CHOSEN, "repetitions of a command without acknowledge", minimum=0)
+    ready_timeout_s: float = setting(
+        10.0, Mark.CHOSEN, "patience with a gateway that is silent or not ready", unit="s", above=0.0
+    )
+    settle_s: float = setting(
+        0.1, Mark.OBSERVED, "between start and first use or zero, for the filter", unit="s", minimum=0.0
+    )
+    sample_period_us: float = setting(
+        128.5, Mark.OBSERVED, "the gateway's sampling, one step of its frame counter", unit="µs", above=0.0
+    )
+    full_scales: tuple[float, ...] = setting(
+        (), Mark.CHOSEN, "fx fy fz mx my mz, empty = ask the gateway", unit="N, N·m", above=0.0
+    )
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+        if self.mode not in ("async", "sync"):
+            raise ValueError(f"mode must be async or sync, got {self.mode}")
+        if len(self.full_scales) not in (0, len(AXES)):
+            raise ValueError(f"full_scales must be six values or none, got {len(self.full_scales)}")
+
+    @property
+    def delay(self) -> float:
+        """How much later than the force itself a sample with this cut-off tells of it, s."""
+        return first_order_delay(self.cutoff_hz)
+
+
+def first_order_delay(cutoff_hz: float) -> float:
+    """1/(2π f_c) of a first-order low pass, s; 0 means unfiltered. Source: textbook delay at low frequencies."""
+    return 1.0 / (2.0 * math.pi * cutoff_hz) if cutoff_hz else 0.0
