@@ -96,7 +96,8 @@ class TrueState:
 class Cell:
     """A robot, and a sensor that touches what it touches, each behind its wire.
 
-    `robot` is an endpoint of bytes, `gateway` one of CAN frames. Raises ValueError for a start outside the robot's work area.
+    `robot` is an endpoint of bytes, `gateway` one of CAN frames. Raises ValueError for a start outside the robot's
+    work area.
     """
 
     def __init__(self, profile: CellProfile, now: float, seed: int) -> None:
