@@ -26,3 +26,18 @@ class CanFrame:
     def __str__(self) -> str:
         width = 8 if self.extended else 3
         return f"{self.identifier:0{width}X}#{'R' if self.remote else self.data.hex().upper()}"
+
+
+@dataclass(frozen=True, slots=True)
+class CanFilter:
+    """Frames whose identifier has the bits of `identifier` wherever `mask` has a one."""
+
+    identifier: int
+    mask: int = 0x7FF
+    extended: bool = False
+
+    def accepts(self, frame: CanFrame) -> bool:
+        """Whether the frame passes; what an interface reports always does."""
+        return frame.error or (
+            frame.extended == self.extended and not (frame.identifier ^ self.identifier) & self.mask
+        )

@@ -1,0 +1,164 @@
+"""A classical CAN frame as it looks on the two wires: its bits, its stuff bits, its time, its rank.
+
+Source: ISO 11898-1 (CAN 2.0 of Bosch, part B, chapters 3 and 5). Dominant is 0, recessive is 1. From the start
+of frame to the last bit of the checksum a bit of the other level is stuffed in after five equal ones.
+
+All is by table, a byte of payload at a time: an emulated bus pays for this with every frame.
+"""
+
+from functools import lru_cache
+
+from protocol.can import CanFrame
+
+CRC_POLYNOMIAL = 0x4599
+"""x¹⁵ + x¹⁴ + x¹⁰ + x⁸ + x⁷ + x⁴ + x³ + 1, without its highest term."""
+
+CRC_DELIMITER_BITS = 1
+ACK_SLOT_BITS = 1
+ACK_DELIMITER_BITS = 1
+END_OF_FRAME_BITS = 7
+INTERMISSION_BITS = 3
+ERROR_FLAG_BITS = 6
+ERROR_DELIMITER_BITS = 8
+SUSPEND_BITS = 8
+"""What an error passive node waits after a frame of its own before it may send another."""
+BUS_FREE_BITS = 11
+"""Recessive bits in a row by which a node knows that nobody sends."""
+
+_CRC_BITS = 15
+_KEY_BITS = 64 + 39 + _CRC_BITS
+"""Bits of the longest frame from its start to the end of its checksum, none of them stuffed."""
+
+
+def _crc_table() -> tuple[int, ...]:
+    table = []
+    for byte in range(256):
+        register = byte << 7
+        for _ in range(8):
+            register = (register << 1) ^ (CRC_POLYNOMIAL if register & 0x4000 else 0)
+        table.append(register & 0x7FFF)
+    return tuple(table)
+
+
+def _stuff_table(bits: int) -> tuple[int, ...]:
+    """For a state (last level, length of its run) and the next `bits` bits: stuff bits and next state.
+
+    The state has 3 bits, level × 4 + run − 1 with runs of 1 to 4: a run of five has its stuff bit at once, which
+    begins a new run. An entry is stuff bits × 8 + next state.
+    """
+    table = []
+    for state in range(8):
+        for word in range(1 << bits):
+            level, run, stuffed = state >> 2, (state & 3) + 1, 0
+            for shift in range(bits - 1, -1, -1):
+                bit = word >> shift & 1
+                level, run = bit, run + 1 if bit == level else 1
+                if run == 5:
+                    level, run, stuffed = 1 - level, 1, stuffed + 1
+            table.append(stuffed << 3 | level << 2 | (run - 1))
+    return tuple(table)
+
+
+_CRC = _crc_table()
+_STUFF_8 = _stuff_table(8)
+_STUFF_7 = _stuff_table(7)
+_IDLE = 1 << 2
+"""State before the start of frame; that is dominant, so that it begins a run whatever the bus did before."""
+
+
+def crc15(data: bytes, register: int = 0) -> int:
+    """The checksum of CAN over whole bytes, continued from a register."""
+    for byte in data:
+        register = (register << 8 & 0x7FFF) ^ _CRC[register >> 7 ^ byte]
+    return register
+
+
+def bit_sequence(frame: CanFrame) -> tuple[int, int]:
+    """The unstuffed bits from the start of frame to the end of the checksum, as a number, and how many.
+
+    A remote frame asks for as many bytes as its data has and carries none.
+    """
+    head, count, register, _ = _head(frame.identifier, frame.extended, frame.remote, len(frame.data))
+    payload = b"" if frame.remote else frame.data
+    word = head << 8 * len(payload) | int.from_bytes(payload, "big")
+    return word << _CRC_BITS | crc15(payload, register), count + 8 * len(payload) + _CRC_BITS
+
+
+def stuff_bits(frame: CanFrame) -> int:
+    """How many stuff bits the frame has."""
+    _, _, register, entry = _head(frame.identifier, frame.extended, frame.remote, len(frame.data))
+    count, state = entry >> 3, entry & 7
+    if not frame.remote:
+        for byte in frame.data:
+            register = (register << 8 & 0x7FFF) ^ _CRC[register >> 7 ^ byte]
+            entry = _STUFF_8[state << 8 | byte]
+            count += entry >> 3
+            state = entry & 7
+    entry = _STUFF_8[state << 8 | register >> 7]
+    return count + (entry >> 3) + (_STUFF_7[(entry & 7) << 7 | register & 0x7F] >> 3)
+
+
+def stuffed_bits(frame: CanFrame) -> int:
+    """Bit times from the start of frame to the end of the checksum: the part in which levels are stuffed."""
+    plain = 54 if frame.extended else 34
+    return plain + (0 if frame.remote else 8 * len(frame.data)) + stuff_bits(frame)
+
+
+def acknowledged_bits(frame: CanFrame) -> int:
+    """Bit times from the start of frame to the end of the acknowledge slot."""
+    return stuffed_bits(frame) + CRC_DELIMITER_BITS + ACK_SLOT_BITS
+
+
+def frame_time_bits(frame: CanFrame) -> int:
+    """Bit times from the start of frame to the end of the end of frame: then the receivers have it."""
+    return acknowledged_bits(frame) + ACK_DELIMITER_BITS + END_OF_FRAME_BITS
+
+
+def line_bits(frame: CanFrame) -> int:
+    """Bit times that the frame keeps the bus from others: with the intermission after it."""
+    return frame_time_bits(frame) + INTERMISSION_BITS
+
+
+def arbitration_rank(frame: CanFrame) -> int:
+    """Lower wins: the frame's bits, of which the first that is dominant alone overrules the others.
+
+    Stuff bits need not be looked at: up to the first difference both frames have the same ones.
+    """
+    word, count = bit_sequence(frame)
+    return word << _KEY_BITS - count
+
+
+def same_arbitration(frame: CanFrame, other: CanFrame) -> bool:
+    """Whether arbitration cannot tell two frames apart: on a real bus they would destroy each other."""
+    return (frame.identifier, frame.extended, frame.remote) == (
+        other.identifier,
+        other.extended,
+        other.remote,
+    )
+
+
+@lru_cache(maxsize=1024)
+def _head(identifier: int, extended: bool, remote: bool, length: int) -> tuple[int, int, int, int]:
+    """What comes before the payload: its bits as a number, how many, the checksum's register after them, and
+    stuff bits × 8 + state as in the table.
+    """
+    if extended:
+        # start, 11 bits, substitute remote request 1, identifier extension 1, 18 bits, remote, two reserved 0
+        word = (identifier >> 18) << 2 | 0b11
+        word = (word << 18 | identifier & 0x3FFFF) << 1 | remote
+        word, count = word << 2, 35
+    else:
+        # start, 11 bits, remote, identifier extension 0, reserved 0
+        word, count = (identifier << 1 | remote) << 2, 15
+    word, count = word << 4 | length, count + 4
+    register, state, stuffed = 0, _IDLE, 0
+    for shift in range(count - 1, -1, -1):
+        bit = word >> shift & 1
+        feedback = bit ^ register >> 14
+        register = (register << 1 & 0x7FFF) ^ (CRC_POLYNOMIAL if feedback else 0)
+        level, run = state >> 2, (state & 3) + 1
+        level, run = bit, run + 1 if bit == level else 1
+        if run == 5:
+            level, run, stuffed = 1 - level, 1, stuffed + 1
+        state = level << 2 | (run - 1)
+    return word, count, register, stuffed << 3 | state
