@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from emulators.contact import Contact, SurfaceProfile
 from emulators.jr3 import Gateway, GatewayProfile, Jr3Sensor, SensorProfile
 from emulators.jr3.sensor import SENSOR_RATE_HZ
-from emulators.robot import S3Controller, S3Profile, ServoProfile
+from emulators.robot import Joints, S3Controller, S3Profile, ServoProfile
 from protocol.adlp import LinkProfile
 from protocol.arap import Quaternion, Vector
 from protocol.marks import Mark, check_settings, setting
@@ -91,6 +91,8 @@ class TrueState:
     """Tool frame in the base frame, w x y z."""
     contact_force: Vector
     """Force of the surface on the tool tip in the base frame, N."""
+    joints: Joints
+    """Axes 1 to 6, rad; zero position as assumed in `emulators.robot.kinematics`."""
 
 
 class Cell:
@@ -159,7 +161,11 @@ class Cell:
         # A copy: whoever asks for the truth must not change what the sensor will read.
         forces = self._contact_force(copy.copy(self._contact), times)
         return TrueState(
-            _vector(positions[0]), _vector(velocities[0]), self._motion.orientation(time), _vector(forces[0])
+            _vector(positions[0]),
+            _vector(velocities[0]),
+            self._motion.orientation(time),
+            _vector(forces[0]),
+            self.robot.joints(time),
         )
 
     def _contact_force(self, contact: Contact, times: Floats) -> Floats:

@@ -12,9 +12,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TypeAlias
 
+import numpy as np
+
+from emulators.robot.kinematics import Joints
 from emulators.robot.motion import Motion, ServoProfile, Waypoint, normalised
 from emulators.robot.profile import S3Profile
-from emulators.robot.work_area import WorkArea
+from emulators.robot.work_area import OutsideWorkArea, WorkArea
 from protocol.adlp import Link, LinkProfile, MessageReceived, Role
 from protocol.arap import (
     MOVE_LENGTHS,
@@ -61,6 +64,8 @@ class _Order:
     function: int
     due: float
     """When it is next looked at, s."""
+    waypoint: Waypoint | None = None
+    """Where a move leads to, once the whole line is known to be in the work area."""
     accepted: bool = False
     """A move that is queued and waits to be reached."""
 
@@ -86,9 +91,14 @@ class S3Controller:
         self._link = Link(Role.ROBOT, link_profile)
         self._work_area = WorkArea(profile, tool_length)
         self._move_lengths = frozenset((*MOVE_LENGTHS, link_profile.move_length))
-        if not self._work_area.holds(start_position, normalised(start_quaternion)):
-            raise ValueError(f"the start position {start_position} is outside the robot's work area")
-        self.motion = Motion(servo_profile, start_position, start_quaternion, powered_at)
+        try:
+            joints = self._work_area.joints(start_position, normalised(start_quaternion))
+        except OutsideWorkArea as error:
+            raise ValueError(
+                f"the start position {start_position} m with the quaternion {start_quaternion} is outside the "
+                f"robot's work area: {error}"
+            ) from None
+        self.motion = Motion(servo_profile, start_position, start_quaternion, powered_at, joints)
         """True and reported place of the tool centre point."""
         self._random = random.Random(seed)
         self._orders: deque[_Order] = deque()
@@ -107,6 +117,17 @@ class S3Controller:
             FunctionCode.MOVE: self._move,
             FunctionCode.RECEIVE_PROGRAM: self._receive_program,
         }
+
+    def joints(self, now: float) -> Joints:
+        """Axes 1 to 6 of the true tool pose at `now`, rad; those of the set point where the servo swings beyond
+        the end of a range.
+        """
+        x, y, z = self.motion.trajectory(np.array([now]))[0][0].tolist()
+        set_point = self.motion.joints(now)
+        try:
+            return self._work_area.joints((x, y, z), self.motion.orientation(now), set_point)
+        except OutsideWorkArea:
+            return set_point
 
     # --- endpoint
 
@@ -291,15 +312,25 @@ class S3Controller:
                 return response(telegram)
             if (refusal := self._fault_of(move)) is not None:
                 return refusal
+            if order.waypoint is None:
+                # Whatever changes the goal while the order waits for a place also ends the sequence.
+                try:
+                    order.waypoint = self._waypoint(move, now)
+                except OutsideWorkArea:
+                    return RefusalCode.OUTSIDE_WORK_AREA
             if self.motion.waiting(now) >= self._profile.queue_depth:
                 return None
-            speed = move.velocity * move.run_speed
-            self.motion.enqueue(Waypoint(move.position, move.quaternion, speed), now)
+            self.motion.enqueue(order.waypoint, now)
             self._in_sequence = move.kind is not MoveKind.END
             order.accepted = True
         if self._profile.move_reply == "reached" and not self.motion.settled(now):
             return None
         return response(telegram)
+
+    def _waypoint(self, move: Move, now: float) -> Waypoint:
+        """Where a move leads to from the last point accepted. Raises OutsideWorkArea."""
+        route = self._work_area.route(*self.motion.goal(now), move.position, normalised(move.quaternion))
+        return Waypoint(move.position, move.quaternion, move.velocity * move.run_speed, route)
 
     def _fault_of(self, move: Move) -> int | None:
         """Why a point cannot be moved to, as a refusal code, or None."""
@@ -308,6 +339,4 @@ class S3Controller:
         unit = abs(math.hypot(*move.quaternion) - 1.0) <= _UNIT_TOLERANCE
         if move.robot_coordinates or not unit or not move.velocity * move.run_speed > 0.0:
             return self._profile.unusable_move_refusal
-        if not self._work_area.holds(move.position, normalised(move.quaternion)):
-            return RefusalCode.OUTSIDE_WORK_AREA
         return None

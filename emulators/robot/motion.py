@@ -13,10 +13,12 @@ takes it, the loop holds the place where the axis is at that moment, and keeps h
 changes or the axis leaves the band.
 
 The servo acts on the Cartesian axes of the base frame. Orientation has no servo of its own: it follows the
-interpolator's slerp after the transport delay, in steps of one tick.
+interpolator's slerp after the transport delay, in steps of one tick. A line that comes with the joints along
+it is walked more slowly wherever a joint could not follow.
 """
 
 import math
+from bisect import bisect_right
 from collections import deque
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -24,6 +26,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from emulators.robot.kinematics import Joints, Route
 from protocol.arap import Quaternion, Vector
 from protocol.marks import Mark, check_settings, setting
 
@@ -86,6 +89,8 @@ class Waypoint:
     """Tool frame in the base frame, w x y z; need not be normalised but must not be zero."""
     speed: float
     """Along the line, m/s, above 0."""
+    route: Route | None = None
+    """The joints along the line; None leaves them as they were, and their speed unlimited."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,6 +102,17 @@ class _Leg:
     end: Vector
     end_quaternion: Quaternion
     duration: float
+    route: Route | None
+    times: tuple[float, ...]
+    """When the places of the route are passed, s after the start; empty at even speed."""
+
+    def part(self, elapsed: float) -> float:
+        """How much of the line (0 … 1) is done before `duration` is over."""
+        if self.route is None or not self.times:
+            return elapsed / self.duration
+        k = bisect_right(self.times, elapsed) - 1
+        share = (elapsed - self.times[k]) / (self.times[k + 1] - self.times[k])
+        return self.route.parts[k] + (self.route.parts[k + 1] - self.route.parts[k]) * share
 
 
 class PositionLoop:
@@ -135,7 +151,12 @@ class Motion:
     """The moving robot: queue of points, interpolator, three position loops, some seconds of history."""
 
     def __init__(
-        self, profile: ServoProfile, position: Vector, quaternion: Quaternion, powered_at: float
+        self,
+        profile: ServoProfile,
+        position: Vector,
+        quaternion: Quaternion,
+        powered_at: float,
+        joints: Joints = (0.0,) * 6,
     ) -> None:
         self._period = profile.interpolation_ms / 1000.0
         self._delay = profile.transport_delay_ms / 1000.0
@@ -154,6 +175,7 @@ class Motion:
         self._leg_elapsed = 0.0
         self._at: Vector = position
         self._turned = normalised(quaternion)
+        self._joints = joints
 
         reported = [round(p / self._step) for p in position]
         self._set_point = list(reported)
@@ -170,6 +192,7 @@ class Motion:
         self._history[:] = self._factors()
         self._reports = [tuple(reported)] * self._size
         self._quaternions = [self._turned] * self._size
+        self._postures = [joints] * self._size
 
     def enqueue(self, waypoint: Waypoint, now: float) -> None:
         """Add a point behind those waiting; the first tick after `now` sees it."""
@@ -189,6 +212,18 @@ class Motion:
         self.advance(now)
         return len(self._queue)
 
+    def goal(self, now: float) -> tuple[Vector, Quaternion, Joints]:
+        """Where the last point waiting leads to, else where the interpolator stands: m, w x y z, and its joints."""
+        self.advance(now)
+        if not self._queue:
+            return self._at, self._turned, self._joints
+        last = self._queue[-1]
+        return (
+            last.position,
+            normalised(last.quaternion),
+            last.route.joints[-1] if last.route else self._joints,
+        )
+
     def settled(self, now: float) -> bool:
         """Whether every point was interpolated and the reported position equals the last of them."""
         return self.waiting(now) == 0 and self._reported_steps(now) == self._set_point
@@ -201,6 +236,10 @@ class Motion:
     def orientation(self, now: float) -> Quaternion:
         """Tool frame in the base frame at `now`, w x y z."""
         return self.orientations(np.array([now]))[0][1]
+
+    def joints(self, now: float) -> Joints:
+        """Joints at the set point that the loops have at `now`, by interpolation between the places of a route."""
+        return self._postures[self._locate(np.array([now]))[0] % self._size]
 
     def next_tick(self) -> float:
         """When the interpolator next acts, s."""
@@ -266,6 +305,7 @@ class Motion:
         self._history[:] = self._history[self._tick % self._size]
         self._reports = [tuple(self._reported)] * self._size
         self._quaternions = [self._turned] * self._size
+        self._postures = [self._joints] * self._size
         self._tick = math.floor((now - self._powered_at) / self._period) - 1
 
     def _do_tick(self) -> None:
@@ -276,6 +316,7 @@ class Motion:
             self._history[row] = self._history[row - 1]
             self._reports[row] = self._reports[row - 1]
             self._quaternions[row] = self._turned
+            self._postures[row] = self._joints
             return
         self._interpolate(self._period)
         resting = True
@@ -286,6 +327,7 @@ class Motion:
         self._history[row] = self._factors()
         self._reports[row] = tuple(self._reported)
         self._quaternions[row] = self._turned
+        self._postures[row] = self._joints
 
     def _factors(self) -> list[tuple[float, float, float]]:
         """Factors of 1, a and b in the three positions and the three velocities, see `PositionLoop`."""
@@ -341,15 +383,19 @@ class Motion:
             left = leg.duration - self._leg_elapsed
             if left > budget + _ROUNDING_S:
                 self._leg_elapsed += budget
-                part = self._leg_elapsed / leg.duration
+                part = leg.part(self._leg_elapsed)
                 x, y, z = (
                     start + (end - start) * part for start, end in zip(leg.start, leg.end, strict=True)
                 )
                 self._at = x, y, z
                 self._turned = slerp(leg.start_quaternion, leg.end_quaternion, part)
+                if leg.route is not None:
+                    self._joints = leg.route.at(part)
                 return
             budget = max(budget - left, 0.0)
             self._at, self._turned = leg.end, leg.end_quaternion
+            if leg.route is not None:
+                self._joints = leg.route.joints[-1]
             self._queue.popleft()
             self._leg = None
 
@@ -357,7 +403,11 @@ class Motion:
         end = normalised(waypoint.quaternion)
         travel = math.dist(self._at, waypoint.position) / waypoint.speed
         turn = angle_between(self._turned, end) / self._turn_rate
-        return _Leg(self._at, self._turned, waypoint.position, end, max(travel, turn))
+        duration = max(travel, turn)
+        times = waypoint.route.slowed(duration) if waypoint.route is not None else ()
+        if times:
+            duration = times[-1]
+        return _Leg(self._at, self._turned, waypoint.position, end, duration, waypoint.route, times)
 
 
 def normalised(quaternion: Quaternion) -> Quaternion:

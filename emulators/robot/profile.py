@@ -70,6 +70,36 @@ class S3Profile:
     )
     forearm_mm: float = setting(850.0, Mark.OBSERVED, "elbow to wrist", unit="mm", above=0.0)
     wrist_to_flange_mm: float = setting(150.0, Mark.OBSERVED, "wrist to flange", unit="mm", minimum=0.0)
+    # --- joints of the arm, axes 1 to 6
+    axis_ranges_deg: tuple[float, float, float, float, float, float] = setting(
+        (180.0, 100.0, 60.0, 200.0, 120.0, 200.0),
+        Mark.OBSERVED,
+        "how far each axis turns to either side of the middle of its range",
+        unit="°",
+        above=0.0,
+        maximum=360.0,
+    )
+    axis_middles_deg: tuple[float, float, float, float, float, float] = setting(
+        (0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+        Mark.ASSUMED,
+        "middle of each range; zero is arm forward, upper arm upright, forearm level, wrist straight, tool x up",
+        unit="°",
+        minimum=-180.0,
+        maximum=180.0,
+    )
+    axis_3_against: Literal["horizon", "upper_arm"] = setting(
+        "horizon",
+        Mark.ASSUMED,
+        "what the forearm's angle is read against: horizon (its linkage keeps it level while axis 2 turns), "
+        "upper_arm",
+    )
+    axis_speeds_deg_s: tuple[float, float, float, float, float, float] = setting(
+        (115.0, 115.0, 115.0, 280.0, 300.0, 300.0),
+        Mark.OBSERVED,
+        "about the fastest that each axis turns",
+        unit="°/s",
+        above=0.0,
+    )
 
     def __post_init__(self) -> None:
         check_settings(self)

@@ -1,33 +1,73 @@
-"""Which poses the arm reaches: a check of distance, not of joint ranges, whose zero positions are not public.
-
-Source of the lengths: project specification of the computer link, section 6.
-"""
+"""Which poses and which straight lines the arm can follow, inside its joints' ranges and without a jump."""
 
 import math
 
+from emulators.robot.kinematics import Arm, Joints, Route
+from emulators.robot.motion import angle_between, slerp
 from emulators.robot.profile import S3Profile
 from protocol.arap import Quaternion, Vector
 
+_SPACING_M = 0.02
+"""Chosen, as the angle below: places on a line are at most this far apart."""
+_SPACING_RAD = math.radians(5.0)
+_SMOOTH_RAD = math.radians(10.0)
+"""Where a joint turns further than this from place to place, places are put closer together, …"""
+_HALVINGS = 4
+"""… by halves, this often: down to 1.25 mm or 0.3°. Assumed: between places that near, a flip of the wrist is no
+jump, the controller lets the orientation give way by as little.
+"""
+_JUMP_RAD = math.radians(100.0)
+"""More than any joint turns between the nearest places: leaving a straight wrist sideways takes a quarter turn."""
+
+
+class OutsideWorkArea(ValueError):
+    """No posture, or no continuous line of postures, inside the joints' ranges."""
+
 
 class WorkArea:
-    """The shell about axis 2 in which the wrist can be. Assumed: axis 2 stands above the base's origin."""
+    """What the arm reaches with a tool of some length, m. Poses are in the base frame, m, unit quaternions."""
 
     def __init__(self, profile: S3Profile, tool_length: float) -> None:
-        forearm = math.hypot(profile.elbow_offset_mm, profile.forearm_mm) / 1000.0
-        upper_arm = profile.upper_arm_mm / 1000.0
-        self._axis_2 = (0.0, 0.0, profile.axis_2_height_mm / 1000.0)
-        self._farthest = upper_arm + forearm
-        self._nearest = abs(upper_arm - forearm)
-        self._wrist_to_tip = profile.wrist_to_flange_mm / 1000.0 + tool_length
+        self._arm = Arm(profile, tool_length)
 
-    def holds(self, position: Vector, quaternion: Quaternion) -> bool:
-        """Whether the tool centre point reaches a position in the base frame, m, in a unit orientation."""
-        approach = tool_axis(quaternion)
-        wrist = [p - self._wrist_to_tip * a for p, a in zip(position, approach, strict=True)]
-        return self._nearest <= math.dist(wrist, self._axis_2) <= self._farthest
+    def joints(self, position: Vector, quaternion: Quaternion, near: Joints | None = None) -> Joints:
+        """The posture nearest to `near`, by default to the middle of the ranges. Raises OutsideWorkArea."""
+        joints = self._arm.nearest(position, quaternion, near or self._arm.middles)
+        if joints is None:
+            raise OutsideWorkArea("no joint angles within axis_ranges_deg reach the pose")
+        return joints
 
+    def route(
+        self,
+        start: Vector,
+        start_quaternion: Quaternion,
+        near: Joints,
+        end: Vector,
+        end_quaternion: Quaternion,
+    ) -> Route:
+        """The joints along the line between two poses, from the posture of its start nearest to `near`.
 
-def tool_axis(quaternion: Quaternion) -> Vector:
-    """The tool's z axis, out of the flange, in the base frame."""
-    w, x, y, z = quaternion
-    return 2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)
+        Raises OutsideWorkArea where the line leaves the ranges or would need a jump to another posture.
+        """
+        angle = angle_between(start_quaternion, end_quaternion)
+        count = max(1, math.ceil(math.dist(start, end) / _SPACING_M), math.ceil(angle / _SPACING_RAD))
+        parts, joints = [0.0], [self.joints(start, start_quaternion, near)]
+
+        def go_to(part: float, halvings: int) -> None:
+            x, y, z = (a + (b - a) * part for a, b in zip(start, end, strict=True))
+            before = joints[-1]
+            after = self.joints((x, y, z), slerp(start_quaternion, end_quaternion, part), before)
+            turn = max(abs(q - p) for p, q in zip(before, after, strict=True))
+            if halvings and (turn > _SMOOTH_RAD or before[4] * after[4] < 0.0):
+                go_to((parts[-1] + part) / 2.0, halvings - 1)
+                go_to(part, halvings - 1)
+                return
+            if turn > _JUMP_RAD or self._arm.bend(before) * self._arm.bend(after) < 0.0:
+                raise OutsideWorkArea("the line needs a jump to another posture")
+            parts.append(part)
+            joints.append(after)
+
+        for k in range(1, count + 1):
+            go_to(k / count, _HALVINGS)
+        least_times = map(self._arm.least_time, joints, joints[1:])
+        return Route(tuple(parts), tuple(joints), tuple(least_times))
