@@ -199,7 +199,7 @@ def load_config(path: Path | None, overrides: Mapping[str, object]) -> Config:
     try:
         return Config.model_validate(values)
     except ValidationError as error:
-        raise ConfigError(_explain(error, path, given)) from error
+        raise ConfigError(explain(error, path, given)) from error
 
 
 def dump(config: Config) -> str:
@@ -306,7 +306,7 @@ def _toml(value: object) -> str:
             return repr(value)
 
 
-def _explain(error: ValidationError, path: Path | None, given: set[str]) -> str:
+def explain(error: ValidationError, path: Path | None, given: set[str]) -> str:
     """The first thing that is wrong as one line: where, what, what to do."""
     first = error.errors()[0]
     location, got = [str(part) for part in first["loc"]], f", got {first['input']!r}"

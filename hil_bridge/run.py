@@ -6,7 +6,7 @@ nothing but the robot's answers.
 
 import math
 from collections.abc import AsyncIterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 from hil_bridge.clock import Clock
@@ -73,6 +73,19 @@ def answer_time(profile: LinkProfile) -> float:
     return (HEADER_SIZE + STATUS.size + BLOCK_OVERHEAD + 4) * profile.character_time
 
 
+def control_loop(config: Config) -> ControlLoop:
+    """All that decides in a run with this configuration. Raises ConfigError for an unfit parameter."""
+    controller = make_controller(config.controller.name, **config.controller.parameters)
+    return ControlLoop(
+        Task(config.task, controller, config.limits.force_limit_n),
+        Supervisor(config.limits),
+        config.frame.approach,
+        config.frame.travel,
+        config.oscillation if config.limits.oscillation_guard else None,
+        config.frame.contour if config.frame.follow_normal else None,
+    )
+
+
 class Run:
     """A run over a robot link and a force sensor that have been started; call it once."""
 
@@ -89,15 +102,7 @@ class Run:
             config.tool.mass_kg,
             (x * 1e-3, y * 1e-3, z * 1e-3),
         )
-        controller = make_controller(config.controller.name, **config.controller.parameters)
-        self._loop = ControlLoop(
-            Task(config.task, controller, config.limits.force_limit_n),
-            Supervisor(config.limits),
-            config.frame.approach,
-            config.frame.travel,
-            config.oscillation if config.limits.oscillation_guard else None,
-            config.frame.contour if config.frame.follow_normal else None,
-        )
+        self._loop = control_loop(config)
         self._answer_time = answer_time(robot.profile)
         self._filter_delay = sensor.delay
         self._quaternion_tare: Quaternion = (1.0, 0.0, 0.0, 0.0)
@@ -147,11 +152,14 @@ class Run:
             commanded_before = state.supervisor.depth
             status = await self._robot.read_status()
             sample = self._sample(status)
+            asked = ""
             if self._interrupted and result.outcome is Outcome.COMPLETED:
                 result = RunResult(Outcome.INTERRUPTED)
-                state = self._loop.finish(state, "interrupted")
+                asked = "interrupted"
             elif sample.now >= track_ends:
-                state = self._loop.finish(state, TIME_IS_UP)
+                asked = TIME_IS_UP
+            if asked:
+                state = self._loop.finish(state, asked)
             state, decision = self._loop.step(state, sample)
             self._enter(decision.output.phase)
             if decision.output.phase is Phase.TRACK and track_ends == math.inf:
@@ -159,11 +167,11 @@ class Run:
             if decision.output.failed and result.outcome is not Outcome.STOPPED:
                 result = self._stopped(decision.output.cause)
             controlled_at = self._clock.now()
-            target = round_position(decision.position)
-            await motion.to(target, status.quaternion)
+            await motion.to(round_position(decision.position), status.quaternion)
             correction = decision.target.depth - commanded_before
+            record = self._record(cycle, started_at, controlled_at, status, sample, decision, correction)
             self._log.cycle(
-                self._record(cycle, started_at, controlled_at, status, sample, decision, correction)
+                replace(record, target=decision.position, start=start.position, asked=asked, sample=sample)
             )
             if decision.ended:
                 break
@@ -270,6 +278,8 @@ class Run:
                 "feedback_m": command.correction,
                 **({"surface_deg": math.degrees(decision.angle)} if decision.angle else {}),
             },
+            target=decision.position,
+            sample=sample,
         )
 
     def _stopped(self, cause: str) -> RunResult:

@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass, field
 
+from hil_bridge.control.loop import Sample
+
 
 @dataclass(frozen=True, slots=True)
 class CycleRecord:
@@ -55,6 +57,15 @@ class CycleRecord:
     reasons: tuple[str, ...] = ()
     """Why the supervisor clamped or stopped."""
     explanation: dict[str, float] = field(default_factory=dict)
+    # --- what it takes to decide again
+    target: tuple[float, ...] = (0.0, 0.0, 0.0)
+    """Tool position that the supervisor allowed, robot base frame, m; ordered in whole device steps."""
+    start: tuple[float, ...] = (0.0, 0.0, 0.0)
+    """Reported tool position at the start point, robot base frame, m."""
+    asked: str = ""
+    """Why the run was asked to finish before this decision; empty in all other cycles."""
+    sample: Sample | None = None
+    """All that the decision was given; None where nobody kept it."""
 
 
 @dataclass(frozen=True, slots=True)

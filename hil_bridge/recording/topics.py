@@ -4,6 +4,8 @@ Messages are JSON with a JSON schema, so that Foxglove and PlotJuggler open a re
 that is not finite is written as null and read back as NaN: JSON knows neither NaN nor infinity.
 """
 
+import dataclasses
+import inspect
 import json
 import math
 import operator
@@ -12,6 +14,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple, TypeAlias
 
+from hil_bridge.control.loop import Sample
 from hil_bridge.recording.records import CycleRecord, EventRecord, SensorRecord
 
 Record: TypeAlias = CycleRecord | SensorRecord | EventRecord
@@ -64,6 +67,8 @@ class Kind(NamedTuple):
     """JSON schema of the column."""
     decode: Callable[[object], Any]
     """Parsed JSON to the record's value; raises ValueError."""
+    encode: Callable[[Any], object] | None = None
+    """The record's value as one that JSON knows, where it is none by itself."""
 
 
 def _list_of(item: Kind, count: int | None = None) -> Kind:
@@ -73,6 +78,31 @@ def _list_of(item: Kind, count: int | None = None) -> Kind:
         return tuple(item.decode(element) for element in value)
 
     return Kind({"type": "array", "items": item.schema}, decode)
+
+
+def _annotation(field: "dataclasses.Field[Any]") -> str:
+    """The type as it is written: a record keeps every field of a dataclass, also those to come."""
+    return field.type if isinstance(field.type, str) else inspect.formatannotation(field.type)
+
+
+def _object_of(record: type[Any], kinds: Mapping[str, Kind]) -> Kind:
+    """A whole dataclass, or null for None."""
+    values = operator.attrgetter(*kinds)
+
+    def decode(value: object) -> Any:
+        if value is None:
+            return None
+        if not isinstance(value, dict):
+            raise ValueError("is not an object")
+        if missing := kinds.keys() - value.keys():
+            raise ValueError(f"lacks {', '.join(sorted(missing))}")
+        return record(**{name: kind.decode(value[name]) for name, kind in kinds.items()})
+
+    def encode(value: Any) -> object:
+        return None if value is None else dict(zip(kinds, values(value), strict=True))
+
+    schema = {"type": "object", "properties": {name: kind.schema for name, kind in kinds.items()}}
+    return Kind(schema, decode, encode)
 
 
 NUMBER = Kind({"type": "number"}, _number)
@@ -86,6 +116,17 @@ QUATERNION = _list_of(NUMBER, 4)
 WRENCH = _list_of(NUMBER, 6)
 COUNTS = _list_of(INTEGER, 6)
 TEXTS = _list_of(TEXT)
+_KINDS = {
+    "float": NUMBER,
+    "int": INTEGER,
+    "bool": FLAG,
+    "str": TEXT,
+    "tuple[float, float, float]": VECTOR,
+    "tuple[float, ...]": _list_of(NUMBER),
+    "tuple[int, ...]": _list_of(INTEGER),
+    "float | None": OPTIONAL_NUMBER,
+}
+SAMPLE = _object_of(Sample, {field.name: _KINDS[_annotation(field)] for field in dataclasses.fields(Sample)})
 
 
 @dataclass(frozen=True)
@@ -122,9 +163,15 @@ class Topic:
         """Time of a record on the run's clock, s."""
         return operator.attrgetter(self.time)
 
+    @cached_property
+    def _encoders(self) -> tuple[tuple[str, Callable[[Any], object]], ...]:
+        return tuple((name, kind.encode) for name, kind, _ in self.columns if kind.encode is not None)
+
     def encode(self, record: Record) -> bytes:
         """A record as compact strict JSON."""
         message = dict(zip(self._names, self._values(record), strict=True))
+        for name, encode in self._encoders:
+            message[name] = encode(message[name])
         try:
             return _to_json(message).encode()
         except ValueError:
@@ -207,6 +254,10 @@ CYCLE = Topic(
         ("verdict", TEXT, "allow, clamp or stop"),
         ("reasons", TEXTS, "why the supervisor clamped or stopped"),
         ("explanation", NUMBERS_BY_NAME, "what else explains the controller's answer"),
+        ("target", VECTOR, "m, tool position that was allowed, robot base frame, before rounding to device steps"),
+        ("start", VECTOR, "m, reported tool position at the start point"),
+        ("asked", TEXT, "why the run was asked to finish before this decision, or empty"),
+        ("sample", SAMPLE, "all that the decision was given"),
     ),
 )
 SENSOR = Topic(

@@ -1,0 +1,86 @@
+"""`hil-bridge replay`: the recorded inputs, decided again."""
+
+import math
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+if TYPE_CHECKING:
+    from hil_bridge.replay import ReplayedCycle
+
+_FILE = click.Path(path_type=Path)
+EXIT_DIFFERENT = 1
+"""The replay of an unchanged run decided otherwise."""
+
+
+@click.command()
+@click.argument("recording", type=_FILE)
+@click.argument("config_file", metavar="[CHANGES.toml]", required=False, type=_FILE)
+@click.option("--controller", metavar="NAME", help="Ask another controller.")
+@click.option(
+    "--csv", "table", type=_FILE, metavar="FILE", help="Write recorded and replayed commands of every cycle."
+)
+def replay(recording: Path, config_file: Path | None, controller: str | None, table: Path | None) -> None:
+    """Feed a recording's inputs to controller and supervisor and compare every command.
+
+    Unchanged, every command must be the same: otherwise the first difference is told and the exit code is 1.
+    With --controller or a file of changes (tables such as [limits] or [controller], laid over the recorded
+    configuration) it shows what would have been commanded in every situation that the run came into.
+    """
+    from hil_bridge.recording import read
+    from hil_bridge.replay import changes_of, recorded_config
+    from hil_bridge.replay import replay as replayed
+
+    record = read(recording)
+    changes = changes_of(config_file, controller)
+    config = recorded_config(record, changes)
+    cycles = list(replayed(record, config, forced=bool(changes)))
+    if table is not None:
+        _write_table(table, cycles)
+    if changes:
+        _tell_changes(cycles, config.controller.name)
+        return
+    for cycle in cycles:
+        if cycle.differences:
+            click.echo(f"cycle {cycle.record.cycle} of {len(cycles)} differs:")
+            for name, (before, now) in cycle.differences.items():
+                click.echo(f"  {name}: recorded {before}, replayed {now}")
+            sys.exit(EXIT_DIFFERENT)
+    note = "; the recording ends early" if record.truncated else ""
+    click.echo(f"{len(cycles)} cycles replayed, every command identical{note}")
+
+
+def _tell_changes(cycles: "list[ReplayedCycle]", controller: str) -> None:
+    """What would have been commanded instead, by phase."""
+    click.echo(f"what {controller} and these limits would have commanded in the recorded situations:")
+    click.echo(
+        f"{'phase':<10}{'cycles':>8}{'other':>8}{'rms':>10}{'largest':>10}  of the difference in depth, mm"
+    )
+    for phase in dict.fromkeys(cycle.record.phase for cycle in cycles):
+        chosen = [cycle for cycle in cycles if cycle.record.phase == phase]
+        away = [abs(c.decision.target.depth - c.record.depth_commanded) * 1e3 for c in chosen]
+        other = sum(bool(cycle.differences) for cycle in chosen)
+        rms = math.sqrt(sum(a * a for a in away) / len(away))
+        click.echo(f"{phase:<10}{len(chosen):>8}{other:>8}{rms:>10.4f}{max(away):>10.4f}")
+    first = next((cycle for cycle in cycles if cycle.differences), None)
+    if first is None:
+        click.echo("every command would have been the same")
+        return
+    click.echo(f"first difference: cycle {first.record.cycle}, phase {first.record.phase}")
+    for name, (before, now) in first.differences.items():
+        click.echo(f"  {name}: recorded {before}, now {now}")
+
+
+def _write_table(path: Path, cycles: "list[ReplayedCycle]") -> None:
+    from hil_bridge.recording.files import write_whole
+
+    lines = ["cycle,phase,force_n,depth_recorded_m,depth_replayed_m,verdict_recorded,verdict_replayed"]
+    for cycle in cycles:
+        record, decision = cycle.record, cycle.decision
+        lines.append(
+            f"{record.cycle},{record.phase},{record.force!r},{record.depth_commanded!r},{decision.target.depth!r},"
+            f"{record.verdict},{decision.verdict.kind}"
+        )
+    write_whole(path, ("\n".join(lines) + "\n").encode())

@@ -1,0 +1,146 @@
+"""Deciding a recorded run again: the same commands to the bit, or the first that differs."""
+
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+import hil_bridge.cli
+from hil_bridge.config import Config
+from hil_bridge.errors import ConfigError
+from hil_bridge.recording import CycleRecord, Outcome, Recorder, Recording, read
+from hil_bridge.replay import changes_of, recorded_config, replay
+from hil_bridge.session import Outputs, execute
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("replay") / "run.mcap"
+    config = Config.model_validate(
+        {
+            "run": {"duration_s": 8.0, "seed": 3},
+            "controller": {"name": "fuzzy-adaptive"},
+            "frame": {"follow_normal": True},
+        }
+    )
+    assert execute(config, virtual=True, outputs=Outputs(record=path), view=False) == 0
+    return path
+
+
+def differences(recording: Recording, forced: bool = False, **changes: object) -> list[int]:
+    config = recorded_config(recording, changes)
+    return [cycle.record.cycle for cycle in replay(recording, config, forced) if cycle.differences]
+
+
+def changed(recording: Recording, number: int, **sample: object) -> Recording:
+    """The recording with other inputs in one cycle."""
+    cycles = list(recording.cycles)
+    before = cycles[number].sample
+    assert before is not None
+    cycles[number] = replace(cycles[number], sample=replace(before, **sample))  # type: ignore[arg-type]
+    return replace(recording, cycles=tuple(cycles))
+
+
+def test_every_command_of_a_run_is_decided_again_to_the_bit(recording: Path) -> None:
+    record = read(recording)
+    assert len(record.cycles) > 50
+    assert {cycle.phase for cycle in record.cycles} == {"approach", "track", "retract"}
+    assert differences(record) == []
+    assert differences(record, forced=True) == []
+
+
+def test_one_other_input_changes_the_commands_from_its_cycle_on(recording: Path) -> None:
+    record = read(recording)
+    number = next(c.cycle for c in record.cycles if c.phase == "track") + 10
+    sample = record.cycles[number].sample
+    assert sample is not None
+    assert differences(changed(record, number, force=sample.force + 1.0))[0] == number
+
+
+def test_a_run_that_was_stopped_is_replayed_with_its_stop(
+    bench: Callable[..., object], recording: Path
+) -> None:
+    run = bench(run={"duration_s": 5.0}, limits={"force_limit_n": 9.5})
+    assert run.result is not None
+    assert run.result.outcome is Outcome.STOPPED
+    cycles: tuple[CycleRecord, ...] = tuple(run.cycles)  # type: ignore[attr-defined]
+    assert "stop" in {cycle.verdict for cycle in cycles}
+    config = run.config  # type: ignore[attr-defined]
+    assert [c for c in replay(Recording(cycles), config, forced=False) if c.differences] == []
+
+
+def test_another_controller_is_asked_in_the_situations_that_really_were(recording: Path) -> None:
+    record = read(recording)
+    config = recorded_config(record, changes_of(None, "pi"))
+    assert config.controller.parameters == {}
+    cycles = list(replay(record, config, forced=True))
+    assert {c.record.phase for c in cycles if c.differences} >= {"track"}
+    # a step from where the tool really was, not from where this controller would have led it
+    assert max(abs(c.decision.target.depth - c.record.depth_commanded) for c in cycles) < 5e-3
+
+
+def test_tighter_limits_show_where_they_would_have_stopped_the_run(recording: Path, tmp_path: Path) -> None:
+    record = read(recording)
+    along = {c.cycle: c.sample.force for c in record.cycles if c.sample is not None}
+    highest = max(along.values())
+    file = tmp_path / "limits.toml"
+    file.write_text(f"[limits]\nforce_limit_n = {highest - 0.1!r}\n[task]\nforce_n = 9.0\n")
+    config = recorded_config(record, changes_of(file, None))
+    assert config.controller.name == "fuzzy-adaptive"
+    stops = [c.record.cycle for c in replay(record, config, forced=True) if c.decision.verdict.kind == "stop"]
+    assert stops
+    assert stops[0] == next(cycle for cycle, force in along.items() if force > highest - 0.1)
+
+
+def test_a_cycle_that_was_not_recorded_ends_the_replay_with_its_number(recording: Path) -> None:
+    record = read(recording)
+    gap = replace(record, cycles=record.cycles[:5] + record.cycles[6:])
+    with pytest.raises(ConfigError, match="inputs of cycle 5 are not in the recording"):
+        differences(gap)
+
+
+@pytest.mark.parametrize("config", ["", "{}}", '{"run": {"speed": 3}}'])
+def test_a_foreign_configuration_is_refused_in_one_line(recording: Path, config: str) -> None:
+    record = replace(read(recording), metadata={"config": config})
+    with pytest.raises(ConfigError) as refused:
+        recorded_config(record, {})
+    assert "recording" in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+def command(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
+    monkeypatch.setattr(sys, "argv", ["hil-bridge", "replay", *arguments])
+    with pytest.raises(SystemExit) as ended:
+        hil_bridge.cli.main()
+    return int(ended.value.code or 0)
+
+
+def test_the_command_tells_the_first_difference_and_ends_with_1(
+    recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    record = read(recording)
+    assert command(monkeypatch, str(recording)) == 0
+    assert f"{len(record.cycles)} cycles replayed, every command identical" in capsys.readouterr().out
+    sample = record.cycles[30].sample
+    assert sample is not None
+    broken = tmp_path / "broken.mcap"
+    recorder = Recorder(broken, lambda at: round(at * 1e9), threaded=False, metadata=record.metadata)
+    for cycle in changed(record, 30, force=sample.force + 2.0).cycles:
+        recorder.put(cycle)
+    recorder.close()
+    assert command(monkeypatch, str(broken)) == 1
+    told = capsys.readouterr().out
+    assert "cycle 30 of" in told
+    assert "depth_commanded: recorded" in told
+
+
+def test_the_command_shows_what_another_controller_would_have_done(
+    recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    table = tmp_path / "replay.csv"
+    assert command(monkeypatch, str(recording), "--controller", "fuzzy", "--csv", str(table)) == 0
+    told = capsys.readouterr().out
+    assert "first difference: cycle" in told
+    assert len(table.read_text().splitlines()) == len(read(recording).cycles) + 1
