@@ -1,0 +1,17 @@
+"""What every way to a board's memory looks like: emulator, network, a real board on a bus."""
+
+from collections.abc import Sequence
+from typing import Protocol
+
+
+class Registers(Protocol):
+    """A board's memory as 16-bit words. `now` is in seconds on the caller's clock and never runs backwards."""
+
+    def read(self, address: int, count: int, now: float) -> tuple[int, ...]:
+        """Words 0…65535 of one moment. Raises RemoteProtocolError outside the memory."""
+
+    def write(self, address: int, words: Sequence[int], now: float) -> None:
+        """Write words in order of address. Raises RemoteProtocolError outside the memory or for no such word."""
+
+    def reset(self, now: float) -> None:
+        """Restart the board's processor as its reset line does."""

@@ -1,0 +1,110 @@
+"""What single words of the board's memory mean: sign, bits, units.
+
+Source: JR3 manual 5907E; bit names after the public header of Linux's jr3_pci driver.
+"""
+
+from dataclasses import dataclass
+from enum import IntEnum, IntFlag
+
+WORD_MODULUS = 1 << 16
+MEMORY_WORDS = 1 << 14
+"""Words that a host can address."""
+RAM_WORDS = 1 << 13
+"""The lower half, which the host may write; above are status registers."""
+COMMAND_ERROR = -1
+"""What command_word0 says of a failed command. Assumed: the manual tells only that it is negative."""
+CLOCK_HZ = 1_000_000
+"""Ticks of the raw channels' time stamps: a tenth of the slowest processor's 10 MHz."""
+
+
+def to_signed(word: int) -> int:
+    """A word 0…65535 as two's complement."""
+    return word - WORD_MODULUS if word >= WORD_MODULUS // 2 else word
+
+
+def from_signed(value: int) -> int:
+    """The word of a number, which wraps as a processor's register does."""
+    return value % WORD_MODULUS
+
+
+class Warnings(IntFlag):
+    """Word `warnings`: a raw channel has reached near_sat_value."""
+
+    FX_NEAR_SATURATION = 0x0001
+    FY_NEAR_SATURATION = 0x0002
+    FZ_NEAR_SATURATION = 0x0004
+    MX_NEAR_SATURATION = 0x0008
+    MY_NEAR_SATURATION = 0x0010
+    MZ_NEAR_SATURATION = 0x0020
+
+
+class Errors(IntFlag):
+    """Word `errors`: a raw channel has reached sat_value, or what is wrong with sensor or board."""
+
+    FX_SATURATION = 0x0001
+    FY_SATURATION = 0x0002
+    FZ_SATURATION = 0x0004
+    MX_SATURATION = 0x0008
+    MY_SATURATION = 0x0010
+    MZ_SATURATION = 0x0020
+    MEMORY = 0x0400
+    """The memory failed its test at power-up."""
+    SENSOR_CHANGE = 0x0800
+    """Another sensor's calibration has been read; latched until the host clears it."""
+    SYSTEM_BUSY = 0x1000
+    """No data are computed while a transform, full scales or a calibration are worked out."""
+    CALIBRATION_CRC = 0x2000
+    """The calibration has not been read, or not been read well."""
+    WATCH_DOG2 = 0x4000
+    """Data or clock of the sensor are missing."""
+    WATCH_DOG = 0x8000
+    """The sensor is not connected."""
+
+
+SATURATIONS = 0x003F
+"""The bits of the six axes in either word."""
+
+
+class VectorAxes(IntFlag):
+    """Word `vect_axes`: what V1 (of forces, unless changed) and V2 (of moments) are made of."""
+
+    V1_X = 0x01
+    V1_Y = 0x02
+    V1_Z = 0x04
+    V2_X = 0x08
+    V2_Y = 0x10
+    V2_Z = 0x20
+    V2_OF_FORCES = 0x40
+    V1_OF_MOMENTS = 0x80
+
+
+class Units(IntEnum):
+    """Word `units`: what full scales and transforms count in."""
+
+    POUND = 0
+    NEWTON = 1
+    KILOGRAM_FORCE = 2
+    KILOPOUND = 3
+
+
+@dataclass(frozen=True, slots=True)
+class UnitScales:
+    """One unit of each word in SI."""
+
+    force: float
+    """N."""
+    moment: float
+    """N·m."""
+    length: float
+    """m."""
+
+
+_POUND, _INCH, _STANDARD_GRAVITY = 0.45359237, 0.0254, 9.80665
+_POUND_FORCE = _POUND * _STANDARD_GRAVITY
+UNIT_SCALES: dict[Units, UnitScales] = {
+    Units.POUND: UnitScales(_POUND_FORCE, _POUND_FORCE * _INCH, _INCH / 1000),
+    Units.NEWTON: UnitScales(1.0, 0.1, 1e-4),
+    Units.KILOGRAM_FORCE: UnitScales(_STANDARD_GRAVITY / 10, _STANDARD_GRAVITY / 100, 1e-4),
+    Units.KILOPOUND: UnitScales(_POUND_FORCE * 1000, _POUND_FORCE * _INCH * 1000, _INCH / 1000),
+}
+"""lb, in·lb, mil; N, N·m×10, mm×10; kgf×10, kgf·cm, mm×10; klb, kin·lb, mil."""
