@@ -4,6 +4,7 @@ from emulators.robot.controller import S3Controller
 from emulators.robot.kinematics import Arm, Joints, Route
 from emulators.robot.motion import Motion, ServoProfile, Waypoint
 from emulators.robot.profile import S3Profile
+from emulators.robot.site import S3Site, SiteOrders
 from emulators.robot.work_area import OutsideWorkArea, WorkArea
 
 __all__ = [
@@ -14,7 +15,9 @@ __all__ = [
     "Route",
     "S3Controller",
     "S3Profile",
+    "S3Site",
     "ServoProfile",
+    "SiteOrders",
     "Waypoint",
     "WorkArea",
 ]

@@ -17,6 +17,7 @@ import numpy as np
 from emulators.robot.kinematics import Joints
 from emulators.robot.motion import Motion, ServoProfile, Waypoint, normalised
 from emulators.robot.profile import S3Profile
+from emulators.robot.site import S3Site, SiteOrders
 from emulators.robot.work_area import OutsideWorkArea, WorkArea
 from protocol.adlp import Link, LinkProfile, MessageReceived, Role
 from protocol.arap import (
@@ -25,6 +26,7 @@ from protocol.arap import (
     Mode,
     Move,
     MoveKind,
+    ProgramAnswer,
     Quaternion,
     Refusal,
     RefusalCode,
@@ -34,24 +36,18 @@ from protocol.arap import (
     Telegram,
     TelegramType,
     Vector,
-    layout_of,
+    join_blocks,
     position_words,
     quaternion_words,
     response,
+    split_telegram,
 )
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
 
-_SUFFIXES: dict[int, frozenset[int]] = {
-    FunctionCode.START_PROGRAM: frozenset((0, 1)),
-    FunctionCode.STOP_PROGRAM: frozenset((0,)),
-    FunctionCode.READ_STATUS: frozenset((0,)),
-    FunctionCode.WRITE_MODE: frozenset(map(int, Mode)),
-    FunctionCode.MOVE: frozenset(map(int, MoveKind)),
-    FunctionCode.RECEIVE_PROGRAM: frozenset((1,)),
-}
-"""Functions that the controller knows, and their suffixes. Mark: observed."""
 _UNIT_TOLERANCE = 0.01
 """Assumed: how far a quaternion's norm may be from 1; words of 1/16384 alone make up 0.0001."""
+
+_EMPTY_SITE = S3Site()
 
 _Answer: TypeAlias = Telegram | int | None
 """A response, a refusal code, or None: not yet."""
@@ -64,6 +60,8 @@ class _Order:
     function: int
     due: float
     """When it is next looked at, s."""
+    blocks: int = 1
+    """How many it came in."""
     waypoint: Waypoint | None = None
     """Where a move leads to, once the whole line is known to be in the work area."""
     accepted: bool = False
@@ -86,8 +84,13 @@ class S3Controller:
         powered_at: float,
         seed: int,
         tool_length: float = 0.0,
+        site: S3Site = _EMPTY_SITE,
     ) -> None:
         self._profile = profile
+        self._site = site
+        self._site_orders = SiteOrders(site.orders)
+        self._programs = {*profile.programs, *site.programs}
+        self._max_telegram = link_profile.max_telegram
         self._link = Link(Role.ROBOT, link_profile)
         self._work_area = WorkArea(profile, tool_length)
         self._move_lengths = frozenset((*MOVE_LENGTHS, link_profile.move_length))
@@ -194,18 +197,18 @@ class S3Controller:
                 self._take_message(event.telegrams, now)
 
     def _take_message(self, telegrams: tuple[bytes, ...], now: float) -> None:
-        """Note an order. One of several blocks is known by its first: none that is obeyed has more."""
+        """Note an order, of one block or several."""
         if len(self._orders) >= self._profile.order_backlog:
             return
-        raw = telegrams[0]
         try:
-            telegram = Telegram.decode(raw, from_robot=False)
+            telegram = join_blocks([Telegram.decode(raw, from_robot=False) for raw in telegrams])
             function = telegram.function
         except RemoteProtocolError:
+            raw = telegrams[0]
             telegram, function = None, raw[4] if len(raw) > 4 else 0
         spread = self._profile.turnaround_spread_ms
         turnaround = self._profile.turnaround_ms + self._random.uniform(-spread, spread)
-        self._orders.append(_Order(telegram, function, now + turnaround / 1000.0))
+        self._orders.append(_Order(telegram, function, now + turnaround / 1000.0, len(telegrams)))
 
     def _answer(self, order: _Order, now: float) -> Telegram | None:
         """What to say to an order, or None while its time has not come."""
@@ -219,22 +222,27 @@ class S3Controller:
         telegram = order.telegram
         if telegram is None:
             return RefusalCode.TELEGRAM_INCOMPLETE
-        handler = self._handlers.get(telegram.function)
-        layout = layout_of(telegram.function, TelegramType.ORDER)
-        if handler is None or layout is None or telegram.type != TelegramType.ORDER:
+        definition = self._site.orders.of_function(telegram.function)
+        if definition is None or telegram.type != TelegramType.ORDER:
             return RefusalCode.WRONG_FUNCTION_CODE
-        if telegram.suffix not in _SUFFIXES[telegram.function]:
+        if telegram.suffix not in definition.suffixes:
             return RefusalCode.WRONG_SUFFIX
-        if len(telegram.data) < layout.size:
+        if order.blocks > 1 and definition.blocks == "one":
+            return RefusalCode.WRONG_BLOCK_NUMBER
+        if len(telegram.data) < definition.order.layout.size:
             return RefusalCode.TELEGRAM_INCOMPLETE
         if not self._link_control and telegram.function != FunctionCode.READ_STATUS:
             return self._profile.no_control_refusal
-        return handler(order, telegram, now)
+        handler = self._handlers.get(telegram.function)
+        if handler is None:
+            return self._site_orders.answer(definition, telegram)
+        answer = handler(order, telegram, now)
+        return self._site_orders.extend(telegram, answer) if isinstance(answer, Telegram) else answer
 
     def _say(self, telegram: Telegram) -> None:
         # A full queue means that nobody has listened for many time-outs: one telegram more helps nobody.
         with contextlib.suppress(LocalProtocolError):
-            self._link.send((telegram.encode(),))
+            self._link.send([block.encode() for block in split_telegram(telegram, self._max_telegram)])
 
     def _stop_all(self, now: float) -> None:
         self.motion.halt(now)
@@ -283,7 +291,7 @@ class S3Controller:
             return obstacle
         if self._program_runs:
             return RefusalCode.PROGRAM_RUNNING
-        if number not in self._profile.programs or (goes_on and number != self._program):
+        if number not in self._programs or (goes_on and number != self._program):
             return RefusalCode.WRONG_PROGRAM_NUMBER
         self._program, self._program_runs = number, True
         return response(telegram)
@@ -294,8 +302,11 @@ class S3Controller:
         return response(telegram)
 
     def _receive_program(self, order: _Order, telegram: Telegram, now: float) -> _Answer:
-        """Numbers are all that is known of the programs: none has a text to send."""
-        return RefusalCode.NO_SUCH_PROGRAM
+        """A program of which only the number is given has no contents to send."""
+        number = int.from_bytes(telegram.data[:2], "big")
+        if number not in self._site.programs:
+            return RefusalCode.NO_SUCH_PROGRAM
+        return ProgramAnswer(number, self._site.programs[number]).to_telegram()
 
     def _move(self, order: _Order, telegram: Telegram, now: float) -> _Answer:
         if (obstacle := self._obstacle()) is not None:

@@ -143,6 +143,30 @@ _REFUSAL_TEXTS = {
 }
 
 
+_REFUSAL_REMEDIES = {
+    RefusalCode.PROGRAM_RUNNING: "stop the program first",
+    RefusalCode.WRONG_SUFFIX: "this controller knows the order in another form: compare suffix and version",
+    RefusalCode.WRONG_PROGRAM_NUMBER: "name a program that is in the controller's memory",
+    RefusalCode.WRONG_BLOCK_NUMBER: "send the whole order again; does it allow several blocks?",
+    RefusalCode.WRONG_KEY_MODE: (
+        "turn the controller's key to AUTO and let the pendant give the link control (TO SC)"
+    ),
+    RefusalCode.WRONG_OPERATION_MODE: "the controller is in standby: let it go to operation",
+    RefusalCode.NO_SUCH_PROGRAM: "name a program that is in the controller's memory",
+    RefusalCode.BLOCK_TOO_BIG: "lower the link profile's max_telegram",
+    RefusalCode.NO_SPACE_LEFT: "delete programs from the controller's memory",
+    RefusalCode.WRONG_FUNCTION_CODE: "this controller does not know the order, or lacks the option for it",
+    RefusalCode.DISC_ERROR: "check the disc in the controller's drive",
+    RefusalCode.STOPPED: "release the stop at the controller's panel, then start again",
+    RefusalCode.OUTSIDE_WORK_AREA: "check the workspace and the start point of the movement",
+    RefusalCode.WORK_STOP: "release the work stop, then start again",
+    RefusalCode.LOCATION_NOT_READABLE: "activate a TCP below 20",
+    RefusalCode.NO_MOVE_WITH_TCP: "activate a TCP below 20",
+    RefusalCode.ANALOG_OUT_OF_RANGE: "order a value within the output's range",
+    RefusalCode.TELEGRAM_INCOMPLETE: "the telegram is shorter than the controller expects: compare its length",
+}
+
+
 class Mode(IntEnum):
     """Suffix of write mode."""
 
@@ -172,6 +196,16 @@ class SpontaneousKind(IntEnum):
 def function_text(code: int) -> str:
     """Name of a function code, known or not."""
     return FunctionCode(code).text if code in _FUNCTIONS else f"unknown function {code}"
+
+
+def refusal_remedy(code: int) -> str:
+    """What a person can do about a refusal; empty where nobody knows."""
+    return _REFUSAL_REMEDIES.get(RefusalCode(code), "") if code in _REFUSALS else ""
+
+
+def suffixes_of(function: int) -> dict[int, str]:
+    """Known suffixes of a function with their meanings."""
+    return dict(_SUFFIXES.get(function, {}))
 
 
 def type_text(code: int) -> str:

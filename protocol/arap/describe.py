@@ -1,6 +1,6 @@
 """A captured piece of a computer link put into words, for the decode command and the monitor."""
 
-from typing import Any
+from typing import Any, TypeAlias
 
 from protocol.adlp import (
     HEADER_SIZE,
@@ -15,13 +15,19 @@ from protocol.adlp import (
     LinkProfile,
     check_character,
 )
-from protocol.arap.codes import function_text, refusal_text, suffix_text, type_text
-from protocol.arap.layouts import layout_of
+from protocol.arap.blocks import further_type
+from protocol.arap.codes import function_text, type_text
+from protocol.arap.order_book import KNOWN, OrderBook
 from protocol.arap.telegram import FROM_PC, Telegram
 from protocol.endpoint import RemoteProtocolError
 
+_Item: TypeAlias = dict[str, Any]
 _DLE = bytes((Control.DLE,))
-_CONTROL_TEXTS = {
+CONTROL_TEXTS = {
+    Control.STX: 'after DLE: a block begins ("even")',
+    Control.STX_ODD: 'after DLE: a block begins ("odd")',
+    Control.ETX: "after DLE: the telegram has ended, the check character follows",
+    Control.DLE: "the next byte begins or ends a block",
     Control.ENQ: "bid for the line",
     Control.ACK: "acknowledged",
     Control.WACK: "wait",
@@ -29,12 +35,14 @@ _CONTROL_TEXTS = {
     Control.NAK: "refused",
     Control.EOT: "end of the message",
 }
+"""What the control bytes say."""
 
 
 def describe(
     raw: bytes,
     dle_stuffing: DleStuffing = "off",
     max_telegram: int = LinkProfile().max_telegram,
+    orders: OrderBook = KNOWN,
 ) -> list[dict[str, Any]]:
     """Control bytes, blocks and everything else in a capture, in order, as plain values.
 
@@ -44,8 +52,12 @@ def describe(
     """
     items: list[dict[str, Any]] = []
     at = 0
+    before: Telegram | None = None
     while at < len(raw):
-        item = _item_at(raw, at, dle_stuffing, max_telegram)
+        item, telegram = _item_at(raw, at, dle_stuffing, max_telegram)
+        if telegram is not None:
+            _describe_telegram(item, telegram, before, orders)
+            before = telegram
         previous = items[-1] if items else None
         if previous and previous["kind"] == item["kind"] == "noise":
             previous["size"] += item["size"]
@@ -56,22 +68,24 @@ def describe(
     return items
 
 
-def _item_at(raw: bytes, at: int, stuffing: DleStuffing, max_telegram: int) -> dict[str, Any]:
+def _item_at(raw: bytes, at: int, stuffing: DleStuffing, max_telegram: int) -> tuple[_Item, Telegram | None]:
+    """What stands there, and the telegram in it if one can be read."""
     byte = raw[at]
     if (control := SINGLE_CONTROLS.get(byte)) is not None:
-        return {
+        item: _Item = {
             "offset": at,
             "size": 1,
             "kind": "control",
             "name": control.name,
-            "meaning": _CONTROL_TEXTS[control],
+            "meaning": CONTROL_TEXTS[control],
         }
+        return item, None
     if byte == Control.DLE:
         return _block_at(raw, at, stuffing, max_telegram)
-    return _noise(raw, at)
+    return _noise(raw, at), None
 
 
-def _noise(raw: bytes, at: int) -> dict[str, Any]:
+def _noise(raw: bytes, at: int) -> _Item:
     return {
         "offset": at,
         "size": 1,
@@ -81,7 +95,7 @@ def _noise(raw: bytes, at: int) -> dict[str, Any]:
     }
 
 
-def _block_at(raw: bytes, at: int, stuffing: DleStuffing, max_telegram: int) -> dict[str, Any]:
+def _block_at(raw: bytes, at: int, stuffing: DleStuffing, max_telegram: int) -> tuple[_Item, Telegram | None]:
     # Byte 2 of the telegram tells the direction, and only the PC may state its length in two ways.
     head = raw[at + 2 : at + 2 + HEADER_SIZE]
     if stuffing == "double":
@@ -92,21 +106,21 @@ def _block_at(raw: bytes, at: int, stuffing: DleStuffing, max_telegram: int) -> 
         case Block():
             return _describe_block(at, found, from_robot)
         case Flaw(at=1):
-            return _noise(raw, at)
+            return _noise(raw, at), None
         case Flaw(whole=True):
             telegram = raw[at + 2 : at + found.size - 3]
             if stuffing == "double":
                 telegram = telegram.replace(_DLE * 2, _DLE)
-            item = _describe_block(at, Block(telegram, raw[at + 1], found.size), from_robot)
+            item, readable = _describe_block(at, Block(telegram, raw[at + 1], found.size), from_robot)
             item["checksum"] |= {"got": f"{raw[at + found.size - 1]:02X}", "right": False}
             item["problem"] = found.text
             item["problem_offset"] = at + found.at
-            return item
+            return item, readable
         case Flaw():
-            return _error(at, _extent(raw, at, 2), f"block: {found.text}", at + found.at)
+            return _error(at, _extent(raw, at, 2), f"block: {found.text}", at + found.at), None
         case _:
             size = _extent(raw, at, len(raw) - at)
-            return _error(at, size, "block: the capture ends before its length is reached", len(raw))
+            return _error(at, size, "block: the capture ends before its length is reached", len(raw)), None
 
 
 def _styles(from_robot: bool) -> tuple[LengthStyle, ...]:
@@ -126,7 +140,7 @@ def _extent(raw: bytes, at: int, otherwise: int) -> int:
     return min(trailer + 3, len(raw)) - at if trailer >= 0 else otherwise
 
 
-def _error(at: int, size: int, meaning: str, where: int) -> dict[str, Any]:
+def _error(at: int, size: int, meaning: str, where: int) -> _Item:
     return {
         "offset": at,
         "size": size,
@@ -137,9 +151,9 @@ def _error(at: int, size: int, meaning: str, where: int) -> dict[str, Any]:
     }
 
 
-def _describe_block(at: int, block: Block, from_robot: bool) -> dict[str, Any]:
+def _describe_block(at: int, block: Block, from_robot: bool) -> tuple[_Item, Telegram | None]:
     check = f"{check_character(block.telegram):02X}"
-    item: dict[str, Any] = {
+    item: _Item = {
         "offset": at,
         "size": block.size,
         "kind": "block",
@@ -155,8 +169,7 @@ def _describe_block(at: int, block: Block, from_robot: bool) -> dict[str, Any]:
         telegram = Telegram.decode(block.telegram, from_robot)
     except RemoteProtocolError as error:
         item |= {"meaning": "unreadable telegram", "problem": str(error), "problem_offset": at + 2}
-        return item
-    item["meaning"] = str(telegram)
+        return item, None
     item["header"] = {
         "length": int.from_bytes(block.telegram[:2], "big"),
         "source": block.telegram[2],
@@ -166,16 +179,29 @@ def _describe_block(at: int, block: Block, from_robot: bool) -> dict[str, Any]:
         "type": telegram.type,
         "type_text": type_text(telegram.type),
         "suffix": telegram.suffix,
-        "suffix_text": suffix_text(telegram.function, telegram.suffix),
     }
-    layout = layout_of(telegram.function, telegram.type)
-    if layout is None:
-        return item
+    return item, telegram
+
+
+def _describe_telegram(item: _Item, telegram: Telegram, before: Telegram | None, orders: OrderBook) -> None:
+    """Add what the telegram means; `before` is the last one, whose continuation it may be."""
+    definition = orders.of_function(telegram.function)
+    item["meaning"] = str(telegram)
+    item["header"] |= {
+        "suffix_text": orders.suffix_text(telegram.function, telegram.suffix),
+        "order": definition.name if definition else "",
+    }
+    continued = (
+        before is not None
+        and (before.from_robot, before.function) == (telegram.from_robot, telegram.function)
+        and before.type == further_type(before.from_robot)
+    )
     try:
-        item["fields"] = layout.describe(telegram.data)
+        text = orders.describe(telegram, continued)
     except RemoteProtocolError as error:
-        item |= {"problem": str(error), "problem_offset": at + 2 + HEADER_SIZE}
-        return item
-    if layout.name == "refusal":
-        item["meaning"] += f": {refusal_text(int(layout.unpack(telegram.data)['code']))}"
-    return item
+        item.setdefault("problem", str(error))
+        item.setdefault("problem_offset", item["offset"] + 2 + HEADER_SIZE)
+        return
+    item["fields"] = text.fields
+    if text.remark:
+        item["meaning"] += f": {text.remark}"

@@ -1,7 +1,7 @@
 """The PC's end of the computer link: one order at a time over an ADLP link."""
 
 from collections import deque
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import StrEnum
 from typing import TypeAlias
 
@@ -18,6 +18,7 @@ from protocol.adlp import (
     MessageSent,
     Role,
 )
+from protocol.arap.blocks import join_blocks
 from protocol.arap.codes import TelegramType
 from protocol.arap.messages import Refusal, Spontaneous
 from protocol.arap.telegram import Telegram
@@ -36,6 +37,7 @@ class Answered:
     """The order was done, or the query is answered."""
 
     order: Telegram
+    """As `answer`, when it was sent in several blocks."""
     answer: Telegram
     """All blocks in one: the header of the last, the data of all in order."""
     blocks: tuple[Telegram, ...]
@@ -99,15 +101,19 @@ class ArapHost:
         """The order that has no answer yet."""
         return self._order
 
-    def order(self, telegram: Telegram) -> None:
-        """Send an order.
+    def order(self, *telegrams: Telegram) -> None:
+        """Send an order: one telegram, or those of a long one in order (`split_telegram`).
 
-        Raises LocalProtocolError while another one has no answer, or when the telegram cannot be sent.
+        Raises LocalProtocolError while another one has no answer, or when it cannot be sent; nothing is sent then.
         """
         if self._order is not None:
             raise LocalProtocolError(f"the answer to an order is outstanding: {self._order}")
-        self.link.send((telegram.encode(self._profile.length_style),))
-        self._order = telegram
+        try:
+            order = join_blocks(telegrams)
+        except RemoteProtocolError as error:
+            raise LocalProtocolError(str(error)) from error
+        self.link.send(tuple(telegram.encode(self._profile.length_style) for telegram in telegrams))
+        self._order = order
         self._blocks.clear()
 
     def receive(self, data: bytes, now: float) -> None:
@@ -192,8 +198,7 @@ class ArapHost:
                 self._deadline = now + self._profile.order_timeout_s
             case TelegramType.RESPONSE:
                 blocks = (*self._blocks, telegram)
-                joined = replace(telegram, data=b"".join(block.data for block in blocks))
-                self._end(Answered(order, joined, blocks))
+                self._end(Answered(order, join_blocks(blocks), blocks))
             case _:
                 raise RemoteProtocolError(f"no answer has this type: {telegram}")
 

@@ -4,7 +4,6 @@ Offsets are written as byte numbers of the telegram, as in the specification, le
 """
 
 from protocol.adlp import HEADER_SIZE
-from protocol.arap.codes import FunctionCode, TelegramType
 from protocol.fields import Field, Layout
 from protocol.marks import Mark
 
@@ -49,6 +48,20 @@ _POSE = (
     ),
 )
 
+HEADER = Layout(
+    "telegram header",
+    HEADER_SIZE,
+    ">",
+    (
+        Field("length", 0, "H", Mark.OBSERVED, "of the whole telegram; from the PC also of its data alone"),
+        Field("source", 2, "B", Mark.OBSERVED, "1 from the PC, 0 from the S3"),
+        Field("destination", 3, "B", Mark.OBSERVED, "0"),
+        Field("function", 4, "B", Mark.OBSERVED, "function code"),
+        Field("type", 5, "B", Mark.OBSERVED, "telegram type"),
+        Field("suffix", 6, "H", Mark.OBSERVED, "function suffix"),
+    ),
+)
+"""Its offsets count from the telegram's first byte, unlike those of the payloads."""
 STATUS = Layout(
     "status",
     32 - HEADER_SIZE,
@@ -75,12 +88,13 @@ MOVE = Layout(
         *_POSE,
     ),
 )
+EMPTY = Layout("no data", 0, ">", ())
 START_PROGRAM = Layout("start program", 2, ">", (_word(8, "program", Mark.OBSERVED, "program number"),))
 STOP_PROGRAM = Layout("stop program", 0, ">", ())
 WRITE_MODE = Layout("write mode", 0, ">", ())
 READ_STATUS = Layout("read status", 0, ">", ())
-RECEIVE_PROGRAM = Layout("receive program", 6, ">", (_word(8, "program", Mark.OBSERVED, "program number"),))
-"""The two words after the program number are 0."""
+RECEIVE_PROGRAM = Layout("receive program", 4, ">", (_word(8, "program", Mark.OBSERVED, "program number"),))
+"""Two bytes of 0 follow the program number."""
 PROGRAM_ANSWER = Layout(
     "program answer",
     4,
@@ -90,7 +104,7 @@ PROGRAM_ANSWER = Layout(
         _word(10, "program", Mark.OBSERVED, "program number"),
     ),
 )
-"""Header of the answer to receive program; the program's bytes follow, over several blocks."""
+"""Beginning of the answer to receive program; the program's bytes follow, over several blocks."""
 SPONTANEOUS = Layout(
     "spontaneous",
     4,
@@ -101,22 +115,3 @@ SPONTANEOUS = Layout(
     ),
 )
 REFUSAL = Layout("refusal", 2, ">", (_word(8, "code", Mark.OBSERVED, "refusal code"),))
-
-_F, _T = FunctionCode, TelegramType
-_LAYOUTS: dict[tuple[int, int], Layout] = {
-    (_F.START_PROGRAM, _T.ORDER): START_PROGRAM,
-    (_F.STOP_PROGRAM, _T.ORDER): STOP_PROGRAM,
-    (_F.READ_STATUS, _T.ORDER): READ_STATUS,
-    (_F.READ_STATUS, _T.RESPONSE): STATUS,
-    (_F.WRITE_MODE, _T.ORDER): WRITE_MODE,
-    (_F.MOVE, _T.ORDER): MOVE,
-    (_F.RECEIVE_PROGRAM, _T.ORDER): RECEIVE_PROGRAM,
-    (_F.RECEIVE_PROGRAM, _T.RESPONSE): PROGRAM_ANSWER,
-    (_F.RECEIVE_PROGRAM, _T.FURTHER_FROM_ROBOT): PROGRAM_ANSWER,
-    (_F.SPONTANEOUS, _T.SPONTANEOUS): SPONTANEOUS,
-}
-
-
-def layout_of(function: int, type_: int) -> Layout | None:
-    """The field table of a telegram's data, or None where nothing is known about it."""
-    return REFUSAL if type_ == TelegramType.REFUSAL else _LAYOUTS.get((function, type_))

@@ -197,6 +197,31 @@ class Move:
 
 
 @dataclass(frozen=True, slots=True)
+class ProgramAnswer:
+    """Answer to receive program, all blocks in one."""
+
+    program: int
+    """Number of the program."""
+    content: bytes
+    """Its bytes as the controller keeps them."""
+    error: int = 0
+    """0 for none; other values are not known."""
+
+    @classmethod
+    def from_telegram(cls, telegram: Telegram) -> Self:
+        """Raises RemoteProtocolError when the telegram is no such answer."""
+        _expect(telegram, FunctionCode.RECEIVE_PROGRAM, TelegramType.RESPONSE)
+        raw = layouts.PROGRAM_ANSWER.unpack(telegram.data)
+        return cls(int(raw["program"]), telegram.data[layouts.PROGRAM_ANSWER.size :], int(raw["error"]))
+
+    def to_telegram(self) -> Telegram:
+        """The controller's answer, to be split into blocks. Raises LocalProtocolError past 65535."""
+        head = layouts.PROGRAM_ANSWER.pack({"error": self.error, "program": self.program})
+        function, type_ = FunctionCode.RECEIVE_PROGRAM, TelegramType.RESPONSE
+        return Telegram(function, type_, 0, head + self.content, from_robot=True)
+
+
+@dataclass(frozen=True, slots=True)
 class Refusal:
     """The controller's refusal of an order."""
 

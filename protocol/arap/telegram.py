@@ -1,13 +1,12 @@
 """The ARAP telegram: header and data. Source: computer-link specification, section 3."""
 
-import struct
 from dataclasses import dataclass
 
 from protocol.adlp import HEADER_SIZE, LengthStyle
 from protocol.arap.codes import FunctionCode, TelegramType, function_text, suffix_text, type_text
+from protocol.arap.layouts import HEADER
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
 
-_HEADER = struct.Struct(">HBBBBH")
 FROM_PC = 1
 """Byte 2 of a telegram from the PC. Mark: observed."""
 FROM_ROBOT = 0
@@ -31,12 +30,16 @@ class Telegram:
         """
         if self.from_robot and length_style != "whole":
             raise LocalProtocolError("a telegram from the controller states its whole length")
-        length = len(self.data) + (HEADER_SIZE if length_style == "whole" else 0)
-        source = FROM_ROBOT if self.from_robot else FROM_PC
-        try:
-            return _HEADER.pack(length, source, 0, self.function, self.type, self.suffix) + self.data
-        except struct.error as error:
-            raise LocalProtocolError(f"telegram cannot be written: {error}") from error
+        header = HEADER.pack(
+            {
+                "length": len(self.data) + (HEADER_SIZE if length_style == "whole" else 0),
+                "source": FROM_ROBOT if self.from_robot else FROM_PC,
+                "function": self.function,
+                "type": self.type,
+                "suffix": self.suffix,
+            }
+        )
+        return header + self.data
 
     @classmethod
     def decode(cls, raw: bytes, from_robot: bool) -> "Telegram":
@@ -46,7 +49,7 @@ class Telegram:
         """
         if len(raw) < HEADER_SIZE:
             raise RemoteProtocolError(f"a telegram has at least {HEADER_SIZE} bytes, got {len(raw)}")
-        length, source, destination, function, type_, suffix = _HEADER.unpack_from(raw)
+        length, source, destination, function, type_, suffix = map(int, HEADER.unpack(raw).values())
         if length != len(raw) and (from_robot or length + HEADER_SIZE != len(raw)):
             raise RemoteProtocolError(
                 f"bytes 0–1: length {length} does not fit a telegram of {len(raw)} bytes"

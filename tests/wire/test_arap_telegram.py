@@ -7,6 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from protocol.arap import (
+    KNOWN,
     POSITION_STEP,
     FunctionCode,
     Mode,
@@ -20,7 +21,6 @@ from protocol.arap import (
     Telegram,
     TelegramType,
     function_text,
-    layout_of,
     position_from_words,
     position_words,
     quaternion_from_words,
@@ -68,7 +68,7 @@ def test_golden_telegram(telegram, text):
 def test_other_orders_lie_as_the_specification_says():
     assert start_program(7).encode().hex(" ").upper() == "00 0A 01 00 02 01 00 00 00 07"
     assert start_program(7, from_start=False).encode().hex(" ").upper() == "00 0A 01 00 02 01 00 01 00 07"
-    assert receive_program(258).encode().hex(" ").upper() == "00 0E 01 00 1D 01 00 01 01 02 00 00 00 00"
+    assert receive_program(258).encode().hex(" ").upper() == "00 0C 01 00 1D 01 00 01 01 02 00 00"
     assert read_status().encode("data").hex(" ").upper() == "00 00 01 00 13 01 00 00"
     with pytest.raises(LocalProtocolError, match="start program"):
         start_program(70000)
@@ -279,8 +279,11 @@ def test_texts_of_codes():
 
 
 def test_every_known_payload_has_a_layout_with_marks():
-    assert layout_of(19, 2).fields[0].mark is Mark.ASSUMED
-    x = next(field for field in layout_of(24, 1).fields if field.name == "x")
+    (status,) = KNOWN.payloads_of(19, 2)
+    assert status.layout.fields[0].mark is Mark.ASSUMED
+    (move,) = KNOWN.payloads_of(24, 1)
+    x = next(field for field in move.layout.fields if field.name == "x")
     assert (x.offset + 8, x.mark, x.unit, x.scale) == (18, Mark.OBSERVED, "m", POSITION_STEP)
-    assert layout_of(4, 6).name == "refusal"
-    assert layout_of(4, 1) is None
+    (refusal,) = KNOWN.payloads_of(4, 6)
+    assert refusal.names == ("code",)
+    assert KNOWN.payloads_of(4, 1) == ()

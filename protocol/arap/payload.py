@@ -1,0 +1,127 @@
+"""A telegram's data as named values in display units: fields at fixed places, then perhaps bytes of any number."""
+
+import math
+import struct
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TypeAlias
+
+from protocol.endpoint import LocalProtocolError
+from protocol.fields import Field, Layout
+from protocol.marks import Mark
+
+Value: TypeAlias = float | bytes
+"""What a field holds: a number in the field's unit, whole where the field counts, or bytes."""
+
+FIELD_TYPES = {"u8": "B", "s8": "b", "u16": "H", "s16": "h", "u32": "I", "s32": "i", "f32": "f"}
+"""Types of fields as an orders file names them, with their `struct` characters; all big-endian."""
+TYPE_NAMES = {character: name for name, character in FIELD_TYPES.items()}
+"""The same the other way round."""
+_FLOAT_LIMIT = float.fromhex("0x1.fffffep+127")
+"""The greatest number of single precision."""
+
+
+@dataclass(frozen=True, slots=True)
+class Rest:
+    """All bytes behind the fixed fields, as many as there are."""
+
+    name: str
+    mark: Mark
+    meaning: str = ""
+
+
+@dataclass(frozen=True)
+class Payload:
+    """What lies behind the header of a telegram, all blocks joined."""
+
+    layout: Layout
+    """The fields at fixed places; its size is the least that a telegram must bring."""
+    rest: Rest | None = None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Every field in order."""
+        return (*(field.name for field in self.layout.fields), *((self.rest.name,) if self.rest else ()))
+
+    def encode(self, values: Mapping[str, Value]) -> bytes:
+        """Bytes of these values in their units; what is not named is 0 or nothing.
+
+        Raises LocalProtocolError naming the field that has no such value, or is none.
+        """
+        if unknown := sorted(values.keys() - set(self.names)):
+            known = f"it has {', '.join(self.names)}" if self.names else "it has none"
+            raise LocalProtocolError(f"{self.layout.name} has no field {unknown[0]}: {known}")
+        fixed = {
+            field.name: self._raw(field, values[field.name])
+            for field in self.layout.fields
+            if field.name in values
+        }
+        data = self.layout.pack(fixed)
+        if self.rest is None:
+            return data
+        rest = values.get(self.rest.name, b"")
+        if not isinstance(rest, bytes):
+            raise LocalProtocolError(f"{self.layout.name}: {self.rest.name} must be bytes, got {rest!r}")
+        return data + rest
+
+    def decode(self, data: bytes) -> dict[str, Value]:
+        """Values in their units by name. Raises RemoteProtocolError when the data are too short."""
+        raw = self.layout.unpack(data)
+        values: dict[str, Value] = {f.name: scaled(f, raw[f.name]) for f in self.layout.fields}
+        if self.rest is not None:
+            values[self.rest.name] = data[self.layout.size :]
+        return values
+
+    def describe(self, data: bytes) -> list[dict[str, object]]:
+        """Every field for people to read, as `Layout.describe` tells it."""
+        items = self.layout.describe(data)
+        if self.rest is not None:
+            items.append(describe_rest(self.rest, data[self.layout.size :]))
+        return items
+
+    def _raw(self, field: Field, value: Value) -> float:
+        where = f"{self.layout.name}: {field.name}"
+        if isinstance(value, (bool, bytes, str)) or not math.isfinite(value):
+            raise LocalProtocolError(f"{where} must be a number, got {value!r}")
+        raw = value / field.scale
+        if math.isfinite(raw) and field.format != "f":
+            if field.scale == 1.0 and value != round(value):
+                raise LocalProtocolError(f"{where} must be a whole number, got {value:g}")
+            raw = round(raw)
+        low, high = limits(field.format)
+        if not low <= raw <= high:
+            ends = sorted((low * field.scale, high * field.scale))
+            unit = f" {field.unit}" if field.unit else ""
+            raise LocalProtocolError(f"{where} = {value:g} is outside {ends[0]:g} … {ends[1]:g}{unit}")
+        return raw
+
+
+def field_size(field: Field) -> int:
+    """Bytes that a field covers."""
+    return struct.calcsize(">" + field.format)
+
+
+def limits(format_: str) -> tuple[float, float]:
+    """Least and greatest raw value of a `struct` character."""
+    if format_ == "f":
+        return -_FLOAT_LIMIT, _FLOAT_LIMIT
+    bits = 8 * struct.calcsize(">" + format_)
+    return (-(1 << bits - 1), (1 << bits - 1) - 1) if format_.islower() else (0, (1 << bits) - 1)
+
+
+def scaled(field: Field, raw: float) -> float:
+    """A raw value in the field's unit; it stays whole where one raw unit is 1."""
+    return raw if field.scale == 1.0 else raw * field.scale
+
+
+def describe_rest(rest: Rest, data: bytes) -> dict[str, object]:
+    """Bytes of any number for people to read."""
+    text = data.hex(" ").upper()
+    return {
+        "name": rest.name,
+        "raw": text,
+        "value": text,
+        "unit": "",
+        "mark": rest.mark.value,
+        "meaning": rest.meaning,
+    }
