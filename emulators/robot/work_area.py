@@ -10,7 +10,7 @@ from protocol.arap import Quaternion, Vector
 _SPACING_M = 0.02
 """Chosen, as the angle below: places on a line are at most this far apart."""
 _SPACING_RAD = math.radians(5.0)
-_SMOOTH_RAD = math.radians(10.0)
+_SMOOTH_RAD = math.radians(3.0)
 """Where a joint turns further than this from place to place, places are put closer together, …"""
 _HALVINGS = 4
 """… by halves, this often: down to 1.25 mm or 0.3°. Assumed: between places that near, a flip of the wrist is no

@@ -409,6 +409,51 @@ def test_the_farthest_point_is_arm_and_tool_stretched() -> None:
     assert in_sequence().refusal(move(POINT, (reach + 0.2, 0.0, 780.0), quaternion=forward)) == 15
 
 
+def test_a_point_that_only_a_bent_line_would_reach_is_refused_and_costs_nothing() -> None:
+    pendant = in_sequence()
+    # In reach after a turn of axis 1, but the straight line runs through the column.
+    assert pendant.refusal(move(POINT, (-900.0, -100.0, 600.0))) == 15
+    assert pendant.accepts(move(POINT, (0.0, -900.0, 600.0), mm_s=8000.0))
+    assert pendant.accepts(move(POINT, (-900.0, -100.0, 600.0), mm_s=8000.0)), "from the point before it"
+    pendant.run(5.0)
+    assert pendant.status() == (0b0010, -7200, -800, 4800)
+    assert pendant.robot.joints(pendant.now)[0] == pytest.approx(math.atan2(-100.0, -900.0), abs=1e-3)
+
+
+def test_a_steep_forearm_is_beyond_the_range_of_axis_3() -> None:
+    assert in_sequence().refusal(move(POINT, (900.0, -100.0, 300.0))) == 15
+    wider = S3Profile(axis_ranges_deg=(180.0, 100.0, 70.0, 200.0, 120.0, 200.0))
+    assert in_sequence(wider).accepts(move(POINT, (900.0, -100.0, 300.0)))
+
+
+def test_a_joint_slows_a_move_that_is_too_fast_for_it() -> None:
+    # 51.3° of axis 1 at 115°/s take 0.45 s at least, where 8 m/s would take 0.125 s.
+    def interpolated(speed_deg_s: float) -> float:
+        pendant = in_sequence(S3Profile(axis_speeds_deg_s=(speed_deg_s, *(300.0,) * 5)))
+        begun = pendant.robot.motion.next_tick()
+        assert pendant.accepts(move(POINT, (900.0, 900.0, 600.0), mm_s=8000.0))
+        now = begun
+        while pendant.robot.motion.waiting(now):
+            now += 0.001
+        return now - begun
+
+    assert interpolated(115.0) == pytest.approx(0.46, abs=0.03)
+    assert interpolated(57.5) == pytest.approx(0.9, abs=0.03)
+
+
+def test_a_point_waiting_for_a_place_in_the_queue_is_forgotten_at_a_stop() -> None:
+    pendant = in_sequence(S3Profile(queue_depth=1))
+    assert pendant.accepts(move(POINT, (900.0, 0.0, 600.0), mm_s=20.0))
+    pendant.order(move(POINT, (900.0, 100.0, 600.0), mm_s=20.0))
+    assert pendant.run(0.5) == b""
+    pendant.robot.set_work_stop(True, pendant.now)
+    pendant.robot.set_work_stop(False, pendant.now)
+    refusal = pendant.answer()
+    assert (refusal[5], refusal[9]) == (REFUSAL, 15)
+    assert pendant.accepts(move(START_MOVE))
+    assert pendant.accepts(move(POINT, (900.0, 100.0, 600.0)))
+
+
 def test_what_cannot_be_is_refused_at_the_start() -> None:
     with pytest.raises(ValueError, match="work area"):
         S3Controller(S3Profile(), LinkProfile(), ServoProfile(), (3.0, 0.0, 0.0), DOWN, T0, 1)
