@@ -252,6 +252,11 @@ class Motion:
                 self._skip_rest(now)
             self._do_tick()
 
+    def certain_until(self, now: float) -> float:
+        """Up to when the true path is settled whatever is ordered from `now` on, s, that moment excluded."""
+        self.advance(now)
+        return self.next_tick() + self._delay - _ROUNDING_S
+
     def trajectory(self, times: Floats) -> tuple[Floats, Floats]:
         """True positions (n, 3), m, and velocities (n, 3), m/s, base frame, at ascending `times` (n,).
 
@@ -282,7 +287,8 @@ class Motion:
         """Ticks whose set points the loops have at the first and the last of `times`, and the times (n,)
         since they took that of tick 0, s.
         """
-        self.advance(float(times[-1]))
+        # Later ticks have no say yet: they wait, so that a look ahead never takes a point before its time.
+        self.advance(float(times[-1]) - self._delay)
         since = times - (self._powered_at + self._delay)
         oldest = max(self._tick - self._size + 1, 0)
         first, last = (math.floor(float(end) / self._period) for end in (since[0], since[-1]))

@@ -28,7 +28,8 @@ class Clock:
         """True when nothing waits: what is asked for happens at its exact instant."""
         self._close: Callable[[], None] | None = None
         self._call_at: Callable[[float, Callable[[], object]], Timer] = loop.call_at
-        if self.is_virtual:
+        if isinstance(loop, VirtualLoop):
+            self._call_at = loop.timer
             self._anchor, self._anchor_wall_ns = VIRTUAL_EPOCH, VIRTUAL_WALL_NS
             return
         self._anchor, self._anchor_wall_ns = loop.time(), time.time_ns()

@@ -12,6 +12,7 @@ from emulators.robot.motion import Motion, ServoProfile, Waypoint, angle_between
 
 T0 = 1234.5
 TICK = 0.02
+DELAY = 0.02
 STEP = 0.000125
 DOWN = (0.0, 1.0, 0.0, 0.0)
 START = (0.9, -0.1, 0.6)
@@ -198,6 +199,7 @@ def test_a_long_rest_changes_nothing() -> None:
     at_rest = short.trajectory(np.array([T0 + 2.0]))[0]
     later = T0 + 3600.0 * 24.0
     np.testing.assert_array_equal(long.trajectory(np.array([later - 0.5, later]))[0], [at_rest[0]] * 2)
+    long.advance(later)
     assert later < long.next_tick() <= later + TICK + 1e-9
     long.enqueue(Waypoint(START, DOWN, AT_ONCE), later)
     assert long.reported(later + 1.0) == pytest.approx(START, abs=1e-12)
@@ -221,3 +223,22 @@ def test_what_cannot_be_raises() -> None:
         Motion(ServoProfile(), START, (0.0, 0.0, 0.0, 0.0), T0)
     with pytest.raises(ValueError, match="damping_ratio"):
         ServoProfile(damping_ratio=0.0)
+
+
+def test_what_is_certain_stays_true_whatever_is_ordered_meanwhile() -> None:
+    watched, other = robot(), robot()
+    for motion in (watched, other):
+        motion.enqueue(Waypoint(shifted(x=0.01), DOWN, 0.05), T0)
+    now = T0 + 0.033
+    until = watched.certain_until(now)
+    assert now + DELAY < until < now + DELAY + TICK
+    times = np.linspace(now, until, 50)
+    ahead = watched.trajectory(times)
+    for motion in (watched, other):
+        motion.halt(now)
+        motion.enqueue(Waypoint(shifted(y=-0.02), DOWN, 0.2), now)
+    for looked, came in zip(ahead, other.trajectory(times), strict=True):
+        np.testing.assert_array_equal(looked, came)
+    # and both go on alike: looking ahead took no point before its time
+    later = np.linspace(until, until + 0.5, 100)
+    np.testing.assert_array_equal(watched.trajectory(later)[0], other.trajectory(later)[0])
