@@ -233,12 +233,22 @@ def test_past_a_straight_wrist_axis_4_turns_half_round_and_slows_the_line_there_
     position, _ = arm.pose(degrees(0, 10, 20, -10, -25, 0))
     route = line(area, begin, degrees(0, 10, 20, -10, -25, 0), arm)
     assert math.degrees(route.joints[-1][3]) == pytest.approx(170.0)
+    # It passes 1.5° beside the straight wrist; at the nearest places, 0.2° apart, axis 4 turns 0.2/1.5 rad.
+    assert np.abs(np.diff(np.degrees(route.joints), axis=0)).max() < 8.0
     even = math.dist(arm.pose(begin)[0], position) / 0.5
     times = route.slowed(even)
     assert times[-1] > 1.05 * even
     spans = np.diff(times) / (even * np.diff(route.parts))
     assert spans.min() == pytest.approx(1.0)
     assert spans.max() > 1.3
+
+
+def test_a_flip_of_the_wrist_is_looked_at_closely_however_slowly_the_tool_turns() -> None:
+    # Less than 1° from place to place, half a degree beside the straight wrist: axis 4 must go round.
+    arm, area = Arm(S3Profile(), TOOL), WorkArea(S3Profile(), TOOL)
+    route = line(area, degrees(0, 0, 20, 6, 5, 0), degrees(0, 20, 20, -6, -5, 0), arm)
+    assert math.degrees(route.joints[-1][3]) == pytest.approx(174.0)
+    assert math.degrees(route.joints[-1][4]) == pytest.approx(5.0)
 
 
 def test_a_straight_wrist_is_left_sideways_by_a_quarter_turn() -> None:
@@ -336,6 +346,7 @@ def test_joints_of_the_past_are_those_of_the_past() -> None:
     robot.joints(T0 + 4.0)
     assert robot.joints(T0 + 1.0) == once
     late = robot.joints(T0 + 3600.0)
+    assert robot.motion.joints(T0 + 3597.0) == route.joints[-1]
     assert late == robot.joints(T0 + 7200.0) == pytest.approx(route.joints[-1], abs=1e-3)
 
 
