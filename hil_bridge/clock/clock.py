@@ -26,32 +26,27 @@ class Clock:
         self.loop = loop
         self.is_virtual = isinstance(loop, VirtualLoop)
         """True when nothing waits: what is asked for happens at its exact instant."""
+        self.now: Callable[[], float] = loop.time
+        """The loop's time, s."""
+        self.call_at: Callable[[float, Callable[[], object]], Timer] = loop.call_at
+        """Call back at a time, s on this clock; soon, but never before this returns, when that has passed.
+
+        In real time, callbacks of the same instant run in no particular order.
+        """
         self._close: Callable[[], None] | None = None
-        self._call_at: Callable[[float, Callable[[], object]], Timer] = loop.call_at
         if isinstance(loop, VirtualLoop):
-            self._call_at = loop.timer
+            self.call_at = loop.timer
             self._anchor, self._anchor_wall_ns = VIRTUAL_EPOCH, VIRTUAL_WALL_NS
             return
         self._anchor, self._anchor_wall_ns = loop.time(), time.time_ns()
         if sys.platform == "linux":
             timers = PreciseTimers(loop)
-            self._call_at, self._close = timers.call_at, timers.close
+            self.call_at, self._close = timers.call_at, timers.close
 
     @classmethod
     def running(cls) -> "Clock":
         """A clock for the running loop; the caller closes it."""
         return cls(asyncio.get_running_loop())
-
-    def now(self) -> float:
-        """The loop's time, s."""
-        return self.loop.time()
-
-    def call_at(self, when: float, callback: Callable[[], object]) -> Timer:
-        """Call back at `when`, s on this clock; soon, but never before this returns, when that has passed.
-
-        Callbacks of the same instant run in no particular order.
-        """
-        return self._call_at(when, callback)
 
     async def sleep_until(self, when: float) -> None:
         """Return at `when`, s on this clock; when that has passed, after one turn of the loop."""
@@ -59,7 +54,7 @@ class Clock:
             await asyncio.sleep(0)
             return
         woken = self.loop.create_future()
-        timer = self._call_at(when, lambda: None if woken.done() else woken.set_result(None))
+        timer = self.call_at(when, lambda: None if woken.done() else woken.set_result(None))
         try:
             await woken
         finally:
