@@ -58,7 +58,7 @@ class WorkArea:
             before = joints[-1]
             after = self.joints((x, y, z), slerp(start_quaternion, end_quaternion, part), before)
             turn = max(abs(q - p) for p, q in zip(before, after, strict=True))
-            if halvings and (turn > _SMOOTH_RAD or before[4] * after[4] < 0.0):
+            if halvings and turn > _SMOOTH_RAD:
                 go_to((parts[-1] + part) / 2.0, halvings - 1)
                 go_to(part, halvings - 1)
                 return
