@@ -78,19 +78,44 @@ class SensorConfig(_Section):
     """can+socketcan://can0 or can+slcan:///dev/ttyACM0; empty starts the emulated sensor."""
     mounting_deg: float = 0.0
     """Rotation of the sensor about the tool's z axis: angle from the tool's x axis to the sensor's."""
+    quaternion: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
+    """Sensor frame in the tool frame, w x y z, for a sensor whose z axis is not the tool's; `mounting_deg` then
+    turns it about its own z axis.
+    """
+    position_mm: Vector = (0.0, 0.0, 0.0)
+    """Sensor's origin in the tool frame; contact moments are told about the tool frame's origin."""
     flip_fx_mx: bool = False
     """Set it when the sensor counts left-handed as seen from the tool: negates Fx and Mx."""
+    tare: bool = True
+    """Take what the sensor reads before the movement for zero, whatever it is; otherwise only the bias given here
+    and the tool's weight are taken off, so that a force that is there already is seen.
+    """
+    bias_n: Vector = (0.0, 0.0, 0.0)
+    """Forces that the sensor reads with nothing on it, fx fy fz as it counts; used where no zero is taken."""
+    bias_nm: Vector = (0.0, 0.0, 0.0)
+    """Moments that the sensor reads with nothing on it, mx my mz as it counts; used where no zero is taken."""
     gateway: GatewayClientProfile = GatewayClientProfile()
     """What the client asks of the gateway."""
+
+    @field_validator("quaternion")
+    @classmethod
+    def _unit(cls, quaternion: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
+        length = math.hypot(*quaternion)
+        if length < 1e-6:
+            raise ValueError("must not be the zero quaternion")
+        w, x, y, z = (part / length for part in quaternion)
+        return w, x, y, z
 
 
 class ToolConfig(_Section):
     """What hangs below the sensor."""
 
     mass_kg: float = Field(default=0.0, ge=0)
-    """Mass below the sensor; with a constant orientation the tare removes its weight by itself."""
+    """Mass below the sensor; with a constant orientation the tare removes its weight by itself. `identify-tool`
+    measures it.
+    """
     centre_of_gravity_mm: Vector = (0.0, 0.0, 0.0)
-    """From the sensor's origin, in the tool frame."""
+    """From the sensor's origin, along the tool frame's axes."""
 
 
 class FrameConfig(_Section):

@@ -22,13 +22,15 @@ from hil_bridge.control import (
     Wrist,
     force_along,
     make_controller,
+    quaternion_about,
+    quaternion_product,
 )
 from hil_bridge.control.frames import Array
 from hil_bridge.devices import ForceSensor, Motion, RobotLink
 from hil_bridge.errors import BridgeError, DeviceError
 from hil_bridge.recording import PHASE_EVENT, STOP_EVENT, CycleRecord, EventRecord, Outcome
 from protocol.adlp import BLOCK_OVERHEAD, HEADER_SIZE, LinkProfile
-from protocol.arap import Quaternion, Status, round_position
+from protocol.arap import Quaternion, Status, Vector, round_position
 from protocol.arap.layouts import STATUS
 from protocol.jr3 import SATURATED_COUNTS
 
@@ -86,6 +88,35 @@ def control_loop(config: Config) -> ControlLoop:
     )
 
 
+def wrist(config: Config) -> Wrist:
+    """How this configuration says that the sensor sits, and what hangs below it."""
+    sensor, tool = config.sensor, config.tool
+    mounting = quaternion_about((0.0, 0.0, 1.0), math.radians(sensor.mounting_deg))
+    return Wrist(
+        quaternion_product(sensor.quaternion, mounting),
+        _metres(sensor.position_mm),
+        sensor.flip_fx_mx,
+        (*sensor.bias_n, *sensor.bias_nm),
+        tool.mass_kg,
+        _metres(tool.centre_of_gravity_mm),
+    )
+
+
+def _metres(vector_mm: Vector) -> Vector:
+    x, y, z = vector_mm
+    return x * 1e-3, y * 1e-3, z * 1e-3
+
+
+async def bring_up(robot: RobotLink, sensor: ForceSensor) -> None:
+    """Robot in operation, sensor streaming. Raises DeviceError with what stands against it."""
+    status = await robot.read_status()
+    if status.emergency_stop:
+        raise DeviceError(f"robot on {robot.name} is in emergency stop; release it at the controller's panel")
+    if not status.operation:
+        await robot.to_operation()
+    await sensor.ready()
+
+
 class Run:
     """A run over a robot link and a force sensor that have been started; call it once."""
 
@@ -95,17 +126,11 @@ class Run:
         self._robot = robot
         self._sensor = sensor
         self._log = log
-        x, y, z = config.tool.centre_of_gravity_mm
-        self._wrist = Wrist(
-            math.radians(config.sensor.mounting_deg),
-            config.sensor.flip_fx_mx,
-            config.tool.mass_kg,
-            (x * 1e-3, y * 1e-3, z * 1e-3),
-        )
+        self._wrist = wrist(config)
         self._loop = control_loop(config)
         self._answer_time = answer_time(robot.profile)
         self._filter_delay = sensor.delay
-        self._quaternion_tare: Quaternion = (1.0, 0.0, 0.0, 0.0)
+        self._quaternion_tare: Quaternion | None = None
         self._interrupted = False
         self._phase = ""
         self.moving = False
@@ -118,11 +143,15 @@ class Run:
     async def __call__(self) -> RunResult:
         """The whole run. Raises BridgeError when a device fails before the movement has begun."""
         self._enter("connect")
-        await self._bring_up()
-        self._enter("tare")
-        await self._sensor.tare()
+        await bring_up(self._robot, self._sensor)
+        tare = self._config.sensor.tare
+        if tare:
+            self._enter("tare")
+            await self._sensor.tare()
+        else:
+            await self._sensor.next_frame()
         start = await self._robot.read_status()
-        self._quaternion_tare = start.quaternion
+        self._quaternion_tare = start.quaternion if tare else None
         self.moving = True
         try:
             async with self._robot.motion(self._config.robot.velocity_mm_s * 1e-3) as motion:
@@ -132,16 +161,6 @@ class Run:
         self.moving = False
         self._enter("end")
         return result
-
-    async def _bring_up(self) -> None:
-        status = await self._robot.read_status()
-        if status.emergency_stop:
-            raise DeviceError(
-                f"robot on {self._robot.name} is in emergency stop; release it at the controller's panel"
-            )
-        if not status.operation:
-            await self._robot.to_operation()
-        await self._sensor.ready()
 
     async def _cycles(self, motion: Motion, start: Status) -> RunResult:
         """The cycles between the start and the end of the movement sequence."""

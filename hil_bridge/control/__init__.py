@@ -7,11 +7,14 @@ from hil_bridge.control.controllers import CONTROLLERS, controller_kind, make_co
 from hil_bridge.control.estimate import Gates, StiffnessEstimate
 from hil_bridge.control.frames import (
     force_along,
+    quaternion_about,
+    quaternion_product,
     rotate,
     rotation_matrix,
     tool_gravity_wrench,
     transform_twist,
     transform_wrench,
+    turn_between,
 )
 from hil_bridge.control.fuzzy import (
     Inference,
@@ -51,6 +54,7 @@ from hil_bridge.control.supervisor import (
     Verdict,
 )
 from hil_bridge.control.task import Phase, Target, Task, TaskOutput, TaskParameters, TaskState
+from hil_bridge.control.tool_identification import ToolEstimate, ToolPose, identify_tool
 from hil_bridge.control.types import Command, Controller, Measurement
 from hil_bridge.control.wrist import Wrist
 
@@ -103,6 +107,8 @@ __all__ = [
     "TaskOutput",
     "TaskParameters",
     "TaskState",
+    "ToolEstimate",
+    "ToolPose",
     "Verdict",
     "Wrist",
     "computed_matrix",
@@ -110,12 +116,15 @@ __all__ = [
     "evaluate",
     "figures_of_merit",
     "force_along",
+    "identify_tool",
     "infer",
     "make_controller",
     "normal_force",
     "parse_rules",
     "plugin_names",
     "quantise",
+    "quaternion_about",
+    "quaternion_product",
     "read_rules",
     "rotate",
     "rotation_matrix",
@@ -124,4 +133,5 @@ __all__ = [
     "tool_gravity_wrench",
     "transform_twist",
     "transform_wrench",
+    "turn_between",
 ]

@@ -6,12 +6,16 @@ vectors. Source: textbook rigid-body statics; a wrench moves by the transpose of
 twist, so that force times velocity is the same number in every frame.
 """
 
+import math
 from collections.abc import Sequence
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
+Quaternion: TypeAlias = tuple[float, float, float, float]
+Vector: TypeAlias = tuple[float, float, float]
 
 STANDARD_GRAVITY = 9.80665
 """m/s². Source: ISO 80000-3."""
@@ -37,6 +41,37 @@ def rotation_matrix(quaternion: Sequence[float]) -> Array:
             [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
         ]
     )
+
+
+def quaternion_about(axis: Sequence[float], angle: float) -> Quaternion:
+    """Turn by `angle`, rad, about a unit vector."""
+    x, y, z = (math.sin(angle / 2.0) * part for part in axis)
+    return math.cos(angle / 2.0), x, y, z
+
+
+def quaternion_product(a: Sequence[float], b: Sequence[float]) -> Quaternion:
+    """First the turn `b`, then the turn `a`, both about the axes of the frame that `a` leads to."""
+    w, x, y, z = a
+    p, q, r, s = b
+    return (
+        w * p - x * q - y * r - z * s,
+        w * q + x * p + y * s - z * r,
+        w * r - x * s + y * p + z * q,
+        w * s + x * r - y * q + z * p,
+    )
+
+
+def turn_between(a: Sequence[float], b: Sequence[float]) -> tuple[Vector, float]:
+    """Unit axis in the base frame and angle, 0 … π rad, of the shorter turn from orientation `a` to `b`.
+
+    Both must have unit length. The axis of no turn at all is z.
+    """
+    w, x, y, z = quaternion_product(b, (a[0], -a[1], -a[2], -a[3]))
+    sine = math.hypot(x, y, z)
+    if sine < 1e-12:
+        return (0.0, 0.0, 1.0), 0.0
+    sign = math.copysign(1.0, w)
+    return (sign * x / sine, sign * y / sine, sign * z / sine), 2.0 * math.atan2(sine, abs(w))
 
 
 def rotate(quaternion: Sequence[float], vector: ArrayLike) -> Array:

@@ -1,45 +1,67 @@
-"""From what the wrist sensor says to the contact wrench on the tool."""
+"""From what the wrist sensor says to the contact wrench on the tool.
 
-import math
+Three frames: the sensor frame, in which it counts; the same place along the tool's axes, where the tool's weight is
+taken off; the tool frame, about whose origin the contact wrench is told.
+"""
+
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from hil_bridge.control.frames import Array, rotation_matrix, tool_gravity_wrench
+from hil_bridge.control.frames import (
+    Array,
+    Quaternion,
+    Vector,
+    rotation_matrix,
+    tool_gravity_wrench,
+    transform_wrench,
+)
+
+NO_WRENCH = (0.0,) * 6
 
 
 @dataclass(frozen=True, slots=True)
 class Wrist:
-    """How the sensor sits between flange and tool.
+    """How the sensor sits between flange and tool, and what it reads without any contact."""
 
-    The sensor's origin lies on the tool's z axis, which is also its own, so its moments stay about that origin.
-    """
-
-    mounting: float = 0.0
-    """Angle from the tool's x axis to the sensor's about the common z axis, rad."""
+    orientation: Quaternion = (1.0, 0.0, 0.0, 0.0)
+    """Sensor frame in the tool frame, w x y z."""
+    position: Vector = (0.0, 0.0, 0.0)
+    """Sensor's origin in the tool frame, m."""
     flip: bool = False
     """Negate Fx and Mx: for a sensor that counts left-handed as seen from the tool (JR3 manual 5907E)."""
+    bias: tuple[float, ...] = NO_WRENCH
+    """What the sensor reads with nothing on it, as it counts (before the flip), N and N·m, shape (6,)."""
     mass: float = 0.0
     """What hangs below the sensor, kg."""
-    centre_of_gravity: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Of that mass, from the sensor's origin in the tool frame, m."""
+    centre_of_gravity: Vector = (0.0, 0.0, 0.0)
+    """Of that mass, from the sensor's origin along the tool frame's axes, m."""
+
+    def alignment(self) -> Array:
+        """Matrix (3, 3) that takes forces, and likewise moments, as the sensor counts them to the tool's axes."""
+        matrix = rotation_matrix(self.orientation)
+        return matrix * (-1.0, 1.0, 1.0) if self.flip else matrix
 
     def contact_wrench(
-        self, measured: Sequence[float], quaternion: Sequence[float], quaternion_tare: Sequence[float]
+        self,
+        measured: Sequence[float],
+        quaternion: Sequence[float],
+        quaternion_tare: Sequence[float] | None,
     ) -> Array:
-        """Wrench of the environment on the tool, tool frame, N and N·m, shape (6,).
+        """Wrench of the environment on the tool, about the tool frame's origin, N and N·m, shape (6,).
 
-        `measured` is in the sensor frame, counted from the zero taken at `quaternion_tare`; quaternions are w x y z,
-        tool in base. The zero hides the weight at that orientation, so only its change since then is taken off.
+        `measured` is in the sensor frame; quaternions are w x y z, tool in base. Counted from a zero that was
+        taken at `quaternion_tare`, it lacks the bias and the weight at that orientation, so only the weight's
+        change since then is taken off. None: no zero was taken, bias and weight are taken off as they are known.
         """
-        wrench = np.array(measured, dtype=float)
-        if self.flip:
-            wrench[[0, 3]] *= -1.0
-        if self.mounting:
-            turn = rotation_matrix((math.cos(self.mounting / 2), 0.0, 0.0, math.sin(self.mounting / 2)))
-            wrench = np.concatenate([turn @ wrench[:3], turn @ wrench[3:]])
-        if self.mass and tuple(quaternion) != tuple(quaternion_tare):
+        counted = np.asarray(measured, dtype=float)
+        if quaternion_tare is None:
+            counted = counted - self.bias
+        alignment = self.alignment()
+        wrench = np.concatenate([alignment @ counted[:3], alignment @ counted[3:]])
+        if self.mass and (quaternion_tare is None or tuple(quaternion) != tuple(quaternion_tare)):
             wrench -= tool_gravity_wrench(quaternion, self.mass, self.centre_of_gravity)
-            wrench += tool_gravity_wrench(quaternion_tare, self.mass, self.centre_of_gravity)
-        return wrench
+            if quaternion_tare is not None:
+                wrench += tool_gravity_wrench(quaternion_tare, self.mass, self.centre_of_gravity)
+        return transform_wrench(np.eye(3), self.position, wrench)

@@ -97,6 +97,12 @@ class ForceSensor:
         self._history.clear()
         await self._until(SensorFrame)
 
+    async def next_frame(self) -> SensorFrame:
+        """The first complete frame that arrives from now on."""
+        await self._until(SensorFrame)
+        assert self.newest is not None
+        return self.newest
+
     def check(self) -> None:
         """Raise what ended the sensor, if anything did: for the cycle, before it trusts the newest frame."""
         if self._failure is not None:

@@ -4,37 +4,96 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from hil_bridge.control import Wrist
+from hil_bridge.control import (
+    Wrist,
+    quaternion_about,
+    quaternion_product,
+    rotate,
+    rotation_matrix,
+    tool_gravity_wrench,
+    transform_twist,
+    turn_between,
+)
 
 DOWN = (0.0, 1.0, 0.0, 0.0)
 LEVEL = (math.cos(math.pi / 4), 0.0, math.sin(math.pi / 4), 0.0)  # tool z along base x
 WRENCH = (1.0, 2.0, 3.0, 0.1, 0.2, 0.3)
+QUARTER = quaternion_about((0.0, 0.0, 1.0), math.pi / 2)
+NUMBER = st.floats(-10, 10)
+VECTOR = st.tuples(NUMBER, NUMBER, NUMBER)
+SIX = st.tuples(*[NUMBER] * 6)
+QUATERNION = (
+    st.tuples(*[st.floats(-1, 1)] * 4)
+    .filter(lambda q: math.hypot(*q) > 0.1)
+    .map(lambda q: tuple(part / math.hypot(*q) for part in q))
+)
 
 
 def test_a_plain_sensor_is_taken_as_it_is() -> None:
-    assert Wrist().contact_wrench(WRENCH, DOWN, DOWN).tolist() == pytest.approx(WRENCH)
+    assert Wrist().contact_wrench(WRENCH, DOWN, DOWN).tolist() == list(WRENCH)
 
 
 def test_a_sensor_mounted_at_ninety_degrees_reads_the_tools_y_as_its_x() -> None:
-    turned = Wrist(mounting=math.pi / 2).contact_wrench(WRENCH, DOWN, DOWN)
+    turned = Wrist(QUARTER).contact_wrench(WRENCH, DOWN, DOWN)
     assert turned.tolist() == pytest.approx([-2.0, 1.0, 3.0, -0.2, 0.1, 0.3])
 
 
 def test_a_left_handed_sensor_is_flipped_before_it_is_turned() -> None:
     flipped = Wrist(flip=True).contact_wrench(WRENCH, DOWN, DOWN)
     assert flipped.tolist() == pytest.approx([-1.0, 2.0, 3.0, -0.1, 0.2, 0.3])
-    both = Wrist(flip=True, mounting=math.pi / 2).contact_wrench(WRENCH, DOWN, DOWN)
+    both = Wrist(QUARTER, flip=True).contact_wrench(WRENCH, DOWN, DOWN)
     assert both.tolist() == pytest.approx([-2.0, -1.0, 3.0, -0.2, -0.1, 0.3])
+
+
+def test_a_force_at_the_tip_bends_the_sensor_and_not_the_tip() -> None:
+    """10 N across at the tip, 0.2 m below the sensor: 2 N·m at the sensor, none about the tool centre point."""
+    read = (10.0, 0.0, 0.0, 0.0, 2.0, 0.0)
+    contact = Wrist(position=(0.0, 0.0, -0.2)).contact_wrench(read, DOWN, DOWN)
+    assert contact.tolist() == pytest.approx([10.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+
+
+@given(QUATERNION, VECTOR, SIX, SIX)
+def test_power_is_the_same_at_the_sensor_and_at_the_tool(orientation, position, read, twist) -> None:
+    wrench = Wrist(orientation, position).contact_wrench(read, DOWN, DOWN)
+    twist_tool = transform_twist(rotation_matrix(orientation), position, twist)
+    assert wrench @ twist_tool == pytest.approx(np.dot(read, twist), abs=1e-9)
 
 
 def test_only_the_change_of_weight_since_the_zero_is_taken_off() -> None:
     """2 kg, 0.1 m below the sensor. The zero was taken pointing down, where the weight lies along tool z; held
     level it pulls along tool x and bends about tool y.
     """
-    wrist = Wrist(mass=2.0, centre_of_gravity=(0.0, 0.0, 0.1))
+    wrist = Wrist(mass=2.0, centre_of_gravity=(0.0, 0.0, 0.1), bias=(1.0,) * 6)
     weight = 2.0 * 9.80665
     assert wrist.contact_wrench(np.zeros(6), DOWN, DOWN).tolist() == [0.0] * 6
     felt_level, felt_down = np.array([weight, 0, 0, 0, 0.1 * weight, 0]), np.array([0, 0, weight, 0, 0, 0])
     contact = wrist.contact_wrench(felt_level - felt_down, LEVEL, DOWN)
     assert contact.tolist() == pytest.approx([0.0] * 6, abs=1e-9)
+
+
+@given(QUATERNION, VECTOR, st.booleans(), SIX, st.floats(0.1, 5), VECTOR, QUATERNION)
+def test_without_a_zero_bias_and_weight_leave_nothing_of_a_free_tool(
+    orientation, position, flip, bias, mass, centre, quaternion
+) -> None:
+    wrist = Wrist(orientation, position, flip, bias, mass, centre)
+    weight = tool_gravity_wrench(quaternion, mass, centre)
+    to_sensor = wrist.alignment().T
+    read = np.concatenate([to_sensor @ weight[:3], to_sensor @ weight[3:]]) + bias
+    assert wrist.contact_wrench(read, quaternion, None).tolist() == pytest.approx([0.0] * 6, abs=1e-8)
+
+
+@given(QUATERNION, QUATERNION, VECTOR)
+def test_a_product_of_turns_is_one_after_the_other(a, b, vector) -> None:
+    assert rotate(quaternion_product(a, b), vector) == pytest.approx(rotate(a, rotate(b, vector)), abs=1e-9)
+
+
+@given(QUATERNION, QUATERNION)
+def test_the_turn_between_two_orientations_leads_from_one_to_the_other_the_short_way(a, b) -> None:
+    axis, angle = turn_between(a, b)
+    assert math.hypot(*axis) == pytest.approx(1.0)
+    assert 0.0 <= angle <= math.pi + 1e-9
+    there = quaternion_product(quaternion_about(axis, angle), a)
+    assert rotation_matrix(there) == pytest.approx(rotation_matrix(b), abs=1e-9)
