@@ -26,8 +26,6 @@ BUS_FREE_BITS = 11
 """Recessive bits in a row by which a node knows that nobody sends."""
 
 _CRC_BITS = 15
-_KEY_BITS = 64 + 39 + _CRC_BITS
-"""Bits of the longest frame from its start to the end of its checksum, none of them stuffed."""
 
 
 def _crc_table() -> tuple[int, ...]:
@@ -120,21 +118,15 @@ def line_bits(frame: CanFrame) -> int:
 
 
 def arbitration_rank(frame: CanFrame) -> int:
-    """Lower wins: the frame's bits, of which the first that is dominant alone overrules the others.
+    """The frame's arbitration field as a number: a dominant bit overrules a recessive one, so lower wins.
 
-    Stuff bits need not be looked at: up to the first difference both frames have the same ones.
+    Frames of the same rank would destroy each other on a real bus. Stuff bits need not be looked at: up to the
+    first difference both frames have the same ones.
     """
-    word, count = bit_sequence(frame)
-    return word << _KEY_BITS - count
-
-
-def same_arbitration(frame: CanFrame, other: CanFrame) -> bool:
-    """Whether arbitration cannot tell two frames apart: on a real bus they would destroy each other."""
-    return (frame.identifier, frame.extended, frame.remote) == (
-        other.identifier,
-        other.extended,
-        other.remote,
-    )
+    if frame.extended:
+        base, extension = frame.identifier >> 18, frame.identifier & 0x3FFFF
+        return (base << 2 | 0b11) << 19 | extension << 1 | frame.remote
+    return (frame.identifier << 2 | frame.remote << 1) << 19
 
 
 @lru_cache(maxsize=1024)

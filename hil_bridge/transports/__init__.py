@@ -1,30 +1,43 @@
 """Wires: bytes and CAN frames over memory, serial ports, pseudo-terminals, TCP, python-can; opened by URL."""
 
 from hil_bridge.transports.base import Frames, Transport
+from hil_bridge.transports.can_queue import CanStatistics
 from hil_bridge.transports.line import LineSettings, Paced, Parity
 from hil_bridge.transports.listening import Listening
 from hil_bridge.transports.memory import memory_pair
-from hil_bridge.transports.memory_can import MemoryCanBus, frame_bits
+from hil_bridge.transports.memory_can import (
+    BitErrors,
+    Disturbance,
+    ErrorCounters,
+    MemoryCanBus,
+    MemoryCanNode,
+    memory_can_bus,
+)
 from hil_bridge.transports.urls import connect_bytes, connect_can, listen_bytes, listen_can
 from hil_bridge.transports.wrappers import Delayed, Direction, Faults, Faulty, Tap
 
 __all__ = [
+    "BitErrors",
+    "CanStatistics",
     "Delayed",
     "Direction",
+    "Disturbance",
+    "ErrorCounters",
     "Faults",
     "Faulty",
     "Frames",
     "LineSettings",
     "Listening",
     "MemoryCanBus",
+    "MemoryCanNode",
     "Paced",
     "Parity",
     "Tap",
     "Transport",
     "connect_bytes",
     "connect_can",
-    "frame_bits",
     "listen_bytes",
     "listen_can",
+    "memory_can_bus",
     "memory_pair",
 ]

@@ -1,39 +1,68 @@
-"""Every CAN interface of python-can, driven by the event loop; each wake-up takes all pending frames."""
+"""Every CAN interface of python-can, driven by the event loop; a wake-up takes all pending frames, up to a bound.
+
+Frames of SocketCAN carry the kernel's receive time: python-can asks for SO_TIMESTAMPNS, and `Clock.at_wall` turns
+that into the loop's time.
+"""
 
 import asyncio
 import errno
 import fcntl
 import os
-import threading
-from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import can
 from can.interfaces.slcan import slcanBus
 
-from hil_bridge.clock import Clock
+from hil_bridge.clock import Clock, Timer
 from hil_bridge.errors import TransportError
 from hil_bridge.transports import reasons
 from hil_bridge.transports.base import Frames, Transport
+from hil_bridge.transports.can_queue import SEND_DEADLINE_S, CanStatistics, SendQueue
+from hil_bridge.transports.can_reader import ReaderThread
 from hil_bridge.transports.delivery import QUEUE_FRAMES, Delivery, flush
 from hil_bridge.transports.slcan_port import SlcanPort
-from protocol.can import CanFrame
+from hil_bridge.transports.socketcan import LINK_LOST, Link, SocketCanLink, interface_up
+from protocol.can import CanFilter, CanFrame
+from protocol.can_error import CanErrorReport, ErrorClass, ErrorState, decode_error, encode_error
+from protocol.endpoint import RemoteProtocolError
+
+MOST_PER_WAKE_UP = 256
+"""Reads before others have their turn. Chosen: 30 ms of a full bus at 1 Mbit/s in about 3 ms."""
+
+RETRY_S = 0.001
+"""When a frame is offered again that the interface had no room for, s. Chosen: ten frames at 1 Mbit/s, which is
+the shortest queue that interfaces have; being writable says nothing, the socket is while its interface is full."""
+
+PROBE_S = 0.05
+"""How often an interface that is down is looked at, s. Chosen."""
+
+LINK_PATIENCE_S = 10.0
+"""For how long a bus may be off or its interface down before the wire is broken, s.
+
+Chosen: a person sets an interface up again, or plugs an adapter in, within that time.
+"""
 
 _FULL = (errno.ENOBUFS, errno.EAGAIN)
 _STAMPED_BY_KERNEL = ("socketcan",)
 _LONGEST_LINE = 64
 """More than any slcan line has: an extended frame with 8 bytes and a time stamp has 30 characters."""
-_THREAD_LOOKS_S = 0.1
-"""How often the reader thread looks whether it shall end."""
 
 
 async def open_python_can(
-    interface: str, channel: str, clock: Clock, name: str, **options: Any
+    interface: str,
+    channel: str,
+    clock: Clock,
+    name: str,
+    accept: Sequence[CanFilter] = (),
+    **options: Any,
 ) -> Transport[Frames]:
     """Open an interface: `socketcan`, `virtual` or `slcan`. Raises TransportUnavailable."""
-    opening = asyncio.ensure_future(asyncio.to_thread(_open, interface, channel, options))
+    open_bus = partial(_open, interface, channel, accept, options)
+    opening = asyncio.ensure_future(asyncio.to_thread(open_bus))
     try:
         bus = await asyncio.shield(opening)
     except asyncio.CancelledError:
@@ -42,17 +71,28 @@ async def open_python_can(
         raise
     except (can.CanError, OSError, ValueError) as error:
         raise reasons.unavailable(f"can+{interface}", name, channel, error) from error
-    return _CanWire(bus, interface, channel, clock, name)
+    link = SocketCanLink(channel, open_bus) if interface == "socketcan" else None
+    return CanWire(bus, interface, channel, clock, name, link)
 
 
-def _open(interface: str, channel: str, options: dict[str, Any]) -> can.BusABC:
+def _open(interface: str, channel: str, accept: Sequence[CanFilter], options: dict[str, Any]) -> can.BusABC:
     match interface:
         case "slcan":
             _check_free(channel)
             options = {"sleep_after_open": 0.0, "timeout": 0.0, **options}
         case "virtual":
             options = {"rx_queue_size": QUEUE_FRAMES, **options}
-    bus = can.Bus(channel=channel, interface=interface, ignore_config=True, **options)
+        case "socketcan":
+            # error frames are on unless they are declined; a socket can be bound to an interface that is down
+            if interface_up(channel) is False:
+                raise OSError(errno.ENETDOWN, os.strerror(errno.ENETDOWN))
+    filters = [
+        {"can_id": choice.identifier, "can_mask": choice.mask, "extended": choice.extended}
+        for choice in accept
+    ]
+    bus = can.Bus(
+        channel=channel, interface=interface, ignore_config=True, can_filters=filters or None, **options
+    )
     if isinstance(bus, slcanBus):
         bus.serialPortOrig.exclusive = True
     return bus
@@ -72,59 +112,89 @@ def _close_opened(opening: "asyncio.Future[can.BusABC]") -> None:
         opening.result().shutdown()
 
 
-class _CanWire:
-    """Transport over an open python-can bus. A batch that does not fit is sent up to the frame that fails."""
+@dataclass(frozen=True, slots=True)
+class _Outage:
+    """The wire carries nothing at present."""
 
-    def __init__(self, bus: can.BusABC, interface: str, channel: str, clock: Clock, name: str) -> None:
+    since: float
+    error: BaseException
+    link: bool
+    """Whether the interface is down; else its controller is bus-off."""
+
+
+class CanWire:
+    """Transport over an open python-can bus.
+
+    What the interface has no room for waits in a queue and is given up when nothing leaves for `send_deadline_s`.
+    An interface that goes down, or bus-off, has LINK_PATIENCE_S to come back. All of this is told in band, by
+    error frames: INTERFACE_DOWN and TX_TIMEOUT are made here, also RESTARTED when the interface is up again.
+    """
+
+    def __init__(
+        self,
+        bus: can.BusABC,
+        interface: str,
+        channel: str,
+        clock: Clock,
+        name: str,
+        link: Link | None = None,
+        send_deadline_s: float = SEND_DEADLINE_S,
+    ) -> None:
         self._bus = bus
         self._interface = interface
         self._channel = channel
         self._clock = clock
+        self._link = link
         self._delivery: Delivery[Frames] = Delivery(name, QUEUE_FRAMES)
+        self._queue = SendQueue(name, send_deadline_s)
         self._open = True
+        self._started = False
+        self._outage: _Outage | None = None
+        self._timer: Timer | None = None
         self._kernel_stamps = interface in _STAMPED_BY_KERNEL
+        self._received = self._reports = self._bus_off = 0
         self.malformed = 0
         """Arrivals that were no classical CAN frame."""
         self._port: SlcanPort | None = None
-        self._thread: _ReaderThread | None = None
+        self._thread: ReaderThread | None = None
         if isinstance(bus, slcanBus):
             bus.serialPortOrig = self._port = SlcanPort(bus.serialPortOrig)
-        try:
-            self._fd = bus.fileno()
-        except NotImplementedError:
-            self._fd = -1
+        self._fd = _file_descriptor(bus)
 
     @property
     def name(self) -> str:
         return self._delivery.name
 
+    @property
+    def statistics(self) -> CanStatistics:
+        """Counts since it was opened."""
+        return CanStatistics(
+            sent=self._queue.sent,
+            received=self._received,
+            dropped=self._queue.dropped,
+            error_frames=self._reports,
+            bus_off=self._bus_off,
+            malformed=self.malformed,
+            overruns=self._delivery.overruns + (0 if self._thread is None else self._thread.overruns),
+        )
+
     def start(self, on_data: Callable[[Frames], None], on_end: Callable[[TransportError], None]) -> None:
         self._delivery.start(on_data, on_end)
+        self._started = True
         if not self._open:
             return
         if self._fd >= 0:
-            self._clock.loop.add_reader(self._fd, self._readable)
+            if self._outage is None or not self._outage.link:
+                self._listen()
         else:
-            self._thread = _ReaderThread(self._bus, self._clock, self._from_thread, self._break)
+            self._thread = ReaderThread(self._bus, self._clock, self._from_thread, self._break)
 
     def send(self, data: Frames) -> None:
         self._delivery.check()
-        for frame in data:
-            message = can.Message(
-                arbitration_id=frame.identifier,
-                is_extended_id=frame.extended,
-                is_remote_frame=frame.remote,
-                data=frame.data,
-            )
-            try:
-                self._bus.send(message, timeout=0)
-            except can.CanError as error:
-                if _is_full(error):
-                    raise TransportError(f"{self.name}: the send queue is full; the bus is slower") from error
-                self._break(error)
-                self._delivery.check()
-        if self._port is not None and self._port.unsent:
-            self._clock.loop.add_writer(self._fd, self._writable)
+        self._queue.put(data, self._clock.now())
+        self._push()
+        self._delivery.check()
+        self._arm()
 
     async def aclose(self) -> None:
         if not self._delivery.begin_close():
@@ -139,10 +209,76 @@ class _CanWire:
                 await asyncio.to_thread(thread.join)
 
     async def _drained(self) -> None:
-        while self._port is not None and self._port.unsent and self._open:
+        while self._open and (len(self._queue) or (self._port is not None and self._port.unsent)):
             await self._clock.sleep_until(self._clock.now() + 0.002)
 
+    # --- sending
+
+    def _push(self) -> None:
+        """Give the interface what it takes. Calls nobody back, except that a wire that breaks says so."""
+        port = self._port
+        while len(self._queue) and (self._outage is None or not self._outage.link):
+            if port is not None and port.unsent:
+                break
+            try:
+                self._bus.send(_message(self._queue.head), timeout=0)
+            except (can.CanError, OSError) as error:
+                if not _is_full(error):
+                    self._fail(error)
+                break
+            self._queue.left(self._clock.now())
+        if port is not None and port.unsent and self._open:
+            self._clock.loop.add_writer(self._fd, self._writable)
+
+    def _writable(self) -> None:
+        assert self._port is not None
+        try:
+            self._port.push()
+        except OSError as error:
+            self._break(error)
+            return
+        if not self._port.unsent:
+            self._clock.loop.remove_writer(self._fd)
+            self._push()
+
+    def _arm(self) -> None:
+        """Have the timer come when there is something to look after."""
+        if self._timer is not None or not self._open:
+            return
+        now = self._clock.now()
+        if self._outage is not None:
+            when = min(now + PROBE_S, self._queue.give_up_at)
+        elif len(self._queue):
+            when = min(now + RETRY_S, self._queue.give_up_at)
+        else:
+            return
+        self._timer = self._clock.call_at(when, self._look)
+
+    def _look(self) -> None:
+        """Retry, drop what is too old, see whether an outage is over or lasts too long."""
+        self._timer = None
+        if not self._open:
+            return
+        now = self._clock.now()
+        if self._outage is not None and self._outage.link:
+            self._come_back()
+        if self._outage is not None and now >= self._outage.since + LINK_PATIENCE_S:
+            self._break(self._outage.error)
+            return
+        self._push()
+        if self._queue.give_up(now):
+            self._report(ErrorClass.TX_TIMEOUT)
+        self._arm()
+
+    # --- receiving
+
+    def _listen(self) -> None:
+        if self._started and self._fd >= 0:
+            self._clock.loop.add_reader(self._fd, self._readable)
+
     def _readable(self) -> None:
+        if not self._open:
+            return
         frames: list[CanFrame] = []
         failure: BaseException | None = None
         try:
@@ -151,15 +287,14 @@ class _CanWire:
             self._drain(frames)
         except (can.CanError, OSError) as error:
             failure = error
-        if frames:
-            self._delivery.data(frames)
+        self._arrived(frames)
         if failure is not None:
-            self._break(failure)
+            self._fail(failure)
 
     def _drain(self, frames: list[CanFrame]) -> None:
-        """Take all pending frames."""
+        """Take all pending frames, up to the bound."""
         bus, port = self._bus, self._port
-        while True:
+        for _ in range(MOST_PER_WAKE_UP):
             try:
                 message = bus.recv(0)
             except (ValueError, IndexError):
@@ -171,10 +306,14 @@ class _CanWire:
                 self._forget_input()
                 continue
             if message is not None:
-                self._take(message, frames)
+                at = self._clock.at_wall(message.timestamp) if self._kernel_stamps else self._clock.now()
+                self._take(message, at, frames)
             elif port is None or not port.in_waiting:
                 # slcan says None for an acknowledgement too, though frames may follow
                 break
+        else:
+            if port is not None and port.in_waiting:
+                self._clock.loop.call_soon(self._readable)  # no event tells of what was read already
         if port is not None and port.unfinished > _LONGEST_LINE:
             self._forget_input()
 
@@ -184,31 +323,90 @@ class _CanWire:
         self._bus.flush()
         self.malformed += 1
 
-    def _take(self, message: can.Message, frames: list[CanFrame]) -> None:
-        frame = _frame(
-            message,
-            self._clock.at_wall(message.timestamp) if self._kernel_stamps else self._clock.now(),
-        )
+    def _take(self, message: can.Message, at: float, frames: list[CanFrame]) -> None:
+        frame = _frame(message, at)
         if frame is None:
             self.malformed += 1
         else:
             frames.append(frame)
 
     def _from_thread(self, messages: list[tuple[float, can.Message]]) -> None:
-        frames = [frame for at, message in messages if (frame := _frame(message, at)) is not None]
-        self.malformed += len(messages) - len(frames)
-        if frames and self._open:
-            self._delivery.data(frames)
+        frames: list[CanFrame] = []
+        for at, message in messages:
+            self._take(message, at, frames)
+        if self._open:
+            self._arrived(frames)
 
-    def _writable(self) -> None:
-        assert self._port is not None
-        try:
-            self._port.push()
-        except OSError as error:
-            self._break(error)
+    def _arrived(self, frames: list[CanFrame]) -> None:
+        if not frames:
             return
-        if not self._port.unsent:
-            self._clock.loop.remove_writer(self._fd)
+        for frame in frames:
+            if frame.error:
+                self._reports += 1
+                self._judge(frame)
+            else:
+                self._received += 1
+                self._back_on_bus()
+        self._delivery.data(frames)
+        self._arm()
+
+    # --- outages
+
+    def _judge(self, frame: CanFrame) -> None:
+        """Follow the controller's error state."""
+        try:
+            report = decode_error(frame)
+        except RemoteProtocolError:
+            self.malformed += 1
+            return
+        if report.state is ErrorState.BUS_OFF:
+            self._bus_off += 1
+            if self._outage is None:
+                self._outage = _Outage(self._clock.now(), reasons.BusOff(), link=False)
+        elif report.state is not None:
+            self._back_on_bus()
+
+    def _back_on_bus(self) -> None:
+        if self._outage is not None and not self._outage.link:
+            self._outage = None
+
+    def _fail(self, error: BaseException) -> None:
+        """An interface that is down may come back, anything else breaks the wire."""
+        if self._link is None or reasons.error_number(error) not in LINK_LOST:
+            self._break(error)
+        elif self._outage is None or not self._outage.link:
+            self._outage = _Outage(self._clock.now(), error, link=True)
+            if self._fd >= 0:
+                self._clock.loop.remove_reader(self._fd)
+            # may be within `send`, where nobody expects to be called back
+            self._clock.loop.call_soon(self._tell_down)
+            self._arm()
+
+    def _tell_down(self) -> None:
+        """Hand over what came before: later it would look new."""
+        frames: list[CanFrame] = []
+        for _ in range(2):  # the socket may still have to tell its error first
+            with suppress(can.CanError, OSError):
+                self._drain(frames)
+        self._arrived(frames)
+        self._report(ErrorClass.INTERFACE_DOWN)
+
+    def _come_back(self) -> None:
+        assert self._link is not None
+        try:
+            if not self._link.up:
+                return
+            self._bus = self._link.renew(self._bus)
+        except (can.CanError, OSError):
+            return
+        self._fd = _file_descriptor(self._bus)
+        self._outage = None
+        self._listen()
+        self._report(ErrorClass.RESTARTED)
+
+    def _report(self, matter: ErrorClass) -> None:
+        self._reports += 1
+        self._delivery.data([encode_error(CanErrorReport(matter), self._clock.now())])
 
     def _break(self, error: BaseException) -> None:
         self._close()
@@ -218,6 +416,9 @@ class _CanWire:
         if not self._open:
             return
         self._open = False
+        self._queue.clear()
+        if self._timer is not None:
+            self._timer.cancel()
         if self._fd >= 0:
             self._clock.loop.remove_reader(self._fd)
             self._clock.loop.remove_writer(self._fd)
@@ -231,61 +432,21 @@ class _CanWire:
                 self._port.close()
 
 
-class _ReaderThread:
-    """Reads an interface that has no file descriptor."""
+def _file_descriptor(bus: can.BusABC) -> int:
+    try:
+        return bus.fileno()
+    except NotImplementedError:
+        return -1
 
-    def __init__(
-        self,
-        bus: can.BusABC,
-        clock: Clock,
-        on_messages: Callable[[list[tuple[float, can.Message]]], None],
-        on_error: Callable[[BaseException], None],
-    ) -> None:
-        self._bus = bus
-        self._clock = clock
-        self._on_messages = on_messages
-        self._on_error = on_error
-        self._pending: deque[tuple[float, can.Message]] = deque(maxlen=QUEUE_FRAMES)
-        self._lock = threading.Lock()
-        self.overruns = 0
-        """Frames lost because the event loop was too slow."""
-        self._stopping = False
-        self._thread = threading.Thread(target=self._run, name="CAN reader", daemon=True)
-        self._thread.start()
 
-    def stop(self) -> None:
-        """Ask it to end."""
-        self._stopping = True
-
-    def join(self) -> None:
-        """Wait until it has ended."""
-        self._thread.join()
-
-    def _run(self) -> None:
-        while not self._stopping:
-            try:
-                message = self._bus.recv(_THREAD_LOOKS_S)
-            except (can.CanError, OSError, ValueError) as error:
-                if not self._stopping:
-                    self._call(self._on_error, error)
-                return
-            if message is not None:
-                with self._lock:
-                    first = not self._pending
-                    self.overruns += len(self._pending) == QUEUE_FRAMES
-                    self._pending.append((self._clock.now(), message))
-                if first:
-                    self._call(self._hand_over)
-
-    def _call(self, callback: Callable[..., None], *arguments: object) -> None:
-        with suppress(RuntimeError):  # the loop is closed
-            self._clock.loop.call_soon_threadsafe(callback, *arguments)
-
-    def _hand_over(self) -> None:
-        with self._lock:
-            messages = list(self._pending)
-            self._pending.clear()
-        self._on_messages(messages)
+def _message(frame: CanFrame) -> can.Message:
+    return can.Message(
+        arbitration_id=frame.identifier,
+        is_extended_id=frame.extended,
+        is_remote_frame=frame.remote,
+        dlc=len(frame.data),
+        data=b"" if frame.remote else frame.data,
+    )
 
 
 def _frame(message: can.Message, at: float) -> CanFrame | None:
@@ -295,7 +456,7 @@ def _frame(message: can.Message, at: float) -> CanFrame | None:
     try:
         return CanFrame(
             message.arbitration_id,
-            bytes(message.data),
+            bytes(message.dlc) if message.is_remote_frame else bytes(message.data),
             extended=message.is_extended_id,
             remote=message.is_remote_frame,
             error=message.is_error_frame,
@@ -305,7 +466,7 @@ def _frame(message: can.Message, at: float) -> CanFrame | None:
         return None
 
 
-def _is_full(error: can.CanError) -> bool:
+def _is_full(error: BaseException) -> bool:
     """Whether sending failed only for now; python-can says it by number or in words."""
     return (
         reasons.error_number(error) in _FULL

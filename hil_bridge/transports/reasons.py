@@ -47,6 +47,16 @@ ADVICE = {
 }
 
 
+class BusOff(Exception):
+    """The CAN controller left the bus because of its errors and did not come back."""
+
+    def __init__(self) -> None:
+        super().__init__(
+            "the CAN controller is bus-off; check bitrate, termination and cable, then restart it "
+            "(`sudo ip link set {target} type can restart`)"
+        )
+
+
 def unavailable(scheme: str, name: str, target: str, error: BaseException) -> TransportUnavailable:
     """Why a wire could not be opened."""
     return TransportUnavailable(f"{name}: cannot be opened: {_reason(scheme, target, error)}")
@@ -73,4 +83,6 @@ def _reason(scheme: str, target: str, error: BaseException) -> str:
     number = error_number(error)
     if number is not None and number in ADVICE.get(scheme, {}):
         return ADVICE[scheme][number].format(target=target)
+    if isinstance(error, BusOff):
+        return str(error).format(target=target)
     return " ".join(str(error).split()) or type(error).__name__

@@ -16,7 +16,7 @@ pyserial and python-can take their time to import, so that only a wire of theirs
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -31,6 +31,7 @@ from hil_bridge.transports.memory import connect_memory, listen_memory
 from hil_bridge.transports.memory_can import join_memory_can
 from hil_bridge.transports.pseudo_terminal import PseudoTerminal
 from hil_bridge.transports.tcp import connect_tcp, listen_tcp
+from protocol.can import CanFilter
 
 SLCAN_BITRATES = (10_000, 20_000, 50_000, 83_300, 100_000, 125_000, 250_000, 500_000, 750_000, 1_000_000)
 """Bit rates for which the slcan protocol has a command."""
@@ -190,9 +191,13 @@ async def connect_bytes(url: str, clock: Clock) -> Transport[bytes]:
             return wire if line is None else Paced(wire, line, clock)
 
 
-async def connect_can(url: str, clock: Clock) -> Transport[Frames]:
-    """Open a CAN wire. Raises ConfigError for the URL, TransportUnavailable for the wire."""
-    return await _open_can(parse_url(url, CONNECT_CAN), clock)
+async def connect_can(url: str, clock: Clock, accept: Sequence[CanFilter] = ()) -> Transport[Frames]:
+    """Open a CAN wire that receives what one of the filters accepts; everything without filters.
+
+    What is wrong on the bus arrives in band, as error frames that `protocol.can_error` reads. Raises ConfigError
+    for the URL, TransportUnavailable for the wire.
+    """
+    return await _open_can(parse_url(url, CONNECT_CAN), clock, accept)
 
 
 async def listen_bytes(url: str, clock: Clock) -> Listening[bytes]:
@@ -217,21 +222,21 @@ async def listen_bytes(url: str, clock: Clock) -> Listening[bytes]:
     return Listening(transport if line is None else Paced(transport, line, clock), address)
 
 
-async def listen_can(url: str, clock: Clock) -> Listening[Frames]:
+async def listen_can(url: str, clock: Clock, accept: Sequence[CanFilter] = ()) -> Listening[Frames]:
     """Open the other side of a CAN wire; all nodes are alike, so the address is the URL itself.
 
-    Raises ConfigError for the URL, TransportUnavailable for the wire.
+    As `connect_can`. Raises ConfigError for the URL, TransportUnavailable for the wire.
     """
-    return Listening(await _open_can(parse_url(url, LISTEN_CAN), clock), url)
+    return Listening(await _open_can(parse_url(url, LISTEN_CAN), clock, accept), url)
 
 
-async def _open_can(parsed: WireUrl, clock: Clock) -> Transport[Frames]:
+async def _open_can(parsed: WireUrl, clock: Clock, accept: Sequence[CanFilter]) -> Transport[Frames]:
     if parsed.scheme == "can+memory":
-        return join_memory_can(parsed.target, parsed.options.get("bitrate"), clock)
+        return join_memory_can(parsed.target, parsed.options.get("bitrate"), clock, accept)
     from hil_bridge.transports.python_can import open_python_can
 
     interface = parsed.scheme.removeprefix("can+")
-    return await open_python_can(interface, parsed.target, clock, parsed.text, **parsed.options)
+    return await open_python_can(interface, parsed.target, clock, parsed.text, accept, **parsed.options)
 
 
 def _line_query(line: LineSettings) -> str:

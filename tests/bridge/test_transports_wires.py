@@ -7,7 +7,6 @@ import pytest
 
 from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.errors import (
-    ConfigError,
     TransportBroken,
     TransportClosed,
     TransportError,
@@ -19,20 +18,15 @@ from hil_bridge.transports import (
     Faults,
     Faulty,
     LineSettings,
-    MemoryCanBus,
     Paced,
     Parity,
     Tap,
     Transport,
     connect_bytes,
-    connect_can,
-    frame_bits,
     listen_bytes,
-    listen_can,
     memory_pair,
 )
 from hil_bridge.transports.delivery import Delivery
-from protocol.can import CanFrame
 
 LINE = LineSettings(9600, Parity.EVEN, 1)
 
@@ -281,109 +275,6 @@ def test_a_cut_cable_is_broken_here_and_silent_there() -> None:
     run_virtual(main)
 
 
-# --- CAN
-
-
-def test_frame_lengths() -> None:
-    # ISO 11898-1: 44 bits and 3 of pause around the data; 20 more for the longer identifier
-    assert frame_bits(CanFrame(0x100)) == 47
-    assert frame_bits(CanFrame(0x100, bytes(8))) == 111
-    assert frame_bits(CanFrame(0x100, bytes(8), extended=True)) == 131
-    assert frame_bits(CanFrame(0x100, remote=True)) == 47
-
-
-def test_frames_take_their_time_and_carry_it() -> None:
-    async def main() -> None:
-        clock = Clock.running()
-        bus = MemoryCanBus(clock, 250_000)
-        sender, receiver, other = bus.connect(), bus.connect(), bus.connect()
-        own, log, third = Log(sender, clock), Log(receiver, clock), Log(other, clock)
-        start = clock.now()
-        sender.send([CanFrame(0x101, bytes(8)), CanFrame(0x100, b"ab")])
-        await pass_time(1)
-        ends = [start + 111 / 250_000, start + (111 + 63) / 250_000]
-        assert [(at, frames[0].received_at) for at, frames in log.items] == [(end, end) for end in ends]
-        assert [frames for _, frames in log.items] == [
-            (CanFrame(0x101, bytes(8)),),
-            (CanFrame(0x100, b"ab"),),
-        ]
-        assert log.items == third.items
-        assert own.items == []
-
-    run_virtual(main)
-
-
-def test_the_lower_identifier_wins_among_those_that_wait() -> None:
-    async def main() -> None:
-        clock = Clock.running()
-        bus = MemoryCanBus(clock)
-        nodes = [bus.connect() for _ in range(5)]
-        log = Log(bus.connect(), clock)
-        frames = [
-            CanFrame(0x300),
-            CanFrame(0x100, remote=True),
-            CanFrame(0x100),
-            CanFrame(0x100 << 18, extended=True),
-            CanFrame(0x0FF << 18 | 5, extended=True),
-        ]
-        for node, frame in zip(nodes, frames, strict=True):
-            node.send([frame])
-        await pass_time(1)
-        assert [items[0] for _, items in log.items] == [frames[4], frames[2], frames[1], frames[3], frames[0]]
-
-    run_virtual(main)
-
-
-def test_a_node_that_answers_takes_part_in_the_next_arbitration() -> None:
-    async def main() -> None:
-        clock = Clock.running()
-        bus = MemoryCanBus(clock)
-        talker, answerer = bus.connect(), bus.connect()
-        log = Log(bus.connect(), clock)
-        answerer.start(lambda frames: answerer.send([CanFrame(0x001)]), lambda error: None)
-        talker.send([CanFrame(0x200), CanFrame(0x201)])
-        await pass_time(1)
-        assert [frames[0].identifier for _, frames in log.items] == [0x200, 0x001, 0x201, 0x001]
-
-    run_virtual(main)
-
-
-def test_who_comes_at_the_instant_of_the_begin_takes_part_and_who_comes_later_waits() -> None:
-    async def main() -> None:
-        clock = Clock.running()
-        bus = MemoryCanBus(clock)
-        first, second, late = (bus.connect() for _ in range(3))
-        log = Log(bus.connect(), clock)
-        start = clock.now()
-        first.send([CanFrame(0x200)])
-        await pass_time(0)
-        second.send([CanFrame(0x100)])
-        await clock.sleep_until(start + 1e-6)
-        late.send([CanFrame(0x001)])
-        await pass_time(1)
-        assert [frames[0].identifier for _, frames in log.items] == [0x100, 0x001, 0x200]
-        assert [at for at, _ in log.items] == [start + 47 * count / 1_000_000 for count in (1, 2, 3)]
-
-    run_virtual(main)
-
-
-def test_the_can_queue_is_bounded_and_a_leaving_node_hands_over_its_frames() -> None:
-    async def main() -> None:
-        clock = Clock.running()
-        bus = MemoryCanBus(clock, 10_000)
-        sender, log = bus.connect(), Log(bus.connect(), clock)
-        with pytest.raises(TransportError, match="full"):
-            sender.send([CanFrame(1)] * 1025)
-        sender.send([CanFrame(1)] * 1024)
-        start = clock.now()
-        await sender.aclose()
-        assert clock.now() == start + 1.0
-        await pass_time(1)
-        assert len(log.items) == 212  # 10 000 / 47
-
-    run_virtual(main)
-
-
 # --- by URL
 
 
@@ -428,25 +319,6 @@ def test_a_memory_url_with_a_baudrate_is_paced() -> None:
         client.send(b"12345")
         await pass_time(1)
         assert log.items == [(start + 5 * 11 / 9600 + 0.002, b"12345")]
-
-    run_virtual(main)
-
-
-def test_nodes_of_a_memory_bus_must_agree_on_the_bitrate() -> None:
-    async def main() -> None:
-        clock = Clock.running()
-        listening = await listen_can("can+memory:sensor?bitrate=500000", clock)
-        with pytest.raises(ConfigError, match="bitrate=250000"):
-            await connect_can("can+memory:sensor?bitrate=250000", clock)
-        client, log = await connect_can(listening.address, clock), Log(listening.transport, clock)
-        start = clock.now()
-        client.send([CanFrame(0x100)])
-        await pass_time(1)
-        assert log.times == [start + 47 / 500_000]
-        await client.aclose()
-        await listening.transport.aclose()
-        # the bus is gone with its last node
-        await (await connect_can("can+memory:sensor?bitrate=250000", clock)).aclose()
 
     run_virtual(main)
 

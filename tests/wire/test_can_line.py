@@ -14,7 +14,6 @@ from protocol.can_line import (
     crc15,
     frame_time_bits,
     line_bits,
-    same_arbitration,
     stuff_bits,
     stuffed_bits,
 )
@@ -127,22 +126,30 @@ def test_stuff_bits_keep_below_the_known_bound(frame: CanFrame) -> None:
     assert stuff_bits(frame) <= (count - 1) // 4
 
 
-@given(frames(), frames())
+def rivals() -> st.SearchStrategy[CanFrame]:
+    """Frames of few identifiers, so that the later bits decide."""
+
+    def build(extended: bool, remote: bool, base: int, extension: int, data: bytes) -> CanFrame:
+        number = base << 18 | extension if extended else base
+        return CanFrame(number, data, extended=extended, remote=remote)
+
+    parts = st.sampled_from((0, 1, 0x400)), st.sampled_from((0, 1, 0x20000))
+    return st.builds(build, st.booleans(), st.booleans(), *parts, st.binary(max_size=2))
+
+
+@given(rivals(), rivals())
 @settings(max_examples=200)
 def test_the_rank_is_the_order_in_which_dominant_bits_overrule(one: CanFrame, other: CanFrame) -> None:
-    ours, theirs = stuffed(spelled(one)), stuffed(spelled(other))
-    winner = next((one if a == "0" else other for a, b in zip(ours, theirs, strict=False) if a != b), None)
-    if winner is None:
+    def key(frame: CanFrame) -> tuple[int, bool, bool]:
+        return frame.identifier, frame.extended, frame.remote
+
+    if key(one) == key(other):
         assert arbitration_rank(one) == arbitration_rank(other)
-    else:
-        loser = other if winner is one else one
-        assert arbitration_rank(winner) < arbitration_rank(loser)
-
-
-def test_frames_whose_arbitration_is_the_same_are_told() -> None:
-    assert same_arbitration(CanFrame(0x100, b"a"), CanFrame(0x100, b"b"))
-    assert not same_arbitration(CanFrame(0x100), CanFrame(0x100, remote=True))
-    assert not same_arbitration(CanFrame(0x100), CanFrame(0x100, extended=True))
+        return
+    ours, theirs = stuffed(spelled(one)), stuffed(spelled(other))
+    winner = next(one if a == "0" else other for a, b in zip(ours, theirs, strict=False) if a != b)
+    loser = other if winner is one else one
+    assert arbitration_rank(winner) < arbitration_rank(loser)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,94 @@
+"""What every CAN wire needs for sending: a bounded queue whose frames do not grow old, and its counts."""
+
+from collections import deque
+from dataclasses import dataclass
+
+from hil_bridge.errors import TransportError
+from hil_bridge.transports.base import Frames
+from hil_bridge.transports.delivery import QUEUE_FRAMES
+from protocol.can import CanFrame
+
+SEND_DEADLINE_S = 0.1
+"""For how long a frame waits while nothing leaves, s. Chosen: after that a command is worse than none."""
+
+
+@dataclass(frozen=True, slots=True)
+class CanStatistics:
+    """What a node of a CAN bus has seen since it was opened."""
+
+    sent: int = 0
+    """Frames that the interface has taken; on a bus in memory, frames that were acknowledged."""
+    received: int = 0
+    """Frames of other nodes that were handed over."""
+    dropped: int = 0
+    """Frames to send that were given up."""
+    error_frames: int = 0
+    """Reports of trouble: of the interface and of the transport."""
+    bus_off: int = 0
+    """How often the node had to leave the bus because of its errors."""
+    malformed: int = 0
+    """Arrivals that were no classical CAN frame."""
+    overruns: int = 0
+    """Arrivals lost because nobody took them in time."""
+
+
+class SendQueue:
+    """Frames that wait for the bus, in order.
+
+    A frame is given up when it has waited for the deadline and nothing has left meanwhile: a slow bus delays,
+    a stuck one does not keep old commands for later.
+    """
+
+    __slots__ = ("_deadline", "_frames", "_name", "dropped", "progress", "sent")
+
+    def __init__(self, name: str, deadline_s: float = SEND_DEADLINE_S) -> None:
+        self._name = name
+        self._deadline = deadline_s
+        self._frames: deque[tuple[float, CanFrame]] = deque()
+        self.progress = float("-inf")
+        """When a frame left last, s."""
+        self.sent = 0
+        self.dropped = 0
+
+    def __len__(self) -> int:
+        return len(self._frames)
+
+    @property
+    def head(self) -> CanFrame:
+        """The frame that is next."""
+        return self._frames[0][1]
+
+    @property
+    def give_up_at(self) -> float:
+        """When the next frame is given up, s; never while there is none."""
+        return max(self._frames[0][0], self.progress) + self._deadline if self._frames else float("inf")
+
+    def put(self, frames: Frames, now: float) -> None:
+        """Queue all of them. Raises TransportError and queues none when there is no room for all."""
+        if any(frame.error for frame in frames):
+            raise ValueError("an error report is not a frame that a node can send")
+        if len(self._frames) + len(frames) > QUEUE_FRAMES:
+            raise TransportError(
+                f"{self._name}: the send queue is full, {QUEUE_FRAMES} frames; the bus is slower"
+            )
+        self._frames.extend((now, frame) for frame in frames)
+
+    def left(self, now: float) -> None:
+        """The next frame has left."""
+        self._frames.popleft()
+        self.progress = now
+        self.sent += 1
+
+    def give_up(self, now: float) -> int:
+        """Drop what has waited too long; how many."""
+        dropped = 0
+        while self.give_up_at <= now:
+            self._frames.popleft()
+            dropped += 1
+        self.dropped += dropped
+        return dropped
+
+    def clear(self) -> None:
+        """Drop everything."""
+        self.dropped += len(self._frames)
+        self._frames.clear()

@@ -1,0 +1,309 @@
+"""A CAN bus inside one event loop, true to the wire: bit times, arbitration, acknowledge, errors."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from hil_bridge.clock import Clock, Timer
+from hil_bridge.transports.memory_can.disturbance import Disturbance
+from hil_bridge.transports.memory_can.node import MemoryCanNode
+from protocol.can import CanFilter, CanFrame
+from protocol.can_error import ErrorState
+from protocol.can_line import (
+    BUS_FREE_BITS,
+    ERROR_DELIMITER_BITS,
+    ERROR_FLAG_BITS,
+    INTERMISSION_BITS,
+    SUSPEND_BITS,
+    acknowledged_bits,
+    arbitration_rank,
+    frame_time_bits,
+)
+
+BITRATE = 1_000_000
+"""Bit/s where nobody names one."""
+
+
+@dataclass(slots=True)
+class _Attempt:
+    """One frame on the bus, or the same frame again and again while nobody is there to acknowledge it."""
+
+    sender: MemoryCanNode
+    frame: CanFrame
+    receivers: tuple[MemoryCanNode, ...]
+    start: int
+    """Bit time of its start of frame."""
+    bits: int
+    """Bit times to its end; the intermission is not part of it."""
+    failed: bool
+    acknowledge_missing: bool
+    accepted: bool
+    """Whether the receivers take the frame, though it may have failed for its sender."""
+    repeats: int = 1
+
+    @property
+    def cycle(self) -> int:
+        """Bit times from one repetition to the next of a node that is error passive."""
+        return self.bits + INTERMISSION_BITS + SUSPEND_BITS
+
+    @property
+    def end(self) -> int:
+        """Bit time at which it is over."""
+        return self.start + (self.repeats - 1) * self.cycle + self.bits
+
+
+class MemoryCanBus:
+    """Any number of nodes on one bus.
+
+    Each sends its own frames in order; among those that wait, the frame whose bits win the arbitration goes
+    first. The others have it at the end of its end of frame, stamped with that time. A frame that is disturbed
+    or that nobody acknowledges is followed by an error frame and sent again; the nodes count errors, become error
+    passive, go bus-off and come back as ISO 11898-1 says.
+
+    Simplified: all nodes see a disturbance in the same bit, so that their error flags coincide; a node that
+    leaves in the middle of a frame has acknowledged it; of two nodes that send the same identifier at once, which
+    would destroy each other's frames, they take turns and `collisions` counts it.
+    """
+
+    def __init__(self, clock: Clock, bitrate: int = BITRATE, name: str = "can+memory:bus") -> None:
+        self.name = name
+        self.bitrate = bitrate
+        self.disturb: Disturbance | None = None
+        """What spoils frames; may be replaced while running."""
+        self.errors = 0
+        """Error frames so far."""
+        self.collisions = 0
+        """How often two nodes sent the same identifier at once."""
+        self._clock = clock
+        self._nodes: list[MemoryCanNode] = []
+        self._opened = self._begun = clock.now()
+        """When the bus, and when the present unbroken traffic began."""
+        self._bits = 0
+        """Bit times from then to where the next frame may begin."""
+        self._start = 0
+        """Bit time of the next arbitration."""
+        self._busy = 0
+        """Bit times of frames, error frames and intermissions that are over."""
+        self._attempt: _Attempt | None = None
+        self._timer: Timer | None = None
+        """End of the attempt, next arbitration, or the next recovery from bus-off."""
+        self._suspended: MemoryCanNode | None = None
+        """Error passive sender of the last frame, to whom all others are preferred."""
+        self._free_since: float | None = None
+        """When the bus became free while somebody is bus-off."""
+        self._calling_back = False
+
+    @property
+    def empty(self) -> bool:
+        """Whether nobody is connected."""
+        return not self._nodes
+
+    def now(self) -> float:
+        """The bus's time, s."""
+        return self._clock.now()
+
+    def load(self) -> float:
+        """Share of the time since the bus was opened in which it was busy, percent."""
+        elapsed = self._clock.now() - self._opened
+        return 100.0 * self.busy_s / elapsed if elapsed > 0.0 else 0.0
+
+    @property
+    def busy_s(self) -> float:
+        """How long the bus was busy with what is over, s; differences give the load of any window."""
+        return self._busy / self.bitrate
+
+    def connect(self, accept: Sequence[CanFilter] = ()) -> MemoryCanNode:
+        """A new node that receives what one of the filters accepts; everything without filters."""
+        node = MemoryCanNode(self, accept)
+        self._nodes.append(node)
+        if not self._begins_now():
+            self._cut_repeats()
+        return node
+
+    def disconnect(self, node: MemoryCanNode) -> None:
+        """Take a node off the bus."""
+        self._nodes.remove(node)
+        if self._attempt is not None and self._attempt.sender is node:
+            self._cut_repeats()
+
+    def wake(self, node: MemoryCanNode) -> None:
+        """A node has something to send."""
+        # else the end of the attempt, of the callbacks or of bus-off sees to it
+        if node.on_bus and not self._calling_back and not self._begins_now() and self._attempt is None:
+            self._schedule(self._clock.now())
+
+    def _at(self, bits: int) -> float:
+        return self._begun + bits / self.bitrate
+
+    def _begins_now(self) -> bool:
+        """Arbitrate anew for who comes at the very instant at which a frame began; whether there was one."""
+        attempt = self._attempt
+        if attempt is None or self._calling_back or self._clock.now() != self._at(attempt.start):
+            return False
+        self._start = attempt.start
+        self._arbitrate()
+        return True
+
+    def _schedule(self, not_before: float) -> None:
+        """See to it that the next frame begins, as soon as the bus is free."""
+        self._set_timer(None)
+        self._count_free_time()
+        waiting = self._waiting()
+        if not waiting:
+            self._rest()
+            return
+        start = self._bits + (SUSPEND_BITS if waiting == [self._suspended] else 0)
+        if self._at(start) < not_before:
+            self._begun, self._bits, start = not_before, 0, 0
+        self._start = start
+        if self._at(start) <= self._clock.now():
+            self._arbitrate()
+        else:
+            self._set_timer(start)
+
+    def _arbitrate(self) -> None:
+        self._set_timer(None)
+        self._attempt = None
+        self._bits = self._start
+        at = self._at(self._bits)
+        self._calling_back = True
+        try:
+            for node in tuple(self._nodes):
+                node.give_up(at)
+        finally:
+            self._calling_back = False
+            waiting = self._waiting()
+            if waiting:
+                self._begin([node for node in waiting if node is not self._suspended] or waiting)
+            else:
+                self._rest()
+
+    def _begin(self, contenders: list[MemoryCanNode]) -> None:
+        sender = contenders[0]
+        if len(contenders) > 1:
+            ranks = [arbitration_rank(node.queue.head) for node in contenders]
+            best = [node for node, rank in zip(contenders, ranks, strict=True) if rank == min(ranks)]
+            self.collisions += len(best) - 1
+            sender = min(best, key=lambda node: node.queue.progress)
+        frame = sender.queue.head
+        receivers = tuple(node for node in self._nodes if node is not sender and node.on_bus)
+        whole, acknowledge = frame_time_bits(frame), acknowledged_bits(frame)
+        hit = None if self.disturb is None else self.disturb(frame, whole)
+        missing = not receivers and (hit is None or hit > acknowledge)
+        failed_at = acknowledge if missing else hit
+        attempt = self._attempt = _Attempt(
+            sender,
+            frame,
+            receivers,
+            self._bits,
+            whole if failed_at is None else failed_at + ERROR_FLAG_BITS + ERROR_DELIMITER_BITS,
+            failed=failed_at is not None,
+            acknowledge_missing=missing,
+            # the last bit is too late for a receiver to object
+            accepted=failed_at is None or failed_at == whole,
+        )
+        if missing and self.disturb is None and len(self._nodes) == 1:
+            self._repeat_alone(attempt)
+        self._suspended = None
+        self._set_timer(attempt.end)
+
+    def _repeat_alone(self, attempt: _Attempt) -> None:
+        """Nothing can change before somebody comes or the frame is given up: spare the steps in between."""
+        if attempt.sender.counters.state is ErrorState.PASSIVE:
+            left = (attempt.sender.queue.give_up_at - self._at(attempt.start)) * self.bitrate
+            attempt.repeats = max(1, math.ceil(left / attempt.cycle))
+
+    def _cut_repeats(self) -> None:
+        """Somebody came or went: the repetition that is under way is the last one for which that is too late."""
+        attempt = self._attempt
+        if attempt is not None and attempt.repeats > 1:
+            passed = (self._clock.now() - self._at(attempt.start)) * self.bitrate
+            attempt.repeats = min(attempt.repeats, 1 + int(passed / attempt.cycle))
+            self._set_timer(attempt.end)
+
+    def _over(self) -> None:
+        attempt = self._attempt
+        assert attempt is not None
+        self._attempt = self._timer = None
+        at = self._at(attempt.end)
+        self._bits = attempt.end + INTERMISSION_BITS
+        self._busy += attempt.repeats * (attempt.bits + INTERMISSION_BITS)
+        self._calling_back = True
+        try:
+            if attempt.sender in self._nodes:
+                self._tell(attempt, at)
+        finally:
+            self._calling_back = False
+            # a frame ends in eleven recessive bits, and so does an error frame
+            self._count_sequences(attempt.repeats)
+            self._recover(at)
+            self._schedule(self._at(self._bits))
+
+    def _tell(self, attempt: _Attempt, at: float) -> None:
+        """Let all nodes have the frame or count the error."""
+        sender, sent = attempt.sender, attempt.frame
+        if attempt.failed:
+            self.errors += attempt.repeats
+            sender.send_failed(attempt.acknowledge_missing, at, attempt.repeats)
+            sender.give_up(at)
+        else:
+            sender.frame_sent(at)
+        if sender.counters.state is ErrorState.PASSIVE:
+            self._suspended = sender
+        frame = CanFrame(sent.identifier, sent.data, sent.extended, sent.remote, received_at=at)
+        for node in attempt.receivers:
+            if node not in self._nodes:
+                continue
+            if attempt.accepted:
+                node.frame_received(frame, at)
+            else:
+                node.receive_failed(at)
+
+    def _waiting(self) -> list[MemoryCanNode]:
+        return [node for node in self._nodes if len(node.queue) and node.on_bus]
+
+    def _rest(self) -> None:
+        """Nobody has anything to send; who is bus-off comes back when the bus was free for long enough."""
+        needed = [node.recovery for node in self._nodes if not node.on_bus]
+        if needed:
+            self._free_since = max(self._at(self._bits), self._clock.now())
+            when = self._free_since + min(needed) * BUS_FREE_BITS / self.bitrate
+            self._timer = self._clock.call_at(when, self._come_back)
+
+    def _come_back(self) -> None:
+        self._timer = None
+        self._count_free_time()
+        self._recover(self._clock.now())
+        self._schedule(self._clock.now())
+
+    def _count_free_time(self) -> None:
+        if self._free_since is None:
+            return
+        free = (self._clock.now() - self._free_since) * self.bitrate
+        self._free_since = None
+        # a rounding error of the time must not cost a whole sequence
+        self._count_sequences(int(free / BUS_FREE_BITS + 1e-6))
+
+    def _count_sequences(self, sequences: int) -> None:
+        for node in self._nodes:
+            if not node.on_bus:
+                node.recovery -= sequences
+
+    def _recover(self, at: float) -> None:
+        self._calling_back = True
+        try:
+            for node in tuple(self._nodes):
+                if not node.on_bus and node.recovery <= 0:
+                    node.recover(at)
+        finally:
+            self._calling_back = False
+
+    def _set_timer(self, bits: int | None) -> None:
+        """Replace the timer by one for this bit time, or by none."""
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+        if bits is not None:
+            self._timer = self._clock.call_at(
+                self._at(bits), self._arbitrate if self._attempt is None else self._over
+            )

@@ -1,0 +1,73 @@
+"""The network interface under a SocketCAN bus: whether it is up, and how to come back when it was not.
+
+What the kernel does (net/can/raw.c): when the interface goes down, every socket bound to it reads ENETDOWN once;
+the socket stays bound, sending fails with ENETDOWN, and all goes on when the interface is up again. When the
+interface is deleted or its adapter unplugged, the socket reads ENODEV and is of no use any more, even if an
+interface of the same name comes back.
+"""
+
+import errno
+import fcntl
+import os
+import socket
+import struct
+from collections.abc import Callable
+from typing import Protocol
+
+import can
+from can.interfaces.socketcan import SocketcanBus
+
+LINK_LOST = (errno.ENETDOWN, errno.ENODEV, errno.ENXIO)
+"""Errors of a socket whose interface is down or gone."""
+
+_SIOCGIFFLAGS = 0x8913
+_IFF_UP = 0x1
+_IFREQ = struct.Struct("16sH22x")
+
+
+class Link(Protocol):
+    """What may go away under a bus and come back."""
+
+    @property
+    def up(self) -> bool:
+        """Whether frames can pass."""
+
+    def renew(self, bus: can.BusABC) -> can.BusABC:
+        """The bus to go on with: the same one, or another when this one is of no use any more; then it is shut.
+
+        Raises OSError or can.CanError when that fails.
+        """
+
+
+class SocketCanLink:
+    """A network interface by name; `open_bus` opens a socket on it."""
+
+    def __init__(self, channel: str, open_bus: Callable[[], can.BusABC]) -> None:
+        self._channel = channel
+        self._open_bus = open_bus
+
+    @property
+    def up(self) -> bool:
+        return interface_up(self._channel) is True
+
+    def renew(self, bus: can.BusABC) -> can.BusABC:
+        if isinstance(bus, SocketcanBus) and bus.socket.getsockname()[0] == self._channel:
+            # still bound to it; the error that nobody has read yet is over
+            bus.socket.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
+            return bus
+        renewed = self._open_bus()
+        bus.shutdown()
+        return renewed
+
+
+def interface_up(name: str) -> bool | None:
+    """Whether a network interface is up, None when there is none of this name. Linux only."""
+    try:
+        request = _IFREQ.pack(os.fsencode(name), 0)
+        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as any_socket:
+            answer = fcntl.ioctl(any_socket, _SIOCGIFFLAGS, request)
+    except OSError as error:
+        if error.errno in (errno.ENODEV, errno.ENXIO):
+            return None
+        raise
+    return bool(_IFREQ.unpack(answer)[1] & _IFF_UP)

@@ -1,0 +1,616 @@
+"""The CAN bus in memory against the rules of the wire: times, arbitration, acknowledge, errors, all exact."""
+
+from asyncio import sleep as pass_time  # in virtual time, where nobody waits
+from collections.abc import Awaitable, Callable
+from typing import Any
+
+import pytest
+
+from hil_bridge.clock import Clock, run_virtual
+from hil_bridge.errors import ConfigError, TransportClosed, TransportError
+from hil_bridge.transports import (
+    BitErrors,
+    ErrorCounters,
+    MemoryCanBus,
+    MemoryCanNode,
+    connect_can,
+    listen_can,
+    memory_can_bus,
+)
+from protocol.can import CanFilter, CanFrame
+from protocol.can_error import CanErrorReport, ErrorClass, ErrorState, decode_error
+from protocol.can_line import acknowledged_bits, frame_time_bits, line_bits
+
+US = 1e-6
+ERROR_FRAME = 6 + 8
+"""Flag and delimiter."""
+BETWEEN = 3
+SUSPEND = 8
+PATIENCE = 0.1
+
+
+class Log:
+    """What arrives at a node, with the time: frames and error reports apart."""
+
+    def __init__(self, node: Any, clock: Clock) -> None:
+        self.items: list[tuple[float, CanFrame]] = []
+        self.reports: list[tuple[float, CanErrorReport]] = []
+        self.end: TransportError | None = None
+        self._clock = clock
+        node.start(self._on_data, self._on_end)
+
+    def _on_data(self, frames: Any) -> None:
+        for frame in frames:
+            assert frame.received_at == self._clock.now()
+            if frame.error:
+                self.reports.append((frame.received_at, decode_error(frame)))
+            else:
+                self.items.append((frame.received_at, frame))
+
+    def _on_end(self, error: TransportError) -> None:
+        self.end = error
+
+    @property
+    def frames(self) -> list[CanFrame]:
+        return [frame for _, frame in self.items]
+
+    @property
+    def times(self) -> list[float]:
+        return [at for at, _ in self.items]
+
+    @property
+    def states(self) -> list[ErrorState | None]:
+        return [report.state for _, report in self.reports]
+
+
+def virtual(check: Callable[[Clock], Awaitable[None]]) -> None:
+    run_virtual(lambda: check(Clock.running()))  # type: ignore[arg-type, return-value]
+
+
+class Hits:
+    """Disturbs the first frames in the bits that it is given."""
+
+    def __init__(self, *bits: int | None) -> None:
+        self._bits = list(bits)
+
+    def __call__(self, frame: CanFrame, bits: int) -> int | None:
+        hit = self._bits.pop(0) if self._bits else None
+        return bits if hit == -1 else hit
+
+
+# --- frames and arbitration
+
+
+def test_frames_take_their_bits_and_are_there_at_the_end_of_frame() -> None:
+    async def main(clock: Clock) -> None:
+        bus = MemoryCanBus(clock, 250_000)
+        sender = bus.connect()
+        own, log, third = Log(sender, clock), Log(bus.connect(), clock), Log(bus.connect(), clock)
+        start = clock.now()
+        first, second = CanFrame(0x101, bytes(8)), CanFrame(0x100, b"ab")
+        sender.send([first, second])
+        await pass_time(1)
+        end = frame_time_bits(first)
+        assert log.times == [start + end / 250_000, start + (end + 3 + frame_time_bits(second)) / 250_000]
+        assert log.frames == [first, second]
+        assert log.items == third.items
+        assert own.items == []
+        assert sender.statistics.sent == 2
+        assert bus.busy_s == (line_bits(first) + line_bits(second)) / 250_000
+        assert bus.load() == pytest.approx(100 * bus.busy_s)
+
+    virtual(main)
+
+
+def test_the_frame_whose_bits_are_dominant_wins_among_those_that_wait() -> None:
+    async def main(clock: Clock) -> None:
+        bus = MemoryCanBus(clock)
+        nodes = [bus.connect() for _ in range(5)]
+        log = Log(bus.connect(), clock)
+        frames = [
+            CanFrame(0x300),
+            CanFrame(0x100, remote=True),
+            CanFrame(0x100),
+            CanFrame(0x100 << 18, extended=True),
+            CanFrame(0x0FF << 18 | 5, extended=True),
+        ]
+        for node, frame in zip(nodes, frames, strict=True):
+            node.send([frame])
+        await pass_time(1)
+        assert log.frames == [frames[4], frames[2], frames[1], frames[3], frames[0]]
+        assert bus.collisions == 0
+
+    virtual(main)
+
+
+def test_the_same_identifier_at_once_is_counted_as_the_mistake_it_is() -> None:
+    async def main(clock: Clock) -> None:
+        bus = MemoryCanBus(clock)
+        one, other, log = bus.connect(), bus.connect(), Log(bus.connect(), clock)
+        one.send([CanFrame(0x001), CanFrame(0x100, b"one")])
+        await pass_time(1e-6)
+        other.send([CanFrame(0x100, b"other")])
+        await pass_time(1)
+        assert [frame.data for frame in log.frames] == [b"", b"other", b"one"]
+        assert bus.collisions == 1
+
+    virtual(main)
+
+
+def test_a_node_that_answers_takes_part_in_the_next_arbitration() -> None:
+    async def main(clock: Clock) -> None:
+        bus = MemoryCanBus(clock)
+        talker, answerer = bus.connect(), bus.connect()
+        log = Log(bus.connect(), clock)
+        answerer.start(lambda frames: answerer.send([CanFrame(0x001)]), lambda error: None)
+        talker.send([CanFrame(0x200), CanFrame(0x201)])
+        await pass_time(0.0005)
+        assert [frame.identifier for frame in log.frames] == [0x200, 0x001, 0x201, 0x001]
+
+    virtual(main)
+
+
+def test_who_comes_at_the_instant_of_the_begin_takes_part_and_who_comes_later_waits() -> None:
+    async def main(clock: Clock) -> None:
+        bus = MemoryCanBus(clock)
+        first, second, late = (bus.connect() for _ in range(3))
+        log = Log(bus.connect(), clock)
+        start = clock.now()
+        first.send([CanFrame(0x2AA)])
+        await pass_time(0)
+        second.send([CanFrame(0x155)])
+        await clock.sleep_until(start + 1e-6)
+        late.send([CanFrame(0x055)])
+        await pass_time(1)
+        assert [frame.identifier for frame in log.frames] == [0x155, 0x055, 0x2AA]
+        ends = [start]
+        for frame in log.frames:
+            ends.append(ends[-1] + line_bits(frame) * US)
+        assert log.times == pytest.approx([end - 3 * US for end in ends[1:]], abs=1e-11)
+
+    virtual(main)
+
+
+def test_a_frame_sent_in_the_intermission_waits_for_its_end() -> None:
+    async def main(clock: Clock) -> None:
+        bus = MemoryCanBus(clock)
+        sender, log = bus.connect(), Log(bus.connect(), clock)
+        start, frame = clock.now(), CanFrame(0x123)
+        sender.send([frame])
+        await clock.sleep_until(start + (frame_time_bits(frame) + 1) * US)
+        sender.send([frame])
+        await pass_time(1)
+        assert log.times[1] == start + (line_bits(frame) + frame_time_bits(frame)) / 1_000_000
+
+    virtual(main)
+
+
+def test_a_long_burst_does_not_drift() -> None:
+    async def main(clock: Clock) -> None:
+        bus = MemoryCanBus(clock)
+        sender, log = bus.connect(), Log(bus.connect(), clock)
+        start, frame = clock.now(), CanFrame(0x123, bytes(8))
+        sender.send([frame] * 1000)
+        await pass_time(1)
+        assert log.times[-1] == start + (1000 * line_bits(frame) - 3) / 1_000_000
+
+    virtual(main)
+
+
+def test_the_queue_is_bounded_and_a_leaving_node_hands_over_its_frames() -> None:
+    async def main(clock: Clock) -> None:
+        bus = MemoryCanBus(clock, 10_000)
+        sender, log = bus.connect(), Log(bus.connect(), clock)
+        with pytest.raises(TransportError, match="the send queue is full"):
+            sender.send([CanFrame(1)] * 1025)
+        sender.send([CanFrame(1)] * 1024)
+        start = clock.now()
+        await sender.aclose()
+        assert clock.now() == start + 1.0
+        await pass_time(1)
+        assert len(log.items) == 10_000 // line_bits(CanFrame(1))
+        # a slow bus is no stuck one: nothing was given up before the close
+        assert sender.statistics.dropped == 1024 - len(log.items)
+
+    virtual(main)
+
+
+def test_an_error_report_cannot_be_sent() -> None:
+    async def main(clock: Clock) -> None:
+        with pytest.raises(ValueError, match="not a frame"):
+            MemoryCanBus(clock).connect().send([CanFrame(0x040, bytes(8), error=True)])
+
+    virtual(main)
+
+
+def test_filters_choose_what_a_node_is_given() -> None:
+    async def main(clock: Clock) -> None:
+        bus = MemoryCanBus(clock)
+        sender, node = bus.connect(), bus.connect([CanFilter(0x600, 0x700), CanFilter(0x101)])
+        log = Log(node, clock)
+        sender.send([CanFrame(number) for number in (0x100, 0x101, 0x601, 0x6FF, 0x700)])
+        await pass_time(1)
+        assert [frame.identifier for frame in log.frames] == [0x101, 0x601, 0x6FF]
+        assert node.statistics.received == 3
+        # who filters a frame acknowledges it all the same
+        assert sender.statistics.sent == 5
+
+    virtual(main)
+
+
+# --- nobody acknowledges
+
+
+def test_a_node_alone_repeats_becomes_error_passive_and_never_bus_off() -> None:
+    async def main(clock: Clock) -> None:
+        bus = MemoryCanBus(clock)
+        node = bus.connect()
+        log, start, frame = Log(node, clock), clock.now(), CanFrame(0x123, b"\x55")
+        node.send([frame])
+        await pass_time(1)
+        attempt = acknowledged_bits(frame) + ERROR_FRAME
+        # 12 × 8 = 96 and 16 × 8 = 128 transmit errors; up to there without the pause of a passive node
+        assert [at for at, _ in log.reports[:2]] == [
+            start + (12 * attempt + 11 * BETWEEN) / 1_000_000,
+            start + (16 * attempt + 15 * BETWEEN) / 1_000_000,
+        ]
+        assert log.states == [ErrorState.WARNING, ErrorState.PASSIVE, None]
+        assert log.reports[1][1].counters == (128, 0)
+        assert ErrorClass.NO_ACKNOWLEDGE in log.reports[1][1].classes
+        given_up, report = log.reports[2]
+        assert report.classes == ErrorClass.TX_TIMEOUT
+        cycle = attempt + BETWEEN + SUSPEND
+        assert start + PATIENCE <= given_up < start + PATIENCE + cycle * US
+        assert node.counters == ErrorCounters(128, 0)
+        assert bus.errors == 16 + round(
+            (given_up - start - (16 * (attempt + BETWEEN) + SUSPEND) * US) / (cycle * US)
+        )
+        assert (node.statistics.sent, node.statistics.dropped, node.statistics.bus_off) == (0, 1, 0)
+        await node.aclose()
+        assert isinstance(log.end, TransportClosed)
+
+    virtual(main)
+
+
+def test_a_lone_sender_costs_a_run_little() -> None:
+    async def main(clock: Clock) -> None:
+        calls = 0
+        call_at = clock.call_at
+
+        def counting(when: float, callback: Callable[[], object]) -> Any:
+            nonlocal calls
+            calls += 1
+            return call_at(when, callback)
+
+        clock.call_at = counting  # type: ignore[method-assign]
+        node = MemoryCanBus(clock).connect()
+        for _ in range(10):
+            node.send([CanFrame(0x123)])
+            await pass_time(1.0)
+        assert node.statistics.dropped == 10
+        assert calls < 100
+
+    virtual(main)
+
+
+def test_closing_a_lone_node_does_not_wait_for_an_acknowledge() -> None:
+    async def main(clock: Clock) -> None:
+        node = MemoryCanBus(clock).connect()
+        start = clock.now()
+        node.send([CanFrame(0x123)])
+        await node.aclose()
+        assert clock.now() - start == pytest.approx(PATIENCE, abs=1e-4)
+
+    virtual(main)
+
+
+@pytest.mark.parametrize("after", [0.0, 0.0001, 0.05])
+def test_who_joins_a_lone_sender_acknowledges_its_next_attempt(after: float) -> None:
+    async def main(clock: Clock) -> None:
+        bus = MemoryCanBus(clock)
+        sender, frame = bus.connect(), CanFrame(0x123)
+        own = Log(sender, clock)
+        sender.send([frame])
+        await pass_time(after)
+        joined, log = clock.now(), Log(bus.connect(), clock)
+        await pass_time(1)
+        assert log.frames == [frame]
+        cycle = acknowledged_bits(frame) + ERROR_FRAME + BETWEEN + SUSPEND
+        earliest = joined + frame_time_bits(frame) * US
+        assert earliest - 1e-11 <= log.times[0] < earliest + cycle * US
+        assert sender.statistics.sent == 1
+        assert sender.statistics.dropped == 0
+        # nobody missed at 0 s; one or two attempts failed in 0.1 ms; all of 16 in 50 ms; the success takes one off
+        assert sender.counters.transmit in {0.0: {0}, 0.0001: {7, 15}, 0.05: {127}}[after]
+        if after == 0.05:
+            assert own.states == [ErrorState.WARNING, ErrorState.PASSIVE, ErrorState.WARNING]
+
+    virtual(main)
+
+
+def test_old_frames_are_not_kept_for_later() -> None:
+    async def main(clock: Clock) -> None:
+        bus = MemoryCanBus(clock)
+        sender = bus.connect()
+        for k in range(5):
+            sender.send([CanFrame(0x100 + k)])
+            await pass_time(0.04)
+        log = Log(bus.connect(), clock)
+        await pass_time(1)
+        # at 0.20 s those of 0.00, 0.04 and 0.08 have waited for 0.1 s
+        assert [frame.identifier for frame in log.frames] == [0x103, 0x104]
+        assert sender.statistics.dropped == 3
+
+    virtual(main)
+
+
+def test_who_never_wins_the_arbitration_gives_up() -> None:
+    async def main(clock: Clock) -> None:
+        bus = MemoryCanBus(clock)
+        loud, quiet = bus.connect(), bus.connect()
+        log, told = Log(bus.connect(), clock), Log(quiet, clock)
+        quiet.send([CanFrame(0x700)])
+        for _ in range(2):
+            loud.send([CanFrame(0x100, bytes(8))] * 850)
+            await pass_time(0.1)
+        await pass_time(1)
+        assert CanFrame(0x700) not in log.frames
+        assert [report.classes for _, report in told.reports] == [ErrorClass.TX_TIMEOUT]
+
+    virtual(main)
+
+
+# --- disturbed frames
+
+
+def test_a_disturbed_frame_is_sent_again_after_an_error_frame() -> None:
+    async def main(clock: Clock) -> None:
+        bus = MemoryCanBus(clock)
+        bus.disturb = Hits(20)
+        sender, receiver = bus.connect(), bus.connect()
+        log, start, frame = Log(receiver, clock), clock.now(), CanFrame(0x123, b"\x55")
+        sender.send([frame])
+        await pass_time(1)
+        assert log.items == [
+            (start + (20 + ERROR_FRAME + BETWEEN + frame_time_bits(frame)) / 1_000_000, frame)
+        ]
+        assert bus.errors == 1
+        # eight more for the error, one less for the success; the receiver one more, one less
+        assert (sender.counters, receiver.counters) == (ErrorCounters(7, 0), ErrorCounters(0, 0))
+        assert bus.busy_s == pytest.approx((20 + ERROR_FRAME + BETWEEN + line_bits(frame)) * US)
+
+    virtual(main)
+
+
+def test_an_error_in_the_last_bit_doubles_the_frame() -> None:
+    async def main(clock: Clock) -> None:
+        bus = MemoryCanBus(clock)
+        bus.disturb = Hits(-1)
+        sender, receiver = bus.connect(), bus.connect()
+        log = Log(receiver, clock)
+        sender.send([CanFrame(0x123)])
+        await pass_time(1)
+        assert log.frames == [CanFrame(0x123)] * 2
+        assert (sender.counters.transmit, receiver.counters.receive) == (7, 0)
+        assert sender.statistics.sent == 1
+
+    virtual(main)
+
+
+def test_a_node_whose_frames_are_all_disturbed_goes_bus_off_and_comes_back() -> None:
+    async def main(clock: Clock) -> None:
+        bus = MemoryCanBus(clock)
+        bus.disturb = Hits(*[20] * 32)
+        sender, receiver = bus.connect(), bus.connect()
+        own, log, start = Log(sender, clock), Log(receiver, clock), clock.now()
+        sender.send([CanFrame(0x123)])
+        await pass_time(1)
+        assert own.states == [
+            ErrorState.WARNING,
+            ErrorState.PASSIVE,
+            ErrorState.BUS_OFF,
+            ErrorState.ACTIVE,
+        ]
+        attempt = 20 + ERROR_FRAME
+        # 32 × 8 = 256; the pause of a passive node comes after each of the last attempts but one
+        off = start + (32 * attempt + 31 * BETWEEN + 16 * SUSPEND) / 1_000_000
+        assert own.reports[2][0] == pytest.approx(off, abs=1e-10)
+        # 128 times eleven recessive bits: the first are the end of the error frame and the intermission
+        back = off + (BETWEEN + 127 * 11) * US
+        assert own.reports[3][0] == pytest.approx(back, abs=1e-10)
+        assert own.reports[3][1].classes == ErrorClass.RESTARTED
+        assert log.times == [pytest.approx(back + frame_time_bits(CanFrame(0x123)) * US, abs=1e-10)]
+        assert receiver.counters.receive == 31
+        assert sender.statistics.bus_off == 1
+        assert sender.counters == ErrorCounters()
+
+    virtual(main)
+
+
+def test_a_node_that_is_bus_off_neither_hears_nor_acknowledges_and_traffic_brings_it_back() -> None:
+    async def main(clock: Clock) -> None:
+        bus = MemoryCanBus(clock)
+        sick = bus.connect()
+        other = bus.connect()
+        heard, reports = Log(sick, clock), Log(other, clock)
+        bus.disturb = Hits(*[20] * 32)
+        sick.send([CanFrame(0x7FF)])
+        await pass_time(32 * 34e-6 + 31 * 3e-6 + 16 * 8e-6 + 1e-6)
+        assert sick.counters.state is ErrorState.BUS_OFF
+        other.send([CanFrame(0x100, bytes(8))] * 4)
+        await pass_time(0.0008)
+        assert heard.frames == []
+        assert other.statistics.sent == 0
+        assert other.counters.transmit > 0
+        await pass_time(1)
+        assert heard.states[-1] is ErrorState.ACTIVE
+        assert heard.frames == [CanFrame(0x100, bytes(8))] * 4
+        assert reports.frames == [CanFrame(0x7FF)]
+
+    virtual(main)
+
+
+def test_a_passive_sender_lets_another_go_first() -> None:
+    async def main(clock: Clock) -> None:
+        bus = MemoryCanBus(clock)
+        bus.disturb = Hits(*[20] * 16)
+        passive, other, log = bus.connect(), bus.connect(), Log(bus.connect(), clock)
+        passive.send([CanFrame(0x055)])
+        await pass_time(16 * 34e-6 + 15 * 3e-6 + 5e-6)
+        assert passive.counters.state is ErrorState.PASSIVE
+        other.send([CanFrame(0x755)])
+        await pass_time(1)
+        assert [frame.identifier for frame in log.frames] == [0x755, 0x055]
+
+    virtual(main)
+
+
+def test_receivers_count_too() -> None:
+    async def main(clock: Clock) -> None:
+        bus = MemoryCanBus(clock)
+        bus.disturb = lambda frame, bits: 20 if frame.data else None
+        senders, receiver = [bus.connect() for _ in range(5)], bus.connect()
+        log = Log(receiver, clock)
+        for sender in senders:
+            sender.send([CanFrame(0x123, b"x")])
+            await pass_time(0.004)
+        assert log.states[:2] == [ErrorState.WARNING, ErrorState.PASSIVE]
+        assert log.reports[1][1].counters == (0, 128)
+        assert receiver.counters.state is not ErrorState.BUS_OFF
+        await pass_time(1)
+        senders[0].send([CanFrame(0x123)])
+        await pass_time(1)
+        assert receiver.counters.receive == 127
+
+    virtual(main)
+
+
+def test_random_bit_errors_repeat_with_the_seed_and_lose_nothing() -> None:
+    async def main(clock: Clock) -> None:
+        runs = []
+        for seed in (1, 1, 2):
+            bus = MemoryCanBus(clock)
+            bus.disturb = BitErrors(1e-3, seed)
+            sender, log = bus.connect(), Log(bus.connect(), clock)
+            sender.send([CanFrame(0x100 + k, bytes(8)) for k in range(500)])
+            start = clock.now()
+            await pass_time(1)
+            runs.append([round((at - start) / US) for at in log.times])
+            assert {frame.identifier for frame in log.frames} == {0x100 + k for k in range(500)}
+            # 500 frames of about 125 bits, each hit with a probability of 1 − 0.999¹²⁵ = 12 %
+            assert 40 < bus.errors < 100
+        assert runs[0] == runs[1] != runs[2]
+
+    virtual(main)
+
+
+@pytest.mark.parametrize("rate", [0.0, 1.0, -1.0])
+def test_a_bit_error_rate_is_a_probability(rate: float) -> None:
+    with pytest.raises(ValueError, match="between 0 and 1"):
+        BitErrors(rate)
+
+
+# --- nodes that come and go
+
+
+def test_a_sender_that_leaves_in_the_middle_of_a_frame_loses_it() -> None:
+    async def main(clock: Clock) -> None:
+        bus = MemoryCanBus(clock)
+        sender, other = bus.connect(), bus.connect()
+        log, start = Log(other, clock), clock.now()
+        sender.send([CanFrame(0x123)])
+        await pass_time(2e-5)
+        bus.disconnect(sender)
+        other.send([CanFrame(0x100)])
+        third = Log(bus.connect(), clock)
+        await pass_time(1)
+        assert log.items == []
+        assert third.times == [
+            start + (line_bits(CanFrame(0x123)) + frame_time_bits(CanFrame(0x100))) / 1_000_000
+        ]
+
+    virtual(main)
+
+
+def test_a_lone_repeater_that_is_switched_off_frees_the_bus() -> None:
+    async def main(clock: Clock) -> None:
+        bus = MemoryCanBus(clock)
+        lone = bus.connect()
+        lone.send([CanFrame(0x123)])
+        await pass_time(0.01)
+        bus.disconnect(lone)
+        sender, log = bus.connect(), Log(bus.connect(), clock)
+        start = clock.now()
+        sender.send([CanFrame(0x100)])
+        await pass_time(1)
+        assert log.times[0] - start < 0.0005
+
+    virtual(main)
+
+
+def test_who_comes_in_the_middle_of_a_frame_does_not_get_it() -> None:
+    async def main(clock: Clock) -> None:
+        bus = MemoryCanBus(clock)
+        sender, there = bus.connect(), Log(bus.connect(), clock)
+        sender.send([CanFrame(0x123), CanFrame(0x124)])
+        await pass_time(2e-5)
+        late = Log(bus.connect(), clock)
+        await pass_time(1)
+        assert [len(there.items), len(late.items)] == [2, 1]
+
+    virtual(main)
+
+
+def test_an_error_of_a_listener_does_not_stop_the_bus() -> None:
+    async def main(clock: Clock) -> None:
+        bus = MemoryCanBus(clock)
+        sender, bad = bus.connect(), bus.connect()
+
+        def fail(frames: Any) -> None:
+            raise ZeroDivisionError
+
+        bad.start(fail, print)
+        log = Log(bus.connect(), clock)
+        clock.loop.set_exception_handler(lambda loop, context: None)
+        sender.send([CanFrame(0x100), CanFrame(0x101)])
+        await pass_time(1)
+        assert sender.statistics.sent == 2
+        assert log.items == []
+
+    virtual(main)
+
+
+# --- by URL
+
+
+def test_nodes_of_a_bus_must_agree_on_the_bitrate() -> None:
+    async def main(clock: Clock) -> None:
+        listening = await listen_can("can+memory:sensor?bitrate=500000", clock)
+        with pytest.raises(ConfigError, match="bitrate=250000"):
+            await connect_can("can+memory:sensor?bitrate=250000", clock)
+        client, log = await connect_can(listening.address, clock), Log(listening.transport, clock)
+        start = clock.now()
+        client.send([CanFrame(0x100)])
+        await pass_time(1)
+        assert log.times == [start + frame_time_bits(CanFrame(0x100)) / 500_000]
+        await client.aclose()
+        await listening.transport.aclose()
+        # the bus is gone with its last node
+        await (await connect_can("can+memory:sensor?bitrate=250000", clock)).aclose()
+
+    virtual(main)
+
+
+def test_the_bus_behind_a_url_can_be_had() -> None:
+    async def main(clock: Clock) -> None:
+        with pytest.raises(ConfigError, match="nobody is on this bus"):
+            memory_can_bus("sensor", clock)
+        node = await connect_can("can+memory:sensor", clock, accept=[CanFilter(0x601)])
+        assert isinstance(node, MemoryCanNode)
+        log = Log(node, clock)
+        sender = memory_can_bus("sensor", clock).connect()
+        sender.send([CanFrame(0x601), CanFrame(0x602)])
+        await pass_time(1)
+        assert log.frames == [CanFrame(0x601)]
+
+    virtual(main)
