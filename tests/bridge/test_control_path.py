@@ -1,0 +1,112 @@
+"""Nothing on the control path may block: no file, no sleep, no process, no name look-up, no import, no print."""
+
+import contextlib
+import sys
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+FORBIDDEN = (
+    "open",
+    "os.",
+    "socket.",
+    "subprocess.",
+    "import",
+    "shutil.",
+    "tempfile.",
+    "glob.",
+    "input",
+)
+"""Audit events, by their beginnings, of calls that may wait for something. Source: Python's audit events table."""
+
+
+@dataclass
+class Watch:
+    """Hears the interpreter's audit events of one thread while it is on."""
+
+    on: bool = False
+    thread: int = 0
+    heard: list[str] = field(default_factory=list)
+
+    def __call__(self, event: str, arguments: tuple[object, ...]) -> None:
+        if self.on and threading.get_ident() == self.thread and event.startswith(FORBIDDEN):
+            self.heard.append(f"{event} {arguments[:1]}")
+
+
+WATCH = Watch()
+sys.addaudithook(WATCH)  # for good: there is no way to take one away
+
+
+class Loudspeaker:
+    """A standard output on which nothing may be said."""
+
+    def write(self, text: str) -> int:
+        WATCH.heard.append(f"print {text!r}")
+        return len(text)
+
+    def flush(self) -> None:
+        """Nothing to do."""
+
+
+def run_watched(
+    bench: Callable[..., Any], monkeypatch: pytest.MonkeyPatch, meddle: Callable[..., None], **sections: Any
+) -> list[str]:
+    """What was heard between the third cycle and the end of the movement."""
+    WATCH.heard.clear()
+    WATCH.thread = threading.get_ident()
+
+    def watch(bench: Any, record: Any) -> None:
+        WATCH.on = record.cycle >= 2 and bench.run.moving
+        meddle(bench, record)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(sys, "stdout", Loudspeaker())
+        patch.setattr(time, "sleep", lambda seconds: WATCH.heard.append(f"sleep {seconds}"))
+        try:
+            bench(meddle=watch, **sections)
+        finally:
+            WATCH.on = False
+    return list(WATCH.heard)
+
+
+@pytest.mark.parametrize(
+    "controller", ["predictive", "fuzzy-adaptive", "fuzzy", "resolution-aware", "pi", "admittance"]
+)
+def test_the_loop_blocks_nowhere(
+    bench: Callable[..., Any], monkeypatch: pytest.MonkeyPatch, controller: str
+) -> None:
+    heard = run_watched(
+        bench,
+        monkeypatch,
+        lambda bench, record: None,
+        run={"duration_s": 2.0},
+        controller={"name": controller},
+        frame={"follow_normal": True},
+    )
+    assert heard == []
+
+
+@pytest.mark.parametrize(
+    "culprit",
+    [
+        lambda: time.sleep(0.0),
+        lambda: Path("/dev/null").read_bytes(),
+        lambda: print("here"),
+        lambda: __import__("this_is_not_there"),
+    ],
+    ids=["sleep", "file", "print", "import"],
+)
+def test_a_blocking_call_would_be_heard(
+    bench: Callable[..., Any], monkeypatch: pytest.MonkeyPatch, culprit: Callable[[], object]
+) -> None:
+    def meddle(bench: Any, record: Any) -> None:
+        if record.cycle == 5:
+            with contextlib.suppress(ImportError):
+                culprit()
+
+    assert run_watched(bench, monkeypatch, meddle, run={"duration_s": 1.0})
