@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from emulators.contact import Contact, SurfaceProfile
 from emulators.jr3 import Gateway, GatewayProfile, Jr3Sensor, SensorProfile
 from emulators.jr3.sensor import SENSOR_RATE_HZ
-from emulators.robot import Joints, S3Controller, S3Profile, ServoProfile
+from emulators.robot import EMPTY_SITE, Joints, S3Controller, S3Profile, S3Site, ServoProfile
 from protocol.adlp import LinkProfile
 from protocol.arap import Quaternion, Vector
 from protocol.marks import Mark, check_settings, setting
@@ -102,7 +102,7 @@ class Cell:
     work area.
     """
 
-    def __init__(self, profile: CellProfile, now: float, seed: int) -> None:
+    def __init__(self, profile: CellProfile, now: float, seed: int, site: S3Site = EMPTY_SITE) -> None:
         x, y, z = (p / 1000.0 for p in profile.start_position_mm)
         length = profile.tool.length_mm / 1000.0
         self.robot = S3Controller(
@@ -114,6 +114,7 @@ class Cell:
             now,
             seed,
             tool_length=length,
+            site=site,
         )
         self.sensor = Jr3Sensor(profile.sensor, self.wrench, seed)
         """What every receiver of the sensor reads. A sensor has one plug: use one receiver of a cell."""

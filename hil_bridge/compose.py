@@ -3,14 +3,18 @@
 from collections.abc import AsyncIterator, Callable
 from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 from emulators.cell import Cell, CellProfile
+from emulators.robot import EMPTY_SITE, S3Site
 from emulators.slcan_adapter import SlcanAdapter, SlcanProfile
 from hil_bridge.clock import Clock
 from hil_bridge.config import Config, SensorConfig
 from hil_bridge.devices import ForceSensor, RobotLink
 from hil_bridge.errors import ConfigError, TransportClosed, TransportError
+from hil_bridge.orders_file import read_orders
+from hil_bridge.program_folder import read_programs
 from hil_bridge.pump import Pump
 from hil_bridge.transports import (
     Frames,
@@ -23,6 +27,7 @@ from hil_bridge.transports import (
 )
 from hil_bridge.transports.urls import CONNECT_BYTES, parse_url
 from protocol.adlp import LinkProfile
+from protocol.arap import KNOWN, OrderBook
 from protocol.jr3 import GATEWAY_BITRATE, GatewayClient, SensorFrame
 
 SLCAN = "can+slcan+"
@@ -68,12 +73,25 @@ def _line(link: LinkProfile) -> str:
     return f"baudrate={link.baudrate}&parity={link.parity}&stopbits={link.stop_bits}"
 
 
+def robot_site(config: Config) -> S3Site:
+    """What the files of a configuration say of the robot controller's orders and programs. Raises ConfigError."""
+    orders, programs = config.robot.orders_file, config.cell.robot.program_folder
+    return S3Site(
+        read_orders(Path(orders), config.robot.link.max_telegram) if orders else KNOWN,
+        read_programs(Path(programs), config.cell.link.max_telegram) if programs else {},
+    )
+
+
 async def connect_robot(
-    url: str, link: LinkProfile, clock: Clock, on_notice: Callable[[str, str], None]
+    url: str,
+    link: LinkProfile,
+    clock: Clock,
+    on_notice: Callable[[str, str], None],
+    orders: OrderBook = KNOWN,
 ) -> RobotLink:
     """The robot behind a URL, not started yet. Raises ConfigError for the URL, TransportUnavailable for the wire."""
     url, link = robot_wire(url, link)
-    return RobotLink(await connect_bytes(url, clock), link, clock, on_notice)
+    return RobotLink(await connect_bytes(url, clock), link, clock, on_notice, orders)
 
 
 async def connect_sensor(
@@ -103,6 +121,7 @@ async def opened_devices(
     Raises ConfigError for a URL, TransportUnavailable for a wire.
     """
     robot_url, sensor_url = config.robot.url, config.sensor.url
+    site = robot_site(config)
     async with AsyncExitStack() as stack:
         if not (robot_url and sensor_url):
             ports = VIRTUAL_PORTS if clock.is_virtual else real_ports(config.cell.link)
@@ -113,10 +132,11 @@ async def opened_devices(
                     clock,
                     Ports(None if robot_url else ports.robot, None if sensor_url else ports.sensor),
                     lambda cause: on_notice("emulator", repr(cause)),
+                    site,
                 )
             )
             robot_url, sensor_url = robot_url or served.robot or "", sensor_url or served.sensor or ""
-        robot = await connect_robot(robot_url, config.robot.link, clock, on_notice)
+        robot = await connect_robot(robot_url, config.robot.link, clock, on_notice, site.orders)
         stack.push_async_callback(robot.aclose)
         sensor = await connect_sensor(sensor_url, config.sensor, clock, on_frame, on_notice)
         stack.push_async_callback(sensor.aclose)
@@ -174,12 +194,13 @@ async def emulated_cell(
     clock: Clock,
     ports: Ports,
     on_failure: Callable[[BaseException], None],
+    site: S3Site = EMPTY_SITE,
 ) -> AsyncIterator[Ports]:
     """Serve the cell's devices on the given listening URLs (None: not served) until the context is left.
 
-    `on_failure` is told when a device can no longer be served.
+    `on_failure` is told when a device can no longer be served. `site` is what the robot controller holds.
     """
-    cell = Cell(profile, clock.now(), seed)
+    cell = Cell(profile, clock.now(), seed, site)
     async with AsyncExitStack() as stack:
 
         def ended(cause: BaseException) -> None:

@@ -44,6 +44,9 @@ OPTIONS = {
 }
 """Command-line options by the key that they override."""
 
+FILE_KEYS = ("robot.orders_file", "cell.robot.program_folder", "controller.parameters.rules_file")
+"""Keys that name a file; one that is not absolute is looked for beside the configuration that names it."""
+
 
 class _Section(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, use_attribute_docstrings=True)
@@ -67,6 +70,8 @@ class RobotConfig(_Section):
     """serial:///dev/ttyUSB0?baudrate=9600&parity=E or tcp://host:port; empty starts the emulated robot."""
     velocity_mm_s: float = Field(default=50.0, gt=0, le=1000)
     """Path velocity given with every point; it must outrun one step a cycle."""
+    orders_file: str = ""
+    """TOML file of orders that this controller knows beside the usual ones; empty: none."""
     link: LinkProfile = LinkProfile()
     """What is known and assumed about the computer link."""
 
@@ -212,6 +217,7 @@ def load_config(path: Path | None, overrides: Mapping[str, object]) -> Config:
             raise ConfigError(f"cannot read {path}: {error.strerror}") from error
         except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
             raise ConfigError(f"{path} is no TOML: {error}") from error
+        _resolve_files(values, path.parent)
     given = set()
     for key, value in overrides.items():
         if value is None:
@@ -268,6 +274,17 @@ def commented_defaults() -> str:
             lines += textwrap.wrap(comments.get(name, ""), 108, initial_indent="# ", subsequent_indent="# ")
             lines.append(f"{name} = {_toml(value)}" if value is not None else f"# {name} =")
     return "\n".join(lines) + "\n"
+
+
+def _resolve_files(values: dict[str, Any], folder: Path) -> None:
+    """Make the files that a configuration names relative to its own place."""
+    for key in FILE_KEYS:
+        *sections, name = key.split(".")
+        table: Any = values
+        for section in sections:
+            table = table.get(section) if isinstance(table, dict) else None
+        if isinstance(table, dict) and isinstance(table.get(name), str) and table[name]:
+            table[name] = str(folder / table[name])
 
 
 def _is_section(value: object) -> bool:

@@ -8,7 +8,7 @@ from contextlib import suppress
 import click
 
 from hil_bridge.clock import Clock, run_real
-from hil_bridge.compose import Ports, emulated_cell
+from hil_bridge.compose import Ports, emulated_cell, robot_site
 from hil_bridge.config import Config
 from hil_bridge.errors import BridgeError, DeviceError
 
@@ -31,7 +31,8 @@ async def _serve(config: Config, ports: Ports, as_json: bool) -> None:
         for number in (signal.SIGINT, signal.SIGTERM):
             loop.add_signal_handler(number, stopped.set)
     try:
-        async with emulated_cell(config.cell, config.run.seed, clock, ports, failed) as served:
+        site = robot_site(config)
+        async with emulated_cell(config.cell, config.run.seed, clock, ports, failed, site) as served:
             where = {"robot": served.robot, "sensor": served.sensor}
             where = {device: url for device, url in where.items() if url is not None}
             if as_json:

@@ -17,7 +17,7 @@ import numpy as np
 from emulators.robot.kinematics import Joints
 from emulators.robot.motion import Motion, ServoProfile, Waypoint, normalised
 from emulators.robot.profile import S3Profile
-from emulators.robot.site import S3Site, SiteOrders
+from emulators.robot.site import EMPTY_SITE, S3Site, SiteOrders
 from emulators.robot.work_area import OutsideWorkArea, WorkArea
 from protocol.adlp import Link, LinkProfile, MessageReceived, Role
 from protocol.arap import (
@@ -46,8 +46,6 @@ from protocol.endpoint import LocalProtocolError, RemoteProtocolError
 
 _UNIT_TOLERANCE = 0.01
 """Assumed: how far a quaternion's norm may be from 1; words of 1/16384 alone make up 0.0001."""
-
-_EMPTY_SITE = S3Site()
 
 _Answer: TypeAlias = Telegram | int | None
 """A response, a refusal code, or None: not yet."""
@@ -84,7 +82,7 @@ class S3Controller:
         powered_at: float,
         seed: int,
         tool_length: float = 0.0,
-        site: S3Site = _EMPTY_SITE,
+        site: S3Site = EMPTY_SITE,
     ) -> None:
         self._profile = profile
         self._site = site

@@ -55,6 +55,11 @@ class S3Profile:
     programs: tuple[int, ...] = setting(
         (1,), Mark.CHOSEN, "numbers of the programs in memory", minimum=0, maximum=65535
     )
+    program_folder: str = setting(
+        "",
+        Mark.CHOSEN,
+        "folder with the contents of programs, files named by program number as in 7.prg; empty: none",
+    )
     emergency_stop_error: tuple[int, int] = setting(
         (13, 0),
         Mark.ASSUMED,

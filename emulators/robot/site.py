@@ -23,6 +23,10 @@ class S3Site:
     """Programs that can be received, by number; they can be started as well."""
 
 
+EMPTY_SITE = S3Site()
+"""Nothing beside what every controller has."""
+
+
 class SiteOrders:
     """Answers to the orders that a site defines: what was written into a memory is read from it."""
 

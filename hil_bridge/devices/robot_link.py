@@ -3,6 +3,7 @@
 import asyncio
 from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import asynccontextmanager
+from typing import TypeVar, overload
 
 from hil_bridge.clock import Clock
 from hil_bridge.errors import BridgeError, DeviceError, OrderRefused, TransportClosed
@@ -10,14 +11,17 @@ from hil_bridge.pump import Pump
 from hil_bridge.transports import Transport
 from protocol.adlp import LinkFailed, LinkFailure, LinkNotice, LinkProfile
 from protocol.arap import (
+    KNOWN,
     Answered,
     ArapEvent,
     ArapHost,
     Mode,
     Move,
     MoveKind,
+    OrderBook,
     OrderFailed,
     OrderFailure,
+    ProgramAnswer,
     Quaternion,
     Refusal,
     Refused,
@@ -25,19 +29,17 @@ from protocol.arap import (
     Status,
     Telegram,
     UnexpectedReceived,
+    Value,
     Vector,
     read_status,
+    receive_program,
+    refusal_remedy,
     write_mode,
 )
+from protocol.endpoint import RemoteProtocolError
 
-_REMEDIES: Mapping[int, str] = {
-    5: "turn the controller's key to AUTO and let the pendant give the link control (TO SC)",
-    6: "the controller is in standby: let it go to operation",
-    13: "release the stop at the controller's panel, then start again",
-    15: "check the workspace and the start point of the movement",
-    16: "release the work stop, then start again",
-}
-"""What a person can do about a refusal, by its code."""
+_Raw = TypeVar("_Raw")
+_Meaning = TypeVar("_Meaning")
 
 _ZEROS: Vector = (0.0, 0.0, 0.0)
 """What a start, and an end without any point before it, carry as coordinates."""
@@ -56,11 +58,13 @@ class RobotLink:
         profile: LinkProfile,
         clock: Clock,
         on_notice: Callable[[str, str], None],
+        orders: OrderBook = KNOWN,
     ) -> None:
         self.name = transport.name
         self.profile = profile
         self._transport = transport
         self._on_notice = on_notice
+        self._orders = orders
         self._host = ArapHost(profile)
         self._pump: Pump[bytes, ArapEvent] = Pump(self._host, transport, clock, self._take, self._ended)
         self._answer: asyncio.Future[Telegram] | None = None
@@ -79,29 +83,69 @@ class RobotLink:
         """Hand over what is queued and close the port."""
         await self._transport.aclose()
 
-    async def order(self, telegram: Telegram) -> Telegram:
-        """Send one order and wait for its answer.
+    @overload
+    async def order(self, order: Telegram, /) -> Telegram: ...
 
-        Raises OrderRefused when the controller refuses, DeviceError when the link fails,
+    @overload
+    async def order(
+        self, order: str, /, *, suffix: int | None = None, **values: Value
+    ) -> Mapping[str, Value]: ...
+
+    async def order(
+        self, order: Telegram | str, /, *, suffix: int | None = None, **values: Value
+    ) -> Telegram | Mapping[str, Value]:
+        """Send one order and wait for its answer: a telegram for a telegram, or by name and values in their units.
+
+        The names are those of the known orders and of the site's orders file; what is not given is 0. `suffix`
+        chooses another function suffix than the usual one.
+
+        Raises LocalProtocolError for a name, a value or a length that cannot be, before anything is sent;
+        OrderRefused when the controller refuses, DeviceError when the link fails or the answer is too short,
         TransportError when the wire does.
         """
+        if isinstance(order, Telegram):
+            return await self._exchange(order)
+        definition = self._orders.named(order)
+        answer = await self._exchange(*definition.telegrams(values, suffix, self.profile))
+        return self._understood(definition.answer.decode, answer.data)
+
+    async def read_status(self) -> Status:
+        """Mode, flags, reported position and orientation, from the controller."""
+        return self._understood(Status.from_telegram, await self._exchange(read_status()))
+
+    async def receive_program(self, number: int) -> bytes:
+        """The contents of a program, from the controller; errors as `order`, DeviceError also for one that it has
+        not sent.
+        """
+        answer = self._understood(ProgramAnswer.from_telegram, await self._exchange(receive_program(number)))
+        if answer.error:
+            raise DeviceError(f"robot on {self.name} did not send program {number}: error {answer.error}")
+        if answer.program != number:
+            raise DeviceError(f"robot on {self.name} sent program {answer.program}, not {number}")
+        return answer.content
+
+    async def _exchange(self, *telegrams: Telegram) -> Telegram:
+        """Send one order, of one block or several, and wait for its answer."""
         while self._answer is not None:  # a cancelled caller may have left its order under way
             await asyncio.wait([self._answer])
         if self._failure is not None:
             raise self._failure
+        self._host.order(*telegrams)
         answer = self._answer = asyncio.get_running_loop().create_future()
         answer.add_done_callback(self._settled)
-        self._host.order(telegram)
         self._pump.kick()
         return await asyncio.shield(answer)
 
-    async def read_status(self) -> Status:
-        """Mode, flags, reported position and orientation, from the controller."""
-        return Status.from_telegram(await self.order(read_status()))
+    def _understood(self, read: Callable[[_Raw], _Meaning], raw: _Raw) -> _Meaning:
+        """What an answer means. Raises DeviceError when it cannot be read."""
+        try:
+            return read(raw)
+        except RemoteProtocolError as error:
+            raise DeviceError(f"robot on {self.name} gave an answer that cannot be read: {error}") from error
 
     async def to_operation(self) -> None:
         """Ask for the operation mode, in which the controller moves."""
-        await self.order(write_mode(Mode.OPERATION))
+        await self._exchange(write_mode(Mode.OPERATION))
 
     @asynccontextmanager
     async def motion(self, velocity: float) -> AsyncIterator["Motion"]:
@@ -162,7 +206,7 @@ class RobotLink:
 
     def _refused(self, order: Telegram, refusal: Refusal) -> OrderRefused:
         text = f"robot on {self.name} refused order {order.function}: {refusal.code} {refusal.text}"
-        remedy = _REMEDIES.get(refusal.code)
+        remedy = refusal_remedy(refusal.code)
         return OrderRefused(f"{text}; {remedy}" if remedy else text, refusal.code)
 
     def _explain(self, reason: LinkFailure | OrderFailure, text: str) -> str:

@@ -63,7 +63,7 @@ from protocol.arap.orders import (
     OrderDefinition,
     check_definition,
 )
-from protocol.arap.payload import FIELD_TYPES, TYPE_NAMES, Payload, Rest, Value
+from protocol.arap.payload import FIELD_TYPES, TYPE_NAMES, Payload, Rest, Value, field_size
 from protocol.arap.telegram import Telegram, read_status, response, stop_program
 
 __all__ = [
@@ -115,6 +115,7 @@ __all__ = [
     "Vector",
     "check_definition",
     "describe",
+    "field_size",
     "function_text",
     "join_blocks",
     "position_from_words",

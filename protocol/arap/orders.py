@@ -167,9 +167,9 @@ def _check_function(definition: OrderDefinition) -> None:
             codes = ", ".join(str(int(code)) for code in sorted(_EXTENDABLE))
             raise DefinitionError(f"only the functions {codes} can be extended", "extends")
     elif function in _KNOWN_FUNCTIONS or function == FunctionCode.SPONTANEOUS:
+        hint = ", or extends = true to add fields" if function in _EXTENDABLE else ""
         raise DefinitionError(
-            f"the payload of {function} ({function_text(function)}) is known; "
-            "use another code, or extends = true to add fields",
+            f"the payload of {function} ({function_text(function)}) is known; use another code{hint}",
             "function",
         )
 
