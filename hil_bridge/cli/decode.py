@@ -2,6 +2,7 @@
 
 import json
 import sys
+from pathlib import Path
 
 import click
 
@@ -19,14 +20,23 @@ def _print(items: list[dict[str, object]]) -> None:
 
 @decode.command("computer-link")
 @click.argument("hex_bytes", metavar="HEX…", nargs=-1, required=True)
-def computer_link(hex_bytes: tuple[str, ...]) -> None:
+@click.option(
+    "--orders",
+    "orders_file",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="TOML file of orders that the site knows beside the usual ones.",
+)
+def computer_link(hex_bytes: tuple[str, ...], orders_file: Path | None) -> None:
     """Decode bytes of the S3 computer link, control bytes and blocks mixed.
 
     HEX may be spaced as you like: "10 02 00 08 01 00 13 01 00 00 10 03 18" or 100200…
     Ends with exit code 2 when anything in it is wrong.
     """
     from hil_bridge.errors import ConfigError
-    from protocol.arap import describe
+    from hil_bridge.orders_file import read_orders
+    from protocol.adlp import LinkProfile
+    from protocol.arap import KNOWN, describe
 
     text = "".join(hex_bytes).replace(":", "").replace(",", "")
     text = "".join(text.split())
@@ -39,7 +49,9 @@ def computer_link(hex_bytes: tuple[str, ...]) -> None:
             )
     if len(text) % 2:
         raise ConfigError(f"HEX: {len(text)} digits are no whole bytes; one digit is missing or too many")
-    _print(describe(bytes.fromhex(text)))
+    longest = LinkProfile().max_telegram
+    orders = KNOWN if orders_file is None else read_orders(orders_file, longest)
+    _print(describe(bytes.fromhex(text), max_telegram=longest, orders=orders))
 
 
 @decode.command("jr3-can")
