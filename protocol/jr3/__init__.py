@@ -1,13 +1,11 @@
 """The JR3 force/torque sensor on a wire: what every client of one tells, and the devices that stand between."""
 
 from protocol.jr3.can_gateway import (
-    COUNTER_MODULUS,
     GATEWAY_BITRATE,
     Acknowledge,
     Command,
     GatewayClient,
     GatewayClientProfile,
-    GatewayState,
     Op,
     Phase,
     Triple,
@@ -30,6 +28,7 @@ from protocol.jr3.counts import (
     full_scales_si,
     wrench_from_counts,
 )
+from protocol.jr3.firmware import COUNTER_MODULUS, GatewayState
 from protocol.jr3.session import (
     SensorClient,
     SensorEvent,

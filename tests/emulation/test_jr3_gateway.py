@@ -16,6 +16,7 @@ from protocol.jr3 import (
     SensorEvent,
     SensorFailed,
     SensorFrame,
+    SensorNotice,
     SensorReady,
     SensorRestarted,
     SensorStopped,
@@ -343,15 +344,16 @@ def samples(events: list[SensorEvent]) -> list[SensorFrame]:
     return [event for event in events if isinstance(event, SensorFrame)]
 
 
+NOTICE = SensorNotice("the gateway's filter is off (cut-off 0): every sample is as noisy as the sensor")
 READY = SensorReady((115.0, 111.0, 185.0, 5.6, 5.2, 6.1))
 
 
 def test_session_from_power_up_over_the_wrap_to_the_end() -> None:
     bench = Bench(build(), T0, cutoff_hz=0.0)
     events = bench.run(T0 + 30)
-    assert events[0] == READY
+    assert events[:2] == [READY, NOTICE]
     told = samples(events)
-    assert len(told) == len(events) - 1 > 2700
+    assert len(told) == len(events) - 2 > 2700
     assert {event.counts for event in told} == {tuple(COUNTS)}
     assert {b.sequence - a.sequence for a, b in itertools.pairwise(told)} == {77, 78}
     assert told[-1].sequence > 3 * 65536
@@ -401,15 +403,15 @@ def test_a_gateway_that_reboots_loses_its_zero_and_is_started_again() -> None:
     assert before[-1].counts == (0,) * 6
     again = Jr3Sensor(SensorProfile(noise_counts=0.0), constant, seed=3)
     bench.gateway = Gateway(GatewayProfile(), again, powered_at=bench.now)
-    rebooted, ready, *after = bench.run(AWAKE + 4)
-    assert (rebooted, ready) == (SensorRestarted(), READY)
+    rebooted, ready, notice, *after = bench.run(AWAKE + 4)
+    assert (rebooted, ready, notice) == (SensorRestarted(), READY, NOTICE)
     assert samples(after)[0].sequence == before[-1].sequence + 1
     assert samples(after)[-1].counts == tuple(COUNTS)
 
 
 def test_synchronous_session() -> None:
     bench = Bench(awake(), AWAKE, mode="sync", cutoff_hz=0.0)
-    assert bench.run(AWAKE + 1) == [READY]
+    assert bench.run(AWAKE + 1) == [READY, NOTICE]
     for k in range(5):
         bench.client.sync()
         (frame,) = samples(bench.run(AWAKE + 1.01 + k * 0.01))

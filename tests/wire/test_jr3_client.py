@@ -15,6 +15,7 @@ from protocol.jr3 import (
     SensorEvent,
     SensorFailed,
     SensorFrame,
+    SensorNotice,
     SensorReady,
     SensorRestarted,
     SensorStopped,
@@ -24,6 +25,7 @@ from protocol.jr3 import (
 )
 
 T0 = 1000.25
+NOTICE = SensorNotice("the gateway's filter is off (cut-off 0): every sample is as noisy as the sensor")
 READY = SensorReady((115.0, 111.0, 185.0, 5.6, 5.2, 6.1))
 FORCE_SCALES, MOMENT_SCALES = "101#0073006F00B900", "101#0038003400 3D00".replace(" ", "")
 
@@ -99,7 +101,8 @@ def test_synchronous_session_with_known_full_scales() -> None:
     with pytest.raises(LocalProtocolError, match="settling"):
         client.sync()
     client.handle_deadline(T0 + 0.1)
-    assert events(client) == [SensorReady(scales)]
+    # A cut-off of 0 is possible on purpose, and said.
+    assert events(client) == [SensorReady(scales), NOTICE]
     client.sync()
     client.sync()
     assert sent(client, T0 + 0.2) == ["080#", "080#"]
@@ -127,8 +130,9 @@ def test_set_filter_now_and_at_the_next_start() -> None:
     client = GatewayClient(GatewayClientProfile(), T0)
     client.set_filter(2.0)
     establish(client, T0, start="201#C80010270000")
-    with pytest.raises(LocalProtocolError, match="655"):
-        client.set_filter(656.0)
+    for wrong in (-1.0, 0.004, 655.36, float("nan")):
+        with pytest.raises(LocalProtocolError, match=r"cutoff_hz must be 0.01 … 655.35, or 0 for unfiltered"):
+            client.set_filter(wrong)
 
 
 def test_silence_is_asked_again_and_fails_as_silence() -> None:
@@ -379,6 +383,7 @@ def test_garbage_then_a_boot_up_recovers(garbage: list[CanFrame]) -> None:
         {"node": 0},
         {"node": 128},
         {"cutoff_hz": 655.36},
+        {"cutoff_hz": 0.004},
         {"period_ms": 0.0},
         {"mode": "both"},
         {"full_scales": (1.0, 2.0)},

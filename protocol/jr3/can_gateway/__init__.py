@@ -3,11 +3,9 @@
 from protocol.jr3.can_gateway.client import GatewayClient, Phase
 from protocol.jr3.can_gateway.describe import describe, parse_frame
 from protocol.jr3.can_gateway.messages import (
-    COUNTER_MODULUS,
     GATEWAY_BITRATE,
     Acknowledge,
     Command,
-    GatewayState,
     Op,
     Triple,
     decode_acknowledge,
@@ -22,13 +20,11 @@ from protocol.jr3.can_gateway.messages import (
 from protocol.jr3.can_gateway.profile import GatewayClientProfile
 
 __all__ = [
-    "COUNTER_MODULUS",
     "GATEWAY_BITRATE",
     "Acknowledge",
     "Command",
     "GatewayClient",
     "GatewayClientProfile",
-    "GatewayState",
     "Op",
     "Phase",
     "Triple",

@@ -14,23 +14,23 @@ from enum import Enum
 from protocol.can import CanFrame
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
 from protocol.jr3.can_gateway.messages import (
-    COUNTER_MODULUS,
     FORCES,
     MOMENTS,
     Command,
-    GatewayState,
     Op,
     decode_acknowledge,
     decode_triple,
     encode_command,
     identifier,
 )
-from protocol.jr3.can_gateway.profile import GatewayClientProfile, first_order_delay
+from protocol.jr3.can_gateway.profile import GatewayClientProfile
 from protocol.jr3.counts import AXES, full_scales_si
+from protocol.jr3.firmware import UNFILTERED, GatewayState, SampleCounter, check_cutoff, first_order_delay
 from protocol.jr3.session import (
     SensorEvent,
     SensorFailed,
     SensorFrame,
+    SensorNotice,
     SensorReady,
     SensorRestarted,
     SensorStatistics,
@@ -80,14 +80,13 @@ class GatewayClient:
         self._acknowledge_id = identifier(Op.ACKNOWLEDGE, profile.node)
         self._boot_up_id = identifier(Op.BOOT_UP, profile.node)
         samples_per_second = 1e6 / profile.sample_period_us
-        self._step = profile.period_ms * 1e-3 * samples_per_second if profile.mode == "async" else 0.0
+        step = profile.period_ms * 1e-3 * samples_per_second if profile.mode == "async" else 0.0
         # Answers to SYNC come in order and after any time: there only the same counter is an old sample.
-        behind = int(STRAGGLER_S * samples_per_second) if self._step else 0
-        self._straggler_from = COUNTER_MODULUS - behind
+        behind = int(STRAGGLER_S * samples_per_second) if step else 0
         self.statistics = SensorStatistics()
+        self._counter = SampleCounter(self.statistics, step, behind)
         self._events: deque[SensorEvent] = deque()
         self._syncs = 0
-        self._sequence: int | None = None
         self._zero_wanted = False
         self._others_heard = False
         self._phase = Phase.ASKING
@@ -100,7 +99,6 @@ class GatewayClient:
         self._quiet_until: float | None = None
         self._foreign_acknowledges = 0
         self._forces: bytes | None = None
-        self._counter: int | None = None
         self._begin(now)
 
     @property
@@ -124,10 +122,12 @@ class GatewayClient:
             self._zero_wanted = True
 
     def set_filter(self, cutoff_hz: float) -> None:
-        """Change the cut-off, now and after a reboot. Raises LocalProtocolError outside 0 … 655.35 Hz."""
+        """Change the cut-off, now and after a reboot; 0 is unfiltered. Raises LocalProtocolError for what cannot be."""
         self._require_running("set the filter")
-        if not 0.0 <= cutoff_hz <= 655.35:
-            raise LocalProtocolError(f"a cut-off is 0 … 655.35 Hz, got {cutoff_hz:g}")
+        try:
+            check_cutoff(cutoff_hz)
+        except ValueError as error:
+            raise LocalProtocolError(str(error)) from error
         self._cutoff_hz = cutoff_hz
         if self._phase is not Phase.ASKING:
             self._enqueue(Op.SET_FILTER)
@@ -213,6 +213,8 @@ class GatewayClient:
         if self._phase is Phase.SETTLING and now >= self._settled_at:
             self._phase = Phase.READY
             self._events.append(SensorReady(self._full_scales))
+            if not self._cutoff_hz:
+                self._events.append(SensorNotice(UNFILTERED))
             if self._zero_wanted:
                 self._zero_wanted = False
                 self._enqueue(Op.ZERO)
@@ -226,7 +228,8 @@ class GatewayClient:
         self._answered = False
         self._flight = self._quiet_until = None
         self._foreign_acknowledges = 0
-        self._forces = self._counter = None
+        self._forces = None
+        self._counter.restart()
         self._syncs = 0
         self._queue.clear()
         self._enqueue(Op.GET_STATE)
@@ -372,22 +375,6 @@ class GatewayClient:
             return
         forces, moments = decode_triple(self._forces, FORCES), decode_triple(frame.data, MOMENTS)
         self._forces = None
-        if self._count(forces.counter):
+        if (sequence := self._counter.follow(forces.counter)) is not None:
             at = now if frame.received_at is None else frame.received_at
-            counts = (*forces.counts, *moments.counts)
-            self._events.append(SensorFrame(counts, forces.counter, self._sequence or 0, at))
-
-    def _count(self, counter: int) -> bool:
-        """Follow the counter; False for a sample that was there before."""
-        if self._counter is None:
-            self._sequence = counter if self._sequence is None else self._sequence + 1
-        else:
-            step = (counter - self._counter) % COUNTER_MODULUS
-            if step == 0 or step > self._straggler_from:
-                self.statistics.repeated += 1
-                return False
-            self._sequence = (self._sequence or 0) + step
-            if self._step:
-                self.statistics.lost += max(0, round(step / self._step) - 1)
-        self._counter = counter
-        return True
+            self._events.append(SensorFrame((*forces.counts, *moments.counts), forces.counter, sequence, at))

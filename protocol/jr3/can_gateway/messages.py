@@ -12,11 +12,21 @@ from protocol.can import CanFrame
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
 from protocol.fields import Field, Layout
 from protocol.jr3.counts import AXES, FULL_SCALE_COUNTS
+from protocol.jr3.firmware import (
+    ACKNOWLEDGE,
+    CUTOFF,
+    EMPTY,
+    START,
+    STATE,
+    axis_fields,
+    counter_field,
+    payload_layout,
+    read_start,
+)
 from protocol.marks import Mark
 
 GATEWAY_BITRATE = 1_000_000
 """bit/s. Source: the firmware."""
-COUNTER_MODULUS = 65536
 NODES = range(1, 128)
 
 _OP_MASK = 0x780
@@ -50,54 +60,32 @@ ACKNOWLEDGED = frozenset(Op) - FROM_GATEWAY - {Op.SYNC, Op.GRIPPER}
 """Commands that the gateway answers with an acknowledge."""
 
 
-class GatewayState(IntEnum):
-    """What an acknowledge says first."""
-
-    READY = 0
-    NOT_INITIALISED = 1
-    """No sensor was found at power-up: commands are acknowledged and have no effect."""
-
-
-def _layout(name: str, size: int, *fields: Field) -> Layout:
-    return Layout(name, size, "<", fields)
-
-
-def _vector(
-    axes: Sequence[str], offset: int, code: str, meaning: str, scale: float, unit: str
-) -> list[Field]:
-    return [
-        Field(axis, offset + 2 * place, code, Mark.OBSERVED, meaning, scale, unit)
-        for place, axis in enumerate(axes)
-    ]
-
-
-_CUTOFF = Field(
-    "cutoff", 0, "H", Mark.OBSERVED, "cut-off of the first-order filter, 0 = unfiltered", 0.01, "Hz"
+FULL_SCALES = payload_layout(
+    "full scales",
+    7,
+    STATE,
+    *axis_fields("xyz", 1, "H", "forces in N, moments in N·m×10, as was asked", 1.0, ""),
 )
-_STATE = Field("state", 0, "B", Mark.OBSERVED, "0 ready, 1 not initialised")
-_COUNTER = Field("counter", 6, "H", Mark.OBSERVED, "sensor samples since the start, modulo 65536")
-
-CUTOFF = _layout("cut-off", 2, _CUTOFF)
-START_ASYNC = _layout(
-    "asynchronous start", 6, _CUTOFF, Field("period", 2, "I", Mark.OBSERVED, "between frames", 1e-6, "s")
+FORCES = payload_layout(
+    "forces",
+    8,
+    *axis_fields(AXES[:3], 0, "h", "force", 1 / FULL_SCALE_COUNTS, "of full scale"),
+    counter_field(6),
 )
-ACKNOWLEDGE = _layout("acknowledge", 1, _STATE)
-FULL_SCALES = _layout(
-    "full scales", 7, _STATE, *_vector("xyz", 1, "H", "forces in N, moments in N·m×10, as was asked", 1.0, "")
+MOMENTS = payload_layout(
+    "moments",
+    8,
+    *axis_fields(AXES[3:], 0, "h", "moment", 1 / FULL_SCALE_COUNTS, "of full scale"),
+    counter_field(6),
 )
-FORCES = _layout(
-    "forces", 8, *_vector(AXES[:3], 0, "h", "force", 1 / FULL_SCALE_COUNTS, "of full scale"), _COUNTER
+GRIPPER = payload_layout(
+    "gripper", 4, Field("pwm", 0, "f", Mark.OBSERVED, "pulse width, −100 … 100", 1.0, "%")
 )
-MOMENTS = _layout(
-    "moments", 8, *_vector(AXES[3:], 0, "h", "moment", 1 / FULL_SCALE_COUNTS, "of full scale"), _COUNTER
-)
-GRIPPER = _layout("gripper", 4, Field("pwm", 0, "f", Mark.OBSERVED, "pulse width, −100 … 100", 1.0, "%"))
-EMPTY = _layout("no data", 0)
 
 LAYOUTS: Mapping[Op, Layout] = dict.fromkeys(Op, EMPTY) | {
     Op.ACKNOWLEDGE: ACKNOWLEDGE,
     Op.START_SYNC: CUTOFF,
-    Op.START_ASYNC: START_ASYNC,
+    Op.START_ASYNC: START,
     Op.SET_FILTER: CUTOFF,
     Op.FORCES: FORCES,
     Op.MOMENTS: MOMENTS,
@@ -172,11 +160,9 @@ def decode_command(frame: CanFrame) -> Command:
     op, node = split(frame.identifier)
     if op not in ACKNOWLEDGED and frame.identifier != Op.SYNC:
         raise RemoteProtocolError(f"identifier {frame.identifier:03X} is no command to a gateway")
-    fields = LAYOUTS[Op(op)].fields
-    whole = 6 if len(frame.data) >= 6 else 2 if len(frame.data) >= 2 else 0
-    raw = START_ASYNC.unpack(frame.data[:whole].ljust(6, b"\0"))
-    carried = {field.name: int(raw[field.name]) for field in fields}
-    return Command(Op(op), node, carried.get("cutoff", 0), carried.get("period", 0))
+    cutoff, period = read_start(frame.data)
+    size = LAYOUTS[Op(op)].size
+    return Command(Op(op), node, cutoff if size >= CUTOFF.size else 0, period if size >= START.size else 0)
 
 
 def encode_acknowledge(node: int, acknowledge: Acknowledge) -> CanFrame:

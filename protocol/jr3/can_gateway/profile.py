@@ -1,10 +1,10 @@
 """What a client may choose and has to assume about its CAN gateway."""
 
-import math
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
 from protocol.jr3.counts import AXES
+from protocol.jr3.firmware import MAX_CUTOFF_HZ, check_cutoff, first_order_delay
 from protocol.marks import Mark, check_settings, setting
 
 
@@ -24,7 +24,7 @@ class GatewayClientProfile:
         "cut-off of the gateway's first-order filter, 0 = unfiltered",
         unit="Hz",
         minimum=0.0,
-        maximum=655.35,
+        maximum=MAX_CUTOFF_HZ,
     )
     period_ms: float = setting(
         10.0,
@@ -53,6 +53,7 @@ class GatewayClientProfile:
 
     def __post_init__(self) -> None:
         check_settings(self)
+        check_cutoff(self.cutoff_hz)
         if self.mode not in ("async", "sync"):
             raise ValueError(f"mode must be async or sync, got {self.mode}")
         if len(self.full_scales) not in (0, len(AXES)):
@@ -62,8 +63,3 @@ class GatewayClientProfile:
     def delay(self) -> float:
         """How much later than the force itself a sample with this cut-off tells of it, s."""
         return first_order_delay(self.cutoff_hz)
-
-
-def first_order_delay(cutoff_hz: float) -> float:
-    """1/(2π f_c) of a first-order low pass, s; 0 means unfiltered. Source: textbook delay at low frequencies."""
-    return 1.0 / (2.0 * math.pi * cutoff_hz) if cutoff_hz else 0.0

@@ -1,0 +1,118 @@
+"""What both gateways of a JR3 sensor have in common, for one firmware runs in both: filter, counter, payloads.
+
+Source: firmware roboticslab-uc3m/jr3-mbed-firmware, read for facts. Payloads are little-endian.
+"""
+
+import math
+from collections.abc import Sequence
+from enum import IntEnum
+
+from protocol.fields import Field, Layout
+from protocol.jr3.session import SensorStatistics
+from protocol.marks import Mark
+
+COUNTER_MODULUS = 65536
+"""The firmware counts its samples of the sensor, about 7782 a second, in 16 bits: 8.4 s to the wrap."""
+MAX_CUTOFF_HZ = 655.35
+SMALLEST_CUTOFF_HZ = 0.01
+"""One unit of the wire. What would be rounded to 0 there would switch the filter off instead of closing it."""
+
+UNFILTERED = "the gateway's filter is off (cut-off 0): every sample is as noisy as the sensor"
+"""What a client says of a cut-off of 0, which may be meant or a slip."""
+
+
+class GatewayState(IntEnum):
+    """What an acknowledge says first."""
+
+    READY = 0
+    NOT_INITIALISED = 1
+    """No sensor was found at power-up: commands are acknowledged and have no effect."""
+
+
+def payload_layout(name: str, size: int, *fields: Field) -> Layout:
+    """A payload of a gateway."""
+    return Layout(name, size, "<", fields)
+
+
+def axis_fields(
+    axes: Sequence[str], offset: int, code: str, meaning: str, scale: float, unit: str
+) -> list[Field]:
+    """One field of two bytes for each axis, in a row."""
+    return [
+        Field(axis, offset + 2 * place, code, Mark.OBSERVED, meaning, scale, unit)
+        for place, axis in enumerate(axes)
+    ]
+
+
+STATE = Field("state", 0, "B", Mark.OBSERVED, "0 ready, 1 not initialised")
+_CUTOFF = Field(
+    "cutoff", 0, "H", Mark.OBSERVED, "cut-off of the first-order filter, 0 = unfiltered", 0.01, "Hz"
+)
+
+
+def counter_field(offset: int) -> Field:
+    """The counter that ends every sample."""
+    return Field("counter", offset, "H", Mark.OBSERVED, "sensor samples since the start, modulo 65536")
+
+
+EMPTY = payload_layout("no data", 0)
+CUTOFF = payload_layout("cut-off", 2, _CUTOFF)
+START = payload_layout(
+    "asynchronous start", 6, _CUTOFF, Field("period", 2, "I", Mark.OBSERVED, "between frames", 1e-6, "s")
+)
+ACKNOWLEDGE = payload_layout("acknowledge", 1, STATE)
+
+
+def read_start(payload: bytes) -> tuple[int, int]:
+    """Cut-off in 0.01 Hz and period in µs as the firmware reads them: what is not there as a whole counts as 0."""
+    whole = 6 if len(payload) >= 6 else 2 if len(payload) >= 2 else 0
+    raw = START.unpack(payload[:whole].ljust(6, b"\0"))
+    return int(raw["cutoff"]), int(raw["period"])
+
+
+def first_order_delay(cutoff_hz: float) -> float:
+    """1/(2π f_c) of a first-order low pass, s; 0 means unfiltered. Source: textbook delay at low frequencies."""
+    return 1.0 / (2.0 * math.pi * cutoff_hz) if cutoff_hz else 0.0
+
+
+def check_cutoff(cutoff_hz: float) -> None:
+    """Raise ValueError for a cut-off that a gateway cannot be told; 0 is one that it can."""
+    if not 0.0 <= cutoff_hz <= MAX_CUTOFF_HZ or 0.0 < cutoff_hz < SMALLEST_CUTOFF_HZ:
+        raise ValueError(
+            f"cutoff_hz must be {SMALLEST_CUTOFF_HZ} … {MAX_CUTOFF_HZ}, or 0 for unfiltered, got {cutoff_hz:g}"
+        )
+
+
+class SampleCounter:
+    """Follows the counter of the samples that arrive over its wraps, and counts what is missing or came again."""
+
+    __slots__ = ("_last", "_sequence", "_statistics", "_step", "_straggler_from")
+
+    def __init__(self, statistics: SensorStatistics, step: float, behind: int) -> None:
+        """`step` is what the counter grows by from frame to frame, 0 where frames have no cadence. A frame whose
+        counter is less than `behind` before the last one is an old frame; by more, it is a far step forward.
+        """
+        self._statistics = statistics
+        self._step = step
+        self._straggler_from = COUNTER_MODULUS - behind
+        self._last: int | None = None
+        self._sequence: int | None = None
+
+    def restart(self) -> None:
+        """The device begins to count anew; the sequence goes on by 1."""
+        self._last = None
+
+    def follow(self, counter: int) -> int | None:
+        """The sequence of this sample, or None for one that was there before."""
+        if self._last is None:
+            self._sequence = counter if self._sequence is None else self._sequence + 1
+        else:
+            step = (counter - self._last) % COUNTER_MODULUS
+            if step == 0 or step > self._straggler_from:
+                self._statistics.repeated += 1
+                return None
+            self._sequence = (self._sequence or 0) + step
+            if self._step:
+                self._statistics.lost += max(0, round(step / self._step) - 1)
+        self._last = counter
+        return self._sequence
