@@ -1,0 +1,120 @@
+"""What makes one thread of a Linux process keep its times: priority, processor, memory, garbage.
+
+Nothing of this is needed for a loop of a few hertz; a 1 kHz sensor on a busy machine is what it is for.
+"""
+
+import ctypes
+import gc
+import os
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from hil_bridge.errors import ConfigError
+from protocol.marks import Mark, check_settings, setting
+
+_MCL_CURRENT, _MCL_FUTURE = 1, 2
+"""Flags of mlockall. Source: Linux, sys/mman.h."""
+
+
+@dataclass(frozen=True)
+class RealTime:
+    """How the loop's thread is run, in real time only."""
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
+
+    fifo_priority: int = setting(
+        0, Mark.CHOSEN, "SCHED_FIFO priority of the loop's thread, 0 = ordinary", minimum=0, maximum=99
+    )
+    lock_memory: bool = setting(False, Mark.CHOSEN, "keep the whole process in memory (mlockall)")
+    cpus: tuple[int, ...] = setting(
+        (), Mark.CHOSEN, "processors that the loop's thread may run on, empty = all", minimum=0
+    )
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+
+
+@contextmanager
+def scheduled(wanted: RealTime) -> Iterator[ThreadPoolExecutor | None]:
+    """Run the calling thread as wanted while inside; other threads stay as they are.
+
+    Threads begun inside keep ordinary priority; those of the executor that is given also run on all processors
+    (None when the thread is pinned to none). Raises ConfigError for what the machine or its limits refuse.
+    """
+    undo: list[Callable[[], object]] = []
+    executor = None
+    try:
+        if wanted.cpus:
+            before = os.sched_getaffinity(0)
+            _pin(wanted.cpus, before)
+            undo.append(lambda: os.sched_setaffinity(0, before))
+            executor = ThreadPoolExecutor(initializer=os.sched_setaffinity, initargs=(0, before))
+            undo.append(executor.shutdown)
+        if wanted.lock_memory:
+            _lock_memory()
+            undo.append(_unlock_memory)
+        if wanted.fifo_priority:
+            policy, parameter = os.sched_getscheduler(0), os.sched_getparam(0)
+            _prefer(wanted.fifo_priority)
+            undo.append(lambda: os.sched_setscheduler(0, policy, parameter))
+        yield executor
+    finally:
+        for step in reversed(undo):
+            step()
+
+
+@contextmanager
+def quiet_garbage() -> Iterator[None]:
+    """Keep the collector from coming by itself: what is there stays, `collect_young` takes what comes."""
+    enabled = gc.isenabled()
+    gc.collect()
+    gc.freeze()
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.unfreeze()
+        if enabled:
+            gc.enable()
+
+
+def collect_young() -> None:
+    """Collect what has become garbage since the last time; for a moment in which everybody waits for a wire."""
+    gc.collect(1)
+
+
+def _pin(cpus: tuple[int, ...], allowed: set[int]) -> None:
+    try:
+        os.sched_setaffinity(0, cpus)
+    except OSError as error:
+        there = ", ".join(map(str, sorted(allowed)))
+        raise ConfigError(
+            f"realtime.cpus: this process may not run on {', '.join(map(str, cpus))}; it may on {there}"
+        ) from error
+
+
+def _prefer(priority: int) -> None:
+    try:
+        # Without the flag every thread that is begun later would have that priority too.
+        os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
+    except PermissionError as error:
+        raise ConfigError(
+            f"realtime.fifo_priority: SCHED_FIFO {priority} is not permitted; set an rtprio limit of at least "
+            f"{priority} for this user in /etc/security/limits.d, or leave it 0"
+        ) from error
+
+
+def _lock_memory() -> None:
+    libc = ctypes.CDLL(None, use_errno=True)
+    if libc.mlockall(_MCL_CURRENT | _MCL_FUTURE) != 0:
+        raise ConfigError(
+            f"realtime.lock_memory: {os.strerror(ctypes.get_errno())}; set an unlimited memlock limit for this "
+            "user in /etc/security/limits.d, or leave it false"
+        )
+
+
+def _unlock_memory() -> None:
+    ctypes.CDLL(None).munlockall()

@@ -1,0 +1,118 @@
+"""Priority, processor, memory and garbage of the loop's thread: as wanted inside, as before outside."""
+
+import ctypes
+import gc
+import os
+import resource
+import threading
+from pathlib import Path
+
+import pytest
+
+from hil_bridge.errors import ConfigError
+from hil_bridge.realtime import RealTime, collect_young, quiet_garbage, scheduled
+
+
+def locked_kilobytes() -> int:
+    status = Path("/proc/self/status").read_text()
+    return next(int(line.split()[1]) for line in status.splitlines() if line.startswith("VmLck:"))
+
+
+def may_be_first() -> bool:
+    return os.geteuid() == 0 or resource.getrlimit(resource.RLIMIT_RTPRIO)[0] > 0
+
+
+def test_nothing_changes_where_nothing_is_wanted() -> None:
+    before = os.sched_getaffinity(0), os.sched_getscheduler(0), locked_kilobytes()
+    with scheduled(RealTime()) as executor:
+        assert executor is None
+        assert (os.sched_getaffinity(0), os.sched_getscheduler(0), locked_kilobytes()) == before
+
+
+def test_only_the_loops_thread_is_pinned() -> None:
+    before = os.sched_getaffinity(0)
+    one = min(before)
+    with scheduled(RealTime(cpus=(one,))) as executor:
+        assert os.sched_getaffinity(0) == {one}
+        assert executor is not None
+        assert executor.submit(os.sched_getaffinity, 0).result() == before
+    assert os.sched_getaffinity(0) == before
+
+
+def test_a_processor_that_is_not_there_is_refused_in_one_line() -> None:
+    before = os.sched_getaffinity(0)
+    with (
+        pytest.raises(ConfigError, match=r"realtime\.cpus: this process may not run on 999"),
+        scheduled(RealTime(cpus=(999,))),
+    ):
+        pass
+    assert os.sched_getaffinity(0) == before
+
+
+@pytest.mark.skipif(not may_be_first(), reason="SCHED_FIFO is not permitted here")
+def test_priority_is_that_of_the_loops_thread_alone() -> None:
+    before = os.sched_getscheduler(0)
+    seen: list[int] = []
+    try:
+        with scheduled(RealTime(fifo_priority=1)):
+            assert os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK == os.SCHED_FIFO
+            thread = threading.Thread(target=lambda: seen.append(os.sched_getscheduler(0)))
+            thread.start()
+            thread.join()
+    except ConfigError:
+        pytest.skip("SCHED_FIFO is not permitted here")
+    assert seen == [os.SCHED_OTHER]
+    assert os.sched_getscheduler(0) == before
+
+
+def test_what_is_not_permitted_says_how_to_permit_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*arguments: object) -> None:
+        raise PermissionError(1, "Operation not permitted")
+
+    monkeypatch.setattr(os, "sched_setscheduler", refuse)
+    with (
+        pytest.raises(ConfigError, match="SCHED_FIFO 50 is not permitted; set an rtprio limit"),
+        scheduled(RealTime(fifo_priority=50)),
+    ):
+        pass
+
+
+def test_memory_is_locked_while_inside() -> None:
+    before = locked_kilobytes()
+    if ctypes.CDLL(None).mlockall(1) != 0:
+        pytest.skip("locking memory is not permitted here")
+    ctypes.CDLL(None).munlockall()
+    with scheduled(RealTime(lock_memory=True)):
+        assert locked_kilobytes() > before + 1000
+    assert locked_kilobytes() <= before
+
+
+def test_garbage_waits_until_it_is_asked_for() -> None:
+    class Node:
+        """One that refers to itself."""
+
+        alive = 0
+
+        def __init__(self) -> None:
+            self.me = self
+            Node.alive += 1
+
+        def __del__(self) -> None:
+            Node.alive -= 1
+
+    gc.enable()
+    with quiet_garbage():
+        for _ in range(5000):
+            Node()
+        assert Node.alive == 5000
+        collect_young()
+        assert Node.alive == 0
+        assert not gc.isenabled()
+    assert gc.isenabled()
+    assert gc.get_freeze_count() == 0
+
+
+@pytest.mark.parametrize("wrong", [{"fifo_priority": 100}, {"fifo_priority": -1}, {"cpus": (-1,)}])
+def test_impossible_settings_are_refused(wrong: dict[str, object]) -> None:
+    with pytest.raises(ValueError, match=next(iter(wrong))):
+        RealTime(**wrong)  # type: ignore[arg-type]
