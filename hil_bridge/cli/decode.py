@@ -34,7 +34,6 @@ def computer_link(hex_bytes: tuple[str, ...], orders_file: Path | None) -> None:
     Ends with exit code 2 when anything in it is wrong.
     """
     from hil_bridge.errors import ConfigError
-    from hil_bridge.orders_file import read_orders
     from protocol.adlp import LinkProfile
     from protocol.arap import KNOWN, describe
 
@@ -49,8 +48,11 @@ def computer_link(hex_bytes: tuple[str, ...], orders_file: Path | None) -> None:
             )
     if len(text) % 2:
         raise ConfigError(f"HEX: {len(text)} digits are no whole bytes; one digit is missing or too many")
-    longest = LinkProfile().max_telegram
-    orders = KNOWN if orders_file is None else read_orders(orders_file, longest)
+    longest, orders = LinkProfile().max_telegram, KNOWN
+    if orders_file is not None:
+        from hil_bridge.orders_file import read_orders
+
+        orders = read_orders(orders_file, longest)
     _print(describe(bytes.fromhex(text), max_telegram=longest, orders=orders))
 
 
