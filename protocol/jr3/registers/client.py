@@ -1,0 +1,415 @@
+"""The client's side of a session with a receiver board behind a register server.
+
+First the kernel driver's start-up, then samples: from the filter's first word up to the word `errors` in one burst,
+so that data, counter and errors are of one moment.
+"""
+
+from collections import deque
+from enum import Enum
+
+from protocol.endpoint import LocalProtocolError, RemoteProtocolError
+from protocol.jr3.board import REGISTERS, SATURATIONS, Errors, to_signed
+from protocol.jr3.counts import AXES
+from protocol.jr3.registers.profile import BoardClientProfile
+from protocol.jr3.registers.startup import (
+    DEAF,
+    BoardIdentity,
+    Read,
+    Reset,
+    Step,
+    Steps,
+    Wait,
+    Write,
+    attach,
+    configure,
+    errors_text,
+    start_up,
+    zero,
+)
+from protocol.jr3.registers.telegrams import (
+    Burst,
+    Garbage,
+    Op,
+    Request,
+    Response,
+    Status,
+    encode_request,
+    response_reader,
+)
+from protocol.jr3.session import (
+    SensorEvent,
+    SensorFailed,
+    SensorFrame,
+    SensorNotice,
+    SensorReady,
+    SensorRestarted,
+    SensorStatistics,
+    SensorStopped,
+    Zeroed,
+)
+
+_COUNTER_MODULUS = 65536
+_TAG_MODULUS = 65536
+_QUIET_S = 1.0
+"""Chosen: saturation is told again once it has been away for so long."""
+
+
+class BoardPhase(Enum):
+    """Where the session is."""
+
+    STARTING = "starting"
+    SETTLING = "settling"
+    READY = "ready"
+    STOPPING = "stopping"
+    STOPPED = "stopped"
+    FAILED = "failed"
+
+
+_RUNNING = frozenset({BoardPhase.STARTING, BoardPhase.SETTLING, BoardPhase.READY})
+
+
+class BoardClient:
+    """Endpoint of the client: bytes in, bytes out, tells SensorEvents."""
+
+    def __init__(self, profile: BoardClientProfile, now: float) -> None:
+        self._profile = profile
+        self._first = REGISTERS[f"filter{profile.filter}"].address
+        self._errors_at = REGISTERS["errors"].address - self._first
+        self._warnings_at = REGISTERS["warnings"].address - self._first
+        # filter0 has no counter of its own and the rate of filter1
+        self._counter_at = REGISTERS[f"count{max(profile.filter, 1)}"].address - self._first
+        self._data_timeout = max(profile.data_timeout_s, 5 * profile.period * profile.bursts)
+        self.statistics = SensorStatistics()
+        self._reader = response_reader()
+        self._events: deque[SensorEvent] = deque()
+        self._out = bytearray()
+        self._tag = 0
+
+        self._phase = BoardPhase.STARTING
+        self._steps: Steps[BoardIdentity] | Steps[None] | None = None
+        self._step_tag: int | None = None
+        self._step: Step | None = None
+        self._wake_at: float | None = None
+        self._answer_by: float | None = None
+        self._zero_wanted = False
+        self._settled_at: float | None = None
+        self._full_scales: tuple[float, ...] = ()
+
+        self._data_tag: int | None = None
+        self._asked_at = now
+        self._polls = 0
+        self._poll_under_way = False
+        self._data_by: float | None = None
+        self._sampled_at = now
+        self._heard_at = now
+
+        self._counter: int | None = None
+        self._sequence: int | None = None
+        self._stamp_ns: int | None = None
+        self._dated = now
+        self._saturated = 0
+        self._saturated_until = now
+        self._begin(start_up(profile) if profile.start_up == "driver" else attach(profile), now)
+
+    @property
+    def phase(self) -> BoardPhase:
+        """Where the session is."""
+        return self._phase
+
+    @property
+    def delay(self) -> float:
+        """How much later than the force itself the board's filter tells of it, s, at low frequencies."""
+        return self._profile.delay
+
+    # --- what the owner asks for
+
+    def zero(self) -> None:
+        """Make the present wrench the origin, once settled. Raises LocalProtocolError after the end."""
+        if self._phase not in _RUNNING:
+            raise LocalProtocolError(f"cannot zero: the session is {self._phase.value}")
+        self._zero_wanted = True
+
+    def stop(self) -> None:
+        """End the session; SensorStopped tells that no more data are under way. Harmless when called again."""
+        if self._phase in (BoardPhase.STOPPING, BoardPhase.STOPPED):
+            return
+        streaming = self._phase is BoardPhase.READY and self._profile.mode == "stream"
+        self._drop_steps()
+        self._settled_at = self._data_by = self._data_tag = None
+        self._zero_wanted = self._poll_under_way = False
+        if streaming:
+            self._phase = BoardPhase.STOPPING
+            self._step_tag = self._request(Op.STREAM)
+        else:
+            self._phase = BoardPhase.STOPPED
+            self._events.append(SensorStopped())
+
+    # --- endpoint
+
+    def receive(self, data: bytes, now: float) -> None:
+        """Take bytes of responses."""
+        for item in self._reader.feed(data):
+            if self._phase in (BoardPhase.STOPPED, BoardPhase.FAILED):
+                return
+            if isinstance(item, Garbage):
+                self.statistics.malformed += 1
+                self._fail(f"what answers is no register server: {item.text}")
+            elif item.op == Op.CONNECTION:
+                self._fail(f"the server closes the connection: {item.status.meaning}")
+            elif item.tag == self._step_tag:
+                self._on_answer(item, now)
+            elif item.tag == self._data_tag:
+                self._on_data(item, now)
+            # else: what was under way before a restart or a stop
+
+    def next_event(self) -> SensorEvent | None:
+        """The oldest event not yet taken, or None."""
+        return self._events.popleft() if self._events else None
+
+    def data_to_send(self, now: float) -> bytes:
+        """The request whose turn it is."""
+        if self._phase is BoardPhase.READY and self._zero_wanted and self._steps is None:
+            self._zero_wanted = False
+            self._steps = zero(self._profile)
+            self._advance((), now)
+        elif self._phase is BoardPhase.STOPPING and self._answer_by is None:
+            self._answer_by = now + self._profile.answer_timeout_s
+        data = bytes(self._out)
+        self._out.clear()
+        return data
+
+    def next_deadline(self) -> float | None:
+        """The next step, sample or end of patience."""
+        due = (
+            self._wake_at,
+            self._answer_by,
+            self._settled_at,
+            self._data_by,
+            self._poll_due() if self._polling else None,
+        )
+        return min((moment for moment in due if moment is not None), default=None)
+
+    def handle_deadline(self, now: float) -> None:
+        """Go on with the sequence, ask for a sample, become ready or give up."""
+        if self._answer_by is not None and now >= self._answer_by:
+            self._fail(f"the server has not answered for {self._profile.answer_timeout_s:g} s")
+        if self._wake_at is not None and now >= self._wake_at:
+            self._wake_at = None
+            self._advance((), now)
+        if self._settled_at is not None and now >= self._settled_at:
+            self._settled_at = None
+            self._on_settled(now)
+        if self._polling and now >= self._poll_due():
+            self._poll(now)
+        if self._data_by is not None and now >= self._data_by:
+            self._check_data(now)
+
+    # --- sequences of steps
+
+    def _begin(self, steps: Steps[BoardIdentity], now: float) -> None:
+        self._phase = BoardPhase.STARTING
+        self._drop_steps()
+        self._settled_at = self._data_by = self._data_tag = None
+        self._poll_under_way = False
+        self._steps = steps
+        self._advance((), now)
+
+    def _drop_steps(self) -> None:
+        self._steps = self._step = self._step_tag = self._wake_at = self._answer_by = None
+
+    def _advance(self, words: tuple[int, ...], now: float) -> None:
+        """Take the sequence's next step, or what it came to."""
+        steps = self._steps
+        assert steps is not None
+        try:
+            step = next(steps) if self._step is None else steps.send(words)
+        except StopIteration as end:
+            self._drop_steps()
+            self._on_done(end.value, now)
+            return
+        except RemoteProtocolError as error:
+            self._fail(str(error))
+            return
+        self._step = step
+        match step:
+            case Wait(duration):
+                self._wake_at = now + duration
+                return
+            case Read(address, count):
+                self._step_tag = self._request(Op.READ, address, count)
+            case Write(address, values):
+                self._step_tag = self._request(Op.WRITE, address, len(values), words=values)
+            case _:
+                self._step_tag = self._request(Op.RESET)
+        self._answer_by = now + self._profile.answer_timeout_s
+
+    def _request(
+        self,
+        op: Op,
+        address: int = 0,
+        count: int = 0,
+        *,
+        words: tuple[int, ...] = (),
+        period_us: int = 0,
+    ) -> int:
+        self._tag = (self._tag + 1) % _TAG_MODULUS
+        request = Request(op, self._tag, address, count, words, period_us, self._profile.bursts)
+        self._out += encode_request(request)
+        return self._tag
+
+    def _on_answer(self, response: Response, now: float) -> None:
+        self._step_tag = self._answer_by = None
+        if self._phase is BoardPhase.STOPPING:
+            self._phase = BoardPhase.STOPPED
+            self._events.append(SensorStopped())
+            return
+        step = self._step
+        if response.status is Status.REFUSED and isinstance(step, Reset):
+            self._events.append(
+                SensorNotice("board: its server does not reset it; started up without a reset")
+            )
+        elif response.status is not Status.OK:
+            self._fail(f"the server refuses {_name(step)}: {response.status.meaning}")
+            return
+        words: tuple[int, ...] = ()
+        if isinstance(step, Read):
+            if not (len(response.bursts) == 1 and response.count == step.count):
+                self.statistics.malformed += 1
+                self._fail(
+                    f"{_name(step)} is answered with {len(response.bursts)} bursts of {response.count} words"
+                )
+                return
+            words = response.bursts[0].words
+        self._advance(words, now)
+
+    def _on_done(self, result: BoardIdentity | None, now: float) -> None:
+        if result is not None:
+            self._full_scales = result.full_scales
+            self._phase = BoardPhase.SETTLING
+            self._events.append(
+                SensorNotice(f"board: sensor model {result.model_no}, serial number {result.serial_no}")
+            )
+        self._settled_at = now + self._profile.settling
+
+    def _on_settled(self, now: float) -> None:
+        if self._phase is BoardPhase.READY:
+            self._events.append(Zeroed())
+            return
+        self._phase = BoardPhase.READY
+        self._counter = self._stamp_ns = None
+        self._asked_at = self._sampled_at = self._heard_at = now
+        self._polls = 0
+        self._data_by = now + self._data_timeout
+        self._events.append(SensorReady(self._full_scales))
+        if self._profile.mode == "stream":
+            period_us = round(self._profile.period * 1e6)
+            self._data_tag = self._request(Op.STREAM, self._first, self._errors_at + 1, period_us=period_us)
+
+    def _fail(self, text: str) -> None:
+        self._phase = BoardPhase.FAILED
+        self._drop_steps()
+        self._settled_at = self._data_by = self._data_tag = None
+        self._out.clear()
+        self._events.append(SensorFailed(f"board: {text}"))
+
+    # --- samples
+
+    @property
+    def _polling(self) -> bool:
+        return self._phase is BoardPhase.READY and self._profile.mode == "poll" and not self._poll_under_way
+
+    def _poll_due(self) -> float:
+        return self._asked_at + self._polls * self._profile.period
+
+    def _poll(self, now: float) -> None:
+        self._poll_under_way = True
+        self._polls = max(self._polls, int((now - self._asked_at) / self._profile.period)) + 1
+        self._data_tag = self._request(Op.READ, self._first, self._errors_at + 1)
+
+    def _check_data(self, now: float) -> None:
+        """Looked at seldom, so that a sample costs no timer."""
+        if now < self._sampled_at + self._data_timeout:
+            self._data_by = self._sampled_at + self._data_timeout
+        elif now < self._heard_at + self._data_timeout:
+            self._fail(
+                f"its counter has stood at {self._counter} for {self._data_timeout:g} s: does its program run?"
+            )
+        else:
+            self._fail(f"no data for {self._data_timeout:g} s: server or network stuck?")
+
+    def _on_data(self, response: Response, now: float) -> None:
+        self._poll_under_way = False
+        if response.status is not Status.OK:
+            self._fail(f"the server gives no data: {response.status.meaning}")
+            return
+        if not response.bursts:
+            return  # the stream has begun
+        if response.count != self._errors_at + 1:
+            self.statistics.malformed += 1
+            return
+        self._heard_at = now
+        newest = response.bursts[-1].time_ns
+        for burst in response.bursts:
+            # Clocks of two machines cannot be compared: the newest burst is taken to be of the moment of its arrival.
+            at = now - max(newest - burst.time_ns, 0) * 1e-9
+            self._dated = max(self._dated, at)
+            self._on_burst(burst, now)
+            if self._phase is not BoardPhase.READY:
+                return
+
+    def _on_burst(self, burst: Burst, now: float) -> None:
+        words = burst.words
+        if self._stamp_ns is not None:
+            periods = (burst.time_ns - self._stamp_ns) * 1e-9 / self._profile.period
+            self.statistics.lost += max(0, round(periods) - 1)
+        self._stamp_ns = burst.time_ns
+        errors, warnings = words[self._errors_at], words[self._warnings_at]
+        if errors & (DEAF | Errors.SENSOR_CHANGE):
+            self._on_sensor_trouble(errors, now)
+            return
+        if (errors | warnings) & SATURATIONS or self._saturated:
+            self._on_saturation(errors & SATURATIONS, warnings & SATURATIONS, now)
+        if errors & Errors.SYSTEM_BUSY:
+            return  # the data are old
+        counter = words[self._counter_at]
+        if self._counter is None:
+            self._sequence = counter if self._sequence is None else self._sequence + 1
+        elif counter == self._counter:
+            self.statistics.repeated += 1
+            return
+        else:
+            self._sequence = (self._sequence or 0) + (counter - self._counter) % _COUNTER_MODULUS
+        self._counter, self._sampled_at = counter, now
+        fx, fy, fz, mx, my, mz = map(to_signed, words[: len(AXES)])
+        self._events.append(SensorFrame((fx, fy, fz, mx, my, mz), counter, self._sequence, self._dated))
+
+    def _on_sensor_trouble(self, errors: int, now: float) -> None:
+        if errors & DEAF:
+            self._fail(f"it hears no sensor ({errors_text(errors)}): check the sensor's plug and cable")
+            return
+        self._events.append(SensorRestarted())
+        self._begin(configure(self._profile), now)
+
+    def _on_saturation(self, errors: int, warnings: int, now: float) -> None:
+        """Tell each axis once, and again only after a quiet time: a contact at the limit rattles."""
+        present = errors << len(AXES) | warnings
+        if present:
+            self._saturated_until = now + _QUIET_S
+        elif now >= self._saturated_until:
+            self._saturated = 0
+        if new := present & ~self._saturated:
+            self._saturated |= new
+            texts = [f"{axis} saturated" for i, axis in enumerate(AXES) if new >> (len(AXES) + i) & 1]
+            texts += [f"{axis} near saturation" for i, axis in enumerate(AXES) if new >> i & 1]
+            self._events.append(SensorNotice(f"board: raw {', '.join(texts)}"))
+
+
+def _name(step: Step | None) -> str:
+    """A step for messages."""
+    match step:
+        case Read(address, count):
+            return f"a read of {count} words from {address:04X}"
+        case Write(address, words):
+            return f"a write of {len(words)} words to {address:04X}"
+        case _:
+            return "a reset"

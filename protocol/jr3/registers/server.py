@@ -1,0 +1,188 @@
+"""The register server's side of one connection, over any board."""
+
+from collections import deque
+from dataclasses import dataclass, field
+
+from protocol.endpoint import RemoteProtocolError
+from protocol.jr3.board import Registers
+from protocol.jr3.registers.profile import RegisterServerProfile
+from protocol.jr3.registers.telegrams import (
+    MAX_PAYLOAD,
+    MAX_WORDS,
+    Burst,
+    Garbage,
+    Op,
+    Request,
+    Response,
+    Status,
+    encode_response,
+    fits,
+    request_reader,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class ConnectionOver:
+    """The client has been told that this connection ends; the owner hands over what is to be sent and closes it."""
+
+    text: str
+
+
+@dataclass(slots=True)
+class _Stream:
+    """Burst k is due at `anchor` + k · `period`."""
+
+    tag: int
+    address: int
+    count: int
+    anchor: float
+    period: float
+    at_once: int
+    next: int = 0
+    bursts: list[Burst] = field(default_factory=list)
+
+    @property
+    def due(self) -> float:
+        return self.anchor + self.next * self.period
+
+
+class ResetRefused(RemoteProtocolError):
+    """Raised by registers whose board must not be reset, with the reason."""
+
+
+class RegisterServer:
+    """Endpoint of the server: bytes in, bytes out; tells ConnectionOver when the client is beyond help.
+
+    After that it begins anew, for wires on which there is no other connection.
+    """
+
+    def __init__(self, registers: Registers, profile: RegisterServerProfile, now: float) -> None:
+        self._registers = registers
+        self._profile = profile
+        self._events: deque[ConnectionOver] = deque()
+        self._begin(now)
+
+    def _begin(self, now: float) -> None:
+        self._reader = request_reader()
+        self._waiting: deque[Request | Garbage] = deque()
+        self._out = bytearray()
+        self._stream: _Stream | None = None
+        self._heard_at = now
+
+    # --- endpoint
+
+    def receive(self, data: bytes, now: float) -> None:
+        """Take bytes; they are answered when data is asked for, so that answers cannot pile up here."""
+        self._waiting.extend(self._reader.feed(data))
+
+    def next_event(self) -> ConnectionOver | None:
+        """The oldest event not yet taken, or None."""
+        return self._events.popleft() if self._events else None
+
+    def data_to_send(self, now: float) -> bytes:
+        """Answers and bursts, some 16 KiB at a time."""
+        while self._waiting and len(self._out) < MAX_PAYLOAD:
+            item = self._waiting.popleft()
+            if isinstance(item, Garbage):
+                self._end(Status.BAD_FRAME, item.text, now)
+            else:
+                self._heard_at = now
+                self._answer(item, now)
+        data = bytes(self._out)
+        self._out.clear()
+        return data
+
+    def next_deadline(self) -> float | None:
+        """The next burst of the stream, or the end of patience with a silent client."""
+        if self._stream is not None:
+            return self._stream.due
+        timeout = self._profile.idle_timeout_s
+        return self._heard_at + timeout if timeout else None
+
+    def handle_deadline(self, now: float) -> None:
+        """Read the burst that is due. One that was missed is left out: its words are gone."""
+        deadline = self.next_deadline()
+        if deadline is None or now < deadline:
+            return
+        stream = self._stream
+        if stream is None:
+            self._end(Status.IDLE, f"no request for {self._profile.idle_timeout_s:g} s", now)
+            return
+        stream.next = max(stream.next, int((now - stream.anchor) / stream.period)) + 1
+        self._burst(stream, now)
+
+    # --- requests
+
+    def _answer(self, request: Request, now: float) -> None:
+        bursts: tuple[Burst, ...] = ()
+        try:
+            match request.op:
+                case Op.READ:
+                    status = self._check_count(request.count, 1)
+                    if status is Status.OK:
+                        bursts = (self._read(request.address, request.count, now),)
+                case Op.WRITE:
+                    status = Status.OK
+                    self._registers.write(request.address, request.words, now)
+                case Op.RESET:
+                    status = Status.OK
+                    self._registers.reset(now)
+                case Op.STREAM:
+                    status = self._on_stream(request, now)
+                    if status is Status.OK:
+                        return
+                case _:
+                    status = Status.UNKNOWN_OP
+        except ResetRefused:
+            status = Status.REFUSED
+        except RemoteProtocolError:
+            status = Status.OUTSIDE_MAP
+        self._send(request, status, bursts)
+
+    def _on_stream(self, request: Request, now: float) -> Status:
+        """Begin, change or end the stream, and say so before its first burst."""
+        if not request.period_us:
+            self._stream = None
+            self._send(request, Status.OK)
+            return Status.OK
+        at_once = max(request.bursts, 1)
+        if (status := self._check_count(request.count, at_once)) is not Status.OK:
+            return status
+        if request.period_us < self._profile.shortest_period_us:
+            return Status.BAD_PERIOD
+        self._read(request.address, request.count, now)
+        self._send(request, Status.OK)
+        period = request.period_us * 1e-6
+        # The first burst is due a period from now: it then costs the same as every other one.
+        self._stream = _Stream(request.tag, request.address, request.count, now, period, at_once, next=1)
+        return Status.OK
+
+    def _check_count(self, count: int, bursts: int) -> Status:
+        return Status.OK if 0 < count <= MAX_WORDS and fits(count, bursts) else Status.BAD_COUNT
+
+    def _read(self, address: int, count: int, now: float) -> Burst:
+        return Burst(round(now * 1e9), self._registers.read(address, count, now))
+
+    def _burst(self, stream: _Stream, now: float) -> None:
+        stream.bursts.append(self._read(stream.address, stream.count, now))
+        if len(stream.bursts) == stream.at_once:
+            bursts, stream.bursts = tuple(stream.bursts), []
+            self._out += encode_response(
+                Response(Op.STREAM, Status.OK, stream.tag, stream.address, stream.count, bursts)
+            )
+
+    def _send(self, request: Request, status: Status, bursts: tuple[Burst, ...] = ()) -> None:
+        self._out += encode_response(
+            Response(request.op, status, request.tag, request.address, request.count, bursts)
+        )
+
+    def _end(self, status: Status, text: str, now: float) -> None:
+        said = bytes(self._out) + farewell(status)
+        self._begin(now)
+        self._out += said
+        self._events.append(ConnectionOver(text))
+
+
+def farewell(status: Status) -> bytes:
+    """What a server says before it closes a connection."""
+    return encode_response(Response(Op.CONNECTION, status, 0))
