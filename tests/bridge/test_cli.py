@@ -13,7 +13,7 @@ from typing import TypeAlias
 import pytest
 
 import hil_bridge.cli
-from hil_bridge import session
+from hil_bridge import compose, session
 from hil_bridge.errors import DeviceError
 from hil_bridge.recording import CycleRecord, read
 from hil_bridge.run import Run
@@ -226,7 +226,7 @@ def test_an_interruption_before_the_movement_ends_at_once(
     def interrupted(*arguments: object, **options: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(session, "connect_bytes", interrupted)
+    monkeypatch.setattr(compose, "connect_bytes", interrupted)
     code, output, errors = hil(*VIRTUAL, "--report", "rep")
     assert (code, output, errors.strip()) == (130, "", "")
 
