@@ -57,13 +57,7 @@ def execute(
 
     Raises BridgeError when a device fails before the movement has begun, or a file cannot be written.
     """
-    if virtual and (config.robot.url or config.sensor.url):
-        raise ConfigError("--virtual runs against the emulated cell alone; leave it out to use real ports")
-    if config.robot.url and not config.sensor.url:
-        raise ConfigError(
-            "a robot without a sensor: the emulated sensor cannot feel what that robot touches; "
-            "give --sensor (sensor.url) too"
-        )
+    check_wires(config, virtual)
     if config.task.force_n >= config.limits.force_limit_n:
         raise ConfigError(
             f"task.force_n (--force-n) of {config.task.force_n:g} N must be below limits.force_limit_n of "
@@ -82,6 +76,17 @@ def execute(
     if result.outcome is Outcome.STOPPED:
         click.echo(f"hil-bridge: stopped: {result.cause}", err=True)
     return EXIT_CODES[result.outcome]
+
+
+def check_wires(config: Config, virtual: bool) -> None:
+    """Raise ConfigError for URLs that make no cell together, or that virtual time cannot wait for."""
+    if virtual and (config.robot.url or config.sensor.url):
+        raise ConfigError("--virtual runs against the emulated cell alone; leave it out to use real ports")
+    if config.robot.url and not config.sensor.url:
+        raise ConfigError(
+            "a robot without a sensor: the emulated sensor cannot feel what that robot touches; "
+            "give --sensor (sensor.url) too"
+        )
 
 
 def _prepare(outputs: Outputs, config_file: Path | None) -> None:

@@ -9,6 +9,7 @@ from hil_bridge.cli.decode import decode
 from hil_bridge.cli.emulate import emulate
 from hil_bridge.cli.experiment import experiment
 from hil_bridge.cli.files import config, profile, report
+from hil_bridge.cli.identify_tool import identify_tool
 from hil_bridge.cli.replay import replay
 from hil_bridge.cli.run import run
 from hil_bridge.errors import BridgeError
@@ -32,7 +33,7 @@ def cli(context: click.Context) -> None:
         click.echo(context.get_help())
 
 
-for command in (run, emulate, experiment, decode, replay, report, config, profile):
+for command in (run, emulate, identify_tool, experiment, decode, replay, report, config, profile):
     cli.add_command(command)
 
 

@@ -10,7 +10,7 @@ CONTROLLERS = "fuzzy, fuzzy-adaptive, resolution-aware, pi, admittance, predicti
 _FILE = click.Path(path_type=Path)
 
 
-def _not_empty(context: click.Context, parameter: click.Parameter, url: str | None) -> str | None:
+def not_empty(context: click.Context, parameter: click.Parameter, url: str | None) -> str | None:
     """An empty URL is an unset shell variable, not the wish for an emulated device."""
     if url == "":
         raise click.BadParameter("it is empty; leave the option out for the emulated device")
@@ -22,13 +22,13 @@ def _not_empty(context: click.Context, parameter: click.Parameter, url: str | No
 @click.option(
     "--robot",
     metavar="URL",
-    callback=_not_empty,
+    callback=not_empty,
     help="Robot's computer link: serial:///dev/ttyUSB0?baudrate=9600&parity=E, tcp://host:port.",
 )
 @click.option(
     "--sensor",
     metavar="URL",
-    callback=_not_empty,
+    callback=not_empty,
     help="Sensor's CAN gateway: can+socketcan://can0, can+slcan:///dev/ttyACM0.",
 )
 @click.option("--controller", metavar="NAME", help=f"Force controller: {CONTROLLERS}, or a plug-in.")

@@ -82,7 +82,7 @@ def identify_tool(poses: Sequence[ToolPose], wrist: Wrist) -> ToolEstimate:
     what is missing.
     """
     if len(poses) < POSES_MIN:
-        raise ConfigError(f"{len(poses)} poses cannot tell the tool; {POSES_MIN} are the least, {_ADVICE}")
+        raise ConfigError(f"too few poses to tell the tool: {len(poses)} of at least {POSES_MIN}; {_ADVICE}")
     readings = np.array([pose.wrench for pose in poses], dtype=float)
     if not np.all(np.isfinite(readings)):
         raise ConfigError("a reading of the sensor is not a number; measure that pose again or leave it out")

@@ -115,7 +115,7 @@ def test_a_pose_that_touched_something_stands_out_of_the_residuals() -> None:
 
 
 def test_what_is_missing_is_named() -> None:
-    assert "2 poses cannot tell the tool; 3 are the least" in refusal(*map(pose, CROSS[:2]))
+    assert "too few poses to tell the tool: 2 of at least 3;" in refusal(*map(pose, CROSS[:2]))
     near = [pose(turned(axis, angle)) for axis in (X, Y) for angle in (-6, 6)]
     assert refusal(*near).startswith(
         "the poses differ by 12° at most in how the tool hangs; turn the tool by 60° or more about two level axes"

@@ -1,0 +1,163 @@
+"""`hil-bridge identify-tool`: mass and centre of gravity of what hangs below the sensor."""
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from hil_bridge.cli.run import not_empty
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from hil_bridge.control import ToolEstimate, ToolPose
+
+_FILE = click.Path(path_type=Path)
+LARGE_RESIDUAL = 0.03
+"""Share of the weight above which residuals say that something is wrong. Chosen: a sensor mounted 2° off."""
+
+
+@click.command("identify-tool")
+@click.argument("config_file", metavar="[CONFIG.toml]", required=False, type=_FILE)
+@click.option("--robot", metavar="URL", callback=not_empty, help="Robot's computer link.")
+@click.option("--sensor", metavar="URL", callback=not_empty, help="Sensor's CAN gateway.")
+@click.option("--virtual", is_flag=True, help="Emulated cell in virtual time.")
+@click.option(
+    "--angle-deg",
+    type=click.FloatRange(5.0, 90.0),
+    default=30.0,
+    show_default=True,
+    metavar="A",
+    help="How far to turn the tool to either side.",
+)
+@click.option(
+    "--lift-mm",
+    type=click.FloatRange(0.0, 2000.0),
+    default=50.0,
+    show_default=True,
+    metavar="D",
+    help="How far to pull back from the surface before turning.",
+)
+@click.option(
+    "--settle-s",
+    type=click.FloatRange(0.0, 60.0),
+    default=1.0,
+    show_default=True,
+    metavar="S",
+    help="Wait at each pose.",
+)
+@click.option(
+    "--average-s",
+    type=click.FloatRange(0.05, 600.0),
+    default=1.0,
+    show_default=True,
+    metavar="S",
+    help="Average for so long.",
+)
+@click.option(
+    "--from",
+    "table",
+    type=_FILE,
+    metavar="POSES.csv",
+    help="Compute from this table; no device is opened, nothing moves.",
+)
+@click.option("--save", type=_FILE, metavar="POSES.csv", help="Keep the poses and readings.")
+@click.option("-o", "--out", type=_FILE, metavar="FILE.toml", help="Write [tool] and the sensor's bias.")
+def identify_tool(
+    config_file: Path | None,
+    robot: str | None,
+    sensor: str | None,
+    virtual: bool,
+    angle_deg: float,
+    lift_mm: float,
+    settle_s: float,
+    average_s: float,
+    table: Path | None,
+    save: Path | None,
+    out: Path | None,
+) -> None:
+    """Find mass and centre of gravity of the tool, and the sensor's bias.
+
+    The robot pulls back from the surface, turns the tool slowly about its tip to either side about two level
+    axes, and returns; nothing may be in reach of the turning tool. No zero is taken. Copy what -o writes into
+    the configuration.
+
+    A table for --from has a line of column names: qw qx qy qz (tool in base), fx_n fy_n fz_n mx_nm my_nm mz_nm
+    (mean readings in the sensor frame, N and N·m) and, if known, their standard deviations sd_fx_n … sd_mz_nm.
+    """
+    from hil_bridge.config import load_config
+    from hil_bridge.control import identify_tool as identified
+    from hil_bridge.errors import ConfigError
+    from hil_bridge.recording.files import write_whole
+    from hil_bridge.run import wrist
+    from hil_bridge.tool_files import poses_as_csv, read_poses, tool_as_toml
+
+    for option, file in (("-o", out), ("--save", save)):
+        if file is None:
+            continue
+        for other, taken in (("the configuration", config_file), ("the table", table)):
+            if taken is not None and file.resolve() == taken.resolve():
+                raise ConfigError(f"{option} {file} would overwrite {other}; name another file")
+        if not file.resolve().parent.is_dir():
+            raise ConfigError(f"{option} {file}: there is no such folder; make it or name another place")
+    config = load_config(config_file, {"robot.url": robot, "sensor.url": sensor})
+    if table is not None:
+        poses = read_poses(table)
+    else:
+        from hil_bridge.identify import Sweep, measure
+        from hil_bridge.session import check_wires
+
+        check_wires(config, virtual)
+        sweep = Sweep(angle_deg, lift_mm, settle_s, average_s)
+        poses = measure(config, virtual, sweep, lambda text: click.echo(text, err=True))
+    if save is not None:
+        write_whole(save, poses_as_csv(poses).encode())
+        click.echo(f"poses: {save}")
+    estimate = identified(poses, wrist(config))
+    _tell(poses, estimate)
+    if out is not None:
+        write_whole(out, tool_as_toml(estimate).encode())
+        click.echo(f"tool: {out}")
+
+
+def _tell(poses: "Sequence[ToolPose]", estimate: "ToolEstimate") -> None:
+    from hil_bridge.control.frames import STANDARD_GRAVITY
+
+    def numbers(values: "Sequence[float]", digits: int, unit: float = 1.0) -> str:
+        return " ".join(f"{value * unit + 0.0:9.{digits}f}" for value in values)
+
+    forces, moments = slice(0, 3), slice(3, 6)
+    rows = [
+        ("mass, kg", f"{estimate.mass:9.4f}", f"{estimate.mass_uncertainty:9.4f}"),
+        (
+            "centre of gravity, mm",
+            numbers(estimate.centre_of_gravity, 2, 1e3),
+            numbers(estimate.centre_of_gravity_uncertainty, 2, 1e3),
+        ),
+        (
+            "bias of forces, N",
+            numbers(estimate.bias[forces], 3),
+            numbers(estimate.bias_uncertainty[forces], 3),
+        ),
+        (
+            "bias of moments, N·m",
+            numbers(estimate.bias[moments], 4),
+            numbers(estimate.bias_uncertainty[moments], 4),
+        ),
+    ]
+    for name, value, uncertainty in rows:
+        click.echo(f"  {name:<23}{value:<30} ± {uncertainty}")
+    click.echo(f"  {len(poses)} poses, up to {math.degrees(estimate.turned):.0f}° apart; residuals:")
+    click.echo(f"  {'pose':>6}   {'fx fy fz, N':^29}   {'mx my mz, N·m':^29}")
+    for number, rest in enumerate(estimate.residuals, 1):
+        click.echo(f"  {number:>6}   {numbers(rest[forces], 3)}   {numbers(rest[moments], 5)}")
+    click.echo(
+        f"  {'rms':>6}   {estimate.force_residual:9.3f} N {'':>20} {estimate.moment_residual:9.5f} N·m".rstrip()
+    )
+    if estimate.force_residual > LARGE_RESIDUAL * estimate.mass * STANDARD_GRAVITY:
+        click.echo(
+            "the residuals are large: did the tool touch something, or is sensor.mounting_deg, sensor.quaternion "
+            "or sensor.flip_fx_mx wrong?",
+            err=True,
+        )

@@ -1,0 +1,164 @@
+"""`identify-tool`: the robot turns the tool of the emulated cell, and what hung below the sensor comes out."""
+
+import itertools
+import math
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import hil_bridge.cli
+from hil_bridge.config import load_config
+from hil_bridge.control import rotation_matrix, turn_between
+from hil_bridge.devices import ForceSensor, Motion
+from hil_bridge.recording import Outcome
+
+MASS_TOLERANCE_KG = 0.002
+CENTRE_TOLERANCE_MM = 0.3
+"""Both well above what half a count means for the default sensor: 0.7 g and 0.1 mm."""
+START = (0.9, -0.1, 0.6)
+
+Command = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def identify(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], tmp_path: Path) -> Command:
+    """Run `hil-bridge identify-tool` in an empty folder; `config` is the text of its configuration."""
+    monkeypatch.chdir(tmp_path)
+
+    def command(*arguments: str, config: str = "") -> tuple[int, str, str]:
+        Path("c.toml").write_text(config)
+        monkeypatch.setattr(sys, "argv", ["hil-bridge", "identify-tool", "c.toml", *arguments])
+        with pytest.raises(SystemExit) as ended:
+            hil_bridge.cli.main()
+        output, errors = capfd.readouterr()
+        return int(ended.value.code or 0), output, errors
+
+    return command
+
+
+def refusal(result: tuple[int, str, str], code: int = 2) -> str:
+    """The last line of what went wrong; before it there may be progress."""
+    assert result[0] == code, result
+    line = result[2].splitlines()[-1]
+    assert line.startswith("hil-bridge: ")
+    return line
+
+
+def test_the_default_tool_of_the_cell_comes_out(identify: Command) -> None:
+    code, output, _ = identify("--virtual", "-o", "tool.toml")
+    assert code == 0
+    assert "6 poses, up to 60° apart" in output
+    found = load_config(Path("tool.toml"), {})
+    assert found.tool.mass_kg == pytest.approx(0.5, abs=MASS_TOLERANCE_KG)
+    assert found.tool.centre_of_gravity_mm == pytest.approx((0.0, 0.0, 80.0), abs=CENTRE_TOLERANCE_MM)
+    # A zero taken on the way would be here, as the weight of the tool.
+    assert found.sensor.bias_n == pytest.approx((0.0, 0.0, 0.0), abs=0.01)
+    assert found.sensor.bias_nm == pytest.approx((0.0, 0.0, 0.0), abs=0.001)
+
+
+def test_another_tool_comes_out_of_its_table_as_well_and_a_wrong_mounting_shows(identify: Command) -> None:
+    cell = "[cell.tool]\nmass_kg = 1.2\ncentre_of_gravity_mm = [15.0, -10.0, 60.0]\n"
+    code, measured, _ = identify("--virtual", "--save", "poses.csv", "-o", "tool.toml", config=cell)
+    assert code == 0
+    found = load_config(Path("tool.toml"), {}).tool
+    assert found.mass_kg == pytest.approx(1.2, abs=MASS_TOLERANCE_KG)
+    assert found.centre_of_gravity_mm == pytest.approx((15.0, -10.0, 60.0), abs=CENTRE_TOLERANCE_MM)
+
+    code, computed, errors = identify("--from", "poses.csv", "-o", "again.toml")
+    assert (code, errors) == (0, "")
+    assert Path("again.toml").read_text() == Path("tool.toml").read_text()
+    assert computed.splitlines()[:-1] == measured.splitlines()[1:-1]
+
+    code, _, errors = identify("--from", "poses.csv", config="[sensor]\nmounting_deg = 10.0")
+    assert code == 0
+    assert errors.startswith("the residuals are large")
+
+
+def test_the_tool_turns_in_small_steps_above_its_start_and_comes_back(
+    identify: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ordered: list[tuple[tuple[float, ...], tuple[float, ...]]] = []
+    order = Motion.to
+
+    async def noted(motion: Motion, position: Any, quaternion: Any) -> None:
+        ordered.append((position, quaternion))
+        await order(motion, position, quaternion)
+
+    async def never(sensor: ForceSensor) -> None:
+        pytest.fail("a zero was taken")
+
+    monkeypatch.setattr(Motion, "to", noted)
+    monkeypatch.setattr(ForceSensor, "tare", never)
+    assert identify("--virtual", "--angle-deg", "20", "--lift-mm", "30")[0] == 0
+    heights = [position[2] for position, _ in ordered]
+    assert min(heights) >= START[2]
+    assert max(heights) == pytest.approx(START[2] + 0.030)
+    assert ordered[-1][0] == pytest.approx(START)
+    tilts = [math.degrees(turn_between((0.0, 1.0, 0.0, 0.0), turned)[1]) for _, turned in ordered]
+    assert max(tilts) == pytest.approx(20.0)
+    assert tilts[-1] == pytest.approx(0.0, abs=0.01)
+    for (before, old), (after, new) in itertools.pairwise(ordered):
+        assert math.dist(before, after) <= 1.2e-3
+        assert math.degrees(turn_between(old, new)[1]) <= 2.001
+        if rotation_matrix(new)[2, 2] > -0.9999:
+            assert after[2] == pytest.approx(START[2] + 0.030)
+
+
+def test_limits_hold_while_the_tool_is_turned(identify: Command) -> None:
+    stopped = refusal(identify("--virtual", config="[limits]\nresultant_limit_n = 1.0"), 3)
+    assert "stopped: resultant force 1." in stopped
+    assert "beyond 1 N; free the tool" in stopped
+    low = refusal(identify("--virtual", config="[limits]\nworkspace_max_m = [3.0, 3.0, 0.63]"))
+    assert "the tool cannot be lifted by 50 mm (--lift-mm)" in low
+
+
+def test_a_robot_that_cannot_turn_so_far_refuses(identify: Command) -> None:
+    text = refusal(identify("--virtual", "--angle-deg", "90"), 3)
+    assert "outside" in text or "area" in text
+
+
+def test_too_little_turning_is_told_to_turn_more(identify: Command) -> None:
+    text = refusal(identify("--virtual", "--angle-deg", "6"))
+    assert "the poses differ by 12° at most" in text
+    assert "turn the tool by 60° or more about two level axes" in text
+
+
+HEAD = "qw,qx,qy,qz,fx_n,fy_n,fz_n,mx_nm,my_nm,mz_nm"
+
+
+@pytest.mark.parametrize(
+    ("table", "message"),
+    [
+        (None, "cannot read poses.csv: No such file"),
+        ("a,b\n1,2\n", "poses.csv: there is no column qw; the first line names the columns"),
+        (f"{HEAD}\n0,1,0,0,1,2,x,4,5,6\n", "poses.csv, line 2: fz_n must be a number, got 'x'"),
+        (f"{HEAD}\n0,1,0,0,1,2\n", "line 2: fz_n must be a number, got None"),
+        (f"{HEAD}\n0,1,0,0,1,2,nan,4,5,6\n", "line 2: fz_n must be finite"),
+        (f"{HEAD}\n0,0,0,0,1,2,3,4,5,6\n", "line 2: qw, qx, qy, qz are no rotation"),
+        (f"{HEAD}\n0,1,0,0,1,2,3,4,5,6\n", "too few poses to tell the tool: 1 of at least 3"),
+    ],
+)
+def test_a_wrong_table_is_named_with_its_line(identify: Command, table: str | None, message: str) -> None:
+    if table is not None:
+        Path("poses.csv").write_text(table)
+    assert message in refusal(identify("--from", "poses.csv"))
+
+
+def test_files_that_are_read_are_not_written_over(identify: Command) -> None:
+    assert "would overwrite the configuration" in refusal(identify("--virtual", "-o", "c.toml"))
+    Path("poses.csv").touch()
+    text = refusal(identify("--from", "poses.csv", "--save", "./poses.csv"))
+    assert "would overwrite the table" in text
+    assert "there is no such folder" in refusal(identify("--virtual", "-o", "none/tool.toml"))
+
+
+def test_with_bias_and_tool_known_a_run_needs_no_zero(bench: Callable[..., Any]) -> None:
+    tool = {"mass_kg": 3.0, "centre_of_gravity_mm": (0.0, 0.0, 80.0)}
+    run = bench(sensor={"tare": False}, tool=tool, cell={"tool": tool})
+    free = [record for record in run.cycles if record.phase == "approach" and record.depth < 0.009]
+    assert max(abs(record.force) for record in free) < 0.1
+    assert run.texts("phase")[:2] == ["connect", "approach"]
+    assert run.result.outcome is Outcome.COMPLETED
