@@ -26,9 +26,11 @@ from protocol.arap import (
     Status,
     Telegram,
     UnexpectedReceived,
+    join_blocks,
     read_status,
     receive_program,
     response,
+    split_telegram,
     stop_program,
 )
 from protocol.endpoint import LocalProtocolError
@@ -82,7 +84,7 @@ class Cell:
     def _let_robot_answer(self):
         while (event := self.robot.next_event()) is not None:
             if isinstance(event, MessageReceived):
-                order = Telegram.decode(event.telegrams[0], from_robot=False)
+                order = join_blocks([Telegram.decode(raw, from_robot=False) for raw in event.telegrams])
                 self.orders.append(order)
                 for message in self.answer(order):
                     self.robot.send([t.encode() for t in message])
@@ -142,6 +144,26 @@ def test_order_that_cannot_be_sent_leaves_none_outstanding():
         host.order(Telegram(1, 1, 0, bytes(130)))
     assert host.outstanding is None
     assert host.next_deadline() is None
+
+
+def test_order_of_several_blocks_is_one_message():
+    order = Telegram(1, 1, 0, bytes(300))
+    cell = Cell(answer=answers([response(order)]))
+    cell.host.order(*split_telegram(order, PROFILE.max_telegram))
+    assert cell.host.outstanding == order
+    assert cell.run() == [Answered(order, response(order), (response(order),))]
+    assert cell.orders == [order]
+    assert cell.host.link.counters["blocks sent"] == 3
+    assert cell.host.link.counters["messages sent"] == 1
+
+
+@pytest.mark.parametrize("telegrams", [[Telegram(1, 9)], [Telegram(1, 1), Telegram(1, 1)]])
+def test_blocks_that_are_no_order_are_not_sent(telegrams):
+    host = ArapHost(PROFILE)
+    with pytest.raises(LocalProtocolError):
+        host.order(*telegrams)
+    assert host.outstanding is None
+    assert host.data_to_send(0.0) == b""
 
 
 def test_refusal():
