@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emulators.contact import Contact, SurfaceProfile
-from emulators.jr3 import Gateway, GatewayProfile, Jr3Sensor, SensorProfile
+from emulators.jr3 import Gateway, GatewayProfile, Jr3Sensor, SensorProfile, UartGateway, UartGatewayProfile
 from emulators.jr3.sensor import SENSOR_RATE_HZ
 from emulators.robot import EMPTY_SITE, Joints, S3Controller, S3Profile, S3Site, ServoProfile
 from protocol.adlp import LinkProfile
@@ -63,6 +63,7 @@ class CellProfile:
     surface: SurfaceProfile = field(default_factory=SurfaceProfile)
     sensor: SensorProfile = field(default_factory=SensorProfile)
     gateway: GatewayProfile = field(default_factory=GatewayProfile)
+    uart_gateway: UartGatewayProfile = field(default_factory=UartGatewayProfile)
     start_position_mm: tuple[float, float, float] = setting(
         (900.0, -100.0, 600.0),
         Mark.CHOSEN,
@@ -98,8 +99,8 @@ class TrueState:
 class Cell:
     """A robot, and a sensor that touches what it touches, each behind its wire.
 
-    `robot` is an endpoint of bytes, `gateway` one of CAN frames. Raises ValueError for a start outside the robot's
-    work area.
+    `robot` and `uart_gateway` are endpoints of bytes, `gateway` is one of CAN frames. Raises ValueError for a start
+    outside the robot's work area.
     """
 
     def __init__(self, profile: CellProfile, now: float, seed: int, site: S3Site = EMPTY_SITE) -> None:
@@ -131,6 +132,11 @@ class Cell:
     def gateway(self) -> Gateway:
         """The sensor's CAN gateway, powered with the cell."""
         return Gateway(self._profile.gateway, self.sensor, self._powered_at)
+
+    @cached_property
+    def uart_gateway(self) -> UartGateway:
+        """The sensor's UART gateway, powered with the cell."""
+        return UartGateway(self._profile.uart_gateway, self.sensor, self._powered_at)
 
     def wrench(self, times: Floats) -> Floats:
         """Wrench (n, 6) on the tool about the sensor's origin in the sensor frame, N and N·m.

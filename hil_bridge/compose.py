@@ -1,6 +1,6 @@
 """The composition root: which wire, which device and which emulator are joined. No other module knows both sides."""
 
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -25,13 +25,17 @@ from hil_bridge.transports import (
     listen_bytes,
     listen_can,
 )
-from hil_bridge.transports.urls import CONNECT_BYTES, parse_url
+from hil_bridge.transports.urls import CONNECT_BYTES, LISTEN_BYTES, parse_url
 from protocol.adlp import LinkProfile
 from protocol.arap import KNOWN, OrderBook
-from protocol.jr3 import GATEWAY_BITRATE, GatewayClient, SensorFrame
+from protocol.jr3 import GATEWAY_BITRATE, UART_BAUDRATE, GatewayClient, SensorFrame, UartGatewayClient
 
 SLCAN = "can+slcan+"
 """Before a listening byte URL: an emulated slcan adapter on that wire."""
+
+
+_UART_GATEWAY = "gateway=jr3"
+"""Option of a sensor URL that is a byte wire: a JR3 UART gateway is at its other end."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,6 +98,27 @@ async def connect_robot(
     return RobotLink(await connect_bytes(url, clock), link, clock, on_notice, orders)
 
 
+def uart_wire(url: str, schemes: Mapping[str, Any]) -> str | None:
+    """The byte wire of a sensor URL that names a UART gateway, `?gateway=jr3`; None for every other URL.
+
+    A wire that can be paced or set gets the gateway's line, 115200 baud 8N1, where the URL says nothing else.
+    `schemes` are those of the URL's side. Raises ConfigError for another gateway.
+    """
+    head, _, query = url.partition("?")
+    options = [option for option in query.split("&") if option]
+    named = [option for option in options if option.partition("=")[0] == "gateway"]
+    scheme = head.partition(":")[0]
+    if not named or scheme.startswith("can+"):
+        return None
+    if named != [_UART_GATEWAY]:
+        raise ConfigError(f"{url!r}: gateway must be jr3, and once, got {'&'.join(named)!r}")
+    options.remove(_UART_GATEWAY)
+    if (known := schemes.get(scheme)) is not None and "baudrate" in known.options:
+        given = any(option.startswith("baudrate=") for option in options)
+        options = options if given else [f"baudrate={UART_BAUDRATE}", *options]
+    return f"{head}?{'&'.join(options)}" if options else head
+
+
 async def connect_sensor(
     url: str,
     sensor: SensorConfig,
@@ -105,6 +130,9 @@ async def connect_sensor(
 
     Raises ConfigError for the URL, TransportUnavailable for the wire.
     """
+    if (line := uart_wire(url, CONNECT_BYTES)) is not None:
+        client = UartGatewayClient(sensor.uart, clock.now())
+        return ForceSensor(await connect_bytes(line, clock), client, clock, on_frame, on_notice)
     wire = await connect_can(url, clock)
     return ForceSensor(wire, GatewayClient(sensor.gateway, clock.now()), clock, on_frame, on_notice)
 
@@ -218,7 +246,12 @@ async def emulated_cell(
             robot = bytes_at.address
             if robot.startswith("memory:"):  # pacing is done at the connecting end of a memory wire
                 robot += f"?{_line(profile.link)}"
-        if ports.sensor is not None and ports.sensor.startswith(SLCAN):
+        uart = None if ports.sensor is None else uart_wire(ports.sensor, LISTEN_BYTES)
+        if uart is not None:
+            bytes_at = await listen_bytes(uart, clock)
+            attach(cell.uart_gateway, bytes_at.transport)
+            sensor = bytes_at.address + ("&" if "?" in bytes_at.address else "?") + _UART_GATEWAY
+        elif ports.sensor is not None and ports.sensor.startswith(SLCAN):
             bytes_at = await listen_bytes(ports.sensor.removeprefix(SLCAN), clock)
             attach(cell.gateway, SlcanPort(bytes_at.transport, clock))
             sensor = bytes_at.address.replace("serial://", "can+slcan://", 1) + f"?bitrate={GATEWAY_BITRATE}"

@@ -29,7 +29,7 @@ from hil_bridge.control import Contour, Limits, OscillationDetector, TaskParamet
 from hil_bridge.control.controllers import controller_kind
 from hil_bridge.errors import ConfigError
 from protocol.adlp import LinkProfile
-from protocol.jr3 import GatewayClientProfile
+from protocol.jr3 import GatewayClientProfile, UartGatewayClientProfile
 from protocol.marks import Setting, settings
 
 Vector = tuple[float, float, float]
@@ -80,7 +80,9 @@ class SensorConfig(_Section):
     """The force/torque sensor, its gateway and its mounting."""
 
     url: str = ""
-    """can+socketcan://can0 or can+slcan:///dev/ttyACM0; empty starts the emulated sensor."""
+    """can+socketcan://can0 or can+slcan:///dev/ttyACM0 for a CAN gateway, serial:///dev/ttyACM0?gateway=jr3 for a
+    UART gateway; empty starts the emulated sensor.
+    """
     mounting_deg: float = 0.0
     """Rotation of the sensor about the tool's z axis: angle from the tool's x axis to the sensor's."""
     quaternion: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
@@ -100,7 +102,9 @@ class SensorConfig(_Section):
     bias_nm: Vector = (0.0, 0.0, 0.0)
     """Moments that the sensor reads with nothing on it, mx my mz as it counts; used where no zero is taken."""
     gateway: GatewayClientProfile = GatewayClientProfile()
-    """What the client asks of the gateway."""
+    """What the client asks of a CAN gateway."""
+    uart: UartGatewayClientProfile = UartGatewayClientProfile()
+    """What the client asks of a UART gateway."""
 
     @field_validator("quaternion")
     @classmethod

@@ -1,6 +1,15 @@
-"""The emulated JR3 force/torque sensor and its CAN gateway."""
+"""The emulated JR3 force/torque sensor and what stands before it."""
 
-from emulators.jr3.gateway import Gateway, GatewayProfile
+from emulators.jr3.can_gateway import Gateway, GatewayProfile
 from emulators.jr3.sensor import SENSOR_RATE_HZ, Jr3Sensor, SensorProfile
+from emulators.jr3.uart_gateway import UartGateway, UartGatewayProfile
 
-__all__ = ["SENSOR_RATE_HZ", "Gateway", "GatewayProfile", "Jr3Sensor", "SensorProfile"]
+__all__ = [
+    "SENSOR_RATE_HZ",
+    "Gateway",
+    "GatewayProfile",
+    "Jr3Sensor",
+    "SensorProfile",
+    "UartGateway",
+    "UartGatewayProfile",
+]

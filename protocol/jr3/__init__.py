@@ -41,6 +41,7 @@ from protocol.jr3.session import (
     SensorStopped,
     Zeroed,
 )
+from protocol.jr3.uart_gateway import UART_BAUDRATE, UartGatewayClient, UartGatewayClientProfile
 
 __all__ = [
     "AXES",
@@ -48,6 +49,7 @@ __all__ = [
     "FULL_SCALE_COUNTS",
     "GATEWAY_BITRATE",
     "SATURATED_COUNTS",
+    "UART_BAUDRATE",
     "Acknowledge",
     "Command",
     "GatewayClient",
@@ -65,6 +67,8 @@ __all__ = [
     "SensorStatistics",
     "SensorStopped",
     "Triple",
+    "UartGatewayClient",
+    "UartGatewayClientProfile",
     "Zeroed",
     "counts_from_wrench",
     "decode_acknowledge",

@@ -1,0 +1,189 @@
+"""What runs in both gateways of a JR3 sensor: it reads and filters the sensor, zeroes, counts and streams.
+
+Behaves as the firmware roboticslab-uc3m/jr3-mbed-firmware does, which was read for facts only. A gateway around
+it adds its wire, and when it listens.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emulators.jr3.sensor import SENSOR_RATE_HZ, Jr3Sensor
+from protocol.jr3 import COUNTER_MODULUS, GatewayState
+
+_BLOCK = 4096
+"""Most samples computed at once."""
+_IDLE_S = 0.1
+"""Chosen: samples are computed at least this often, so that no call has to catch up on a long time."""
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """What a gateway sends of the sensor."""
+
+    counts: list[int]
+    """Filtered and zeroed: fx fy fz mx my mz."""
+    counter: int
+    """Samples taken since the start, modulo 65536."""
+
+
+@dataclass(slots=True)
+class _Sampling:
+    """The task that reads and filters the sensor; it lives from start to stop."""
+
+    started_at: float
+    taken: int = 0
+    """Samples so far: the frame counter before it wraps."""
+
+
+@dataclass(slots=True)
+class _Stream:
+    """The task that sends by the gateway's own clock: frame k is due at `anchor` + k · `period`."""
+
+    anchor: float
+    period: float
+    sent: int = 0
+
+    @property
+    def due(self) -> float:
+        return self.anchor + self.sent * self.period
+
+
+class Firmware:
+    """Commands take effect only once `initialised`; the gateway sees to that. Times are in s and do not fall."""
+
+    def __init__(self, sensor: Jr3Sensor, sample_period_us: float, shortest_period_us: float) -> None:
+        """`shortest_period_us` is what the wire allows the stream."""
+        self.initialised = False
+        """Whether the sensor's calibration has been read."""
+        self._sensor = sensor
+        self._sample_period = sample_period_us * 1e-6
+        self._shortest_period = shortest_period_us * 1e-6
+        self._smoothing = 1.0
+        self._zero_requested = False
+        self._streamed = False
+        self._stream: _Stream | None = None
+        self._sampling: _Sampling | None = None
+        self._filtered: NDArray[np.float64] = np.zeros(6)
+        self._offset: NDArray[np.float64] = np.zeros(6)
+
+    @property
+    def state(self) -> GatewayState:
+        """What acknowledges say."""
+        return GatewayState.READY if self.initialised else GatewayState.NOT_INITIALISED
+
+    @property
+    def full_scales(self) -> tuple[int, ...]:
+        """The six words. Without a calibration the firmware sends whatever lies in its memory. Assumed: zeros."""
+        return self._sensor.profile.full_scale_words if self.initialised else (0,) * 6
+
+    # --- commands
+
+    def start(self, cutoff_centihertz: int, now: float) -> None:
+        """Sample, and send when asked: ends the stream; what runs already goes on counting."""
+        self.set_filter(cutoff_centihertz, now)
+        self._stream = None
+        self._begin_sampling(now)
+
+    def start_stream(self, cutoff_centihertz: int, period_us: int, now: float) -> None:
+        """Sample, and send by the own clock from now on; a running stream takes the new period after the frame that
+        it waits for.
+        """
+        if not self._streamed:
+            # The firmware's first start of a stream since power-up first stops what runs.
+            self.stop()
+            self._streamed = True
+        self.set_filter(cutoff_centihertz, now)
+        self._begin_sampling(now)
+        period = max(period_us * 1e-6, self._shortest_period)
+        self._stream = _Stream(now if self._stream is None else self._stream.due, period)
+
+    def stop(self) -> None:
+        """Forget stream, counter, filter state and offset; a zero that waits for its sample stays."""
+        self._stream = self._sampling = None
+        self._filtered, self._offset = np.zeros(6), np.zeros(6)
+
+    def zero(self, now: float) -> None:
+        """The next sample becomes the origin, also when it is taken only after a start."""
+        self._take_samples(now)
+        self._zero_requested = True
+
+    def set_filter(self, cutoff_centihertz: int, now: float) -> None:
+        """First-order low pass; 0 is unfiltered."""
+        self._take_samples(now)
+        period = self._sample_period
+        cutoff_hz = cutoff_centihertz / 100
+        self._smoothing = period / (period + 1 / (2 * math.pi * cutoff_hz)) if cutoff_hz else 1.0
+
+    def reset(self) -> None:
+        """Begin to read the calibration anew; the gateway says when that is done."""
+        self.stop()
+        self.initialised = False
+
+    # --- samples
+
+    def sample(self, at: float) -> Sample | None:
+        """The newest sample, or None while stopped."""
+        return None if self._sampling is None else self._newest(self._sampling, at)
+
+    def due_samples(self, now: float) -> Iterator[Sample]:
+        """Those of the stream whose time has come, each as it was at its time."""
+        stream, sampling = self._stream, self._sampling
+        while stream is not None and sampling is not None and stream.due <= now:
+            yield self._newest(sampling, stream.due)
+            stream.sent += 1
+
+    def next_deadline(self) -> float | None:
+        """The next frame of the stream, or the next block of samples."""
+        if self._sampling is None:
+            return None
+        block = self._sampling.started_at + self._sampling.taken * self._sample_period + _IDLE_S
+        return block if self._stream is None else min(self._stream.due, block)
+
+    def catch_up(self, now: float) -> None:
+        """Take the block of samples that is due."""
+        deadline = self.next_deadline()
+        if deadline is not None and deadline <= now:
+            self._take_samples(now)
+
+    def _newest(self, sampling: _Sampling, at: float) -> Sample:
+        self._take_samples(at)
+        # Floor and wrap: the firmware shifts a fixed-point number right and sends its low 16 bits.
+        counts = np.floor(self._filtered - self._offset).astype(np.int64).astype(np.int16)
+        return Sample(counts.tolist(), sampling.taken % COUNTER_MODULUS)
+
+    def _begin_sampling(self, now: float) -> None:
+        if self._sampling is None:
+            self._sampling = _Sampling(now)
+
+    def _take_samples(self, until: float) -> None:
+        """Read and filter what the sensor has given up to a time."""
+        sampling = self._sampling
+        if sampling is None:
+            return
+        total = math.floor((until - sampling.started_at) / self._sample_period)
+        while sampling.taken < total:
+            last = min(total, sampling.taken + _BLOCK)
+            times = np.arange(sampling.taken + 1, last + 1) * self._sample_period + sampling.started_at
+            self._filter(self._sensor.counts(np.floor(times * SENSOR_RATE_HZ).astype(np.int64)))
+            sampling.taken = last
+
+    def _filter(self, counts: NDArray[np.int64]) -> None:
+        """First-order low pass, y += α (x − y); α may differ from the block before."""
+        away = counts - self._filtered
+        if self._zero_requested:
+            self._zero_requested = False
+            self._offset = self._filtered + self._smoothing * away[0]
+        # Of a block only the last output is ever sent, so the recursion is one weighted sum; taken from where
+        # the filter stands, so that a constant input leaves it exactly there.
+        self._filtered = self._filtered + _impulse_response(self._smoothing, len(counts)) @ away
+
+
+@lru_cache(maxsize=64)
+def _impulse_response(smoothing: float, count: int) -> NDArray[np.float64]:
+    """Weight of each of `count` samples, oldest first, in a first-order low pass y += smoothing (x − y)."""
+    return smoothing * (1.0 - smoothing) ** np.arange(count - 1, -1, -1.0)

@@ -1,0 +1,196 @@
+"""A microcontroller between a JR3 sensor's serial link and a serial line.
+
+Behaves as the firmware roboticslab-uc3m/jr3-mbed-firmware-usb does, which was read for facts only. It misreads
+what it receives in its own ways, and a client has to live with that: it reads what is there in one go, lays it
+over what it read before, takes the first frame in it and sleeps for a second, whatever that frame was.
+"""
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any, ClassVar
+
+from emulators.jr3.firmware import Firmware
+from emulators.jr3.sensor import Jr3Sensor
+from protocol.endpoint import RemoteProtocolError
+from protocol.jr3.uart_gateway import (
+    DATA_FRAME_S,
+    Acknowledge,
+    Command,
+    Frame,
+    Op,
+    decode_command,
+    encode_acknowledge,
+    encode_data,
+)
+from protocol.marks import Mark, check_settings, setting
+
+_READ_SIZE = 32
+"""Bytes that one read takes at most. Source: firmware."""
+_PAYLOAD_SIZE = 14
+"""Bytes of a command that the firmware has room for; it overruns its memory by more. Assumed: they are lost."""
+
+
+@dataclass(frozen=True)
+class UartGatewayProfile:
+    """How a gateway behaves in time."""
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
+
+    boot_s: float = setting(5.0, Mark.OBSERVED, "deaf and silent after power-up", unit="s", minimum=0.0)
+    calibration_s: float = setting(
+        0.033, Mark.DERIVED, "reading the calibration: 256 bytes, one per sample", unit="s", minimum=0.0
+    )
+    deaf_s: float = setting(1.0, Mark.OBSERVED, "deaf after every read", unit="s", minimum=0.0)
+    kept_bytes: int = setting(
+        0,
+        Mark.ASSUMED,
+        "bytes that wait while it is deaf, to be read after it; 0 loses them all, 256 is its driver's default",
+        minimum=0,
+        maximum=65536,
+    )
+    sample_period_us: float = setting(
+        128.5, Mark.OBSERVED, "between samples taken from the sensor", unit="µs", above=0.0
+    )
+    shortest_period_us: float = setting(
+        DATA_FRAME_S * 1e6,
+        Mark.DERIVED,
+        "shortest period of the stream, that is a frame of 18 bytes at 115200 baud",
+        unit="µs",
+        above=0.0,
+    )
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+
+
+class _State(Enum):
+    BOOTING = "deaf, what arrives is lost"
+    CALIBRATING = "reading the calibration after power-up"
+    RESETTING = "reading it again"
+    LISTENING = "waiting for bytes"
+    DEAF = "asleep after a read"
+
+
+class UartGateway:
+    """Endpoint of the gateway: takes and gives bytes, tells no events."""
+
+    def __init__(self, profile: UartGatewayProfile, sensor: Jr3Sensor, powered_at: float) -> None:
+        self._profile = profile
+        self._connected = sensor.profile.connected
+        self._firmware = Firmware(sensor, profile.sample_period_us, profile.shortest_period_us)
+        self._out = bytearray()
+        self._kept = bytearray()
+        self._read_over = bytearray(_READ_SIZE)
+        self._op = 0
+        self._state = _State.BOOTING
+        self._until = powered_at + profile.boot_s
+
+    # --- endpoint
+
+    def receive(self, data: bytes, now: float) -> None:
+        """Take bytes; what arrives while it is deaf is lost, or waits as far as there is room."""
+        self.handle_deadline(now)
+        if self._state is _State.LISTENING:
+            self._read(data[:_READ_SIZE], now)
+            data = data[_READ_SIZE:]
+        if self._state is not _State.BOOTING:
+            self._kept += data[: self._profile.kept_bytes - len(self._kept)]
+
+    def next_event(self) -> None:
+        """A gateway tells nothing."""
+
+    def data_to_send(self, now: float) -> bytes:
+        """Frames whose time has come."""
+        data, self._out = bytes(self._out), bytearray()
+        return data
+
+    def next_deadline(self) -> float | None:
+        """The end of what it does now, the next frame of the stream, or the next block of samples."""
+        due = self._firmware.next_deadline()
+        if self._state is _State.LISTENING:
+            return due
+        return self._until if due is None else min(self._until, due)
+
+    def handle_deadline(self, now: float) -> None:
+        """Emit every frame that is due up to and including now."""
+        while self._state is not _State.LISTENING and now >= self._until:
+            self._send_due(self._until)
+            self._go_on(self._until)
+        self._send_due(now)
+        self._firmware.catch_up(now)
+
+    # --- what it does one after another
+
+    def _enter(self, state: _State, until: float) -> None:
+        self._state, self._until = state, until
+
+    def _go_on(self, at: float) -> None:
+        """What comes next is begun."""
+        match self._state:
+            case _State.BOOTING if self._connected:
+                self._enter(_State.CALIBRATING, at + self._profile.calibration_s)
+                return
+            case _State.CALIBRATING:
+                self._firmware.initialised = True
+                self._out += bytes(Frame(Op.BOOT_UP))
+            case _State.RESETTING:
+                self._firmware.initialised = True
+                self._acknowledge(Op.RESET)
+                self._enter(_State.DEAF, at + self._profile.deaf_s)
+                return
+            case _:  # awake, or never to have a sensor
+                pass
+        self._state = _State.LISTENING
+        if self._kept:
+            data = bytes(self._kept[:_READ_SIZE])
+            del self._kept[:_READ_SIZE]
+            self._read(data, at)
+
+    def _read(self, data: bytes, at: float) -> None:
+        """One read: the bytes lie over those of earlier reads, and all up to the first `>` is taken for a command."""
+        self._enter(_State.DEAF, at + self._profile.deaf_s)
+        self._read_over[: len(data)] = data
+        text, closing, _ = self._read_over.partition(b">")
+        if not closing:
+            return  # it reads on through its memory. Assumed: nothing comes of that
+        text = text.replace(b"<", b"")
+        # Any character counts as a digit, and digits that are not there are those of the command before.
+        zero = ord("0")
+        if text:
+            self._op = (text[0] - zero) * 10
+        if len(text) > 1:
+            self._op += text[1] - zero
+        try:
+            command = decode_command(self._op, bytes(text[2 : 2 + _PAYLOAD_SIZE]))
+        except RemoteProtocolError:
+            return
+        self._on_command(command, at)
+
+    def _on_command(self, command: Command, now: float) -> None:
+        firmware = self._firmware
+        if firmware.initialised:
+            match command.op:
+                case Op.START:
+                    firmware.start_stream(command.cutoff_centihertz, command.period_us, now)
+                    self._send_due(now)
+                case Op.STOP:
+                    firmware.stop()
+                case Op.ZERO:
+                    firmware.zero(now)
+                case Op.SET_FILTER:
+                    firmware.set_filter(command.cutoff_centihertz, now)
+                case Op.RESET:
+                    firmware.reset()
+                    self._enter(_State.RESETTING, now + self._profile.calibration_s)
+                    return
+                case _:  # the queries only want the acknowledge
+                    pass
+        self._acknowledge(command.op)
+
+    def _acknowledge(self, op: Op) -> None:
+        scales = self._firmware.full_scales if op is Op.GET_FULL_SCALES else None
+        self._out += encode_acknowledge(Acknowledge(self._firmware.state, scales))
+
+    def _send_due(self, now: float) -> None:
+        for sample in self._firmware.due_samples(now):
+            self._out += encode_data(sample.counts, sample.counter)
