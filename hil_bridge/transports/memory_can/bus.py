@@ -10,12 +10,13 @@ from hil_bridge.transports.memory_can.node import MemoryCanNode
 from protocol.can import CanFilter, CanFrame
 from protocol.can_error import ErrorState
 from protocol.can_line import (
+    ACK_DELIMITER_BITS,
     BUS_FREE_BITS,
+    END_OF_FRAME_BITS,
     ERROR_DELIMITER_BITS,
     ERROR_FLAG_BITS,
     INTERMISSION_BITS,
     SUSPEND_BITS,
-    acknowledged_bits,
     arbitration_rank,
     frame_time_bits,
 )
@@ -187,7 +188,8 @@ class MemoryCanBus:
             sender = min(best, key=lambda node: node.queue.progress)
         frame = sender.queue.head
         receivers = tuple(node for node in self._nodes if node is not sender and node.on_bus)
-        whole, acknowledge = frame_time_bits(frame), acknowledged_bits(frame)
+        whole = frame_time_bits(frame)
+        acknowledge = whole - ACK_DELIMITER_BITS - END_OF_FRAME_BITS
         hit = None if self.disturb is None else self.disturb(frame, whole)
         missing = not receivers and (hit is None or hit > acknowledge)
         failed_at = acknowledge if missing else hit
@@ -290,6 +292,8 @@ class MemoryCanBus:
                 node.recovery -= sequences
 
     def _recover(self, at: float) -> None:
+        if all(node.on_bus for node in self._nodes):
+            return
         self._calling_back = True
         try:
             for node in tuple(self._nodes):

@@ -37,11 +37,11 @@ class ErrorCounters:
 
     def sent(self) -> "ErrorCounters":
         """After a frame of its own was acknowledged."""
-        return replace(self, transmit=max(0, self.transmit - 1))
+        return replace(self, transmit=self.transmit - 1) if self.transmit else self
 
     def received(self) -> "ErrorCounters":
         """After a good frame of another node."""
-        return replace(self, receive=max(0, min(self.receive, PASSIVE_LIMIT) - 1))
+        return replace(self, receive=min(self.receive, PASSIVE_LIMIT) - 1) if self.receive else self
 
     def send_failed(self, acknowledge_missing: bool) -> "ErrorCounters":
         """After an error in a frame of its own.

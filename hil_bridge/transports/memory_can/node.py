@@ -44,6 +44,7 @@ class MemoryCanNode:
         "_received",
         "_reports",
         "counters",
+        "on_bus",
         "queue",
         "recovery",
     )
@@ -56,17 +57,14 @@ class MemoryCanNode:
         self._received = self._reports = self._bus_off = 0
         self.queue = SendQueue(bus.name)
         self.counters = ErrorCounters()
+        self.on_bus = True
+        """Whether it sends, receives and acknowledges: that is, not bus-off."""
         self.recovery = 0
         """Sequences of eleven recessive bits that it must still see while bus-off."""
 
     @property
     def name(self) -> str:
         return self._delivery.name
-
-    @property
-    def on_bus(self) -> bool:
-        """Whether it sends, receives and acknowledges."""
-        return self.counters.state is not ErrorState.BUS_OFF
 
     @property
     def statistics(self) -> CanStatistics:
@@ -135,7 +133,7 @@ class MemoryCanNode:
 
     def recover(self, at: float) -> None:
         """It has seen the bus free for long enough after bus-off."""
-        self.counters = ErrorCounters()
+        self.counters, self.on_bus = ErrorCounters(), True
         self._report(CanErrorReport(ErrorClass.RESTARTED), at)
 
     def give_up(self, at: float) -> None:
@@ -146,9 +144,9 @@ class MemoryCanNode:
 
     def _count(self, counters: ErrorCounters, at: float, cause: ErrorClass = _NO_CAUSE) -> None:
         before, self.counters = self.counters, counters
-        if counters != before and counters.state is not before.state:
+        if counters is not before and counters.state is not before.state:
             if counters.state is ErrorState.BUS_OFF:
-                self.recovery = RECOVERY_SEQUENCES
+                self.on_bus, self.recovery = False, RECOVERY_SEQUENCES
                 self._bus_off += 1
             self._report(state_report(counters, cause), at)
 
