@@ -1,0 +1,233 @@
+"""Write the tables of docs/computer-link.md from the tables that the code itself works with.
+
+The prose between the tables is left as it is. With --check nothing is written; the exit code is 1 when the
+document is not up to date.
+"""
+
+import argparse
+import sys
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+
+from protocol.adlp import HEADER_SIZE, Control, LinkProfile, check_character, encode_block
+from protocol.arap import (
+    CONTROL_TEXTS,
+    HEADER,
+    KNOWN_ORDERS,
+    REFUSAL,
+    SPONTANEOUS,
+    TYPE_NAMES,
+    FunctionCode,
+    Mode,
+    Payload,
+    RefusalCode,
+    SpontaneousKind,
+    TelegramType,
+    field_size,
+    read_status,
+    refusal_remedy,
+    stop_program,
+    suffix_text,
+    write_mode,
+)
+from protocol.fields import Field, Layout
+from protocol.marks import settings
+
+DOCUMENT = Path(__file__).resolve().parent.parent / "docs" / "computer-link.md"
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """A table in Markdown."""
+    lines = [head, ["---"] * len(head), *rows]
+    return "\n".join(
+        "| " + " | ".join(str(cell).replace("|", "\\|") for cell in line) + " |" for line in lines
+    )
+
+
+def control_bytes() -> str:
+    """What every control byte says."""
+    return table(
+        ("byte", "name", "meaning"),
+        ((f"`{code:02X}`", code.name.replace("_", " "), CONTROL_TEXTS[code]) for code in Control),
+    )
+
+
+def header() -> str:
+    """The first bytes of every telegram."""
+    return field_table(HEADER, 0)
+
+
+def types() -> str:
+    """What a telegram is in the exchange."""
+    return table(("type", "meaning"), ((f"`{code:02X}`", code.text) for code in TelegramType))
+
+
+def functions() -> str:
+    """Function codes and how much is known of each."""
+    known = {definition.function for definition in KNOWN_ORDERS} | {FunctionCode.SPONTANEOUS}
+    return table(
+        ("code", "function", "payload"),
+        ((int(code), code.text, "known, below" if code in known else "not known") for code in FunctionCode),
+    )
+
+
+def refusals() -> str:
+    """Refusal codes, their meaning and what to do."""
+    return table(
+        ("code", "meaning", "what to do"),
+        ((int(code), code.text, refusal_remedy(code)) for code in RefusalCode),
+    )
+
+
+def payloads() -> str:
+    """The data of every order, answer and message of which they are known."""
+    parts = []
+    for definition in KNOWN_ORDERS:
+        suffixes = "; ".join(
+            f"{suffix} {meaning}".rstrip() for suffix, meaning in definition.suffixes.items()
+        )
+        parts += [
+            f"### {definition.function} {definition.meaning}",
+            f"Function suffix: {suffixes}.",
+            f"Order, {length(definition.order)}:",
+            payload_table(definition.order),
+            f"Answer, {length(definition.answer)}:",
+            payload_table(definition.answer),
+        ]
+    kinds = "; ".join(
+        f"{int(kind)} {suffix_text(FunctionCode.SPONTANEOUS, kind)}" for kind in SpontaneousKind
+    )
+    parts += [
+        f"### {int(FunctionCode.SPONTANEOUS)} spontaneous, from the S3",
+        f"Function suffix: {kinds}.",
+        field_table(SPONTANEOUS, HEADER_SIZE),
+        "### Refusal of any order",
+        field_table(REFUSAL, HEADER_SIZE),
+    ]
+    return "\n\n".join(parts)
+
+
+def length(payload: Payload) -> str:
+    """Size of the whole telegram."""
+    least = "at least " if payload.rest else ""
+    return f"{least}{payload.layout.size + HEADER_SIZE} bytes"
+
+
+def payload_table(payload: Payload) -> str:
+    """The fields of a payload; bytes are counted from the telegram's first one."""
+    if not payload.names:
+        return "no data"
+    if payload.rest is None:
+        return field_table(payload.layout, HEADER_SIZE)
+    begin = payload.layout.size + HEADER_SIZE
+    rest = (f"{begin}…", f"`{payload.rest.name}`", "bytes", "", "", payload.rest.mark, payload.rest.meaning)
+    return f"{field_table(payload.layout, HEADER_SIZE)}\n| {' | '.join(map(str, rest))} |"
+
+
+def field_table(layout: Layout, shift: int) -> str:
+    """Fields with their byte numbers; `shift` is the byte at which the layout begins."""
+    return table(
+        ("bytes", "name", "type", "unit of one", "range", "mark", "meaning"),
+        (
+            (
+                span(field.offset + shift, field_size(field)),
+                f"`{field.name}`",
+                TYPE_NAMES[field.format],
+                step(field),
+                ends(field),
+                field.mark,
+                field.meaning,
+            )
+            for field in layout.fields
+        ),
+    )
+
+
+def span(first: int, size: int) -> str:
+    """First and last byte."""
+    return f"{first}" if size == 1 else f"{first}–{first + size - 1}"
+
+
+def step(field: Field) -> str:
+    """What one raw unit is worth."""
+    if field.scale == 1.0:
+        return field.unit
+    worth = 1.0 / field.scale
+    text = f"1/{worth:.0f}" if worth.is_integer() and worth > 1.0 else f"{field.scale:g}"
+    return f"{text} {field.unit}".rstrip()
+
+
+def ends(field: Field) -> str:
+    """Least and greatest value, in the field's unit, where that is not the raw value itself."""
+    if field.scale == 1.0:
+        return ""
+    low = -(2 ** (8 * field_size(field) - 1)) if field.format.islower() else 0
+    high = low + 2 ** (8 * field_size(field)) - 1
+    return f"{low * field.scale:.6g} … {high * field.scale:.6g}"
+
+
+def profile() -> str:
+    """Settings of the link with their defaults and marks."""
+    return table(
+        ("setting", "default", "unit", "mark", "meaning"),
+        (
+            (f"`{item.name}`", f"`{item.default}`", item.info.unit, item.info.mark, item.info.meaning)
+            for item in settings(LinkProfile())
+        ),
+    )
+
+
+def golden_blocks() -> str:
+    """Blocks to compare with a capture."""
+    orders = (("read status", read_status()), ("stop program", stop_program()))
+    return table(
+        ("order", "block", "check character"),
+        (
+            (name, f"`{encode_block(raw).hex(' ').upper()}`", f"`{check_character(raw):02X}`")
+            for name, raw in (
+                (name, order.encode())
+                for name, order in (*orders, ("write mode, operation", write_mode(Mode.OPERATION)))
+            )
+        ),
+    )
+
+
+TABLES: dict[str, Callable[[], str]] = {
+    "control bytes": control_bytes,
+    "header": header,
+    "types": types,
+    "functions": functions,
+    "refusals": refusals,
+    "payloads": payloads,
+    "profile": profile,
+    "golden blocks": golden_blocks,
+}
+
+
+def renewed(text: str) -> str:
+    """The document with every table as the code has it now. Raises ValueError for a table without its place."""
+    for name, make in TABLES.items():
+        begin, end = f"<!-- {name}: begin -->", f"<!-- {name}: end -->"
+        before, has_begin, behind = text.partition(begin)
+        _, has_end, after = behind.partition(end)
+        if not (has_begin and has_end):
+            raise ValueError(f"the document has no place for the table {name!r}: {begin} … {end}")
+        text = f"{before}{begin}\n{make()}\n{end}{after}"
+    return text
+
+
+def main() -> int:
+    """Write the document, or check it."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--check", action="store_true", help="write nothing, say whether it is up to date")
+    check = parser.parse_args().check
+    before = DOCUMENT.read_text(encoding="utf-8")
+    after = renewed(before)
+    if check:
+        return int(after != before)
+    DOCUMENT.write_text(after, encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
