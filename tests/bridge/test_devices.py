@@ -4,11 +4,16 @@ from collections.abc import Awaitable, Callable, Mapping
 
 import pytest
 
+from emulators.robot import EMPTY_SITE, S3Controller, S3Profile, S3Site, ServoProfile
 from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.devices import ForceSensor, RobotLink
-from hil_bridge.errors import DeviceError, TransportClosed, TransportEnded
+from hil_bridge.errors import DeviceError, OrderRefused, TransportClosed, TransportEnded
+from hil_bridge.orders_file import parse_orders
+from hil_bridge.pump import Pump
 from hil_bridge.transports import Frames, connect_bytes, connect_can, listen_bytes, listen_can
-from protocol.adlp import LinkProfile
+from protocol.adlp import Link, LinkProfile, MessageReceived, Role
+from protocol.arap import Mode, ProgramAnswer, Telegram, read_status, write_mode
+from protocol.endpoint import LocalProtocolError
 from protocol.jr3 import GatewayClient, GatewayClientProfile, parse_frame
 
 SCALES = {"481#": "101#0073006F00B900", "501#": "101#00380034003D00"}
@@ -179,3 +184,182 @@ def test_a_wire_that_ends_is_not_waited_for() -> None:
     text, took = robot_failure(lambda data: b"", hang_up_at=0.5)
     assert "the peer closed" in text
     assert took == pytest.approx(0.5, abs=0.01)
+
+
+SITE = """
+[read_register]
+function = 6
+order = [{ name = "number", byte = 8, type = "u16" }]
+answer = [{ name = "value", byte = 8, type = "s16", scale = 0.5, unit = "V" }]
+emulator = { memory = "register", key = ["number"], initial = { value = 1.5 } }
+[write_register]
+function = 14
+order = [
+    { name = "number", byte = 8, type = "u16" },
+    { name = "value", byte = 10, type = "s16", scale = 0.5, unit = "V" },
+]
+emulator = { memory = "register", key = ["number"] }
+[send_program]
+function = 1
+blocks = "several"
+order = [{ name = "program", byte = 8, type = "u16" }, { name = "content", byte = 10, type = "bytes" }]
+emulator = { memory = "sent", key = ["program"] }
+[note]
+function = 25
+order = [{ name = "text", byte = 8, type = "bytes" }]
+[read_speed]
+function = 19
+extends = true
+answer = [{ name = "override", byte = 32, type = "u8" }]
+emulator = { initial = { override = 80 } }
+"""
+ORDERS = parse_orders(SITE, LinkProfile().max_telegram)
+
+Robot = Callable[[RobotLink, Clock], Awaitable[None]]
+
+
+def with_robot(script: Robot, site: S3Site = EMPTY_SITE) -> None:
+    """Run a script with the emulated robot on a 9600 baud line."""
+
+    async def main() -> None:
+        clock = Clock.running()
+        position, down = (0.9, -0.1, 0.6), (0.0, 1.0, 0.0, 0.0)
+        controller = S3Controller(
+            S3Profile(), LinkProfile(), ServoProfile(), position, down, clock.now(), 1, 0.2, site
+        )
+        port = (await listen_bytes("memory:s3", clock)).transport
+        Pump(controller, port, clock, lambda event: None, lambda cause: None).start()
+        wire = await connect_bytes("memory:s3?baudrate=9600&parity=E", clock)
+        robot = RobotLink(wire, LinkProfile(), clock, lambda kind, text: None, site.orders)
+        robot.start()
+        try:
+            await script(robot, clock)
+        finally:
+            await robot.aclose()
+            await port.aclose()
+
+    run_virtual(main)
+
+
+def test_orders_are_called_by_name_with_values_in_their_units() -> None:
+    async def script(robot: RobotLink, clock: Clock) -> None:
+        assert await robot.order("read_register", number=3) == {"value": 1.5}
+        assert await robot.order("write_register", number=3, value=-2.0) == {}
+        assert await robot.order("read_register", number=3) == {"value": -2.0}
+        assert await robot.order("write_mode", suffix=Mode.OPERATION) == {}
+        status = await robot.order("read_status")
+        assert (status["x"], status["flags_17"]) == (0.9, 2)
+        assert await robot.order("read_speed") == {**status, "override": 80}
+        assert (await robot.read_status()).operation
+
+    with_robot(script, S3Site(ORDERS))
+
+
+def test_an_order_that_cannot_be_is_refused_before_anything_is_sent() -> None:
+    async def script(robot: RobotLink, clock: Clock) -> None:
+        for name, values, message in (
+            ("read_regster", {}, "there is no order 'read_regster'; did you mean read_register?"),
+            ("read_register", {"nmber": 3}, "read_register order has no field nmber: it has number"),
+            ("read_register", {"number": 65536}, "read_register order: number = 65536 is outside 0 … 65535"),
+            ("write_register", {"value": 1e5}, "value = 100000 is outside -16384 … 16383.5 V"),
+            ("note", {"text": bytes(121)}, "note: a telegram of 129 bytes is too long for a block of 128"),
+            ("read_register", {"suffix": 4}, "read_register has no suffix 4, only 0"),
+        ):
+            with pytest.raises(LocalProtocolError) as caught:
+                await robot.order(name, **values)
+            assert message in str(caught.value)
+        with pytest.raises(
+            LocalProtocolError, match="a telegram of 130 bytes is too long for a block of 128"
+        ):
+            await robot.order(Telegram(1, 1, 0, bytes(122)))
+        assert not any(robot.counters.values())
+        assert await robot.order("note", text=bytes(120)) == {}
+
+    with_robot(script, S3Site(ORDERS))
+
+
+def test_an_order_longer_than_a_block_goes_in_several() -> None:
+    async def script(robot: RobotLink, clock: Clock) -> None:
+        assert await robot.order("send_program", program=7, content=bytes(range(256))) == {}
+        assert robot.counters["blocks sent"] == 3
+        assert robot.counters["messages sent"] == 1
+
+    with_robot(script, S3Site(ORDERS))
+
+
+def test_an_order_that_this_controller_does_not_know_is_refused_with_a_remedy() -> None:
+    async def script(robot: RobotLink, clock: Clock) -> None:
+        with pytest.raises(
+            OrderRefused, match="refused order 6: 11 wrong function code; this controller does"
+        ):
+            await robot.order(Telegram(6, 1, 0, b"\0\3"))
+        await robot.order(write_mode(Mode.OPERATION))
+
+    with_robot(script)
+
+
+def test_a_program_is_received_over_many_blocks_at_the_pace_of_the_line() -> None:
+    content = bytes(range(256)) * 4
+
+    async def script(robot: RobotLink, clock: Clock) -> None:
+        began = clock.now()
+        assert await robot.receive_program(7) == content
+        # 1028 bytes of data in 9 blocks of 13 bytes more, 11 bit times a character, and each block's ACK.
+        assert clock.now() - began > (1028 + 9 * (13 + 1)) * 11 / 9600
+        assert robot.counters["blocks received"] == 9
+        with pytest.raises(OrderRefused, match="7 no such program; name a program"):
+            await robot.receive_program(8)
+        with pytest.raises(LocalProtocolError):
+            await robot.receive_program(65536)
+
+    with_robot(script, S3Site(programs={7: content}))
+
+
+@pytest.mark.parametrize(
+    ("answer", "message"),
+    [
+        (ProgramAnswer(7, b"", 5).to_telegram(), "did not send program 7: error 5"),
+        (ProgramAnswer(8, b"").to_telegram(), "sent program 8, not 7"),
+        (Telegram(29, 2, 0, b"\0", True), "cannot be read: program answer needs 4 bytes of data, got 1"),
+    ],
+)
+def test_a_program_that_is_not_sent_or_another_one_is_an_error(answer: Telegram, message: str) -> None:
+    with pytest.raises(DeviceError, match="robot on memory:s3") as caught:
+        answered(answer, lambda robot: robot.receive_program(7))
+    assert message in str(caught.value)
+
+
+def test_an_answer_too_short_is_the_devices_error() -> None:
+    short = Telegram(19, 2, 0, bytes(20), True)
+    for ask in (RobotLink.read_status, lambda robot: robot.order("read_status")):
+        with pytest.raises(DeviceError, match="cannot be read: status needs 24 bytes of data, got 20"):
+            answered(short, ask)
+    assert answered(short, lambda robot: robot.order(read_status())) == short
+
+
+def answered(answer: Telegram, ask: Callable[[RobotLink], Awaitable[object]]) -> object:
+    """What the client makes of a robot that gives this answer to every order."""
+
+    class Answering(Link):
+        def next_event(self) -> None:
+            while (event := super().next_event()) is not None:
+                if isinstance(event, MessageReceived):
+                    self.send([answer.encode()])
+
+    async def main() -> object:
+        clock = Clock.running()
+        port = (await listen_bytes("memory:s3", clock)).transport
+        Pump(
+            Answering(Role.ROBOT, LinkProfile()), port, clock, lambda event: None, lambda cause: None
+        ).start()
+        robot = RobotLink(
+            await connect_bytes("memory:s3", clock), LinkProfile(), clock, lambda kind, text: None
+        )
+        robot.start()
+        try:
+            return await ask(robot)
+        finally:
+            await robot.aclose()
+            await port.aclose()
+
+    return run_virtual(main)
