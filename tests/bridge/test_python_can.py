@@ -372,6 +372,20 @@ def test_an_interface_found_down_while_sending_calls_nobody_back_within_send() -
     played(check)
 
 
+def test_nothing_leaves_before_the_owner_is_told_that_the_interface_is_back() -> None:
+    async def check(clock: Clock, kernel: Kernel, wire: CanWire, ear: Ear) -> None:
+        kernel.go_down()
+        await pass_time(PROBE_S / 2)
+        kernel.up = True
+        wire.send(frames(1))
+        assert kernel.numbers == []
+        await pass_time(PROBE_S)
+        assert kernel.sent[0][0] == ear.reports[-1][0]
+        assert ear.classes == [ErrorClass.INTERFACE_DOWN, ErrorClass.RESTARTED]
+
+    played(check)
+
+
 def test_an_adapter_that_is_plugged_in_again_is_opened_again() -> None:
     async def check(clock: Clock, kernel: Kernel, wire: CanWire, ear: Ear) -> None:
         kernel.go_down(errno.ENODEV)

@@ -124,8 +124,6 @@ class MemoryCanBus:
     def disconnect(self, node: MemoryCanNode) -> None:
         """Take a node off the bus."""
         self._nodes.remove(node)
-        if self._attempt is not None and self._attempt.sender is node:
-            self._cut_repeats()
 
     def wake(self, node: MemoryCanNode) -> None:
         """A node has something to send."""
@@ -216,7 +214,7 @@ class MemoryCanBus:
             attempt.repeats = max(1, math.ceil(left / attempt.cycle))
 
     def _cut_repeats(self) -> None:
-        """Somebody came or went: the repetition that is under way is the last one for which that is too late."""
+        """Somebody came: the repetition that is under way is the last one for which that is too late."""
         attempt = self._attempt
         if attempt is not None and attempt.repeats > 1:
             passed = (self._clock.now() - self._at(attempt.start)) * self.bitrate
