@@ -1,0 +1,51 @@
+"""`hil-bridge serve-jr3`: a real board of this computer, for a bridge on this or another one."""
+
+from pathlib import Path
+
+import click
+
+
+def _number(context: click.Context, parameter: click.Parameter, text: str) -> int:
+    try:
+        return int(text, 0)
+    except ValueError:
+        raise click.BadParameter(f"a number like 0x18000, got {text!r}") from None
+
+
+@click.command("serve-jr3")
+@click.option("--pci", "address", required=True, metavar="ADDRESS", help="The board, like 0000:03:00.0.")
+@click.option(
+    "--listen",
+    metavar="HOST:PORT",
+    default="127.0.0.1:1762",
+    show_default=True,
+    help="Where clients connect. There is no password: beyond this computer, use a network of your own.",
+)
+@click.option(
+    "--offset",
+    metavar="BYTES",
+    default="0x18000",
+    show_default=True,
+    callback=_number,
+    help="Where a channel's words begin; some boards want 0x10000.",
+)
+@click.option("--channel", type=int, default=0, show_default=True, help="Which of the board's sensors.")
+@click.option(
+    "--program",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="JR3's jr3pci.idm: allows clients to reset the board, which loses its program.",
+)
+@click.option(
+    "--sysfs", type=click.Path(path_type=Path), metavar="DIR", help="Where the PCI devices are shown."
+)
+def serve_jr3(
+    address: str, listen: str, offset: int, channel: int, program: Path | None, sysfs: Path | None
+) -> None:
+    """Serve the registers of a real JR3 PCI board until stopped with Ctrl-C.
+
+    The board's program must run: load the kernel's driver jr3_pci once, or give it with --program.
+    """
+    from hil_bridge.registers.serving import serve_pci
+
+    serve_pci(address, listen, offset, channel, program, sysfs)

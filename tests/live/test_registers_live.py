@@ -1,0 +1,239 @@
+"""The register server on TCP, and a board served by one process to another."""
+
+import asyncio
+import socket
+from collections.abc import Awaitable, Callable, Sequence
+from contextlib import suppress
+
+import pytest
+
+from hil_bridge.clock import Clock, run_real
+from hil_bridge.errors import TransportUnavailable
+from hil_bridge.registers import ListenerProfile, serve_board
+from protocol.jr3.board import check_range
+from protocol.jr3.registers import (
+    Garbage,
+    Op,
+    RegisterServerProfile,
+    Request,
+    Response,
+    Status,
+    encode_request,
+    response_reader,
+)
+
+pytestmark = pytest.mark.live
+
+PATIENCE = 60.0
+"""For anything on a busy machine, s."""
+
+
+class Memory:
+    """A board of plain words; the serial number is 1."""
+
+    def __init__(self) -> None:
+        self.words = [0] * 0x4000
+        self.words[0xF8] = 1
+
+    def read(self, address: int, count: int, now: float) -> tuple[int, ...]:
+        check_range(address, count)
+        return tuple(self.words[address : address + count])
+
+    def write(self, address: int, words: Sequence[int], now: float) -> None:
+        check_range(address, len(words))
+        self.words[address : address + len(words)] = words
+
+    def reset(self, now: float) -> None:
+        self.words = [0] * 0x4000
+
+
+class Client:
+    """A socket that speaks the register protocol as it is told, rightly or wrongly."""
+
+    def __init__(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        self.reader, self.writer = reader, writer
+        self._telegrams = response_reader()
+        self._found: list[Response | Garbage] = []
+
+    def send(self, *requests: Request) -> None:
+        self.writer.write(b"".join(map(encode_request, requests)))
+
+    async def response(self) -> Response | None:
+        """The next one, or None at the end of the connection."""
+        while not self._found:
+            data = await self.reader.read(65536)
+            if not data:
+                return None
+            self._found += self._telegrams.feed(data)
+        response = self._found.pop(0)
+        assert isinstance(response, Response)
+        return response
+
+    async def aclose(self) -> None:
+        self.writer.close()
+        with suppress(ConnectionError):
+            await self.writer.wait_closed()
+
+
+Connect = Callable[[], Awaitable[Client]]
+
+
+def on_tcp(
+    test: Callable[[Connect, list[str]], Awaitable[None]], profile: ListenerProfile | None = None
+) -> None:
+    """Serve a board on the loopback and let a test connect to it; it must close cleanly afterwards."""
+
+    async def main() -> None:
+        clock, logged, clients = Clock.running(), list[str](), list[Client]()
+        served = await serve_board(
+            "jr3+tcp-listen://127.0.0.1:0",
+            Memory(),
+            profile or ListenerProfile(),
+            clock,
+            logged.append,
+            lambda cause: None,
+        )
+        port = int(served.address.rpartition(":")[2])
+
+        async def connect() -> Client:
+            clients.append(Client(*await asyncio.open_connection("127.0.0.1", port)))
+            return clients[-1]
+
+        try:
+            async with asyncio.timeout(PATIENCE):
+                await test(connect, logged)
+        finally:
+            await served.aclose()
+            for client in clients:
+                await client.aclose()
+            clock.close()
+
+    run_real(main)
+
+
+SERIAL = Request(Op.READ, 1, 0xF8, 1)
+
+
+async def serves(client: Client) -> bool:
+    client.send(SERIAL)
+    response = await client.response()
+    return response is not None and response.bursts[0].words == (1,)
+
+
+def test_ten_clients_of_whom_eight_are_served() -> None:
+    async def test(connect: Connect, logged: list[str]) -> None:
+        clients = []
+        for _ in range(8):
+            clients.append(await connect())
+            assert await serves(clients[-1])
+        for _ in range(2):
+            late = await connect()
+            told = await late.response()
+            assert told is not None
+            assert (told.op, told.status) == (Op.CONNECTION, Status.TOO_MANY_CLIENTS)
+            assert await late.response() is None
+        assert len(logged) == 2
+        assert "sent away, 8 clients are here already" in logged[0]
+        await clients[0].aclose()
+        while not await serves(clients[1]):
+            pass
+        assert await serves(await connect())
+
+    on_tcp(test)
+
+
+def test_idle_clients_are_dropped_and_streams_are_not() -> None:
+    async def test(connect: Connect, logged: list[str]) -> None:
+        idle, streaming = await connect(), await connect()
+        streaming.send(Request(Op.STREAM, 7, 0, 1, period_us=20_000))
+        told = await idle.response()
+        assert told is not None
+        assert told.status is Status.IDLE
+        assert await idle.response() is None
+        for _ in range(5):
+            response = await streaming.response()
+            assert response is not None
+            assert response.op == Op.STREAM
+        assert len(logged) == 1
+
+    on_tcp(test, ListenerProfile(connection=RegisterServerProfile(idle_timeout_s=0.1)))
+
+
+@pytest.mark.parametrize(
+    "data",
+    [b"GET / HTTP/1.1\r\nHost: board\r\n\r\n", b"\x16\x03\x01" + bytes(300), b"JR\x02" + b"\xff" * 4000],
+)
+def test_who_speaks_another_language_is_told_and_closed(data: bytes) -> None:
+    async def test(connect: Connect, logged: list[str]) -> None:
+        stranger, friend = await connect(), await connect()
+        stranger.writer.write(data)
+        told = await stranger.response()
+        assert told is not None
+        assert told.status is Status.BAD_FRAME
+        assert await stranger.response() is None
+        assert len(logged) == 1
+        assert "\n" not in logged[0]
+        assert await serves(friend)
+
+    on_tcp(test)
+
+
+def test_half_a_request_and_an_early_end_leave_nothing() -> None:
+    async def test(connect: Connect, logged: list[str]) -> None:
+        for _ in range(20):
+            client = await connect()
+            client.writer.write(encode_request(SERIAL)[:9])
+            await client.writer.drain()
+            await client.aclose()
+        assert await serves(await connect())
+        assert logged == []
+
+    on_tcp(test)
+
+
+def test_a_flood_that_is_not_read_is_stalled_and_others_are_served() -> None:
+    async def test(connect: Connect, logged: list[str]) -> None:
+        flood, friend = await connect(), await connect()
+        telegrams = encode_request(Request(Op.READ, 1, 0, 256)) * 5000
+        flood.writer.transport.set_write_buffer_limits(high=1)
+        sent = 0
+        with suppress(TimeoutError):
+            while sent < 1e8:
+                flood.writer.write(telegrams)
+                sent += len(telegrams)
+                async with asyncio.timeout(0.3):
+                    await flood.writer.drain()
+        assert sent < 1e8
+        assert await serves(friend)
+        assert logged == []
+        flood.writer.transport.abort()
+
+    on_tcp(test)
+
+
+def test_a_stream_that_is_not_read_is_cut_off() -> None:
+    async def test(connect: Connect, logged: list[str]) -> None:
+        slow, friend = await connect(), await connect()
+        connection: socket.socket = slow.writer.get_extra_info("socket")
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        slow.reader._limit = 1  # type: ignore[attr-defined]
+        slow.send(Request(Op.STREAM, 1, 0, 256, period_us=250))
+        while not logged:
+            assert await serves(friend)
+        assert "cut off: it does not read" in logged[0]
+
+    on_tcp(test)
+
+
+def test_a_taken_port_is_one_clear_line() -> None:
+    async def main() -> None:
+        clock = Clock.running()
+        with socket.create_server(("127.0.0.1", 0)) as taken:
+            url = f"jr3+tcp-listen://127.0.0.1:{taken.getsockname()[1]}"
+            try:
+                await serve_board(url, Memory(), ListenerProfile(), clock, print, print)  # type: ignore[arg-type]
+            finally:
+                clock.close()
+
+    with pytest.raises(TransportUnavailable, match="another program listens on this port already"):
+        run_real(main)
