@@ -6,10 +6,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hil_bridge import orders_file
+from hil_bridge.cli import cli
 from hil_bridge.compose import robot_site
 from hil_bridge.config import load_config
 from hil_bridge.errors import ConfigError
@@ -344,3 +346,16 @@ def test_the_keys_found_are_those_that_the_standard_reader_finds(content: dict[s
     lines = key_lines(text)
     assert set(lines) == paths(read)
     assert all(1 <= line <= text.count("\n") for line in lines.values())
+
+
+def test_the_decode_command_reads_a_sites_orders(tmp_path: Path) -> None:
+    path = tmp_path / "site.toml"
+    path.write_text(SITE)
+    block = "10 02 00 0A 01 00 06 01 00 00 00 03 10 03 0C"
+    result = CliRunner().invoke(cli, ["decode", "computer-link", "--orders", str(path), block])
+    (item,) = json.loads(result.output)
+    assert (result.exit_code, item["header"]["order"]) == (0, "read_register")
+    assert [(field["name"], field["value"]) for field in item["fields"]] == [("number", 3)]
+    path.write_text(SITE.replace("function = 14", "function = 6"))
+    result = CliRunner().invoke(cli, ["decode", "computer-link", "--orders", str(path), block])
+    assert isinstance(result.exception, ConfigError)

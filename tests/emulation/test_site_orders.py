@@ -189,7 +189,7 @@ def test_an_order_of_several_blocks_comes_whole_and_so_does_its_answer() -> None
 
 def test_several_blocks_are_refused_where_one_is_expected_and_when_the_last_is_missing() -> None:
     host = Host(SEND, READ)
-    long = split_telegram(Telegram(6, 1, 0, bytes(300)), 128)
+    long = split_telegram(Telegram(6, 1, 0, bytes(200)), 128)
     assert host.refusal(*long) == 4
     assert host.refusal(*split_telegram(Telegram(2, 1, 0, bytes(300)), 128)) == 4
     assert host.refusal(*SEND.telegrams({"content": bytes(300)}, None, PROFILE)[:2]) == 255
