@@ -1,4 +1,8 @@
-"""A JR3 sensor up to its serial link: wrench in, six counts at 8 kHz out, with noise and saturation."""
+"""A JR3 sensor up to its serial link: wrench in, samples at 8 kHz out, with noise and saturation.
+
+A gateway takes counts of the wrench; a receiver board takes the raw channels, which the sensor's calibration
+decouples.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,6 +16,9 @@ from protocol.marks import Mark, check_settings, setting
 
 SENSOR_RATE_HZ = 8000
 """Source: JR3 manual 5907E."""
+_AXES = 6
+_SINGULAR = 1e6
+"""Condition number from which six channels do not tell six axes apart."""
 _CHUNK = 1024
 """Samples of noise drawn at once; part of what a seed means, so not to be changed."""
 
@@ -45,12 +52,22 @@ class SensorProfile:
         14, Mark.ASSUMED, "resolution of the converter: sets where counts saturate", minimum=12, maximum=16
     )
     connected: bool = setting(True, Mark.CHOSEN, "whether the sensor is plugged in")
+    coupling: tuple[float, ...] = setting(
+        (),
+        Mark.ASSUMED,
+        "what each axis, fx first, shows on the raw channels 1 … 6, as parts of full scale: 36 values, "
+        "six for every axis; empty = every axis on its own channel",
+    )
 
     def __post_init__(self) -> None:
         check_settings(self)
         for name in ("full_scales_n", "full_scales_nm"):
             if len(getattr(self, name)) != 3:
                 raise ValueError(f"{name} must be three values, got {len(getattr(self, name))}")
+        if len(self.coupling) not in (0, _AXES * _AXES):
+            raise ValueError(f"coupling must be 36 values or none, got {len(self.coupling)}")
+        if not (np.isfinite(self.coupling).all() and np.linalg.cond(self.coupling_matrix) < _SINGULAR):
+            raise ValueError("coupling must be a matrix that can be inverted")
 
     @property
     def full_scale_words(self) -> tuple[int, ...]:
@@ -59,6 +76,11 @@ class SensorProfile:
             *(round(value) for value in self.full_scales_n),
             *(round(v * 10) for v in self.full_scales_nm),
         )
+
+    @property
+    def coupling_matrix(self) -> NDArray[np.float64]:
+        """Parts of full scale on the raw channels (columns) for full scale of each axis (rows)."""
+        return np.reshape(self.coupling, (_AXES, _AXES)) if self.coupling else np.eye(_AXES)
 
     @property
     def saturation_counts(self) -> int:
@@ -70,7 +92,8 @@ class Jr3Sensor:
     """Samples on the absolute grid k/8000 s, computed as arrays when somebody reads them.
 
     `wrench_at` is given times (n,) in s that never run backwards as long as the reader's do not, and
-    answers with the wrench (n, 6) on the sensor in the sensor frame, N and N·m.
+    answers with the wrench (n, 6) on the sensor in the sensor frame, N and N·m. `certain_until` is given the
+    present time and tells up to which time the wrench can be asked for already and will not change any more.
     """
 
     def __init__(
@@ -78,12 +101,17 @@ class Jr3Sensor:
         profile: SensorProfile,
         wrench_at: Callable[[NDArray[np.float64]], NDArray[np.float64]],
         seed: int,
+        certain_until: Callable[[float], float] | None = None,
     ) -> None:
         self.profile = profile
         self._wrench_at = wrench_at
+        self._certain_until = certain_until
         self._seed = seed
         words = np.array(profile.full_scale_words, dtype=np.float64)
         self._counts_per_unit = FULL_SCALE_COUNTS / (words * [1, 1, 1, 0.1, 0.1, 0.1])
+        self._raw_per_wrench = self._counts_per_unit[:, np.newaxis] * profile.coupling_matrix
+        self.calibration: NDArray[np.float64] = np.asarray(np.linalg.inv(self._raw_per_wrench), np.float64)
+        """What makes a wrench in N and N·m of raw channels 1 … 6: wrench = raw @ calibration."""
         self._chunk_number: int | None = None
         self._chunk = np.empty((0, 6))
 
@@ -101,6 +129,29 @@ class Jr3Sensor:
         np.maximum(counts, -32768.0, out=counts)
         np.minimum(counts, self.profile.saturation_counts, out=counts)
         return counts.astype(np.int64)
+
+    def certain_until(self, now: float) -> float:
+        """Time up to which samples may be read ahead, at least `now`, s."""
+        return now if self._certain_until is None else max(now, self._certain_until(now))
+
+    def raw(self, indices: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Converter readings (n, 6) of raw channels 1 … 6 of the samples with these numbers, which do not fall.
+
+        Left-justified in 16 bits, so that they rise in steps of 2^(16 − bits). Assumed: twice full scale of an
+        axis is the converter's range, and the noise of an axis is that of its channel before conversion.
+        """
+        step = 1 << (16 - self.profile.adc_bits)
+        channels = self._wrench_at(indices / SENSOR_RATE_HZ) @ self._raw_per_wrench
+        if self.profile.noise_counts:
+            channels += self._noise(indices)
+        if step > 1:
+            channels /= step
+        np.rint(channels, out=channels)
+        if step > 1:
+            channels *= step
+        np.maximum(channels, -32768.0, out=channels)
+        np.minimum(channels, self.profile.saturation_counts, out=channels)
+        return channels.astype(np.int64)
 
     def _noise(self, indices: NDArray[np.int64]) -> NDArray[np.float64]:
         if not len(indices):

@@ -11,7 +11,10 @@ class Registers(Protocol):
         """Words 0…65535 of one moment. Raises RemoteProtocolError outside the memory."""
 
     def write(self, address: int, words: Sequence[int], now: float) -> None:
-        """Write words in order of address. Raises RemoteProtocolError outside the memory or for no such word."""
+        """Write words in order of address; a number beyond 16 bits wraps.
+
+        Raises RemoteProtocolError outside the memory.
+        """
 
     def reset(self, now: float) -> None:
         """Restart the board's processor as its reset line does."""

@@ -1,0 +1,232 @@
+"""The JR3 DSP receiver board: a memory that a sensor fills and a host reads and writes, told the time.
+
+Samples are computed in blocks up to the time asked for, and further where the sensor is certain, so that a read
+is a look-up; a host's write that changes the computation throws away what was computed ahead.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from enum import Enum, auto
+
+from emulators.jr3.board.filters import low_pass
+from emulators.jr3.board.memory import Use
+from emulators.jr3.board.processor import Order, Processor
+from emulators.jr3.board.profile import BoardProfile
+from emulators.jr3.board.sampling import RawSamples
+from emulators.jr3.sensor import SENSOR_RATE_HZ, Jr3Sensor
+from protocol.jr3.board import REGISTERS, Errors, check_range, from_signed
+
+_EPSILON = 1e-6
+"""Of a sample period: what a time may lack of its sample's by rounding."""
+_COMMAND_WORDS = REGISTERS["command_word2"].address
+
+
+class Phase(Enum):
+    """What the board waits for."""
+
+    BOOT = auto()
+    SILENT = auto()
+    """No samples come, which the watch dog has not noticed yet."""
+    UNPLUGGED = auto()
+    READING = auto()
+    """The calibration is coming in."""
+    RUNNING = auto()
+
+
+class _Due(Enum):
+    """What happens at a time; in this order when times are equal."""
+
+    BOOTED = auto()
+    CALIBRATED = auto()
+    BARK = auto()
+    ZEROED = auto()
+    ADOPT = auto()
+    COMMAND = auto()
+
+
+class Board:
+    """Implements `protocol.jr3.board.Registers`.
+
+    Nothing that a host writes raises, but words outside the memory: RemoteProtocolError. A command written while
+    another runs is lost (assumed).
+    """
+
+    def __init__(self, profile: BoardProfile, sensor: Jr3Sensor, powered_at: float) -> None:
+        self._profile = profile
+        self._sensor = sensor
+        self._raw = RawSamples(sensor)
+        self._plugged = sensor.profile.connected
+        self._now = powered_at
+        self._phase = Phase.BOOT
+        # Designed now, for a host does not expect its first read to take so long.
+        low_pass()
+        self._start(powered_at)
+
+    def _start(self, now: float) -> None:
+        self._origin = math.ceil(now * SENSOR_RATE_HZ - _EPSILON)
+        self._processor = Processor(self._profile, self._sensor, self._raw, self._origin)
+        self._order: Order | None = None
+        self._due: dict[_Due, float] = {}
+        self._set_phase(Phase.BOOT)
+        self._due[_Due.BOOTED] = now + self._profile.boot_s
+
+    # --- a host's side
+
+    def read(self, address: int, count: int, now: float) -> tuple[int, ...]:
+        """Raw words 0…65535 of one moment. Raises RemoteProtocolError outside the memory."""
+        check_range(address, count)
+        self._advance(now)
+        return tuple(self._processor.read(address, count))
+
+    def write(self, address: int, words: Sequence[int], now: float) -> None:
+        """Write words in order of address. Raises RemoteProtocolError outside the memory."""
+        check_range(address, len(words))
+        self._advance(now)
+        for offset, word in enumerate(words):
+            self._write(address + offset, from_signed(word))
+
+    def read_word(self, address: int, now: float) -> int:
+        """One word, 0…65535. Raises RemoteProtocolError outside the memory."""
+        return self.read(address, 1, now)[0]
+
+    def write_word(self, address: int, value: int, now: float) -> None:
+        """One word; a negative value is its two's complement. Raises RemoteProtocolError outside the memory."""
+        self.write(address, (value,), now)
+
+    def command(self, code: int, now: float, word1: int = 0, word2: int = 0) -> float:
+        """Write the three command words; when command_word0 will be cleared, or be negative."""
+        self.write(_COMMAND_WORDS, (word2, word1, code), now)
+        return self._due.get(_Due.COMMAND, self._now)
+
+    def reset(self, now: float) -> None:
+        """Start the board's program anew. Assumed: what the host had written is lost."""
+        self._advance(now)
+        self._processor.sampling.cut()
+        self._start(self._now)
+
+    # --- the sensor's plug
+
+    def unplug(self, now: float) -> None:
+        """Pull the sensor's plug; harmless when it is out."""
+        self._advance(now)
+        if not self._plugged:
+            return
+        self._plugged = False
+        if self._phase is Phase.BOOT:
+            return
+        for due in (_Due.CALIBRATED, _Due.ZEROED):
+            self._due.pop(due, None)
+        self._processor.lose_sensor(zero=False)
+        self._set_phase(Phase.SILENT)
+        self._due[_Due.BARK] = self._now + self._profile.watch_dog_s
+
+    def plug_in(self, now: float) -> None:
+        """Put a sensor's plug in; harmless when one is in."""
+        self._advance(now)
+        if self._plugged:
+            return
+        self._plugged = True
+        if self._phase is not Phase.BOOT:
+            self._due.pop(_Due.BARK, None)
+            self._begin_reading(self._now)
+
+    # --- time
+
+    def _sample_at(self, time: float) -> int:
+        """Number of the newest sample at a time."""
+        return math.floor(time * SENSOR_RATE_HZ + _EPSILON) - self._origin
+
+    def _advance(self, now: float) -> None:
+        now = self._now = max(now, self._now)
+        while self._due:
+            due = min(self._due, key=lambda key: (self._due[key], key.value))
+            at = self._due[due]
+            if at > now:
+                break
+            del self._due[due]
+            self._run(at)
+            _HANDLERS[due](self, at)
+        self._run(now)
+
+    def _run(self, time: float) -> None:
+        computing = self._phase is Phase.RUNNING and not (self._order and self._order.busy)
+        processor = self._processor
+        settings = processor.settings if computing else None
+        processor.sampling.run(self._sample_at(time), settings, self._certain_sample)
+
+    def _certain_sample(self) -> int:
+        """The last sample that can be computed now and will most likely be needed."""
+        sample = self._sample_at(self._sensor.certain_until(self._now))
+        return min(sample, self._sample_at(min(self._due.values()))) if self._due else sample
+
+    # --- events
+
+    def _set_phase(self, phase: Phase) -> None:
+        self._phase = phase
+        status = self._processor.memory.status & int(Errors.SENSOR_CHANGE)
+        if self._order and self._order.busy:
+            status |= int(Errors.SYSTEM_BUSY)
+        if phase is Phase.UNPLUGGED:
+            status |= self._profile.unplugged_errors
+        elif phase in (Phase.BOOT, Phase.READING):
+            status |= int(Errors.CALIBRATION_CRC | Errors.SYSTEM_BUSY)
+        self._processor.memory.status = status
+
+    def _booted(self, at: float) -> None:
+        if self._plugged:
+            self._begin_reading(at)
+        else:
+            self._set_phase(Phase.UNPLUGGED)
+
+    def _begin_reading(self, at: float) -> None:
+        self._processor.forget_sensor()
+        self._set_phase(Phase.READING)
+        self._due[_Due.CALIBRATED] = at + self._profile.calibration_s
+
+    def _calibrated(self, at: float) -> None:
+        self._processor.identify_sensor()
+        self._set_phase(Phase.RUNNING)
+        self._due[_Due.ZEROED] = at + self._profile.offsets_zeroed_s
+
+    def _bark(self, _at: float) -> None:
+        self._processor.lose_sensor(zero=self._profile.unplugged_data == "zero")
+        self._set_phase(Phase.UNPLUGGED)
+
+    def _zeroed(self, _at: float) -> None:
+        self._processor.zero_offsets()
+
+    def _adopt(self, _at: float) -> None:
+        self._processor.adopt()
+
+    def _command_done(self, _at: float) -> None:
+        if self._order:
+            order, self._order = self._order, None
+            self._processor.finish(order)
+            self._set_phase(self._phase)
+
+    # --- writes
+
+    def _write(self, address: int, word: int) -> None:
+        match self._processor.write(address, word):
+            case Use.ADOPT:
+                self._adopt_soon()
+            case Use.COMMAND if word and self._order is None:
+                order, seconds = self._processor.begin()
+                self._order = order
+                self._due[_Due.COMMAND] = self._now + seconds
+
+    def _adopt_soon(self) -> None:
+        """Have the host's words looked at before the next sample whose number is a multiple of the period."""
+        period = self._profile.adoption_samples
+        sample = (self._processor.sampling.sample // period + 1) * period
+        self._due.setdefault(_Due.ADOPT, (self._origin + sample - 0.5) / SENSOR_RATE_HZ)
+
+
+_HANDLERS: dict[_Due, Callable[[Board, float], None]] = {
+    _Due.BOOTED: Board._booted,
+    _Due.CALIBRATED: Board._calibrated,
+    _Due.BARK: Board._bark,
+    _Due.ZEROED: Board._zeroed,
+    _Due.ADOPT: Board._adopt,
+    _Due.COMMAND: Board._command_done,
+}

@@ -1,0 +1,128 @@
+"""The board's memory as the host sees it: words that lie there, and words that are computed."""
+
+from collections.abc import Sequence
+from enum import Enum, auto
+from functools import lru_cache
+
+from emulators.jr3.board.data_path import Block
+from emulators.jr3.board.traces import pieces
+from emulators.jr3.sensor import SENSOR_RATE_HZ
+from protocol.jr3.board import (
+    CHANNELS,
+    CLOCK_HZ,
+    MEMORY_WORDS,
+    RAM_WORDS,
+    REGISTERS,
+    WORD_MODULUS,
+    from_signed,
+    register_at,
+)
+
+_ERRORS = REGISTERS["errors"].address
+_RATE_COUNT = REGISTERS["rate_count"].address
+_COUNT_X = REGISTERS["count_x"].address
+_RAW_WORDS = 4
+"""From one raw channel to the next."""
+
+
+class Use(Enum):
+    """What the board does with a word that the host has written."""
+
+    IGNORE = auto()
+    """The board's own; assumed: it writes it over at once."""
+    STORE = auto()
+    """Looked at when a command asks for it, or never."""
+    ADOPT = auto()
+    """Looked at every so many samples."""
+    COMMAND = auto()
+    RATE_COUNT = auto()
+    ERRORS = auto()
+    THRESHOLD_BITS = auto()
+
+
+_LIVE = (*(_RAW_WORDS * k for k in range(CHANNELS)), _RATE_COUNT, _COUNT_X)
+
+
+@lru_cache(maxsize=512)
+def _live(address: int, count: int) -> tuple[int, ...]:
+    return tuple(at for at in _LIVE if address <= at < address + count)
+
+
+_USES = {
+    "command_word0": Use.COMMAND,
+    "rate_count": Use.RATE_COUNT,
+    "errors": Use.ERRORS,
+    "threshold_bits": Use.THRESHOLD_BITS,
+    "command_word1": Use.STORE,
+    "command_word2": Use.STORE,
+    "full_scale": Use.STORE,
+}
+
+
+def use_of(address: int) -> Use:
+    """What the board does with a word that the host writes there."""
+    if address >= RAM_WORDS:
+        return Use.IGNORE
+    found = register_at(address)
+    if found is None:
+        return Use.STORE
+    register, _ = found
+    if not register.settable:
+        return Use.IGNORE
+    if register.name.startswith("transform"):
+        return Use.STORE
+    return _USES.get(register.name, Use.ADOPT)
+
+
+class Memory:
+    """16 k words. `channels` has a bit for each raw channel that is received."""
+
+    def __init__(self, channels: int, idle_hz: float) -> None:
+        self.words = [0] * MEMORY_WORDS
+        self.status = 0
+        """Bits of `errors` beside those of saturation."""
+        self._channels = channels
+        self._idle_per_sample = idle_hz / SENSOR_RATE_HZ
+
+    def read(self, address: int, count: int, block: Block, sample: int) -> list[int]:
+        """Words after a sample of a block."""
+        words = self.words[address : address + count]
+        for piece in pieces(address, count):
+            trace = block.traces[piece.trace]
+            end = piece.offset + piece.end - piece.begin
+            words[piece.offset : end] = trace.unsigned[piece.begin : piece.end, trace.index(sample)].tolist()
+        for at in _live(address, count):
+            words[at - address] = self._live_word(at, block, sample)
+        if address <= _ERRORS < address + count:
+            words[_ERRORS - address] |= self.status
+        return words
+
+    def _live_word(self, at: int, block: Block, sample: int) -> int:
+        """A word that follows from the number of the sample alone."""
+        if at == _RATE_COUNT:
+            return block.rate_count(sample)
+        if at == _COUNT_X:
+            return int((sample + 1) * self._idle_per_sample) % WORD_MODULUS
+        if not self._channels >> at // _RAW_WORDS & 1:
+            return 0
+        # Assumed: all channels of a sample come at once.
+        return (block.sampled(sample) + 1) * CLOCK_HZ // SENSOR_RATE_HZ % WORD_MODULUS
+
+    def get(self, name: str) -> tuple[int, ...]:
+        """Words that lie in a register, with their sign."""
+        register = REGISTERS[name]
+        return register.values(self.words[register.address : register.address + register.count])
+
+    def value(self, name: str) -> int:
+        """A register of one word."""
+        return self.get(name)[0]
+
+    def put(self, name: str, *values: int) -> None:
+        """Words into a register from its start."""
+        address = REGISTERS[name].address
+        self.words[address : address + len(values)] = map(from_signed, values)
+
+    def slots(self, name: str) -> Sequence[int]:
+        """All words from the start of a slot to the end of its table, for an entry may be longer than its slot."""
+        table = REGISTERS[name.rstrip("0123456789") + "15"]
+        return self.words[REGISTERS[name].address : table.address + table.count]

@@ -1,0 +1,85 @@
+"""The board's samples: which have been computed, how far ahead, and what becomes of them when settings change."""
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emulators.jr3.board.data_path import Block, PathSettings, PathState, block, held
+from emulators.jr3.sensor import Jr3Sensor
+
+Samples = NDArray[np.int64]
+
+_LONGEST = 8192
+"""Most samples computed at once: as many as the processor's cache holds."""
+_AHEAD = 1024
+"""Most samples computed ahead, so that what a host's write throws away stays cheap."""
+
+
+class RawSamples:
+    """The sensor's readings by absolute sample number; what was read too early is kept, none is read twice."""
+
+    def __init__(self, sensor: Jr3Sensor) -> None:
+        self._sensor = sensor
+        self._first = 0
+        self._kept: Samples = np.empty((0, 6), np.int64)
+
+    def take(self, first: int, last: int) -> Samples:
+        """Readings of samples `first` … `last` − 1. Those before are lost."""
+        kept = self._kept[max(0, first - self._first) :]
+        if len(kept) >= last - first:
+            self._first, self._kept = last, kept[last - first :]
+            return kept[: last - first]
+        self._first, self._kept = last, kept[:0]
+        fresh = self._sensor.raw(np.arange(first + len(kept), last))
+        return np.concatenate([kept, fresh]) if len(kept) else fresh
+
+    def give_back(self, samples: Samples) -> None:
+        """Keep what was taken last but not used."""
+        self._first -= len(samples)
+        self._kept = np.concatenate([samples, self._kept])
+
+
+class Sampling:
+    """Runs the data path up to the sample asked for, and further where the sensor is certain.
+
+    Samples have the numbers 0, 1, … from `origin`, the absolute number of the first one.
+    """
+
+    def __init__(self, raw: RawSamples, origin: int, state: PathState) -> None:
+        self._raw = raw
+        self._origin = origin
+        self.block: Block = held(state, 0, 0)
+        self._settings: PathSettings | None = None
+        self.sample = -1
+        """The newest sample that a host may see."""
+
+    def run(self, sample: int, settings: PathSettings | None, ahead: Callable[[], int]) -> None:
+        """Let samples pass up to and including one; without settings nothing is computed of them.
+
+        `ahead` tells the last sample that may be computed already.
+        """
+        while self.block.end <= sample:
+            start, state = self.block.end, self.block.after
+            if settings is None:
+                self.block = held(state, start, sample + 1)
+                continue
+            end = min(max(sample, min(ahead(), start + _AHEAD - 1)) + 1, start + _LONGEST)
+            raw = self._raw.take(self._origin + start, self._origin + end)
+            self.block = block(state, settings, raw, start)
+            self._settings = settings
+        self.sample = max(self.sample, sample)
+
+    def cut(self) -> PathState:
+        """Give up what was computed ahead and tell the state after the newest sample."""
+        ahead, seen = self.block, self.sample + 1 - self.block.start
+        state = ahead.after
+        if ahead.raw is not None and self._settings is not None and self.sample + 1 < ahead.end:
+            self._raw.give_back(ahead.raw[seen:])
+            state = block(ahead.before, self._settings, ahead.raw[:seen], ahead.start).after
+        self.resume(state)
+        return state
+
+    def resume(self, state: PathState) -> None:
+        """Go on from another state after a cut."""
+        self.block = held(state, self.sample + 1, self.sample + 1)

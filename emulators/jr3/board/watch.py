@@ -1,0 +1,60 @@
+"""What the board does with words that the host points it to: rate, peaks, load envelopes."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emulators.jr3.board.traces import COLUMNS, Traces, Words, pieces
+from protocol.jr3.board import LoadEnvelope
+
+WATCHED = 8
+"""Neighbouring words that rate and peaks look at."""
+
+
+def series(
+    traces: Traces, constants: Mapping[int, int], address: int, samples: NDArray[np.int64]
+) -> NDArray[np.int16]:
+    """A word after each of these samples; a word that is not computed keeps its value."""
+    name, word = COLUMNS.get(address, ("", 0))
+    if name in traces:
+        return traces[name].at(word, samples)
+    return np.full(len(samples), constants.get(address, 0), np.int16)
+
+
+def watched(
+    traces: Traces, constants: Mapping[int, int], address: int, samples: NDArray[np.int64]
+) -> NDArray[np.int16]:
+    """Eight neighbouring words (8, n) after each of these samples."""
+    return np.stack([series(traces, constants, address + i, samples) for i in range(WATCHED)])
+
+
+def peaks(traces: Traces, constants: Mapping[int, int], address: int, start: int) -> tuple[Words, Words]:
+    """Lowest and highest (8,) of eight neighbouring words over the block of samples from `start`."""
+    still = [constants.get(address + i, 0) for i in range(WATCHED)]
+    lowest, highest = np.array(still, np.int16), np.array(still, np.int16)
+    for piece in pieces(address, WATCHED):
+        trace = traces[piece.trace]
+        seen = trace.values[piece.begin : piece.end, trace.index(start) :]
+        part = slice(piece.offset, piece.offset + piece.end - piece.begin)
+        lowest[part], highest[part] = seen.min(axis=1), seen.max(axis=1)
+    return lowest, highest
+
+
+def latch(
+    traces: Traces,
+    constants: Mapping[int, int],
+    envelope: LoadEnvelope,
+    ticks: NDArray[np.int64],
+    standing: int,
+) -> NDArray[np.int64]:
+    """Word threshold_bits after each tick; of the word that stood there the latched bits stay."""
+    bits = np.zeros(len(ticks), np.int64)
+    for item in envelope.at_least:
+        reached = series(traces, constants, item.data_address, ticks) >= item.threshold
+        bits |= np.where(reached, item.bit_pattern, 0)
+    for item in envelope.at_most:
+        reached = series(traces, constants, item.data_address, ticks) <= item.threshold
+        bits |= np.where(reached, item.bit_pattern, 0)
+    latched = np.bitwise_or.accumulate(bits & envelope.latch_bits) | (standing & envelope.latch_bits)
+    return latched | bits & ~envelope.latch_bits
