@@ -393,3 +393,10 @@ def test_garbage_then_a_boot_up_recovers(garbage: list[CanFrame]) -> None:
 def test_profile_refuses(wrong: dict[str, object]) -> None:
     with pytest.raises(ValueError, match=next(iter(wrong))):
         GatewayClientProfile(**wrong)  # type: ignore[arg-type]
+
+
+def test_the_delay_follows_the_cut_off() -> None:
+    client = ready()
+    assert client.delay == GatewayClientProfile().delay == pytest.approx(0.0159, abs=1e-4)
+    client.set_filter(0.0)
+    assert client.delay == 0.0
