@@ -117,7 +117,7 @@ class Cell:
             tool_length=length,
             site=site,
         )
-        self.sensor = Jr3Sensor(profile.sensor, self.wrench, seed)
+        self.sensor = Jr3Sensor(profile.sensor, self.wrench, seed, self.robot.motion.certain_until)
         """What every receiver of the sensor reads. A sensor has one plug: use one receiver of a cell."""
         self._profile = profile
         self._powered_at = now

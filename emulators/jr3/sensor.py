@@ -4,6 +4,7 @@ A gateway takes counts of the wrench; a receiver board takes the raw channels, w
 decouples.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -19,6 +20,8 @@ SENSOR_RATE_HZ = 8000
 _AXES = 6
 _SINGULAR = 1e6
 """Condition number from which six channels do not tell six axes apart."""
+_AHEAD = 4096
+"""Chosen: most samples computed before anybody asks for them."""
 _CHUNK = 1024
 """Samples of noise drawn at once; part of what a seed means, so not to be changed."""
 
@@ -112,6 +115,9 @@ class Jr3Sensor:
         self._raw_per_wrench = self._counts_per_unit[:, np.newaxis] * profile.coupling_matrix
         self.calibration: NDArray[np.float64] = np.asarray(np.linalg.inv(self._raw_per_wrench), np.float64)
         """What makes a wrench in N and N·m of raw channels 1 … 6: wrench = raw @ calibration."""
+        self._ready = np.empty((0, _AXES), dtype=np.int64)
+        """Counts of the samples from number `_ready_from` on that were computed already."""
+        self._ready_from = 0
         self._chunk_number: int | None = None
         self._chunk = np.empty((0, 6))
 
@@ -120,6 +126,23 @@ class Jr3Sensor:
 
         Noise belongs to the sample number: it is the same whatever the blocks in which samples are read.
         """
+        if not len(indices):
+            return np.empty((0, _AXES), dtype=np.int64)
+        first, last = int(indices[0]), int(indices[-1])
+        begin, ready = self._ready_from, self._ready_from + len(self._ready)
+        if not begin <= first <= ready:
+            begin = ready = first
+        if last >= ready:
+            ahead = math.floor(self.certain_until(last / SENSOR_RATE_HZ) * SENSOR_RATE_HZ)
+            end = max(last + 1, min(ahead, last + _AHEAD))
+            fresh = self._counts(np.arange(ready, end))
+            # What was read last is kept: a reader may begin anew at the same moment.
+            kept = self._ready[max(first - self._ready_from, 0) :] if ready > first else fresh[:0]
+            self._ready, self._ready_from = np.concatenate((kept, fresh)), first
+            begin = first
+        return self._ready.take(indices - begin, axis=0)
+
+    def _counts(self, indices: NDArray[np.int64]) -> NDArray[np.int64]:
         counts = self._wrench_at(indices / SENSOR_RATE_HZ) * self._counts_per_unit
         if self.profile.noise_counts:
             counts += self._noise(indices)

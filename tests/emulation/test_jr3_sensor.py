@@ -35,7 +35,32 @@ def test_samples_lie_on_the_absolute_grid() -> None:
         return np.zeros((len(times), 6))
 
     Jr3Sensor(SensorProfile(), wrench_at, seed=1).counts(np.array([FIRST, FIRST + 3]))
-    assert asked == [FIRST / 8000, (FIRST + 3) / 8000]
+    assert asked == [k / 8000 for k in range(FIRST, FIRST + 4)]
+
+
+def test_physics_is_asked_once_for_each_sample_as_far_ahead_as_it_is_certain() -> None:
+    asked: list[float] = []
+
+    def wrench_at(times: NDArray[np.float64]) -> NDArray[np.float64]:
+        asked.extend(times.tolist())
+        return np.outer(times % 1.0, np.arange(1.0, 7.0))
+
+    def certain_until(now: float) -> float:
+        return now + 0.0101
+
+    ahead = Jr3Sensor(SensorProfile(), wrench_at, 3, certain_until)
+    parts = [ahead.counts(np.arange(FIRST + 17 * k, FIRST + 17 * (k + 1))) for k in range(40)]
+    again = ahead.counts(np.arange(FIRST + 17 * 39, FIRST + 17 * 41))
+    assert asked == [k / 8000 for k in range(FIRST, FIRST + len(asked))]
+    assert FIRST + 17 * 41 <= FIRST + len(asked) <= FIRST + 17 * 41 + 81
+    plain = Jr3Sensor(SensorProfile(), wrench_at, 3)
+    expected = plain.counts(np.arange(FIRST, FIRST + 17 * 41))
+    assert np.array_equal(np.concatenate((*parts[:-1], again)), expected)
+    assert np.array_equal(parts[-1], again[:17])
+    # what nobody asks for is left out, and goes on where it is asked for again
+    asked.clear()
+    assert np.array_equal(ahead.counts(np.array([FIRST + 9000])), plain.counts(np.array([FIRST + 9000])))
+    assert asked[0] == (FIRST + 9000) / 8000
 
 
 @settings(max_examples=30, deadline=None)
