@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from emulators.contact import Contact, SurfaceProfile
 from emulators.jr3 import Gateway, GatewayProfile, Jr3Sensor, SensorProfile, UartGateway, UartGatewayProfile
+from emulators.jr3.board import Board, BoardProfile
 from emulators.jr3.sensor import SENSOR_RATE_HZ
 from emulators.robot import EMPTY_SITE, Joints, S3Controller, S3Profile, S3Site, ServoProfile
 from protocol.adlp import LinkProfile
@@ -64,6 +65,7 @@ class CellProfile:
     sensor: SensorProfile = field(default_factory=SensorProfile)
     gateway: GatewayProfile = field(default_factory=GatewayProfile)
     uart_gateway: UartGatewayProfile = field(default_factory=UartGatewayProfile)
+    board: BoardProfile = field(default_factory=BoardProfile)
     start_position_mm: tuple[float, float, float] = setting(
         (900.0, -100.0, 600.0),
         Mark.CHOSEN,
@@ -99,8 +101,8 @@ class TrueState:
 class Cell:
     """A robot, and a sensor that touches what it touches, each behind its wire.
 
-    `robot` and `uart_gateway` are endpoints of bytes, `gateway` is one of CAN frames. Raises ValueError for a start
-    outside the robot's work area.
+    `robot` and `uart_gateway` are endpoints of bytes, `gateway` is one of CAN frames, `board` is registers. Raises
+    ValueError for a start outside the robot's work area.
     """
 
     def __init__(self, profile: CellProfile, now: float, seed: int, site: S3Site = EMPTY_SITE) -> None:
@@ -137,6 +139,11 @@ class Cell:
     def uart_gateway(self) -> UartGateway:
         """The sensor's UART gateway, powered with the cell."""
         return UartGateway(self._profile.uart_gateway, self.sensor, self._powered_at)
+
+    @cached_property
+    def board(self) -> Board:
+        """The sensor's receiver board, powered with the cell."""
+        return Board(self._profile.board, self.sensor, self._powered_at)
 
     def wrench(self, times: Floats) -> Floats:
         """Wrench (n, 6) on the tool about the sensor's origin in the sensor frame, N and N·m.

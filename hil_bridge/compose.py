@@ -1,5 +1,6 @@
 """The composition root: which wire, which device and which emulator are joined. No other module knows both sides."""
 
+import logging
 from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass, replace
@@ -16,6 +17,7 @@ from hil_bridge.errors import ConfigError, TransportClosed, TransportError
 from hil_bridge.orders_file import read_orders
 from hil_bridge.program_folder import read_programs
 from hil_bridge.pump import Pump
+from hil_bridge.registers import BOARD, ListenerProfile, connect_board, serve_board
 from hil_bridge.transports import (
     Frames,
     Parity,
@@ -29,6 +31,9 @@ from hil_bridge.transports.urls import CONNECT_BYTES, LISTEN_BYTES, parse_url
 from protocol.adlp import LinkProfile
 from protocol.arap import KNOWN, OrderBook
 from protocol.jr3 import GATEWAY_BITRATE, UART_BAUDRATE, GatewayClient, SensorFrame, UartGatewayClient
+from protocol.jr3.registers import BoardClient
+
+_LOG = logging.getLogger(__name__)
 
 SLCAN = "can+slcan+"
 """Before a listening byte URL: an emulated slcan adapter on that wire."""
@@ -130,6 +135,9 @@ async def connect_sensor(
 
     Raises ConfigError for the URL, TransportUnavailable for the wire.
     """
+    if url.startswith(BOARD):
+        server, board = await connect_board(url, sensor.board, clock)
+        return ForceSensor(server, BoardClient(board, clock.now()), clock, on_frame, on_notice)
     if (line := uart_wire(url, CONNECT_BYTES)) is not None:
         client = UartGatewayClient(sensor.uart, clock.now())
         return ForceSensor(await connect_bytes(line, clock), client, clock, on_frame, on_notice)
@@ -247,7 +255,13 @@ async def emulated_cell(
             if robot.startswith("memory:"):  # pacing is done at the connecting end of a memory wire
                 robot += f"?{_line(profile.link)}"
         uart = None if ports.sensor is None else uart_wire(ports.sensor, LISTEN_BYTES)
-        if uart is not None:
+        if ports.sensor is not None and ports.sensor.startswith(BOARD):
+            served = await serve_board(
+                ports.sensor, cell.board, ListenerProfile(), clock, _LOG.warning, ended
+            )
+            stack.push_async_callback(served.aclose)
+            sensor = served.address
+        elif uart is not None:
             bytes_at = await listen_bytes(uart, clock)
             attach(cell.uart_gateway, bytes_at.transport)
             sensor = bytes_at.address + ("&" if "?" in bytes_at.address else "?") + _UART_GATEWAY

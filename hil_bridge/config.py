@@ -30,6 +30,7 @@ from hil_bridge.control.controllers import controller_kind
 from hil_bridge.errors import ConfigError
 from protocol.adlp import LinkProfile
 from protocol.jr3 import GatewayClientProfile, UartGatewayClientProfile
+from protocol.jr3.registers import BoardClientProfile
 from protocol.marks import Setting, settings
 
 Vector = tuple[float, float, float]
@@ -81,7 +82,7 @@ class SensorConfig(_Section):
 
     url: str = ""
     """can+socketcan://can0 or can+slcan:///dev/ttyACM0 for a CAN gateway, serial:///dev/ttyACM0?gateway=jr3 for a
-    UART gateway; empty starts the emulated sensor.
+    UART gateway, jr3+tcp://host:1762?filter=2 for a receiver board; empty starts the emulated sensor.
     """
     mounting_deg: float = 0.0
     """Rotation of the sensor about the tool's z axis: angle from the tool's x axis to the sensor's."""
@@ -103,6 +104,8 @@ class SensorConfig(_Section):
     """Moments that the sensor reads with nothing on it, mx my mz as it counts; used where no zero is taken."""
     gateway: GatewayClientProfile = GatewayClientProfile()
     """What the client asks of a CAN gateway."""
+    board: BoardClientProfile = BoardClientProfile()
+    """What the client asks of a receiver board."""
     uart: UartGatewayClientProfile = UartGatewayClientProfile()
     """What the client asks of a UART gateway."""
 

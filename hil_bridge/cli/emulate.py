@@ -14,7 +14,7 @@ import click
 @click.option(
     "--sensor-port",
     metavar="URL",
-    help="Where the sensor's CAN gateway is.  [default: slcan on a pseudo-terminal]",
+    help="Where the sensor's gateway or board is.  [default: CAN, slcan on a pseudo-terminal]",
 )
 @click.option("--seed", type=int, help="Seed of every random draw in the devices.")
 @click.option("--json", "as_json", is_flag=True, help="Print where they listen as one line of JSON.")
@@ -29,7 +29,8 @@ def emulate(
     """Serve the emulated cell, or its robot or sensor alone, until stopped with Ctrl-C.
 
     Ports to listen on: pty:?baudrate=9600&parity=E, tcp-listen://127.0.0.1:0?baudrate=9600&parity=E for the robot;
-    can+slcan+pty:, can+socketcan://vcan0 for the sensor.
+    can+slcan+pty:, can+socketcan://vcan0 for the sensor's CAN gateway, pty:?gateway=jr3 for its UART gateway,
+    jr3+tcp-listen://127.0.0.1:0 for its receiver board.
     """
     from hil_bridge.compose import Ports, real_ports
     from hil_bridge.config import load_config
