@@ -1,13 +1,18 @@
 """The emulated JR3 force/torque sensor and what stands before it."""
 
+from emulators.jr3.board import Board, BoardProfile, IsaPorts, IsaProfile
 from emulators.jr3.can_gateway import Gateway, GatewayProfile
 from emulators.jr3.sensor import SENSOR_RATE_HZ, Jr3Sensor, SensorProfile
 from emulators.jr3.uart_gateway import UartGateway, UartGatewayProfile
 
 __all__ = [
     "SENSOR_RATE_HZ",
+    "Board",
+    "BoardProfile",
     "Gateway",
     "GatewayProfile",
+    "IsaPorts",
+    "IsaProfile",
     "Jr3Sensor",
     "SensorProfile",
     "UartGateway",

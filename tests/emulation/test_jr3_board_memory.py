@@ -1,0 +1,509 @@
+"""The board as a host sees it: power-up, words, commands, full scales, offsets, plug, ISA ports."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from emulators.jr3.board import Board, BoardProfile, IsaPorts, IsaProfile
+from emulators.jr3.sensor import Jr3Sensor, SensorProfile
+from protocol.endpoint import RemoteProtocolError
+from protocol.jr3.board import (
+    COMMANDS,
+    MEMORY_WORDS,
+    REGISTERS,
+    CommandCode,
+    Errors,
+    Link,
+    LinkType,
+    Warnings,
+    encode_transform,
+    from_signed,
+    to_signed,
+)
+
+Floats = NDArray[np.float64]
+POWERED = 1000.0003
+"""Not on the sensor's grid."""
+STEADY = POWERED + 4.0
+"""After the board has zeroed its offsets."""
+QUIET = SensorProfile(noise_counts=0.0, adc_bits=16)
+LOAD = (11.5, -22.2, 37.0, 0.56, -1.04, 1.22)
+"""A tenth, a fifth of full scale: 1638, −3277, 3277, 1638, −3277, 3277 counts."""
+LOAD_COUNTS = (1638, -3277, 3277, 1638, -3277, 3277)
+
+
+def constant(*wrench: float) -> Callable[[Floats], Floats]:
+    return lambda times: np.tile(np.array(wrench), (len(times), 1))
+
+
+def loaded_from(time: float, wrench: tuple[float, ...] = LOAD) -> Callable[[Floats], Floats]:
+    return lambda times: np.outer(times >= time, wrench)
+
+
+UNLOADED = constant(*[0.0] * 6)
+
+
+def board_of(
+    wrench_at: Callable[[Floats], Floats] = UNLOADED,
+    profile: BoardProfile | None = None,
+    sensor: SensorProfile = QUIET,
+    certain_until: Callable[[float], float] | None = None,
+) -> Board:
+    return Board(profile or BoardProfile(), Jr3Sensor(sensor, wrench_at, 7, certain_until), POWERED)
+
+
+def get(board: Board, name: str, now: float) -> tuple[int, ...]:
+    register = REGISTERS[name]
+    return register.values(board.read(register.address, register.count, now))
+
+
+def put(board: Board, name: str, values: tuple[int, ...], now: float) -> None:
+    board.write(REGISTERS[name].address, values, now)
+
+
+def do(board: Board, code: int, now: float, word1: int = 0, word2: int = 0) -> tuple[int, int, float]:
+    """A command: command_word0 and command_word2 when it is done, and the time then."""
+    done = board.command(code, now, word1, word2)
+    assert done > now
+    assert get(board, "command_word0", done - 1e-6)[0] == to_signed(code)
+    return get(board, "command_word0", done)[0], board.read_word(0xE5, done), done
+
+
+# --- power-up
+
+
+def test_power_up_reads_the_calibration_and_says_whose() -> None:
+    board = board_of(constant(*LOAD))
+    assert get(board, "model_no", POWERED)[0] == 0
+    assert get(board, "errors", POWERED + 0.04)[0] == Errors.CALIBRATION_CRC | Errors.SYSTEM_BUSY
+    assert get(board, "filter0", POWERED + 0.04) == (0,) * 8
+    at = POWERED + 0.06
+    assert get(board, "errors", at) == (0,)
+    assert [get(board, name, at)[0] for name in ("model_no", "serial_no", "units", "bits", "last_crc")] == [
+        *(1, 1001, 1, 16, 0),
+    ]
+    assert get(board, "default_fs", at) == (115, 111, 185, 56, 52, 61)
+    assert get(board, "full_scale", at) == (115, 111, 185, 56, 52, 61, 185, 61)
+    assert get(board, "filter0", at)[:6] == LOAD_COUNTS
+    text = "".join(chr(word >> 8) for word in get(board, "copyright", at))
+    assert text.rstrip("\0") == "Emulated JR3 receiver"
+    assert get(board, "thickness", at) == (318,)
+
+
+def test_the_board_zeroes_its_offsets_once() -> None:
+    board = board_of(constant(*LOAD))
+    zeroed = POWERED + 0.02 + 0.033 + 2.0
+    assert get(board, "filter0", zeroed - 1e-3)[:6] == LOAD_COUNTS
+    assert get(board, "offsets", zeroed - 1e-3) == (0,) * 6
+    assert get(board, "offsets", zeroed + 1e-3) == LOAD_COUNTS
+    assert get(board, "filter0", zeroed + 1e-3)[:6] == (0,) * 6
+    assert get(board, "offsets", zeroed + 60.0) == LOAD_COUNTS
+
+
+def test_words_of_the_host_are_lost_with_a_reset() -> None:
+    board = board_of(constant(*LOAD))
+    put(board, "transform3", (3, 100, 0), STEADY)
+    board.reset(STEADY)
+    assert get(board, "model_no", STEADY)[0] == 0
+    assert get(board, "count1", STEADY + 0.02)[0] == 0
+    assert get(board, "transform3", STEADY + 0.1)[:2] == (0, 0)
+    assert get(board, "filter0", STEADY + 0.1)[:6] == LOAD_COUNTS
+
+
+@pytest.mark.parametrize(
+    ("units", "words"),
+    [
+        (0, (26, 25, 42, 50, 46, 54)),
+        (1, (115, 111, 185, 56, 52, 61)),
+        (2, (117, 113, 189, 57, 53, 62)),
+    ],
+)
+def test_full_scales_are_told_in_the_boards_units(units: int, words: tuple[int, ...]) -> None:
+    """By hand: 115 N = 25.85 lb, 5.6 N·m = 49.6 in·lb, 115 N = 11.73 kgf, 5.6 N·m = 57.1 kgf·cm."""
+    board = board_of(constant(*LOAD), BoardProfile(units=units))  # type: ignore[arg-type]
+    assert get(board, "default_fs", POWERED + 0.1) == words
+
+
+# --- reading and writing
+
+
+def test_only_the_memory_can_be_read_and_written() -> None:
+    board = board_of()
+    for address, count in ((MEMORY_WORDS, 1), (-1, 1), (MEMORY_WORDS - 1, 2)):
+        with pytest.raises(RemoteProtocolError):
+            board.read(address, count, STEADY)
+        with pytest.raises(RemoteProtocolError):
+            board.write(address, [0] * count, STEADY)
+    assert len(board.read(0, MEMORY_WORDS, STEADY)) == MEMORY_WORDS
+
+
+def test_what_the_board_owns_keeps_its_value() -> None:
+    board = board_of()
+    for name in ("model_no", "units", "filter3", "count2", "default_fs", "software_ver"):
+        before = get(board, name, STEADY)
+        put(board, name, (77,), STEADY)
+        assert get(board, name, STEADY) == before, name
+    board.write_word(0x2000, 5, STEADY)
+    assert board.read_word(0x2000, STEADY) == 0
+    board.write_word(0x1FFF, -5, STEADY)
+    assert board.read_word(0x1FFF, STEADY) == 0xFFFB
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.lists(
+        st.tuples(
+            st.one_of(st.integers(0x60, 0x2FF), st.integers(0, MEMORY_WORDS - 1)),
+            st.one_of(
+                st.integers(0, 0xFFFF), st.sampled_from([c | a for c in CommandCode for a in (0, 1, 15)])
+            ),
+            st.floats(0.0, 0.01),
+        ),
+        max_size=25,
+    )
+)
+def test_nonsense_of_a_host_raises_nothing(writes: list[tuple[int, int, float]]) -> None:
+    board, now = board_of(constant(*LOAD)), POWERED + 0.06
+    for address, word, wait in writes:
+        now += wait
+        board.write_word(address, word, now)
+        assert all(0 <= word <= 0xFFFF for word in board.read(0, 0x300, now))
+        board.command(word, now, address, word)
+    assert get(board, "command_word0", now + 0.1)[0] <= 0
+
+
+def test_live_words_of_the_host_are_seen_within_16_samples() -> None:
+    board = board_of()
+    for k in range(16):
+        at = STEADY + k * 0.0101
+        put(board, "offsets", (100 + k,), at)
+        assert get(board, "offsets", at)[0] == 100 + k
+        seen = [get(board, "filter0", at + i / 8000)[0] for i in range(1, 17)]
+        assert seen[-1] == -100 - k
+        assert set(seen) <= {-100 - k, -99 - k, 0}
+        # Before sample number 16 m of the board's own count, whenever the host wrote.
+        change = next(i for i, value in enumerate(seen, start=1) if value == -100 - k)
+        number = int(np.floor((at + change / 8000) * 8000 + 1e-6)) - int(np.ceil(POWERED * 8000))
+        assert number % 16 == 0
+
+
+def test_clock_words_and_idle_count_go_on() -> None:
+    board = board_of()
+    first, later = board.read(4, 4, STEADY), board.read(4, 4, STEADY + 1 / 8000)
+    assert (later[0] - first[0]) % 65536 == 125
+    assert board.read(4 * 9, 1, STEADY) == (0,)
+    count = get(board, "count_x", STEADY)[0]
+    assert (get(board, "count_x", STEADY + 0.1)[0] - count) % 65536 == pytest.approx(5000, abs=10)
+
+
+def test_counters_tick_at_the_filters_rates_and_wrap() -> None:
+    board = board_of()
+    before = [get(board, f"count{n}", STEADY)[0] for n in range(1, 7)]
+    after = [get(board, f"count{n}", STEADY + 16.384)[0] for n in range(1, 7)]
+    ticks = [(b - a) % 65536 for a, b in zip(before, after, strict=True)]
+    assert ticks == [131072 % 65536, 32768, 8192, 2048, 512, 128]
+
+
+# --- commands
+
+
+@pytest.mark.parametrize("which", ["typical", "maximum"])
+def test_commands_take_the_manuals_times(which: str) -> None:
+    board = board_of(profile=BoardProfile(command_times=which))  # type: ignore[arg-type]
+    now = STEADY
+    for code, info in COMMANDS.items():
+        _, _, done = do(board, code, now, 0x40)
+        assert done - now == pytest.approx(info.typical if which == "typical" else info.maximum)
+        now = done + 0.01
+
+
+def test_memory_commands() -> None:
+    board = board_of()
+    now = STEADY
+    assert do(board, 0x0100, now, 0xF9)[:2] == (0, 1)
+    assert do(board, 0x0200, now + 1, 0x1234, 0x00F0)[:2] == (0, 0)
+    assert do(board, 0x0300, now + 2, 0x1234, 0x0F01)[:2] == (0, 0x00F0)
+    assert do(board, 0x0400, now + 3, 0x1234, 0x0011)[:2] == (0, 0x0FF1)
+    assert board.read_word(0x1234, now + 4) == 0x0FE0
+    assert do(board, 0x0200, now + 5, REGISTERS["offsets"].address, 50)[0] == 0
+    assert get(board, "filter0", now + 5.1)[0] == -50
+
+
+@pytest.mark.parametrize(
+    ("code", "word1"), [(0x0D00, 0), (0x0001, 0), (0x0510, 0), (0x8000, 0), (0x0100, 0x4000), (0x0200, 0xF9)]
+)
+def test_wrong_commands_answer_minus_one(code: int, word1: int) -> None:
+    board = board_of()
+    assert do(board, code, STEADY, word1)[0] == -1
+    assert do(board, 0x0100, STEADY + 1, 0xF9)[0] == 0
+
+
+def test_a_command_written_while_another_runs_is_lost() -> None:
+    board = board_of()
+    done = board.command(0x0500, STEADY)
+    assert board.command(0x0603, STEADY + 1e-3) == done
+    assert get(board, "command_word0", done) == (0,)
+    assert get(board, "offset_num", done + 0.1) == (0,)
+
+
+def test_busy_while_a_transform_or_full_scales_are_worked_out() -> None:
+    board = board_of(constant(*LOAD))
+    put(board, "transform2", encode_transform([Link(LinkType.TRANSLATE_X, 0)] * 4), STEADY)
+    done = board.command(0x0502, STEADY)
+    assert done - STEADY == pytest.approx(2.25e-3 + 4 * 0.75e-3)
+    count = get(board, "count1", STEADY + 1e-3)
+    assert get(board, "errors", STEADY + 1e-3)[0] == Errors.SYSTEM_BUSY
+    assert get(board, "count1", done - 1e-4) == count
+    assert get(board, "errors", done) == (0,)
+    assert get(board, "transform_num", done) == (2,)
+    assert get(board, "count1", done + 1e-3)[0] == count[0] + 8
+    later = done + 0.1
+    assert board.command(0x0A00, later) - later == pytest.approx(3.4e-3 + 4 * 0.75e-3)
+
+
+def test_full_scales_change_the_counts_and_vectors() -> None:
+    at = STEADY + 1.0
+    board = board_of(loaded_from(at))
+    put(board, "full_scale", (230, 222, 370, 112, 104, 122), STEADY)
+    assert do(board, 0x0A00, STEADY)[0] == 0
+    assert get(board, "full_scale", at) == (230, 222, 370, 112, 104, 122, 370, 122)
+    assert get(board, "filter0", at + 0.1)[:6] == (819, -1638, 1638, 819, -1638, 1638)
+    assert get(board, "min_full_scale", at) == (115, 111, 185, 56, 52, 61)
+    assert get(board, "max_full_scale", at) == (115, 111, 185, 56, 52, 61)
+
+
+def test_max_full_scale_keeps_every_step_of_the_converter() -> None:
+    board = board_of(sensor=SensorProfile(noise_counts=0.0, adc_bits=14))
+    assert get(board, "min_full_scale", STEADY) == (115, 111, 185, 56, 52, 61)
+    assert get(board, "max_full_scale", STEADY) == (460, 444, 740, 224, 208, 244)
+    assert get(board, "sat_value", STEADY) == (32768 - 4,)
+
+
+@pytest.mark.parametrize("wrong", [0, -1, -32768])
+def test_a_full_scale_that_is_none_is_refused(wrong: int) -> None:
+    board = board_of(constant(*LOAD))
+    put(board, "full_scale", (115, 111, wrong), STEADY)
+    assert do(board, 0x0A00, STEADY)[0] == -1
+    assert get(board, "errors", STEADY + 1) == (0,)
+
+
+def test_small_full_scales_saturate_and_smaller_ones_overflow() -> None:
+    at = STEADY + 1.0
+    sensor = SensorProfile(full_scales_n=(1000.0, 1000.0, 1000.0), noise_counts=0.0, adc_bits=16)
+    board = board_of(loaded_from(at, (100.0, -100.0, 10.0, 0.0, 0.0, 0.0)), sensor=sensor)
+    put(board, "full_scale", (10, 10, 3), STEADY)
+    do(board, 0x0A00, STEADY)
+    fx, fy, fz = get(board, "filter0", at + 0.1)[:3]
+    assert (fx, fy) == (32767, -32768)
+    # 0.3 % of min_full_scale: 10 N are 54613 counts, which wrap.
+    assert fz == pytest.approx(10 / 3 * 16384 - 65536, abs=70)
+
+
+def test_offsets_and_their_slots() -> None:
+    at = STEADY + 1.0
+    board = board_of(loaded_from(at))
+    now = at + 1.0
+    assert do(board, 0x0800, now)[0] == 0
+    assert get(board, "offsets", now + 0.1) == LOAD_COUNTS
+    assert get(board, "filter0", now + 0.1)[:6] == (0,) * 6
+    assert do(board, 0x0700, now + 0.1)[0] == 0
+    assert do(board, 0x060F, now + 0.2)[0] == 0
+    assert get(board, "offset_num", now + 0.3) == (15,)
+    assert get(board, "offsets", now + 0.3) == (0,) * 6
+    assert get(board, "filter0", now + 0.3)[:6] == LOAD_COUNTS
+    do(board, 0x0600, now + 0.4)
+    assert get(board, "offsets", now + 0.5) == LOAD_COUNTS
+    assert do(board, 0x0800, now + 1.0)[0] == 0
+    assert get(board, "offsets", now + 1.1) == LOAD_COUNTS
+
+
+def test_vector_axes() -> None:
+    board = board_of(loaded_from(STEADY + 1.0))
+
+    def vectors(code: int, now: float) -> tuple[int, ...]:
+        assert do(board, code, now)[0] == 0
+        assert get(board, "vect_axes", now + 0.1) == (code & 0xFF,)
+        return (*get(board, "filter0", now + 0.1)[6:], *get(board, "full_scale", now + 0.1)[6:])
+
+    fx, fy, fz, mx, my, mz = 11.5, 22.2, 37.0, 0.56, 1.04, 1.22
+    now = STEADY + 2.0
+
+    def counts(value: float, scale: float) -> int:
+        return pytest.approx(value / scale * 16384, abs=1)  # type: ignore[return-value]
+
+    assert vectors(0x093F, now) == (
+        counts(np.hypot(np.hypot(fx, fy), fz), 185),
+        counts(np.hypot(np.hypot(mx, my), mz), 6.1),
+        *(185, 61),
+    )
+    assert vectors(0x0900 | 0x03 | 0x28, now + 1) == (
+        counts(np.hypot(fx, fy), 115),
+        counts(np.hypot(mx, mz), 6.1),
+        *(115, 61),
+    )
+    assert vectors(0x0900 | 0x40 | 0x3F, now + 2)[2:] == (185, 185)
+    assert vectors(0x0900 | 0x80 | 0x11, now + 3) == (counts(mx, 5.6), counts(my, 5.2), 56, 52)
+    assert vectors(0x0900, now + 4) == (0, 0, 0, 0)
+
+
+# --- the plug
+
+
+def test_unplugged_and_plugged_in_again() -> None:
+    board = board_of(loaded_from(STEADY + 1.0))
+    now = STEADY + 2.0
+    assert get(board, "filter0", now)[:6] == LOAD_COUNTS
+    board.unplug(now)
+    board.unplug(now)
+    assert get(board, "errors", now + 0.009) == (0,)
+    assert get(board, "errors", now + 0.01)[0] == Errors.WATCH_DOG
+    counts = get(board, "count1", now + 0.01)
+    assert get(board, "count1", now + 5.0) == counts
+    assert get(board, "filter0", now + 5.0)[:6] == LOAD_COUNTS
+    board.plug_in(now + 5.0)
+    board.plug_in(now + 5.0)
+    assert get(board, "model_no", now + 5.01) == (0,)
+    assert get(board, "errors", now + 5.01)[0] == Errors.CALIBRATION_CRC | Errors.SYSTEM_BUSY
+    again = now + 5.04
+    assert get(board, "errors", again)[0] == Errors.SENSOR_CHANGE
+    assert get(board, "model_no", again) == (1,)
+    assert get(board, "offsets", again) == (0,) * 6
+    assert get(board, "count1", again)[0] > counts[0]
+    do(board, 0x0C00, again)
+    assert max(get(board, "maximum", again + 1e-3)) <= max(LOAD_COUNTS) + 2000
+    assert get(board, "errors", again + 1.0)[0] == Errors.SENSOR_CHANGE
+    put(board, "errors", (0,), again + 1.0)
+    assert get(board, "errors", again + 1.0) == (0,)
+    assert get(board, "offsets", again + 3.0) == LOAD_COUNTS
+
+
+def test_sensor_change_can_be_cleared_by_the_bit_reset_command() -> None:
+    board = board_of()
+    board.unplug(STEADY)
+    board.plug_in(STEADY + 1.0)
+    assert do(board, 0x0400, STEADY + 2.0, 0xF1, 0x0800)[:2] == (0, 0x0800)
+    assert get(board, "errors", STEADY + 3.0) == (0,)
+
+
+def test_data_may_become_zero_without_a_sensor() -> None:
+    board = board_of(loaded_from(STEADY + 1.0), BoardProfile(unplugged_data="zero"))
+    board.unplug(STEADY + 2.0)
+    assert get(board, "filter2", STEADY + 2.005)[:6] == LOAD_COUNTS
+    assert get(board, "filter2", STEADY + 2.1) == (0,) * 8
+
+
+def test_powered_without_a_sensor() -> None:
+    board = board_of(sensor=SensorProfile(noise_counts=0.0, connected=False))
+    assert get(board, "errors", STEADY)[0] == Errors.WATCH_DOG
+    assert get(board, "model_no", STEADY) == (0,)
+    board.plug_in(STEADY)
+    assert get(board, "errors", STEADY + 0.1) == (0,)
+    assert get(board, "model_no", STEADY + 0.1) == (1,)
+
+
+def test_the_plug_during_boot() -> None:
+    board = board_of()
+    board.unplug(POWERED + 0.001)
+    assert get(board, "errors", POWERED + 0.1)[0] == Errors.WATCH_DOG
+    board.reset(POWERED + 1.0)
+    board.plug_in(POWERED + 1.001)
+    assert get(board, "errors", POWERED + 1.1) == (0,)
+
+
+def test_unplugging_during_a_command_and_before_the_offsets_are_zeroed() -> None:
+    board = board_of(constant(*LOAD))
+    at = POWERED + 1.0
+    board.command(0x0A00, at)
+    board.unplug(at + 1e-3)
+    assert get(board, "errors", at + 2e-3)[0] == Errors.SYSTEM_BUSY
+    assert get(board, "command_word0", at + 4e-3) == (0,)
+    assert get(board, "errors", at + 4e-3) == (0,)
+    assert get(board, "errors", at + 2.0)[0] == Errors.WATCH_DOG
+    assert get(board, "offsets", at + 5.0) == (0,) * 6
+
+
+# --- saturation
+
+
+def test_near_and_full_saturation_follow_the_raw_channels() -> None:
+    def wrench_at(times: Floats) -> Floats:
+        # 1.7 and 2.1 times full scale, a converter ends at twice.
+        return np.outer(times >= STEADY + 1.0, [115 * 1.7, -111 * 2.1, 0.0, 0.0, 0.0, 6.1 * 2.1])
+
+    board = board_of(wrench_at)
+    assert (get(board, "warnings", STEADY), get(board, "errors", STEADY)) == ((0,), (0,))
+    at = STEADY + 1.1
+    bits = Warnings.FX_NEAR_SATURATION | Warnings.FY_NEAR_SATURATION | Warnings.MZ_NEAR_SATURATION
+    assert get(board, "warnings", at)[0] == bits
+    assert get(board, "errors", at)[0] == Errors.FY_SATURATION | Errors.MZ_SATURATION
+    put(board, "near_sat_value", (30000,), at)
+    put(board, "sat_value", (20000,), at)
+    assert get(board, "warnings", at + 0.1)[0] == bits & ~Warnings.FX_NEAR_SATURATION
+    assert (
+        get(board, "errors", at + 0.1)[0]
+        == Errors.FX_SATURATION | Errors.FY_SATURATION | Errors.MZ_SATURATION
+    )
+    board.unplug(at + 0.2)
+    assert get(board, "warnings", at + 0.2) == (0,)
+
+
+# --- ISA ports
+
+
+def test_isa_ports_read_and_write_and_count_within_a_page() -> None:
+    board = board_of(loaded_from(STEADY + 1.0))
+    ports = IsaPorts(IsaProfile(), board)
+    now = STEADY + 2.0
+    ports.write_port(0x314, 0x90, now)
+    assert [to_signed(ports.read_port(0x316, now)) for _ in range(6)] == list(LOAD_COUNTS)
+    assert ports.read_port(0x314, now) == 0x96
+    ports.write_port(0x314, 0x10FF, now)
+    for value in (7, -8):
+        ports.write_port(0x316, value, now)
+    assert ports.read_port(0x314, now) == 0x1001
+    assert (board.read_word(0x10FF, now), board.read_word(0x1000, now)) == (7, from_signed(-8))
+    with pytest.raises(RemoteProtocolError, match="0x0315"):
+        ports.read_port(0x315, now)
+    with pytest.raises(RemoteProtocolError, match="0x0318"):
+        ports.write_port(0x318, 0, now)
+
+
+def test_a_command_through_isa_ports() -> None:
+    board = board_of()
+    ports = IsaPorts(IsaProfile(base=0x300), board)
+    ports.write_port(0x300, 0xE5, STEADY)
+    for word in (0, 0xF9, 0x0100):
+        ports.write_port(0x302, word, STEADY)
+    ports.write_port(0x300, 0xE5, STEADY + 1e-3)
+    assert [ports.read_port(0x302, STEADY + 1e-3) for _ in range(3)] == [1, 0xF9, 0]
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"calibration_s": -1.0},
+        {"offsets_zeroed_s": 11.0},
+        {"command_times": "best"},
+        {"units": 4},
+        {"unplugged_data": "old"},
+        {"turn": "table"},
+        {"serial_no": 0},
+        {"copyright": "x" * 25},
+        {"copyright": "µ"},
+        {"adoption_samples": 0},
+    ],
+)
+def test_profile_refuses(wrong: dict[str, object]) -> None:
+    with pytest.raises(ValueError, match=next(iter(wrong))):
+        BoardProfile(**wrong)  # type: ignore[arg-type]
+
+
+def test_other_profiles_refuse() -> None:
+    with pytest.raises(ValueError, match="base must be even"):
+        IsaProfile(base=0x315)
+    with pytest.raises(ValueError, match=r"full scale of fx is 0\.0259 in units 3"):
+        board_of(profile=BoardProfile(units=3))
