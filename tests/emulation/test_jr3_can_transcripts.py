@@ -1,0 +1,429 @@
+"""The CAN gateway as transcripts, one for every sentence that is known of its behaviour.
+
+A line is milliseconds since power-up, direction (`>` to the gateway, `<` from it) and frame. Frames are written out;
+`sample N`, `zeros N` and `filtered N HZ` stand for the force and the moment frame with counter N, made here by hand
+and not by the codec, of a sensor that reads 1000 −2000 3000 400 −500 600 counts.
+"""
+
+import itertools
+import math
+import struct
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from emulators.jr3 import Gateway, GatewayProfile, Jr3Sensor, SensorProfile
+from protocol.jr3 import (
+    GatewayClient,
+    GatewayClientProfile,
+    SensorFrame,
+    SensorNotice,
+    SensorReady,
+    Zeroed,
+    parse_frame,
+)
+
+T0 = 4321.0
+TS_MS = 0.1285
+COUNTS = (1000, -2000, 3000, 400, -500, 600)
+UNITS = np.array([115, 111, 185, 5.6, 5.2, 6.1]) / 16384
+
+
+@dataclass(frozen=True)
+class Transcript:
+    """What is said of the gateway, and what goes over the bus when it is so."""
+
+    sentence: str
+    lines: str
+    connected: bool = True
+
+
+TRANSCRIPTS = [
+    Transcript(
+        "after power-up 2 s of silence, then, once the calibration is read, boot-up",
+        """
+        1999   > 401#
+        2033   < 701#
+        2100   > 401#
+        2100   < 101#00
+        """,
+    ),
+    Transcript(
+        "commands that come while the calibration is read wait for it",
+        """
+        2010   > 401#
+        2010   > 481#
+        2033   < 701#
+        2033   < 101#00
+        2033   < 101#0073006F00B900
+        """,
+    ),
+    Transcript(
+        "without a sensor no boot-up, acknowledges carry 1 and commands have no effect",
+        """
+        2500   > 401#
+        2500   < 101#01
+        2600   > 201#000010270000
+        2600   < 101#01
+        2700   > 080#
+        2800   > 301#
+        2800   < 101#01
+        2900   > 481#
+        2900   < 101#01000000000000
+        3000   > 581#
+        3000   < 101#01
+        9000   > 281#
+        9000   < 101#01
+        """,
+        connected=False,
+    ),
+    Transcript(
+        "201#C80010270000 starts node 1 asynchronously, 2.00 Hz cut-off, 10 000 µs",
+        """
+        2033   < 701#
+        2500   > 201#C80010270000
+        2500   < zeros 0
+        2500   < 101#00
+        2510   < filtered 77 2.0
+        2520   < filtered 155 2.0
+        2530   < filtered 233 2.0
+        """,
+    ),
+    Transcript(
+        "a cut-off of 0 means unfiltered",
+        """
+        2033   < 701#
+        2500   > 181#0000
+        2500   < 101#00
+        2500.2 > 080#
+        2500.2 < sample 1
+        """,
+    ),
+    Transcript(
+        "a payload that is too short counts as 0: unfiltered, and as fast as the bus can",
+        """
+        2033   < 701#
+        2500   > 181#C8
+        2500   < 101#00
+        2500.2 > 080#
+        2500.2 < sample 1
+        2501   > 281#
+        2501   < 101#00
+        2600   > 201#C80010
+        2600   < zeros 0
+        2600   < 101#00
+        2600.26 < filtered 2 2.0
+        2600.52 < filtered 4 2.0
+        """,
+    ),
+    Transcript(
+        "SYNC sends force then moment, also in asynchronous mode",
+        """
+        2033   < 701#
+        2400   > 080#
+        2500   > 201#0000204E0000
+        2500   < zeros 0
+        2500   < 101#00
+        2505   > 080#
+        2505   < sample 38
+        2520   < sample 155
+        2530   > 181#0000
+        2530   < 101#00
+        2531   > 080#
+        2531   < sample 241
+        """,
+    ),
+    Transcript(
+        "start-sync ends the asynchronous stream",
+        """
+        2033   < 701#
+        2500   > 201#000010270000
+        2500   < zeros 0
+        2500   < 101#00
+        2510   < sample 77
+        2515   > 181#0000
+        2515   < 101#00
+        9000   > 401#
+        9000   < 101#00
+        """,
+    ),
+    Transcript(
+        "a running stream takes a new period after the frame that it waits for",
+        """
+        2033   < 701#
+        2500   > 201#000010270000
+        2500   < zeros 0
+        2500   < 101#00
+        2505   > 201#0000204E0000
+        2505   < 101#00
+        2510   < sample 77
+        2530   < sample 233
+        """,
+    ),
+    Transcript(
+        "the first asynchronous start since power-up stops what runs: the counter and the offset are lost",
+        """
+        2033   < 701#
+        2500   > 181#0000
+        2500   < 101#00
+        2510   > 301#
+        2510   < 101#00
+        2520   > 080#
+        2520   < zeros 155
+        2530   > 201#000010270000
+        2530   < zeros 0
+        2530   < 101#00
+        2540   < sample 77
+        """,
+    ),
+    Transcript(
+        "the frame counter counts full six-axis frames and wraps at 65536",
+        """
+        2033      < 701#
+        2500      > 181#0000
+        2500      < 101#00
+        10921.3   > 080#
+        10921.3   < sample 65535
+        10921.4   > 080#
+        10921.4   < sample 0
+        10921.6   > 080#
+        10921.6   < sample 1
+        """,
+    ),
+    Transcript(
+        "the frame counter is 0 after stop",
+        """
+        2033   < 701#
+        2500   > 201#000010270000
+        2500   < zeros 0
+        2500   < 101#00
+        2510   < sample 77
+        2515   > 281#
+        2515   < 101#00
+        3000   > 080#
+        4000   > 181#0000
+        4000   < 101#00
+        4000   > 080#
+        4000   < zeros 0
+        """,
+    ),
+    Transcript(
+        "zero: offset = present filtered value, next output 0; stop/start loses it",
+        """
+        2033   < 701#
+        2500   > 181#0000
+        2500   < 101#00
+        2510   > 080#
+        2510   < sample 77
+        2510   > 301#
+        2510   < 101#00
+        2510.2 > 080#
+        2510.2 < zeros 79
+        2600   > 281#
+        2600   < 101#00
+        2700   > 181#0000
+        2700   < 101#00
+        2710   > 080#
+        2710   < sample 77
+        """,
+    ),
+    Transcript(
+        "zero while stopped takes the first filtered sample after start",
+        """
+        2033   < 701#
+        2400   > 301#
+        2400   < 101#00
+        2500   > 181#0000
+        2500   < 101#00
+        2510   > 080#
+        2510   < zeros 77
+        """,
+    ),
+    Transcript(
+        "reset stops the stream, re-reads the calibration, acknowledges, sends no boot-up",
+        """
+        2033   < 701#
+        2500   > 201#000010270000
+        2500   < zeros 0
+        2500   < 101#00
+        2505   > 581#
+        2510   > 401#
+        2520   > 080#
+        2538   < 101#00
+        2538   < 101#00
+        9000   > 401#
+        9000   < 101#00
+        """,
+    ),
+    Transcript(
+        "unknown ops, other nodes, a SYNC with a node, and frames of other kinds get no answer",
+        """
+        2033   < 701#
+        2500   > 001#
+        2500   > 101#00
+        2500   > 601#0000000000000000
+        2500   > 701#
+        2500   > 781#00000000
+        2500   > 402#
+        2500   > 081#
+        2500   > 401#R
+        2500   > 00000401#
+        9000   > 401#
+        9000   < 101#00
+        """,
+    ),
+    Transcript(
+        "no watchdog, no heartbeat: a stream that nobody asks about goes on, a gateway at rest is silent",
+        """
+        2033   < 701#
+        30000  > 201#000000093D00
+        30000  < zeros 0
+        30000  < 101#00
+        34000  < sample 31128
+        38000  < sample 62256
+        42000  < sample 27849
+        """,
+    ),
+    Transcript(
+        "what an existing client does: 400; 200; 480 and 500; 0.1 s; 300; on close 280",
+        """
+        2033   < 701#
+        2500   > 401#
+        2500   < 101#00
+        2500   > 201#0000C0D40100
+        2500   < zeros 0
+        2500   < 101#00
+        2500   > 481#
+        2500   < 101#0073006F00B900
+        2500   > 501#
+        2500   < 101#00380034003D00
+        2600   > 301#
+        2600   < 101#00
+        2620   < zeros 933
+        2740   < zeros 1867
+        2750   > 281#
+        2750   < 101#00
+        9000   > 401#
+        9000   < 101#00
+        """,
+    ),
+]
+
+
+def frames(text: str) -> list[str]:
+    """The frames that a line stands for."""
+    word, *rest = text.split()
+    counts: tuple[int, ...] = COUNTS
+    match word, *rest:
+        case ("sample", number):
+            pass
+        case ("zeros", number):
+            counts = (0,) * 6
+        case ("filtered", number, cutoff):
+            alpha = TS_MS / (TS_MS + 1e3 / (2 * math.pi * float(cutoff)))
+            reached = 1 - (1 - alpha) ** int(number)
+            counts = tuple(math.floor(count * reached) for count in COUNTS)
+        case _:
+            return [text]
+    halves = ((0x601, counts[:3]), (0x681, counts[3:]))
+    return [
+        f"{number_:03X}#{struct.pack('<hhhH', *half, int(number)).hex().upper()}" for number_, half in halves
+    ]
+
+
+def constant(times: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.tile(COUNTS * UNITS, (len(times), 1))
+
+
+def powered(connected: bool = True) -> Gateway:
+    sensor = Jr3Sensor(SensorProfile(noise_counts=0.0, connected=connected), constant, seed=3)
+    return Gateway(GatewayProfile(), sensor, powered_at=T0)
+
+
+@pytest.mark.parametrize("transcript", TRANSCRIPTS, ids=lambda transcript: transcript.sentence[:60])
+def test_transcript(transcript: Transcript) -> None:
+    gateway = powered(transcript.connected)
+    wanted: list[tuple[float, str]] = []
+    told: list[tuple[float, str]] = []
+
+    def take(now: float) -> None:
+        at = round((now - T0) * 1e3, 3)
+        told.extend((at, str(frame)) for frame in gateway.data_to_send(now))
+
+    def run(until: float) -> None:
+        while (due := gateway.next_deadline()) is not None and due <= until + 1e-9:
+            gateway.handle_deadline(due)
+            take(due)
+
+    for line in transcript.lines.strip().splitlines():
+        milliseconds, direction, text = line.split(maxsplit=2)
+        at = float(milliseconds)
+        now = T0 + at * 1e-3
+        if direction == ">":
+            run(now)
+            gateway.receive([parse_frame(text)], now)
+            take(now)
+        else:
+            wanted += [(at, frame) for frame in frames(text)]
+    if wanted:
+        run(T0 + wanted[-1][0] * 1e-3)
+    assert told == wanted
+
+
+CLIENT_TRANSCRIPT = """
+    2500   > 401#
+    2500   < 101#00
+    2500   > 201#0000C0D40100
+    2500   < zeros 0
+    2500   < 101#00
+    2500   > 481#
+    2500   < 101#0073006F00B900
+    2500   > 501#
+    2500   < 101#00380034003D00
+    2600   > 301#
+    2600   < 101#00
+    2620   < zeros 933
+    2740   < zeros 1867
+    2860   < zeros 2801
+"""
+
+
+def test_the_client_says_to_the_gateway_what_is_in_the_transcript() -> None:
+    """State, start, full scales, a pause and zero; then the sequence goes on where the counter wraps."""
+    gateway = powered()
+    now = T0 + 2.5
+    gateway.handle_deadline(now)
+    gateway.data_to_send(now)
+    client = GatewayClient(GatewayClientProfile(cutoff_hz=0.0, period_ms=120.0), now)
+    client.zero()
+    told: list[tuple[float, str, str]] = []
+    events: list[object] = []
+    while now < T0 + 12.5:
+        while (down := client.data_to_send(now)) or (up := gateway.data_to_send(now)):
+            at = round((now - T0) * 1e3, 3)
+            if down:
+                gateway.receive(down, now)
+                told += [(at, ">", str(frame)) for frame in down]
+            else:
+                client.receive(up, now)
+                told += [(at, "<", str(frame)) for frame in up]
+        while (event := client.next_event()) is not None:
+            events.append(event)
+        dues = [due for due in (client.next_deadline(), gateway.next_deadline()) if due is not None]
+        now = min(dues)
+        gateway.handle_deadline(now)
+        client.handle_deadline(now)
+    wanted = []
+    for line in CLIENT_TRANSCRIPT.strip().splitlines():
+        at_ms, direction, text = line.split(maxsplit=2)
+        wanted += [(float(at_ms), direction, frame) for frame in frames(text)]
+    assert told[: len(wanted)] == wanted
+    samples = [event for event in events if isinstance(event, SensorFrame)]
+    assert [type(event) for event in events[:3]] == [SensorReady, SensorNotice, Zeroed]
+    assert {b.sequence - a.sequence for a, b in itertools.pairwise(samples)} == {933, 934}
+    wraps = [(a.counter, b.counter) for a, b in itertools.pairwise(samples) if b.counter < a.counter]
+    assert len(wraps) == 1
+    assert samples[-1].sequence > 65536
+    assert client.statistics.lost == 0

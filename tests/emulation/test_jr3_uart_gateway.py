@@ -1,0 +1,507 @@
+"""The emulated UART gateway as transcripts, its misreadings, and the client against it.
+
+A line is milliseconds since power-up, direction (`>` to the gateway, `<` from it) and bytes: text as it is, hex
+after a colon. `sample N` and `zeros N` stand for a data frame with counter N, made here by hand and not by the
+codec, of a sensor that reads 1000 −2000 3000 400 −500 600 counts.
+"""
+
+import itertools
+import struct
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from emulators.jr3 import Jr3Sensor, SensorProfile, UartGateway, UartGatewayProfile
+from protocol.jr3 import (
+    SensorEvent,
+    SensorFailed,
+    SensorFrame,
+    SensorNotice,
+    SensorReady,
+    SensorRestarted,
+    SensorStopped,
+    UartGatewayClient,
+    UartGatewayClientProfile,
+    Zeroed,
+)
+
+T0 = 4321.0
+COUNTS = (1000, -2000, 3000, 400, -500, 600)
+UNITS = np.array([115, 108, 185, 5.6, 5.2, 6.1]) / 16384
+FULL_SCALES = {"full_scales_n": (115.0, 108.0, 185.0)}
+OK, NOT_READY = ":3C3031003E", ":3C3031013E"
+START_10_MS = ":3C3032000010270000 3E"
+
+Wrench = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+
+
+@dataclass(frozen=True)
+class Transcript:
+    """What is said of the gateway, and what goes over the line when it is so."""
+
+    sentence: str
+    lines: str
+    connected: bool = True
+    profile: dict[str, Any] = field(default_factory=dict)
+
+
+TRANSCRIPTS = [
+    Transcript(
+        "boot takes 5 s: silence, then boot-up when the calibration is read",
+        f"""
+        100    > <06>
+        4999   > <06>
+        5033   < <10>
+        5100   > <06>
+        5100   < {OK}
+        """,
+    ),
+    Transcript(
+        "without a sensor no boot-up, acknowledges carry 1 and commands have no effect",
+        f"""
+        6000   > <06>
+        6000   < {NOT_READY}
+        7500   > {START_10_MS}
+        7500   < {NOT_READY}
+        9000   > <04>
+        9000   < {NOT_READY}
+        11000  > <07>
+        11000  < :3C303101000000000000000000000000 3E
+        13000  > <08>
+        13000  < {NOT_READY}
+        15000  > <05:C8003E
+        15000  < {NOT_READY}
+        17000  > <03>
+        17000  < {NOT_READY}
+        """,
+        connected=False,
+    ),
+    Transcript(
+        "it acknowledges first and is deaf for 1 s then: what is said to it is lost",
+        f"""
+        5033   < <10>
+        6000   > <06>
+        6000   < {OK}
+        6010   > <07>
+        6999   > <07>
+        7000   > <07>
+        7000   < :3C30310073006C00B900380034003D003E
+        9000   > <06>
+        9000   < {OK}
+        """,
+    ),
+    Transcript(
+        "start sends the first frame before the acknowledge, then one every period, also while it is deaf",
+        f"""
+        5033   < <10>
+        6000   > {START_10_MS}
+        6000   < zeros 0
+        6000   < {OK}
+        6010   < sample 77
+        6020   < sample 155
+        6030   < sample 233
+        """,
+    ),
+    Transcript(
+        "the counter counts full six-axis frames and wraps at 65536",
+        f"""
+        5033   < <10>
+        6000   > :3C303200003F420F003E
+        6000   < zeros 0
+        6000   < {OK}
+        6999.999  < sample 7782
+        7999.998  < sample 15564
+        8999.997  < sample 23346
+        9999.996  < sample 31128
+        10999.995 < sample 38910
+        11999.994 < sample 46692
+        12999.993 < sample 54474
+        13999.992 < sample 62256
+        14999.991 < sample 4502
+        """,
+    ),
+    Transcript(
+        "stop ends the stream; the counter is 0 and the offset lost when it starts again",
+        f"""
+        5033   < <10>
+        6000   > :3C30320000400D03003E
+        6000   < zeros 0
+        6000   < {OK}
+        6200   < sample 1556
+        6400   < sample 3112
+        6600   < sample 4669
+        6800   < sample 6225
+        7000   < sample 7782
+        7100   > <04>
+        7100   < {OK}
+        7200   < zeros 9338
+        7400   < zeros 10894
+        7600   < zeros 12451
+        7800   < zeros 14007
+        8000   < zeros 15564
+        8150   > <03>
+        8150   < {OK}
+        9500   > :3C30320000400D03003E
+        9500   < zeros 0
+        9500   < {OK}
+        9700   < sample 1556
+        """,
+    ),
+    Transcript(
+        "zero while stopped takes the first filtered sample after start",
+        f"""
+        5033   < <10>
+        6000   > <04>
+        6000   < {OK}
+        7500   > {START_10_MS}
+        7500   < zeros 0
+        7500   < {OK}
+        7510   < zeros 77
+        """,
+    ),
+    Transcript(
+        "reset stops the stream, re-reads the calibration, acknowledges, sends no boot-up, and is deaf then",
+        f"""
+        5033   < <10>
+        6000   > :3C30320000F04902003E
+        6000   < zeros 0
+        6000   < {OK}
+        6150   < sample 1167
+        6300   < sample 2334
+        6450   < sample 3501
+        6600   < sample 4669
+        6750   < sample 5836
+        6900   < sample 7003
+        7050   > <08>
+        7050   < sample 8171
+        7083   < {OK}
+        8080   > <06>
+        8083   > <06>
+        8083   < {OK}
+        """,
+    ),
+    Transcript(
+        "unknown ops get no answer and make it deaf all the same",
+        f"""
+        5033   < <10>
+        6000   > <11>
+        6100   > <06>
+        7000   > <99>
+        8000   > <01:003E
+        9000   > <06>
+        9000   < {OK}
+        """,
+    ),
+    Transcript(
+        "as fast as the line can when no period is given: a frame of 18 bytes takes 1.5625 ms",
+        f"""
+        5033   < <10>
+        6000   > <02>
+        6000   < zeros 0
+        6000   < {OK}
+        6001.562 < sample 12
+        6003.125 < sample 24
+        """,
+    ),
+    Transcript(
+        "it looks for delimiters: a byte 3E in a payload ends the command, a byte 3C is overlooked",
+        f"""
+        5033   < <10>
+        6000   > :3C30323E0010270000 3E
+        6000   < zeros 0
+        6000   < {OK}
+        6001.562 < sample 12
+        6002   > <03>
+        6003.125 < sample 24
+        """,
+    ),
+    Transcript(
+        "of several commands that arrive together the first counts",
+        f"""
+        5033   < <10>
+        6000   > <06><07><08>
+        6000   < {OK}
+        9000   > <06>
+        9000   < {OK}
+        """,
+    ),
+    Transcript(
+        "a command that arrives in two parts is read with what is left of the one before",
+        f"""
+        5033   < <10>
+        6000   > <06>
+        6000   < {OK}
+        8000   > <0
+        8000   < {OK}
+        9500   > 7>
+        11000  > <06>
+        11000  < {OK}
+        """,
+    ),
+    Transcript(
+        "a first read without an end, and an end without a beginning",
+        f"""
+        5033   < <10>
+        6000   > <0
+        7500   > <06>
+        7500   < {OK}
+        9000   > >
+        9000   < {OK}
+        """,
+    ),
+    Transcript(
+        "where its driver keeps what arrives, one read takes it after the deaf second, and the first command counts",
+        f"""
+        1000   > <06>
+        5010   > <07>
+        5033   < <10>
+        5033   < :3C30310073006C00B900380034003D003E
+        5500   > <06>
+        5600   > <08>
+        6033   < {OK}
+        6500   > <07>
+        7033   < :3C30310073006C00B900380034003D003E
+        """,
+        profile={"kept_bytes": 256},
+    ),
+]
+
+
+def spelled(text: str) -> bytes:
+    """The bytes that a line stands for."""
+    match text.split():
+        case ("sample" | "zeros" as word, number):
+            counts = COUNTS if word == "sample" else (0,) * 6
+            return b"<09" + struct.pack("<6hH", *counts, int(number)) + b">"
+    plain, _, hexadecimal = text.partition(":")
+    return plain.encode() + bytes.fromhex(hexadecimal)
+
+
+def constant(times: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.tile(COUNTS * UNITS, (len(times), 1))
+
+
+def powered(
+    at: float = T0, wrench_at: Wrench = constant, connected: bool = True, **profile: object
+) -> UartGateway:
+    sensor = Jr3Sensor(SensorProfile(noise_counts=0.0, connected=connected, **FULL_SCALES), wrench_at, seed=3)  # type: ignore[arg-type]
+    return UartGateway(UartGatewayProfile(**profile), sensor, powered_at=at)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("transcript", TRANSCRIPTS, ids=lambda transcript: transcript.sentence[:60])
+def test_transcript(transcript: Transcript) -> None:
+    gateway = powered(connected=transcript.connected, **transcript.profile)
+    wanted: list[tuple[float, bytes]] = []
+    told: list[tuple[float, bytes]] = []
+
+    def take(now: float) -> None:
+        if data := gateway.data_to_send(now):
+            told.append((round((now - T0) * 1e3, 3), data))
+
+    def run(until: float) -> None:
+        while (due := gateway.next_deadline()) is not None and due <= until + 1e-9:
+            gateway.handle_deadline(due)
+            take(due)
+
+    for line in transcript.lines.strip().splitlines():
+        milliseconds, direction, text = line.split(maxsplit=2)
+        at = float(milliseconds)
+        if direction == ">":
+            run(T0 + at * 1e-3)
+            gateway.receive(spelled(text), T0 + at * 1e-3)
+            take(T0 + at * 1e-3)
+        else:
+            wanted.append((at, spelled(text)))
+    run(T0 + wanted[-1][0] * 1e-3)
+
+    def joined(lines: list[tuple[float, bytes]]) -> dict[float, bytes]:
+        return {
+            at: b"".join(data for _, data in group) for at, group in itertools.groupby(lines, lambda x: x[0])
+        }
+
+    assert joined(told) == joined(wanted)
+
+
+def test_a_late_call_does_everything_at_its_time() -> None:
+    prompt, late = powered(kept_bytes=256), powered(kept_bytes=256)
+    start = spelled(START_10_MS)
+    for gateway in (prompt, late):
+        gateway.handle_deadline(T0 + 6)
+        gateway.receive(start, T0 + 6)
+        gateway.receive(b"<03>", T0 + 6.5)
+    sent = b""
+    while (due := prompt.next_deadline()) is not None:
+        prompt.handle_deadline(due)
+        sent += prompt.data_to_send(due)
+    late.handle_deadline(T0 + 20)
+    assert late.data_to_send(T0 + 20) == sent
+    # The stream of 10 ms ran for the deaf second; then the stop that had waited was read.
+    assert (sent.count(b"<09"), sent[-5:]) == (101, spelled(OK))
+
+
+# --- the client against the gateway, without a transport
+
+
+class Bench:
+    """Client and gateway on one line in virtual time; `down` and `up` may lose or change what passes."""
+
+    def __init__(self, gateway: UartGateway, now: float = T0, **profile: object) -> None:
+        self.gateway, self.now = gateway, now
+        self.client = UartGatewayClient(UartGatewayClientProfile(**profile), now)  # type: ignore[arg-type]
+        self.events: list[SensorEvent] = []
+        self.sent: list[tuple[float, bytes]] = []
+        self.up: Callable[[bytes], bytes] = lambda data: data
+        self.down: Callable[[bytes], bytes] = lambda data: data
+
+    def _settle(self) -> None:
+        while True:
+            down = self.client.data_to_send(self.now)
+            if down:
+                self.sent.append((round(self.now - T0, 3), down))
+                self.gateway.receive(self.down(down), self.now)
+            up = self.gateway.data_to_send(self.now)
+            if up:
+                self.client.receive(self.up(up), self.now)
+            if not down and not up:
+                break
+        while (event := self.client.next_event()) is not None:
+            self.events.append(event)
+
+    def run(self, until: float) -> list[SensorEvent]:
+        self.events = []
+        self._settle()
+        while True:
+            dues = [
+                due for due in (self.client.next_deadline(), self.gateway.next_deadline()) if due is not None
+            ]
+            if not dues or min(dues) > until:
+                self.now = until
+                return self.events
+            self.now = max(self.now, min(dues))
+            self.gateway.handle_deadline(self.now)
+            self.client.handle_deadline(self.now)
+            self._settle()
+
+
+def samples(events: list[SensorEvent]) -> list[SensorFrame]:
+    return [event for event in events if isinstance(event, SensorFrame)]
+
+
+READY = SensorReady((115.0, 108.0, 185.0, 5.6, 5.2, 6.1))
+
+
+@pytest.mark.parametrize("kept_bytes", [0, 256])
+def test_session_from_power_up_over_the_wrap_to_the_end(kept_bytes: int) -> None:
+    bench = Bench(powered(kept_bytes=kept_bytes), cutoff_hz=0.0)
+    events = bench.run(T0 + 40)
+    assert events[0] == READY
+    assert isinstance(events[1], SensorNotice)
+    told = samples(events)
+    assert len(told) == len(events) - 2 > 3000
+    assert {event.counts for event in told} == {COUNTS}
+    assert {b.sequence - a.sequence for a, b in itertools.pairwise(told)} == {77, 78}
+    assert told[-1].sequence > 3 * 65536
+    bench.client.zero()
+    events = bench.run(T0 + 42)
+    assert Zeroed() in events
+    assert samples(events)[-1].counts == (0,) * 6
+    bench.client.stop()
+    assert bench.run(T0 + 50) == [SensorStopped()]
+    statistics = bench.client.statistics
+    assert (statistics.lost, statistics.repeated, statistics.malformed) == (0, 0, 0)
+
+
+def test_the_client_asks_through_the_boot_and_then_keeps_the_pace() -> None:
+    bench = Bench(powered())
+    bench.client.zero()
+    bench.run(T0 + 12)
+    start = b"<02" + bytes.fromhex("E80310270000") + b">"
+    assert bench.sent == [
+        *((k * 1.25, b"<06>") for k in range(5)),
+        (5.033, b"<06>"),
+        (6.133, b"<07>"),
+        (7.233, start),
+        (8.333, b"<04>"),
+    ]
+
+
+def test_counts_that_look_like_delimiters_arrive_whole() -> None:
+    """Six axes that read 0x3C3E, 0x3E3C and the like, and a filter that lets them pass."""
+    looks = np.array([0x3C3E, 0x3E3C, 0x3E3E, 0x3C3C, 0x3E, 0x3C])
+
+    def wrench_at(times: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.tile(looks * UNITS, (len(times), 1))
+
+    bench = Bench(powered(wrench_at=wrench_at), cutoff_hz=0.0, period_ms=4.0)
+    told = samples(bench.run(T0 + 30))
+    assert len(told) > 5000
+    assert {event.counts for event in told} == {tuple(looks)}
+    assert bench.client.statistics.malformed == 0
+
+
+def test_lost_frames_are_counted() -> None:
+    bench = Bench(powered())
+    bench.run(T0 + 10.005)
+    seen = itertools.count(1)
+    bench.up = lambda data: b"" if next(seen) % 10 == 0 else data
+    told = samples(bench.run(T0 + 11.055))
+    assert (len(told), bench.client.statistics.lost) == (95, 10)
+
+
+def test_damaged_bytes_cost_their_frame_and_no_more() -> None:
+    bench = Bench(powered())
+    bench.run(T0 + 10.005)
+    seen = itertools.count(1)
+    bench.up = lambda data: data[1:] if next(seen) % 10 == 0 else data
+    told = samples(bench.run(T0 + 11.055))
+    statistics = bench.client.statistics
+    assert (len(told), statistics.lost, statistics.malformed) == (95, 10, 10)
+
+
+def test_commands_that_are_lost_on_the_line_are_repeated() -> None:
+    bench = Bench(powered())
+    seen = itertools.count()
+    bench.down = lambda data: b"" if next(seen) % 2 == 0 else data
+    assert READY in bench.run(T0 + 30)
+
+
+def test_commands_that_are_torn_on_the_line_are_repeated() -> None:
+    """A torn command is read with what is left of the one before, answered as that, and costs a deaf second."""
+    bench = Bench(powered())
+    seen = itertools.count()
+    bench.down = lambda data: data[: len(data) // 2] if next(seen) % 3 == 0 else data
+    assert READY in bench.run(T0 + 30)
+
+
+def test_a_sensor_that_is_not_plugged_in() -> None:
+    bench = Bench(powered(connected=False))
+    (failed,) = bench.run(T0 + 30)
+    assert failed == SensorFailed("UART gateway: acknowledges but not ready after 12 s: sensor unplugged?")
+
+
+def test_a_gateway_that_reboots_loses_its_zero_and_is_started_again() -> None:
+    bench = Bench(powered(), cutoff_hz=0.0)
+    bench.client.zero()
+    before = samples(bench.run(T0 + 12))
+    assert before[-1].counts == (0,) * 6
+    bench.gateway = powered(at=bench.now)
+    rebooted, ready, _, *after = bench.run(T0 + 20)
+    assert (rebooted, ready) == (SensorRestarted(), READY)
+    assert samples(after)[0].sequence == before[-1].sequence + 1
+    assert samples(after)[-1].counts == COUNTS
+
+
+def test_a_client_that_joins_a_running_stream() -> None:
+    first = Bench(powered(), cutoff_hz=0.0)
+    first.run(T0 + 12)
+    second = Bench(first.gateway, first.now, cutoff_hz=0.0, period_ms=20.0)
+    cut = itertools.count()
+    second.up = lambda data: data[7:] if next(cut) == 0 else data
+    events = second.run(T0 + 20)
+    assert events[0] == READY
+    steps = {b.sequence - a.sequence for a, b in itertools.pairwise(samples(events))}
+    assert steps == {155, 156}
