@@ -1,15 +1,23 @@
 """A board's registers from outside: URLs, a sensor behind them, a PCI board whose memory is a file."""
 
+import itertools
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
+from numpy.typing import NDArray
 
+from emulators.jr3 import Jr3Sensor, SensorProfile
+from emulators.jr3.board import Board, BoardProfile, IsaPorts, IsaProfile
 from hil_bridge.cli import cli
 from hil_bridge.clock import Clock, run_virtual
+from hil_bridge.compose import Ports, emulated_cell, opened_devices
+from hil_bridge.config import Config
 from hil_bridge.devices import ForceSensor
 from hil_bridge.errors import BridgeError, ConfigError, DeviceError, TransportUnavailable
+from hil_bridge.recording import CycleRecord, EventRecord, Outcome
 from hil_bridge.registers import (
     ListenerProfile,
     ProgramWord,
@@ -19,19 +27,25 @@ from hil_bridge.registers import (
     read_program,
     serve_board,
 )
+from hil_bridge.run import Run
 from protocol.endpoint import RemoteProtocolError
 from protocol.jr3 import SensorFrame
-from protocol.jr3.board import REGISTERS, check_range
+from protocol.jr3.board import REGISTERS, Registers, check_range, to_signed
 from protocol.jr3.registers import (
     BoardClient,
     BoardClientProfile,
     Op,
+    Read,
     Request,
+    Reset,
     ResetRefused,
     Response,
     Status,
+    Wait,
+    Write,
     encode_request,
     response_reader,
+    start_up,
 )
 
 
@@ -366,3 +380,111 @@ def test_the_command_says_what_is_wrong(sysfs: Path) -> None:
     assert "a number like 0x18000, got 'x'" in says("--pci", "03:00.0", "--offset", "x")
     assert "there is none" in says("--pci", "09:00.0", "--sysfs", str(sysfs))
     assert "host and port must be like" in says("--pci", "03:00.0", "--sysfs", str(sysfs), "--listen", "here")
+
+
+# --- the emulated board
+
+
+class IsaHost:
+    """A host on the ISA bus, as registers: every word through the port pair."""
+
+    def __init__(self, board: Board) -> None:
+        self._board = board
+        self._ports = IsaPorts(IsaProfile(), board)
+
+    def read(self, address: int, count: int, now: float) -> tuple[int, ...]:
+        self._ports.write_port(0x314, address, now)
+        return tuple(self._ports.read_port(0x316, now) for _ in range(count))
+
+    def write(self, address: int, words: Sequence[int], now: float) -> None:
+        self._ports.write_port(0x314, address, now)
+        for word in words:
+            self._ports.write_port(0x316, word, now)
+
+    def reset(self, now: float) -> None:
+        self._board.reset(now)
+
+
+def press(times: NDArray[np.float64]) -> NDArray[np.float64]:
+    """50 N on the sensor's z axis, always."""
+    return np.tile([0.0, 0.0, -50.0, 0.0, 0.0, 0.0], (len(times), 1))
+
+
+def board_at(now: float, **profile: object) -> Board:
+    return Board(
+        BoardProfile(**profile),  # type: ignore[arg-type]
+        Jr3Sensor(SensorProfile(noise_counts=0.0), press, seed=1),
+        now,
+    )
+
+
+@pytest.mark.parametrize("reach", [lambda board: board, IsaHost], ids=["registers", "isa"])
+def test_the_start_up_as_written_brings_the_emulated_board_up(reach: Callable[[Board], Registers]) -> None:
+    begin = now = 4321.5
+    registers = reach(board_at(now))
+    # Boot and calibration take longer than the pause after the reset, so that the first look finds nothing.
+    sequence, answer = start_up(BoardClientProfile()), None
+    try:
+        step = next(sequence)
+        while True:
+            answer = ()
+            match step:
+                case Read(address, count):
+                    answer = registers.read(address, count, now)
+                case Write(address, words):
+                    registers.write(address, words, now)
+                case Reset():
+                    registers.reset(now)
+                case Wait(duration):
+                    now += duration
+            step = sequence.send(answer)
+    except StopIteration as end:
+        identity = end.value
+    assert now - begin == pytest.approx(11.125)
+    assert identity.serial_no == 1001
+    assert registers.read(0x80, 6, now) == registers.read(0x78, 6, now)
+    assert registers.read(0x88, 6, now) == (0,) * 6
+    fz = to_signed(registers.read(0xA2, 1, now + 1.0)[0]) * identity.full_scales[2] / 16384
+    assert fz == pytest.approx(-50.0, abs=0.05)
+
+
+def closed_loop(**board: object) -> tuple[list[CycleRecord], list[str], list[SensorFrame]]:
+    """A run of five seconds in virtual time whose sensor is the emulated cell's receiver board."""
+    cycles, notices, frames = list[CycleRecord](), list[str](), list[SensorFrame]()
+
+    class Log:
+        def cycle(self, record: CycleRecord) -> None:
+            cycles.append(record)
+
+        def event(self, record: EventRecord) -> None:
+            notices.append(record.text)
+
+    async def main() -> None:
+        clock = Clock.running()
+        config = Config.model_validate({"run": {"duration_s": 5.0}, "sensor": {"board": board}})
+        ports = Ports("memory:robot", "jr3+memory:sensor")
+        async with emulated_cell(config.cell, 1, clock, ports, lambda cause: None) as at:
+            sections = {
+                "robot": config.robot.model_copy(update={"url": at.robot}),
+                "sensor": config.sensor.model_copy(update={"url": f"{at.sensor}?filter=2"}),
+            }
+            connected = config.model_copy(update=sections)
+            async with opened_devices(
+                connected, clock, frames.append, lambda kind, text: notices.append(text)
+            ) as (robot, sensor):
+                result = await Run(connected, clock, robot, sensor, Log())()
+                assert result.outcome is Outcome.COMPLETED, result.cause
+                assert sensor.lost == 0
+
+    run_virtual(main)
+    return cycles, notices, frames
+
+
+@pytest.mark.parametrize("mode", ["stream", "poll"])
+def test_the_loop_holds_its_force_over_the_board(mode: str) -> None:
+    cycles, notices, frames = closed_loop(mode=mode)
+    assert "board: sensor model 1, serial number 1001" in notices
+    forces = [record.force for record in cycles if record.phase == "track"]
+    assert len(forces) > 20
+    assert forces[-1] == pytest.approx(10.0, abs=1.0)
+    assert {b.sequence - a.sequence for a, b in itertools.pairwise(frames)} == {20}

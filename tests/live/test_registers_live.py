@@ -1,9 +1,14 @@
 """The register server on TCP, and a board served by one process to another."""
 
 import asyncio
+import json
+import signal
 import socket
+import subprocess
+import sys
 from collections.abc import Awaitable, Callable, Sequence
 from contextlib import suppress
+from pathlib import Path
 
 import pytest
 
@@ -237,3 +242,101 @@ def test_a_taken_port_is_one_clear_line() -> None:
 
     with pytest.raises(TransportUnavailable, match="another program listens on this port already"):
         run_real(main)
+
+
+# --- processes
+
+HIL = (sys.executable, "-c", "from hil_bridge.cli import main; main()")
+
+
+def start(*arguments: str) -> "subprocess.Popen[str]":
+    return subprocess.Popen(
+        [*HIL, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, bufsize=1
+    )
+
+
+def stop(process: "subprocess.Popen[str]") -> tuple[int, str, str]:
+    process.send_signal(signal.SIGINT)
+    output, errors = process.communicate(timeout=PATIENCE)
+    return process.returncode, output, errors
+
+
+def test_a_pci_board_is_served_to_another_process(tmp_path: Path) -> None:
+    folder = tmp_path / "0000:03:00.0"
+    folder.mkdir()
+    (folder / "vendor").write_text("0x1762\n")
+    (folder / "device").write_text("0x3111\n")
+    memory = bytearray(0x80000)
+    for place, letter in enumerate(b"Copyright JR3"):
+        memory[0x10000 + 4 * (0x40 + place) + 1] = letter
+    memory[0x10000 + 4 * 0xF8] = 1
+    (folder / "resource0").write_bytes(memory)
+    server = start(
+        "serve-jr3",
+        "--pci",
+        "03:00.0",
+        "--listen",
+        "127.0.0.1:0",
+        "--offset",
+        "0x10000",
+        "--sysfs",
+        str(tmp_path),
+    )
+    try:
+        assert server.stdout is not None
+        assert server.stdout.readline() == "board: Copyright JR3\n"
+        url = server.stdout.readline().strip()
+        assert url.startswith("sensor: jr3+tcp://127.0.0.1:")
+        assert server.stdout.readline() == "Stop with Ctrl-C.\n"
+        with socket.create_connection(("127.0.0.1", int(url.rpartition(":")[2])), PATIENCE) as client:
+            client.sendall(encode_request(Request(Op.WRITE, 2, 0x80, 1, (400,))) + encode_request(SERIAL))
+            found: list[Response | Garbage] = []
+            reader = response_reader()
+            while len(found) < 2:
+                found += reader.feed(client.recv(4096))
+        assert [response.status for response in found if isinstance(response, Response)] == [Status.OK] * 2
+        assert isinstance(found[1], Response)
+        assert found[1].bursts[0].words == (1,)
+        assert stop(server) == (0, "", "")
+    finally:
+        server.kill()
+        server.communicate()
+    assert (folder / "resource0").read_bytes()[0x10000 + 4 * 0x80 :][:4] == (400).to_bytes(4, "little")
+
+
+def test_a_run_reads_the_emulated_board_over_tcp(tmp_path: Path) -> None:
+    path = tmp_path / "c.toml"
+    path.write_text(
+        "[task]\nretract_mm = 3.0\n[sensor.board]\noffset_polls = 1\npoll_s = 0.2\n"
+        "[cell.board]\noffsets_zeroed_s = 0.05\n"
+    )
+    emulator = start("emulate", "cell", str(path), "--sensor-port", "jr3+tcp-listen://127.0.0.1:0", "--json")
+    try:
+        assert emulator.stdout is not None
+        where = json.loads(emulator.stdout.readline())
+        assert where["sensor"].startswith("jr3+tcp://127.0.0.1:")
+        summary = tmp_path / "s.json"
+        run = start(
+            "run",
+            str(path),
+            "--robot",
+            where["robot"],
+            "--sensor",
+            where["sensor"] + "?filter=2",
+            "--duration",
+            "5",
+            "--no-view",
+            "--summary",
+            str(summary),
+        )
+        try:
+            output, errors = run.communicate(timeout=PATIENCE)
+        finally:
+            run.kill()
+            run.communicate()
+        assert (run.returncode, errors) == (0, "")
+        assert output.splitlines()[0] == "completed"
+        assert stop(emulator) == (0, "", "")
+    finally:
+        emulator.kill()
+        emulator.communicate()
