@@ -146,7 +146,8 @@ def test_filters_and_vectors_are_calculated_at_their_own_rates() -> None:
     generator = np.random.default_rng(3)
 
     def wrench_at(times: Floats) -> Floats:
-        return generator.uniform(-0.5, 0.5, (len(times), 6)) * FULL
+        wrench: Floats = generator.uniform(-0.5, 0.5, (len(times), 6)) * FULL
+        return wrench
 
     board = board_of(wrench_at, certain_until=lambda now: now + 1.0)
     start = 8000
@@ -495,6 +496,11 @@ def test_a_host_that_polls_asks_the_sensor_seldom_when_it_is_certain() -> None:
         board.read(0x90, 98, POWERED + k / 1000)
     assert sum(calls) < 8000
     assert len(calls) < 15
+
+
+def test_a_source_that_is_certain_for_ever() -> None:
+    board = board_of(noisy, certain_until=lambda now: float("inf"))
+    assert board.read(0x90, 98, POWERED + 1.0) == board_of(noisy).read(0x90, 98, POWERED + 1.0)
 
 
 def test_words_wrap_where_the_table_says_signed() -> None:

@@ -128,6 +128,30 @@ def test_full_scales_are_told_in_the_boards_units(units: int, words: tuple[int, 
     assert get(board, "default_fs", POWERED + 0.1) == words
 
 
+def test_the_start_up_of_the_kernels_driver() -> None:
+    """Its order of steps and its patience in each: Linux's jr3_pci."""
+    board = board_of(loaded_from(STEADY + 20.0), sensor=SensorProfile(noise_counts=0.0))
+    board.reset(STEADY)
+    now, good = STEADY + 0.025, 0
+    while good < 11:
+        healthy = not get(board, "errors", now)[0] & Errors.WATCH_DOG
+        good += healthy and get(board, "model_no", now)[0] != 0 and get(board, "serial_no", now)[0] != 0
+        now += 1.0
+    put(board, "transform0", (0, 0), now)
+    for code, patience in ((0x0500, 0.02), (0x0A00, 0.02), (0x0600, 0.04)):
+        if code == 0x0A00:
+            put(board, "full_scale", get(board, "max_full_scale", now), now)
+        board.command(code, now)
+        now += patience
+        assert get(board, "command_word0", now) == (0,), hex(code)
+    put(board, "offsets", (0,) * 6, now)
+    board.command(0x0700, now)
+    now += 0.04
+    assert get(board, "full_scale", now)[:6] == (460, 444, 740, 224, 208, 244)
+    assert get(board, "offsets", now) == (0,) * 6
+    assert get(board, "filter0", STEADY + 21.0)[:6] == pytest.approx([c / 4 for c in LOAD_COUNTS], abs=1)
+
+
 # --- reading and writing
 
 

@@ -18,6 +18,8 @@ from protocol.jr3.board import REGISTERS, Errors, check_range, from_signed
 
 _EPSILON = 1e-6
 """Of a sample period: what a time may lack of its sample's by rounding."""
+_AHEAD_S = 1.0
+"""More than is ever computed ahead, for a source that is certain for ever."""
 _COMMAND_WORDS = REGISTERS["command_word2"].address
 
 
@@ -156,7 +158,7 @@ class Board:
 
     def _certain_sample(self) -> int:
         """The last sample that can be computed now and will most likely be needed."""
-        sample = self._sample_at(self._sensor.certain_until(self._now))
+        sample = self._sample_at(min(self._sensor.certain_until(self._now), self._now + _AHEAD_S))
         return min(sample, self._sample_at(min(self._due.values()))) if self._due else sample
 
     # --- events

@@ -186,30 +186,39 @@ def _filters(
         signal[settings.wraps] = (wrapping - _LOWEST) % WORD_MODULUS + _LOWEST
     _limit(signal)
     stages = list(state.stages)
-    tick = first_tick(start, 1)
-    for n, step in enumerate(FILTER_STEPS):
+    end, tick, before = start + len(raw), start, 1
+    for n, (step, vector_step) in enumerate(zip(FILTER_STEPS, VECTOR_STEPS, strict=True)):
+        axes, vectors, count = f"axes{n}", f"vectors{n}", f"count{n}"
+        first = first_tick(start, step)
+        if first >= end:
+            # Short blocks reach only the first stages; the slow ones keep their words.
+            traces |= {name: held_trace(state.last[name]) for name in (axes, vectors, count)}
+            continue
         if n:
-            first = first_tick(start, step)
-            before = FILTER_STEPS[n - 1]
             # The samples of the stage before that fall on this one's calculations.
             signal = signal[:, (first - tick) // before :: step // before]
-            tick = first
-            if signal.shape[1]:
-                signal, stages[n - 1] = run_stage(signal, stages[n - 1])
-            past = int(state.last[f"count{n}"][0])
+            signal, stages[n - 1] = run_stage(signal, stages[n - 1])
+            past = int(state.last[count][0])
             counts = np.arange(past, past + signal.shape[1] + 1).astype(np.int16)
-            traces[f"count{n}"] = Trace(tick, step, counts[np.newaxis])
+            traces[count] = Trace(first, step, counts[np.newaxis])
+        tick, before = first, step
         words = np.rint(signal)
         if n:
             _limit(words)
-        axes = traces[f"axes{n}"] = _trace(state, f"axes{n}", tick, step, words)
-        first = first_tick(start, VECTOR_STEPS[n])
-        parts = axes.values[:, axes.index(first) :: VECTOR_STEPS[n] // step].astype(np.float64)
-        norms = np.rint(np.sqrt(settings.vector_weights @ np.square(parts)))
-        traces[f"vectors{n}"] = _trace(
-            state, f"vectors{n}", first, VECTOR_STEPS[n], np.minimum(norms, _HIGHEST)
-        )
+        traces[axes] = _trace(state, axes, first, step, words)
+        traces[vectors] = _vectors(state, settings, vectors, traces[axes], vector_step, start, end)
     return tuple(stages)
+
+
+def _vectors(
+    state: PathState, settings: PathSettings, name: str, axes: Trace, step: int, start: int, end: int
+) -> Trace:
+    first = first_tick(start, step)
+    if first >= end:
+        return held_trace(state.last[name])
+    parts = axes.values[:, axes.index(first) :: step // axes.step].astype(np.float64)
+    norms = np.rint(np.sqrt(settings.vector_weights @ np.square(parts)))
+    return _trace(state, name, first, step, np.minimum(norms, _HIGHEST))
 
 
 def _limit(signal: Floats) -> None:
