@@ -18,6 +18,24 @@ def _print(items: list[dict[str, object]]) -> None:
         sys.exit(2)
 
 
+def _bytes(hex_bytes: tuple[str, ...]) -> bytes:
+    """What was pasted. Raises ConfigError naming the digit that is none."""
+    from hil_bridge.errors import ConfigError
+
+    text = "".join(hex_bytes).replace(":", "").replace(",", "")
+    text = "".join(text.split())
+    if not text:
+        raise ConfigError("HEX: nothing to decode; give byte pairs like 10 02")
+    for position, character in enumerate(text):
+        if character not in "0123456789abcdefABCDEF":
+            raise ConfigError(
+                f"HEX: {character!r} at digit {position + 1} is no hexadecimal digit; give byte pairs like 10 02"
+            )
+    if len(text) % 2:
+        raise ConfigError(f"HEX: {len(text)} digits are no whole bytes; one digit is missing or too many")
+    return bytes.fromhex(text)
+
+
 @decode.command("computer-link")
 @click.argument("hex_bytes", metavar="HEX…", nargs=-1, required=True)
 @click.option(
@@ -33,27 +51,16 @@ def computer_link(hex_bytes: tuple[str, ...], orders_file: Path | None) -> None:
     HEX may be spaced as you like: "10 02 00 08 01 00 13 01 00 00 10 03 18" or 100200…
     Ends with exit code 2 when anything in it is wrong.
     """
-    from hil_bridge.errors import ConfigError
     from protocol.adlp import LinkProfile
     from protocol.arap import KNOWN, describe
 
-    text = "".join(hex_bytes).replace(":", "").replace(",", "")
-    text = "".join(text.split())
-    if not text:
-        raise ConfigError("HEX: nothing to decode; give byte pairs like 10 02")
-    for position, character in enumerate(text):
-        if character not in "0123456789abcdefABCDEF":
-            raise ConfigError(
-                f"HEX: {character!r} at digit {position + 1} is no hexadecimal digit; give byte pairs like 10 02"
-            )
-    if len(text) % 2:
-        raise ConfigError(f"HEX: {len(text)} digits are no whole bytes; one digit is missing or too many")
+    raw = _bytes(hex_bytes)
     longest, orders = LinkProfile().max_telegram, KNOWN
     if orders_file is not None:
         from hil_bridge.orders_file import read_orders
 
         orders = read_orders(orders_file, longest)
-    _print(describe(bytes.fromhex(text), max_telegram=longest, orders=orders))
+    _print(describe(raw, max_telegram=longest, orders=orders))
 
 
 @decode.command("jr3-can")
@@ -73,3 +80,15 @@ def jr3_can(frames: tuple[str, ...]) -> None:
         except ValueError as error:
             raise ConfigError(f"frame {text!r}: {error}") from error
     _print(items)
+
+
+@decode.command("jr3-uart")
+@click.argument("hex_bytes", metavar="HEX…", nargs=-1, required=True)
+def jr3_uart(hex_bytes: tuple[str, ...]) -> None:
+    """Decode bytes of the JR3 UART gateway's line, of either direction or both: "3C 30 36 3E".
+
+    Ends with exit code 2 when anything in it is wrong.
+    """
+    from protocol.jr3.uart_gateway import describe
+
+    _print(describe(_bytes(hex_bytes)))
