@@ -28,7 +28,7 @@ from hil_bridge.devices import ForceSensor, Motion, RobotLink
 from hil_bridge.errors import ConfigError, DeviceError, SafetyStop
 from hil_bridge.run import bring_up, wrist
 from protocol.arap import Quaternion, Status, Vector, round_position
-from protocol.jr3 import SATURATED_COUNTS, SensorFrame
+from protocol.jr3 import SensorFrame
 
 Tell = Callable[[str], None]
 
@@ -191,7 +191,7 @@ class _Measuring:
             sensor_at=frame.at,
             sensor_sequence=frame.sequence,
             repeated_frames=repeated,
-            saturated=any(abs(count) >= SATURATED_COUNTS for count in frame.counts),
+            saturated=bool(self._sensor.saturated),
             fault=f"robot on {self._robot.name} is in emergency stop" if status.emergency_stop else "",
         )
         self._state, verdict = self._supervisor.step(

@@ -32,10 +32,12 @@ from hil_bridge.recording import PHASE_EVENT, STOP_EVENT, CycleRecord, EventReco
 from protocol.adlp import BLOCK_OVERHEAD, HEADER_SIZE, LinkProfile
 from protocol.arap import Quaternion, Status, Vector, round_position
 from protocol.arap.layouts import STATUS
-from protocol.jr3 import SATURATED_COUNTS
+from protocol.jr3 import AXES
 
 TIME_IS_UP = "time is up"
 """Why a run ends that went as it was meant to."""
+MAIN_SHARE = 0.5
+"""Of the approach direction on an axis of the sensor, from which that axis matters. Chosen: tilted by less than 60°."""
 
 
 class Log(Protocol):
@@ -148,9 +150,8 @@ class Run:
         if tare:
             self._enter("tare")
             await self._sensor.tare()
-        else:
-            await self._sensor.next_frame()
         start = await self._robot.read_status()
+        await self._sensor.frame()
         self._quaternion_tare = start.quaternion if tare else None
         self.moving = True
         try:
@@ -240,13 +241,28 @@ class Run:
             sensor_at=frame.at,
             sensor_sequence=frame.sequence,
             repeated_frames=self._sensor.repeated,
-            saturated=any(abs(count) >= SATURATED_COUNTS for count in frame.counts),
+            saturated=bool(self._sensor.saturated),
+            dead_axis=self._dead_axis(status),
             fault=fault,
             wrench=tuple(wrench.tolist()),
             position_at=composed_at,
             paired_force=None
             if paired is None
             else self._force_along(self._contact_wrench(paired, status), status),
+        )
+
+    def _dead_axis(self, status: Status) -> str:
+        """What is wrong with a force axis that the controlled force mainly lies on; empty while nothing is."""
+        if not self._sensor.dead:
+            return ""
+        shares = self._wrist.seen_by_sensor(self._config.frame.approach, status.quaternion).tolist()
+        dead = [
+            AXES[k] for k, share in enumerate(shares) if k in self._sensor.dead and abs(share) >= MAIN_SHARE
+        ]
+        if not dead:
+            return ""
+        return (
+            f"{' and '.join(dead)} of the force sensor did not change since the zero while other axes moved"
         )
 
     def _contact_wrench(self, measured: Sequence[float], status: Status) -> Array:

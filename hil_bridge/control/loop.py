@@ -46,6 +46,8 @@ class Sample:
     """How many of the newest frames in a row carried identical counts."""
     saturated: bool = False
     """An axis is at the end of its range."""
+    dead_axis: str = ""
+    """Which axis of the controlled force does not live, in words; empty while all do."""
     fault: str = ""
     """What is wrong with a device, in words; empty while nothing is."""
     force_travel: float = 0.0
@@ -157,7 +159,7 @@ class ControlLoop:
             supervisor, verdict = self.supervisor.stop(state.supervisor, Cause.OSCILLATION, text)
         else:
             supervisor, verdict = self.supervisor.step(
-                state.supervisor, _observe(sample), self._request(state, output)
+                state.supervisor, _observe(sample, depth, output), self._request(state, output)
             )
         cause = _cause(state, output, verdict)
         if isinstance(verdict, Stop) or cause:
@@ -261,7 +263,7 @@ def _cause(state: LoopState, output: TaskOutput, verdict: Verdict) -> str:
             return ""
 
 
-def _observe(sample: Sample) -> Observation:
+def _observe(sample: Sample, depth: float, output: TaskOutput) -> Observation:
     return Observation(
         now=sample.now,
         force=sample.force,
@@ -270,5 +272,8 @@ def _observe(sample: Sample) -> Observation:
         sensor_sequence=sample.sensor_sequence,
         repeated_frames=sample.repeated_frames,
         saturated=sample.saturated,
+        dead_axis=sample.dead_axis,
+        pressing=output.in_contact,
+        depth=depth,
         fault=sample.fault,
     )

@@ -62,6 +62,10 @@ class Limits:
     """Frames in a row with identical counts on all axes after which the run stops. A filtered quiet signal
     repeats itself for some frames, a dead converter for ever.
     """
+    unanswered_mm: float = 2.0
+    """How far a pressing tool may go deeper without the force changing by one count: more, and the axis that
+    measures it is dead, while the controller presses ever harder.
+    """
     oscillation_guard: bool = True
     """Lower the gain of a loop whose force swings for long, and end the run when that does not help."""
     still_after_cycles: int = 3
@@ -77,6 +81,7 @@ class Limits:
             "travel_per_cycle_mm",
             "stale_after_ms",
             "frozen_after_frames",
+            "unanswered_mm",
             "still_after_cycles",
         )
         for low, high in zip(self.workspace_min_m, self.workspace_max_m, strict=True):
@@ -102,6 +107,12 @@ class Observation:
     """How many of the newest frames in a row carried identical counts on all axes."""
     saturated: bool = False
     """True when an axis is at the end of its range, so that the force may be anything above."""
+    dead_axis: str = ""
+    """Which axis of the controlled force does not live, in words; empty while all do."""
+    pressing: bool = False
+    """Whether the tool is taken to be in contact."""
+    depth: float = 0.0
+    """Reported position along the approach direction from the start point, m."""
     fault: str = ""
     """What is wrong with a device, in words; empty while nothing is."""
 
@@ -160,6 +171,8 @@ class SupervisorState:
     sensor_sequence: int | None = None
     still_cycles: int = 0
     """Cycles in a row without a new sensor frame."""
+    pressed: tuple[float, float] | None = None
+    """Contact force that has not changed since, N, and the reported depth when it was new, m; None without contact."""
     stopped: Stop | None = None
 
 
@@ -186,12 +199,18 @@ class Supervisor:
         if state.stopped is not None:
             return state, state.stopped
         still = state.still_cycles + 1 if observation.sensor_sequence == state.sensor_sequence else 0
-        stop = _find_cause(self.limits, state, observation, request, still)
+        state = replace(state, still_cycles=still, pressed=_pressed(state.pressed, observation))
+        stop = _find_cause(self.limits, state, observation, request)
         if stop is not None:
-            return SupervisorState(state.depth, state.position, state.sensor_sequence, still, stop), stop
+            return replace(state, stopped=stop), stop
         verdict = _clamp(self.limits, state, request)
         return (
-            SupervisorState(verdict.depth, verdict.position, observation.sensor_sequence, still),
+            replace(
+                state,
+                depth=verdict.depth,
+                position=verdict.position,
+                sensor_sequence=observation.sensor_sequence,
+            ),
             verdict,
         )
 
@@ -209,13 +228,23 @@ class Supervisor:
         return replace(state, depth=verdict.depth, position=verdict.position), verdict
 
 
+def _pressed(before: tuple[float, float] | None, observation: Observation) -> tuple[float, float] | None:
+    if not observation.pressing:
+        return None
+    if before is None or before[0] != observation.force:
+        return observation.force, observation.depth
+    # Where a tool that was pulled back in between comes from does not count.
+    return before[0], min(before[1], observation.depth)
+
+
 def _find_cause(
-    limits: Limits, state: SupervisorState, observation: Observation, request: Request, still: int
+    limits: Limits, state: SupervisorState, observation: Observation, request: Request
 ) -> Stop | None:
     numbers = (
         *(observation.now, observation.force, observation.resultant, observation.sensor_at, request.depth),
-        *(*request.position, *request.direction, state.depth, *state.position),
+        *(*request.position, *request.direction, state.depth, *state.position, observation.depth),
     )
+    deeper_mm = 0.0 if state.pressed is None else (observation.depth - state.pressed[1]) * 1e3
     normal = math.hypot(*request.direction)
     axes = zip(request.direction, request.position, state.position, strict=True)
     moved = sum(n * (new - old) for n, new, old in axes)
@@ -246,7 +275,17 @@ def _find_cause(
             Cause.FROZEN,
             f"the force sensor repeated the same counts {observation.repeated_frames} times",
         ),
-        (still >= limits.still_after_cycles, Cause.FROZEN, f"no new force for {still} cycles"),
+        (
+            state.still_cycles >= limits.still_after_cycles,
+            Cause.FROZEN,
+            f"no new force for {state.still_cycles} cycles",
+        ),
+        (bool(observation.dead_axis), Cause.FROZEN, observation.dead_axis),
+        (
+            deeper_mm > limits.unanswered_mm,
+            Cause.FROZEN,
+            f"the force stayed at {observation.force:.2f} N while the tool went {deeper_mm:.1f} mm deeper",
+        ),
         (
             before is not None and now < before,
             Cause.SEQUENCE,

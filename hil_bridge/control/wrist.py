@@ -43,6 +43,11 @@ class Wrist:
         matrix = rotation_matrix(self.orientation)
         return matrix * (-1.0, 1.0, 1.0) if self.flip else matrix
 
+    def seen_by_sensor(self, direction_base: Sequence[float], quaternion: Sequence[float]) -> Array:
+        """A direction of the base as the three force axes of the sensor see it, shape (3,)."""
+        seen: Array = self.alignment().T @ rotation_matrix(quaternion).T @ np.asarray(direction_base)
+        return seen
+
     def contact_wrench(
         self,
         measured: Sequence[float],

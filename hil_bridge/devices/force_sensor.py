@@ -7,6 +7,7 @@ from contextlib import suppress
 from typing import Any
 
 from hil_bridge.clock import Clock
+from hil_bridge.devices.axis_watch import AxisWatch
 from hil_bridge.errors import BridgeError, DeviceError, TransportClosed
 from hil_bridge.pump import Pump
 from hil_bridge.transports import Transport
@@ -48,11 +49,12 @@ class ForceSensor:
     ) -> None:
         self.name = transport.name
         self.newest: SensorFrame | None = None
-        """The frame that arrived last, or None before the first."""
+        """The frame that arrived last, or None before the first and before the first since a zero."""
         self.received = 0
         """Complete frames so far."""
         self.repeated = 0
         """How many of the newest frames in a row carried identical counts on all axes."""
+        self._watch = AxisWatch()
         self._history: deque[SensorFrame] = deque(maxlen=_HISTORY)
         self._transport = transport
         self._clock = clock
@@ -74,6 +76,16 @@ class ForceSensor:
         """How much later than the force itself the device's filter tells of it, s."""
         return self._client.delay
 
+    @property
+    def saturated(self) -> tuple[str, ...]:
+        """Axes that were at the end of their range in the newest frame."""
+        return self._watch.saturated
+
+    @property
+    def dead(self) -> tuple[int, ...]:
+        """Numbers of the axes that have not changed once since the zero, for long, though another moved far."""
+        return self._watch.dead
+
     def start(self) -> None:
         """Begin to listen and to bring the device up."""
         self._pump.start()
@@ -90,16 +102,19 @@ class ForceSensor:
         return self._full_scales
 
     async def tare(self) -> None:
-        """Let the device take its present filtered output as zero, and wait for the first frame after it."""
+        """Let the device take its present filtered output as zero. Frames from before are forgotten.
+
+        What the output was is looked at first: the zero moves the counts, and the end of the range stays where it is.
+        """
+        await self.frame()
         self._client.zero()
         self._pump.kick()
         await self._until(Zeroed)
-        self._history.clear()
-        await self._until(SensorFrame)
 
-    async def next_frame(self) -> SensorFrame:
-        """The first complete frame that arrives from now on."""
-        await self._until(SensorFrame)
+    async def frame(self) -> SensorFrame:
+        """The newest frame; where there is none yet, or none since the zero, the next."""
+        if self.newest is None:
+            await self._until(SensorFrame)
         assert self.newest is not None
         return self.newest
 
@@ -154,10 +169,16 @@ class ForceSensor:
                 self.repeated = self.repeated + 1 if same else 0
                 self.newest = event
                 self._history.append(event)
+                for text in self._watch.frame(event.counts):
+                    self._on_notice("sensor", text)
                 self.received += 1
                 self._on_frame(event)
             case SensorReady(full_scales=full_scales):
                 self._full_scales = full_scales
+            case Zeroed():
+                self._watch.zeroed(None if self.newest is None else self.newest.counts)
+                self.newest = None
+                self._history.clear()
             case SensorNotice(text=text):
                 self._on_notice("sensor", text)
             case SensorFailed(text=text):

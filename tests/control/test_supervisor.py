@@ -89,6 +89,8 @@ def test_start_outside_the_workspace_is_a_configuration_error():
         ({"sensor_at": 100.1}, Cause.STALE),
         ({"repeated_frames": 400}, Cause.FROZEN),
         ({"fault": "the sensor restarted"}, Cause.DEVICE),
+        ({"dead_axis": "fz did not change"}, Cause.FROZEN),
+        ({"depth": math.inf}, Cause.NOT_A_NUMBER),
     ],
 )
 def test_each_cause_stops_and_just_inside_does_not(observed, cause):
@@ -108,6 +110,27 @@ def test_counter_that_stands_still_or_goes_back_stops():
     assert verdicts[-1].cause is Cause.FROZEN
     state, _ = step(request(0.0))
     assert step(request(0.0), state, sensor_sequence=6)[1].cause is Cause.SEQUENCE
+
+
+def deepen(depths_mm, force=lambda k: 5.0, **observed):
+    """The causes of the cycles in which the reported depth takes these values."""
+    state, causes = START, []
+    for k, depth in enumerate(depths_mm):
+        state, verdict = step(
+            request(0.0), state, depth=depth * 1e-3, force=force(k), sensor_sequence=10 + k, **observed
+        )
+        causes.append(verdict.cause if isinstance(verdict, Stop) else None)
+    return causes
+
+
+def test_a_pressing_force_that_does_not_answer_depth_stops():
+    assert deepen([1.0, 2.0, 3.0, 3.01], pressing=True) == [None, None, None, Cause.FROZEN]
+    # One count of change, no contact, or a tool that does not go deeper is enough to be believed.
+    assert set(deepen(range(20), force=lambda k: 5.0 + 0.01 * k, pressing=True)) == {None}
+    assert set(deepen(range(20))) == {None}
+    assert set(deepen([3.0] * 500, pressing=True)) == {None}
+    # Pulling back and coming again is depth too.
+    assert deepen([5.0, 1.0, 2.9, 3.1], pressing=True)[-1] is Cause.FROZEN
 
 
 def test_depth_that_does_not_match_the_position_stops():

@@ -97,3 +97,10 @@ def test_the_turn_between_two_orientations_leads_from_one_to_the_other_the_short
     assert 0.0 <= angle <= math.pi + 1e-9
     there = quaternion_product(quaternion_about(axis, angle), a)
     assert rotation_matrix(there) == pytest.approx(rotation_matrix(b), abs=1e-9)
+
+
+def test_a_direction_is_seen_along_the_sensors_own_axes() -> None:
+    """Base down is z of a tool that points down, and x of one held level: −y of a sensor turned by 90°."""
+    assert Wrist(QUARTER).seen_by_sensor((0.0, 0.0, -1.0), DOWN) == pytest.approx([0.0, 0.0, 1.0], abs=1e-12)
+    level = Wrist(QUARTER, flip=True).seen_by_sensor((0.0, 0.0, -1.0), LEVEL)
+    assert level == pytest.approx([0.0, -1.0, 0.0], abs=1e-12)
