@@ -1,0 +1,235 @@
+"""A sensor behind its UART gateway, from the URL to the closed loop, in virtual time over a paced line."""
+
+import statistics
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import pytest
+
+from hil_bridge.clock import Clock, run_virtual
+from hil_bridge.compose import Ports, connect_robot, connect_sensor, emulated_cell, uart_wire
+from hil_bridge.config import Config, load_config
+from hil_bridge.devices import ForceSensor, RobotLink
+from hil_bridge.errors import ConfigError, DeviceError, TransportUnavailable
+from hil_bridge.recording import CycleRecord, EventRecord, Outcome
+from hil_bridge.run import Run
+from hil_bridge.transports.urls import CONNECT_BYTES, LISTEN_BYTES
+from protocol.jr3 import SensorFrame
+
+URL = "memory:sensor?gateway=jr3"
+
+
+# --- URL
+
+
+@pytest.mark.parametrize(
+    ("url", "wire"),
+    [
+        ("serial:///dev/ttyACM0?gateway=jr3", "serial:///dev/ttyACM0?baudrate=115200"),
+        ("serial:///dev/ttyACM0?gateway=jr3&parity=E", "serial:///dev/ttyACM0?baudrate=115200&parity=E"),
+        ("serial:///dev/x?baudrate=9600&gateway=jr3", "serial:///dev/x?baudrate=9600"),
+        ("tcp://10.0.0.1:4000?gateway=jr3", "tcp://10.0.0.1:4000"),
+        (
+            "memory:x?latency_ms=5&gateway=jr3",
+            "memory:x?baudrate=115200&latency_ms=5",
+        ),
+        ("serial:///dev/ttyACM0", None),
+        ("can+slcan:///dev/ttyACM0?gateway=jr3", None),
+        ("foo:?gateway=jr3", "foo:"),
+    ],
+)
+def test_a_connecting_url_names_its_gateway_and_gets_its_line(url: str, wire: str | None) -> None:
+    assert uart_wire(url, CONNECT_BYTES) == wire
+
+
+@pytest.mark.parametrize(
+    ("url", "wire"),
+    [
+        ("pty:?gateway=jr3", "pty:?baudrate=115200"),
+        ("pty:?link=/tmp/jr3&gateway=jr3", "pty:?baudrate=115200&link=/tmp/jr3"),
+        ("tcp-listen://127.0.0.1:0?gateway=jr3", "tcp-listen://127.0.0.1:0?baudrate=115200"),
+        ("memory:x?gateway=jr3", "memory:x"),
+        ("can+slcan+pty:", None),
+    ],
+)
+def test_a_listening_url_names_its_gateway_and_gets_its_line(url: str, wire: str | None) -> None:
+    assert uart_wire(url, LISTEN_BYTES) == wire
+
+
+@pytest.mark.parametrize("option", ["gateway=", "gateway", "gateway=can", "gateway=jr3&gateway=jr3"])
+def test_another_gateway_is_refused(option: str) -> None:
+    with pytest.raises(ConfigError, match=r"gateway must be jr3, and once, got 'gateway"):
+        uart_wire(f"serial:///dev/ttyACM0?{option}", CONNECT_BYTES)
+
+
+def refuse(url: str, error: type[Exception]) -> str:
+    async def main() -> None:
+        clock = Clock.running()
+        await connect_sensor(url, Config().sensor, clock, lambda frame: None, lambda kind, text: None)
+
+    with pytest.raises(error) as caught:
+        run_virtual(main)
+    return str(caught.value)
+
+
+def test_what_is_wrong_with_the_wire_is_told_as_ever() -> None:
+    assert "unknown scheme 'foo'" in refuse("foo:x?gateway=jr3", ConfigError)
+    assert "unknown option 'speed'" in refuse("serial:///dev/x?gateway=jr3&speed=1", ConfigError)
+    assert "unknown option 'gateway'" in refuse("can+memory:x?gateway=jr3", ConfigError)
+    assert "nobody listens" in refuse("memory:none?gateway=jr3", TransportUnavailable)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "text"),
+    [
+        ("period_ms", 1.0, "period_ms must be at least 1.5625, what a frame takes at 115200 baud, got 1"),
+        ("cutoff_hz", 0.62, "cutoff_hz must not be 0.62: on the line a byte of it looks like < or >"),
+        ("cutoff_hz", 0.001, "cutoff_hz must be 0.01 … 655.35, or 0 for unfiltered, got 0.001"),
+    ],
+)
+def test_a_setting_that_the_line_cannot_carry_is_one_clear_line(
+    key: str, value: float, text: str, tmp_path: Any
+) -> None:
+    path = tmp_path / "c.toml"
+    path.write_text(f"[sensor.uart]\n{key} = {value}\n")
+    with pytest.raises(ConfigError) as caught:
+        load_config(path, {})
+    assert str(caught.value).startswith(f"{path}: sensor.uart.{text}")
+
+
+@pytest.mark.parametrize(("node", "bound"), [(0, "at least 1"), (128, "at most 127")])
+def test_a_node_that_no_can_gateway_has_is_one_clear_line(node: int, bound: str, tmp_path: Any) -> None:
+    path = tmp_path / "c.toml"
+    path.write_text(f"[sensor.gateway]\nnode = {node}\n")
+    with pytest.raises(ConfigError) as caught:
+        load_config(path, {})
+    assert str(caught.value) == f"{path}: sensor.gateway.node must be {bound}, got {node}"
+
+
+# --- device and loop
+
+
+@dataclass
+class Log:
+    """What a run tells."""
+
+    cycles: list[CycleRecord] = field(default_factory=list)
+    events: list[EventRecord] = field(default_factory=list)
+
+    def cycle(self, record: CycleRecord) -> None:
+        self.cycles.append(record)
+
+    def event(self, record: EventRecord) -> None:
+        self.events.append(record)
+
+
+@dataclass
+class Served:
+    """A cell whose sensor is behind a UART gateway, and its two devices."""
+
+    clock: Clock
+    robot: RobotLink
+    sensor: ForceSensor
+    frames: list[SensorFrame]
+    notices: list[tuple[str, str]]
+
+
+def with_cell(script: Callable[[Served], Awaitable[None]], **sections: Any) -> Served:
+    config = Config.model_validate(sections)
+    kept: list[Served] = []
+
+    async def main() -> None:
+        clock = Clock.running()
+        frames: list[SensorFrame] = []
+        notices: list[tuple[str, str]] = []
+
+        def notice(kind: str, text: str) -> None:
+            notices.append((kind, text))
+
+        def failed(cause: BaseException) -> None:
+            raise cause
+
+        async with emulated_cell(config.cell, 1, clock, Ports("memory:robot", URL), failed) as ports:
+            assert ports.robot is not None
+            assert ports.sensor == URL
+            robot = await connect_robot(ports.robot, config.robot.link, clock, notice)
+            sensor = await connect_sensor(ports.sensor, config.sensor, clock, frames.append, notice)
+            kept.append(Served(clock, robot, sensor, frames, notices))
+            robot.start()
+            sensor.start()
+            try:
+                await script(kept[0])
+            finally:
+                await sensor.aclose()
+                await robot.aclose()
+
+    run_virtual(main)
+    return kept[0]
+
+
+def test_ready_tare_and_stop() -> None:
+    times: list[float] = []
+
+    async def script(served: Served) -> None:
+        begun = served.clock.now()
+        assert await served.sensor.ready() == (115.0, 111.0, 185.0, 5.6, 5.2, 6.1)
+        times.append(served.clock.now() - begun)
+        await served.sensor.tare()
+        times.append(served.clock.now() - begun)
+        await served.clock.sleep_until(served.clock.now() + 10.0)
+        assert max(map(abs, served.frames[-1].counts)) <= 4
+
+    served = with_cell(script, sensor={"uart": {"period_ms": 2.0}})
+    # Boot 5.033 s, then two pauses of 1.1 s until the start, one more until the zero.
+    assert times == [pytest.approx(7.34, abs=0.02), pytest.approx(8.35, abs=0.02)]
+    assert len(served.frames) > 5000
+    assert served.sensor.lost == 0
+    assert served.notices == []
+
+
+def test_a_stream_as_fast_as_the_line_loses_nothing() -> None:
+    async def script(served: Served) -> None:
+        await served.sensor.ready()
+        await served.clock.sleep_until(served.clock.now() + 3.0)
+        gaps = [b.at - a.at for a, b in zip(served.frames, served.frames[1:], strict=False)]
+        assert statistics.fmean(gaps) == pytest.approx(1.563e-3, rel=1e-3)
+
+    assert with_cell(script, sensor={"uart": {"period_ms": 1.563}}).sensor.lost == 0
+
+
+def test_an_unfiltered_sensor_is_said_once() -> None:
+    async def script(served: Served) -> None:
+        await served.sensor.ready()
+        await served.sensor.tare()
+
+    served = with_cell(script, sensor={"uart": {"cutoff_hz": 0.0}})
+    ((kind, text),) = served.notices
+    assert kind == "sensor"
+    assert "filter is off (cut-off 0)" in text
+
+
+def test_a_sensor_that_is_not_plugged_in_is_one_clear_line() -> None:
+    async def script(served: Served) -> None:
+        with pytest.raises(DeviceError, match=r"acknowledges but not ready after 12 s: sensor unplugged\?"):
+            await served.sensor.ready()
+
+    with_cell(script, cell={"sensor": {"connected": False}})
+
+
+@pytest.mark.parametrize("kept_bytes", [0, 256])
+def test_the_closed_loop_holds_ten_newtons(kept_bytes: int) -> None:
+    log = Log()
+    sections: dict[str, Any] = {
+        "run": {"duration_s": 10.0},
+        "cell": {"uart_gateway": {"kept_bytes": kept_bytes}},
+    }
+
+    async def script(served: Served) -> None:
+        run = Run(Config.model_validate(sections), served.clock, served.robot, served.sensor, log)
+        assert (await run()).outcome is Outcome.COMPLETED
+
+    served = with_cell(script, **sections)
+    steady = [record.force for record in log.cycles if record.phase == "track"][-20:]
+    assert statistics.fmean(steady) == pytest.approx(10.0, abs=0.5)
+    assert served.sensor.lost == 0

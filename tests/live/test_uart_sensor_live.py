@@ -1,0 +1,52 @@
+"""A sensor behind its UART gateway on a pseudo-terminal, in real time."""
+
+import asyncio
+import itertools
+
+import pytest
+
+from hil_bridge.clock import Clock, run_real
+from hil_bridge.compose import Ports, connect_sensor, emulated_cell
+from hil_bridge.config import Config
+from protocol.jr3 import SensorFrame
+
+pytestmark = pytest.mark.live
+
+QUICK = {
+    "cell": {"uart_gateway": {"boot_s": 0.2, "deaf_s": 0.2}},
+    "sensor": {"uart": {"pause_s": 0.3, "ack_timeout_s": 0.5, "period_ms": 4.0}},
+}
+"""The same session in less time."""
+
+
+def test_a_sensor_on_a_pseudo_terminal() -> None:
+    config = Config.model_validate(QUICK)
+    frames: list[SensorFrame] = []
+
+    def failed(cause: BaseException) -> None:
+        raise cause
+
+    async def main() -> None:
+        clock = Clock.running()
+        try:
+            async with emulated_cell(config.cell, 1, clock, Ports(None, "pty:?gateway=jr3"), failed) as ports:
+                url = ports.sensor or ""
+                assert url.startswith("serial:///dev/pts/")
+                assert url.endswith("?baudrate=115200&parity=N&stopbits=1&gateway=jr3")
+                sensor = await connect_sensor(
+                    url, config.sensor, clock, frames.append, lambda kind, text: None
+                )
+                sensor.start()
+                async with asyncio.timeout(30.0):
+                    assert await sensor.ready() == (115.0, 111.0, 185.0, 5.6, 5.2, 6.1)
+                    await sensor.tare()
+                    await clock.sleep_until(clock.now() + 0.5)
+                await sensor.aclose()
+        finally:
+            clock.close()
+
+    run_real(main)
+    assert len(frames) > 50
+    # The emulator leaves out nothing, and a pseudo-terminal loses nothing.
+    assert {later.sequence - earlier.sequence for earlier, later in itertools.pairwise(frames)} == {31, 32}
+    assert max(map(abs, frames[-1].counts)) <= 4
