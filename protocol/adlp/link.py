@@ -26,7 +26,7 @@ from protocol.adlp.events import (
     Role,
 )
 from protocol.adlp.journal import Count, Journal
-from protocol.adlp.profile import LinkProfile
+from protocol.adlp.profile import LengthStyle, LinkProfile
 from protocol.adlp.transitions import TRANSITIONS, Action, State, Stimulus
 from protocol.endpoint import LocalProtocolError
 
@@ -38,6 +38,11 @@ GARBAGE_SIZE = 5
 """After so many meaningless bytes in one run a control byte is one more of them, until the line falls silent:
 else the data of a mutilated block would be answered. Mark: chosen (STX, length and addresses of a block)."""
 
+_ACCEPTED_STYLES: dict[str, tuple[LengthStyle, ...]] = {
+    "both": LENGTH_STYLES,
+    "whole": ("whole",),
+    "data": ("data",),
+}
 _CONTROL_STIMULI = {
     Control.ENQ: Stimulus.ENQ,
     Control.ACK: Stimulus.ACK,
@@ -81,7 +86,7 @@ class Link:
     def __init__(self, role: Role, profile: LinkProfile) -> None:
         self._role = role
         self._profile = profile
-        styles = LENGTH_STYLES if role is Role.ROBOT else LENGTH_STYLES[:1]
+        styles = _ACCEPTED_STYLES[profile.accepted_lengths] if role is Role.ROBOT else LENGTH_STYLES[:1]
         self._scanner = BlockScanner(BlockFormat(profile.dle_stuffing, styles, profile.max_telegram))
         self._state = State.IDLE
         self._now = 0.0

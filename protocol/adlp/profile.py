@@ -47,6 +47,11 @@ class LinkProfile:
     length_style: Literal["whole", "data"] = setting(
         "whole", Mark.OBSERVED, "what the length of a telegram from the PC counts: whole, data (no header)"
     )
+    accepted_lengths: Literal["both", "whole", "data"] = setting(
+        "both",
+        Mark.OBSERVED,
+        "which of these a controller understands: both, whole, data; for the emulated one",
+    )
     move_length: int = setting(
         52, Mark.DERIVED, "length of a move telegram, header included", unit="byte", minimum=32
     )
