@@ -152,6 +152,15 @@ def test_any_split_gives_the_same_telegrams(cuts: list[int]) -> None:
     assert [type(item) for item in found] == [Garbage, *[Request] * 4, Garbage, Request]
 
 
+def test_every_single_cut_gives_the_same_telegrams() -> None:
+    whole = request_reader().feed(WIRE)
+    for cut in range(len(WIRE)):
+        reader = request_reader()
+        assert reader.feed(WIRE[:cut]) + reader.feed(WIRE[cut:]) == whole
+    reader = request_reader()
+    assert [item for byte in WIRE for item in reader.feed(bytes([byte]))] == whole
+
+
 def test_garbage_then_valid_recovers() -> None:
     (golden, request_), *_ = GOLDEN_REQUESTS.items()
     for garbage in (

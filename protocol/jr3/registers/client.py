@@ -65,6 +65,9 @@ class BoardPhase(Enum):
     FAILED = "failed"
 
 
+# plain numbers: an operation on flags costs as much as the rest of a sample
+_TROUBLE = int(DEAF | Errors.SENSOR_CHANGE)
+_BUSY = int(Errors.SYSTEM_BUSY)
 _RUNNING = frozenset({BoardPhase.STARTING, BoardPhase.SETTLING, BoardPhase.READY})
 
 
@@ -364,12 +367,12 @@ class BoardClient:
             self.statistics.lost += max(0, round(periods) - 1)
         self._stamp_ns = burst.time_ns
         errors, warnings = words[self._errors_at], words[self._warnings_at]
-        if errors & (DEAF | Errors.SENSOR_CHANGE):
+        if errors & _TROUBLE:
             self._on_sensor_trouble(errors, now)
             return
         if (errors | warnings) & SATURATIONS or self._saturated:
             self._on_saturation(errors & SATURATIONS, warnings & SATURATIONS, now)
-        if errors & Errors.SYSTEM_BUSY:
+        if errors & _BUSY:
             return  # the data are old
         counter = words[self._counter_at]
         if self._counter is None:

@@ -5,10 +5,10 @@ A header of fixed size says how much follows. All numbers are big-endian, words 
 chosen.
 """
 
+import struct
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from struct import Struct
 from typing import Final, Generic, TypeAlias, TypeVar
 
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
@@ -206,13 +206,13 @@ def fits(count: int, bursts: int) -> bool:
 
 def _pack_words(words: Sequence[int]) -> bytes:
     try:
-        return b"".join(word.to_bytes(2) for word in words)
-    except OverflowError as error:
+        return struct.pack(f">{len(words)}H", *words)
+    except struct.error as error:
         raise LocalProtocolError(f"a word has 16 bits, unsigned, got {min(words)} … {max(words)}") from error
 
 
 def _unpack_words(data: bytes, at: int, count: int) -> tuple[int, ...]:
-    return Struct(f">{count}H").unpack_from(data, at)
+    return struct.unpack_from(f">{count}H", data, at)
 
 
 def _request_size(header: bytes) -> int:
