@@ -1,12 +1,15 @@
 """A sensor behind its UART gateway, from the URL to the closed loop, in virtual time over a paced line."""
 
+import json
 import statistics
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
 from typing import Any
 
 import pytest
+from click.testing import CliRunner
 
+from hil_bridge.cli.decode import decode
 from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.compose import Ports, connect_robot, connect_sensor, emulated_cell, uart_wire
 from hil_bridge.config import Config, load_config
@@ -105,6 +108,15 @@ def test_a_node_that_no_can_gateway_has_is_one_clear_line(node: int, bound: str,
     with pytest.raises(ConfigError) as caught:
         load_config(path, {})
     assert str(caught.value) == f"{path}: sensor.gateway.node must be {bound}, got {node}"
+
+
+def test_pasted_bytes_of_the_line_are_decoded() -> None:
+    done = CliRunner().invoke(decode, ["jr3-uart", "3C 30 32 C8 00", "10 27 00 00 3E", "3C3031003E"])
+    assert done.exit_code == 0
+    assert [item["op"] for item in json.loads(done.output)] == ["start", "acknowledge"]
+    done = CliRunner().invoke(decode, ["jr3-uart", "FF 3C 30 36 3E"])
+    assert done.exit_code == 2
+    assert [item["kind"] for item in json.loads(done.output)] == ["noise", "frame"]
 
 
 # --- device and loop
