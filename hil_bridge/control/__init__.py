@@ -34,7 +34,7 @@ from hil_bridge.control.fuzzy_control import (
     scheduled_gain,
 )
 from hil_bridge.control.linear import Admittance, AdmittanceState, Pi, PiState
-from hil_bridge.control.loop import ControlLoop, Decision, LoopState, Sample
+from hil_bridge.control.loop import ControlLoop, Decision, LoopState, Proposal, Sample
 from hil_bridge.control.merit import FiguresOfMerit, figures_of_merit
 from hil_bridge.control.oscillation import OscillationDetector, OscillationState
 from hil_bridge.control.plugins import plugin_names
@@ -92,6 +92,7 @@ __all__ = [
     "PiState",
     "Predictive",
     "PredictiveState",
+    "Proposal",
     "Request",
     "ResolutionAware",
     "RuleBase",

@@ -1,6 +1,6 @@
-"""One cycle's decision as a pure function: sample → task and controller → supervisor → target position.
+"""One cycle's decision as two pure functions: sample → task and controller → supervisor → target position.
 
-The same function makes the decisions of a run and of its replay.
+The same functions make the decisions of a run and of its replay; a run looks at the clock between them.
 """
 
 import math
@@ -73,6 +73,24 @@ class LoopState:
 
 
 @dataclass(frozen=True, slots=True)
+class Proposal:
+    """What task and controller would like to command, for the supervisor to judge."""
+
+    depth: float
+    """Reported position along the approach direction from the start point, m."""
+    measurement: Measurement
+    """What the controller was given."""
+    output: TaskOutput
+    failure: str
+    """What is wrong with the controller, in words; empty while nothing is."""
+    advice: Advice | None
+    """The oscillation detector's word; None where it has none."""
+    task: TaskState
+    oscillation: OscillationState
+    contour: ContourState
+
+
+@dataclass(frozen=True, slots=True)
 class Decision:
     """What the cycle is to command, and why."""
 
@@ -129,9 +147,11 @@ class ControlLoop:
         return replace(state, task=self.task.finish(state.task, cause))
 
     def step(self, state: LoopState, sample: Sample) -> tuple[LoopState, Decision]:
-        """One cycle. A stop turns it into a retraction; while retracting only the limits of motion apply,
-        for pulling back is what a stop is for.
-        """
+        """One cycle: what is proposed, judged."""
+        return self.judge(state, sample, self.propose(state, sample))
+
+    def propose(self, state: LoopState, sample: Sample) -> Proposal:
+        """What task and controller make of a sample."""
         moved = [p - s for p, s in zip(sample.position, state.start, strict=True)]
         depth = sum(m * n for m, n in zip(moved, self.approach, strict=True))
         measurement = Measurement(
@@ -148,23 +168,30 @@ class ControlLoop:
         oscillation, advice = self._watch(state.oscillation, measurement, output)
         if advice is not None and advice.factor < 1.0:
             output = _calmed(output, measurement, advice)
+        return Proposal(depth, measurement, output, failure, advice, task, oscillation, contour)
+
+    def judge(self, state: LoopState, sample: Sample, proposal: Proposal) -> tuple[LoopState, Decision]:
+        """The supervisor's word on what was proposed for this sample. A stop turns it into a retraction; while
+        retracting only the limits of motion apply, for pulling back is what a stop is for.
+        """
+        task, output, advice = proposal.task, proposal.output, proposal.advice
         verdict: Verdict
         way: Allow | Clamp
         if output.phase in (Phase.RETRACT, Phase.END):
             supervisor, verdict = self.supervisor.limit(state.supervisor, self._request(state, output))
-        elif failure:
-            supervisor, verdict = self.supervisor.stop(state.supervisor, Cause.CONTROLLER, failure)
+        elif proposal.failure:
+            supervisor, verdict = self.supervisor.stop(state.supervisor, Cause.CONTROLLER, proposal.failure)
         elif advice is not None and advice.retract:
             text = f"the force goes on swinging by ±{advice.amplitude:.1f} N at the lowest gain"
             supervisor, verdict = self.supervisor.stop(state.supervisor, Cause.OSCILLATION, text)
         else:
             supervisor, verdict = self.supervisor.step(
-                state.supervisor, _observe(sample, depth, output), self._request(state, output)
+                state.supervisor, _observe(sample, proposal.depth, output), self._request(state, output)
             )
         cause = _cause(state, output, verdict)
         if isinstance(verdict, Stop) or cause:
             # From the state before this sample: what the controller made of it no longer matters.
-            task, output = self.task.step(self.task.fail(state.task, cause), measurement)
+            task, output = self.task.step(self.task.fail(state.task, cause), proposal.measurement)
             supervisor, way = self.supervisor.limit(supervisor, self._request(state, output))
         else:
             if advice is not None and advice.factor < 1.0:
@@ -174,10 +201,10 @@ class ControlLoop:
             way = verdict
         # Held back at the border of the workspace, a retraction has come as far as it can.
         held = output.phase is Phase.RETRACT and way.depth >= state.supervisor.depth
-        return LoopState(state.start, task, supervisor, oscillation, contour), Decision(
-            depth,
-            measurement.force,
-            contour.angle,
+        return LoopState(state.start, task, supervisor, proposal.oscillation, proposal.contour), Decision(
+            proposal.depth,
+            proposal.measurement.force,
+            proposal.contour.angle,
             Target(way.depth, output.target.travel),
             way.position,
             output,
