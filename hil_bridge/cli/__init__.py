@@ -10,6 +10,7 @@ from hil_bridge.cli.emulate import emulate
 from hil_bridge.cli.experiment import experiment
 from hil_bridge.cli.files import config, profile, report
 from hil_bridge.cli.identify_tool import identify_tool
+from hil_bridge.cli.probe import probe
 from hil_bridge.cli.replay import replay
 from hil_bridge.cli.run import run
 from hil_bridge.cli.serve_jr3 import serve_jr3
@@ -34,7 +35,19 @@ def cli(context: click.Context) -> None:
         click.echo(context.get_help())
 
 
-for command in (run, emulate, serve_jr3, identify_tool, experiment, decode, replay, report, config, profile):
+for command in (
+    run,
+    emulate,
+    serve_jr3,
+    identify_tool,
+    experiment,
+    decode,
+    replay,
+    report,
+    config,
+    profile,
+    probe,
+):
     cli.add_command(command)
 
 
