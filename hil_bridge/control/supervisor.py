@@ -8,11 +8,10 @@ decision, ends it.
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import ClassVar, TypeAlias
-
-import numpy as np
+from typing import ClassVar, NamedTuple, TypeAlias
 
 from hil_bridge.control.checks import require_above_zero
 from hil_bridge.errors import ConfigError
@@ -199,18 +198,15 @@ class Supervisor:
         if state.stopped is not None:
             return state, state.stopped
         still = state.still_cycles + 1 if observation.sensor_sequence == state.sensor_sequence else 0
-        state = replace(state, still_cycles=still, pressed=_pressed(state.pressed, observation))
-        stop = _find_cause(self.limits, state, observation, request)
-        if stop is not None:
-            return replace(state, stopped=stop), stop
+        pressed = _pressed(state.pressed, observation)
+        case = _Case(self.limits, state, observation, request, still, pressed)
+        for check in _CHECKS:
+            if check.fails(case):
+                stop = Stop(check.cause, check.text(case))
+                return replace(state, still_cycles=still, pressed=pressed, stopped=stop), stop
         verdict = _clamp(self.limits, state, request)
         return (
-            replace(
-                state,
-                depth=verdict.depth,
-                position=verdict.position,
-                sensor_sequence=observation.sensor_sequence,
-            ),
+            SupervisorState(verdict.depth, verdict.position, observation.sensor_sequence, still, pressed),
             verdict,
         )
 
@@ -237,73 +233,127 @@ def _pressed(before: tuple[float, float] | None, observation: Observation) -> tu
     return before[0], min(before[1], observation.depth)
 
 
-def _find_cause(
-    limits: Limits, state: SupervisorState, observation: Observation, request: Request
-) -> Stop | None:
-    numbers = (
-        *(observation.now, observation.force, observation.resultant, observation.sensor_at, request.depth),
-        *(*request.position, *request.direction, state.depth, *state.position, observation.depth),
-    )
-    deeper_mm = 0.0 if state.pressed is None else (observation.depth - state.pressed[1]) * 1e3
-    normal = math.hypot(*request.direction)
-    axes = zip(request.direction, request.position, state.position, strict=True)
-    moved = sum(n * (new - old) for n, new, old in axes)
-    slip = abs(moved - (request.depth - state.depth))
-    age_ms = (observation.now - observation.sensor_at) * 1e3
-    before, now = state.sensor_sequence, observation.sensor_sequence
-    checks = (
-        (not all(map(math.isfinite, numbers)), Cause.NOT_A_NUMBER, "a measurement or command is no number"),
-        (bool(observation.fault), Cause.DEVICE, observation.fault),
-        (
-            abs(observation.force) > limits.force_limit_n,
-            Cause.FORCE,
-            f"contact force {observation.force:.1f} N is beyond {limits.force_limit_n:g} N",
+@dataclass(frozen=True, slots=True)
+class _Case:
+    """All that the checks look at."""
+
+    limits: Limits
+    state: SupervisorState
+    """Before this cycle."""
+    observation: Observation
+    request: Request
+    still_cycles: int
+    pressed: tuple[float, float] | None
+
+    @property
+    def age_ms(self) -> float:
+        """Of the newest force."""
+        return (self.observation.now - self.observation.sensor_at) * 1e3
+
+    @property
+    def deeper_mm(self) -> float:
+        """How much deeper the tool went while the force stayed the same."""
+        return 0.0 if self.pressed is None else (self.observation.depth - self.pressed[1]) * 1e3
+
+    @property
+    def slip(self) -> float:
+        """By how much the requested depth and position disagree, m."""
+        request, (x, y, z), (a, b, c) = self.request, self.state.position, self.request.direction
+        u, v, w = request.position
+        return abs(a * (u - x) + b * (v - y) + c * (w - z) - (request.depth - self.state.depth))
+
+    @property
+    def is_finite(self) -> bool:
+        """Whether everything is a number. A sum is one only if all its parts are, and no part is infinite."""
+        seen, wanted, state = self.observation, self.request, self.state
+        return math.isfinite(
+            seen.now + seen.force + seen.resultant + seen.sensor_at + seen.depth + wanted.depth + state.depth
+        ) and math.isfinite(sum(wanted.position) + sum(wanted.direction) + sum(state.position))
+
+
+class _Check(NamedTuple):
+    """One reason to end a run."""
+
+    cause: Cause
+    fails: Callable[[_Case], bool]
+    text: Callable[[_Case], str]
+
+
+_CHECKS = (
+    _Check(
+        Cause.NOT_A_NUMBER,
+        lambda c: not c.is_finite,
+        lambda c: "a measurement or command is no number",
+    ),
+    _Check(Cause.DEVICE, lambda c: bool(c.observation.fault), lambda c: c.observation.fault),
+    _Check(
+        Cause.FORCE,
+        lambda c: abs(c.observation.force) > c.limits.force_limit_n,
+        lambda c: f"contact force {c.observation.force:.1f} N is beyond {c.limits.force_limit_n:g} N",
+    ),
+    _Check(
+        Cause.RESULTANT_FORCE,
+        lambda c: c.observation.resultant > c.limits.resultant_limit_n,
+        lambda c: (
+            f"resultant force {c.observation.resultant:.1f} N is beyond {c.limits.resultant_limit_n:g} N"
         ),
-        (
-            observation.resultant > limits.resultant_limit_n,
-            Cause.RESULTANT_FORCE,
-            f"resultant force {observation.resultant:.1f} N is beyond {limits.resultant_limit_n:g} N",
+    ),
+    _Check(
+        Cause.SATURATED,
+        lambda c: c.observation.saturated,
+        lambda c: "the force sensor is at the end of its range",
+    ),
+    _Check(
+        Cause.STALE,
+        lambda c: not 0 <= c.age_ms <= c.limits.stale_after_ms,
+        lambda c: f"the newest force is {c.age_ms:.0f} ms old, allowed are {c.limits.stale_after_ms:g} ms",
+    ),
+    _Check(
+        Cause.FROZEN,
+        lambda c: c.observation.repeated_frames >= c.limits.frozen_after_frames,
+        lambda c: f"the force sensor repeated the same counts {c.observation.repeated_frames} times",
+    ),
+    _Check(
+        Cause.FROZEN,
+        lambda c: c.still_cycles >= c.limits.still_after_cycles,
+        lambda c: f"no new force for {c.still_cycles} cycles",
+    ),
+    _Check(Cause.FROZEN, lambda c: bool(c.observation.dead_axis), lambda c: c.observation.dead_axis),
+    _Check(
+        Cause.FROZEN,
+        lambda c: c.deeper_mm > c.limits.unanswered_mm,
+        lambda c: (
+            f"the force stayed at {c.observation.force:.2f} N while the tool went {c.deeper_mm:.1f} mm deeper"
         ),
-        (observation.saturated, Cause.SATURATED, "the force sensor is at the end of its range"),
-        (
-            not 0 <= age_ms <= limits.stale_after_ms,
-            Cause.STALE,
-            f"the newest force is {age_ms:.0f} ms old, allowed are {limits.stale_after_ms:g} ms",
+    ),
+    _Check(
+        Cause.SEQUENCE,
+        lambda c: (
+            c.state.sensor_sequence is not None and c.observation.sensor_sequence < c.state.sensor_sequence
         ),
-        (
-            observation.repeated_frames >= limits.frozen_after_frames,
-            Cause.FROZEN,
-            f"the force sensor repeated the same counts {observation.repeated_frames} times",
+        lambda c: (
+            f"the sensor's frame counter went back from {c.state.sensor_sequence} to "
+            f"{c.observation.sensor_sequence}"
         ),
-        (
-            state.still_cycles >= limits.still_after_cycles,
-            Cause.FROZEN,
-            f"no new force for {state.still_cycles} cycles",
+    ),
+    _Check(
+        Cause.INCONSISTENT,
+        lambda c: abs(math.hypot(*c.request.direction) - 1.0) > 1e-6 or c.slip > _CONSISTENT,
+        lambda c: (
+            f"requested depth and position differ by {c.slip * 1e3:.3f} mm, or the direction is no unit vector"
         ),
-        (bool(observation.dead_axis), Cause.FROZEN, observation.dead_axis),
-        (
-            deeper_mm > limits.unanswered_mm,
-            Cause.FROZEN,
-            f"the force stayed at {observation.force:.2f} N while the tool went {deeper_mm:.1f} mm deeper",
-        ),
-        (
-            before is not None and now < before,
-            Cause.SEQUENCE,
-            f"the sensor's frame counter went back from {before} to {now}",
-        ),
-        (
-            abs(normal - 1.0) > 1e-6 or slip > _CONSISTENT,
-            Cause.INCONSISTENT,
-            f"requested depth and position differ by {slip * 1e3:.3f} mm, or the direction is no unit vector",
-        ),
-    )
-    return next((Stop(cause, text) for failed, cause, text in checks if failed), None)
+    ),
+)
+"""In the order in which they are named; the first that fails ends the run."""
 
 
 def _clamp(limits: Limits, state: SupervisorState, request: Request) -> Allow | Clamp:
+    """The request within the limits of motion. Written in single numbers: this runs in every cycle, and arrays of
+    three would cost ten times as much.
+    """
     reasons: list[str] = []
-    depth, target = request.depth, np.array(request.position)
-    before, direction = np.array(state.position), np.array(request.direction)
+    depth, (tx, ty, tz) = request.depth, request.position
+    (bx, by, bz), (nx, ny, nz) = state.position, request.direction
 
     deepest_now = state.depth + limits.correction_per_cycle_mm * 1e-3
     deepest = max(limits.correction_total_mm * 1e-3, state.depth)
@@ -312,31 +362,42 @@ def _clamp(limits: Limits, state: SupervisorState, request: Request) -> Allow | 
             reasons.append(f"deeper by more than {limits.correction_per_cycle_mm:g} mm in a cycle")
         else:
             reasons.append(f"deeper than {limits.correction_total_mm:g} mm in total")
-        target = target - direction * (depth - min(deepest_now, deepest))
+        excess = depth - min(deepest_now, deepest)
+        tx, ty, tz = tx - nx * excess, ty - ny * excess, tz - nz * excess
         depth = min(deepest_now, deepest)
 
-    move = target - before
-    across = move - direction * (move @ direction)
-    length, longest = float(np.linalg.norm(across)), limits.travel_per_cycle_mm * 1e-3
+    mx, my, mz = tx - bx, ty - by, tz - bz
+    along = mx * nx + my * ny + mz * nz
+    ax, ay, az = mx - nx * along, my - ny * along, mz - nz * along
+    length, longest = math.hypot(ax, ay, az), limits.travel_per_cycle_mm * 1e-3
     if length > longest + _ROUNDING:
-        target = target - across * (1 - longest / length)
+        cut = 1 - longest / length
+        tx, ty, tz = tx - ax * cut, ty - ay * cut, tz - az * cut
         reasons.append(f"across by more than {limits.travel_per_cycle_mm:g} mm in a cycle")
 
-    low, high = np.array(limits.workspace_min_m), np.array(limits.workspace_max_m)
-    beyond = (target < low) | (target > high)
-    if np.any(beyond):
-        move = target - before
-        border = np.where(move > 0, high, low)
-        share = float(np.min((border[beyond] - before[beyond]) / move[beyond]))
-        # The last allowed position is inside; clipping only takes off what the arithmetic left over.
-        target = np.clip(before + share * move, low, high)
+    target: Vector = (tx, ty, tz)
+    low, high = limits.workspace_min_m, limits.workspace_max_m
+    if not (low[0] <= tx <= high[0] and low[1] <= ty <= high[1] and low[2] <= tz <= high[2]):
+        share = min(map(_share_inside, state.position, target, low, high))
+        # The last allowed position is inside; the border only takes off what the arithmetic left over.
+        x, y, z = (
+            min(max(before + share * (to - before), lowest), highest)
+            for before, to, lowest, highest in zip(state.position, target, low, high, strict=True)
+        )
+        target = x, y, z
         depth = state.depth + share * (depth - state.depth)
         reasons.append("leaves the workspace")
 
     if not reasons:
         return Allow(depth, request.position)
-    x, y, z = target.tolist()
-    return Clamp(depth, (x, y, z), tuple(reasons))
+    return Clamp(depth, target, tuple(reasons))
+
+
+def _share_inside(before: float, target: float, low: float, high: float) -> float:
+    """How much of the way from an allowed place to the target stays between the borders, on one axis."""
+    if low <= target <= high:
+        return 1.0
+    return ((high if target > before else low) - before) / (target - before)
 
 
 _ROUNDING = 1e-9
