@@ -2,7 +2,7 @@
 
 from hil_bridge.transports.base import Frames, Transport
 from hil_bridge.transports.can_queue import CanStatistics
-from hil_bridge.transports.line import LineSettings, Paced, Parity
+from hil_bridge.transports.line import Paced
 from hil_bridge.transports.listening import Listening
 from hil_bridge.transports.memory import memory_pair
 from hil_bridge.transports.memory_can import (
@@ -13,6 +13,7 @@ from hil_bridge.transports.memory_can import (
     MemoryCanNode,
     memory_can_bus,
 )
+from hil_bridge.transports.uart import LineSettings, Parity
 from hil_bridge.transports.urls import connect_bytes, connect_can, listen_bytes, listen_can
 from hil_bridge.transports.wrappers import Delayed, Direction, Faults, Faulty, Tap
 

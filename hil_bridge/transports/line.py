@@ -1,36 +1,15 @@
-"""A serial line's pace: bytes take the time that a UART gives them."""
+"""A serial line: bytes take the time that a UART gives them, and arrive as the other end's UART reads them."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from enum import StrEnum
 
-from hil_bridge.clock import Clock, Timer
+from hil_bridge.clock import Clock
 from hil_bridge.errors import TransportBroken, TransportClosed, TransportError
 from hil_bridge.transports.base import Transport
 from hil_bridge.transports.delivery import QUEUE_BYTES, Delivery, flush
-
-
-class Parity(StrEnum):
-    """The bit after the data bits."""
-
-    NONE = "N"
-    EVEN = "E"
-    ODD = "O"
-
-
-@dataclass(frozen=True, slots=True)
-class LineSettings:
-    """How characters lie on a serial line: 8 data bits after a start bit."""
-
-    baudrate: int = 9600
-    parity: Parity = Parity.NONE
-    stopbits: int = 1
-
-    @property
-    def bits(self) -> int:
-        """Bit times that one character takes."""
-        return 1 + 8 + (self.parity is not Parity.NONE) + self.stopbits
-
+from hil_bridge.transports.lane import Lane
+from hil_bridge.transports.uart import Damaged, Flaw, LineErrors, LineSettings
+from hil_bridge.transports.wrappers import Direction
 
 FIFO = 14
 """Characters after which a UART hands over what it received.
@@ -39,25 +18,54 @@ Assumed: the highest receive trigger level of a 16550A, which is what drivers ch
 """
 
 
+def _no_matter(flaw: Flaw) -> None:
+    """Nobody is told."""
+
+
+@dataclass(frozen=True, slots=True)
+class LineEnd:
+    """One end of a serial line."""
+
+    settings: Callable[[], LineSettings]
+    """What its UART is set to at this moment."""
+    damaged: Damaged = Damaged.KEEP
+    """What its owner makes of damaged characters."""
+    on_flaw: Callable[[Flaw], None] = _no_matter
+    """Told of every damaged character that this end receives."""
+
+
 class Paced:
-    """A byte wire at the pace of a serial line, in both directions.
+    """A byte wire at the pace of a serial line, in both directions, with a UART at each end.
 
     A byte passes when its last bit would have: out to the wrapped transport, in as if it had come over the
     line. Bytes are handed on in chunks: after `fifo` characters or at the end of a burst (a real UART waits
     four character times to see that end; that wait is not modelled). Bursts queue after one another, and all
     times of unbroken traffic are counted from its first start bit.
+
+    Each end sends at its own settings and reads at its own: where they differ, what arrives is what a UART makes
+    of such a line. No end is ever told that the other is gone or set otherwise: a serial line does not tell.
     """
 
     __slots__ = ("_clock", "_delivery", "_end_cause", "_in", "_inner", "_out", "overruns")
 
     def __init__(
-        self, transport: Transport[bytes], line: LineSettings, clock: Clock, fifo: int = FIFO
+        self,
+        transport: Transport[bytes],
+        line: LineSettings | LineEnd,
+        clock: Clock,
+        fifo: int = FIFO,
+        far: LineEnd | None = None,
     ) -> None:
+        """`line` is this end, the one that holds the transport; `far` is the one behind the wrapped transport, by
+        default one with the same settings.
+        """
+        near = line if isinstance(line, LineEnd) else LineEnd(lambda: line)
+        far = far or LineEnd(near.settings)
         self._inner = transport
         self._clock = clock
         self._delivery: Delivery[bytes] = Delivery(transport.name, QUEUE_BYTES)
-        self._in = _Lane(line, clock, fifo, self._pass_in)
-        self._out = _Lane(line, clock, fifo, self._pass_out)
+        self._in = Lane(clock, fifo, far.settings, near.settings, near.damaged, self._pass_in, near.on_flaw)
+        self._out = Lane(clock, fifo, near.settings, far.settings, far.damaged, self._pass_out, far.on_flaw)
         self._end_cause: TransportError | None = None
         self.overruns = 0
         """Received bytes that were lost because more came than the line could carry."""
@@ -65,6 +73,16 @@ class Paced:
     @property
     def name(self) -> str:
         return self._inner.name
+
+    @property
+    def line_errors(self) -> LineErrors:
+        """Damaged characters that this end has received."""
+        return self._in.errors
+
+    @property
+    def far_line_errors(self) -> LineErrors:
+        """Damaged characters that the other end has received."""
+        return self._out.errors
 
     def start(self, on_data: Callable[[bytes], None], on_end: Callable[[TransportError], None]) -> None:
         self._delivery.start(on_data, on_end)
@@ -76,6 +94,22 @@ class Paced:
             raise type(self._end_cause)(*self._end_cause.args) from self._end_cause
         if not self._out.push(data):
             raise TransportError(f"{self.name}: the queue of {QUEUE_BYTES} bytes is full; the line is slower")
+
+    def send_break(self, duration_s: float, direction: Direction = Direction.SENT) -> None:
+        """Hold one direction of the line low from now on. Characters that are under way meanwhile are damaged or
+        lost: the UART goes on sending them (PC16550D, line control register bit 6).
+        """
+        (self._out if direction is Direction.SENT else self._in).hold_low(duration_s)
+
+    def disconnect(self) -> None:
+        """Pull the plug: what either end sends from now on is lost. Harmless when pulled before."""
+        self._in.unplug()
+        self._out.unplug()
+
+    def reconnect(self) -> None:
+        """Put the plug in again. Harmless when it is in."""
+        self._in.plug_in()
+        self._out.plug_in()
 
     async def aclose(self) -> None:
         if not self._delivery.begin_close():
@@ -93,12 +127,13 @@ class Paced:
             self.overruns += len(data)
 
     def _pass_in(self, data: bytes) -> None:
-        self._delivery.data(data)
+        if data:
+            self._delivery.data(data)
         if self._end_cause is not None and not self._in.waiting:
             self._delivery.end(self._end_cause)
 
     def _pass_out(self, data: bytes) -> None:
-        if self._end_cause is not None:
+        if self._end_cause is not None or not data:
             return
         try:
             self._inner.send(data)
@@ -113,79 +148,3 @@ class Paced:
         if not self._in.waiting or isinstance(error, TransportClosed):
             self._in.clear()
             self._delivery.end(error)
-
-
-class _Lane:
-    """One direction of a line."""
-
-    __slots__ = (
-        "_baudrate",
-        "_begun",
-        "_bits",
-        "_clock",
-        "_fifo",
-        "_next",
-        "_passed",
-        "_sink",
-        "_timer",
-        "waiting",
-    )
-
-    def __init__(self, line: LineSettings, clock: Clock, fifo: int, sink: Callable[[bytes], None]) -> None:
-        self._clock = clock
-        self._bits, self._baudrate = line.bits, line.baudrate
-        self._fifo = fifo
-        self._sink = sink
-        self.waiting = bytearray()
-        self._begun = 0.0
-        """When the first start bit of the present unbroken traffic began."""
-        self._passed = 0
-        """Characters of it that were handed on."""
-        self._next = 0
-        """Characters to hand on when the timer comes."""
-        self._timer: Timer | None = None
-
-    def push(self, data: bytes) -> bool:
-        """Put bytes on the line; False, and nothing done, when its queue has no room for them."""
-        if len(self.waiting) + len(data) > QUEUE_BYTES:
-            return False
-        if not data:
-            return True
-        if not self.waiting:
-            self._begun, self._passed = self._clock.now(), 0
-        self.waiting += data
-        if self._timer is None or self._next < min(len(self.waiting), self._fifo):
-            self._arm()
-        return True
-
-    async def drained(self) -> None:
-        """Return when the last bit is through."""
-        while self.waiting:
-            await self._clock.sleep_until(self._at(self._passed + len(self.waiting)))
-
-    def clear(self) -> None:
-        """Lose what is on the line."""
-        self.waiting.clear()
-        if self._timer is not None:
-            self._timer.cancel()
-            self._timer = None
-
-    def _at(self, characters: int) -> float:
-        return self._begun + characters * self._bits / self._baudrate
-
-    def _arm(self) -> None:
-        if self._timer is not None:
-            self._timer.cancel()
-        self._next = min(len(self.waiting), self._fifo)
-        self._timer = self._clock.call_at(self._at(self._passed + self._next), self._due)
-
-    def _due(self) -> None:
-        self._timer = None
-        data = bytes(self.waiting[: self._next])
-        del self.waiting[: self._next]
-        self._passed += len(data)
-        try:
-            self._sink(data)
-        finally:
-            if self.waiting and self._timer is None:
-                self._arm()

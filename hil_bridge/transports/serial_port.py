@@ -12,7 +12,7 @@ from hil_bridge.errors import TransportBroken, TransportError
 from hil_bridge.transports import reasons
 from hil_bridge.transports.base import Transport
 from hil_bridge.transports.files import FileWire
-from hil_bridge.transports.line import LineSettings, Parity
+from hil_bridge.transports.uart import LineSettings, Parity
 
 PSEUDO_TERMINALS = ("/dev/pts/", "/dev/ttyp")
 

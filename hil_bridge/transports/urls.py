@@ -25,12 +25,13 @@ from urllib.parse import parse_qsl, unquote, urlsplit
 from hil_bridge.clock import Clock
 from hil_bridge.errors import ConfigError
 from hil_bridge.transports.base import Frames, Transport
-from hil_bridge.transports.line import LineSettings, Paced, Parity
+from hil_bridge.transports.line import Paced
 from hil_bridge.transports.listening import Listening
 from hil_bridge.transports.memory import connect_memory, listen_memory
 from hil_bridge.transports.memory_can import join_memory_can
 from hil_bridge.transports.pseudo_terminal import PseudoTerminal
 from hil_bridge.transports.tcp import connect_tcp, listen_tcp
+from hil_bridge.transports.uart import LineSettings, Parity
 from protocol.can import CanFilter
 
 SLCAN_BITRATES = (10_000, 20_000, 50_000, 83_300, 100_000, 125_000, 250_000, 500_000, 750_000, 1_000_000)

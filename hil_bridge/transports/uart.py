@@ -1,0 +1,252 @@
+"""What a UART makes of the levels on its line: characters, parity and framing errors, breaks.
+
+Pure; told the time. Reference: National Semiconductor PC16550D, Universal Asynchronous Receiver/Transmitter with
+FIFOs, line status register; termios(3) for what a Linux port hands on of a damaged character.
+"""
+
+import heapq
+from dataclasses import dataclass
+from enum import StrEnum
+
+DATA_BITS = 8
+
+SAMPLE_AT = 0.5 + 1 / 32
+"""Where in a bit a receiver looks, bit times after its beginning.
+
+Standard: a clock of 16 times the baud rate finds the edge of a start bit up to 1/16 of a bit late, here half of that.
+"""
+
+
+class Parity(StrEnum):
+    """The bit after the data bits."""
+
+    NONE = "N"
+    EVEN = "E"
+    ODD = "O"
+
+
+@dataclass(frozen=True, slots=True)
+class LineSettings:
+    """How characters lie on a serial line: 8 data bits after a start bit."""
+
+    baudrate: int = 9600
+    parity: Parity = Parity.NONE
+    stopbits: int = 1
+
+    @property
+    def bits(self) -> int:
+        """Bit times that one character takes."""
+        return 1 + DATA_BITS + (self.parity is not Parity.NONE) + self.stopbits
+
+    def understands(self, sender: "LineSettings") -> bool:
+        """Whether a receiver with these settings reads every character of such a sender as it was meant.
+
+        A receiver looks at the first stop bit only, so that their number does not matter to it.
+        """
+        return self.baudrate == sender.baudrate and self.parity is sender.parity
+
+    def __str__(self) -> str:
+        return f"{self.baudrate} {DATA_BITS}{self.parity.value}{self.stopbits}"
+
+
+class Damaged(StrEnum):
+    """What the owner of a UART makes of a character with a parity or framing error."""
+
+    KEEP = "keep"
+    """Takes it with the bits as they were read, a break as 00h: a Linux port with INPCK, IGNPAR and PARMRK off,
+    which is how pyserial sets it.
+    """
+    ZERO = "zero"
+    """Takes 00h in its place: a Linux port with INPCK on."""
+    DROP = "drop"
+    """Takes nothing: a Linux port with INPCK and IGNPAR on, and firmware that checks its line status."""
+
+
+class Flaw(StrEnum):
+    """What was wrong with a character."""
+
+    PARITY = "parity"
+    FRAMING = "framing"
+    """The stop bit was low."""
+    BREAK = "break"
+    """All bits were low, the stop bit too."""
+
+
+@dataclass(frozen=True, slots=True)
+class LineErrors:
+    """Damaged characters that a receiver has seen since it was opened."""
+
+    parity: int = 0
+    framing: int = 0
+    breaks: int = 0
+
+    def __add__(self, other: "LineErrors") -> "LineErrors":
+        return LineErrors(
+            self.parity + other.parity, self.framing + other.framing, self.breaks + other.breaks
+        )
+
+    @property
+    def total(self) -> int:
+        """All of them."""
+        return self.parity + self.framing + self.breaks
+
+    def __str__(self) -> str:
+        return f"{self.parity} parity errors, {self.framing} framing errors, {self.breaks} breaks"
+
+
+COUNTED_AS = {
+    Flaw.PARITY: LineErrors(parity=1),
+    Flaw.FRAMING: LineErrors(framing=1),
+    Flaw.BREAK: LineErrors(breaks=1),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Character:
+    """One character as it was read."""
+
+    byte: int
+    flaw: Flaw | None = None
+
+
+def taken(characters: list[Character], damaged: Damaged) -> bytes:
+    """The bytes that the owner of a UART takes of what it has read."""
+    match damaged:
+        case Damaged.KEEP:
+            return bytes(character.byte for character in characters)
+        case Damaged.ZERO:
+            return bytes(0 if character.flaw else character.byte for character in characters)
+        case Damaged.DROP:
+            return bytes(character.byte for character in characters if not character.flaw)
+
+
+def levels(byte: int, settings: LineSettings) -> tuple[int, ...]:
+    """The level of each bit of a character in the order in which they are sent; 1 is the level of an idle line."""
+    data = tuple(byte >> k & 1 for k in range(DATA_BITS))
+    match settings.parity:
+        case Parity.NONE:
+            parity: tuple[int, ...] = ()
+        case Parity.EVEN:
+            parity = (sum(data) & 1,)
+        case Parity.ODD:
+            parity = (~sum(data) & 1,)
+    return (0, *data, *parity, *(1,) * settings.stopbits)
+
+
+class Receiver:
+    """Reads the levels of a line at its own settings.
+
+    A falling edge begins a character; each bit is sampled once, near its middle. A start bit that is high when
+    sampled was none. After a framing error the low stop bit is taken for the next start bit, after a break the
+    receiver waits for the line to go high (PC16550D, line status register bits 3 and 4).
+    """
+
+    __slots__ = ("_awaiting_mark", "_begun", "_bit", "_edges", "_held", "_sampled", "_sent", "settings")
+
+    def __init__(self, settings: LineSettings) -> None:
+        self.settings = settings
+        self._edges: list[tuple[float, bool, int]] = []
+        """To come: time, whether it is a break that begins or ends, new level; a heap."""
+        self._sent, self._held = 1, 1
+        """Levels of sender and break; the line is high when both are."""
+        self._begun: float | None = None
+        """When the character that is being read began."""
+        self._bit = 0
+        self._sampled: list[int] = []
+        self._awaiting_mark = False
+
+    @property
+    def quiet(self) -> bool:
+        """Whether the line is idle as far as it is known and nothing is being read."""
+        return self._begun is None and not self._edges and self._line == 1
+
+    @property
+    def deadline(self) -> float | None:
+        """When the character that is being read will be complete, unless edges come that begin another."""
+        return None if self._begun is None else self._sample_time(self._bits - 1)
+
+    @property
+    def _line(self) -> int:
+        return self._sent & self._held
+
+    @property
+    def _bits(self) -> int:
+        """Bits that are sampled: a character up to its first stop bit."""
+        return self.settings.bits - self.settings.stopbits + 1
+
+    def character(self, byte: int, begun: float, sender: LineSettings) -> None:
+        """A character is put on the line; `begun` is the time of its start bit, s."""
+        before = 1
+        for k, level in enumerate(levels(byte, sender)):
+            if level != before:
+                heapq.heappush(self._edges, (begun + k / sender.baudrate, False, level))
+                before = level
+
+    def hold_low(self, begun: float, ended: float) -> None:
+        """The line is held low from `begun` to `ended`, s, whatever is sent meanwhile."""
+        heapq.heappush(self._edges, (begun, True, 0))
+        heapq.heappush(self._edges, (ended, True, 1))
+
+    def listen(self, until: float) -> list[Character]:
+        """The characters that are complete by `until`, s, up to which all edges must have been told."""
+        read: list[Character] = []
+        while True:
+            if self._begun is None:
+                if not self._find_start(until):
+                    return read
+                continue
+            at = self._sample_time(self._bit)
+            if at > until:
+                return read
+            while self._edges and self._edges[0][0] <= at:
+                self._pass_edge()
+            self._sample(self._line, read)
+
+    def _sample_time(self, bit: int) -> float:
+        assert self._begun is not None
+        return self._begun + (bit + SAMPLE_AT) / self.settings.baudrate
+
+    def _pass_edge(self) -> float:
+        at, of_break, level = heapq.heappop(self._edges)
+        if of_break:
+            self._held = level
+        else:
+            self._sent = level
+        return at
+
+    def _find_start(self, until: float) -> bool:
+        """Go on to the next falling edge; False when there is none by then."""
+        while self._edges and self._edges[0][0] <= until:
+            before = self._line
+            at = self._pass_edge()
+            if self._line:
+                self._awaiting_mark = False
+            elif before and not self._awaiting_mark:
+                self._begun, self._bit = at, 0
+                self._sampled.clear()
+                return True
+        return False
+
+    def _sample(self, level: int, read: list[Character]) -> None:
+        if self._bit == 0 and level:
+            self._begun = None  # too short for a start bit
+            return
+        self._sampled.append(level)
+        self._bit += 1
+        if self._bit < self._bits:
+            return
+        _, *data, stop = self._sampled
+        checked = data[DATA_BITS:]
+        byte = sum(bit << k for k, bit in enumerate(data[:DATA_BITS]))
+        if not any(self._sampled):
+            read.append(Character(0, Flaw.BREAK))
+            self._begun, self._awaiting_mark = None, True
+        elif not stop:
+            read.append(Character(byte, Flaw.FRAMING))
+            assert self._begun is not None
+            self._begun += (self._bits - 1) / self.settings.baudrate
+            self._sampled, self._bit = [0], 1
+        else:
+            wrong = checked and (sum(data) & 1) != (self.settings.parity is Parity.ODD)
+            read.append(Character(byte, Flaw.PARITY if wrong else None))
+            self._begun = None

@@ -1,0 +1,224 @@
+"""A USB serial adapter: what it receives waits for its latency timer, what it is given waits for a USB frame.
+
+Reference: FTDI application note AN232B-04, Data Throughput, Latency and Handshaking.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+from hil_bridge.clock import Clock, Timer
+from hil_bridge.errors import TransportClosed, TransportError
+from hil_bridge.transports.base import Transport
+from hil_bridge.transports.delivery import QUEUE_BYTES, Delivery, TimedQueue, flush
+from hil_bridge.transports.wrappers import Direction
+from protocol.marks import Mark, check_settings, setting
+
+
+@dataclass(frozen=True, slots=True)
+class UsbAdapterProfile:
+    """How an adapter of FTDI's kind passes bytes. Raises ValueError for a setting that is out of its bounds."""
+
+    latency_s: float = setting(
+        0.016,
+        Mark.STANDARD,
+        "time since its last packet after which the adapter sends what it has, be it nothing (AN232B-04)",
+        unit="s",
+        minimum=0.001,
+        maximum=0.255,
+    )
+    packet_bytes: int = setting(
+        62,
+        Mark.STANDARD,
+        "bytes of a full packet, which is sent at once (AN232B-04)",
+        unit="bytes",
+        minimum=1,
+    )
+    frame_s: float = setting(
+        0.001,
+        Mark.ASSUMED,
+        "time between two USB frames of a full-speed device; a packet passes with the next one, either way",
+        unit="s",
+        above=0.0,
+    )
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+
+
+class UsbAdapter:
+    """A byte wire with a USB adapter on it. `to_host` is the direction in which bytes go to the adapter's computer:
+    what is received for a client, what is sent for the device at the other end of the cable.
+    """
+
+    __slots__ = ("_delivery", "_inner", "_to_host", "_to_line", "_towards")
+
+    def __init__(
+        self,
+        transport: Transport[bytes],
+        profile: UsbAdapterProfile,
+        clock: Clock,
+        to_host: Direction = Direction.RECEIVED,
+    ) -> None:
+        self._inner = transport
+        self._towards = to_host
+        self._delivery: Delivery[bytes] = Delivery(transport.name, QUEUE_BYTES)
+        here, there = self._delivery.data, self._leave
+        receives = to_host is Direction.RECEIVED
+        self._to_host = _ToHost(profile, clock, here if receives else there)
+        self._to_line = _ToLine(profile, clock, there if receives else here)
+
+    @property
+    def name(self) -> str:
+        return self._inner.name
+
+    def start(self, on_data: Callable[[bytes], None], on_end: Callable[[TransportError], None]) -> None:
+        self._delivery.start(on_data, on_end)
+        self._inner.start(partial(self._take, Direction.RECEIVED), self._inner_ended)
+
+    def send(self, data: bytes) -> None:
+        self._delivery.check()
+        if self._to_host.waiting + self._to_line.waiting + len(data) > QUEUE_BYTES:
+            raise TransportError(f"{self.name}: the adapter's queue of {QUEUE_BYTES} bytes is full")
+        self._take(Direction.SENT, data)
+
+    async def aclose(self) -> None:
+        if not self._delivery.begin_close():
+            return
+        try:
+            await flush(self._outward().drained())
+        finally:
+            await self._inner.aclose()
+            self._to_host.clear()
+            self._to_line.clear()
+            self._delivery.closed()
+
+    def _outward(self) -> "_ToHost | _ToLine":
+        return self._to_host if self._towards is Direction.SENT else self._to_line
+
+    def _take(self, direction: Direction, data: bytes) -> None:
+        if data:
+            (self._to_host if direction is self._towards else self._to_line).put(data)
+
+    def _leave(self, data: bytes) -> None:
+        try:
+            self._inner.send(data)
+        except TransportError as error:
+            self._inner_ended(error)
+
+    def _inner_ended(self, error: TransportError) -> None:
+        if isinstance(error, TransportClosed):
+            self._delivery.end(error)
+        elif self._towards is Direction.RECEIVED:
+            self._to_host.end(partial(self._delivery.end, error))
+        else:
+            self._to_line.end(partial(self._delivery.end, error))
+
+
+class _ToLine:
+    """From the computer to the adapter: with the next frame."""
+
+    __slots__ = ("_clock", "_frame", "_origin", "_queue", "_sink")
+
+    def __init__(self, profile: UsbAdapterProfile, clock: Clock, sink: Callable[[bytes], None]) -> None:
+        self._clock = clock
+        self._frame = profile.frame_s
+        self._origin = clock.now()
+        self._queue = TimedQueue(clock)
+        self._sink = sink
+
+    @property
+    def waiting(self) -> int:
+        """Bytes under way."""
+        return self._queue.weight
+
+    def put(self, data: bytes) -> None:
+        """Hand on with the next frame."""
+        self._queue.put(partial(self._sink, data), len(data), self._until_frame())
+
+    def end(self, action: Callable[[], None]) -> None:
+        """Act once everything was handed on."""
+        self._queue.put(action, 0, self._until_frame())
+
+    async def drained(self) -> None:
+        """Return when everything was handed on."""
+        await self._queue.drained()
+
+    def clear(self) -> None:
+        """Lose what is under way."""
+        self._queue.clear()
+
+    def _until_frame(self) -> float:
+        since = self._clock.now() - self._origin
+        return _next_tick(since, self._frame) - since
+
+
+class _ToHost:
+    """From the adapter to the computer: full packets at once, the rest with the latency timer."""
+
+    __slots__ = ("_clock", "_frames", "_held", "_profile", "_sent_at", "_timer")
+
+    def __init__(self, profile: UsbAdapterProfile, clock: Clock, sink: Callable[[bytes], None]) -> None:
+        self._clock = clock
+        self._profile = profile
+        self._frames = _ToLine(profile, clock, sink)
+        self._held = bytearray()
+        self._sent_at = clock.now()
+        """When the adapter sent its last packet, which may have been an empty one."""
+        self._timer: Timer | None = None
+
+    @property
+    def waiting(self) -> int:
+        """Bytes under way."""
+        return len(self._held) + self._frames.waiting
+
+    def put(self, data: bytes) -> None:
+        """The adapter has received this."""
+        now, size = self._clock.now(), self._profile.packet_bytes
+        self._held += data
+        while len(self._held) >= size:
+            self._send(size, now)
+        if self._held and self._timer is None:
+            since = now - self._sent_at
+            due = self._sent_at + _next_tick(since, self._profile.latency_s)
+            self._timer = self._clock.call_at(due, self._expired)
+
+    def end(self, action: Callable[[], None]) -> None:
+        """Act once everything was handed on; the adapter does not wait for its timer any more."""
+        if self._held:
+            self._send(len(self._held), self._clock.now())
+        self._frames.end(action)
+
+    async def drained(self) -> None:
+        """Return when everything was handed on."""
+        if self._held:
+            self._send(len(self._held), self._clock.now())
+        await self._frames.drained()
+
+    def clear(self) -> None:
+        """Lose what is under way."""
+        self._disarm()
+        self._held.clear()
+        self._frames.clear()
+
+    def _expired(self) -> None:
+        self._timer = None
+        self._send(len(self._held), self._clock.now())
+
+    def _send(self, count: int, now: float) -> None:
+        self._disarm()
+        self._sent_at = now
+        packet = bytes(self._held[:count])
+        del self._held[:count]
+        self._frames.put(packet)
+
+    def _disarm(self) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+
+
+def _next_tick(since: float, period: float) -> float:
+    """The first multiple of a period that is later than `since`; both in s."""
+    return (math.floor(since / period + 1e-9) + 1) * period

@@ -1,0 +1,141 @@
+"""The com port option: its commands, their values, and what a serial port is set to.
+
+Reference: RFC 2217. Everything here is [standard].
+"""
+
+from dataclasses import dataclass
+from enum import IntEnum, IntFlag
+
+from protocol.endpoint import LocalProtocolError, RemoteProtocolError
+from protocol.rfc2217.telnet import Option, subnegotiation
+
+FROM_SERVER = 100
+"""What a server adds to a command's code."""
+
+
+class Command(IntEnum):
+    """Commands of the option, as a client's code. RFC 2217 section 2."""
+
+    SIGNATURE = 0
+    SET_BAUDRATE = 1
+    SET_DATASIZE = 2
+    SET_PARITY = 3
+    SET_STOPSIZE = 4
+    SET_CONTROL = 5
+    NOTIFY_LINESTATE = 6
+    NOTIFY_MODEMSTATE = 7
+    FLOWCONTROL_SUSPEND = 8
+    FLOWCONTROL_RESUME = 9
+    SET_LINESTATE_MASK = 10
+    SET_MODEMSTATE_MASK = 11
+    PURGE_DATA = 12
+
+
+VALUE_BYTES = {
+    command: {
+        Command.SET_BAUDRATE: 4,
+        Command.FLOWCONTROL_SUSPEND: 0,
+        Command.FLOWCONTROL_RESUME: 0,
+    }.get(command, 1)
+    for command in Command
+    if command is not Command.SIGNATURE
+}
+"""Bytes of a command's value, most significant first. A signature is a text of any length."""
+
+
+class ComParity(IntEnum):
+    """Values of SET-PARITY; 0 asks for the present one."""
+
+    NONE = 1
+    ODD = 2
+    EVEN = 3
+    MARK = 4
+    SPACE = 5
+
+
+class StopSize(IntEnum):
+    """Values of SET-STOPSIZE; 0 asks for the present one."""
+
+    ONE = 1
+    TWO = 2
+    ONE_AND_A_HALF = 3
+
+
+class Control(IntEnum):
+    """Values of SET-CONTROL."""
+
+    ASK_FLOW = 0
+    NO_FLOW = 1
+    ASK_BREAK = 4
+    BREAK_ON = 5
+    BREAK_OFF = 6
+    ASK_DTR = 7
+    DTR_ON = 8
+    DTR_OFF = 9
+    ASK_RTS = 10
+    RTS_ON = 11
+    RTS_OFF = 12
+    ASK_INBOUND_FLOW = 13
+    NO_INBOUND_FLOW = 14
+
+
+class LineState(IntFlag):
+    """Bits of NOTIFY-LINESTATE and its mask that tell of errors."""
+
+    OVERRUN = 2
+    PARITY = 4
+    FRAMING = 8
+    BREAK = 16
+
+
+ERRORS = LineState.OVERRUN | LineState.PARITY | LineState.FRAMING | LineState.BREAK
+READY_MODEM = 0xB0
+"""Modem state with carrier, data set ready and clear to send: what a line without such wires has."""
+
+
+@dataclass(frozen=True, slots=True)
+class PortSettings:
+    """What a serial port is set to."""
+
+    baudrate: int = 9600
+    parity: ComParity = ComParity.NONE
+    stop_size: StopSize = StopSize.ONE
+    data_size: int = 8
+    """Data bits of a character."""
+
+    def __str__(self) -> str:
+        stop = {StopSize.ONE: "1", StopSize.TWO: "2", StopSize.ONE_AND_A_HALF: "1.5"}[self.stop_size]
+        return f"{self.baudrate} baud, {self.data_size} data bits, parity {self.parity.name.lower()}, {stop} stop bits"
+
+
+def encode_command(command: Command, value: int | bytes = b"", *, server: bool = False) -> bytes:
+    """A command as it travels, from a client or from a server. Raises LocalProtocolError for a value that it
+    cannot carry.
+    """
+    if isinstance(value, int):
+        try:
+            value = value.to_bytes(VALUE_BYTES.get(command, 0), "big")
+        except OverflowError as error:
+            raise LocalProtocolError(f"{command.name} cannot carry {value}") from error
+    elif command is not Command.SIGNATURE and len(value) != VALUE_BYTES[command]:
+        raise LocalProtocolError(f"{command.name} needs a value of {VALUE_BYTES[command]} bytes")
+    return subnegotiation(Option.COM_PORT, bytes((command + FROM_SERVER * server,)) + value)
+
+
+def decode_command(data: bytes, *, server: bool) -> tuple[Command, int]:
+    """Command and value of a subnegotiation, as said by a server or by a client; 0 for a signature and for what
+    has no value. Raises RemoteProtocolError.
+    """
+    if not data:
+        raise RemoteProtocolError("a com port command has no code")
+    try:
+        command = Command(data[0] - FROM_SERVER * server)
+    except ValueError:
+        raise RemoteProtocolError(f"there is no com port command {data[0]}") from None
+    if command is Command.SIGNATURE:
+        return command, 0
+    if len(data) - 1 != VALUE_BYTES[command]:
+        raise RemoteProtocolError(
+            f"{command.name} came with {len(data) - 1} bytes, not {VALUE_BYTES[command]}"
+        )
+    return command, int.from_bytes(data[1:], "big")

@@ -1,0 +1,143 @@
+"""The side of a serial port behind a TCP connection that has the port.
+
+Reference: RFC 2217. Silent until the client speaks Telnet, so that a client that does not may use it as a raw port.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Final, TypeAlias
+
+from protocol.rfc2217.com_port import (
+    READY_MODEM,
+    Command,
+    ComParity,
+    Control,
+    LineState,
+    PortSettings,
+    StopSize,
+)
+from protocol.rfc2217.session import OPTIONS, Malformed, SerialData, Session
+from protocol.rfc2217.telnet import Negotiation, Option, Options
+
+SIGNATURE: Final = b"hil-bridge"
+
+
+@dataclass(frozen=True, slots=True)
+class SettingsChanged:
+    """The client has set the port."""
+
+    settings: PortSettings
+
+
+@dataclass(frozen=True, slots=True)
+class BreakSet:
+    """The client begins or ends a break."""
+
+    on: bool
+
+
+ServerEvent: TypeAlias = SettingsChanged | BreakSet | SerialData | Malformed
+
+PARITIES = (ComParity.NONE, ComParity.ODD, ComParity.EVEN)
+STOP_SIZES = (StopSize.ONE, StopSize.TWO)
+"""What the port can be set to, with any baud rate and 8 data bits."""
+
+_FLOW = range(Control.ASK_FLOW, Control.ASK_BREAK)
+_BREAK = {Control.BREAK_ON: True, Control.BREAK_OFF: False}
+_SWITCHES = {
+    Control.ASK_DTR: (Control.DTR_ON, Control.DTR_OFF),
+    Control.ASK_RTS: (Control.RTS_ON, Control.RTS_OFF),
+}
+
+
+class ComPortServer:
+    """Endpoint for one client. What the port cannot do is answered with what it is set to, as RFC 2217 asks."""
+
+    def __init__(self, settings: PortSettings) -> None:
+        self.settings = settings
+        """What the port is set to."""
+        self._break = False
+        self._switches = dict.fromkeys(_SWITCHES, True)
+        """DTR and RTS, which lead nowhere."""
+        self._mask = LineState(0)
+        self._session: Session[ServerEvent] = Session(
+            Options(OPTIONS, (*OPTIONS, Option.COM_PORT)), server=True
+        )
+
+    def receive(self, data: bytes, now: float) -> None:
+        """Take what arrived."""
+        for said in self._session.receive(data):
+            if not isinstance(said, Negotiation):
+                self._session.command(said[0], self._obeyed(*said))
+
+    def next_event(self) -> ServerEvent | None:
+        """The oldest event not yet taken."""
+        events = self._session.events
+        return events.popleft() if events else None
+
+    def data_to_send(self, now: float) -> bytes:
+        """Everything that may be sent now."""
+        return self._session.data_to_send()
+
+    def next_deadline(self) -> float | None:
+        """A server waits for nothing."""
+        return None
+
+    def handle_deadline(self, now: float) -> None:
+        """There is no deadline."""
+
+    def send(self, data: bytes) -> None:
+        """What the port has received, for the client. Raises LocalProtocolError when too much waits."""
+        self._session.send(data)
+
+    def notify(self, state: LineState) -> None:
+        """The port has received a damaged character: tells a client that wants to know."""
+        if state & self._mask:
+            self._session.command(Command.NOTIFY_LINESTATE, state & self._mask)
+
+    def _obeyed(self, command: Command, value: int) -> int | bytes:
+        """Do what a command says; gives the value of its answer."""
+        match command:
+            case Command.SIGNATURE:
+                return SIGNATURE
+            case Command.SET_BAUDRATE:
+                return self._set(replace(self.settings, baudrate=value or self.settings.baudrate)).baudrate
+            case Command.SET_DATASIZE:
+                return self.settings.data_size
+            case Command.SET_PARITY:
+                parity = ComParity(value) if value in PARITIES else self.settings.parity
+                return self._set(replace(self.settings, parity=parity)).parity
+            case Command.SET_STOPSIZE:
+                size = StopSize(value) if value in STOP_SIZES else self.settings.stop_size
+                return self._set(replace(self.settings, stop_size=size)).stop_size
+            case Command.SET_CONTROL:
+                return self._controlled(value)
+            case Command.SET_LINESTATE_MASK:
+                self._mask = LineState(value)
+                return value
+            case Command.NOTIFY_LINESTATE:
+                return 0
+            case Command.NOTIFY_MODEMSTATE:
+                return READY_MODEM
+            case _:  # a mask for wires that are not there; buffers that are empty already
+                return value
+
+    def _set(self, settings: PortSettings) -> PortSettings:
+        if settings != self.settings:
+            self.settings = settings
+            self._session.events.append(SettingsChanged(settings))
+        return settings
+
+    def _controlled(self, value: int) -> int:
+        if value in _FLOW:
+            return Control.NO_FLOW
+        if value in _BREAK or value == Control.ASK_BREAK:
+            on = _BREAK.get(Control(value), self._break)
+            if on is not self._break:
+                self._break = on
+                self._session.events.append(BreakSet(on))
+            return Control.BREAK_ON if on else Control.BREAK_OFF
+        for ask, (on_value, off_value) in _SWITCHES.items():
+            if value in (ask, on_value, off_value):
+                self._switches[ask] = value == on_value if value != ask else self._switches[ask]
+                return on_value if self._switches[ask] else off_value
+        return Control.NO_INBOUND_FLOW
