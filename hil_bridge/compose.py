@@ -19,8 +19,10 @@ from hil_bridge.program_folder import read_programs
 from hil_bridge.pump import Pump
 from hil_bridge.registers import BOARD, ListenerProfile, connect_board, serve_board
 from hil_bridge.transports import (
+    Direction,
     Frames,
     Parity,
+    Tap,
     Transport,
     connect_bytes,
     connect_can,
@@ -97,10 +99,16 @@ async def connect_robot(
     clock: Clock,
     on_notice: Callable[[str, str], None],
     orders: OrderBook = KNOWN,
+    on_traffic: Callable[[Direction, bytes], object] | None = None,
 ) -> RobotLink:
-    """The robot behind a URL, not started yet. Raises ConfigError for the URL, TransportUnavailable for the wire."""
+    """The robot behind a URL, not started yet; `on_traffic` is shown every byte both ways.
+
+    Raises ConfigError for the URL, TransportUnavailable for the wire.
+    """
     url, link = robot_wire(url, link)
-    return RobotLink(await connect_bytes(url, clock), link, clock, on_notice, orders)
+    wire = await connect_bytes(url, clock)
+    tapped = wire if on_traffic is None else Tap(wire, on_traffic)
+    return RobotLink(tapped, link, clock, on_notice, orders)
 
 
 def uart_wire(url: str, schemes: Mapping[str, Any]) -> str | None:
@@ -151,8 +159,10 @@ async def opened_devices(
     clock: Clock,
     on_frame: Callable[[SensorFrame], None],
     on_notice: Callable[[str, str], None],
+    on_traffic: Callable[[Direction, bytes], object] | None = None,
 ) -> AsyncIterator[tuple[RobotLink, ForceSensor]]:
     """Robot and sensor of a configuration, started; what has no URL is emulated. Closed when the context is left.
+    `on_traffic` is shown the bytes of the robot's link.
 
     Raises ConfigError for a URL, TransportUnavailable for a wire.
     """
@@ -172,7 +182,7 @@ async def opened_devices(
                 )
             )
             robot_url, sensor_url = robot_url or served.robot or "", sensor_url or served.sensor or ""
-        robot = await connect_robot(robot_url, config.robot.link, clock, on_notice, site.orders)
+        robot = await connect_robot(robot_url, config.robot.link, clock, on_notice, site.orders, on_traffic)
         stack.push_async_callback(robot.aclose)
         sensor = await connect_sensor(sensor_url, config.sensor, clock, on_frame, on_notice)
         stack.push_async_callback(sensor.aclose)

@@ -22,6 +22,7 @@ from hil_bridge.errors import BridgeError, ConfigError
 from hil_bridge.recording import (
     CycleRecord,
     EventRecord,
+    LinkLog,
     Outcome,
     Recorder,
     RunEnd,
@@ -31,6 +32,7 @@ from hil_bridge.recording import (
     summarise,
 )
 from hil_bridge.run import Run, RunResult, line_floor
+from hil_bridge.transports import Direction
 from hil_bridge.view import REFRESH_SECONDS, Health, LiveView
 from protocol.jr3 import SensorFrame
 
@@ -150,6 +152,7 @@ class _Session:
         self._link = config.robot.link
         self._clock: Clock
         self._recorder: Recorder
+        self._link_log: LinkLog
         self._view: LiveView | None = None
         self._robot: RobotLink | None = None
         self._sensor: ForceSensor | None = None
@@ -177,6 +180,9 @@ class _Session:
     def _notice(self, kind: str, text: str) -> None:
         self.event(EventRecord(self._clock.now(), kind, text))
 
+    def _traffic(self, direction: Direction, data: bytes) -> None:
+        self._link_log.take(self._clock.now(), direction, data)
+
     # --- the run
 
     async def main(self) -> RunResult:
@@ -194,6 +200,7 @@ class _Session:
                 "version": version("hil-bridge"),
             },
         )
+        self._link_log = LinkLog(self._recorder.put)
         end = RunEnd(Outcome.STOPPED)
         try:
             result = await self._with_devices()
@@ -209,6 +216,7 @@ class _Session:
             end = self._end(result)
             return result
         finally:
+            self._link_log.flush()
             self._recorder.close(end.as_metadata())
             clock.close()
 
@@ -223,7 +231,7 @@ class _Session:
 
     async def _with_devices(self) -> RunResult:
         config, clock = self._config, self._clock
-        async with opened_devices(config, clock, self._frame, self._notice) as (robot, sensor):
+        async with opened_devices(config, clock, self._frame, self._notice, self._traffic) as (robot, sensor):
             self._robot, self._sensor, self._link = robot, sensor, robot.profile
             run = Run(config, clock, robot, sensor, self)
             async with self._shown(), self._interruptible(run):

@@ -1,8 +1,9 @@
 """What is kept of a run: records, the file they are written to, and what is summed up from them."""
 
-from hil_bridge.recording.reader import Recording, read
+from hil_bridge.recording.link_log import LinkLog
+from hil_bridge.recording.reader import Recording, read, read_link
 from hil_bridge.recording.recorder import Recorder
-from hil_bridge.recording.records import CycleRecord, EventRecord, SensorRecord
+from hil_bridge.recording.records import CycleRecord, EventRecord, LinkRecord, SensorRecord
 from hil_bridge.recording.summary import PHASE_EVENT, STOP_EVENT, Outcome, RunEnd, Summary, summarise
 
 __all__ = [
@@ -10,6 +11,8 @@ __all__ = [
     "STOP_EVENT",
     "CycleRecord",
     "EventRecord",
+    "LinkLog",
+    "LinkRecord",
     "Outcome",
     "Recorder",
     "Recording",
@@ -17,5 +20,6 @@ __all__ = [
     "SensorRecord",
     "Summary",
     "read",
+    "read_link",
     "summarise",
 ]

@@ -1,7 +1,7 @@
 """Reading a record back. Nothing in a file is trusted: it may be cut off, garbled or something else."""
 
 import io
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -11,8 +11,8 @@ from mcap.stream_reader import StreamReader
 
 from hil_bridge.errors import ConfigError
 from hil_bridge.recording.recorder import END_NAME, METADATA_NAME
-from hil_bridge.recording.records import CycleRecord, EventRecord, SensorRecord
-from hil_bridge.recording.topics import CYCLE, EVENT, SENSOR, TOPICS, Record
+from hil_bridge.recording.records import CycleRecord, EventRecord, LinkRecord, SensorRecord
+from hil_bridge.recording.topics import CYCLE, EVENT, LINK, SENSOR, Record, Topic
 
 _MAGIC = b"\x89MCAP0\r\n"
 
@@ -37,30 +37,7 @@ def read(path: Path) -> Recording:
 
     Raises ConfigError when there is no such file, when it is no record of a run, or holds no cycle.
     """
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise ConfigError(f"cannot read the recording {path}: {error.strerror or error}") from error
-    if not data:
-        raise ConfigError(f"{path} is empty: the run was ended before anything was recorded; record it again")
-    if not data.startswith(_MAGIC):
-        raise ConfigError(f"{path} is not an MCAP file: name the recording that a run has written")
-    records: dict[str, list[Any]] = {topic.name: [] for topic in TOPICS}
-    metadata: dict[str, dict[str, str]] = {METADATA_NAME: {}, END_NAME: {}}
-    try:
-        for item in _items(data):
-            match item:
-                case Metadata() if item.name in metadata:
-                    metadata[item.name] = item.metadata
-                case (str(topic), record):
-                    records[topic].append(record)
-        finished = True
-    except _ForeignMessage as error:
-        raise ConfigError(
-            f"{path} is not a recording of this version: {error}; record the run again"
-        ) from error
-    except _Damage:
-        finished = False
+    records, metadata, finished = _contents(path, (CYCLE, SENSOR, EVENT))
     if not records[CYCLE.name]:
         why = "holds no control cycle" if finished else "ends or is damaged before the first control cycle"
         raise ConfigError(f"{path} {why}: nothing can be shown or replayed; record the run again")
@@ -74,6 +51,47 @@ def read(path: Path) -> Recording:
     )
 
 
+def read_link(path: Path) -> tuple[tuple[LinkRecord, ...], Mapping[str, str]]:
+    """The raw traffic of the computer link in a recording as far as it can be read, and what was known before the
+    run. A run that never came to a cycle has it too.
+
+    Raises ConfigError when there is no such file or it is no record of a run.
+    """
+    records, metadata, _ = _contents(path, (LINK,))
+    return tuple(records[LINK.name]), metadata[METADATA_NAME]
+
+
+def _contents(
+    path: Path, topics: Sequence[Topic]
+) -> tuple[dict[str, list[Any]], dict[str, dict[str, str]], bool]:
+    """Records by topic, metadata by name, and whether the file is whole. Raises ConfigError."""
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise ConfigError(f"cannot read the recording {path}: {error.strerror or error}") from error
+    if not data:
+        raise ConfigError(f"{path} is empty: the run was ended before anything was recorded; record it again")
+    if not data.startswith(_MAGIC):
+        raise ConfigError(f"{path} is not an MCAP file: name the recording that a run has written")
+    records: dict[str, list[Any]] = {topic.name: [] for topic in topics}
+    metadata: dict[str, dict[str, str]] = {METADATA_NAME: {}, END_NAME: {}}
+    try:
+        for item in _items(data, topics):
+            match item:
+                case Metadata() if item.name in metadata:
+                    metadata[item.name] = item.metadata
+                case (str(topic), record):
+                    records[topic].append(record)
+        finished = True
+    except _ForeignMessage as error:
+        raise ConfigError(
+            f"{path} is not a recording of this version: {error}; record the run again"
+        ) from error
+    except _Damage:
+        finished = False
+    return records, metadata, finished
+
+
 class _ForeignMessage(Exception):
     """A whole message that is not what its topic says."""
 
@@ -82,9 +100,9 @@ class _Damage(Exception):
     """From here on the file cannot be read."""
 
 
-def _items(data: bytes) -> Iterator[Metadata | tuple[str, Record]]:
+def _items(data: bytes, wanted: Sequence[Topic]) -> Iterator[Metadata | tuple[str, Record]]:
     """The metadata and the records of a file in order. Raises _Damage where the file ends or is garbled."""
-    topics = {topic.name: topic for topic in TOPICS}
+    topics = {topic.name: topic for topic in wanted}
     channels: dict[int, str] = {}
     for item in _mcap_records(data):
         match item:

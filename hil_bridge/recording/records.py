@@ -79,6 +79,16 @@ class SensorRecord:
 
 
 @dataclass(frozen=True, slots=True)
+class LinkRecord:
+    """A stretch of raw traffic on the robot's computer link."""
+
+    at: float
+    """When its first piece was sent or received."""
+    pieces: tuple[str, ...]
+    """Each: seconds since `at`, `tx` or `rx` as the PC sees it, hexadecimal bytes."""
+
+
+@dataclass(frozen=True, slots=True)
 class EventRecord:
     """Something that happened: a phase begins, a device answers late, the supervisor stops the run."""
 

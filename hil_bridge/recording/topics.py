@@ -15,9 +15,9 @@ from functools import cached_property
 from typing import Any, NamedTuple, TypeAlias
 
 from hil_bridge.control.loop import Sample
-from hil_bridge.recording.records import CycleRecord, EventRecord, SensorRecord
+from hil_bridge.recording.records import CycleRecord, EventRecord, LinkRecord, SensorRecord
 
-Record: TypeAlias = CycleRecord | SensorRecord | EventRecord
+Record: TypeAlias = CycleRecord | SensorRecord | LinkRecord | EventRecord
 
 
 def _number(value: object) -> float:
@@ -254,7 +254,11 @@ CYCLE = Topic(
         ("verdict", TEXT, "allow, clamp or stop"),
         ("reasons", TEXTS, "why the supervisor clamped or stopped"),
         ("explanation", NUMBERS_BY_NAME, "what else explains the controller's answer"),
-        ("target", VECTOR, "m, tool position that was allowed, robot base frame, before rounding to device steps"),
+        (
+            "target",
+            VECTOR,
+            "m, tool position that was allowed, robot base frame, before rounding to device steps",
+        ),
         ("start", VECTOR, "m, reported tool position at the start point"),
         ("asked", TEXT, "why the run was asked to finish before this decision, or empty"),
         ("sample", SAMPLE, "all that the decision was given"),
@@ -270,6 +274,19 @@ SENSOR = Topic(
         ("counts", COUNTS, "fx fy fz mx my mz, full scale = 16384"),
     ),
 )
+LINK = Topic(
+    "/link",
+    LinkRecord,
+    "at",
+    (
+        ("at", NUMBER, "s, the first piece was sent or received"),
+        (
+            "pieces",
+            TEXTS,
+            "raw traffic of the computer link: s since `at`, tx or rx as the PC sees it, bytes",
+        ),
+    ),
+)
 EVENT = Topic(
     "/event",
     EventRecord,
@@ -280,4 +297,4 @@ EVENT = Topic(
         ("text", TEXT, "what happened"),
     ),
 )
-TOPICS = (CYCLE, SENSOR, EVENT)
+TOPICS = (CYCLE, SENSOR, LINK, EVENT)

@@ -106,7 +106,12 @@ def test_foreign_readers_find_topics_schemas_and_times(tmp_path: Path) -> None:
     reader = make_reader(io.BytesIO(data), validate_crcs=True)
     summary = reader.get_summary()
     assert summary is not None
-    assert {channel.topic for channel in summary.channels.values()} == {"/cycle", "/sensor", "/event"}
+    assert {channel.topic for channel in summary.channels.values()} == {
+        "/cycle",
+        "/sensor",
+        "/link",
+        "/event",
+    }
     assert all(schema.encoding == "jsonschema" for schema in summary.schemas.values())
     for schema in summary.schemas.values():
         for column in json.loads(schema.data)["properties"].values():
@@ -139,7 +144,7 @@ def test_a_full_queue_drops_the_newest_and_counts(tmp_path: Path, monkeypatch: p
     for k in range(15):
         recorder.put(SensorRecord(100.0 + k, k, (0,) * 6))
     recorder.put(cycle(1, 120.0))
-    assert recorder.dropped == {"/cycle": 1, "/sensor": 6, "/event": 0}
+    assert recorder.dropped == {"/cycle": 1, "/sensor": 6, "/link": 0, "/event": 0}
     recorder.close()
     recording = read(tmp_path / "run.mcap")
     assert [sensor.sequence for sensor in recording.sensors] == list(range(9))
