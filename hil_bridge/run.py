@@ -5,7 +5,7 @@ nothing but the robot's answers.
 """
 
 import math
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncIterator
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -15,17 +15,16 @@ from hil_bridge.control import (
     Command,
     ControlLoop,
     Decision,
+    Facing,
     Phase,
     Sample,
     Supervisor,
     Task,
     Wrist,
-    force_along,
     make_controller,
     quaternion_about,
     quaternion_product,
 )
-from hil_bridge.control.frames import Array
 from hil_bridge.devices import ForceSensor, Motion, RobotLink
 from hil_bridge.errors import BridgeError, DeviceError
 from hil_bridge.recording import PHASE_EVENT, STOP_EVENT, CycleRecord, EventRecord, Outcome
@@ -38,6 +37,10 @@ TIME_IS_UP = "time is up"
 """Why a run ends that went as it was meant to."""
 MAIN_SHARE = 0.5
 """Of the approach direction on an axis of the sensor, from which that axis matters. Chosen: tilted by less than 60°."""
+
+
+_APPROACH, _TRAVEL = 0, 1
+"""Directions in which the contact force is taken, by their place in `Facing.directions`."""
 
 
 class Log(Protocol):
@@ -133,6 +136,7 @@ class Run:
         self._answer_time = answer_time(robot.profile)
         self._filter_delay = sensor.delay
         self._quaternion_tare: Quaternion | None = None
+        self._faced: tuple[Quaternion, Facing] | None = None
         self._interrupted = False
         self._phase = ""
         self.moving = False
@@ -230,13 +234,14 @@ class Run:
             fault = f"robot on {self._robot.name} is in emergency stop"
         now = self._clock.now()
         composed_at = now - self._answer_time
-        wrench = self._contact_wrench(self._sensor.wrench(frame), status)
+        facing = self._facing(status)
+        wrench = facing.contact_wrench(self._sensor.wrench(frame))
         paired = self._sensor.wrench_at(composed_at + self._filter_delay)
         return Sample(
             now=now,
             position=status.position,
-            force=self._force_along(wrench, status),
-            force_travel=force_along(self._config.frame.travel, status.quaternion, wrench),
+            force=facing.force_along(_APPROACH, wrench),
+            force_travel=facing.force_along(_TRAVEL, wrench),
             resultant=math.hypot(*wrench[:3]),
             sensor_at=frame.at,
             sensor_sequence=frame.sequence,
@@ -244,11 +249,11 @@ class Run:
             saturated=bool(self._sensor.saturated),
             dead_axis=self._dead_axis(status),
             fault=fault,
-            wrench=tuple(wrench.tolist()),
+            wrench=wrench,
             position_at=composed_at,
             paired_force=None
             if paired is None
-            else self._force_along(self._contact_wrench(paired, status), status),
+            else facing.force_along(_APPROACH, facing.contact_wrench(paired)),
         )
 
     def _dead_axis(self, status: Status) -> str:
@@ -265,11 +270,15 @@ class Run:
             f"{' and '.join(dead)} of the force sensor did not change since the zero while other axes moved"
         )
 
-    def _contact_wrench(self, measured: Sequence[float], status: Status) -> Array:
-        return self._wrist.contact_wrench(measured, status.quaternion, self._quaternion_tare)
-
-    def _force_along(self, wrench: Array, status: Status) -> float:
-        return force_along(self._config.frame.approach, status.quaternion, wrench)
+    def _facing(self, status: Status) -> Facing:
+        """The wrist at this orientation, made anew only when the tool has turned."""
+        if self._faced is None or self._faced[0] != status.quaternion:
+            frame = self._config.frame
+            facing = self._wrist.facing(
+                status.quaternion, self._quaternion_tare, frame.approach, frame.travel
+            )
+            self._faced = status.quaternion, facing
+        return self._faced[1]
 
     def _record(
         self,

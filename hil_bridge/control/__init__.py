@@ -56,7 +56,7 @@ from hil_bridge.control.supervisor import (
 from hil_bridge.control.task import Phase, Target, Task, TaskOutput, TaskParameters, TaskState
 from hil_bridge.control.tool_identification import ToolEstimate, ToolPose, identify_tool
 from hil_bridge.control.types import Command, Controller, Measurement
-from hil_bridge.control.wrist import Wrist
+from hil_bridge.control.wrist import Facing, Wrist
 
 __all__ = [
     "CONTROLLERS",
@@ -73,6 +73,7 @@ __all__ = [
     "ControlLoop",
     "Controller",
     "Decision",
+    "Facing",
     "FiguresOfMerit",
     "FuzzyAdaptive",
     "FuzzyPi",

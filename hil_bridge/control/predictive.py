@@ -8,10 +8,11 @@ sent with.
 """
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import ClassVar
 
 from hil_bridge.control.checks import FORBID_EXTRA, check_reference, require_above_zero, require_not_negative
+from hil_bridge.control.evolve import evolve
 from hil_bridge.control.stiffness import Pairing, Stiffness, observe
 from hil_bridge.control.types import Command, Measurement
 
@@ -94,16 +95,14 @@ class Predictive:
     """Smallest step of the robot's position."""
     force_uncertainty_n: float = 0.1
     """Standard deviation of the force."""
+    pairing: Pairing = field(init=False, repr=False, compare=False)
+    """What is known of pairs."""
 
     def __post_init__(self) -> None:
         require_above_zero(self, "window", "stiffest_n_m", "steepest", "smallest_radius_mm", "step_limit_mm")
         require_not_negative(self, "caution")
-        self.pairing  # noqa: B018 - checks the rest
-
-    @property
-    def pairing(self) -> Pairing:
-        """What is known of pairs."""
-        return Pairing(resolution_mm=self.resolution_mm, force_uncertainty_n=self.force_uncertainty_n)
+        pairing = Pairing(resolution_mm=self.resolution_mm, force_uncertainty_n=self.force_uncertainty_n)
+        object.__setattr__(self, "pairing", pairing)
 
     def initial(self) -> PredictiveState:
         """State before the first sample in contact."""
@@ -125,7 +124,7 @@ class Predictive:
             state = PredictiveState(estimate, guard=state.guard)
             return state, self._answer(measurement, estimate, correction, {})
         newest = Pair(measurement.travel, measurement.position, measurement.force_at_position)
-        state = replace(state, estimate=estimate, pairs=(*state.pairs, newest)[-self.window :])
+        state = evolve(state, estimate=estimate, pairs=(*state.pairs, newest)[-self.window :])
         if estimate.value is None:
             correction = self._probe(state, measurement, reference)
             return state, self._answer(measurement, estimate, correction, {})
@@ -151,7 +150,7 @@ class Predictive:
         }
         correction = 0.0 if held else line.value - measurement.commanded
         command = self._answer(measurement, state.estimate, correction, explanation, held)
-        return replace(state, slope=line.slope if moving else 0.0, side=side, guard=guard), command
+        return evolve(state, slope=line.slope if moving else 0.0, side=side, guard=guard), command
 
     def _probe(self, state: PredictiveState, measurement: Measurement, reference: float) -> float:
         """Correction while nothing is known of the stiffness, m."""

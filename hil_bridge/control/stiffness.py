@@ -10,10 +10,11 @@ Source: textbook recursive least squares in information form, bias-compensated; 
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
 from hil_bridge.control.checks import require_above_zero
+from hil_bridge.control.evolve import evolve
 from hil_bridge.control.types import Measurement
 
 _SLOPE_GAIN = 0.3
@@ -114,12 +115,12 @@ def observe(
     the robot's dead band.
     """
     if not measurement.in_contact:
-        return replace(estimate, force=None)
+        return evolve(estimate, force=None)
     force, position, travel = measurement.force_at_position, measurement.position, measurement.travel
     slope = estimate.slope if slope is None else slope
     if measurement.saturated or not all(map(math.isfinite, (force, position, travel, slope))):
         return estimate
-    newer = replace(estimate, force=force, position=position, travel=travel, age=0)
+    newer = evolve(estimate, force=force, position=position, travel=travel, age=0)
     if estimate.force is None:
         return newer
     travelled = travel - estimate.travel
@@ -128,18 +129,18 @@ def observe(
     known = estimate.value
     if known is not None and abs(travelled) > _LEAST_TRAVEL:
         seen = (position - estimate.position - pressed / known) / travelled
-        newer = replace(newer, slope=slope + _SLOPE_GAIN * (min(max(seen, -1.0), 1.0) - slope))
+        newer = evolve(newer, slope=slope + _SLOPE_GAIN * (min(max(seen, -1.0), 1.0) - slope))
     size = abs(moved) if known is None else (abs(moved) + abs(pressed) / known) / 2
     if size < pairing.smallest_move * pairing.resolution_mm * 1e-3 * (1 - 1e-6):
         # Until there is an estimate, small moves of a cautious beginning add up, though not for ever: a
         # surface that moves sideways under the tool would enter the quotient without bound.
         older = known is None and estimate.age + 1 < _FIRST_SPAN
-        return replace(estimate, age=estimate.age + 1) if older else newer
+        return evolve(estimate, age=estimate.age + 1) if older else newer
     possible = moved and pairing.stiffness_min <= pressed / moved <= pairing.stiffness_max
     if not possible or abs(pressed) < 2 * pairing.force_uncertainty_n:
         return newer
     kept = pairing.forgetting
-    return replace(
+    return evolve(
         newer,
         moved=kept * estimate.moved + moved**2 - min(pairing.step_variance, moved**2 / 2),
         pressed=kept * estimate.pressed + moved * pressed,

@@ -9,11 +9,12 @@ decision, ends it.
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import StrEnum
 from typing import ClassVar, NamedTuple, TypeAlias
 
 from hil_bridge.control.checks import require_above_zero
+from hil_bridge.control.evolve import evolve
 from hil_bridge.errors import ConfigError
 
 Vector: TypeAlias = tuple[float, float, float]
@@ -203,7 +204,7 @@ class Supervisor:
         for check in _CHECKS:
             if check.fails(case):
                 stop = Stop(check.cause, check.text(case))
-                return replace(state, still_cycles=still, pressed=pressed, stopped=stop), stop
+                return evolve(state, still_cycles=still, pressed=pressed, stopped=stop), stop
         verdict = _clamp(self.limits, state, request)
         return (
             SupervisorState(verdict.depth, verdict.position, observation.sensor_sequence, still, pressed),
@@ -213,7 +214,7 @@ class Supervisor:
     def stop(self, state: SupervisorState, cause: Cause, text: str) -> tuple[SupervisorState, Stop]:
         """End the motion for a reason that was found elsewhere. The first stop stays."""
         stop = state.stopped or Stop(cause, text)
-        return replace(state, stopped=stop), stop
+        return evolve(state, stopped=stop), stop
 
     def limit(self, state: SupervisorState, request: Request) -> tuple[SupervisorState, Allow | Clamp]:
         """One cycle of pulling back, which a stop does not end: only the limits of motion hold.
@@ -221,7 +222,7 @@ class Supervisor:
         The request must be finite. A stop stays latched.
         """
         verdict = _clamp(self.limits, state, request)
-        return replace(state, depth=verdict.depth, position=verdict.position), verdict
+        return evolve(state, depth=verdict.depth, position=verdict.position), verdict
 
 
 def _pressed(before: tuple[float, float] | None, observation: Observation) -> tuple[float, float] | None:

@@ -5,11 +5,12 @@ the stiffness that it has learnt is kept; it is told of the loss by `in_contact`
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, ClassVar
 
 from hil_bridge.control.checks import require_above_zero, require_not_negative
+from hil_bridge.control.evolve import evolve
 from hil_bridge.control.types import Command, Controller, Measurement
 
 
@@ -167,13 +168,13 @@ class Task:
         """Retract from the next sample on, for a reason from outside: time is up, a person wants it."""
         if state.phase in (Phase.RETRACT, Phase.END):
             return state
-        return replace(state, phase=Phase.RETRACT, turn=None, cause=cause)
+        return evolve(state, phase=Phase.RETRACT, turn=None, cause=cause)
 
     def fail(self, state: TaskState, cause: str) -> TaskState:
         """Retract from the next sample on, because something is wrong."""
         if state.phase in (Phase.RETRACT, Phase.END):
             return state
-        return replace(self.finish(state, cause), failed=True)
+        return evolve(self.finish(state, cause), failed=True)
 
     def hold(self, state: TaskState, measurement: Measurement) -> TaskOutput:
         """The answer that changes nothing."""
@@ -192,7 +193,8 @@ class Task:
         threshold = parameters.loss_threshold_n if state.in_contact else parameters.contact_threshold_n
         touching = measurement.force > threshold
         free = state.free if touching else measurement.position
-        state = replace(state, in_contact=touching, free=free)
+        if touching != state.in_contact or free != state.free:
+            state = evolve(state, in_contact=touching, free=free)
         match state.phase:
             case Phase.APPROACH:
                 return self._approach(state, measurement)
@@ -206,7 +208,7 @@ class Task:
     def _approach(self, state: TaskState, measurement: Measurement) -> tuple[TaskState, TaskOutput]:
         if state.in_contact:
             memory = self.controller.initial() if state.controller is None else state.controller
-            state = replace(
+            state = evolve(
                 state, phase=Phase.TRACK, turn=None, samples_lost=0, settled=False, controller=memory
             )
             return self._track(state, measurement)
@@ -216,7 +218,7 @@ class Task:
         if depth - turn > limit_mm * 1e-3 + _ROUNDING:
             cause = f"no contact found within {limit_mm:g} mm"
             return self._retract(self.fail(state, cause), measurement)
-        state = replace(state, turn=turn)
+        state = evolve(state, turn=turn)
         if self._beyond_edge(state, depth):
             return self._retract(self.fail(state, self._edge), measurement)
         return state, _output(state, depth, Phase.APPROACH)
@@ -243,23 +245,29 @@ class Task:
 
     def _track(self, state: TaskState, measurement: Measurement) -> tuple[TaskState, TaskOutput]:
         enough = measurement.force >= self.parameters.travel_from_share * self.parameters.force_n
-        state = replace(state, settled=state.settled or enough)
-        goes_on = state.in_contact and state.settled
+        settled = state.settled or enough
+        goes_on = state.in_contact and settled
         step = self.parameters.step_mm * 1e-3 * measurement.advance
         travel = state.travel + (step if goes_on else 0.0)
-        seen = replace(measurement, in_contact=state.in_contact, travel_next=travel, free_position=state.free)
+        seen = evolve(measurement, in_contact=state.in_contact, travel_next=travel, free_position=state.free)
         memory, command = self.controller.step(state.controller, seen, self.parameters.force_n)
-        state = replace(state, controller=memory)
         if state.in_contact:
-            state = replace(state, travel=travel, samples_lost=0, lost_at=None)
+            state = evolve(
+                state, settled=settled, controller=memory, travel=travel, samples_lost=0, lost_at=None
+            )
             output = _output(state, command.position, Phase.TRACK, command)
             if travel > self.parameters.travel_limit_mm * 1e-3 - _ROUNDING:
                 state = self.finish(state, f"travelled {self.parameters.travel_limit_mm:g} mm")
             return state, output
         first = state.samples_lost == 0
         lost_at = measurement.commanded if first and state.lost_at is None else state.lost_at
-        state = replace(
-            state, samples_lost=state.samples_lost + 1, losses=state.losses + first, lost_at=lost_at
+        state = evolve(
+            state,
+            settled=settled,
+            controller=memory,
+            samples_lost=state.samples_lost + 1,
+            losses=state.losses + first,
+            lost_at=lost_at,
         )
         if self._beyond_edge(state, command.position):
             return self._retract(self.fail(state, self._edge), measurement)
@@ -267,18 +275,18 @@ class Task:
         if state.losses >= self.parameters.loss_limit:
             state = self.fail(state, f"contact lost {state.losses} times")
         elif state.samples_lost >= self.parameters.loss_samples:
-            state = replace(state, phase=Phase.APPROACH, turn=None)
+            state = evolve(state, phase=Phase.APPROACH, turn=None)
         return state, output
 
     def _retract(self, state: TaskState, measurement: Measurement) -> tuple[TaskState, TaskOutput]:
         turn = measurement.commanded if state.turn is None else state.turn
         goal = turn - self.parameters.retract_mm * 1e-3
         depth = max(measurement.commanded - self.parameters.retract_step_mm * 1e-3, goal)
-        state = replace(state, turn=turn)
+        state = evolve(state, turn=turn)
         output = _output(state, depth, Phase.RETRACT)
         # A command that the supervisor held back at the workspace's border does not count as arrived.
         if measurement.commanded <= goal + _ROUNDING:
-            state = replace(state, phase=Phase.END)
+            state = evolve(state, phase=Phase.END)
         return state, output
 
 

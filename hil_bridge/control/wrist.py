@@ -70,3 +70,43 @@ class Wrist:
             if quaternion_tare is not None:
                 wrench += tool_gravity_wrench(quaternion_tare, self.mass, self.centre_of_gravity)
         return transform_wrench(np.eye(3), self.position, wrench)
+
+    def facing(
+        self, quaternion: Sequence[float], quaternion_tare: Sequence[float] | None, *directions_base: Vector
+    ) -> "Facing":
+        """What `contact_wrench` and these directions come to while the tool keeps this orientation."""
+        offset = self.contact_wrench(NO_WRENCH, quaternion, quaternion_tare)
+        columns = [
+            self.contact_wrench(unit, quaternion, quaternion_tare) - offset for unit in np.eye(6).tolist()
+        ]
+        to_tool = rotation_matrix(quaternion).T
+        return Facing(
+            tuple(map(tuple, np.transpose(columns).tolist())),
+            tuple(offset.tolist()),
+            tuple(tuple((to_tool @ direction).tolist()) for direction in directions_base),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Facing:
+    """A wrist at one orientation in plain numbers: in every cycle arrays of three would cost ten times as much."""
+
+    matrix: tuple[tuple[float, ...], ...]
+    """What takes a measured wrench to the contact wrench, (6, 6), beside the offset."""
+    offset: tuple[float, ...]
+    """Contact wrench where nothing is measured, N and N·m, (6,)."""
+    directions: tuple[tuple[float, ...], ...]
+    """The directions asked for, along the tool's axes."""
+
+    def contact_wrench(self, measured: Sequence[float]) -> tuple[float, ...]:
+        """As `Wrist.contact_wrench` at this orientation: N and N·m, six values."""
+        fx, fy, fz, mx, my, mz = measured
+        return tuple(
+            a * fx + b * fy + c * fz + d * mx + e * my + f * mz + rest
+            for (a, b, c, d, e, f), rest in zip(self.matrix, self.offset, strict=True)
+        )
+
+    def force_along(self, number: int, wrench: Sequence[float]) -> float:
+        """As `force_along` in one of the directions asked for, N, positive while the tool presses that way."""
+        x, y, z = self.directions[number]
+        return -(x * wrench[0] + y * wrench[1] + z * wrench[2])

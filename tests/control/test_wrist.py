@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from hil_bridge.control import (
     Wrist,
+    force_along,
     quaternion_about,
     quaternion_product,
     rotate,
@@ -104,3 +105,23 @@ def test_a_direction_is_seen_along_the_sensors_own_axes() -> None:
     assert Wrist(QUARTER).seen_by_sensor((0.0, 0.0, -1.0), DOWN) == pytest.approx([0.0, 0.0, 1.0], abs=1e-12)
     level = Wrist(QUARTER, flip=True).seen_by_sensor((0.0, 0.0, -1.0), LEVEL)
     assert level == pytest.approx([0.0, -1.0, 0.0], abs=1e-12)
+
+
+@given(QUATERNION, QUATERNION, QUATERNION, VECTOR, SIX, VECTOR, st.booleans())
+def test_facing_one_way_the_wrist_gives_the_same_in_plain_numbers(
+    mounted: tuple[float, ...],
+    quaternion: tuple[float, ...],
+    tare: tuple[float, ...],
+    position: tuple[float, ...],
+    read: tuple[float, ...],
+    direction: tuple[float, ...],
+    flip: bool,
+) -> None:
+    wrist = Wrist(mounted, position, flip, (1.0,) * 6, 2.0, (0.01, 0.02, 0.1))  # type: ignore[arg-type]
+    for zero in (tare, None):
+        facing = wrist.facing(quaternion, zero, (1.0, 0.0, 0.0), direction)  # type: ignore[arg-type]
+        wrench = facing.contact_wrench(read)
+        assert wrench == pytest.approx(wrist.contact_wrench(read, quaternion, zero).tolist(), abs=1e-9)
+        assert facing.force_along(1, wrench) == pytest.approx(
+            force_along(direction, quaternion, wrench), abs=1e-8
+        )
