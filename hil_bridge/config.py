@@ -28,6 +28,7 @@ from emulators.cell import CellProfile
 from hil_bridge.control import Contour, Limits, OscillationDetector, TaskParameters
 from hil_bridge.control.controllers import controller_kind
 from hil_bridge.errors import ConfigError
+from hil_bridge.realtime import RealTime
 from protocol.adlp import LinkProfile
 from protocol.jr3 import GatewayClientProfile, UartGatewayClientProfile
 from protocol.jr3.registers import BoardClientProfile
@@ -207,6 +208,8 @@ class Config(_Section):
     controller: ControllerConfig = ControllerConfig()
     limits: Limits = Limits()
     oscillation: OscillationDetector = OscillationDetector()
+    realtime: RealTime = RealTime()
+    """How the loop's thread is run; of no meaning in virtual time."""
     cell: CellProfile = CellProfile()
     """The emulated cell: used by `emulate`, and by `run` for what has no URL."""
 

@@ -19,6 +19,7 @@ from hil_bridge.compose import opened_devices
 from hil_bridge.config import Config, dump
 from hil_bridge.devices import ForceSensor, RobotLink
 from hil_bridge.errors import BridgeError, ConfigError
+from hil_bridge.realtime import collect_young, quiet_garbage, scheduled
 from hil_bridge.recording import (
     CycleRecord,
     EventRecord,
@@ -38,6 +39,12 @@ from protocol.jr3 import SensorFrame
 
 EXIT_CODES = {Outcome.COMPLETED: 0, Outcome.STOPPED: 3, Outcome.INTERRUPTED: 130}
 """130 is what a shell expects of a command that Ctrl-C ended."""
+
+_UNDER_WAY_S = 0.005
+"""Chosen: after the end of a cycle; a status order takes ten times as long on a 9600-baud line."""
+
+_COLLECT_EVERY = 64
+"""Cycles between two collections in virtual time, where none is in anybody's way. Chosen."""
 
 TROUBLE = ("block repeated", "bid repeated", "time-out", "bad block", "gap in block")
 """Counters of the link that the view adds up as link errors."""
@@ -167,6 +174,11 @@ class _Session:
         self._recorder.put(record)
         if self._view is not None:
             self._view.update(record)
+        if not self._clock.is_virtual:
+            # By then the next order is on the line, and everybody waits for its answer.
+            self._clock.call_at(self._clock.now() + _UNDER_WAY_S, collect_young)
+        elif self.cycles % _COLLECT_EVERY == 0:
+            collect_young()
 
     def event(self, record: EventRecord) -> None:
         """Something happened beside the cycles."""
@@ -203,7 +215,8 @@ class _Session:
         self._link_log = LinkLog(self._recorder.put)
         end = RunEnd(Outcome.STOPPED)
         try:
-            result = await self._with_devices()
+            with self._scheduled():
+                result = await self._with_devices()
             end = self._end(result)
             return result
         except BridgeError as error:
@@ -219,6 +232,18 @@ class _Session:
             self._link_log.flush()
             self._recorder.close(end.as_metadata())
             clock.close()
+
+    @contextmanager
+    def _scheduled(self) -> Iterator[None]:
+        """The loop's thread as the configuration wants it; the recorder has been started, and stays as it is."""
+        with quiet_garbage():
+            if self._clock.is_virtual:
+                yield
+                return
+            with scheduled(self._config.realtime) as executor:
+                if executor is not None:
+                    asyncio.get_running_loop().set_default_executor(executor)
+                yield
 
     def _end(self, result: RunResult) -> RunEnd:
         return RunEnd(
