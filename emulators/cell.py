@@ -123,6 +123,7 @@ class Cell:
         """What every receiver of the sensor reads. A sensor has one plug: use one receiver of a cell."""
         self._profile = profile
         self._powered_at = now
+        self._seed = seed
         self._motion = self.robot.motion
         self._contact = Contact(profile.surface)
         self._tip = np.array([0.0, 0.0, length])
@@ -133,12 +134,12 @@ class Cell:
     @cached_property
     def gateway(self) -> Gateway:
         """The sensor's CAN gateway, powered with the cell."""
-        return Gateway(self._profile.gateway, self.sensor, self._powered_at)
+        return Gateway(self._profile.gateway, self.sensor, self._powered_at, self._seed)
 
     @cached_property
     def uart_gateway(self) -> UartGateway:
         """The sensor's UART gateway, powered with the cell."""
-        return UartGateway(self._profile.uart_gateway, self.sensor, self._powered_at)
+        return UartGateway(self._profile.uart_gateway, self.sensor, self._powered_at, self._seed)
 
     @cached_property
     def board(self) -> Board:

@@ -9,7 +9,9 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from emulators.jr3.firmware import Firmware, Sample
+from emulators.jr3.late import LateSamples
 from emulators.jr3.sensor import Jr3Sensor
+from emulators.quantiles import check_quantiles
 from protocol.can import CanFrame
 from protocol.endpoint import RemoteProtocolError
 from protocol.jr3 import (
@@ -48,16 +50,26 @@ class GatewayProfile:
         unit="µs",
         above=0.0,
     )
+    delay_ms: tuple[float, ...] = setting(
+        (),
+        Mark.CHOSEN,
+        "measured delay of the stream's frames above the least, as evenly spaced quantiles, least first and largest "
+        "last; empty: none",
+        unit="ms",
+        minimum=0.0,
+    )
 
     def __post_init__(self) -> None:
         check_settings(self)
+        check_quantiles(self, "delay_ms")
 
 
 class Gateway:
     """Endpoint of the gateway: takes and gives sequences of CAN frames, tells no events."""
 
-    def __init__(self, profile: GatewayProfile, sensor: Jr3Sensor, powered_at: float) -> None:
+    def __init__(self, profile: GatewayProfile, sensor: Jr3Sensor, powered_at: float, seed: int = 0) -> None:
         self._profile = profile
+        self._late = LateSamples(profile.delay_ms, seed) if profile.delay_ms else None
         self._firmware = Firmware(sensor, profile.sample_period_us, profile.shortest_period_us)
         self._hears_from = powered_at + profile.boot_s
         self._out: list[CanFrame] = []
@@ -99,7 +111,8 @@ class Gateway:
 
     def next_deadline(self) -> float | None:
         """End of reading the calibration, the next frame of the stream, or the next block of samples."""
-        return self._firmware.next_deadline() if self._busy_with is None else self._busy_until
+        due = self._firmware.next_deadline() if self._busy_with is None else self._busy_until
+        return due if self._late is None else self._late.next_deadline(due)
 
     def handle_deadline(self, now: float) -> None:
         """Emit every frame that is due up to and including now."""
@@ -107,6 +120,10 @@ class Gateway:
             self._on_calibration_read(self._busy_with)
         self._send_due(now)
         self._firmware.catch_up(now)
+
+    def sampled_at(self, counter: int) -> float | None:
+        """The truth: when the sensor measured the newest sample sent with this counter, s; None if there is none."""
+        return self._firmware.sampled_at(counter)
 
     # --- commands
 
@@ -157,8 +174,15 @@ class Gateway:
         self._out.append(encode_acknowledge(self._profile.node, Acknowledge(self._firmware.state, words)))
 
     def _send_due(self, now: float) -> None:
+        late = self._late
         for sample in self._firmware.due_samples(now):
-            self._send(sample)
+            if late is None:
+                self._send(sample)
+            else:
+                late.put(sample, now)
+        if late is not None:
+            for sample in late.arrived(now):
+                self._send(sample)
 
     def _send(self, sample: Sample) -> None:
         self._out.extend(encode_sample(self._profile.node, sample.counts, sample.counter))

@@ -137,6 +137,20 @@ class Firmware:
             yield self._newest(sampling, stream.due)
             stream.sent += 1
 
+    def sampled_at(self, counter: int) -> float | None:
+        """The truth: when the sensor measured the newest sample with this frame counter, s; None where there is no
+        such sample since the start.
+        """
+        sampling = self._sampling
+        if sampling is None:
+            return None
+        number = sampling.taken - (sampling.taken - counter) % COUNTER_MODULUS
+        if number <= 0:
+            return None
+        return (
+            math.floor((sampling.started_at + number * self._sample_period) * SENSOR_RATE_HZ) / SENSOR_RATE_HZ
+        )
+
     def next_deadline(self) -> float | None:
         """The next frame of the stream, or the next block of samples."""
         if self._sampling is None:

@@ -10,7 +10,9 @@ from enum import Enum
 from typing import Any, ClassVar
 
 from emulators.jr3.firmware import Firmware
+from emulators.jr3.late import LateSamples
 from emulators.jr3.sensor import Jr3Sensor
+from emulators.quantiles import check_quantiles
 from protocol.endpoint import RemoteProtocolError
 from protocol.jr3.uart_gateway import (
     DATA_FRAME_S,
@@ -58,9 +60,18 @@ class UartGatewayProfile:
         unit="µs",
         above=0.0,
     )
+    delay_ms: tuple[float, ...] = setting(
+        (),
+        Mark.CHOSEN,
+        "measured delay of the stream's frames above the least, as evenly spaced quantiles, least first and largest "
+        "last; empty: none",
+        unit="ms",
+        minimum=0.0,
+    )
 
     def __post_init__(self) -> None:
         check_settings(self)
+        check_quantiles(self, "delay_ms")
 
 
 class _State(Enum):
@@ -74,8 +85,11 @@ class _State(Enum):
 class UartGateway:
     """Endpoint of the gateway: takes and gives bytes, tells no events."""
 
-    def __init__(self, profile: UartGatewayProfile, sensor: Jr3Sensor, powered_at: float) -> None:
+    def __init__(
+        self, profile: UartGatewayProfile, sensor: Jr3Sensor, powered_at: float, seed: int = 0
+    ) -> None:
         self._profile = profile
+        self._late = LateSamples(profile.delay_ms, seed) if profile.delay_ms else None
         self._connected = sensor.profile.connected
         self._firmware = Firmware(sensor, profile.sample_period_us, profile.shortest_period_us)
         self._out = bytearray()
@@ -107,6 +121,8 @@ class UartGateway:
     def next_deadline(self) -> float | None:
         """The end of what it does now, the next frame of the stream, or the next block of samples."""
         due = self._firmware.next_deadline()
+        if self._late is not None:
+            due = self._late.next_deadline(due)
         if self._state is _State.LISTENING:
             return due
         return self._until if due is None else min(self._until, due)
@@ -118,6 +134,10 @@ class UartGateway:
             self._go_on(self._until)
         self._send_due(now)
         self._firmware.catch_up(now)
+
+    def sampled_at(self, counter: int) -> float | None:
+        """The truth: when the sensor measured the newest sample sent with this counter, s; None if there is none."""
+        return self._firmware.sampled_at(counter)
 
     # --- what it does one after another
 
@@ -192,5 +212,12 @@ class UartGateway:
         self._out += encode_acknowledge(Acknowledge(self._firmware.state, scales))
 
     def _send_due(self, now: float) -> None:
+        late = self._late
         for sample in self._firmware.due_samples(now):
-            self._out += encode_data(sample.counts, sample.counter)
+            if late is None:
+                self._out += encode_data(sample.counts, sample.counter)
+            else:
+                late.put(sample, now)
+        if late is not None:
+            for sample in late.arrived(now):
+                self._out += encode_data(sample.counts, sample.counter)

@@ -14,6 +14,7 @@ from typing import TypeAlias
 
 import numpy as np
 
+from emulators.quantiles import draw
 from emulators.robot.kinematics import Joints
 from emulators.robot.motion import Motion, ServoProfile, Waypoint, normalised
 from emulators.robot.profile import S3Profile
@@ -204,9 +205,23 @@ class S3Controller:
         except RemoteProtocolError:
             raw = telegrams[0]
             telegram, function = None, raw[4] if len(raw) > 4 else 0
-        spread = self._profile.turnaround_spread_ms
-        turnaround = self._profile.turnaround_ms + self._random.uniform(-spread, spread)
-        self._orders.append(_Order(telegram, function, now + turnaround / 1000.0, len(telegrams)))
+        self._orders.append(
+            _Order(telegram, function, now + self._turnaround_ms(function) / 1000.0, len(telegrams))
+        )
+
+    def _turnaround_ms(self, function: int) -> float:
+        """What it takes to come to answering this order; one number is drawn for each."""
+        profile = self._profile
+        measured: tuple[float, ...] = ()
+        match function:
+            case FunctionCode.READ_STATUS:
+                measured = profile.status_turnaround_ms
+            case FunctionCode.MOVE:
+                measured = profile.move_turnaround_ms
+        if measured:
+            return draw(measured, self._random)
+        spread = profile.turnaround_spread_ms
+        return profile.turnaround_ms + self._random.uniform(-spread, spread)
 
     def _answer(self, order: _Order, now: float) -> Telegram | None:
         """What to say to an order, or None while its time has not come."""

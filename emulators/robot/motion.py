@@ -36,6 +36,8 @@ _HISTORY_S = 10.0
 """Chosen: longer than any stall of a process after which its run is still of use."""
 _ROUNDING_S = 1e-9
 """A point left for less than this is reached: the sum of ticks carries rounding errors."""
+_BEGINS = 256
+"""Chosen: begins of motion that are kept, more than points that anybody waits for."""
 _REST_M = 1e-10
 """An axis nearer than this to where it is pulled, and slower than this in a time constant, is at rest."""
 
@@ -173,6 +175,11 @@ class Motion:
         self._queue: deque[Waypoint] = deque()
         self._leg: _Leg | None = None
         self._leg_elapsed = 0.0
+        self.accepted = 0
+        """Points taken so far; the first has the number 1."""
+        self._begun = 0
+        """How many of them are no longer waiting: the interpolator has come to them, or they were forgotten."""
+        self._begins: deque[float] = deque(maxlen=_BEGINS)
         self._at: Vector = position
         self._turned = normalised(quaternion)
         self._joints = joints
@@ -200,12 +207,28 @@ class Motion:
             raise ValueError(f"the speed of a move must be more than 0, got {waypoint.speed:g} m/s")
         self.advance(now)
         self._queue.append(waypoint)
+        self.accepted += 1
 
     def halt(self, now: float) -> None:
         """Forget all points and stay at the set point of the last tick."""
         self.advance(now)
         self._queue.clear()
         self._leg = None
+        while self._begun < self.accepted:
+            self._begin(math.nan)
+
+    def begun_at(self, number: int) -> float | None:
+        """When the position loops took, or will take, the first set point on the way to the point of this number,
+        s; None before that is known, NaN for a point that was forgotten.
+        """
+        if number > self._begun:
+            return None
+        kept = self._begun - len(self._begins)
+        return self._begins[number - kept - 1] if number > kept else math.nan
+
+    def _begin(self, at: float) -> None:
+        self._begun += 1
+        self._begins.append(at)
 
     def waiting(self, now: float) -> int:
         """Number of points not reached by the interpolator, the one it is moving to included."""
@@ -385,6 +408,9 @@ class Motion:
             if self._leg is None:
                 self._leg = self._leg_to(self._queue[0])
                 self._leg_elapsed = 0.0
+                # Reached with nothing left of this tick, its first set point is that of the next.
+                tick = self._tick + (budget <= _ROUNDING_S)
+                self._begin(self._powered_at + tick * self._period + self._delay)
             leg = self._leg
             left = leg.duration - self._leg_elapsed
             if left > budget + _ROUNDING_S:

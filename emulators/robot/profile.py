@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
+from emulators.quantiles import check_quantiles
 from protocol.arap import Mode, RefusalCode
 from protocol.marks import Mark, check_settings, setting
 
@@ -19,6 +20,21 @@ class S3Profile:
     )
     turnaround_spread_ms: float = setting(
         4.0, Mark.ASSUMED, "uniform spread of the turnaround to either side", unit="ms", minimum=0.0
+    )
+    status_turnaround_ms: tuple[float, ...] = setting(
+        (),
+        Mark.CHOSEN,
+        "measured turnaround of status orders as evenly spaced quantiles, least first and largest last; empty: as "
+        "assumed for all orders",
+        unit="ms",
+        minimum=0.0,
+    )
+    move_turnaround_ms: tuple[float, ...] = setting(
+        (),
+        Mark.CHOSEN,
+        "measured turnaround of moves, in the same way; empty: as assumed for all orders",
+        unit="ms",
+        minimum=0.0,
     )
     queue_depth: int = setting(
         4, Mark.ASSUMED, "points accepted and not yet reached, the one moved to included", minimum=1
@@ -108,6 +124,7 @@ class S3Profile:
 
     def __post_init__(self) -> None:
         check_settings(self)
+        check_quantiles(self, "status_turnaround_ms", "move_turnaround_ms")
         if self.turnaround_spread_ms > self.turnaround_ms:
             raise ValueError(
                 f"turnaround_spread_ms must be at most turnaround_ms ({self.turnaround_ms:g}), "

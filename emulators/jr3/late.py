@@ -1,0 +1,36 @@
+"""What lies between a gateway's frames and their arrival beyond the wire itself: a delay that differs."""
+
+import random
+from collections import deque
+from collections.abc import Iterator, Sequence
+
+from emulators.jr3.firmware import Sample
+from emulators.quantiles import draw
+
+
+class LateSamples:
+    """Samples of a stream on their way, each as late as its draw says, none before the one ahead of it."""
+
+    def __init__(self, quantiles_ms: Sequence[float], seed: int) -> None:
+        self._quantiles_ms = quantiles_ms
+        self._random = random.Random(f"{seed} gateway")
+        self._waiting: deque[tuple[float, Sample]] = deque()
+
+    def put(self, sample: Sample, now: float) -> None:
+        """Send a sample on its way."""
+        at = now + draw(self._quantiles_ms, self._random) / 1000.0
+        if self._waiting:
+            at = max(at, self._waiting[-1][0])
+        self._waiting.append((at, sample))
+
+    def arrived(self, now: float) -> Iterator[Sample]:
+        """Those whose time has come."""
+        while self._waiting and self._waiting[0][0] <= now:
+            yield self._waiting.popleft()[1]
+
+    def next_deadline(self, other: float | None) -> float | None:
+        """When the next one is through, or `other` if that is earlier."""
+        if not self._waiting:
+            return other
+        at = self._waiting[0][0]
+        return at if other is None else min(at, other)

@@ -1,0 +1,22 @@
+"""A measured distribution as evenly spaced quantiles, and numbers drawn from it."""
+
+import random
+from collections.abc import Sequence
+from typing import Any
+
+
+def draw(quantiles: Sequence[float], source: random.Random) -> float:
+    """A number of the distribution with these quantiles, straight lines between them; takes one random number."""
+    place = source.random() * (len(quantiles) - 1)
+    k = min(int(place), len(quantiles) - 2)
+    return quantiles[k] + (quantiles[k + 1] - quantiles[k]) * (place - k)
+
+
+def check_quantiles(profile: Any, *names: str) -> None:
+    """Raise ValueError naming the first of these settings that holds no distribution; for `__post_init__`."""
+    for name in names:
+        values = getattr(profile, name)
+        if len(values) == 1:
+            raise ValueError(f"{name} must be two values or more, or none, got 1")
+        if list(values) != sorted(values):
+            raise ValueError(f"{name} must not fall, got {list(values)}")

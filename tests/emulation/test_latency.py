@@ -1,0 +1,269 @@
+"""Delays that follow a measured distribution, and the true moments of samples and motions."""
+
+import math
+import random
+import struct
+from collections.abc import Sequence
+from functools import reduce
+from operator import xor
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from emulators.jr3 import (
+    Gateway,
+    GatewayProfile,
+    Jr3Sensor,
+    SensorProfile,
+    UartGateway,
+    UartGatewayProfile,
+)
+from emulators.quantiles import draw
+from emulators.robot import S3Controller, S3Profile, ServoProfile
+from emulators.robot.motion import Motion, Waypoint
+from protocol.adlp import LinkProfile
+from protocol.can import CanFrame
+
+T0 = 1234.5
+TICK, DELAY = 0.02, 0.02
+DOWN = (0.0, 1.0, 0.0, 0.0)
+START = (0.9, -0.1, 0.6)
+COUNTS_PER_S = 100_000.0
+FORCES_ID = 0x601
+UNIT = 115.0 / 16384
+ODD = (1.0, 1.5, 2.0, 7.0, 40.0)
+
+
+def quantiles_of(values: Sequence[float], count: int = 5) -> list[float]:
+    return [float(value) for value in np.quantile(values, np.linspace(0.0, 1.0, count))]
+
+
+# --- the draw
+
+
+def test_draws_have_the_quantiles_that_they_are_drawn_from() -> None:
+    source = random.Random(3)
+    drawn = [draw(ODD, source) for _ in range(20_000)]
+    assert quantiles_of(drawn) == pytest.approx(ODD, rel=0.02)
+
+
+@pytest.mark.parametrize(("number", "value"), [(0.0, 1.0), (0.25, 1.5), (0.875, 23.5), (1 - 2**-53, 40.0)])
+def test_the_transform_is_straight_between_quantiles(number: float, value: float) -> None:
+    class Source(random.Random):
+        def random(self) -> float:
+            return number
+
+    assert draw(ODD, Source()) == pytest.approx(value)
+
+
+@pytest.mark.parametrize(
+    ("profile", "name"),
+    [
+        (S3Profile, "status_turnaround_ms"),
+        (S3Profile, "move_turnaround_ms"),
+        (GatewayProfile, "delay_ms"),
+        (UartGatewayProfile, "delay_ms"),
+    ],
+)
+@pytest.mark.parametrize("wrong", [(3.0,), (2.0, 1.0), (-1.0, 1.0)])
+def test_what_is_no_distribution_is_refused_by_name(
+    profile: Any, name: str, wrong: tuple[float, ...]
+) -> None:
+    with pytest.raises(ValueError, match=name):
+        profile(**{name: wrong})
+
+
+# --- turnaround
+
+
+def block(function: int, suffix: int = 0, data: bytes = b"") -> bytes:
+    telegram = struct.pack(">HBBBBH", 8 + len(data), 1, 0, function, 1, suffix) + data
+    return b"\x10\x02" + telegram + b"\x10\x03" + bytes([reduce(xor, telegram, 3)])
+
+
+STATUS, STOP, START_MOVE = block(19), block(3), block(24, 2, bytes(44))
+
+
+def turnarounds(profile: S3Profile, order: bytes, count: int, seed: int = 1) -> list[float]:
+    """From the end of an order to the bid for its answer, s, of many in a row on a line without time."""
+    robot = S3Controller(profile, LinkProfile(), ServoProfile(), START, DOWN, T0, seed, tool_length=0.2)
+    now, waits = T0 + 1.0, []
+    for _ in range(count):
+        for piece, reply in ((b"\x05", b"\x06"), (order, b"\x06"), (b"\x04", b"")):
+            robot.receive(piece, now)
+            assert robot.data_to_send(now) == reply
+        due = robot.next_deadline()
+        assert due is not None
+        robot.handle_deadline(due)
+        assert robot.data_to_send(due) == b"\x05"
+        waits.append(due - now)
+        now = due
+        robot.receive(b"\x06", now)
+        assert robot.data_to_send(now)
+        robot.receive(b"\x06", now)
+        assert robot.data_to_send(now) == b"\x04"
+        now += 0.01
+    return waits
+
+
+def test_each_kind_of_order_takes_as_long_as_was_measured_of_it() -> None:
+    profile = S3Profile(status_turnaround_ms=ODD, move_turnaround_ms=(50.0, 51.0))
+    status = np.array(turnarounds(profile, STATUS, 2000)) * 1e3
+    moves = np.array(turnarounds(profile, START_MOVE, 50)) * 1e3
+    others = np.array(turnarounds(profile, STOP, 50)) * 1e3
+    assert quantiles_of(status) == pytest.approx(ODD, rel=0.12)
+    assert moves.min() >= 50.0 - 1e-6
+    assert moves.max() <= 51.0 + 1e-6
+    assert others.min() >= 8.0 - 1e-6
+    assert others.max() <= 16.0 + 1e-6
+
+
+def test_the_seed_decides_and_no_distribution_means_as_before() -> None:
+    profile = S3Profile(status_turnaround_ms=ODD)
+    assert turnarounds(profile, STATUS, 20, seed=5) == turnarounds(profile, STATUS, 20, seed=5)
+    assert turnarounds(profile, STATUS, 20, seed=5) != turnarounds(profile, STATUS, 20, seed=6)
+    before = random.Random(5)
+    expected = [(12.0 + before.uniform(-4.0, 4.0)) * 1e-3 for _ in range(20)]
+    assert turnarounds(S3Profile(), STATUS, 20, seed=5) == pytest.approx(expected)
+
+
+# --- the sensor's delay and the true moments of its samples
+
+
+def sensor() -> Jr3Sensor:
+    """Fx grows evenly from T0 on, so that a sample tells when it was measured."""
+
+    def ramp(times: NDArray[np.float64]) -> NDArray[np.float64]:
+        wrench = np.zeros((len(times), 6))
+        wrench[:, 0] = np.maximum(times - T0, 0.0) % 0.3 * COUNTS_PER_S * UNIT
+        return wrench
+
+    return Jr3Sensor(SensorProfile(noise_counts=0.0), ramp, seed=3)
+
+
+def can_frames(
+    profile: GatewayProfile, seconds: float, seed: int = 1
+) -> tuple[Gateway, list[tuple[float, int, int]]]:
+    """Time, counts of fx and counter of each force frame of an unfiltered 10 ms stream."""
+    gateway = Gateway(profile, sensor(), T0, seed)
+    now = T0 + 2.5
+    gateway.handle_deadline(now)
+    gateway.receive([CanFrame(0x201, bytes.fromhex("000010270000"))], now)
+    told = []
+    while (due := gateway.next_deadline()) is not None and due < now + seconds:
+        gateway.handle_deadline(due)
+        told += [
+            (due, *struct.unpack("<h4xH", frame.data))
+            for frame in gateway.data_to_send(due)
+            if frame.identifier == FORCES_ID
+        ]
+    return gateway, told
+
+
+def uart_frames(
+    profile: UartGatewayProfile, seconds: float
+) -> tuple[UartGateway, list[tuple[float, int, int]]]:
+    gateway = UartGateway(profile, sensor(), T0)
+    now = T0 + 5.1
+    gateway.handle_deadline(now)
+    gateway.data_to_send(now)
+    gateway.receive(bytes.fromhex("3C30320000102700003E"), now)
+    gateway.data_to_send(now)
+    told = []
+    while (due := gateway.next_deadline()) is not None and due < now + seconds:
+        gateway.handle_deadline(due)
+        data = gateway.data_to_send(due)
+        if len(data) == 18:
+            told.append((due, *struct.unpack("<h10xH", data[3:17])))
+    return gateway, told
+
+
+@pytest.mark.parametrize("frames", [can_frames, uart_frames])
+def test_a_frame_is_as_late_as_drawn_and_its_sample_as_old(frames: Any) -> None:
+    profile = GatewayProfile if frames is can_frames else UartGatewayProfile
+    _, prompt = frames(profile(), 1.0)
+    _, late = frames(profile(delay_ms=(1.0, 2.0, 9.0)), 1.0)
+    assert len(prompt) > 90
+    arrived = {counter: (at, counts) for at, counts, counter in late}
+    both = [(row, arrived[row[2]]) for row in prompt[1:] if row[2] in arrived]
+    assert len(both) > 90
+    assert all(before[1] == after[1] for before, after in both), "the samples are the same"
+    delays = [(after[0] - before[0]) * 1e3 for before, after in both]
+    assert min(delays) >= 1.0 - 1e-6
+    assert max(delays) <= 9.0 + 1e-6
+    assert quantiles_of(delays, 3) == pytest.approx([1.0, 2.0, 9.0], rel=0.25)
+
+
+@pytest.mark.parametrize("frames", [can_frames, uart_frames])
+def test_the_truth_tells_when_a_sample_was_measured(frames: Any) -> None:
+    gateway, told = frames(GatewayProfile() if frames is can_frames else UartGatewayProfile(), 0.5)
+    assert len(told) > 40
+    for sent_at, counts, counter in told[1:]:
+        sampled_at = gateway.sampled_at(counter)
+        assert sampled_at is not None
+        assert sampled_at <= sent_at < sampled_at + 300e-6
+        assert (sampled_at - T0) % 0.3 * COUNTS_PER_S == pytest.approx(counts, abs=2.0)
+
+
+def test_no_sample_no_truth() -> None:
+    gateway = Gateway(GatewayProfile(), sensor(), T0)
+    assert gateway.sampled_at(5) is None
+    gateway, told = can_frames(GatewayProfile(), 0.1)
+    assert gateway.sampled_at(told[-1][2] + 1000) is None, "that many were not taken yet"
+
+
+def test_frames_never_overtake_each_other() -> None:
+    _, told = can_frames(GatewayProfile(delay_ms=(0.0, 0.0, 80.0)), 2.0)
+    counters = [counter for _, _, counter in told]
+    assert counters == sorted(counters)
+
+
+# --- the begin of a motion
+
+
+def test_a_motion_begins_when_the_loops_take_its_first_set_point() -> None:
+    motion = Motion(ServoProfile(), START, DOWN, T0)
+    motion.enqueue(Waypoint((0.91, -0.1, 0.6), DOWN, 0.1), T0 + 0.005)
+    motion.enqueue(Waypoint((0.91, -0.1, 0.59), DOWN, 0.1), T0 + 0.006)
+    assert motion.accepted == 2
+    assert motion.begun_at(1) is None, "nobody has looked on since"
+    motion.advance(T0 + 1.0)
+    first, second = motion.begun_at(1), motion.begun_at(2)
+    assert first == pytest.approx(T0 + TICK + DELAY)
+    # 10 mm at 100 mm/s are five ticks.
+    assert second == pytest.approx(T0 + 6 * TICK + DELAY)
+    assert first is not None
+    assert second is not None
+    positions, _ = motion.trajectory(np.array([first, first + 1e-3, second, second + 1e-3]))
+    assert positions[0, 0] == pytest.approx(0.9, abs=1e-12)
+    assert positions[1, 0] > 0.9
+    assert positions[2, 2] == pytest.approx(0.6, abs=1e-12)
+    assert positions[3, 2] < 0.6
+
+
+def test_what_is_forgotten_never_begins_and_the_next_one_does() -> None:
+    motion = Motion(ServoProfile(), START, DOWN, T0)
+    for x in (0.95, 0.96):
+        motion.enqueue(Waypoint((x, -0.1, 0.6), DOWN, 0.1), T0 + 0.005)
+    motion.halt(T0 + 0.05)
+    motion.enqueue(Waypoint(START, DOWN, 0.1), T0 + 0.051)
+    motion.advance(T0 + 1.0)
+    begun = motion.begun_at(2)
+    assert begun is not None
+    assert math.isnan(begun)
+    assert motion.begun_at(1) == pytest.approx(T0 + TICK + DELAY)
+    assert motion.begun_at(3) == pytest.approx(T0 + 3 * TICK + DELAY)
+    assert motion.begun_at(4) is None
+
+
+def test_begins_are_kept_for_a_while_only() -> None:
+    motion = Motion(ServoProfile(), START, DOWN, T0)
+    for k in range(300):
+        motion.enqueue(Waypoint((0.9 + 1e-3 * (k % 2), -0.1, 0.6), DOWN, 10.0), T0 + 0.02 * k)
+    motion.advance(T0 + 10.0)
+    forgotten, kept = motion.begun_at(10), motion.begun_at(300)
+    assert forgotten is not None
+    assert math.isnan(forgotten)
+    assert kept == pytest.approx(T0 + 300 * TICK + DELAY)
