@@ -1,8 +1,9 @@
 """Wires: bytes and CAN frames over memory, serial ports, pseudo-terminals, TCP, python-can; opened by URL."""
 
+from hil_bridge.transports.back_off import Reconnecting
 from hil_bridge.transports.base import Frames, Transport
 from hil_bridge.transports.can_queue import CanStatistics
-from hil_bridge.transports.line import Paced
+from hil_bridge.transports.line import LineEnd, LineNotices, Paced
 from hil_bridge.transports.listening import Listening
 from hil_bridge.transports.memory import memory_pair
 from hil_bridge.transports.memory_can import (
@@ -13,28 +14,37 @@ from hil_bridge.transports.memory_can import (
     MemoryCanNode,
     memory_can_bus,
 )
-from hil_bridge.transports.uart import LineSettings, Parity
-from hil_bridge.transports.urls import connect_bytes, connect_can, listen_bytes, listen_can
+from hil_bridge.transports.opening import connect_bytes, connect_can, listen_bytes, listen_can
+from hil_bridge.transports.uart import Damaged, Flaw, LineErrors, LineSettings, Parity
+from hil_bridge.transports.usb_adapter import UsbAdapter, UsbAdapterProfile
 from hil_bridge.transports.wrappers import Delayed, Direction, Faults, Faulty, Tap
 
 __all__ = [
     "BitErrors",
     "CanStatistics",
+    "Damaged",
     "Delayed",
     "Direction",
     "Disturbance",
     "ErrorCounters",
     "Faults",
     "Faulty",
+    "Flaw",
     "Frames",
+    "LineEnd",
+    "LineErrors",
+    "LineNotices",
     "LineSettings",
     "Listening",
     "MemoryCanBus",
     "MemoryCanNode",
     "Paced",
     "Parity",
+    "Reconnecting",
     "Tap",
     "Transport",
+    "UsbAdapter",
+    "UsbAdapterProfile",
     "connect_bytes",
     "connect_can",
     "listen_bytes",

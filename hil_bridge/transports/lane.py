@@ -109,12 +109,12 @@ class Lane:
         self._receiver = Receiver(self._receiver.settings)
         self._disarm()
 
-    def hold_low(self, duration: float) -> None:
-        """A break of this duration, s, from now on; what is sent meanwhile is not seen."""
+    def hold(self, low: bool, delay: float = 0.0) -> None:
+        """Begin or end a break, after a delay, s; what is sent meanwhile is not seen."""
         now = self._clock.now()
         self._settle(now)
         if self._connected:
-            self._receiver.hold_low(now, now + duration)
+            self._receiver.hold(low, now + delay)
             self._hear(now)
         self._arm()
 
@@ -183,7 +183,7 @@ class Lane:
             return
         hears = self._hears()
         if hears != self._receiver.settings:
-            self._receiver = Receiver(hears)
+            self._receiver.retune(hears)
         if self._receiver.quiet and hears.understands(self._speaks):
             self._sink(data)
             return

@@ -8,7 +8,7 @@ from hil_bridge.errors import TransportBroken, TransportClosed, TransportError
 from hil_bridge.transports.base import Transport
 from hil_bridge.transports.delivery import QUEUE_BYTES, Delivery, flush
 from hil_bridge.transports.lane import Lane
-from hil_bridge.transports.uart import Damaged, Flaw, LineErrors, LineSettings
+from hil_bridge.transports.uart import COUNTED_AS, Damaged, Flaw, LineErrors, LineSettings
 from hil_bridge.transports.wrappers import Direction
 
 FIFO = 14
@@ -16,6 +16,9 @@ FIFO = 14
 
 Assumed: the highest receive trigger level of a 16550A, which is what drivers choose.
 """
+
+NOTICE_S = 1.0
+"""Shortest time between two notices of damaged characters, s. Chosen: a wrong baud rate damages every one."""
 
 
 def _no_matter(flaw: Flaw) -> None:
@@ -32,6 +35,30 @@ class LineEnd:
     """What its owner makes of damaged characters."""
     on_flaw: Callable[[Flaw], None] = _no_matter
     """Told of every damaged character that this end receives."""
+
+
+class LineNotices:
+    """Tells of damaged characters: of the first at once, then at most once a second."""
+
+    def __init__(
+        self, name: str, line: LineSettings, clock: Clock, on_notice: Callable[[str, str], None]
+    ) -> None:
+        self._name = name
+        self._line = line
+        self._clock = clock
+        self._on_notice = on_notice
+        self._errors = LineErrors()
+        self._next = float("-inf")
+
+    def __call__(self, flaw: Flaw) -> None:
+        self._errors += COUNTED_AS[flaw]
+        now = self._clock.now()
+        if now >= self._next:
+            self._next = now + NOTICE_S
+            self._on_notice(
+                "line_error",
+                f"{self._name}: {self._errors} on a line set to {self._line}; check baudrate and parity",
+            )
 
 
 class Paced:
@@ -99,7 +126,13 @@ class Paced:
         """Hold one direction of the line low from now on. Characters that are under way meanwhile are damaged or
         lost: the UART goes on sending them (PC16550D, line control register bit 6).
         """
-        (self._out if direction is Direction.SENT else self._in).hold_low(duration_s)
+        lane = self._lane(direction)
+        lane.hold(True)
+        lane.hold(False, duration_s)
+
+    def hold(self, low: bool, direction: Direction = Direction.SENT) -> None:
+        """Begin a break, or end it, as `send_break` does both."""
+        self._lane(direction).hold(low)
 
     def disconnect(self) -> None:
         """Pull the plug: what either end sends from now on is lost. Harmless when pulled before."""
@@ -121,6 +154,9 @@ class Paced:
             await self._inner.aclose()
             self._in.clear()
             self._delivery.closed()
+
+    def _lane(self, direction: Direction) -> Lane:
+        return self._out if direction is Direction.SENT else self._in
 
     def _arrived(self, data: bytes) -> None:
         if not self._in.push(data):

@@ -2,6 +2,7 @@
 
 import asyncio
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from weakref import WeakKeyDictionary
 
@@ -9,9 +10,17 @@ from hil_bridge.clock import Clock
 from hil_bridge.errors import TransportEnded, TransportError, TransportUnavailable
 from hil_bridge.transports.base import Transport
 from hil_bridge.transports.delivery import QUEUE_BYTES, Delivery, TimedQueue, flush
+from hil_bridge.transports.line import LineEnd
 from hil_bridge.transports.listening import Exchange
 
-_LISTENERS: WeakKeyDictionary[asyncio.AbstractEventLoop, dict[str, Exchange]] = WeakKeyDictionary()
+
+@dataclass(frozen=True, slots=True)
+class _Listener:
+    exchange: Exchange
+    end: LineEnd | None
+
+
+_LISTENERS: WeakKeyDictionary[asyncio.AbstractEventLoop, dict[str, _Listener]] = WeakKeyDictionary()
 """Who listens under which name, for each loop."""
 
 
@@ -25,27 +34,34 @@ def memory_pair(
     return here, there
 
 
-def listen_memory(name: str, clock: Clock) -> Transport[bytes]:
-    """Wait for clients of this name in this loop, one at a time. Raises TransportUnavailable if taken."""
+def listen_memory(name: str, clock: Clock, end: LineEnd | None = None) -> Transport[bytes]:
+    """Wait for clients of this name in this loop, one at a time. Raises TransportUnavailable if taken.
+
+    `end` is the listener's UART; the line itself is at the client's side of the wire.
+    """
     listeners = _LISTENERS.setdefault(clock.loop, {})
     if name in listeners:
         raise TransportUnavailable(f"memory:{name}: another listens under this name already; choose another")
-    listeners[name] = Exchange(f"memory:{name}", free=lambda: None, stop=lambda: _forget(clock, name))
-    return listeners[name]
+    exchange = Exchange(f"memory:{name}", free=lambda: None, stop=lambda: _forget(clock, name))
+    listeners[name] = _Listener(exchange, end)
+    return exchange
 
 
-def connect_memory(name: str, latency_s: float, clock: Clock) -> Transport[bytes]:
-    """Connect to who listens under this name. Raises TransportUnavailable when nobody does or it is taken."""
-    exchange = _LISTENERS.get(clock.loop, {}).get(name)
-    if exchange is None:
+def connect_memory(name: str, latency_s: float, clock: Clock) -> tuple[Transport[bytes], LineEnd | None]:
+    """Connect to who listens under this name; gives the wire and the listener's UART, if it has one.
+
+    Raises TransportUnavailable when nobody listens or another client is there.
+    """
+    listener = _LISTENERS.get(clock.loop, {}).get(name)
+    if listener is None:
         raise TransportUnavailable(
             f"memory:{name}: nobody listens under this name; start the other side first"
         )
-    if exchange.busy:
+    if listener.exchange.busy:
         raise TransportUnavailable(f"memory:{name}: another client is connected; close that one first")
     here, there = memory_pair(clock, latency_s, f"memory:{name}")
-    exchange.attach(there)
-    return here
+    listener.exchange.attach(there)
+    return here, listener.end
 
 
 def _forget(clock: Clock, name: str) -> None:

@@ -2,6 +2,7 @@
 
 import asyncio
 import socket
+from collections.abc import Callable
 from contextlib import suppress
 
 from hil_bridge.clock import Clock
@@ -13,6 +14,11 @@ from hil_bridge.transports.listening import Exchange
 
 CONNECT_TIMEOUT_S = 5.0
 """Chosen: a host that is there answers sooner."""
+
+KEEPALIVE = {"TCP_KEEPIDLE": 5, "TCP_KEEPINTVL": 1, "TCP_KEEPCNT": 4}
+"""A peer that has said nothing for 5 s is asked, once a second, and is gone after four questions. Chosen: a pulled
+cable is noticed within 10 s even on a wire that only listens.
+"""
 
 
 async def connect_tcp(host: str, port: int, clock: Clock, name: str) -> Transport[bytes]:
@@ -33,10 +39,21 @@ async def connect_tcp(host: str, port: int, clock: Clock, name: str) -> Transpor
     return FileWire(name, _Connection(connection, name), clock)
 
 
-async def listen_tcp(host: str, port: int, clock: Clock, name: str) -> tuple[Transport[bytes], str, int]:
+def _as_it_is(wire: Transport[bytes]) -> Transport[bytes]:
+    return wire
+
+
+async def listen_tcp(
+    host: str,
+    port: int,
+    clock: Clock,
+    name: str,
+    around: Callable[[Transport[bytes]], Transport[bytes]] = _as_it_is,
+) -> tuple[Transport[bytes], str, int]:
     """Wait for clients, one at a time: who comes while another is there waits until that one has left.
 
-    Gives the transport, and the address and port that it really has. Raises TransportUnavailable.
+    `around` makes the transport of a client out of its connection. Gives the transport, and the address and port
+    that it really has. Raises TransportUnavailable.
     """
     try:
         found = await clock.loop.getaddrinfo(host, port, type=socket.SOCK_STREAM)
@@ -53,14 +70,21 @@ async def listen_tcp(host: str, port: int, clock: Clock, name: str) -> tuple[Tra
     except OSError as error:
         raise reasons.unavailable("tcp-listen", name, f"{host}:{port}", error) from error
     here = server.getsockname()
-    return _Server(server, name, clock).exchange, here[0], here[1]
+    return _Server(server, name, clock, around).exchange, here[0], here[1]
 
 
 class _Server:
     """Accepts the next client when there is none."""
 
-    def __init__(self, server: socket.socket, name: str, clock: Clock) -> None:
+    def __init__(
+        self,
+        server: socket.socket,
+        name: str,
+        clock: Clock,
+        around: Callable[[Transport[bytes]], Transport[bytes]],
+    ) -> None:
         self._server = server
+        self._around = around
         self._clock = clock
         self._name = name
         self.exchange = Exchange(name, self._wait, self._stop)
@@ -76,9 +100,8 @@ class _Server:
             return  # it has gone again before we came to it
         self._clock.loop.remove_reader(self._server.fileno())
         connection.setblocking(False)
-        self.exchange.attach(
-            FileWire(self._name, _Connection(connection, f"{address[0]}:{address[1]}"), self._clock)
-        )
+        wire = FileWire(self._name, _Connection(connection, f"{address[0]}:{address[1]}"), self._clock)
+        self.exchange.attach(self._around(wire))
 
     def _stop(self) -> None:
         self._clock.loop.remove_reader(self._server.fileno())
@@ -90,6 +113,10 @@ class _Connection:
 
     def __init__(self, connection: socket.socket, name: str) -> None:
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        for option, value in KEEPALIVE.items():
+            if hasattr(socket, option):  # not every system lets a program choose
+                connection.setsockopt(socket.IPPROTO_TCP, getattr(socket, option), value)
         self._connection = connection
         self._name = name
         self.fd = connection.fileno()

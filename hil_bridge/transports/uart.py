@@ -85,13 +85,9 @@ class LineErrors:
             self.parity + other.parity, self.framing + other.framing, self.breaks + other.breaks
         )
 
-    @property
-    def total(self) -> int:
-        """All of them."""
-        return self.parity + self.framing + self.breaks
-
     def __str__(self) -> str:
-        return f"{self.parity} parity errors, {self.framing} framing errors, {self.breaks} breaks"
+        counts = {"parity errors": self.parity, "framing errors": self.framing, "breaks": self.breaks}
+        return ", ".join(f"{count} {what}" for what, count in counts.items() if count) or "no line errors"
 
 
 COUNTED_AS = {
@@ -182,10 +178,14 @@ class Receiver:
                 heapq.heappush(self._edges, (begun + k / sender.baudrate, False, level))
                 before = level
 
-    def hold_low(self, begun: float, ended: float) -> None:
-        """The line is held low from `begun` to `ended`, s, whatever is sent meanwhile."""
-        heapq.heappush(self._edges, (begun, True, 0))
-        heapq.heappush(self._edges, (ended, True, 1))
+    def hold(self, low: bool, at: float) -> None:
+        """A break begins or ends at this time, s: the line is held low meanwhile, whatever is sent."""
+        heapq.heappush(self._edges, (at, True, not low))
+
+    def retune(self, settings: LineSettings) -> None:
+        """Read with other settings from now on; a character that is being read is given up."""
+        self.settings = settings
+        self._begun = None
 
     def listen(self, until: float) -> list[Character]:
         """The characters that are complete by `until`, s, up to which all edges must have been told."""

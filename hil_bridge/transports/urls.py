@@ -3,8 +3,9 @@
 | connect | listen |
 |---|---|
 | `serial:///dev/ttyUSB0?baudrate=9600&parity=E&stopbits=1` | `pty:?baudrate=9600&parity=E&link=/tmp/robot` |
-| `tcp://host:port` | `tcp-listen://127.0.0.1:0?baudrate=9600&parity=E` |
-| `memory:NAME?latency_ms=5&baudrate=9600&parity=E` | `memory:NAME` |
+| `tcp://host:port?connect_s=30&reconnect_s=30` | `tcp-listen://127.0.0.1:0?baudrate=9600&parity=E` |
+| `rfc2217://host:port?baudrate=9600&parity=E` | `rfc2217-listen://127.0.0.1:0?baudrate=9600&parity=E` |
+| `memory:NAME?latency_ms=5&baudrate=9600&parity=E` | `memory:NAME?baudrate=9600&parity=E` |
 | `can+memory:NAME?bitrate=1000000` | the same |
 | `can+socketcan://vcan0`, `can+virtual://channel` | the same |
 | `can+slcan:///dev/ttyACM0?bitrate=1000000&tty_baudrate=115200` | |
@@ -12,30 +13,40 @@
 A baud rate on a wire that is no serial port means that bytes are paced as on such a line. Without more said a
 line has 9600 baud, no parity and one stop bit.
 
-pyserial and python-can take their time to import, so that only a wire of theirs imports them.
+The listening side's options are the settings of the emulated device's UART. Where the client's are known too –
+in memory from its URL, on RFC 2217 from what it sets, on a pseudo-terminal its baud rate alone – a difference
+between the two makes what arrives on either side what a UART would make of it. Who names no line in memory is
+taken to be set right.
+
+Options of an emulated line:
+- `damaged=drop`, `zero` or `keep`: what the device makes of a character with a parity or framing error: nothing,
+  00h, the bits as read. Assumed: `drop`, which fits a controller that is silent to a wrong parity.
+- `usb_latency_ms=16`: a USB adapter at the computer's end, with this latency timer.
+
+Options of a TCP connection:
+- `connect_s=30`: for how long to try to connect, at growing intervals; by default once.
+- `reconnect_s=30`: a connection that broke is made again for this long, and what was under way is lost; by default
+  it ends the run. While it is away nothing is heard of the device: time limits above this wire still hold.
+
+Nothing listens beyond this computer unless its URL names a host that does.
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qsl, unquote, urlsplit
 
-from hil_bridge.clock import Clock
 from hil_bridge.errors import ConfigError
-from hil_bridge.transports.base import Frames, Transport
-from hil_bridge.transports.line import Paced
-from hil_bridge.transports.listening import Listening
-from hil_bridge.transports.memory import connect_memory, listen_memory
-from hil_bridge.transports.memory_can import join_memory_can
-from hil_bridge.transports.pseudo_terminal import PseudoTerminal
-from hil_bridge.transports.tcp import connect_tcp, listen_tcp
-from hil_bridge.transports.uart import LineSettings, Parity
-from protocol.can import CanFilter
+from hil_bridge.transports.uart import Damaged, LineSettings, Parity
 
 SLCAN_BITRATES = (10_000, 20_000, 50_000, 83_300, 100_000, 125_000, 250_000, 500_000, 750_000, 1_000_000)
 """Bit rates for which the slcan protocol has a command."""
+
+
+SERIAL_PORTS = ("serial", "rfc2217", "rfc2217-listen")
+"""Schemes whose wire always is a serial line."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +63,7 @@ class WireUrl:
     def line(self) -> LineSettings | None:
         """The serial line it speaks of, or None when it does not name a baud rate."""
         settings = {key: self.options[key] for key in _LINE if key in self.options}
-        return LineSettings(**settings) if "baudrate" in settings or self.scheme == "serial" else None
+        return LineSettings(**settings) if "baudrate" in settings or self.scheme in SERIAL_PORTS else None
 
     @property
     def host_port(self) -> tuple[str, int]:
@@ -75,6 +86,22 @@ def _milliseconds(text: str) -> float:
     if not 0.0 <= value < math.inf:
         raise ValueError("a number of milliseconds, 0 or more")
     return value
+
+
+def _seconds(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0.0 < value < math.inf:
+        raise ValueError("a number of seconds above 0")
+    return value
+
+
+def _usb_latency(text: str) -> float:
+    if not 1 <= (value := _whole(text)) <= 255:
+        raise ValueError("a whole number of milliseconds from 1 to 255")
+    return float(value)
 
 
 def _one_of(choices: tuple[Any, ...]) -> Callable[[str], Any]:
@@ -102,14 +129,18 @@ class _Scheme:
 
 
 _LINE = {"baudrate": _whole, "parity": _one_of(tuple(Parity)), "stopbits": _one_of((1, 2))}
+_USB = {"usb_latency_ms": _usb_latency}
+_DAMAGED = {"damaged": _one_of(tuple(Damaged))}
+_PATIENCE = {"connect_s": _seconds, "reconnect_s": _seconds}
 _PORT, _NAME, _CHANNEL = "///dev/ttyUSB0", "NAME", "//vcan0"
 _MEMORY_CAN = _Scheme(_NAME, {"bitrate": _whole})
 _CAN_CHANNEL = _Scheme(_CHANNEL, {})
 
 CONNECT_BYTES = {
     "serial": _Scheme(_PORT, _LINE),
-    "tcp": _Scheme("//127.0.0.1:4000", {}),
-    "memory": _Scheme(_NAME, {"latency_ms": _milliseconds, **_LINE}),
+    "tcp": _Scheme("//127.0.0.1:4000", _PATIENCE),
+    "rfc2217": _Scheme("//127.0.0.1:4000", {**_LINE, **_PATIENCE}),
+    "memory": _Scheme(_NAME, {"latency_ms": _milliseconds, **_LINE, **_USB}),
 }
 CONNECT_CAN = {
     "can+memory": _MEMORY_CAN,
@@ -118,15 +149,20 @@ CONNECT_CAN = {
     "can+slcan": _Scheme("///dev/ttyACM0", {"bitrate": _one_of(SLCAN_BITRATES), "tty_baudrate": _whole}),
 }
 LISTEN_BYTES = {
-    "pty": _Scheme("", {"link": _path, **_LINE}),
-    "tcp-listen": _Scheme("//127.0.0.1:0", _LINE),
-    "memory": _Scheme(_NAME, {}),
+    "pty": _Scheme("", {"link": _path, **_LINE, **_DAMAGED, **_USB}),
+    "tcp-listen": _Scheme("//127.0.0.1:0", {**_LINE, **_USB}),
+    "rfc2217-listen": _Scheme("//127.0.0.1:0", {**_LINE, **_DAMAGED, **_USB}),
+    "memory": _Scheme(_NAME, {**_LINE, **_DAMAGED}),
 }
 LISTEN_CAN = {
     "can+memory": _MEMORY_CAN,
     "can+socketcan": _CAN_CHANNEL,
     "can+virtual": _CAN_CHANNEL,
 }
+
+
+_HOST_PORT = {"tcp": 1, "rfc2217": 1, "tcp-listen": 0, "rfc2217-listen": 0}
+"""Schemes whose target is a host with a port, and the lowest port; 0 lets the system choose one."""
 
 
 def parse_url(url: str, schemes: Mapping[str, _Scheme]) -> WireUrl:
@@ -148,8 +184,8 @@ def parse_url(url: str, schemes: Mapping[str, _Scheme]) -> WireUrl:
         raise ConfigError(f"{url!r}: the target is missing; for example {parts.scheme}:{scheme.target}")
     if parts.fragment:
         raise ConfigError(f"{url!r}: the part after # means nothing here")
-    if parts.scheme in ("tcp", "tcp-listen"):
-        _check_host_port(url, target, 0 if parts.scheme == "tcp-listen" else 1)
+    if parts.scheme in _HOST_PORT:
+        _check_host_port(url, target, _HOST_PORT[parts.scheme])
     options: dict[str, Any] = {}
     for key, text in parse_qsl(parts.query, keep_blank_values=True):
         parse = scheme.options.get(key)
@@ -162,8 +198,8 @@ def parse_url(url: str, schemes: Mapping[str, _Scheme]) -> WireUrl:
             options[key] = parse(text)
         except ValueError as error:
             raise ConfigError(f"{url!r}: {key} must be {error}, got {text!r}") from error
-    if parts.scheme != "serial" and "baudrate" in scheme.options and "baudrate" not in options:
-        for key in ("parity", "stopbits"):
+    if parts.scheme not in SERIAL_PORTS and "baudrate" in scheme.options and "baudrate" not in options:
+        for key in ("parity", "stopbits", "damaged"):
             if key in options:
                 raise ConfigError(f"{url!r}: {key} means nothing without a baudrate")
     return WireUrl(url, parts.scheme, target, options)
@@ -173,72 +209,3 @@ def _check_host_port(url: str, target: str, lowest: int) -> None:
     host, _, port = target.rpartition(":")
     if not host or not (port.isascii() and port.isdigit() and lowest <= int(port) <= 65535):
         raise ConfigError(f"{url!r}: host and port must be like 127.0.0.1:4000, got {target!r}")
-
-
-async def connect_bytes(url: str, clock: Clock) -> Transport[bytes]:
-    """Open a byte wire. Raises ConfigError for the URL, TransportUnavailable for the wire."""
-    parsed = parse_url(url, CONNECT_BYTES)
-    line = parsed.line
-    match parsed.scheme:
-        case "serial":
-            from hil_bridge.transports.serial_port import open_serial_port
-
-            return await open_serial_port(parsed.target, line or LineSettings(), clock, url)
-        case "tcp":
-            return await connect_tcp(*parsed.host_port, clock, url)
-        case _:
-            latency_s = parsed.options.get("latency_ms", 0.0) / 1e3
-            wire = connect_memory(parsed.target, latency_s, clock)
-            return wire if line is None else Paced(wire, line, clock)
-
-
-async def connect_can(url: str, clock: Clock, accept: Sequence[CanFilter] = ()) -> Transport[Frames]:
-    """Open a CAN wire that receives what one of the filters accepts; everything without filters.
-
-    What is wrong on the bus arrives in band, as error frames that `protocol.can_error` reads. Raises ConfigError
-    for the URL, TransportUnavailable for the wire.
-    """
-    return await _open_can(parse_url(url, CONNECT_CAN), clock, accept)
-
-
-async def listen_bytes(url: str, clock: Clock) -> Listening[bytes]:
-    """Open the other side of a byte wire.
-
-    Raises ConfigError for the URL, TransportUnavailable for the wire.
-    """
-    parsed = parse_url(url, LISTEN_BYTES)
-    line = parsed.line
-    transport: Transport[bytes]
-    match parsed.scheme:
-        case "pty":
-            transport = terminal = PseudoTerminal(clock, parsed.options.get("link"))
-            query = "" if line is None else _line_query(line)
-            address = f"serial://{terminal.device}{query}"
-        case "tcp-listen":
-            transport, host, port = await listen_tcp(*parsed.host_port, clock, url)
-            address = f"tcp://[{host}]:{port}" if ":" in host else f"tcp://{host}:{port}"
-        case _:
-            transport = listen_memory(parsed.target, clock)
-            address = f"memory:{parsed.target}"
-    return Listening(transport if line is None else Paced(transport, line, clock), address)
-
-
-async def listen_can(url: str, clock: Clock, accept: Sequence[CanFilter] = ()) -> Listening[Frames]:
-    """Open the other side of a CAN wire; all nodes are alike, so the address is the URL itself.
-
-    As `connect_can`. Raises ConfigError for the URL, TransportUnavailable for the wire.
-    """
-    return Listening(await _open_can(parse_url(url, LISTEN_CAN), clock, accept), url)
-
-
-async def _open_can(parsed: WireUrl, clock: Clock, accept: Sequence[CanFilter]) -> Transport[Frames]:
-    if parsed.scheme == "can+memory":
-        return join_memory_can(parsed.target, parsed.options.get("bitrate"), clock, accept)
-    from hil_bridge.transports.python_can import open_python_can
-
-    interface = parsed.scheme.removeprefix("can+")
-    return await open_python_can(interface, parsed.target, clock, parsed.text, accept, **parsed.options)
-
-
-def _line_query(line: LineSettings) -> str:
-    return f"?baudrate={line.baudrate}&parity={line.parity.value}&stopbits={line.stopbits}"

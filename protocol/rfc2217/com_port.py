@@ -31,16 +31,12 @@ class Command(IntEnum):
     PURGE_DATA = 12
 
 
-VALUE_BYTES = {
-    command: {
-        Command.SET_BAUDRATE: 4,
-        Command.FLOWCONTROL_SUSPEND: 0,
-        Command.FLOWCONTROL_RESUME: 0,
-    }.get(command, 1)
-    for command in Command
-    if command is not Command.SIGNATURE
+VALUE_BYTES: dict[Command, int] = dict.fromkeys(Command, 1) | {
+    Command.SET_BAUDRATE: 4,
+    Command.FLOWCONTROL_SUSPEND: 0,
+    Command.FLOWCONTROL_RESUME: 0,
 }
-"""Bytes of a command's value, most significant first. A signature is a text of any length."""
+"""Bytes of a command's value, most significant first; not for SIGNATURE, whose text may have any length."""
 
 
 class ComParity(IntEnum):
@@ -112,13 +108,14 @@ def encode_command(command: Command, value: int | bytes = b"", *, server: bool =
     """A command as it travels, from a client or from a server. Raises LocalProtocolError for a value that it
     cannot carry.
     """
+    size = VALUE_BYTES[command]
     if isinstance(value, int):
         try:
-            value = value.to_bytes(VALUE_BYTES.get(command, 0), "big")
+            value = value.to_bytes(size, "big")
         except OverflowError as error:
-            raise LocalProtocolError(f"{command.name} cannot carry {value}") from error
-    elif command is not Command.SIGNATURE and len(value) != VALUE_BYTES[command]:
-        raise LocalProtocolError(f"{command.name} needs a value of {VALUE_BYTES[command]} bytes")
+            raise LocalProtocolError(f"{command.name} cannot carry {value!r}") from error
+    elif command is not Command.SIGNATURE and len(value) != size:
+        raise LocalProtocolError(f"{command.name} needs a value of {size} bytes")
     return subnegotiation(Option.COM_PORT, bytes((command + FROM_SERVER * server,)) + value)
 
 

@@ -24,6 +24,9 @@ UNDERSTOOD = [
     (LISTEN_BYTES, "pty:", "", None),
     (LISTEN_BYTES, "pty:?baudrate=9600&parity=E", "", LineSettings(9600, Parity.EVEN)),
     (LISTEN_BYTES, "tcp-listen://127.0.0.1:0?baudrate=300", "127.0.0.1:0", LineSettings(300)),
+    (LISTEN_BYTES, "memory:a?baudrate=300&parity=O", "a", LineSettings(300, Parity.ODD)),
+    (LISTEN_BYTES, "rfc2217-listen://127.0.0.1:0", "127.0.0.1:0", LineSettings()),
+    (CONNECT_BYTES, "rfc2217://127.0.0.1:7?parity=E", "127.0.0.1:7", LineSettings(9600, Parity.EVEN)),
     (CONNECT_CAN, "can+socketcan://vcan0", "vcan0", None),
     (CONNECT_CAN, "can+slcan:///dev/ttyACM0?bitrate=1000000&tty_baudrate=115200", "/dev/ttyACM0", None),
 ]
@@ -43,9 +46,9 @@ def test_options_have_their_types() -> None:
 
 
 REFUSED = [
-    (connect_bytes, "", "unknown scheme ''; allowed: serial, tcp, memory"),
+    (connect_bytes, "", "unknown scheme ''; allowed: serial, tcp, rfc2217, memory"),
     (connect_bytes, "/dev/ttyUSB0", "unknown scheme"),
-    (connect_bytes, "usb:///dev/ttyUSB0", "unknown scheme 'usb'; allowed: serial, tcp, memory"),
+    (connect_bytes, "usb:///dev/ttyUSB0", "unknown scheme 'usb'; allowed: serial, tcp, rfc2217, memory"),
     (connect_bytes, "serial://?baudrate=9600", "target is missing; for example serial:///dev/ttyUSB0"),
     (
         connect_bytes,
@@ -72,8 +75,23 @@ REFUSED = [
     (connect_can, "can+socketcan://can0?bitrate=1", "unknown option 'bitrate'; allowed: none"),
     (listen_bytes, "pty:///dev/x", "nothing may stand between"),
     (listen_bytes, "pty:?link=robot", "link must be an absolute path"),
-    (listen_bytes, "memory:a?latency_ms=1", "allowed: none"),
-    (listen_bytes, "serial:///dev/x", "unknown scheme 'serial'; allowed: pty, tcp-listen, memory"),
+    (listen_bytes, "memory:a?latency_ms=1", "allowed: baudrate, parity, stopbits, damaged"),
+    (listen_bytes, "memory:a?damaged=drop", "damaged means nothing without a baudrate"),
+    (listen_bytes, "pty:?baudrate=9600&damaged=maybe", "damaged must be one of keep, zero, drop"),
+    (listen_bytes, "pty:?usb_latency_ms=0", "usb_latency_ms must be a whole number above 0"),
+    (listen_bytes, "pty:?usb_latency_ms=256", "usb_latency_ms must be a whole number of milliseconds from 1 to"),
+    (listen_bytes, "tcp-listen://:4000", "host and port must be like 127.0.0.1:4000"),
+    (listen_bytes, "tcp-listen:4000", "host and port must be like 127.0.0.1:4000"),
+    (listen_bytes, "rfc2217-listen://:4000", "host and port must be like 127.0.0.1:4000"),
+    (connect_bytes, "rfc2217://127.0.0.1:0", "host and port must be like 127.0.0.1:4000"),
+    (connect_bytes, "tcp://127.0.0.1:4000?connect_s=0", "connect_s must be a number of seconds above 0"),
+    (connect_bytes, "tcp://127.0.0.1:4000?reconnect_s=for ever", "reconnect_s must be a number of seconds"),
+    (connect_bytes, "tcp://127.0.0.1:4000?reconnect_s=inf", "reconnect_s must be a number of seconds"),
+    (
+        listen_bytes,
+        "serial:///dev/x",
+        "unknown scheme 'serial'; allowed: pty, tcp-listen, rfc2217-listen, memory",
+    ),
     (listen_can, "can+slcan:///dev/x", "unknown scheme"),
 ]
 

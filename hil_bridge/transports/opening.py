@@ -1,0 +1,191 @@
+"""Opens what a URL names: the connecting and the listening side of byte wires and CAN buses.
+
+pyserial and python-can take their time to import, so that only a wire of theirs imports them.
+"""
+
+import logging
+from collections.abc import Sequence
+from functools import partial
+
+from hil_bridge.clock import Clock
+from hil_bridge.transports.back_off import Notice, Reconnecting, persistent
+from hil_bridge.transports.base import Frames, Transport
+from hil_bridge.transports.line import FIFO, LineEnd, LineNotices, Paced
+from hil_bridge.transports.listening import Listening
+from hil_bridge.transports.memory import connect_memory, listen_memory
+from hil_bridge.transports.memory_can import join_memory_can
+from hil_bridge.transports.pseudo_terminal import PseudoTerminal
+from hil_bridge.transports.tcp import connect_tcp, listen_tcp
+from hil_bridge.transports.uart import Damaged, LineSettings
+from hil_bridge.transports.urls import (
+    CONNECT_BYTES,
+    CONNECT_CAN,
+    LISTEN_BYTES,
+    LISTEN_CAN,
+    WireUrl,
+    parse_url,
+)
+from hil_bridge.transports.usb_adapter import UsbAdapter, UsbAdapterProfile
+from hil_bridge.transports.wrappers import Direction
+from protocol.can import CanFilter
+
+_LOG = logging.getLogger(__name__)
+
+
+def _log(kind: str, text: str) -> None:
+    _LOG.warning("%s", text)
+
+
+async def connect_bytes(url: str, clock: Clock, on_notice: Notice = _log) -> Transport[bytes]:
+    """Open a byte wire. Raises ConfigError for the URL, TransportUnavailable for the wire.
+
+    `on_notice(kind, text)` is told of damaged characters and lost connections.
+    """
+    parsed = parse_url(url, CONNECT_BYTES)
+    match parsed.scheme:
+        case "serial":
+            from hil_bridge.transports.serial_port import open_serial_port
+
+            return await open_serial_port(parsed.target, parsed.line or LineSettings(), clock, url)
+        case "memory":
+            return _connect_memory(parsed, clock, on_notice)
+        case _:
+            connect = partial(_connect_host, parsed, clock, on_notice)
+            wire = await persistent(connect, parsed.options.get("connect_s", 0.0), clock)
+            patience_s = parsed.options.get("reconnect_s")
+            return wire if patience_s is None else Reconnecting(wire, connect, patience_s, clock, on_notice)
+
+
+def _connect_memory(parsed: WireUrl, clock: Clock, on_notice: Notice) -> Transport[bytes]:
+    latency_s = parsed.options.get("latency_ms", 0.0) / 1e3
+    wire, far = connect_memory(parsed.target, latency_s, clock)
+    line = parsed.line
+    if line is None and far is not None:
+        line = far.settings()
+    if line is None:
+        return _with_adapter(wire, parsed, clock, Direction.RECEIVED)
+    notices = LineNotices(parsed.text, line, clock, on_notice)
+    paced = Paced(wire, LineEnd(lambda: line, on_flaw=notices), clock, _fifo(parsed), far)
+    return _with_adapter(paced, parsed, clock, Direction.RECEIVED)
+
+
+async def _connect_host(parsed: WireUrl, clock: Clock, on_notice: Notice) -> Transport[bytes]:
+    wire = await connect_tcp(*parsed.host_port, clock, parsed.text)
+    if parsed.scheme == "tcp":
+        return wire
+    from hil_bridge.transports.rfc2217 import Rfc2217Client
+
+    client = Rfc2217Client(wire, parsed.line or LineSettings(), clock, on_notice)
+    await client.ready()
+    return client
+
+
+async def connect_can(url: str, clock: Clock, accept: Sequence[CanFilter] = ()) -> Transport[Frames]:
+    """Open a CAN wire that receives what one of the filters accepts; everything without filters.
+
+    What is wrong on the bus arrives in band, as error frames that `protocol.can_error` reads. Raises ConfigError
+    for the URL, TransportUnavailable for the wire.
+    """
+    return await _open_can(parse_url(url, CONNECT_CAN), clock, accept)
+
+
+async def listen_bytes(url: str, clock: Clock) -> Listening[bytes]:
+    """Open the other side of a byte wire.
+
+    Raises ConfigError for the URL, TransportUnavailable for the wire.
+    """
+    parsed = parse_url(url, LISTEN_BYTES)
+    line = parsed.line
+    match parsed.scheme:
+        case "pty":
+            return _listen_pty(parsed, clock)
+        case "tcp-listen":
+            wire, host, port = await listen_tcp(*parsed.host_port, clock, url)
+            return Listening(
+                wire if line is None else _device_line(wire, parsed, line, clock, None),
+                f"tcp://{_authority(host, port)}",
+            )
+        case "rfc2217-listen":
+            return await _listen_rfc2217(parsed, line or LineSettings(), clock)
+        case _:
+            # the line lies at the client's side, and so does its name
+            end = None if line is None else LineEnd(lambda: line, _damaged(parsed))
+            return Listening(listen_memory(parsed.target, clock, end), f"memory:{parsed.target}")
+
+
+def _listen_pty(parsed: WireUrl, clock: Clock) -> Listening[bytes]:
+    line = parsed.line
+    terminal = PseudoTerminal(clock, parsed.options.get("link"), line)
+    address = f"serial://{terminal.device}"
+    if line is None:
+        return Listening(terminal, address)
+
+    def client() -> LineSettings:
+        rate = terminal.baudrate
+        return line if rate in (None, line.baudrate) else LineSettings(rate, line.parity, line.stopbits)
+
+    return Listening(
+        _device_line(terminal, parsed, line, clock, LineEnd(client)), f"{address}?{_line_query(line)}"
+    )
+
+
+async def _listen_rfc2217(parsed: WireUrl, line: LineSettings, clock: Clock) -> Listening[bytes]:
+    from hil_bridge.transports.rfc2217 import Rfc2217Port
+
+    port = Rfc2217Port(line, clock)
+    wire, host, number = await listen_tcp(*parsed.host_port, clock, parsed.text, port.serve)
+    paced = _device_line(wire, parsed, line, clock, LineEnd(lambda: port.settings, on_flaw=port.flawed))
+    port.on_break = partial(paced.hold, direction=Direction.RECEIVED)
+    return Listening(paced, f"rfc2217://{_authority(host, number)}?{_line_query(line)}")
+
+
+def _device_line(
+    wire: Transport[bytes], parsed: WireUrl, line: LineSettings, clock: Clock, far: LineEnd | None
+) -> Paced:
+    """The line between an emulated device and what leads to its client."""
+    adapted = _with_adapter(wire, parsed, clock, Direction.SENT)
+    return Paced(adapted, LineEnd(lambda: line, _damaged(parsed)), clock, _fifo(parsed), far)
+
+
+def _with_adapter(
+    wire: Transport[bytes], parsed: WireUrl, clock: Clock, to_host: Direction
+) -> Transport[bytes]:
+    latency_ms = parsed.options.get("usb_latency_ms")
+    if latency_ms is None:
+        return wire
+    return UsbAdapter(wire, UsbAdapterProfile(latency_s=latency_ms / 1e3), clock, to_host)
+
+
+def _fifo(parsed: WireUrl) -> int:
+    """An adapter takes every character as it comes."""
+    return 1 if "usb_latency_ms" in parsed.options else FIFO
+
+
+def _damaged(parsed: WireUrl) -> Damaged:
+    damaged: Damaged = parsed.options.get("damaged", Damaged.DROP)
+    return damaged
+
+
+def _authority(host: str, port: int) -> str:
+    return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
+
+
+async def listen_can(url: str, clock: Clock, accept: Sequence[CanFilter] = ()) -> Listening[Frames]:
+    """Open the other side of a CAN wire; all nodes are alike, so the address is the URL itself.
+
+    As `connect_can`. Raises ConfigError for the URL, TransportUnavailable for the wire.
+    """
+    return Listening(await _open_can(parse_url(url, LISTEN_CAN), clock, accept), url)
+
+
+async def _open_can(parsed: WireUrl, clock: Clock, accept: Sequence[CanFilter]) -> Transport[Frames]:
+    if parsed.scheme == "can+memory":
+        return join_memory_can(parsed.target, parsed.options.get("bitrate"), clock, accept)
+    from hil_bridge.transports.python_can import open_python_can
+
+    interface = parsed.scheme.removeprefix("can+")
+    return await open_python_can(interface, parsed.target, clock, parsed.text, accept, **parsed.options)
+
+
+def _line_query(line: LineSettings) -> str:
+    return f"baudrate={line.baudrate}&parity={line.parity.value}&stopbits={line.stopbits}"
