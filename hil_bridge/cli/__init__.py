@@ -10,6 +10,7 @@ from hil_bridge.cli.emulate import emulate
 from hil_bridge.cli.experiment import experiment
 from hil_bridge.cli.files import config, profile, report
 from hil_bridge.cli.identify_tool import identify_tool
+from hil_bridge.cli.monitor import monitor
 from hil_bridge.cli.probe import probe
 from hil_bridge.cli.replay import replay
 from hil_bridge.cli.run import run
@@ -47,6 +48,7 @@ for command in (
     config,
     profile,
     probe,
+    monitor,
 ):
     cli.add_command(command)
 

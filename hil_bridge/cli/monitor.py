@@ -1,0 +1,50 @@
+"""`hil-bridge monitor`: what goes over a link, in words."""
+
+from pathlib import Path
+
+import click
+
+_FILE = click.Path(path_type=Path)
+
+
+@click.command()
+@click.argument("sources", metavar="FILE|URL [URL]", nargs=-1, required=True)
+@click.option("--raw", is_flag=True, help="Also the bytes, hexadecimal.")
+@click.option("--save", type=_FILE, metavar="FILE", help="Keep what is heard as a text capture.")
+@click.option(
+    "--config", "config_file", type=_FILE, metavar="FILE", help="Configuration whose [robot.link] holds."
+)
+@click.option(
+    "--orders", "orders_file", type=_FILE, metavar="FILE", help="TOML file of orders that the site knows."
+)
+def monitor(
+    sources: tuple[str, ...], raw: bool, save: Path | None, config_file: Path | None, orders_file: Path | None
+) -> None:
+    """Show a link as one line for each block: time, time since the line before, direction, time on the line, meaning.
+
+    FILE is a recording of a run, or a text capture with lines like `0.013402 S3 06`. Two URLs are two ports that
+    listen to what the PC sends and to what the robot sends, in this order; one URL is a port that hears both. A CAN
+    URL shows the frames of a JR3 gateway. Nothing is ever sent. Times are those at which the bytes were seen: in a
+    recording, what the PC sends is seen when it is handed to the port, before it is on the line.
+    """
+    from hil_bridge.config import load_config
+    from hil_bridge.errors import ConfigError
+    from hil_bridge.orders_file import read_orders
+    from hil_bridge.site.monitor import monitor_can, monitor_file, monitor_link
+    from protocol.arap import KNOWN
+
+    config = load_config(config_file, {})
+    link = config.robot.link
+    named = orders_file or (Path(config.robot.orders_file) if config.robot.orders_file else None)
+    orders = read_orders(named, link.max_telegram) if named else KNOWN
+    first = sources[0]
+    if first.startswith("can+"):
+        if len(sources) > 1:
+            raise ConfigError("one CAN bus at a time: give one URL")
+        monitor_can(first, raw)
+    elif len(sources) == 1 and Path(first).exists():
+        monitor_file(Path(first), link if config_file else None, orders, raw)
+    elif len(sources) > 2:
+        raise ConfigError("two URLs at most: what the PC sends and what the robot sends")
+    else:
+        monitor_link(sources, link, orders, raw, save)
