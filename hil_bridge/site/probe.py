@@ -12,10 +12,11 @@ import click
 from hil_bridge.clock import Clock, run_real
 from hil_bridge.errors import ConfigError, DeviceError, TransportUnavailable
 from hil_bridge.pump import Pump
-from hil_bridge.site.prober import ProbeEvent, Prober, Said, profile_of
+from hil_bridge.site.prober import ProbeEvent, Prober, Said, gap_timeout, profile_of
 from hil_bridge.site.search import LINE_WRONG, Finding, Outcome, Reply, Search, Try, likely_lines
 from hil_bridge.transports import LineSettings, Transport, connect_bytes
 from hil_bridge.transports.urls import CONNECT_BYTES, parse_url
+from protocol.adlp import LinkProfile
 
 PATIENCE_S = 0.7
 """For how long an ACK is waited for. Chosen: what answers at all answers within some tens of milliseconds."""
@@ -186,6 +187,11 @@ def site_toml(url: str, finding: Finding) -> str:
             f'parity = "{line.parity.value}"',
             f"stop_bits = {line.stopbits}",
         ]
+        if gap_timeout(line) != LinkProfile().gap_timeout_s:
+            rows += [
+                "# as long as a port may keep characters at this rate",
+                f"gap_timeout_s = {gap_timeout(line)}",
+            ]
     rows += [
         f'length_style = "{finding.length_style}"',
         f"# {evidence or 'not decided: a query with 10h was refused either way'}",

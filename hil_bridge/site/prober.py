@@ -31,6 +31,14 @@ _REPLIES: dict[LinkFailure | OrderFailure, Reply] = {
 }
 
 
+_PLAIN = (Reply.SILENCE, Reply.NOISE)
+"""Say all by themselves."""
+CHUNK = 20
+"""Characters that may come at once after as long a silence. Standard: 16 in the FIFO of a 16550A, and four times
+that of one until it hands over fewer.
+"""
+
+
 @dataclass(frozen=True, slots=True)
 class Said:
     """The controller said something unasked; it was acknowledged."""
@@ -88,7 +96,8 @@ class Prober:
                     self._events.append(Outcome(Reply.REFUSED, f"{refusal.code} {refusal.text}"))
                 case OrderFailed(reason=reason, text=text):
                     # an interrupted order is still waited for, so that this is never its reason
-                    self._events.append(Outcome(_REPLIES[reason], text))
+                    reply = _REPLIES[reason]
+                    self._events.append(Outcome(reply, "" if reply in _PLAIN else text))
                 case SpontaneousReceived(spontaneous=spontaneous):
                     self._events.append(Said(spontaneous.text))
 
@@ -113,13 +122,19 @@ def _state(status: Status) -> str:
     return ", ".join(name for name, holds in states.items() if holds) or "no flag set"
 
 
+def gap_timeout(line: LineSettings) -> float:
+    """Longest silence inside a block, s: the usual one, and on slow lines what a port's FIFO makes of a steady flow."""
+    return max(LinkProfile().gap_timeout_s, round(CHUNK * line.bits / line.baudrate, 3))
+
+
 def profile_of(attempt: Try, patience: float, answer_patience: float) -> LinkProfile:
-    """The link's settings for a try. One bid and one repeat, so that what does not fit fails fast.
+    """The link's settings for a try. One repeat, so that what does not fit fails fast.
 
     `patience` is the longest wait for an ACK, `answer_patience` that for the answer telegram; both s.
     """
     line = attempt.line or LineSettings(parity=Parity.EVEN)
     return LinkProfile(
+        gap_timeout_s=gap_timeout(line),
         baudrate=line.baudrate,
         parity=line.parity.value,
         stop_bits=1 if line.stopbits == 1 else 2,
@@ -127,6 +142,6 @@ def profile_of(attempt: Try, patience: float, answer_patience: float) -> LinkPro
         length_style=attempt.length_style,
         answer_timeout_s=patience,
         order_timeout_s=answer_patience,
-        bid_limit=1,
+        bid_limit=attempt.bids,
         repeat_limit=1,
     )

@@ -21,6 +21,10 @@ BAUDRATES = (9600, 19200, 4800, 2400, 1200, 600, 300)
 """The likeliest first. Source: computer-link specification, section 1; all but 9600 assumed."""
 PARITIES = (Parity.EVEN, Parity.NONE)
 """Tried at every rate before odd parity is tried at any."""
+LIKELY, LIKELY_BIDS = 2, 3
+"""So many lines are bid for so often. Chosen: a controller that bids itself, to say something unasked, does not answer
+a bid before it has bid again, after 2 s (computer-link specification, section 2, assumed).
+"""
 
 
 class Query(Enum):
@@ -61,6 +65,8 @@ class Try:
     length_style: LengthStyle
     dle_stuffing: DleStuffing
     query: Query
+    bids: int = 1
+    """ENQ sent before the line is given up."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,34 +121,34 @@ def likely_lines(first: LineSettings | None) -> tuple[LineSettings, ...]:
 
 
 def _on_lines(lines: Sequence[LineSettings | None]) -> _Steps:
-    for line in lines:
-        finding = yield from _on_line(line)
+    for number, line in enumerate(lines):
+        finding = yield from _on_line(line, LIKELY_BIDS if number < LIKELY else 1)
         if finding is not None:
             return finding
     return None
 
 
-def _on_line(line: LineSettings | None) -> _Steps:
+def _on_line(line: LineSettings | None, bids: int) -> _Steps:
     for style in LENGTH_STYLES:
         stuffing: DleStuffing = "off"
-        outcome = yield Try(line, style, stuffing, Query.PLAIN)
+        outcome = yield Try(line, style, stuffing, Query.PLAIN, bids)
         if outcome.reply in LINE_WRONG:
             return None
         if outcome.reply is Reply.UNREADABLE:
             stuffing = "double"
-            outcome = yield Try(line, style, stuffing, Query.PLAIN)
+            outcome = yield Try(line, style, stuffing, Query.PLAIN, bids)
         if outcome.reply not in READABLE:
             continue
         if outcome.holds_dle:
             return Finding(line, style, stuffing, "an answer with 10h in it was understood")
-        return (yield from _doubling(line, style))
+        return (yield from _doubling(line, style, bids))
     return None
 
 
-def _doubling(line: LineSettings | None, style: LengthStyle) -> _Steps:
+def _doubling(line: LineSettings | None, style: LengthStyle, bids: int) -> _Steps:
     stuffings: tuple[DleStuffing, ...] = ("off", "double")
     for stuffing in stuffings:
-        outcome = yield Try(line, style, stuffing, Query.MARKED)
+        outcome = yield Try(line, style, stuffing, Query.MARKED, bids)
         if outcome.reply in BLOCK_TAKEN:
             how = "once" if stuffing == "off" else "twice"
             return Finding(line, style, stuffing, f"a query with 10h sent {how} was acknowledged")

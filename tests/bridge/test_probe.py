@@ -1,0 +1,249 @@
+"""The search for a robot's link settings: every combination on emulated controllers, in virtual time."""
+
+import itertools
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import pytest
+
+from emulators.cell import Cell, CellProfile
+from hil_bridge.clock import Clock, run_virtual
+from hil_bridge.config import load_config
+from hil_bridge.errors import ConfigError, TransportUnavailable
+from hil_bridge.pump import Pump
+from hil_bridge.site.probe import failure_text, probe, site_toml, try_text, url_with_line
+from hil_bridge.site.prober import Prober, Said, profile_of
+from hil_bridge.site.search import Finding, Outcome, Query, Reply, Search, Try, likely_lines
+from hil_bridge.transports import LineSettings, Parity, Tap, listen_bytes
+from protocol.adlp import Control, LinkProfile, encode_block
+
+EIGHT = [
+    (parity, stuffing, style)
+    for parity in (Parity.EVEN, Parity.NONE)
+    for stuffing in ("off", "double")
+    for style in ("whole", "data")
+]
+
+
+@dataclass
+class Probed:
+    """What a probe found and said."""
+
+    finding: Finding | None = None
+    tries: list[tuple[Try, Outcome]] = field(default_factory=list)
+    said: list[str] = field(default_factory=list)
+    sent: bytes = b""
+    took: float = 0.0
+    cell: Cell | None = None
+
+
+def probed(
+    link: LinkProfile,
+    url: str = "memory:robot",
+    listen: str | None = None,
+    position_mm: tuple[float, float, float] = (900.0, -100.0, 600.0),
+    prepare: Callable[[Cell, float], object] = lambda cell, now: None,
+) -> Probed:
+    """Probe an emulated controller with these settings."""
+    result = Probed()
+
+    async def main() -> None:
+        clock = Clock.running()
+        result.cell = cell = Cell(
+            replace(CellProfile(), link=link, start_position_mm=position_mm), clock.now(), 1
+        )
+        listening = await listen_bytes(
+            listen or f"memory:robot?baudrate={link.baudrate}&parity={link.parity}", clock
+        )
+
+        def heard(direction: object, data: bytes) -> None:
+            if direction == "rx":
+                result.sent += data
+
+        pump = Pump(
+            cell.robot, Tap(listening.transport, heard), clock, lambda event: None, lambda cause: None
+        )
+        pump.start()
+        begun = clock.now()
+        prepare(cell, begun)
+        pump.kick()
+        result.finding = await probe(
+            url,
+            clock,
+            0.7,
+            lambda attempt, outcome: result.tries.append((attempt, outcome)),
+            result.said.append,
+        )
+        result.took = clock.now() - begun
+        await listening.transport.aclose()
+
+    run_virtual(main)
+    return result
+
+
+@pytest.mark.parametrize(("parity", "stuffing", "style"), EIGHT)
+def test_each_combination_is_found_and_makes_a_configuration(parity, stuffing, style, tmp_path: Path) -> None:
+    link = LinkProfile(parity=parity.value, dle_stuffing=stuffing, accepted_lengths=style)
+    result = probed(link)
+    finding = result.finding
+    assert finding is not None
+    assert (finding.line, finding.dle_stuffing, finding.length_style) == (
+        LineSettings(9600, parity),
+        stuffing,
+        style,
+    )
+    assert finding.stuffing_evidence
+    assert result.took < 4.0
+    file = tmp_path / "site.toml"
+    file.write_text(site_toml("memory:robot", finding))
+    robot = load_config(file, {}).robot
+    assert (robot.link.parity, robot.link.dle_stuffing, robot.link.length_style) == (parity, stuffing, style)
+    assert f"parity={parity.value}" in robot.url
+
+
+@pytest.mark.parametrize("line", [LineSettings(19200, Parity.NONE), LineSettings(300, Parity.EVEN)])
+def test_other_rates_are_found(line: LineSettings) -> None:
+    result = probed(LinkProfile(baudrate=line.baudrate, parity=line.parity.value))
+    assert result.finding is not None
+    assert result.finding.line == line
+    assert result.took < 25.0
+
+
+def test_odd_parity_acknowledges_a_bid_without_parity_and_is_still_found() -> None:
+    """ENQ and ACK have two ones each: with odd parity their parity bit looks like a stop bit."""
+    result = probed(LinkProfile(parity="O"), url="memory:robot?baudrate=9600&parity=N")
+    assert result.tries[0][1].reply is Reply.BLOCK_REFUSED
+    assert result.finding is not None
+    assert result.finding.line == LineSettings(9600, Parity.ODD)
+
+
+def test_nothing_but_read_status_is_sent() -> None:
+    result = probed(LinkProfile(dle_stuffing="double", accepted_lengths="data"))
+    left = result.sent
+    blocks = {
+        encode_block(query.value.encode(style), stuffing)
+        for query, style, stuffing in itertools.product(Query, ("whole", "data"), ("off", "double"))
+    }
+    for block in sorted(blocks, key=len, reverse=True):
+        left = left.replace(block, b"")
+    assert set(left) <= {Control.ENQ, Control.ACK, Control.EOT}
+    assert {query.value.function for query in Query} == {19}
+
+
+def test_what_the_url_names_is_tried_first() -> None:
+    result = probed(LinkProfile(baudrate=4800, parity="N"), url="memory:robot?baudrate=4800&parity=N")
+    assert [attempt.line for attempt, _ in result.tries] == [LineSettings(4800)] * 2
+
+
+def test_an_answer_with_a_dle_decides_the_doubling_by_itself() -> None:
+    """X = 898 mm is 1C10h."""
+    for stuffing in ("off", "double"):
+        result = probed(LinkProfile(dle_stuffing=stuffing), position_mm=(898.0, -100.0, 600.0))
+        assert result.finding is not None
+        assert result.finding.dle_stuffing == stuffing
+        assert result.finding.stuffing_evidence.startswith("an answer with 10h")
+        assert Query.MARKED not in [attempt.query for attempt, _ in result.tries]
+
+
+def test_spontaneous_messages_are_acknowledged_and_told() -> None:
+    """The controller bids before anybody listens, and answers no bid until it has bid again."""
+    result = probed(LinkProfile(), prepare=lambda cell, now: cell.robot.press_emergency_stop(now))
+    assert result.finding is not None
+    assert len(result.said) == 1
+    assert "operational error" in result.said[0]
+    assert "emergency stop" in result.tries[0][1].text
+
+
+def test_a_wire_that_nobody_listens_on_is_told_at_once() -> None:
+    with pytest.raises(TransportUnavailable, match="nobody listens"):
+        probed(LinkProfile(), url="memory:other")
+    with pytest.raises(ConfigError, match="unknown scheme"):
+        probed(LinkProfile(), url="serail:///dev/ttyUSB0")
+
+
+# --- the plan without any wire
+
+
+USUAL = LineSettings(9600, Parity.EVEN)
+
+
+def run_search(answer: Callable[[Try], Outcome], lines=(USUAL,)) -> tuple[Search, list[Try]]:
+    search, tries = Search(lines), []
+    while search.attempt is not None:
+        tries.append(search.attempt)
+        search.take(answer(search.attempt))
+    return search, tries
+
+
+def test_a_controller_that_takes_no_marked_query_leaves_the_doubling_undecided() -> None:
+    search, tries = run_search(
+        lambda attempt: Outcome(Reply.ANSWERED if attempt.query is Query.PLAIN else Reply.BLOCK_REFUSED)
+    )
+    assert search.finding == Finding(USUAL, "whole", "off", "")
+    assert len(tries) == 3
+    assert "# not decided" in site_toml("serial:///dev/ttyUSB0", search.finding)
+
+
+def test_silence_tries_every_line_once_and_finds_nothing() -> None:
+    lines = likely_lines(None)
+    search, tries = run_search(lambda attempt: Outcome(Reply.SILENCE), lines)
+    assert search.finding is None
+    assert [attempt.line for attempt in tries] == list(lines)
+    assert lines[:4] == (
+        LineSettings(9600, Parity.EVEN),
+        LineSettings(9600),
+        LineSettings(19200, Parity.EVEN),
+        LineSettings(19200),
+    )
+    assert len(set(lines)) == len(lines) == 21
+
+
+def test_a_wire_without_a_line_of_its_own_is_asked_as_it_is() -> None:
+    search, _ = run_search(lambda attempt: Outcome(Reply.ANSWERED, holds_dle=True), (None,))
+    assert search.finding is not None
+    text = site_toml("tcp://10.0.0.5:4000", search.finding)
+    assert 'url = "tcp://10.0.0.5:4000"' in text
+    assert "baudrate" not in text
+
+
+@pytest.mark.parametrize(
+    ("replies", "words"),
+    [
+        ([Reply.SILENCE], "crossed"),
+        ([Reply.SILENCE, Reply.NOISE], "only noise"),
+        ([Reply.BID_REFUSED], "TO SC"),
+        ([Reply.SILENCE, Reply.BLOCK_REFUSED], "acknowledges bids at 9600 8E1"),
+    ],
+)
+def test_failures_say_what_to_do(replies, words) -> None:
+    attempt = Try(LineSettings(9600, Parity.EVEN), "whole", "off", Query.PLAIN)
+    assert words in failure_text("serial:///dev/ttyS0", [(attempt, Outcome(reply)) for reply in replies])
+
+
+def test_urls_keep_their_other_options() -> None:
+    url = url_with_line("memory:robot?latency_ms=5&parity=E&baudrate=300", LineSettings(9600))
+    assert url == "memory:robot?latency_ms=5&parity=N&baudrate=9600&stopbits=1"
+    assert (
+        try_text(Try(None, "data", "double", Query.MARKED))
+        == "line as it is, length data, 10h doubled, marked status"
+    )
+
+
+def test_prober_tells_what_the_robot_says_and_how_a_query_ended() -> None:
+    """Spontaneous 127 suffix 17, data 5, 3; then silence to our bid."""
+    prober = Prober()
+    prober.receive(b"\x05", 0.0)
+    assert prober.data_to_send(0.0) == b"\x06"
+    prober.receive(encode_block(bytes.fromhex("000C00007F03001100050003")), 0.1)
+    prober.receive(b"\x04", 0.2)
+    assert isinstance(said := prober.next_event(), Said)
+    assert "5.3" in said.text
+    attempt = Try(LineSettings(), "whole", "off", Query.PLAIN)
+    prober.ask(attempt.query, profile_of(attempt, 0.5, 1.0))
+    assert prober.data_to_send(1.0) == b"\x05"
+    deadline = prober.next_deadline()
+    assert deadline == pytest.approx(1.5, abs=0.01)
+    prober.handle_deadline(deadline)
+    assert prober.next_event() == Outcome(Reply.SILENCE)
+    assert prober.next_event() is None
