@@ -160,9 +160,10 @@ async def opened_devices(
     on_frame: Callable[[SensorFrame], None],
     on_notice: Callable[[str, str], None],
     on_traffic: Callable[[Direction, bytes], object] | None = None,
+    on_cell: Callable[[Cell], object] | None = None,
 ) -> AsyncIterator[tuple[RobotLink, ForceSensor]]:
     """Robot and sensor of a configuration, started; what has no URL is emulated. Closed when the context is left.
-    `on_traffic` is shown the bytes of the robot's link.
+    `on_traffic` is shown the bytes of the robot's link, `on_cell` the emulated cell if there is one.
 
     Raises ConfigError for a URL, TransportUnavailable for a wire.
     """
@@ -179,6 +180,7 @@ async def opened_devices(
                     Ports(None if robot_url else ports.robot, None if sensor_url else ports.sensor),
                     lambda cause: on_notice("emulator", repr(cause)),
                     site,
+                    on_cell,
                 )
             )
             robot_url, sensor_url = robot_url or served.robot or "", sensor_url or served.sensor or ""
@@ -241,12 +243,16 @@ async def emulated_cell(
     ports: Ports,
     on_failure: Callable[[BaseException], None],
     site: S3Site = EMPTY_SITE,
+    on_cell: Callable[[Cell], object] | None = None,
 ) -> AsyncIterator[Ports]:
     """Serve the cell's devices on the given listening URLs (None: not served) until the context is left.
 
-    `on_failure` is told when a device can no longer be served. `site` is what the robot controller holds.
+    `on_failure` is told when a device can no longer be served. `site` is what the robot controller holds. `on_cell`
+    is given the cell before anybody speaks to it.
     """
     cell = Cell(profile, clock.now(), seed, site)
+    if on_cell is not None:
+        on_cell(cell)
     async with AsyncExitStack() as stack:
 
         def ended(cause: BaseException) -> None:

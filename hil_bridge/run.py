@@ -31,7 +31,7 @@ from hil_bridge.recording import PHASE_EVENT, STOP_EVENT, CycleRecord, EventReco
 from protocol.adlp import BLOCK_OVERHEAD, HEADER_SIZE, LinkProfile
 from protocol.arap import Quaternion, Status, Vector, round_position
 from protocol.arap.layouts import STATUS
-from protocol.jr3 import AXES
+from protocol.jr3 import AXES, SensorFrame
 
 TIME_IS_UP = "time is up"
 """Why a run ends that went as it was meant to."""
@@ -175,7 +175,9 @@ class Run:
         async for cycle, started_at in self._beats():
             commanded_before = state.supervisor.depth
             status = await self._robot.read_status()
+            status_times = self._robot.times
             sample = self._sample(status)
+            decoded_at, counter = self._sensor.decoded_at, self._frame().counter
             asked = ""
             if self._interrupted and result.outcome is Outcome.COMPLETED:
                 result = RunResult(Outcome.INTERRUPTED)
@@ -184,18 +186,31 @@ class Run:
                 asked = TIME_IS_UP
             if asked:
                 state = self._loop.finish(state, asked)
-            state, decision = self._loop.step(state, sample)
+            proposal = self._loop.propose(state, sample)
+            proposed_at = self._clock.now()
+            state, decision = self._loop.judge(state, sample, proposal)
+            controlled_at = self._clock.now()
             self._enter(decision.output.phase)
             if decision.output.phase is Phase.TRACK and track_ends == math.inf:
                 track_ends = sample.now + self._config.run.duration_s
             if decision.output.failed and result.outcome is not Outcome.STOPPED:
                 result = self._stopped(decision.output.cause)
-            controlled_at = self._clock.now()
             await motion.to(round_position(decision.position), status.quaternion)
             correction = decision.target.depth - commanded_before
+            times = self._robot.times
             record = self._record(cycle, started_at, controlled_at, status, sample, decision, correction)
             self._log.cycle(
-                replace(record, target=decision.position, start=start.position, asked=asked, sample=sample)
+                replace(
+                    record,
+                    sent_at=times.begun_at,
+                    start=start.position,
+                    asked=asked,
+                    status_transmitted_at=status_times.transmitted_at,
+                    decoded_at=decoded_at,
+                    proposed_at=proposed_at,
+                    transmitted_at=times.transmitted_at,
+                    sensor_counter=counter,
+                )
             )
             if decision.ended:
                 break
@@ -223,8 +238,7 @@ class Run:
 
     def _sample(self, status: Status) -> Sample:
         """The newest of everything, now that the robot has answered."""
-        frame = self._sensor.newest
-        assert frame is not None, "the tare waited for a frame"
+        frame = self._frame()
         fault = ""
         try:
             self._sensor.check()
@@ -255,6 +269,12 @@ class Run:
             if paired is None
             else facing.force_along(_APPROACH, facing.contact_wrench(paired)),
         )
+
+    def _frame(self) -> SensorFrame:
+        """The newest frame of the sensor."""
+        frame = self._sensor.newest
+        assert frame is not None, "the tare waited for a frame"
+        return frame
 
     def _dead_axis(self, status: Status) -> str:
         """What is wrong with a force axis that the controlled force mainly lies on; empty while nothing is."""

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import click
 
+from emulators.cell import Cell
 from hil_bridge.clock import Clock, run_real, run_virtual
 from hil_bridge.compose import opened_devices
 from hil_bridge.config import Config, dump
@@ -34,6 +35,7 @@ from hil_bridge.recording import (
 )
 from hil_bridge.run import Run, RunResult, line_floor
 from hil_bridge.transports import Direction
+from hil_bridge.truth import Truths
 from hil_bridge.view import REFRESH_SECONDS, Health, LiveView
 from protocol.jr3 import SensorFrame
 
@@ -160,6 +162,7 @@ class _Session:
         self._clock: Clock
         self._recorder: Recorder
         self._link_log: LinkLog
+        self._truths: Truths | None = None
         self._view: LiveView | None = None
         self._robot: RobotLink | None = None
         self._sensor: ForceSensor | None = None
@@ -172,6 +175,8 @@ class _Session:
         """A cycle has ended."""
         self.cycles += 1
         self._recorder.put(record)
+        if self._truths is not None:
+            self._truths.cycle(record)
         if self._view is not None:
             self._view.update(record)
         if not self._clock.is_virtual:
@@ -194,6 +199,9 @@ class _Session:
 
     def _traffic(self, direction: Direction, data: bytes) -> None:
         self._link_log.take(self._clock.now(), direction, data)
+
+    def _emulated(self, cell: Cell) -> None:
+        self._truths = Truths(cell, not self._config.sensor.url, self._recorder.put)
 
     # --- the run
 
@@ -230,6 +238,8 @@ class _Session:
             return result
         finally:
             self._link_log.flush()
+            if self._truths is not None:
+                self._truths.close()
             self._recorder.close(end.as_metadata())
             clock.close()
 
@@ -256,7 +266,9 @@ class _Session:
 
     async def _with_devices(self) -> RunResult:
         config, clock = self._config, self._clock
-        async with opened_devices(config, clock, self._frame, self._notice, self._traffic) as (robot, sensor):
+        async with opened_devices(
+            config, clock, self._frame, self._notice, self._traffic, self._emulated
+        ) as (robot, sensor):
             self._robot, self._sensor, self._link = robot, sensor, robot.profile
             run = Run(config, clock, robot, sensor, self)
             async with self._shown(), self._interruptible(run):

@@ -1,6 +1,7 @@
 """The force/torque sensor as the cycle sees it: newest frame for control, every frame for the recorder."""
 
 import asyncio
+import math
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
@@ -50,6 +51,8 @@ class ForceSensor:
         self.name = transport.name
         self.newest: SensorFrame | None = None
         """The frame that arrived last, or None before the first and before the first since a zero."""
+        self.decoded_at = math.nan
+        """When it had been decoded, s on the run's clock; `at` of the frame is when it arrived."""
         self.received = 0
         """Complete frames so far."""
         self.repeated = 0
@@ -168,6 +171,7 @@ class ForceSensor:
                 same = previous is not None and previous.counts == event.counts
                 self.repeated = self.repeated + 1 if same else 0
                 self.newest = event
+                self.decoded_at = self._clock.now()
                 self._history.append(event)
                 for text in self._watch.frame(event.counts):
                     self._on_notice("sensor", text)

@@ -1,15 +1,17 @@
 """The robot controller as the cycle sees it: orders over the computer link, a movement as a context."""
 
 import asyncio
+import math
 from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import asynccontextmanager
+from dataclasses import dataclass
 from typing import TypeVar, overload
 
 from hil_bridge.clock import Clock
 from hil_bridge.errors import BridgeError, DeviceError, OrderRefused, TransportClosed
 from hil_bridge.pump import Pump
-from hil_bridge.transports import Transport
-from protocol.adlp import LinkFailed, LinkFailure, LinkNotice, LinkProfile
+from hil_bridge.transports import Direction, Tap, Transport
+from protocol.adlp import Control, LinkFailed, LinkFailure, LinkNotice, LinkProfile
 from protocol.arap import (
     KNOWN,
     Answered,
@@ -45,6 +47,18 @@ _ZEROS: Vector = (0.0, 0.0, 0.0)
 """What a start, and an end without any point before it, carry as coordinates."""
 
 
+@dataclass(frozen=True, slots=True)
+class OrderTimes:
+    """How an order went out, s on the run's clock; NaN for what did not happen."""
+
+    begun_at: float
+    """Its first byte, that of the bid, was handed to the port."""
+    transmitted_at: float
+    """Its last character, that ends the message, has left the line: reckoned from when it was handed to the port, at
+    the line's rate, for ports do not tell.
+    """
+
+
 class RobotLink:
     """Client of the S3 controller's computer link.
 
@@ -62,11 +76,13 @@ class RobotLink:
     ) -> None:
         self.name = transport.name
         self.profile = profile
-        self._transport = transport
+        self._transport = Tap(transport, self._passed)
+        self._clock = clock
+        self._begun_at = self._transmitted_at = math.nan
         self._on_notice = on_notice
         self._orders = orders
         self._host = ArapHost(profile)
-        self._pump: Pump[bytes, ArapEvent] = Pump(self._host, transport, clock, self._take, self._ended)
+        self._pump: Pump[bytes, ArapEvent] = Pump(self._host, self._transport, clock, self._take, self._ended)
         self._answer: asyncio.Future[Telegram] | None = None
         self._failure: BridgeError | None = None
 
@@ -74,6 +90,11 @@ class RobotLink:
     def counters(self) -> Mapping[str, int]:
         """Link-level counts since opening: bids, repeats, time-outs, noise bytes and so on, by name."""
         return self._host.link.counters
+
+    @property
+    def times(self) -> OrderTimes:
+        """How the newest order went out."""
+        return OrderTimes(self._begun_at, self._transmitted_at)
 
     def start(self) -> None:
         """Begin to listen."""
@@ -131,6 +152,7 @@ class RobotLink:
         if self._failure is not None:
             raise self._failure
         self._host.order(*telegrams)
+        self._begun_at = self._transmitted_at = math.nan
         answer = self._answer = asyncio.get_running_loop().create_future()
         answer.add_done_callback(self._settled)
         self._pump.kick()
@@ -165,6 +187,15 @@ class RobotLink:
             raise
         else:
             await motion.end()
+
+    def _passed(self, direction: Direction, data: bytes) -> None:
+        """Stamp an order's way out: the first bid, and what ended it last."""
+        if direction is Direction.RECEIVED or self._answer is None:
+            return
+        if data[-1] == Control.ENQ and math.isnan(self._begun_at):
+            self._begun_at = self._clock.now()
+        elif data[-1] == Control.EOT:
+            self._transmitted_at = self._clock.now() + len(data) * self.profile.character_time
 
     def _settled(self, answer: "asyncio.Future[Telegram]") -> None:
         if self._answer is answer:

@@ -3,7 +3,7 @@
 from hil_bridge.recording.link_log import LinkLog
 from hil_bridge.recording.reader import Recording, read, read_link
 from hil_bridge.recording.recorder import Recorder
-from hil_bridge.recording.records import CycleRecord, EventRecord, LinkRecord, SensorRecord
+from hil_bridge.recording.records import CycleRecord, EventRecord, LinkRecord, SensorRecord, TruthRecord
 from hil_bridge.recording.summary import PHASE_EVENT, STOP_EVENT, Outcome, RunEnd, Summary, summarise
 
 __all__ = [
@@ -19,6 +19,7 @@ __all__ = [
     "RunEnd",
     "SensorRecord",
     "Summary",
+    "TruthRecord",
     "read",
     "read_link",
     "summarise",

@@ -11,8 +11,8 @@ from mcap.stream_reader import StreamReader
 
 from hil_bridge.errors import ConfigError
 from hil_bridge.recording.recorder import END_NAME, METADATA_NAME
-from hil_bridge.recording.records import CycleRecord, EventRecord, LinkRecord, SensorRecord
-from hil_bridge.recording.topics import CYCLE, EVENT, LINK, SENSOR, Record, Topic
+from hil_bridge.recording.records import CycleRecord, EventRecord, LinkRecord, SensorRecord, TruthRecord
+from hil_bridge.recording.topics import CYCLE, EVENT, LINK, SENSOR, TRUTH, Record, Topic
 
 _MAGIC = b"\x89MCAP0\r\n"
 
@@ -30,6 +30,8 @@ class Recording:
     """What was known after an orderly end; empty when the run was cut off."""
     truncated: bool = False
     """The file ends early or is damaged; what came before the damage is here."""
+    truths: tuple[TruthRecord, ...] = ()
+    """What the emulated cell knew; empty for a real one."""
 
 
 def read(path: Path) -> Recording:
@@ -37,7 +39,7 @@ def read(path: Path) -> Recording:
 
     Raises ConfigError when there is no such file, when it is no record of a run, or holds no cycle.
     """
-    records, metadata, finished = _contents(path, (CYCLE, SENSOR, EVENT))
+    records, metadata, finished = _contents(path, (CYCLE, SENSOR, TRUTH, EVENT))
     if not records[CYCLE.name]:
         why = "holds no control cycle" if finished else "ends or is damaged before the first control cycle"
         raise ConfigError(f"{path} {why}: nothing can be shown or replayed; record the run again")
@@ -48,6 +50,7 @@ def read(path: Path) -> Recording:
         metadata[METADATA_NAME],
         metadata[END_NAME],
         truncated=not finished,
+        truths=tuple(records[TRUTH.name]),
     )
 
 

@@ -1,5 +1,6 @@
 """What is kept of a run: one record a cycle, the sensor's whole stream, and what happened beside."""
 
+import math
 from dataclasses import dataclass, field
 
 from hil_bridge.control.loop import Sample
@@ -22,7 +23,7 @@ class CycleRecord:
     controlled_at: float
     """Controller and supervisor are done."""
     sent_at: float
-    """The move order is handed to the link."""
+    """The first byte of the move order is handed to the port."""
     answered_at: float
     """The move order's answer is complete: the cycle ends."""
     # --- inputs
@@ -66,6 +67,17 @@ class CycleRecord:
     """Why the run was asked to finish before this decision; empty in all other cycles."""
     sample: Sample | None = None
     """All that the decision was given; None where nobody kept it."""
+    # --- more times of the hops; NaN for what was not stamped
+    status_transmitted_at: float = math.nan
+    """The last character of the status order has left the line, reckoned at the line's rate."""
+    decoded_at: float = math.nan
+    """The sensor frame that the controller was given had been decoded."""
+    proposed_at: float = math.nan
+    """The controller is done; the supervisor begins."""
+    transmitted_at: float = math.nan
+    """The last character of the move order has left the line, reckoned at the line's rate."""
+    sensor_counter: int = 0
+    """Counter of the sensor frame used, as the device sent it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,6 +98,27 @@ class LinkRecord:
     """When its first piece was sent or received."""
     pieces: tuple[str, ...]
     """Each: seconds since `at`, `tx` or `rx` as the PC sees it, hexadecimal bytes."""
+
+
+@dataclass(frozen=True, slots=True)
+class TruthRecord:
+    """What an emulated cell knows of a cycle and no device tells. Times are seconds on the run's clock, NaN for what
+    never happened or is not emulated.
+    """
+
+    cycle: int
+    at: float
+    """Moment of position, force and joints: the end of the cycle."""
+    sampled_at: float
+    """The sensor measured the sample that the controller was given."""
+    motion_at: float
+    """The position loops took the first set point on the way to the point that the cycle ordered."""
+    position: tuple[float, ...]
+    """True tool position in the robot base frame, m."""
+    force: tuple[float, ...]
+    """Force of the surface on the tool tip in the robot base frame, N."""
+    joints_deg: tuple[float, ...]
+    """Axes 1 to 6, °."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,9 +15,9 @@ from functools import cached_property
 from typing import Any, NamedTuple, TypeAlias
 
 from hil_bridge.control.loop import Sample
-from hil_bridge.recording.records import CycleRecord, EventRecord, LinkRecord, SensorRecord
+from hil_bridge.recording.records import CycleRecord, EventRecord, LinkRecord, SensorRecord, TruthRecord
 
-Record: TypeAlias = CycleRecord | SensorRecord | LinkRecord | EventRecord
+Record: TypeAlias = CycleRecord | SensorRecord | LinkRecord | TruthRecord | EventRecord
 
 
 def _number(value: object) -> float:
@@ -114,6 +114,7 @@ NUMBERS_BY_NAME = Kind({"type": "object", "properties": {}}, _numbers_by_name)
 VECTOR = _list_of(NUMBER, 3)
 QUATERNION = _list_of(NUMBER, 4)
 WRENCH = _list_of(NUMBER, 6)
+JOINTS = _list_of(NUMBER, 6)
 COUNTS = _list_of(INTEGER, 6)
 TEXTS = _list_of(TEXT)
 _KINDS = {
@@ -235,7 +236,7 @@ CYCLE = Topic(
         ("status_at", NUMBER, "s, the status answer is complete"),
         ("sensor_at", NUMBER, "s, arrival of the sensor frame used"),
         ("controlled_at", NUMBER, "s, controller and supervisor are done"),
-        ("sent_at", NUMBER, "s, the move order is handed to the link"),
+        ("sent_at", NUMBER, "s, the first byte of the move order is handed to the port"),
         ("answered_at", NUMBER, "s, the move order's answer is complete"),
         ("sensor_sequence", INTEGER, "frame counter of the sensor frame used"),
         ("force", NUMBER, "N along the approach direction, positive while pressing"),
@@ -262,6 +263,11 @@ CYCLE = Topic(
         ("start", VECTOR, "m, reported tool position at the start point"),
         ("asked", TEXT, "why the run was asked to finish before this decision, or empty"),
         ("sample", SAMPLE, "all that the decision was given"),
+        ("status_transmitted_at", NUMBER, "s, the status order's last character has left the line, reckoned"),
+        ("decoded_at", NUMBER, "s, the sensor frame used had been decoded"),
+        ("proposed_at", NUMBER, "s, the controller is done"),
+        ("transmitted_at", NUMBER, "s, the move order's last character has left the line, reckoned"),
+        ("sensor_counter", INTEGER, "counter of the sensor frame used, as the device sent it"),
     ),
 )
 SENSOR = Topic(
@@ -287,6 +293,20 @@ LINK = Topic(
         ),
     ),
 )
+TRUTH = Topic(
+    "/truth",
+    TruthRecord,
+    "at",
+    (
+        ("cycle", INTEGER, "number of the control cycle"),
+        ("at", NUMBER, "s, the moment of position, force and joints: the end of the cycle"),
+        ("sampled_at", NUMBER, "s, the sensor measured the sample that the controller was given"),
+        ("motion_at", NUMBER, "s, the position loops took the first set point that the cycle's order caused"),
+        ("position", VECTOR, "m, true tool position in the robot base frame"),
+        ("force", VECTOR, "N, force of the surface on the tool tip in the robot base frame"),
+        ("joints_deg", JOINTS, "°, axes 1 to 6"),
+    ),
+)
 EVENT = Topic(
     "/event",
     EventRecord,
@@ -297,4 +317,4 @@ EVENT = Topic(
         ("text", TEXT, "what happened"),
     ),
 )
-TOPICS = (CYCLE, SENSOR, LINK, EVENT)
+TOPICS = (CYCLE, SENSOR, LINK, TRUTH, EVENT)

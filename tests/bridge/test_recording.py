@@ -110,6 +110,7 @@ def test_foreign_readers_find_topics_schemas_and_times(tmp_path: Path) -> None:
         "/cycle",
         "/sensor",
         "/link",
+        "/truth",
         "/event",
     }
     assert all(schema.encoding == "jsonschema" for schema in summary.schemas.values())
@@ -144,7 +145,7 @@ def test_a_full_queue_drops_the_newest_and_counts(tmp_path: Path, monkeypatch: p
     for k in range(15):
         recorder.put(SensorRecord(100.0 + k, k, (0,) * 6))
     recorder.put(cycle(1, 120.0))
-    assert recorder.dropped == {"/cycle": 1, "/sensor": 6, "/link": 0, "/event": 0}
+    assert recorder.dropped == {"/cycle": 1, "/sensor": 6, "/link": 0, "/truth": 0, "/event": 0}
     recorder.close()
     recording = read(tmp_path / "run.mcap")
     assert [sensor.sequence for sensor in recording.sensors] == list(range(9))
