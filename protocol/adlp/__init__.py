@@ -17,6 +17,7 @@ from protocol.adlp.block import (
 )
 from protocol.adlp.events import (
     INCOMING_FAILURES,
+    ROUTINE,
     LinkEvent,
     LinkFailed,
     LinkFailure,
@@ -39,6 +40,7 @@ __all__ = [
     "LENGTH_STYLES",
     "MESSAGE_LIMIT",
     "QUEUE_LIMIT",
+    "ROUTINE",
     "SINGLE_CONTROLS",
     "TRANSITIONS",
     "Action",

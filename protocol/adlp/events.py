@@ -47,6 +47,9 @@ class NoticeKind(StrEnum):
     STRAY_CONTROL = "stray control byte"
     STRAY_BLOCK = "stray block"
     BAD_BLOCK = "bad block"
+    """What began like a block and cannot be one."""
+    BAD_CHECKSUM = "bad checksum"
+    """A block that ends where it should, with another check character."""
     GAP = "gap in block"
     NAK_SENT = "NAK sent"
     NAK_RECEIVED = "NAK received"
@@ -58,7 +61,20 @@ class NoticeKind(StrEnum):
     COLLISION = "collision"
     DUPLICATE = "duplicate dropped"
     MISSING_EOT = "missing EOT"
+    LATE_BLOCK = "late block"
+    """A further block of a message that was taken as ended."""
     GAVE_UP = "gave up receiving"
+    BID_SENT = "bid sent"
+    BID_RECEIVED = "bid received"
+    """A bid that was acknowledged."""
+    ACK_SENT = "ACK sent"
+    ACK_RECEIVED = "ACK received"
+
+
+ROUTINE = frozenset(
+    (NoticeKind.BID_SENT, NoticeKind.BID_RECEIVED, NoticeKind.ACK_SENT, NoticeKind.ACK_RECEIVED)
+)
+"""What happens in every undisturbed exchange: always counted, told only by a verbose link."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from enum import StrEnum
 from types import MappingProxyType
 
-from protocol.adlp.events import LinkEvent, LinkNotice, NoticeKind
+from protocol.adlp.events import ROUTINE, LinkEvent, LinkNotice, NoticeKind
 
 EVENT_LIMIT = 1024
 """Events that may wait to be taken; beyond it the oldest is dropped and counted. Mark: chosen."""
@@ -31,6 +31,8 @@ class Journal:
         self._counts: dict[str, int] = {str(name): 0 for name in (*Count, *NoticeKind)}
         self.counters: Mapping[str, int] = MappingProxyType(self._counts)
         """Totals by the text of the counter; a live read-only view."""
+        self.verbose = False
+        """Whether what is `ROUTINE` is told and not only counted."""
 
     def next_event(self) -> LinkEvent | None:
         """The oldest event not yet taken, or None."""
@@ -46,9 +48,10 @@ class Journal:
         self._keep(event)
 
     def notice(self, kind: NoticeKind, text: str) -> None:
-        """Keep a notice and count it."""
+        """Count a notice, and keep it unless it is routine that nobody asked for."""
         self._counts[kind] += 1
-        self._keep(LinkNotice(kind, text))
+        if self.verbose or kind not in ROUTINE:
+            self._keep(LinkNotice(kind, text))
 
     def _keep(self, event: LinkEvent) -> None:
         if len(self._events) >= EVENT_LIMIT:

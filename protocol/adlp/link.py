@@ -2,7 +2,6 @@
 
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 
 from protocol.adlp.block import (
     HEADER_SIZE,
@@ -14,7 +13,6 @@ from protocol.adlp.block import (
     Flaw,
     Token,
     encode_block,
-    telegram_sizes,
 )
 from protocol.adlp.events import (
     LinkEvent,
@@ -27,6 +25,7 @@ from protocol.adlp.events import (
 )
 from protocol.adlp.journal import Count, Journal
 from protocol.adlp.profile import LengthStyle, LinkProfile
+from protocol.adlp.progress import Receiving, Sending, check_telegram, unanswered
 from protocol.adlp.transitions import TRANSITIONS, Action, State, Stimulus
 from protocol.endpoint import LocalProtocolError
 
@@ -51,33 +50,8 @@ _CONTROL_STIMULI = {
     Control.RVI: Stimulus.RVI,
     Control.EOT: Stimulus.EOT,
 }
+_ANSWERS = frozenset((Control.ACK, Control.NAK, Control.WACK, Control.RVI))
 _RECEIVING = frozenset((State.AWAITING_BLOCK, State.AWAITING_MORE, State.DISCARDING))
-
-
-@dataclass(slots=True)
-class _Sending:
-    """The oldest queued message on its way."""
-
-    index: int = 0
-    bids: int = 1
-    repeats: int = 0
-    wacks: int = 0
-    heard: int = 0
-    """Bytes that came since the first bid and meant nothing."""
-    bid_refused: bool = False
-    reversed: bool = False
-    """The other side asked for the line."""
-
-
-@dataclass(slots=True)
-class _Receiving:
-    """The message of the other side on its way."""
-
-    telegrams: list[bytes]
-    last: Block | None = None
-    naks: int = 0
-    block_due: bool = True
-    """A block must come; false once one was acknowledged."""
 
 
 class Link:
@@ -93,8 +67,8 @@ class Link:
         self._state_deadline: float | None = None
         self._gap_deadline: float | None = None
         self._queue: deque[tuple[bytes, ...]] = deque()
-        self._sending = _Sending()
-        self._receiving = _Receiving([])
+        self._sending = Sending()
+        self._receiving = Receiving([])
         self._received: Block
         """The block that is being judged."""
         self._unended = False
@@ -118,6 +92,15 @@ class Link:
         return self._state in _RECEIVING
 
     @property
+    def verbose(self) -> bool:
+        """Whether each bid and ACK is told (`ROUTINE`) and not only counted; may be set at any time."""
+        return self._journal.verbose
+
+    @verbose.setter
+    def verbose(self, verbose: bool) -> None:
+        self._journal.verbose = verbose
+
+    @property
     def counters(self) -> Mapping[str, int]:
         """Totals since the start by the text of `Count` and `NoticeKind`; a live read-only view."""
         return self._journal.counters
@@ -133,7 +116,7 @@ class Link:
         if len(self._queue) >= QUEUE_LIMIT:
             raise LocalProtocolError(f"{QUEUE_LIMIT} messages are waiting already")
         for telegram in telegrams:
-            self._check_telegram(telegram)
+            check_telegram(telegram, self._profile.max_telegram)
         toggle = self._profile.stx_alternation == "toggle"
         self._queue.append(
             tuple(
@@ -194,6 +177,8 @@ class Link:
         match token:
             case Control() if self._noise >= GARBAGE_SIZE:
                 self._step(Stimulus.NOISE, 1)
+            case Control() if self._is_too_early(token):
+                self._notice(NoticeKind.STRAY_CONTROL, f"{token.name} too early to be about what we said")
             case Control():
                 self._step(_CONTROL_STIMULI[token], 1)
             case Block():
@@ -202,7 +187,7 @@ class Link:
             case Flaw(at=1):
                 self._step(Stimulus.NOISE, token.size)
             case Flaw():
-                self._notice(NoticeKind.BAD_BLOCK, token.text)
+                self._notice(NoticeKind.BAD_CHECKSUM if token.whole else NoticeKind.BAD_BLOCK, token.text)
                 self._step(Stimulus.BAD_CHECKSUM if token.whole else Stimulus.MUTILATED, token.size)
             case _:
                 self._step(Stimulus.NOISE, len(token.data))
@@ -236,6 +221,19 @@ class Link:
             case _:
                 self._notice(NoticeKind.STRAY_CONTROL, f"{stimulus} while {self._state}")
 
+    def _is_too_early(self, control: Control) -> bool:
+        """Whether it came before the other side can have heard us: then it is a byte that the line made of another.
+
+        A second ENQ would get a second ACK, and a second ACK acknowledges a block that nobody has seen.
+        """
+        if self._state is State.AWAITING_ACK:
+            return bool(self._out) and control in _ANSWERS
+        if control is not Control.ENQ:
+            return False
+        if self._state is State.AWAITING_BLOCK:
+            return self._now < self._receiving.asked_at + 2.5 * self._profile.character_time
+        return self._state is State.AWAITING_MORE and bool(self._out)
+
     def _block_is_coming(self) -> bool:
         """The gap time-out stands for the state's own while the block that is waited for comes in."""
         return bool(self._scanner.pending) and self._state in (State.AWAITING_BLOCK, State.AWAITING_MORE)
@@ -256,50 +254,27 @@ class Link:
     def _notice(self, kind: NoticeKind, text: str) -> None:
         self._journal.notice(kind, text)
 
-    def _check_telegram(self, telegram: bytes) -> None:
-        if len(telegram) > self._profile.max_telegram:
-            raise LocalProtocolError(
-                f"a telegram of {len(telegram)} bytes is too long for a block of {self._profile.max_telegram}"
-            )
-        if len(telegram) not in telegram_sizes(int.from_bytes(telegram[:2], "big"), LENGTH_STYLES):
-            raise LocalProtocolError(
-                f"a telegram of {len(telegram)} bytes states another length: nobody could find its end"
-            )
-
     # --- sending
 
     def _bid(self) -> State:
-        self._sending = _Sending()
+        self._sending = Sending()
         self._put_bid()
         return State.BIDDING
 
     def _put_bid(self) -> None:
+        self._notice(NoticeKind.BID_SENT, "ENQ")
         self._out.append(Control.ENQ)
         self._arm(self._profile.answer_timeout_s)
 
     def _bid_again(self) -> State:
         sending = self._sending
         if sending.bids >= self._profile.bid_limit:
-            return self._give_up(*self._unanswered())
+            return self._give_up(*unanswered(sending))
         sending.bids += 1
         self._notice(NoticeKind.TIME_OUT, "no answer to ENQ")
         self._notice(NoticeKind.BID_REPEAT, f"ENQ sent {sending.bids} times")
         self._put_bid()
         return State.BIDDING
-
-    def _unanswered(self) -> tuple[LinkFailure, str]:
-        sending = self._sending
-        if sending.bid_refused:
-            return LinkFailure.BID_REFUSED, f"{sending.bids} bids (ENQ) were refused by NAK"
-        if sending.heard:
-            return LinkFailure.ONLY_NOISE, (
-                f"{sending.bids} bids (ENQ) were answered by {sending.heard} bytes without meaning: "
-                "check the rate and the parity on both sides"
-            )
-        return LinkFailure.NO_ANSWER, (
-            f"nothing came after {sending.bids} bids (ENQ): check cable and power, "
-            "and that the robot has given the link control"
-        )
 
     def _note_bid_refused(self) -> State:
         # Assumed: a NAK to a bid means "not now"; the next bid comes when this one's time is over.
@@ -314,6 +289,7 @@ class Link:
         return self._accept_bid()
 
     def _send_first(self) -> State:
+        self._notice(NoticeKind.ACK_RECEIVED, "bid acknowledged")
         return self._put_block()
 
     def _send_first_reversed(self) -> State:
@@ -321,12 +297,17 @@ class Link:
         return self._put_block()
 
     def _put_block(self) -> State:
+        self._unended = False  # who takes our block has left its own message
         block = self._queue[0][self._sending.index]
         self._out += block
         self._arm(self._profile.answer_timeout_s, len(block))
         return State.AWAITING_ACK
 
     def _send_next(self) -> State:
+        self._notice(NoticeKind.ACK_RECEIVED, "block acknowledged")
+        return self._go_on()
+
+    def _go_on(self) -> State:
         sending = self._sending
         self._journal.count(Count.BLOCKS_SENT)
         sending.index += 1
@@ -344,7 +325,7 @@ class Link:
     def _send_next_reversed(self) -> State:
         # One EOT ends all blocks of a message, so "as soon as it can" is after the last block of this one.
         self._note_reversed()
-        return self._send_next()
+        return self._go_on()
 
     def _note_reversed(self) -> None:
         self._notice(NoticeKind.RVI, "line asked for")
@@ -401,20 +382,25 @@ class Link:
 
     def _accept_bid(self) -> State:
         self._lose_unfinished("began anew")
-        self._receiving = _Receiving([])
+        self._receiving = Receiving([])
         self._unended = False
-        self._out.append(Control.ACK)
+        self._notice(NoticeKind.BID_RECEIVED, "ENQ")
+        self._put_ack("bid acknowledged")
         self._arm_for_block()
         return State.AWAITING_BLOCK
 
+    def _put_ack(self, text: str) -> None:
+        self._notice(NoticeKind.ACK_SENT, text)
+        self._out.append(Control.ACK)
+
     def _arm_for_block(self) -> None:
         # A sender that missed our answer repeats after its own time-out: be there a little longer.
+        self._receiving.asked_at = self._now
         self._arm(self._profile.answer_timeout_s + self._profile.gap_timeout_s)
 
     def _accept_block(self) -> State:
         block, receiving = self._received, self._receiving
-        last = receiving.last
-        if self._profile.stx_alternation == "toggle" and last is not None and last.stx == block.stx:
+        if self._repeats_last(block):
             self._notice(NoticeKind.DUPLICATE, "block repeated though it was acknowledged")
         elif len(receiving.telegrams) >= MESSAGE_LIMIT:
             self._out.append(Control.EOT)
@@ -425,10 +411,15 @@ class Link:
             receiving.last = block
         return self._acknowledge_block()
 
+    def _repeats_last(self, block: Block) -> bool:
+        """Its STX says that it is the block that was accepted last."""
+        last = self._receiving.last
+        return self._profile.stx_alternation == "toggle" and last is not None and last.stx == block.stx
+
     def _acknowledge_block(self) -> State:
         self._receiving.naks = 0
         self._receiving.block_due = False
-        self._out.append(Control.ACK)
+        self._put_ack("block acknowledged")
         self._arm(self._profile.gap_timeout_s)
         return State.AWAITING_MORE
 
@@ -492,10 +483,14 @@ class Link:
         self._journal.tell(LinkFailed(reason, text), Count.MESSAGES_FAILED)
         return State.IDLE
 
-    def _recognise_repeat(self) -> State:
-        # Our ACK was lost and the message taken as ended meanwhile. More blocks of it may follow this one.
-        if self._unended and self._received == self._receiving.last:
+    def _recognise_late(self) -> State:
+        # Our ACK was lost or late, and the message taken as ended meanwhile. More blocks of it may follow.
+        last, block = self._receiving.last, self._received
+        if self._unended and block == last:
             self._notice(NoticeKind.DUPLICATE, "block repeated after its message was taken as ended")
             return self._acknowledge_block()
+        if self._unended and not self._repeats_last(block):
+            self._notice(NoticeKind.LATE_BLOCK, "block of a message that was taken as ended")
+            return self._accept_block()
         self._notice(NoticeKind.STRAY_BLOCK, f"{Stimulus.BLOCK} while {self._state}")
         return self._state

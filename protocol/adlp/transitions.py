@@ -72,7 +72,7 @@ class Action(StrEnum):
     DELIVER_ACCEPT_BID = "deliver_accept_bid"
     END_EARLY = "end_early"
     ABANDON = "abandon"
-    RECOGNISE_REPEAT = "recognise_repeat"
+    RECOGNISE_LATE = "recognise_late"
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,10 +92,10 @@ _S, _X, _A = State, Stimulus, Action
 TRANSITIONS: dict[tuple[State, Stimulus], Transition] = {
     (_S.IDLE, _X.SEND): _to(_A.BID, _S.BIDDING),
     (_S.IDLE, _X.ENQ): _to(_A.ACCEPT_BID, _S.AWAITING_BLOCK),
-    (_S.IDLE, _X.BLOCK): _to(_A.RECOGNISE_REPEAT, _S.AWAITING_MORE, _S.IDLE),
+    (_S.IDLE, _X.BLOCK): _to(_A.RECOGNISE_LATE, _S.AWAITING_MORE, _S.IDLE),
     #
     (_S.LISTENING, _X.ENQ): _to(_A.ACCEPT_BID, _S.AWAITING_BLOCK),
-    (_S.LISTENING, _X.BLOCK): _to(_A.RECOGNISE_REPEAT, _S.AWAITING_MORE, _S.LISTENING),
+    (_S.LISTENING, _X.BLOCK): _to(_A.RECOGNISE_LATE, _S.AWAITING_MORE, _S.LISTENING),
     (_S.LISTENING, _X.TIME_OUT): _to(_A.RESUME, _S.IDLE),
     #
     (_S.BIDDING, _X.ACK): _to(_A.SEND_FIRST, _S.AWAITING_ACK),

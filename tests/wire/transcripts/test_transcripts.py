@@ -1,0 +1,360 @@
+"""Transcripts of the line, each naming the rows of the specification that it covers, played as peer to both ends.
+
+A transcript begins with `==` and its name, then come `key: value` lines:
+
+- `covers`: rows, see `ROWS`; what a refusal's transcript covers is its code;
+- `ends`: who is played against, `PC S3` (the default) or one of them when the other says what no end of ours would;
+- `mirror: no` unless it also holds with both ends exchanged (then the other side wins collisions);
+- `link`: settings; `robot`: settings of the emulated controller; `verbose: yes`: bids and ACKs are told;
+- `crossing: yes` when both sides speak before either has heard the other.
+
+Each further line is one thing: the time in ms, who does what, and the bytes or words; `#` begins a comment, `00*3` is
+`00 00 00`. `PC→S3` is said by the one and heard by the other; `PC→×` gets lost and `×→PC` comes from nobody, so a byte
+that is changed on its way is both. `PC queues` the telegrams of a message, separated by `|`; `PC tells` an event.
+
+What an end says and tells has to be in its transcript, in this order, at that millisecond, and nothing else.
+"""
+
+import re
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import pytest
+
+from emulators.robot import S3Controller, S3Profile, ServoProfile
+from protocol.adlp import (
+    TRANSITIONS,
+    Action,
+    Link,
+    LinkFailed,
+    LinkNotice,
+    LinkProfile,
+    MessageReceived,
+    MessageSent,
+    Role,
+    Stimulus,
+)
+from protocol.arap import Answered, ArapHost, RefusalCode, Refused, SpontaneousReceived, Telegram
+
+EPOCH = 1234.5
+FOLDER = Path(__file__).parent
+OTHER = {"PC": "S3", "S3": "PC"}
+ROLES = {"PC": Role.HOST, "S3": Role.ROBOT}
+
+ROWS = {
+    "control bytes": "ENQ 05, ACK 06, WACK 0E, RVI 0F, DLE 10, NAK 15, STX 02 and 82, ETX 03, EOT 04",
+    "block": "DLE STX telegram DLE ETX BCC; BCC is the XOR of telegram and ETX",
+    "exchange": "ENQ ACK block ACK EOT; either side may bid",
+    "one EOT": "one EOT ends all blocks, a following block starts without a new ENQ",
+    "NAK repeats": "NAK repeats the whole last block",
+    "repeats end": "3 repeats, then EOT and a link error",
+    "ACK is one byte": "06, not DLE 0 / DLE 1",
+    "stuffing off": "DLE inside the telegram is not doubled",
+    "stuffing double": "… or doubled, by the profile",
+    "BCC is 10": "sent as is, never doubled",
+    "STX 02 and 82": "the sender uses 02, the receiver accepts both",
+    "STX toggle": "alternates per block from 02 at each ENQ, a repeat keeps its value",
+    "duplicate dropped": "STX equal to that of the last accepted block: acknowledged and dropped",
+    "ENQ to ACK": "2.0 s",
+    "block to ACK": "2.0 s",
+    "gap": "0.22 s inside a block, then the block is dropped and NAK answered",
+    "bids end": "3 ENQ, then link error",
+    "collision": "the PC yields, and bids again after the EOT; or the S3, by the profile",
+    "WACK": "wait again, at most 10 times, then link error",
+    "RVI": "counts as ACK; the sender ends with EOT and listens",
+    "largest telegram": "128 bytes; longer messages go as several blocks",
+    "missing EOT": "the message is ended after one character time-out",
+    "frames by length": "10 03 inside data; DLE ETX has to stand where the length says",
+    "length styles": "the robot accepts whole length and data length, the host the whole one",
+    "noise": "between frames",
+    "start-up": "half a frame at start-up",
+}
+"""The rows of the specification's section 2 (and what is said below its table), each to be covered."""
+
+REFUSALS = {int(code) for code in RefusalCode} - {0, 8, 9, 10, 12, 14, 17, 18, 30, 32, 33, 34, 35, 36, 99}
+"""Codes that a condition of the emulated controller can cause."""
+
+
+@dataclass(frozen=True)
+class Step:
+    at: int
+    who: str
+    """`PC→S3`, `PC queues` and so on."""
+    what: str
+
+
+@dataclass(frozen=True)
+class Transcript:
+    name: str
+    covers: tuple[str, ...] = ()
+    ends: tuple[str, ...] = ("PC", "S3")
+    mirror: bool = True
+    crossing: bool = False
+    verbose: bool = False
+    link: dict = field(default_factory=dict)
+    robot: dict = field(default_factory=dict)
+    steps: tuple[Step, ...] = ()
+
+    def mirrored(self):
+        winner = self.link.get("collision_winner", "robot")
+        return replace(
+            self,
+            ends=tuple(OTHER[end] for end in self.ends),
+            link={**self.link, "collision_winner": "robot" if winner == "host" else "host"},
+            steps=tuple(
+                replace(step, who=re.sub("PC|S3", lambda found: OTHER[found[0]], step.who))
+                for step in self.steps
+            ),
+        )
+
+
+def settings(text):
+    pairs = (item.split("=") for item in text.split(", "))
+    return {
+        key: value if not re.fullmatch(r"[\d.]+", value) else float(value) if "." in value else int(value)
+        for key, value in pairs
+    }
+
+
+READERS = {
+    "covers": lambda text: tuple(text.split(", ")),
+    "ends": lambda text: tuple(text.split()),
+    "mirror": lambda text: text == "yes",
+    "crossing": lambda text: text == "yes",
+    "verbose": lambda text: text == "yes",
+    "link": settings,
+    "robot": settings,
+}
+
+
+def read(path):
+    """The transcripts of a file; what stands before the first is for people."""
+    for part in re.split(r"^== ", path.read_text(encoding="utf-8"), flags=re.MULTILINE)[1:]:
+        name, *lines = part.splitlines()
+        head, steps = {}, []
+        for line in lines:
+            line = line.partition("#")[0].strip()
+            if found := re.fullmatch(r"(\d+) +((?:PC|S3) \w+|\S+→\S+) *(.*)", line):
+                steps.append(Step(int(found[1]), found[2], found[3].strip()))
+            elif line:
+                key, _, value = line.partition(": ")
+                head[key] = READERS[key](value)
+        yield Transcript(name, **head, steps=tuple(steps))
+
+
+def octets(text):
+    repeated = re.sub(r"(\w\w)\*(\d+)", lambda found: " ".join([found[1]] * int(found[2])), text)
+    return bytes.fromhex(repeated)
+
+
+def telegrams(text):
+    return [octets(part) for part in text.split("|")]
+
+
+LINK_FILES = ("exchange.txt", "disturbed.txt")
+LINKS = [item for name in LINK_FILES for item in read(FOLDER / name)]
+ORDERS = list(read(FOLDER / "refusals.txt"))
+
+
+class LinkEnd:
+    """A `Link` and what it tells."""
+
+    def __init__(self, transcript, end):
+        self.endpoint = Link(ROLES[end], LinkProfile(**{"baudrate": 11000, **transcript.link}))
+        self.endpoint.verbose = transcript.verbose
+
+    def queues(self, text, now):
+        self.endpoint.send(telegrams(text))
+
+    def told(self, event):
+        match event:
+            case MessageReceived(received):
+                return "received " + " | ".join(raw.hex() for raw in received)
+            case MessageSent():
+                return "sent"
+            case LinkFailed(reason):
+                return f"failed: {reason}"
+            case LinkNotice(kind):
+                return str(kind)
+
+
+class Host:
+    """The client of the computer link."""
+
+    def __init__(self, transcript, end):
+        self.endpoint = ArapHost(LinkProfile(**{"baudrate": 11000, **transcript.link}))
+
+    def queues(self, text, now):
+        self.endpoint.order(*(Telegram.decode(raw, from_robot=False) for raw in telegrams(text)))
+
+    def told(self, event):
+        match event:
+            case Answered(_, answer):
+                return f"answered {answer.encode().hex()}"
+            case Refused(_, refusal):
+                return f"refused {int(refusal.code)}"
+            case SpontaneousReceived(spontaneous):
+                return f"spontaneous {spontaneous.x}.{spontaneous.y}"
+            case _:
+                return str(event)
+
+
+class Controller:
+    """The emulated controller, with the hands of those who stand before it."""
+
+    def __init__(self, transcript, end):
+        self.endpoint = S3Controller(
+            S3Profile(**{"turnaround_ms": 12.0, "turnaround_spread_ms": 0.0, **transcript.robot}),
+            LinkProfile(**{"baudrate": 11000, **transcript.link}),
+            ServoProfile(),
+            (0.9, -0.1, 0.6),
+            (0.0, 1.0, 0.0, 0.0),
+            EPOCH,
+            seed=1,
+        )
+
+    def does(self, text, now):
+        match text:
+            case "emergency stop":
+                self.endpoint.press_emergency_stop(now)
+            case "work stop":
+                self.endpoint.set_work_stop(True, now)
+            case "take the link control back":
+                self.endpoint.set_link_control(False)
+
+
+class Player:
+    """Plays a transcript as the peer of one end and compares step by step."""
+
+    def __init__(self, transcript, end, make, split=None):
+        self.transcript, self.end, self.split = transcript, end, split
+        self.owner = make(transcript, end)
+        self.endpoint = self.owner.endpoint
+        self.said = []
+        """What was handed out and is not yet in the transcript, as (ms, bytes)."""
+        self.told = []
+
+    def flush(self, now):
+        ms = round((now - EPOCH) * 1000, 3)
+        if data := self.endpoint.data_to_send(now):
+            self.said.append((ms, data))
+        while (event := self.endpoint.next_event()) is not None:
+            self.told.append((ms, self.owner.told(event)))
+
+    def advance(self, until):
+        while (due := self.endpoint.next_deadline()) is not None and due <= until:
+            self.endpoint.handle_deadline(due)
+            self.flush(due)
+
+    def hear(self, data, now):
+        size = self.split or len(data)
+        for at in range(0, len(data), size):
+            self.endpoint.receive(data[at : at + size], now)
+
+    def expect(self, step):
+        data = octets(step.what)
+        assert self.said, f"nothing was said: {step}"
+        at, said = self.said.pop(0)
+        assert said.startswith(data), f"{said.hex(' ')} was said: {step}"
+        assert abs(at - step.at) < 0.51, f"it was said at {at} ms: {step}"
+        if rest := said[len(data) :]:
+            self.said.insert(0, (at, rest))
+
+    def play(self):
+        end, tells = self.end, []
+        for step in self.transcript.steps:
+            now = EPOCH + step.at / 1000
+            source, _, sink = step.who.partition("→")
+            # A time-out of this very millisecond comes first, unless it is an answer to what is heard now.
+            self.advance(now + 0.0004)
+            if source == end:
+                self.expect(step)
+                continue
+            match step.who.split():
+                case [who, "tells"]:
+                    tells += [(step.at, self.normal(step.what))] if who == end else []
+                    continue
+                case [who, doing]:
+                    if who == end:
+                        getattr(self.owner, doing)(step.what, now)
+                case _:
+                    if sink != end:
+                        continue
+                    assert self.transcript.crossing or not self.said, f"{self.said} was said before {step}"
+                    self.hear(octets(step.what), now)
+            self.flush(now)
+        self.advance(EPOCH + 1000.0)
+        assert not self.said, f"{self.said} was said at the end"
+        assert [(round(at), text) for at, text in self.told] == tells
+        assert self.endpoint.next_deadline() is None, "every wait has to end"
+
+    def normal(self, text):
+        """An event's bytes as `told` writes them."""
+        word, _, rest = text.partition(" ")
+        if word not in ("received", "answered"):
+            return text
+        return f"{word} " + " | ".join(raw.hex() for raw in telegrams(rest))
+
+
+def plays():
+    for transcript in LINKS:
+        for played in (transcript, transcript.mirrored()) if transcript.mirror else (transcript,):
+            for end in played.ends:
+                mirrored = " mirrored" if played is not transcript else ""
+                yield pytest.param(played, end, id=f"{transcript.name}, {end}{mirrored}")
+
+
+@pytest.mark.parametrize("split", [None, 1, 5], ids=["whole", "by 1", "by 5"])
+@pytest.mark.parametrize(("transcript", "end"), list(plays()))
+def test_link(transcript, end, split):
+    Player(transcript, end, LinkEnd, split).play()
+
+
+@pytest.mark.parametrize("transcript", ORDERS, ids=lambda item: item.name)
+@pytest.mark.parametrize(("end", "make"), [("PC", Host), ("S3", Controller)], ids=["host", "controller"])
+def test_refusal(transcript, end, make):
+    Player(transcript, end, make).play()
+
+
+def test_every_row_has_a_transcript_at_each_end():
+    for end in ROLES:
+        covered = {
+            row
+            for item in LINKS
+            for played in ((item, item.mirrored()) if item.mirror else (item,))
+            if end in played.ends
+            for row in item.covers
+        }
+        assert ROWS.keys() <= covered
+    assert len(LINKS) + len(ORDERS) >= 40
+
+
+def test_every_refusal_that_a_condition_can_cause_has_a_transcript():
+    assert {int(code) for item in ORDERS for code in item.covers} == REFUSALS
+
+
+def test_every_transition_of_the_table_is_taken_by_some_transcript(monkeypatch):
+    taken = set()
+    original = Link._step
+
+    def spy(self, stimulus, size=0):
+        before = self._state
+        original(self, stimulus, size)
+        if (before, stimulus) in TRANSITIONS:
+            assert self._state in TRANSITIONS[before, stimulus].next
+            taken.add((before, stimulus, self._state))
+        else:
+            assert self._state is before
+
+    monkeypatch.setattr(Link, "_step", spy)
+    for transcript in LINKS:
+        for end in transcript.ends:
+            Player(transcript, end, LinkEnd).play()
+    pairs = {(state, stimulus) for state, stimulus, _ in taken}
+    swallowed = {pair for pair, arrow in TRANSITIONS.items() if arrow.action is Action.SWALLOW}
+    assert TRANSITIONS.keys() - pairs - swallowed == set()
+
+
+def test_stimuli_of_the_table_are_all_used():
+    assert {stimulus for _, stimulus in TRANSITIONS} == set(Stimulus)
+    assert {arrow.action for arrow in TRANSITIONS.values()} == set(Action)
