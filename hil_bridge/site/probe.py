@@ -5,16 +5,17 @@ import json
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from urllib.parse import parse_qsl, quote, urlencode, urlsplit
+from urllib.parse import parse_qsl, quote, urlencode
 
 import click
 
 from hil_bridge.clock import Clock, run_real
+from hil_bridge.compose import robot_wire
 from hil_bridge.errors import ConfigError, DeviceError, TransportUnavailable
 from hil_bridge.pump import Pump
 from hil_bridge.site.prober import ProbeEvent, Prober, Said, gap_timeout, profile_of
 from hil_bridge.site.search import LINE_WRONG, Finding, Outcome, Reply, Search, Try, likely_lines
-from hil_bridge.transports import LineSettings, Transport, connect_bytes
+from hil_bridge.transports import LineSettings, Parity, Transport, connect_bytes
 from hil_bridge.transports.urls import CONNECT_BYTES, parse_url
 from protocol.adlp import LinkProfile
 
@@ -68,9 +69,10 @@ async def probe(
     `on_try` is told of each try when it has ended, `on_said` what the robot says by itself. Raises ConfigError for
     the URL, TransportUnavailable when the wire cannot be opened at all, TransportError when it breaks.
     """
-    parsed = parse_url(url, CONNECT_BYTES)
-    lines = likely_lines(parsed.line) if "baudrate" in CONNECT_BYTES[parsed.scheme].options else (None,)
-    plan = Search(lines)
+    _, link = robot_wire(url, LinkProfile())
+    settable = "baudrate" in CONNECT_BYTES[parse_url(url, CONNECT_BYTES).scheme].options
+    named = LineSettings(link.baudrate, Parity(link.parity), link.stop_bits)
+    plan = Search(likely_lines(named) if settable else (None,))
     opened = False
     while (attempt := plan.attempt) is not None:
         line = attempt.line
@@ -140,10 +142,10 @@ class _Session:
 
 def url_with_line(url: str, line: LineSettings) -> str:
     """The URL with these line settings in place of those that it names."""
-    parts = urlsplit(url)
-    options = dict(parse_qsl(parts.query, keep_blank_values=True))
+    head, _, query = url.partition("?")
+    options = dict(parse_qsl(query, keep_blank_values=True))
     options |= {"baudrate": str(line.baudrate), "parity": line.parity.value, "stopbits": str(line.stopbits)}
-    return parts._replace(query=urlencode(options, safe="/", quote_via=quote)).geturl()
+    return f"{head}?{urlencode(options, safe='/', quote_via=quote)}"
 
 
 def line_text(line: LineSettings | None) -> str:

@@ -113,11 +113,11 @@ class Search:
             self.attempt, self.finding = None, end.value
 
 
-def likely_lines(first: LineSettings | None) -> tuple[LineSettings, ...]:
+def likely_lines(first: LineSettings) -> tuple[LineSettings, ...]:
     """Rates and parities in the order in which they are tried, beginning with what a URL names."""
     usual = (LineSettings(rate, parity) for rate in BAUDRATES for parity in PARITIES)
     odd = (LineSettings(rate, Parity.ODD) for rate in BAUDRATES)
-    return tuple(dict.fromkeys((*((first,) if first else ()), *usual, *odd)))
+    return tuple(dict.fromkeys((first, *usual, *odd)))
 
 
 def _on_lines(lines: Sequence[LineSettings | None]) -> _Steps:

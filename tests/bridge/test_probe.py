@@ -186,7 +186,7 @@ def test_a_controller_that_takes_no_marked_query_leaves_the_doubling_undecided()
 
 
 def test_silence_tries_every_line_once_and_finds_nothing() -> None:
-    lines = likely_lines(None)
+    lines = likely_lines(USUAL)
     search, tries = run_search(lambda attempt: Outcome(Reply.SILENCE), lines)
     assert search.finding is None
     assert [attempt.line for attempt in tries] == list(lines)
@@ -222,6 +222,9 @@ def test_failures_say_what_to_do(replies, words) -> None:
 
 
 def test_urls_keep_their_other_options() -> None:
+    assert (
+        url_with_line("serial:///dev/ttyS0", USUAL) == "serial:///dev/ttyS0?baudrate=9600&parity=E&stopbits=1"
+    )
     url = url_with_line("memory:robot?latency_ms=5&parity=E&baudrate=300", LineSettings(9600))
     assert url == "memory:robot?latency_ms=5&parity=N&baudrate=9600&stopbits=1"
     assert (
