@@ -221,4 +221,5 @@ class _ToHost:
 
 def _next_tick(since: float, period: float) -> float:
     """The first multiple of a period that is later than `since`; both in s."""
-    return (math.floor(since / period + 1e-9) + 1) * period
+    # a time that is the tick itself but for rounding belongs to the next one
+    return (math.floor(since / period + 1e-6) + 1) * period

@@ -8,7 +8,6 @@ from typing import Generic, TypeVar
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
 from protocol.rfc2217.com_port import Command, LineState, decode_command, encode_command
 from protocol.rfc2217.telnet import (
-    Garbled,
     Negotiation,
     Option,
     Options,
@@ -110,5 +109,5 @@ class Session(Generic[Event]):
                         yield command, value
                 case Subnegotiation(option):
                     self.events.append(Malformed(f"option {option} is not in use"))
-                case Garbled(text):
-                    self.events.append(Malformed(text))
+                case garbled:
+                    self.events.append(Malformed(garbled.text))

@@ -142,7 +142,7 @@ class TelnetReader:
                     self._state = _State.INSIDE_COMMAND
                 elif len(self._inside) <= SUBNEGOTIATION_LIMIT:
                     self._inside.append(byte)
-            case _State.INSIDE_COMMAND:
+            case _:
                 return self._command_inside(byte, payload)
         return None
 
@@ -222,7 +222,3 @@ class Options:
     def used_here(self, option: Option) -> bool:
         """Whether this side uses an option, with the other's consent."""
         return (True, option) in self._used
-
-    def used_there(self, option: Option) -> bool:
-        """Whether the other side uses an option, with our consent."""
-        return (False, option) in self._used

@@ -1,0 +1,396 @@
+"""Emulated lines whose ends differ, breaks, a plug that is pulled, a USB adapter: in virtual time, by URL and alone."""
+
+from asyncio import sleep as pass_time  # in virtual time, where nobody waits
+from itertools import pairwise
+from typing import Any
+
+import pytest
+
+from hil_bridge.clock import Clock, run_virtual
+from hil_bridge.errors import TransportError
+from hil_bridge.transports import (
+    Damaged,
+    LineEnd,
+    LineErrors,
+    LineSettings,
+    Paced,
+    Parity,
+    Transport,
+    UsbAdapter,
+    UsbAdapterProfile,
+    connect_bytes,
+    listen_bytes,
+    memory_pair,
+)
+from hil_bridge.transports.wrappers import Direction
+
+N, E = LineSettings(9600), LineSettings(9600, Parity.EVEN)
+ENQ, ACK = b"\x05", b"\x06"
+CHARACTER = 11 / 9600
+TEXT = b"The quick brown fox jumps over the lazy dog."
+
+
+class Log:
+    """What arrives at a transport, with the time."""
+
+    def __init__(self, transport: Transport[Any], clock: Clock) -> None:
+        self.items: list[tuple[float, bytes]] = []
+        self.end: TransportError | None = None
+        self._clock = clock
+        transport.start(lambda data: self.items.append((clock.now(), data)), self._on_end)
+
+    def _on_end(self, error: TransportError) -> None:
+        self.end = error
+
+    @property
+    def data(self) -> bytes:
+        return b"".join(data for _, data in self.items)
+
+
+async def memory_line(
+    clock: Clock, device: str, client: str
+) -> tuple[Log, Paced, Log, Transport[bytes], list[str]]:
+    """Device and client of a memory wire: what each hears, the client's line, the device's wire, notices."""
+    listening = await listen_bytes(f"memory:robot{device}", clock)
+    notices: list[str] = []
+    line = await connect_bytes(f"memory:robot{client}", clock, lambda kind, text: notices.append(text))
+    assert isinstance(line, Paced)
+    return Log(line, clock), line, Log(listening.transport, clock), listening.transport, notices
+
+
+@pytest.mark.parametrize(
+    ("device", "client"),
+    [
+        ("?baudrate=9600&parity=E", "?baudrate=9600&parity=N"),
+        ("?baudrate=9600&parity=N", "?baudrate=9600&parity=E"),
+        ("?baudrate=9600&parity=E", "?baudrate=9600&parity=O"),
+        ("?baudrate=9600&parity=E", "?baudrate=19200&parity=E"),
+        ("?baudrate=19200&parity=E", "?baudrate=9600&parity=E"),
+        ("?baudrate=9600&parity=E", "?baudrate=4800&parity=E"),
+    ],
+)
+def test_a_bid_at_other_settings_does_not_reach_the_device(device: str, client: str) -> None:
+    async def main() -> None:
+        clock = Clock.running()
+        here, line, there, wire, notices = await memory_line(clock, device, client)
+        line.send(ENQ)
+        await pass_time(0.5)
+        assert ENQ not in there.data
+        wire.send(TEXT)
+        await pass_time(0.5)
+        # a port at another parity alone takes some bytes as they were meant, but sees that they are damaged
+        assert line.line_errors != LineErrors()
+        assert len(notices) == 1
+        assert "check baudrate and parity" in notices[0]
+        if "parity=E" in device and "parity=E" in client:
+            assert TEXT not in here.data
+
+    run_virtual(main)
+
+
+@pytest.mark.parametrize(
+    ("device", "client"),
+    [
+        ("?baudrate=9600&parity=E", "?baudrate=9600&parity=E"),
+        ("?baudrate=9600&parity=E", ""),
+        ("", "?baudrate=9600&parity=E"),
+        ("?baudrate=9600&parity=E", "?baudrate=9600&parity=E&stopbits=2"),
+    ],
+)
+def test_who_names_no_line_or_the_same_one_is_understood(device: str, client: str) -> None:
+    async def main() -> None:
+        clock = Clock.running()
+        here, line, there, wire, notices = await memory_line(clock, device, client)
+        start = clock.now()
+        line.send(bytes(range(200)))
+        wire.send(bytes(range(200)))
+        await pass_time(1)
+        assert here.data == there.data == bytes(range(200))
+        bits = 12 if "stopbits" in client else 11
+        assert there.items[-1][0] == start + 200 * bits / 9600
+        assert here.items[-1][0] == start + 200 * CHARACTER
+        assert notices == []
+
+    run_virtual(main)
+
+
+def test_the_ends_make_of_damaged_characters_what_they_are_set_to() -> None:
+    async def single(damaged: str) -> bytes:
+        clock = Clock.running()
+        _, line, there, wire, _ = await memory_line(
+            clock, f"?baudrate=9600&parity=E{damaged}", "?baudrate=9600&parity=N"
+        )
+        line.send(ENQ)
+        await pass_time(0.1)
+        assert line.far_line_errors == LineErrors(parity=1)
+        await line.aclose()
+        await wire.aclose()
+        return there.data
+
+    async def check() -> None:
+        assert await single("") == b""
+        assert await single("&damaged=drop") == b""
+        assert await single("&damaged=keep") == ENQ
+        assert await single("&damaged=zero") == b"\x00"
+
+    run_virtual(check)
+
+
+def test_a_computer_takes_the_bits_as_they_are_and_is_told_once_a_second() -> None:
+    async def main() -> None:
+        clock = Clock.running()
+        here, line, _, wire, notices = await memory_line(
+            clock, "?baudrate=9600&parity=E", "?baudrate=9600&parity=N"
+        )
+        for _ in range(30):
+            wire.send(ACK)
+            await pass_time(0.1)
+        assert here.data == b"\x06\xff" * 30  # the low parity bit begins another character
+        assert line.line_errors == LineErrors(framing=30)
+        assert notices == [
+            f"memory:robot?baudrate=9600&parity=N: {count} framing errors on a line set to 9600 8N1; "
+            "check baudrate and parity"
+            for count in (1, 11, 21)
+        ]
+
+    run_virtual(main)
+
+
+def test_settings_that_change_hold_from_the_next_burst_on() -> None:
+    async def main() -> None:
+        clock = Clock.running()
+        inner, far_wire = memory_pair(clock)
+        settings = E
+        near = Paced(
+            inner, LineEnd(lambda: E, Damaged.DROP), clock, far=LineEnd(lambda: settings, Damaged.DROP)
+        )
+        here, there = Log(near, clock), Log(far_wire, clock)
+        for settings, arrives in ((E, True), (N, False), (LineSettings(300, Parity.EVEN), False), (E, True)):
+            before = len(here.data), len(there.data)
+            far_wire.send(b"ACK")
+            near.send(b"ACK")
+            await pass_time(1)
+            assert (here.data[before[0] :] == b"ACK") is arrives
+            assert (there.data[before[1] :] == b"ACK") is arrives
+            if settings.baudrate == 300:
+                # at 300 baud each bit of the other end is 32 of ours: nothing but breaks and single high bits
+                assert near.line_errors.breaks > 5
+
+    run_virtual(main)
+
+
+def test_a_break_is_a_damaged_zero_and_takes_what_is_sent_meanwhile() -> None:
+    async def main() -> None:
+        clock = Clock.running()
+        inner, far_wire = memory_pair(clock)
+        near = Paced(inner, LineEnd(lambda: E, Damaged.DROP), clock, far=LineEnd(lambda: E))
+        here, there = Log(near, clock), Log(far_wire, clock)
+        start = clock.now()
+        near.send_break(0.25)
+        near.send_break(0.25, Direction.RECEIVED)
+        await pass_time(0.1)
+        assert there.items == [(pytest.approx(start + CHARACTER, abs=1e-3), b"\x00")]
+        assert here.data == b""
+        assert near.line_errors == near.far_line_errors == LineErrors(breaks=1)
+        near.send(b"unseen")
+        far_wire.send(b"unseen")
+        await clock.sleep_until(start + 1)
+        near.send(b"seen")
+        far_wire.send(b"seen")
+        await pass_time(1)
+        assert there.data == b"\x00seen"
+        assert here.data == b"seen"
+        assert near.line_errors == near.far_line_errors == LineErrors(breaks=1)
+
+    run_virtual(main)
+
+
+def test_a_break_within_a_burst_leaves_what_came_before_and_after() -> None:
+    async def main() -> None:
+        clock = Clock.running()
+        inner, far_wire = memory_pair(clock)
+        near, there = Paced(inner, E, clock), Log(far_wire, clock)
+        start = clock.now()
+        near.send(bytes(range(1, 101)))
+        await clock.sleep_until(start + 20.4 * CHARACTER)
+        near.send_break(30 * CHARACTER)
+        await pass_time(1)
+        assert there.data[:20] == bytes(range(1, 21))
+        # an unbroken burst takes the receiver some characters to get into step with
+        assert there.data.endswith(bytes(range(80, 101)))
+        assert 60 <= len(there.data) <= 75
+        assert near.far_line_errors.breaks == 1
+
+    run_virtual(main)
+
+
+def test_a_held_line_stays_low_until_it_is_released() -> None:
+    async def main() -> None:
+        clock = Clock.running()
+        inner, far_wire = memory_pair(clock)
+        near, there = Paced(inner, E, clock), Log(far_wire, clock)
+        near.hold(True)
+        near.send(b"unseen")
+        await pass_time(3)
+        near.hold(False)
+        await pass_time(1)
+        near.send(b"seen")
+        await pass_time(1)
+        assert there.data == b"\x00seen"
+
+    run_virtual(main)
+
+
+def test_a_pulled_plug_tells_nobody_and_loses_what_is_on_the_line() -> None:
+    async def main() -> None:
+        clock = Clock.running()
+        inner, far_wire = memory_pair(clock)
+        near = Paced(inner, E, clock)
+        here, there = Log(near, clock), Log(far_wire, clock)
+        near.reconnect()  # it is in
+        start = clock.now()
+        near.send(bytes(range(100)))
+        far_wire.send(bytes(range(100)))
+        await clock.sleep_until(start + 30.5 * CHARACTER)
+        near.disconnect()
+        near.disconnect()
+        near.send_break(0.001)
+        await clock.sleep_until(start + 60.5 * CHARACTER)
+        near.reconnect()
+        await pass_time(1)
+        # the character that is under way when the plug goes in is not seen
+        assert there.data == here.data == bytes(range(30)) + bytes(range(61, 100))
+        assert there.items[-1][0] == start + 100 * CHARACTER
+        near.disconnect()
+        near.send(b"into the void")
+        await pass_time(5)
+        near.reconnect()
+        near.send(b"back")
+        await pass_time(1)
+        assert there.data.endswith(bytes([99]) + b"back")
+        assert here.end is there.end is None
+        assert near.line_errors == near.far_line_errors == LineErrors()
+
+    run_virtual(main)
+
+
+def test_the_end_comes_after_the_last_character_of_a_line_with_a_slower_receiver() -> None:
+    async def main() -> None:
+        clock = Clock.running()
+        inner, far_wire = memory_pair(clock)
+        near = Paced(inner, LineSettings(4800), clock, far=LineEnd(lambda: N))
+        here = Log(near, clock)
+        far_wire.send(bytes(20))
+        await far_wire.aclose()
+        await pass_time(1)
+        # of a zero and its stop bit the fifth sample is high, and a slow character is two of theirs
+        assert here.data == b"\x08" * 10
+        assert here.end is not None
+
+    run_virtual(main)
+
+
+# --- USB
+
+
+def adapter(clock: Clock, latency_s: float, far: bool = False) -> tuple[Transport[bytes], Transport[bytes]]:
+    """Computer and device of an adapter, with the model at the computer's or at the device's end of a wire."""
+    left, right = memory_pair(clock)
+    profile = UsbAdapterProfile(latency_s=latency_s)
+    if far:
+        return left, UsbAdapter(right, profile, clock, Direction.SENT)
+    return UsbAdapter(left, profile, clock), right
+
+
+@pytest.mark.parametrize("far", [False, True])
+@pytest.mark.parametrize(("latency_s", "arrives_s"), [(0.016, 0.017), (0.001, 0.006), (0.002, 0.007)])
+def test_a_single_byte_waits_for_the_latency_timer_and_a_frame(
+    far: bool, latency_s: float, arrives_s: float
+) -> None:
+    async def main() -> None:
+        clock = Clock.running()
+        computer, device = adapter(clock, latency_s, far)
+        start, log = clock.now(), Log(computer, clock)
+        Log(device, clock)
+        await clock.sleep_until(start + 0.0047)
+        device.send(ACK)
+        await pass_time(1)
+        assert log.items == [(pytest.approx(start + arrives_s, abs=1e-9), ACK)]
+
+    run_virtual(main)
+
+
+@pytest.mark.parametrize("far", [False, True])
+def test_full_packets_go_at_once_and_restart_the_timer(far: bool) -> None:
+    async def main() -> None:
+        clock = Clock.running()
+        computer, device = adapter(clock, 0.016, far)
+        start, log = clock.now(), Log(computer, clock)
+        Log(device, clock)
+        await clock.sleep_until(start + 0.0105)
+        device.send(bytes(130))
+        await pass_time(1)
+        assert [(round((at - start) * 1e3, 6), len(data)) for at, data in log.items] == [
+            (11.0, 62),
+            (11.0, 62),
+            (27.0, 6),  # 10.5 + 16 ms, and the next frame
+        ]
+
+    run_virtual(main)
+
+
+@pytest.mark.parametrize("far", [False, True])
+def test_what_the_computer_sends_waits_for_a_frame_alone(far: bool) -> None:
+    async def main() -> None:
+        clock = Clock.running()
+        computer, device = adapter(clock, 0.016, far)
+        start, log = clock.now(), Log(device, clock)
+        Log(computer, clock)
+        await clock.sleep_until(start + 0.0203)
+        computer.send(b"a")
+        await clock.sleep_until(start + 0.0206)
+        computer.send(b"b")
+        await pass_time(1)
+        assert log.data == b"ab"
+        assert {round((at - start) * 1e3, 6) for at, _ in log.items} == {21.0}
+
+    run_virtual(main)
+
+
+def test_an_adapter_bounds_what_is_under_way() -> None:
+    async def main() -> None:
+        clock = Clock.running()
+        computer, _ = adapter(clock, 0.016)
+        with pytest.raises(TransportError, match="queue of 65536 bytes is full"):
+            computer.send(bytes(65537))
+
+    run_virtual(main)
+
+
+@pytest.mark.parametrize(
+    ("latency_ms", "shortest", "longest"), [(16, 0.016, 0.016), (1, 2 * CHARACTER, 2 * CHARACTER + 0.003)]
+)
+def test_ask_and_answer_over_an_adapter_take_its_latency_timer(
+    latency_ms: int, shortest: float, longest: float
+) -> None:
+    async def main() -> None:
+        clock = Clock.running()
+        listening = await listen_bytes("memory:robot?baudrate=9600&parity=E", clock)
+        client = await connect_bytes(f"memory:robot?usb_latency_ms={latency_ms}", clock)
+        listening.transport.start(lambda data: listening.transport.send(ACK), lambda error: None)
+        answered: list[float] = []
+
+        def ask_again(data: bytes) -> None:
+            assert data == ACK
+            answered.append(clock.now())
+            client.send(ENQ)
+
+        client.start(ask_again, lambda error: None)
+        client.send(ENQ)
+        await pass_time(1)
+        rounds = [after - before for before, after in pairwise(answered)]
+        assert len(rounds) > 50
+        assert shortest - 1e-9 <= min(rounds)
+        assert max(rounds) <= longest + 1e-9
+
+    run_virtual(main)
