@@ -6,6 +6,7 @@ import sys
 import click
 
 from hil_bridge.cli.decode import decode
+from hil_bridge.cli.doctor import doctor
 from hil_bridge.cli.emulate import emulate
 from hil_bridge.cli.experiment import experiment
 from hil_bridge.cli.files import config, profile, report
@@ -49,6 +50,7 @@ for command in (
     profile,
     probe,
     monitor,
+    doctor,
 ):
     cli.add_command(command)
 

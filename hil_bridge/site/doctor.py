@@ -1,0 +1,232 @@
+"""`hil-bridge doctor`: is this computer fit for a run, and what to do where it is not."""
+
+import os
+import platform
+import resource
+import socket
+import subprocess
+from collections.abc import Iterator, Mapping, Sequence
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import click
+
+from hil_bridge.clock import Clock, run_real
+from hil_bridge.compose import uart_wire
+from hil_bridge.config import Config, load_config
+from hil_bridge.errors import ConfigError
+from hil_bridge.realtime import RealTime, scheduled
+from hil_bridge.registers import BOARD, board_wire
+from hil_bridge.session import check_wires
+from hil_bridge.site import facts
+from hil_bridge.site.facts import Fact, Level, fail, ok, warn
+from hil_bridge.transports.urls import CONNECT_BYTES, CONNECT_CAN, WireUrl, parse_url
+
+PACKAGES = ("hil-bridge", "pyserial", "python-can", "numpy", "scipy", "pydantic", "mcap")
+PERIOD_S, CYCLES = 1e-3, 1000
+"""How wake-ups are measured: at the rate of the fastest sensor stream, for a second."""
+LATE_S = 1e-3
+"""Wake-ups later than this are worth a warning. Chosen: a sample of a 1 kHz stream."""
+CONNECT_S = 2.0
+"""For how long a host may take to answer. Chosen."""
+LOCKED_BYTES = 1 << 29
+"""What a process with all its memory locked needs at most. Chosen."""
+
+
+def doctor(config_file: Path | None, root: Path = Path("/")) -> bool:
+    """Print a line for each fact; whether what the configuration names can work.
+
+    Raises ConfigError for a configuration that cannot be read.
+    """
+    config = None if config_file is None else load_config(config_file, {})
+    details = can_details()
+    can_work = True
+    if config is not None:
+        for fact in wires(config, root, details):
+            can_work &= fact.level is not Level.FAIL
+            click.echo(fact)
+    for fact in computer(root, details):
+        click.echo(fact)
+    return can_work
+
+
+def computer(root: Path, details: Mapping[str, Mapping[str, Any]] | None) -> Iterator[Fact]:
+    """Everything about this computer, wires first."""
+    yield from facts.serial_ports(root)
+    yield from facts.can_interfaces(root, details)
+    yield socketcan()
+    yield facts.vcan(root, platform.release())
+    yield facts.clock_source(root)
+    yield facts.timer_slack(root)
+    yield wake_ups()
+    yield facts.governors(root)
+    yield facts.processors(sorted(os.sched_getaffinity(0)))
+    yield priority()
+    yield locked_memory(resource.getrlimit(resource.RLIMIT_MEMLOCK)[0])
+    yield versions()
+
+
+# --- what a configuration names
+
+
+def wires(config: Config, root: Path, details: Mapping[str, Mapping[str, Any]] | None) -> Iterator[Fact]:
+    """Whether the URLs of a configuration, and the thread that it wants, can work here."""
+    try:
+        check_wires(config, virtual=False)
+    except ConfigError as error:
+        yield warn("configuration", str(error))
+    for key, url, is_sensor in (
+        ("robot.url", config.robot.url, False),
+        ("sensor.url", config.sensor.url, True),
+    ):
+        if not url:
+            yield ok(key, "empty: emulated")
+            continue
+        try:
+            found = wire(_parsed(url, is_sensor, config), root, details)
+        except ConfigError as error:
+            found = fail(key, str(error))
+        yield Fact(found.level, key, f"{found.subject}: {found.text}", found.remedy)
+    try:
+        with scheduled(config.realtime):
+            pass
+    except ConfigError as error:
+        yield fail("realtime", str(error))
+
+
+def _parsed(url: str, is_sensor: bool, config: Config) -> WireUrl:
+    if is_sensor and url.startswith(BOARD):
+        url, _ = board_wire(url, config.sensor.board)
+        return parse_url(url, CONNECT_BYTES)
+    if is_sensor and (line := uart_wire(url, CONNECT_BYTES)) is not None:
+        return parse_url(line, CONNECT_BYTES)
+    return parse_url(url, CONNECT_CAN if is_sensor else CONNECT_BYTES)
+
+
+def wire(url: WireUrl, root: Path, details: Mapping[str, Mapping[str, Any]] | None) -> Fact:
+    """Whether what a URL names is there and may be opened. A host is connected to and left again."""
+    match url.scheme:
+        case "serial" | "can+slcan":
+            return _port(url.target, root)
+        case "can+socketcan":
+            return facts.can_interface(root, url.target, details)
+        case "tcp" | "rfc2217":
+            return _host(*url.host_port)
+        case _:
+            return fail(url.text, "such a wire exists inside one process only", "name a port or an interface")
+
+
+def _port(target: str, root: Path) -> Fact:
+    device = Path(os.path.realpath(root / target.lstrip("/")))
+    devices = Path(os.path.realpath(root / "dev"))
+    if not device.is_relative_to(devices):
+        there = "is no device" if device.exists() else "there is no such port"
+        return fail(f"serial port {target}", there, "check the cable and `ls /dev/tty*`")
+    return facts.serial_port(root, str(device.relative_to(devices)))
+
+
+def _host(host: str, port: int) -> Fact:
+    subject = f"{host} port {port}"
+    try:
+        socket.create_connection((host, port), timeout=CONNECT_S).close()
+    except OSError as error:
+        reason = error.strerror or str(error)
+        return fail(subject, reason, "check the address, the cable, and that the other side was started")
+    return ok(subject, "answers")
+
+
+# --- what only the system itself can tell
+
+
+def can_details() -> dict[str, dict[str, Any]] | None:
+    """Bit rates and states of the CAN interfaces; None without iproute2."""
+    command = ("ip", "-json", "-details", "link", "show")
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=5.0, check=False)
+    except (OSError, subprocess.TimeoutExpired):
+        return None
+    return facts.link_details(done.stdout)
+
+
+def socketcan() -> Fact:
+    """Whether the kernel speaks CAN at all."""
+    try:
+        socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW).close()
+    except OSError as error:
+        return warn(
+            "SocketCAN", error.strerror or str(error), "`sudo modprobe can_raw`; slcan adapters need none"
+        )
+    return ok("SocketCAN", "available")
+
+
+def wake_ups() -> Fact:
+    """How late this process wakes, measured."""
+    return judged(run_real(_lateness))
+
+
+def judged(late: Sequence[float]) -> Fact:
+    """What these latenesses, s, the least first, say of the machine."""
+    mean, p99 = sum(late) / len(late), late[int(0.99 * len(late))]
+    text = (
+        f"{mean * 1e6:.0f} µs late on average, 99 % within {p99 * 1e6:.0f} µs, at most {late[-1] * 1e6:.0f} µs "
+        f"({len(late)} at {1 / PERIOD_S:.0f} Hz)"
+    )
+    if p99 > LATE_S:
+        return warn(
+            "wake-ups", text, "the machine is busy, or gives this process little time: end other programs"
+        )
+    return ok("wake-ups", text)
+
+
+async def _lateness() -> list[float]:
+    """How late each of many periodic wake-ups was, s, the least first."""
+    clock = Clock.running()
+    try:
+        begun = clock.now()
+        late = []
+        for number in range(1, CYCLES + 1):
+            due = begun + number * PERIOD_S
+            await clock.sleep_until(due)
+            late.append(max(0.0, clock.now() - due))
+        return sorted(late)
+    finally:
+        clock.close()
+
+
+def priority() -> Fact:
+    """Whether we may take real-time priority."""
+    try:
+        with scheduled(RealTime(fifo_priority=1)):
+            return ok("real-time priority", "permitted; `realtime.fifo_priority` asks for it")
+    except ConfigError:
+        limit = resource.getrlimit(resource.RLIMIT_RTPRIO)[0]
+        return warn(
+            "real-time priority",
+            f"not permitted (rtprio limit {limit}); needed only for a 1 kHz sensor on a busy machine",
+            "put `@dialout - rtprio 80` into /etc/security/limits.d/hil-bridge.conf and log in again",
+        )
+
+
+def locked_memory(limit: int) -> Fact:
+    """Whether we may keep our memory from being swapped out."""
+    if limit == resource.RLIM_INFINITY or limit >= LOCKED_BYTES:
+        return ok("locked memory", "permitted; `realtime.lock_memory` asks for it")
+    return warn(
+        "locked memory",
+        f"limited to {limit >> 20} MiB; needed only for `realtime.lock_memory`",
+        "put `@dialout - memlock unlimited` into /etc/security/limits.d/hil-bridge.conf and log in again",
+    )
+
+
+def versions() -> Fact:
+    """Python's and the packages' versions, for a report of trouble."""
+    found = [f"Python {platform.python_version()}", f"Linux {platform.release()}"]
+    for package in PACKAGES:
+        try:
+            found.append(f"{package} {version(package)}")
+        except PackageNotFoundError:
+            return fail(
+                "versions", f"{package} is not installed", "install hil-bridge into an environment of its own"
+            )
+    return ok("versions", ", ".join(found))
