@@ -13,23 +13,34 @@ from typing import Any
 import pytest
 
 from hil_bridge.clock import Clock, run_virtual
-from hil_bridge.errors import TransportBroken, TransportClosed, TransportEnded, TransportError
+from hil_bridge.errors import (
+    TransportBroken,
+    TransportClosed,
+    TransportEnded,
+    TransportError,
+    TransportUnavailable,
+)
 from hil_bridge.transports import (
     Delayed,
+    Direction,
     Faults,
     Faulty,
     LineSettings,
     MemoryCanBus,
     Paced,
     Parity,
+    Reconnecting,
     Tap,
     Transport,
+    UsbAdapter,
+    UsbAdapterProfile,
     connect_bytes,
     connect_can,
     listen_bytes,
     listen_can,
     memory_pair,
 )
+from hil_bridge.transports.rfc2217 import Rfc2217Client, Rfc2217Port
 from protocol.can import CanFrame
 
 Ends = tuple[Transport[Any], Transport[Any]]
@@ -238,6 +249,25 @@ async def _memory_url(clock: Clock) -> AsyncIterator[Ends]:
 
 
 @asynccontextmanager
+async def _adapter_url(clock: Clock) -> AsyncIterator[Ends]:
+    listening = await listen_bytes("memory:robot?baudrate=115200", clock)
+    yield await connect_bytes("memory:robot?usb_latency_ms=16", clock), listening.transport
+
+
+@asynccontextmanager
+async def _rfc2217(clock: Clock) -> AsyncIterator[Ends]:
+    left, right = memory_pair(clock, 0.001)
+    server = Rfc2217Port(LINE, clock).serve(right)
+    client = Rfc2217Client(left, LINE, clock, lambda kind, text: None)
+    await client.ready()
+    yield client, server
+
+
+async def _never() -> Transport[bytes]:
+    raise TransportUnavailable("nothing here")
+
+
+@asynccontextmanager
 async def _memory_can(clock: Clock) -> AsyncIterator[Ends]:
     bus = MemoryCanBus(clock, 1_000_000)
     yield bus.connect(), bus.connect()
@@ -253,6 +283,23 @@ LINE = LineSettings(9600, Parity.EVEN)
 CASES = (
     Case("memory", _memory),
     Case("paced", _around(lambda wire, clock: Paced(wire, LINE, clock)), volume=60_000),
+    Case(
+        "usb adapter",
+        _around(lambda wire, clock: UsbAdapter(wire, UsbAdapterProfile(), clock)),
+        volume=60_000,
+    ),
+    Case(
+        "usb adapter of the peer",
+        _around(lambda wire, clock: UsbAdapter(wire, UsbAdapterProfile(), clock, Direction.SENT)),
+        volume=60_000,
+    ),
+    Case("usb adapter on a line", _adapter_url, peer_end_right=None, volume=60_000),
+    Case("rfc2217", _rfc2217),
+    Case(
+        "reconnecting",
+        _around(lambda wire, clock: Reconnecting(wire, _never, 0.05, clock, lambda kind, text: None)),
+        peer_end=TransportBroken,
+    ),
     Case("delayed", _around(lambda wire, clock: Delayed(wire, 0.020, clock))),
     Case("tap", _around(lambda wire, clock: Tap(wire, lambda direction, data: None))),
     Case("faultless", _around(lambda wire, clock: Faulty(wire, Faults()))),
