@@ -211,7 +211,10 @@ def can_interface(root: Path, name: str, details: Mapping[str, Mapping[str, Any]
     if kind == "vcan":
         return ok(subject, "is up, virtual")
     bitrate, state, restart_ms = told.get("bitrate"), str(told.get("state", "")), told.get("restart_ms", 0)
-    text = ", ".join(filter(None, (f"is up, {bitrate} bit/s" if bitrate else "is up", state.lower())))
+    errors = tuple(told.get("errors", (0, 0)))
+    counters = "error counters sent {}, received {}".format(*errors) if any(errors) else ""
+    parts = ("is up", f"{bitrate} bit/s" if bitrate else "", state.lower(), counters)
+    text = ", ".join(filter(None, parts))
     if bitrate is not None and bitrate != GATEWAY_BITRATE:
         return fail(
             subject,
@@ -251,6 +254,7 @@ def link_details(text: str) -> dict[str, dict[str, Any]]:
             "bitrate": timing.get("bitrate"),
             "state": data.get("state", ""),
             "restart_ms": data.get("restart_ms", 0),
+            "errors": tuple(_table(data, "berr_counter").get(side, 0) for side in ("tx", "rx")),
         }
     return found
 

@@ -1,0 +1,247 @@
+"""The doctor on computers laid out in a folder: what it says of them, and what to do."""
+
+import json
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from hil_bridge.cli import cli
+from hil_bridge.config import Config, RobotConfig, SensorConfig
+from hil_bridge.realtime import RealTime
+from hil_bridge.site import doctor, facts
+from hil_bridge.site.facts import Fact, Level
+
+
+def put(root: Path, files: dict[str, str]) -> Path:
+    for name, text in files.items():
+        file = root / name
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(text)
+    return root
+
+
+def usb_port(root: Path, latency_ms: int | None = 16) -> Path:
+    """An FTDI adapter as ttyUSB0."""
+    device = root / "sys/devices/usb1/1-2"
+    port = device / "1-2:1.0/ttyUSB0"
+    put(
+        root,
+        {
+            "sys/devices/usb1/1-2/idVendor": "0403\n",
+            "sys/devices/usb1/1-2/idProduct": "6001\n",
+            "sys/devices/usb1/1-2/product": "FT232R USB UART\n",
+            "sys/bus/usb-serial/drivers/ftdi_sio/uevent": "",
+            "dev/ttyUSB0": "",
+            "proc/1/comm": "init\n",
+        },
+    )
+    port.mkdir(parents=True)
+    (port / "driver").symlink_to(root / "sys/bus/usb-serial/drivers/ftdi_sio")
+    tty = root / "sys/class/tty/ttyUSB0"
+    tty.mkdir(parents=True)
+    (tty / "device").symlink_to(port)
+    if latency_ms is not None:
+        put(root, {"sys/bus/usb-serial/devices/ttyUSB0/latency_timer": f"{latency_ms}\n"})
+    return root
+
+
+CAN0 = {"sys/class/net/can0/type": "280\n", "sys/class/net/can0/flags": "0x40081\n"}
+DETAILS = {"kind": "can", "bitrate": 1_000_000, "state": "ERROR-ACTIVE", "restart_ms": 100, "errors": (0, 0)}
+
+
+def one(found: Fact) -> tuple[Level, str]:
+    return found.level, str(found)
+
+
+def test_a_usb_adapter_is_named_and_its_latency_is_warned_of(tmp_path: Path) -> None:
+    port, timer = facts.serial_ports(usb_port(tmp_path))
+    assert port == facts.ok("serial port /dev/ttyUSB0", "FT232R USB UART (0403:6001, ftdi_sio)")
+    assert timer.level is Level.WARN
+    assert "16 ms" in timer.text
+    assert "setserial /dev/ttyUSB0 low_latency" in timer.remedy
+
+
+def test_a_low_latency_timer_is_good_and_a_port_without_one_says_nothing(tmp_path: Path) -> None:
+    assert [found.level for found in facts.serial_ports(usb_port(tmp_path / "a", 1))] == [Level.OK, Level.OK]
+    assert len(list(facts.serial_ports(usb_port(tmp_path / "b", None)))) == 1
+
+
+def test_a_port_without_permission_names_the_group(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    root = usb_port(tmp_path)
+    monkeypatch.setattr("os.access", lambda path, mode: False)
+    level, text = one(facts.serial_port(root, "ttyUSB0"))
+    assert level is Level.FAIL
+    assert "no permission; `sudo usermod -aG " in text
+
+
+def test_a_port_that_another_program_holds_names_it(tmp_path: Path) -> None:
+    root = put(usb_port(tmp_path), {"proc/77/comm": "minicom\n", "proc/77/fd/0": ""})
+    (root / "proc/77/fd/3").symlink_to("/dev/ttyUSB0")
+    (root / "proc/77/fd/0").unlink()
+    level, text = one(facts.serial_port(root, "ttyUSB0"))
+    assert level is Level.WARN
+    assert "in use by minicom (77)" in text
+
+
+def test_ports_without_hardware_are_left_out(tmp_path: Path) -> None:
+    root = put(
+        tmp_path,
+        {
+            "sys/class/tty/ttyS1/type": "0\n",
+            "sys/class/tty/ttyS1/device/driver/x": "",
+            "sys/class/tty/tty0/x": "",
+        },
+    )
+    (found,) = facts.serial_ports(root)
+    assert found.level is Level.WARN
+    assert "none found" in found.text
+
+
+@pytest.mark.parametrize(
+    ("files", "details", "level", "words"),
+    [
+        (CAN0, DETAILS, Level.OK, "is up, 1000000 bit/s, error-active"),
+        (
+            {**CAN0, "sys/class/net/can0/flags": "0x40080"},
+            DETAILS,
+            Level.FAIL,
+            "is down; `sudo ip link set can0 up type",
+        ),
+        (CAN0, {**DETAILS, "bitrate": 500_000}, Level.FAIL, "a JR3 gateway speaks 1000000"),
+        (CAN0, {**DETAILS, "state": "BUS-OFF"}, Level.FAIL, "check cable and termination"),
+        (CAN0, {**DETAILS, "state": "ERROR-PASSIVE", "errors": (0, 128)}, Level.WARN, "sent 0, received 128"),
+        (CAN0, {**DETAILS, "restart_ms": 0}, Level.WARN, "restart-ms 100"),
+        (CAN0, {"kind": "vcan"}, Level.OK, "virtual"),
+        ({}, DETAILS, Level.FAIL, "there is no such CAN interface (there are: none)"),
+        ({"sys/class/net/can0/type": "1\n"}, DETAILS, Level.FAIL, "there is no such CAN interface"),
+    ],
+)
+def test_can_interfaces(tmp_path: Path, files, details, level, words) -> None:
+    found = facts.can_interface(put(tmp_path, files), "can0", {"can0": details})
+    assert found.level is level
+    assert words in str(found)
+
+
+def test_without_iproute2_the_bit_rate_is_not_told(tmp_path: Path) -> None:
+    can0, iproute2 = facts.can_interfaces(put(tmp_path, CAN0), None)
+    assert one(can0) == (Level.OK, "ok    CAN interface can0: is up")
+    assert iproute2.level is Level.WARN
+    assert [f.text for f in facts.can_interfaces(tmp_path / "none", None)] == ["none"]
+
+
+def test_details_come_from_iproute2s_json() -> None:
+    """As iproute2 6.1 prints it, shortened to what is read."""
+    text = json.dumps(
+        [
+            {"ifname": "lo"},
+            {
+                "ifname": "can0",
+                "linkinfo": {
+                    "info_kind": "can",
+                    "info_data": {
+                        "state": "ERROR-ACTIVE",
+                        "berr_counter": {"tx": 0, "rx": 0},
+                        "restart_ms": 100,
+                        "bittiming": {"bitrate": 1000000, "sample_point": "0.750"},
+                    },
+                },
+            },
+        ]
+    )
+    assert facts.link_details(text) == {"can0": DETAILS}
+
+
+@pytest.mark.parametrize(
+    "text", ["", "{", "{}", "[1]", '[{"linkinfo": 1}]', '[{"linkinfo": {"info_data": 3}}]']
+)
+def test_details_of_anything_else_are_taken_with_care(text: str) -> None:
+    assert all(not told["bitrate"] for told in facts.link_details(text).values())
+
+
+def test_clock_scheduler_and_processors(tmp_path: Path) -> None:
+    source = "sys/devices/system/clocksource/clocksource0/current_clocksource"
+    assert facts.clock_source(put(tmp_path, {source: "tsc\n"})).level is Level.OK
+    assert facts.clock_source(put(tmp_path, {source: "hpet\n"})).level is Level.WARN
+    assert facts.timer_slack(put(tmp_path, {"proc/self/timerslack_ns": "50000\n"})).text == "50 µs"
+    assert facts.governors(tmp_path).level is Level.OK
+    governor = "sys/devices/system/cpu/cpu0/cpufreq/scaling_governor"
+    assert facts.governors(put(tmp_path, {governor: "powersave\n"})).level is Level.WARN
+    assert facts.governors(put(tmp_path, {governor: "performance\n"})).text == "performance"
+    assert facts.processors([0]).level is Level.WARN
+    assert facts.processors([0, 1]).level is Level.OK
+    assert facts.vcan(tmp_path, "6.1").level is Level.WARN
+    assert (
+        facts.vcan(
+            put(tmp_path, {"lib/modules/6.1/modules.dep": "kernel/net/can/vcan.ko.xz:\n"}), "6.1"
+        ).level
+        is Level.OK
+    )
+    assert doctor.locked_memory(8 << 20).level is Level.WARN
+    assert doctor.locked_memory(-1).level is Level.OK
+
+
+def test_wake_ups_are_judged_by_their_99th_percentile() -> None:
+    assert doctor.judged([1e-4] * 995 + [5e-3] * 5).level is Level.OK
+    late = doctor.judged([1e-4] * 980 + [5e-3] * 20)
+    assert late.level is Level.WARN
+    assert "99 % within 5000 µs" in late.text
+
+
+def findings(config: Config, root: Path, details=None) -> dict[str, Fact]:
+    return {found.subject: found for found in doctor.wires(config, root, details)}
+
+
+def test_the_wires_of_a_configuration_are_checked(tmp_path: Path) -> None:
+    root = put(usb_port(tmp_path), CAN0)
+    config = Config(
+        robot=RobotConfig(url="serial:///dev/ttyUSB0?baudrate=9600&parity=E"),
+        sensor=SensorConfig(url="can+socketcan://can0"),
+    )
+    found = findings(config, root, {"can0": DETAILS})
+    assert {key: fact.level for key, fact in found.items()} == {"robot.url": Level.OK, "sensor.url": Level.OK}
+
+
+def test_a_link_to_a_port_is_followed(tmp_path: Path) -> None:
+    root = usb_port(tmp_path)
+    (root / "dev/serial/by-id").mkdir(parents=True)
+    (root / "dev/serial/by-id/robot").symlink_to("../../ttyUSB0")
+    config = Config(robot=RobotConfig(url="serial:///dev/serial/by-id/robot"))
+    assert "ftdi_sio" in findings(config, root)["robot.url"].text
+
+
+@pytest.mark.parametrize(
+    ("robot", "sensor", "key", "words"),
+    [
+        ("serial:///dev/ttyUSB9", "", "robot.url", "there is no such port"),
+        ("serial:///etc/nothing", "", "robot.url", "there is no such port"),
+        ("serail:///dev/ttyUSB0", "", "robot.url", "unknown scheme"),
+        ("memory:robot", "", "robot.url", "inside one process"),
+        ("", "can+socketcan://can7", "sensor.url", "no such CAN interface"),
+        ("", "serial:///dev/ttyACM3?gateway=jr3", "sensor.url", "/dev/ttyACM3: there is no such port"),
+        ("", "can+slcan:///dev/ttyACM3", "sensor.url", "/dev/ttyACM3: there is no such port"),
+        ("", "jr3+tcp://127.0.0.1:1?filter=2", "sensor.url", "127.0.0.1 port 1: "),
+    ],
+)
+def test_wires_that_cannot_work_are_named(tmp_path: Path, robot, sensor, key, words) -> None:
+    config = Config(robot=RobotConfig(url=robot), sensor=SensorConfig(url=sensor))
+    found = findings(config, usb_port(tmp_path))[key]
+    assert found.level is Level.FAIL
+    assert words in str(found)
+
+
+def test_a_thread_that_the_machine_refuses_is_told(tmp_path: Path) -> None:
+    found = findings(Config(realtime=RealTime(cpus=(4096,))), tmp_path)
+    assert found["realtime"].level is Level.FAIL
+
+
+def test_the_command_ends_with_3_only_for_what_a_configuration_names(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(doctor, "wake_ups", lambda: facts.ok("wake-ups", "on time"))
+    assert CliRunner().invoke(cli, ["doctor"]).exit_code == 0
+    file = tmp_path / "site.toml"
+    file.write_text('[robot]\nurl = "serial:///dev/ttyUSB99"\n')
+    result = CliRunner().invoke(cli, ["doctor", str(file)])
+    assert result.exit_code == 3
+    assert "fail  robot.url: serial port /dev/ttyUSB99: there is no such port" in result.output
