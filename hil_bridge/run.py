@@ -27,10 +27,9 @@ from hil_bridge.control import (
 )
 from hil_bridge.devices import ForceSensor, Motion, RobotLink
 from hil_bridge.errors import BridgeError, DeviceError
+from hil_bridge.line_time import answer_time
 from hil_bridge.recording import PHASE_EVENT, STOP_EVENT, CycleRecord, EventRecord, Outcome
-from protocol.adlp import BLOCK_OVERHEAD, HEADER_SIZE, LinkProfile
 from protocol.arap import Quaternion, Status, Vector, round_position
-from protocol.arap.layouts import STATUS
 from protocol.jr3 import AXES, SensorFrame
 
 TIME_IS_UP = "time is up"
@@ -59,25 +58,6 @@ class RunResult:
 
     outcome: Outcome
     cause: str = ""
-
-
-def line_floor(profile: LinkProfile) -> float:
-    """What the characters of one cycle take on the line at least, s: a status and a move, without turnaround.
-
-    Derived: order and answer each travel as ENQ, ACK, block, ACK, EOT. Source: computer-link specification,
-    section 5.
-    """
-    telegrams = HEADER_SIZE + (HEADER_SIZE + STATUS.size) + profile.move_length + HEADER_SIZE
-    return (telegrams + 4 * (4 + BLOCK_OVERHEAD)) * profile.character_time
-
-
-def answer_time(profile: LinkProfile) -> float:
-    """From a status answer's beginning to its end on the line, s: how old the position in it is on arrival.
-
-    Derived: the controller reads its position, bids, and is done with the EOT: ENQ, ACK, block, ACK, EOT.
-    Source: computer-link specification, sections 2 and 5.
-    """
-    return (HEADER_SIZE + STATUS.size + BLOCK_OVERHEAD + 4) * profile.character_time
 
 
 def control_loop(config: Config) -> ControlLoop:

@@ -20,6 +20,7 @@ from hil_bridge.compose import opened_devices
 from hil_bridge.config import Config, dump
 from hil_bridge.devices import ForceSensor, RobotLink
 from hil_bridge.errors import BridgeError, ConfigError
+from hil_bridge.line_time import line_floor
 from hil_bridge.realtime import collect_young, quiet_garbage, scheduled
 from hil_bridge.recording import (
     CycleRecord,
@@ -33,7 +34,7 @@ from hil_bridge.recording import (
     read,
     summarise,
 )
-from hil_bridge.run import Run, RunResult, line_floor
+from hil_bridge.run import Run, RunResult
 from hil_bridge.transports import Direction
 from hil_bridge.truth import Truths
 from hil_bridge.view import REFRESH_SECONDS, Health, LiveView
@@ -262,6 +263,7 @@ class _Session:
             line_floor(self._link),
             dict(self._robot.counters) if self._robot else {},
             self._sensor.lost if self._sensor else None,
+            self._sensor.delay if self._sensor else None,
         )
 
     async def _with_devices(self) -> RunResult:
@@ -356,5 +358,7 @@ def _print_figures(summary: Summary) -> None:
     if summary.cycle_time is not None:
         floor = f", {summary.line_floor_s * 1e3:.1f} ms of it the line" if summary.line_floor_s else ""
         rows.append(("cycle time", f"{summary.cycle_time.mean_s * 1e3:.1f} ms mean{floor}"))
+    if summary.latency_sentence:
+        rows.append(("latency", summary.latency_sentence))
     for name, text in rows:
         click.echo(f"  {name:<15}{text}")

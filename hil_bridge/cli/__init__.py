@@ -11,6 +11,7 @@ from hil_bridge.cli.emulate import emulate
 from hil_bridge.cli.experiment import experiment
 from hil_bridge.cli.files import config, profile, report
 from hil_bridge.cli.identify_tool import identify_tool
+from hil_bridge.cli.latency import latency
 from hil_bridge.cli.monitor import monitor
 from hil_bridge.cli.probe import probe
 from hil_bridge.cli.replay import replay
@@ -45,6 +46,7 @@ for command in (
     experiment,
     decode,
     replay,
+    latency,
     report,
     config,
     profile,

@@ -9,13 +9,13 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
 
-import numpy as np
-
 from hil_bridge.control.merit import STEADY_SAMPLES, figures_of_merit
 from hil_bridge.recording.files import write_whole
+from hil_bridge.recording.latency import latency_of
 from hil_bridge.recording.reader import Recording
 from hil_bridge.recording.recorder import DROPPED_PREFIX
 from hil_bridge.recording.records import CycleRecord
+from hil_bridge.recording.times import Times, times_of
 from hil_bridge.recording.topics import SENSOR, TOPICS, finite
 
 PHASE_EVENT = "phase"
@@ -48,6 +48,8 @@ class RunEnd:
     """Counters of the computer link by name."""
     sensor_lost: int | None = None
     """Sensor frames that were sent and never came, as the client of the gateway counts them."""
+    sensor_delay_s: float | None = None
+    """How much later than the force itself the sensor's filter tells of it."""
 
     def as_metadata(self) -> dict[str, str]:
         """For `Recorder.close`, so that a record tells its end by itself."""
@@ -57,6 +59,7 @@ class RunEnd:
             "line_floor_s": json.dumps(self.line_floor_s),
             "link": json.dumps(dict(self.link), sort_keys=True),
             "sensor_lost": json.dumps(self.sensor_lost),
+            "sensor_delay_s": json.dumps(self.sensor_delay_s),
         }
 
 
@@ -67,17 +70,6 @@ class PhaseSpan:
     name: str
     begin: float
     end: float
-
-
-@dataclass(frozen=True, slots=True)
-class Times:
-    """A distribution of durations, s."""
-
-    mean_s: float
-    p50_s: float
-    p90_s: float
-    p99_s: float
-    max_s: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,6 +103,12 @@ class Summary:
     """Records that did not reach the file, by topic."""
     link: Mapping[str, float]
     """Counters of the links."""
+    latency: Mapping[str, Mapping[str, float]]
+    """Distribution of each hop between a force and the motion that answers it, ms; empty when it was not stamped."""
+    latency_largest: str
+    """Which hop takes most of it, in words."""
+    latency_sentence: str
+    """The whole of it in one line."""
 
     def as_json(self) -> str:
         """The same as JSON, strict and in the order of the fields."""
@@ -133,6 +131,7 @@ def summarise(recording: Recording, end: RunEnd | None = None) -> Summary:
     steady = figures.get("steady_mean_error_n") is not None
     references = [cycle.force_reference for cycle in track or cycles]
     spans = phases(recording)
+    latency = latency_of(recording)
     return Summary(
         outcome=end.outcome.value,
         cause=end.cause,
@@ -152,12 +151,15 @@ def summarise(recording: Recording, end: RunEnd | None = None) -> Summary:
         cycles_clamped=sum(cycle.verdict == "clamp" for cycle in cycles),
         cycles_held=sum(cycle.held for cycle in cycles),
         cycle_rate_hz=_rate(cycles),
-        cycle_time=_times([cycle.answered_at - cycle.started_at for cycle in cycles]),
+        cycle_time=times_of([cycle.answered_at - cycle.started_at for cycle in cycles]),
         line_floor_s=end.line_floor_s,
         sensor_frames_received=len(recording.sensors) + dropped[SENSOR.name],
         sensor_frames_lost=end.sensor_lost,
         recorder_dropped=dropped,
         link=dict(end.link),
+        latency=latency.as_ms() if latency else {},
+        latency_largest=latency.largest_words if latency else "",
+        latency_sentence=latency.sentence if latency else "",
     )
 
 
@@ -166,13 +168,14 @@ def end_of(recording: Recording) -> RunEnd:
     told = recording.end
     outcome = told.get("outcome", "")
     floor, link = _json(told.get("line_floor_s")), _json(told.get("link"))
-    lost = _json(told.get("sensor_lost"))
+    lost, delay = _json(told.get("sensor_lost")), _json(told.get("sensor_delay_s"))
     return RunEnd(
         Outcome(outcome) if outcome in set(Outcome) else Outcome.INTERRUPTED,
         told.get("cause", "") if told else "the recording ends before the run does",
         float(floor) if isinstance(floor, (int, float)) else None,
         {str(k): v for k, v in link.items() if isinstance(v, (int, float))} if isinstance(link, dict) else {},
         lost if isinstance(lost, int) else None,
+        float(delay) if isinstance(delay, (int, float)) else None,
     )
 
 
@@ -220,14 +223,6 @@ def _figures(track: Sequence[CycleRecord]) -> dict[str, float | None]:
 def _rate(cycles: Sequence[CycleRecord]) -> float | None:
     span = cycles[-1].started_at - cycles[0].started_at if len(cycles) > 1 else 0.0
     return (len(cycles) - 1) / span if span > 0 else None
-
-
-def _times(durations: Sequence[float]) -> Times | None:
-    known = [duration for duration in durations if math.isfinite(duration)]
-    if not known:
-        return None
-    p50, p90, p99 = (float(value) for value in np.percentile(known, (50, 90, 99)))
-    return Times(statistics.fmean(known), p50, p90, p99, max(known))
 
 
 def _dropped(recording: Recording) -> dict[str, int]:

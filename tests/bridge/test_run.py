@@ -11,8 +11,8 @@ import pytest
 from hil_bridge.config import Config
 from hil_bridge.control import CONTROLLERS, Command, Measurement
 from hil_bridge.errors import DeviceError
+from hil_bridge.line_time import answer_time, line_floor
 from hil_bridge.recording import CycleRecord, Outcome
-from hil_bridge.run import answer_time, line_floor
 from hil_bridge.transports import Faults
 from protocol.adlp import LinkProfile
 from protocol.can import CanFrame

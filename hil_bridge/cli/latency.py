@@ -1,0 +1,92 @@
+"""`hil-bridge latency`: where a recorded run's time went, and the same for an emulation."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from hil_bridge.config import Config
+    from hil_bridge.recording.latency import Latency, Part
+    from protocol.adlp import LinkProfile
+
+_FILE = click.Path(path_type=Path)
+
+
+@click.command()
+@click.argument("recording", type=_FILE)
+@click.option(
+    "-o", "--output", type=_FILE, metavar="SITE.toml", help="Write settings for an emulation that is as late."
+)
+def latency(recording: Path, output: Path | None) -> None:
+    """Tell where the time between a force and the motion that answers it went in a recorded run.
+
+    With -o the site's turnaround and the jitter of its sensor become a configuration: `hil-bridge run SITE.toml`
+    then draws them anew, by the seed, in the emulated cell.
+    """
+    from hil_bridge.errors import ConfigError
+    from hil_bridge.recording import read
+    from hil_bridge.recording.files import write_whole
+    from hil_bridge.recording.latency import latency_of
+    from hil_bridge.recording.site_latency import site_settings
+    from hil_bridge.replay import recorded_config
+
+    record = read(recording)
+    found = latency_of(record)
+    if found is None:
+        raise ConfigError(f"{recording} holds no cycle that was stamped at every hop; record a longer run")
+    for line in _lines(found):
+        click.echo(line)
+    if output is not None:
+        config = recorded_config(record, {})
+        gateway = _gateway(config)
+        write_whole(output, site_settings(record, _line(config), gateway).encode())
+        note = "" if gateway else "; the delay of a receiver board's samples is not emulated"
+        click.echo(f"wrote {output}{note}")
+
+
+def _lines(found: "Latency") -> "Iterator[str]":
+    yield f"{'hop':<19}{'whose':<10}{'p50':>8}{'p90':>8}{'p99':>8}{'max':>8}  ms"
+    for part in found.chain:
+        yield _row(part)
+    total = found.total
+    yield f"{found.name:<29}" + _figures(total.p50_s, total.p90_s, total.p99_s, total.max_s)
+    yield f"largest: {found.largest_words}"
+    if found.beside:
+        yield "beside it:"
+        for part in found.beside:
+            yield _row(part)
+    for constant in found.constants:
+        yield f"not stamped: {constant.words}, {constant.seconds * 1e3:.1f} ms ({constant.source})"
+
+
+def _row(part: "Part") -> str:
+    hop, times = part.hop, part.times
+    figures = _figures(times.p50_s, times.p90_s, times.p99_s, times.max_s)
+    return f"{hop.name:<19}{hop.owner:<10}{figures}  {hop.words}"
+
+
+def _figures(*seconds: float) -> str:
+    return "".join(f"{value * 1e3:8.2f}" for value in seconds)
+
+
+def _line(config: "Config") -> "LinkProfile":
+    """The line as it was: a URL may have set it."""
+    from hil_bridge.compose import robot_wire
+
+    url, link = config.robot.url, config.robot.link
+    return robot_wire(url, link)[1] if url else link
+
+
+def _gateway(config: "Config") -> str | None:
+    """The section of the emulated gateway that stands for the run's sensor."""
+    from hil_bridge.compose import uart_wire
+    from hil_bridge.registers import BOARD
+    from hil_bridge.transports.urls import CONNECT_BYTES
+
+    url = config.sensor.url
+    if url.startswith(BOARD):
+        return None
+    return "gateway" if not url or uart_wire(url, CONNECT_BYTES) is None else "uart_gateway"
