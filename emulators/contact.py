@@ -218,7 +218,7 @@ class Contact:
         # One row an axis: numpy is quickest along the last dimension, and three is too short for it.
         depth, normal = self._depth_and_normal(positions.T)
         material = self._material
-        if not material.remembers and depth.max(initial=0.0) <= 0.0:
+        if not material.remembers and not (depth > 0.0).any():
             return np.zeros_like(positions)
         velocity = velocities.T
         leaving = np.einsum("ij,ij->j", velocity, normal)

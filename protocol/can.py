@@ -23,6 +23,10 @@ class CanFrame:
         if len(self.data) > 8:
             raise ValueError(f"a CAN frame holds at most 8 bytes, got {len(self.data)}")
 
+    def stamped(self, received_at: float) -> "CanFrame":
+        """The same frame as an interface hands it over, with the time at which it was there."""
+        return CanFrame(self.identifier, self.data, self.extended, self.remote, self.error, received_at)
+
     def __str__(self) -> str:
         width = 8 if self.extended else 3
         return f"{self.identifier:0{width}X}#{'R' if self.remote else self.data.hex().upper()}"

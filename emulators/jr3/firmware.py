@@ -6,7 +6,7 @@ it adds its wire, and when it listens.
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
@@ -38,6 +38,10 @@ class _Sampling:
     started_at: float
     taken: int = 0
     """Samples so far: the frame counter before it wraps."""
+    read: int = 0
+    """Samples that were read of the sensor so far, some of them ahead of their time."""
+    ahead: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 6)))
+    """Counts of the samples that were read last: those not yet taken are at its end."""
 
 
 @dataclass(slots=True)
@@ -167,8 +171,9 @@ class Firmware:
     def _newest(self, sampling: _Sampling, at: float) -> Sample:
         self._take_samples(at)
         # Floor and wrap: the firmware shifts a fixed-point number right and sends its low 16 bits.
-        counts = np.floor(self._filtered - self._offset).astype(np.int64).astype(np.int16)
-        return Sample(counts.tolist(), sampling.taken % COUNTER_MODULUS)
+        zeroed = (self._filtered - self._offset).tolist()
+        counts = [(math.floor(value) + 0x8000 & 0xFFFF) - 0x8000 for value in zeroed]
+        return Sample(counts, sampling.taken % COUNTER_MODULUS)
 
     def _begin_sampling(self, now: float) -> None:
         if self._sampling is None:
@@ -182,11 +187,25 @@ class Firmware:
         total = math.floor((until - sampling.started_at) / self._sample_period)
         while sampling.taken < total:
             last = min(total, sampling.taken + _BLOCK)
-            times = np.arange(sampling.taken + 1, last + 1) * self._sample_period + sampling.started_at
-            self._filter(self._sensor.counts(np.floor(times * SENSOR_RATE_HZ).astype(np.int64)))
+            if last > sampling.read:
+                self._read(sampling, last)
+            begin = len(sampling.ahead) - (sampling.read - sampling.taken)
+            self._filter(sampling.ahead[begin : begin + last - sampling.taken])
             sampling.taken = last
 
-    def _filter(self, counts: NDArray[np.int64]) -> None:
+    def _read(self, sampling: _Sampling, last: int) -> None:
+        """Have the samples up to number `last` at hand, and those behind it that are certain already."""
+        rest = sampling.ahead[len(sampling.ahead) - (sampling.read - sampling.taken) :]
+        period, began = self._sample_period, sampling.started_at
+        first = math.floor(((sampling.read + 1) * period + began) * SENSOR_RATE_HZ)
+        counts = self._sensor.counts_from(first, math.floor((last * period + began) * SENSOR_RATE_HZ))
+        certain = (first + len(counts) - 1) / SENSOR_RATE_HZ
+        before, sampling.read = sampling.read, max(last, math.floor((certain - began) / period))
+        times = np.arange(before + 1, sampling.read + 1) * period + began
+        numbers = np.floor(times * SENSOR_RATE_HZ).astype(np.int64)
+        sampling.ahead = np.concatenate((rest, counts.take(numbers - first, axis=0)))
+
+    def _filter(self, counts: NDArray[np.float64]) -> None:
         """First-order low pass, y += α (x − y); α may differ from the block before."""
         away = counts - self._filtered
         if self._zero_requested:

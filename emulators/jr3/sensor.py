@@ -112,14 +112,15 @@ class Jr3Sensor:
         self._seed = seed
         words = np.array(profile.full_scale_words, dtype=np.float64)
         self._counts_per_unit = FULL_SCALE_COUNTS / (words * [1, 1, 1, 0.1, 0.1, 0.1])
+        self._saturation_counts = float(profile.saturation_counts)
         self._raw_per_wrench = self._counts_per_unit[:, np.newaxis] * profile.coupling_matrix
         self.calibration: NDArray[np.float64] = np.asarray(np.linalg.inv(self._raw_per_wrench), np.float64)
         """What makes a wrench in N and N·m of raw channels 1 … 6: wrench = raw @ calibration."""
-        self._ready = np.empty((0, _AXES), dtype=np.int64)
+        self._ready = np.empty((0, _AXES))
         """Counts of the samples from number `_ready_from` on that were computed already."""
         self._ready_from = 0
         self._chunk_number: int | None = None
-        self._chunk = np.empty((0, 6))
+        self._chunk = np.empty((_AXES, 0))
 
     def counts(self, indices: NDArray[np.int64]) -> NDArray[np.int64]:
         """Six counts (n, 6) of the samples with these numbers k, which do not fall.
@@ -129,29 +130,34 @@ class Jr3Sensor:
         if not len(indices):
             return np.empty((0, _AXES), dtype=np.int64)
         first, last = int(indices[0]), int(indices[-1])
+        return self.counts_from(first, last).take(indices - first, axis=0).astype(np.int64)
+
+    def counts_from(self, first: int, last: int) -> NDArray[np.float64]:
+        """Six counts (n, 6), whole numbers, of sample number `first` and all after it: to `last`, the newest that
+        there is at present, and on behind it as far as they are certain.
+        """
         begin, ready = self._ready_from, self._ready_from + len(self._ready)
         if not begin <= first <= ready:
             begin = ready = first
         if last >= ready:
             ahead = math.floor(self.certain_until(last / SENSOR_RATE_HZ) * SENSOR_RATE_HZ)
-            end = max(last + 1, min(ahead, last + _AHEAD))
-            fresh = self._counts(np.arange(ready, end))
+            fresh = self._counts(np.arange(ready, max(last + 1, min(ahead, last + _AHEAD))))
             # What was read last is kept: a reader may begin anew at the same moment.
-            kept = self._ready[max(first - self._ready_from, 0) :] if ready > first else fresh[:0]
-            self._ready, self._ready_from = np.concatenate((kept, fresh)), first
-            begin = first
-        return self._ready.take(indices - begin, axis=0)
+            self._ready = np.concatenate((self._ready[first - begin :], fresh)) if ready > first else fresh
+            begin = self._ready_from = first
+        return self._ready[first - begin :]
 
-    def _counts(self, indices: NDArray[np.int64]) -> NDArray[np.int64]:
-        counts = self._wrench_at(indices / SENSOR_RATE_HZ) * self._counts_per_unit
+    def _counts(self, indices: NDArray[np.int64]) -> NDArray[np.float64]:
+        # One row an axis: numpy is quickest along the last dimension, and six is too short for it.
+        counts = self._wrench_at(indices / SENSOR_RATE_HZ).T * self._counts_per_unit[:, np.newaxis]
         if self.profile.noise_counts:
             counts += self._noise(indices)
         # Assumed: rounded to nearest.
         np.rint(counts, out=counts)
         # ndarray.clip costs several times as much for blocks as small as one period.
         np.maximum(counts, -32768.0, out=counts)
-        np.minimum(counts, self.profile.saturation_counts, out=counts)
-        return counts.astype(np.int64)
+        np.minimum(counts, self._saturation_counts, out=counts)
+        return counts.T
 
     def certain_until(self, now: float) -> float:
         """Time up to which samples may be read ahead, at least `now`, s."""
@@ -166,7 +172,7 @@ class Jr3Sensor:
         step = 1 << (16 - self.profile.adc_bits)
         channels = self._wrench_at(indices / SENSOR_RATE_HZ) @ self._raw_per_wrench
         if self.profile.noise_counts:
-            channels += self._noise(indices)
+            channels += self._noise(indices).T
         if step > 1:
             channels /= step
         np.rint(channels, out=channels)
@@ -177,22 +183,27 @@ class Jr3Sensor:
         return channels.astype(np.int64)
 
     def _noise(self, indices: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Of the samples with these numbers, counts (6, n)."""
         if not len(indices):
-            return np.empty((0, 6))
+            return np.empty((_AXES, 0))
         first, last = int(indices[0]) // _CHUNK, int(indices[-1]) // _CHUNK
         if first == last:
-            return self._noise_chunk(first).take(indices - first * _CHUNK, axis=0)
-        noise = np.empty((len(indices), 6))
-        numbers = indices // _CHUNK
-        for number in np.unique(numbers):
-            chosen = numbers == number
-            noise[chosen] = self._noise_chunk(int(number))[indices[chosen] % _CHUNK]
-        return noise
+            return self._noise_chunk(first).take(indices - first * _CHUNK, axis=1)
+        edges = np.searchsorted(indices, np.arange(first, last + 2) * _CHUNK).tolist()
+        return np.concatenate(
+            [
+                self._noise_chunk(number).take(indices[begin:end] - number * _CHUNK, axis=1)
+                for number, begin, end in zip(range(first, last + 1), edges, edges[1:], strict=False)
+                if begin < end
+            ],
+            axis=1,
+        )
 
     def _noise_chunk(self, number: int) -> NDArray[np.float64]:
         if number != self._chunk_number:
             # A counter-based generator reaches every chunk at once; the upper words keep chunks apart.
             bits = np.random.Philox(key=self._seed % 2**128, counter=[0, 0, number % 2**64, 0])
-            self._chunk = np.random.Generator(bits).normal(0.0, self.profile.noise_counts, (_CHUNK, 6))
+            noise = np.random.Generator(bits).normal(0.0, self.profile.noise_counts, (_CHUNK, _AXES))
+            self._chunk = np.ascontiguousarray(noise.T)
             self._chunk_number = number
         return self._chunk

@@ -286,12 +286,15 @@ class Motion:
         Times before the history, which holds the last ten seconds, answer as its first moment.
         """
         path = np.empty((6, len(times)))
-        first, last, since = self._locate(times)
-        for tick, part in self._stretches(first, last, since):
-            basis = np.empty((3, part.stop - part.start))
-            basis[0] = 1.0
-            basis[1:] = self._loop.response(np.maximum(since[part] - tick * self._period, 0.0))
-            np.matmul(self._history[tick % self._size], basis, out=path[:, part])
+        first, last, tau = self._locate(times)
+        stretches = self._stretches(first, last, tau)
+        for tick, part in stretches:
+            tau[part] -= tick * self._period
+        basis = np.empty((3, len(times)))
+        basis[0] = 1.0
+        basis[1:] = self._loop.response(np.maximum(tau, 0.0, out=tau))
+        for tick, part in stretches:
+            np.matmul(self._history[tick % self._size], basis[:, part], out=path[:, part])
         return path[:3].T, path[3:].T
 
     def orientations(self, times: Floats) -> list[tuple[slice, Quaternion]]:

@@ -39,43 +39,44 @@ class SendQueue:
     a stuck one does not keep old commands for later.
     """
 
-    __slots__ = ("_deadline", "_frames", "_name", "dropped", "progress", "sent")
+    __slots__ = ("_deadline", "_name", "dropped", "frames", "progress", "sent")
 
     def __init__(self, name: str, deadline_s: float = SEND_DEADLINE_S) -> None:
         self._name = name
         self._deadline = deadline_s
-        self._frames: deque[tuple[float, CanFrame]] = deque()
+        self.frames: deque[tuple[float, CanFrame]] = deque()
+        """Since when each waits, s, and the frame."""
         self.progress = float("-inf")
         """When a frame left last, s."""
         self.sent = 0
         self.dropped = 0
 
     def __len__(self) -> int:
-        return len(self._frames)
+        return len(self.frames)
 
     @property
     def head(self) -> CanFrame:
         """The frame that is next."""
-        return self._frames[0][1]
+        return self.frames[0][1]
 
     @property
     def give_up_at(self) -> float:
         """When the next frame is given up, s; never while there is none."""
-        return max(self._frames[0][0], self.progress) + self._deadline if self._frames else float("inf")
+        return max(self.frames[0][0], self.progress) + self._deadline if self.frames else float("inf")
 
     def put(self, frames: Frames, now: float) -> None:
         """Queue all of them. Raises TransportError and queues none when there is no room for all."""
         if any(frame.error for frame in frames):
             raise ValueError("an error report is not a frame that a node can send")
-        if len(self._frames) + len(frames) > QUEUE_FRAMES:
+        if len(self.frames) + len(frames) > QUEUE_FRAMES:
             raise TransportError(
                 f"{self._name}: the send queue is full, {QUEUE_FRAMES} frames; the bus is slower"
             )
-        self._frames.extend((now, frame) for frame in frames)
+        self.frames.extend((now, frame) for frame in frames)
 
     def left(self, now: float) -> None:
         """The next frame has left."""
-        self._frames.popleft()
+        self.frames.popleft()
         self.progress = now
         self.sent += 1
 
@@ -83,12 +84,12 @@ class SendQueue:
         """Drop what has waited too long; how many."""
         dropped = 0
         while self.give_up_at <= now:
-            self._frames.popleft()
+            self.frames.popleft()
             dropped += 1
         self.dropped += dropped
         return dropped
 
     def clear(self) -> None:
         """Drop everything."""
-        self.dropped += len(self._frames)
-        self._frames.clear()
+        self.dropped += len(self.frames)
+        self.frames.clear()

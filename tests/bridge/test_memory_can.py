@@ -185,6 +185,56 @@ def test_a_frame_sent_in_the_intermission_waits_for_its_end() -> None:
     virtual(main)
 
 
+@pytest.mark.parametrize("after", [0, 1, 2])
+def test_who_comes_in_the_intermission_takes_part_in_the_arbitration_behind_it(after: int) -> None:
+    async def main(clock: Clock) -> None:
+        bus = MemoryCanBus(clock)
+        talker, other, log = bus.connect(), bus.connect(), Log(bus.connect(), clock)
+        start, frames = clock.now(), [CanFrame(0x123), CanFrame(0x124)]
+        talker.send(frames)
+        await clock.sleep_until(start + (frame_time_bits(frames[0]) + after) * US)
+        other.send([CanFrame(0x001)])
+        late = Log(bus.connect(), clock)
+        await pass_time(1)
+        assert [frame.identifier for frame in log.frames] == [0x123, 0x001, 0x124]
+        assert late.frames == log.frames[1:]
+        assert log.times[1] == start + (line_bits(frames[0]) + frame_time_bits(log.frames[1])) / bus.bitrate
+        assert bus.busy_s == sum(line_bits(frame) for frame in log.frames) / bus.bitrate
+
+    virtual(main)
+
+
+def test_who_leaves_in_the_intermission_does_not_begin_a_frame() -> None:
+    async def main(clock: Clock) -> None:
+        bus = MemoryCanBus(clock)
+        talker, log = bus.connect(), Log(bus.connect(), clock)
+        start, frames = clock.now(), [CanFrame(0x123), CanFrame(0x124)]
+        talker.send(frames)
+        await clock.sleep_until(start + (frame_time_bits(frames[0]) + 1) * US)
+        bus.disconnect(talker)
+        await pass_time(1)
+        assert log.frames == frames[:1]
+        assert bus.busy_s == line_bits(frames[0]) / bus.bitrate
+
+    virtual(main)
+
+
+def test_a_disturbance_that_begins_in_the_intermission_spoils_the_next_frame() -> None:
+    async def main(clock: Clock) -> None:
+        bus = MemoryCanBus(clock)
+        talker, log = bus.connect(), Log(bus.connect(), clock)
+        start, frames = clock.now(), [CanFrame(0x123), CanFrame(0x124)]
+        talker.send(frames)
+        await clock.sleep_until(start + (frame_time_bits(frames[0]) + 1) * US)
+        bus.disturb = Hits(20)
+        await pass_time(1)
+        assert bus.errors == 1
+        bits = line_bits(frames[0]) + 20 + ERROR_FRAME + BETWEEN + frame_time_bits(frames[1])
+        assert log.times[1] == pytest.approx(start + bits * US, abs=1e-11)
+
+    virtual(main)
+
+
 def test_a_long_burst_does_not_drift() -> None:
     async def main(clock: Clock) -> None:
         bus = MemoryCanBus(clock)

@@ -433,17 +433,17 @@ def test_one_setting_serves_soft_and_hard_surfaces(
 def freeze_fz(bench: Bench, at: float | None) -> None:
     """From now on the sensor's Fz channel says the same; `at` is that value in counts, None for the newest."""
     sensor = bench.cell.sensor
-    counts = sensor.counts
+    counts_from = sensor.counts_from
 
-    def frozen(indices: Any) -> Any:
+    def frozen(first: int, last: int) -> Any:
         nonlocal at
-        block = counts(indices)
+        block = counts_from(first, last).copy()
         if at is None and len(block):
             at = block[0, 2]
         block[:, 2] = at
         return block
 
-    sensor.counts = frozen  # type: ignore[method-assign]
+    sensor.counts_from = frozen  # type: ignore[method-assign]
 
 
 def test_a_force_axis_that_was_dead_from_the_beginning_is_named(bench: RunBench) -> None:

@@ -69,12 +69,11 @@ class MemoryCanBus:
     def __init__(self, clock: Clock, bitrate: int = BITRATE, name: str = "can+memory:bus") -> None:
         self.name = name
         self.bitrate = bitrate
-        self.disturb: Disturbance | None = None
-        """What spoils frames; may be replaced while running."""
         self.errors = 0
         """Error frames so far."""
         self.collisions = 0
         """How often two nodes sent the same identifier at once."""
+        self._disturb: Disturbance | None = None
         self._clock = clock
         self._nodes: list[MemoryCanNode] = []
         self._opened = self._begun = clock.now()
@@ -99,6 +98,17 @@ class MemoryCanBus:
         """Whether nobody is connected."""
         return not self._nodes
 
+    @property
+    def disturb(self) -> Disturbance | None:
+        """What spoils frames; may be replaced while running, from the next frame on."""
+        return self._disturb
+
+    @disturb.setter
+    def disturb(self, disturb: Disturbance | None) -> None:
+        self._disturb = disturb
+        if self._is_ahead():
+            self._joins()
+
     def now(self) -> float:
         """The bus's time, s."""
         return self._clock.now()
@@ -117,27 +127,34 @@ class MemoryCanBus:
         """A new node that receives what one of the filters accepts; everything without filters."""
         node = MemoryCanNode(self, accept)
         self._nodes.append(node)
-        if not self._begins_now():
+        if not self._joins():
             self._cut_repeats()
         return node
 
     def disconnect(self, node: MemoryCanNode) -> None:
         """Take a node off the bus."""
         self._nodes.remove(node)
+        if self._is_ahead():
+            self._attempt = None
+            self._schedule(self._clock.now())
 
     def wake(self, node: MemoryCanNode) -> None:
         """A node has something to send."""
         # else the end of the attempt, of the callbacks or of bus-off sees to it
-        if node.on_bus and not self._calling_back and not self._begins_now() and self._attempt is None:
+        if node.on_bus and not self._calling_back and not self._joins() and self._attempt is None:
             self._schedule(self._clock.now())
 
     def _at(self, bits: int) -> float:
         return self._begun + bits / self.bitrate
 
-    def _begins_now(self) -> bool:
-        """Arbitrate anew for who comes at the very instant at which a frame began; whether there was one."""
+    def _is_ahead(self) -> bool:
+        """Whether the frame that comes next was chosen already and has not begun."""
+        return self._attempt is not None and self._clock.now() < self._at(self._attempt.start)
+
+    def _joins(self) -> bool:
+        """Arbitrate anew for who comes until the very instant at which a frame begins; whether there is one."""
         attempt = self._attempt
-        if attempt is None or self._calling_back or self._clock.now() != self._at(attempt.start):
+        if attempt is None or self._calling_back or self._clock.now() > self._at(attempt.start):
             return False
         self._start = attempt.start
         self._arbitrate()
@@ -146,19 +163,34 @@ class MemoryCanBus:
     def _schedule(self, not_before: float) -> None:
         """See to it that the next frame begins, as soon as the bus is free."""
         self._set_timer(None)
-        self._count_free_time()
+        if self._free_since is not None:
+            self._count_free_time()
         waiting = self._waiting()
         if not waiting:
             self._rest()
             return
         start = self._bits + (SUSPEND_BITS if waiting == [self._suspended] else 0)
-        if self._at(start) < not_before:
+        at = self._at(start)
+        if at < not_before:
             self._begun, self._bits, start = not_before, 0, 0
+            at = self._at(start)
         self._start = start
-        if self._at(start) <= self._clock.now():
+        if at <= self._clock.now():
             self._arbitrate()
+        elif self._one_alone(waiting, at):
+            self._bits = start
+            self._begin(waiting)
         else:
             self._set_timer(start)
+
+    def _one_alone(self, waiting: list[MemoryCanNode], at: float) -> bool:
+        """Whether the arbitration at that time is decided unless somebody joins: that spares its timer."""
+        return (
+            len(waiting) == 1
+            and self._suspended is None
+            and self._disturb is None
+            and waiting[0].queue.give_up_at > at
+        )
 
     def _arbitrate(self) -> None:
         self._set_timer(None)
@@ -168,7 +200,8 @@ class MemoryCanBus:
         self._calling_back = True
         try:
             for node in tuple(self._nodes):
-                node.give_up(at)
+                if node.queue.frames:
+                    node.give_up(at)
         finally:
             self._calling_back = False
             waiting = self._waiting()
@@ -188,7 +221,7 @@ class MemoryCanBus:
         receivers = tuple(node for node in self._nodes if node is not sender and node.on_bus)
         whole = frame_time_bits(frame)
         acknowledge = whole - ACK_DELIMITER_BITS - END_OF_FRAME_BITS
-        hit = None if self.disturb is None else self.disturb(frame, whole)
+        hit = None if self._disturb is None else self._disturb(frame, whole)
         missing = not receivers and (hit is None or hit > acknowledge)
         failed_at = acknowledge if missing else hit
         attempt = self._attempt = _Attempt(
@@ -202,14 +235,14 @@ class MemoryCanBus:
             # the last bit is too late for a receiver to object
             accepted=failed_at is None or failed_at == whole,
         )
-        if missing and self.disturb is None and len(self._nodes) == 1:
+        if missing and self._disturb is None and len(self._nodes) == 1:
             self._repeat_alone(attempt)
         self._suspended = None
         self._set_timer(attempt.end)
 
     def _repeat_alone(self, attempt: _Attempt) -> None:
         """Nothing can change before somebody comes or the frame is given up: spare the steps in between."""
-        if attempt.sender.counters.state is ErrorState.PASSIVE:
+        if attempt.sender.state is ErrorState.PASSIVE:
             left = (attempt.sender.queue.give_up_at - self._at(attempt.start)) * self.bitrate
             attempt.repeats = max(1, math.ceil(left / attempt.cycle))
 
@@ -234,9 +267,10 @@ class MemoryCanBus:
                 self._tell(attempt, at)
         finally:
             self._calling_back = False
-            # a frame ends in eleven recessive bits, and so does an error frame
-            self._count_sequences(attempt.repeats)
-            self._recover(at)
+            if any(not node.on_bus for node in self._nodes):
+                # a frame ends in eleven recessive bits, and so does an error frame
+                self._count_sequences(attempt.repeats)
+                self._recover(at)
             self._schedule(self._at(self._bits))
 
     def _tell(self, attempt: _Attempt, at: float) -> None:
@@ -248,9 +282,9 @@ class MemoryCanBus:
             sender.give_up(at)
         else:
             sender.frame_sent(at)
-        if sender.counters.state is ErrorState.PASSIVE:
+        if sender.state is ErrorState.PASSIVE:
             self._suspended = sender
-        frame = CanFrame(sent.identifier, sent.data, sent.extended, sent.remote, received_at=at)
+        frame = sent.stamped(at)
         for node in attempt.receivers:
             if node not in self._nodes:
                 continue
@@ -260,7 +294,7 @@ class MemoryCanBus:
                 node.receive_failed(at)
 
     def _waiting(self) -> list[MemoryCanNode]:
-        return [node for node in self._nodes if len(node.queue) and node.on_bus]
+        return [node for node in self._nodes if node.queue.frames and node.on_bus]
 
     def _rest(self) -> None:
         """Nobody has anything to send; who is bus-off comes back when the bus was free for long enough."""
@@ -272,13 +306,13 @@ class MemoryCanBus:
 
     def _come_back(self) -> None:
         self._timer = None
-        self._count_free_time()
+        if self._free_since is not None:
+            self._count_free_time()
         self._recover(self._clock.now())
         self._schedule(self._clock.now())
 
     def _count_free_time(self) -> None:
-        if self._free_since is None:
-            return
+        assert self._free_since is not None
         free = (self._clock.now() - self._free_since) * self.bitrate
         self._free_since = None
         # a rounding error of the time must not cost a whole sequence
@@ -290,8 +324,6 @@ class MemoryCanBus:
                 node.recovery -= sequences
 
     def _recover(self, at: float) -> None:
-        if all(node.on_bus for node in self._nodes):
-            return
         self._calling_back = True
         try:
             for node in tuple(self._nodes):

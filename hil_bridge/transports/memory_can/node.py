@@ -47,6 +47,7 @@ class MemoryCanNode:
         "on_bus",
         "queue",
         "recovery",
+        "state",
     )
 
     def __init__(self, bus: Line, accept: Sequence[CanFilter]) -> None:
@@ -57,6 +58,8 @@ class MemoryCanNode:
         self._received = self._reports = self._bus_off = 0
         self.queue = SendQueue(bus.name)
         self.counters = ErrorCounters()
+        self.state = self.counters.state
+        """What the counters make of it."""
         self.on_bus = True
         """Whether it sends, receives and acknowledges: that is, not bus-off."""
         self.recovery = 0
@@ -107,12 +110,15 @@ class MemoryCanNode:
     def frame_sent(self, at: float) -> None:
         """The next frame of the queue was acknowledged."""
         self.queue.left(at)
-        self._count(self.counters.sent(), at)
-        self._settle()
+        if self.counters.transmit:
+            self._count(self.counters.sent(), at)
+        if self._drained is not None:
+            self._settle()
 
     def frame_received(self, frame: CanFrame, at: float) -> None:
         """A frame of another node was good."""
-        self._count(self.counters.received(), at)
+        if self.counters.receive:
+            self._count(self.counters.received(), at)
         if not self._accept or any(choice.accepts(frame) for choice in self._accept):
             self._received += 1
             self._delivery.data((frame,))
@@ -134,6 +140,7 @@ class MemoryCanNode:
     def recover(self, at: float) -> None:
         """It has seen the bus free for long enough after bus-off."""
         self.counters, self.on_bus = ErrorCounters(), True
+        self.state = self.counters.state
         self._report(CanErrorReport(ErrorClass.RESTARTED), at)
 
     def give_up(self, at: float) -> None:
@@ -143,9 +150,9 @@ class MemoryCanNode:
             self._settle()
 
     def _count(self, counters: ErrorCounters, at: float, cause: ErrorClass = _NO_CAUSE) -> None:
-        before, self.counters = self.counters, counters
-        if counters is not before and counters.state is not before.state:
-            if counters.state is ErrorState.BUS_OFF:
+        before, self.counters, self.state = self.state, counters, counters.state
+        if self.state is not before:
+            if self.state is ErrorState.BUS_OFF:
                 self.on_bus, self.recovery = False, RECOVERY_SEQUENCES
                 self._bus_off += 1
             self._report(state_report(counters, cause), at)
