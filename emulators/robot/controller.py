@@ -1,76 +1,60 @@
-"""The S3 controller behind its computer link: one order at a time, an answer or a refusal to each.
+"""The S3 controller as its surroundings know it: a computer link, a panel, and what can go wrong with either.
 
-Source: project specification of the computer link, sections 3 and 5. Conditions of refusals are assumed,
-their codes are observed.
+Source: project specification of the computer link, sections 3 and 5.
 """
 
 import contextlib
-import math
 import random
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TypeAlias
-
-import numpy as np
 
 from emulators.quantiles import draw
+from emulators.robot.executive import Executive, Order
+from emulators.robot.faults import FaultValue, fault_values
 from emulators.robot.kinematics import Joints
-from emulators.robot.motion import Motion, ServoProfile, Waypoint, normalised
+from emulators.robot.line import FaultyLine, Strike
+from emulators.robot.motion import ServoProfile
 from emulators.robot.profile import S3Profile
-from emulators.robot.site import EMPTY_SITE, S3Site, SiteOrders
-from emulators.robot.work_area import OutsideWorkArea, WorkArea
-from protocol.adlp import Link, LinkProfile, MessageReceived, Role
+from emulators.robot.programs import ProgramRun
+from emulators.robot.site import EMPTY_SITE, S3Site
+from emulators.robot.state import State, Stimulus
+from protocol.adlp import LinkProfile, MessageReceived
 from protocol.arap import (
-    MOVE_LENGTHS,
     FunctionCode,
-    Mode,
-    Move,
-    MoveKind,
-    ProgramAnswer,
     Quaternion,
     Refusal,
-    RefusalCode,
     Spontaneous,
     SpontaneousKind,
-    Status,
     Telegram,
     TelegramType,
     Vector,
+    function_text,
     join_blocks,
-    position_words,
-    quaternion_words,
-    response,
     split_telegram,
 )
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
 
-_UNIT_TOLERANCE = 0.01
-"""Assumed: how far a quaternion's norm may be from 1; words of 1/16384 alone make up 0.0001."""
-
-_Answer: TypeAlias = Telegram | int | None
-"""A response, a refusal code, or None: not yet."""
+_OFFSET_LIMIT = 0.1
+"""Chosen: encoders are off by this at most, m, so that what is measured always fits the status."""
 
 
 @dataclass(slots=True)
-class _Order:
-    telegram: Telegram | None
-    """None for one that could not be read."""
-    function: int
-    due: float
-    """When it is next looked at, s."""
-    blocks: int = 1
-    """How many it came in."""
-    waypoint: Waypoint | None = None
-    """Where a move leads to, once the whole line is known to be in the work area."""
-    accepted: bool = False
-    """A move that is queued and waits to be reached."""
+class Tally:
+    """What became of the orders so far."""
+
+    answered: int = 0
+    refused: int = 0
+    lost: int = 0
+    """Came while too many were waiting."""
+    last_refusal: str = ""
+    """Order, code and reason of the newest refusal."""
 
 
 class S3Controller:
     """Endpoint of the robot's end of the computer link; takes and gives bytes, tells no events.
 
-    Raises ValueError for a start outside the work area.
+    Raises ValueError for a start outside the work area, or for a program that has a wrong line.
     """
 
     def __init__(
@@ -85,57 +69,78 @@ class S3Controller:
         tool_length: float = 0.0,
         site: S3Site = EMPTY_SITE,
     ) -> None:
-        self._profile = profile
-        self._site = site
-        self._site_orders = SiteOrders(site.orders)
-        self._programs = {*profile.programs, *site.programs}
-        self._max_telegram = link_profile.max_telegram
-        self._link = Link(Role.ROBOT, link_profile)
-        self._work_area = WorkArea(profile, tool_length)
-        self._move_lengths = frozenset((*MOVE_LENGTHS, link_profile.move_length))
-        try:
-            joints = self._work_area.joints(start_position, normalised(start_quaternion))
-        except OutsideWorkArea as error:
-            raise ValueError(
-                f"the start position {start_position} m with the quaternion {start_quaternion} is outside the "
-                f"robot's work area: {error}"
-            ) from None
-        self.motion = Motion(servo_profile, start_position, start_quaternion, powered_at, joints)
+        self.profile = profile
+        self._executive = Executive(
+            profile,
+            link_profile,
+            servo_profile,
+            start_position,
+            start_quaternion,
+            powered_at,
+            tool_length,
+            site,
+        )
+        self.motion = self._executive.motion
         """True and reported place of the tool centre point."""
+        self.tally = Tally()
+        """What became of the orders so far."""
+        self._max_telegram = link_profile.max_telegram
+        self._line = FaultyLine(link_profile, profile.spontaneous_eot, seed, self._restart)
         self._random = random.Random(seed)
-        self._orders: deque[_Order] = deque()
-        self._mode = Mode(profile.power_up_mode)
-        self._link_control = profile.link_control
-        self._emergency_stop = False
-        self._work_stop = False
-        self._in_sequence = False
-        self._program = 0
-        self._program_runs = False
-        self._handlers: dict[int, Callable[[_Order, Telegram, float], _Answer]] = {
-            FunctionCode.START_PROGRAM: self._start_program,
-            FunctionCode.STOP_PROGRAM: self._stop_program,
-            FunctionCode.READ_STATUS: self._read_status,
-            FunctionCode.WRITE_MODE: self._write_mode,
-            FunctionCode.MOVE: self._move,
-            FunctionCode.RECEIVE_PROGRAM: self._receive_program,
+        self._orders: deque[Order] = deque()
+        self._ready_at: float | None = None
+        """When a controller that is starting will be ready, s."""
+        self._late = 0.0
+        """By how much the next order is answered late, s."""
+        self._refuse: tuple[int, int] | None = None
+        """Code for the next order, and the function code that it must have, 0 for any."""
+        self._faults: dict[str, Callable[..., None]] = {
+            "drop-ack": self._drop_ack,
+            "nak-block": lambda now, count: self._line.arm(Strike.DAMAGE_BLOCK, count),
+            "corrupt-block": lambda now, count: self._line.arm(Strike.CORRUPT_BLOCK, count),
+            "lose-eot": lambda now, count: self._line.arm(Strike.LOSE_EOT, count),
+            "babble": lambda now, count: self._line.babble(count),
+            "silence": lambda now, seconds: self._line.switch_off(now + seconds),
+            "line-break": lambda now, seconds: self._line.hold_in_break(now + seconds),
+            "late-answer": self._answer_late,
+            "refuse": self._refuse_next,
+            "spontaneous": lambda now, kind, x, y: self._say(Spontaneous(kind, x, y).to_telegram()),
+            "power-cycle": self._power_cycle,
+            "freeze": lambda now, seconds: self.motion.freeze(now, now + seconds),
+            "encoder-offset": self._offset_encoders,
         }
+
+    @property
+    def state(self) -> State:
+        """Everything that decides which orders are taken."""
+        return self._executive.state
+
+    @property
+    def program(self) -> ProgramRun | None:
+        """The program that was started last."""
+        return self._executive.run
+
+    @property
+    def armed(self) -> Mapping[str, int]:
+        """Faults that wait for their moment, by name, and how often they will strike."""
+        waiting = {**self._line.armed}
+        if self._late:
+            waiting["late-answer"] = 1
+        if self._refuse is not None:
+            waiting["refuse"] = 1
+        return waiting
 
     def joints(self, now: float) -> Joints:
         """Axes 1 to 6 of the true tool pose at `now`, rad; those of the set point where the servo swings beyond
         the end of a range.
         """
-        x, y, z = self.motion.trajectory(np.array([now]))[0][0].tolist()
-        set_point = self.motion.joints(now)
-        try:
-            return self._work_area.joints((x, y, z), self.motion.orientation(now), set_point)
-        except OutsideWorkArea:
-            return set_point
+        return self._executive.joints(now)
 
     # --- endpoint
 
     def receive(self, data: bytes, now: float) -> None:
         """Take bytes off the line."""
-        self._link.receive(data, now)
+        self._line.receive(data, now)
         self._take_messages(now)
 
     def next_event(self) -> None:
@@ -143,18 +148,23 @@ class S3Controller:
 
     def data_to_send(self, now: float) -> bytes:
         """Bytes for the line."""
-        return self._link.data_to_send(now)
+        return self._line.data_to_send(now)
 
     def next_deadline(self) -> float | None:
-        """The link's next time-out, or when the oldest order is next looked at."""
-        link = self._link.next_deadline()
+        """The link's next time-out, when the oldest order or the program is next looked at, or the start-up ends."""
         order = self._orders[0].due if self._orders else None
-        return min((at for at in (link, order) if at is not None), default=None)
+        times = (self._line.next_deadline(), order, self._executive.next_deadline(), self._ready_at)
+        return min((at for at in times if at is not None), default=None)
 
     def handle_deadline(self, now: float) -> None:
-        """Act on the link's time-outs and answer what is due."""
-        self._link.handle_deadline(now)
+        """Act on the link's time-outs, carry on what runs and answer what is due."""
+        if self._ready_at is not None and self._ready_at <= now:
+            self._ready_at = None
+            self._executive.happen(Stimulus.READY, now)
+        self._line.handle_deadline(now)
         self._take_messages(now)
+        if (error := self._executive.handle_deadline(now)) is not None:
+            self._say(error.to_telegram())
         while self._orders and self._orders[0].due <= now:
             order = self._orders[0]
             answer = self._answer(order, now)
@@ -168,36 +178,87 @@ class S3Controller:
 
     def press_emergency_stop(self, now: float) -> None:
         """Stop moving and running, fall into standby, tell the PC."""
-        self._emergency_stop = True
-        self._mode = Mode.STANDBY
-        self._stop_all(now)
-        error = Spontaneous(SpontaneousKind.OPERATIONAL_ERROR, *self._profile.emergency_stop_error)
+        if self.state.emergency_stop:
+            return
+        self._executive.happen(Stimulus.EMERGENCY_STOP, now)
+        error = Spontaneous(SpontaneousKind.OPERATIONAL_ERROR, *self.profile.emergency_stop_error)
         self._say(error.to_telegram())
 
-    def release_emergency_stop(self) -> None:
-        """Allow operation again; assumed: it has to be ordered anew."""
-        self._emergency_stop = False
+    def release_emergency_stop(self, now: float) -> None:
+        """Allow operation again; it has to be ordered anew."""
+        self._executive.happen(Stimulus.EMERGENCY_RELEASE, now)
 
     def set_work_stop(self, active: bool, now: float) -> None:
         """Stop moving and running while `active`; the mode stays."""
-        self._work_stop = active
-        if active:
-            self._stop_all(now)
+        self._executive.happen(Stimulus.WORK_STOP if active else Stimulus.WORK_RELEASE, now)
 
-    def set_link_control(self, given: bool) -> None:
+    def set_key(self, auto: bool, now: float) -> None:
+        """Turn the key to AUTO, or to MANUAL, in which nothing moves or runs by order."""
+        self._executive.happen(Stimulus.KEY_AUTO if auto else Stimulus.KEY_MANUAL, now)
+
+    def set_link_control(self, given: bool, now: float) -> None:
         """Give the link control at the pendant, or take it back; what moves goes on."""
-        self._link_control = given
+        self._executive.happen(Stimulus.CONTROL_GIVEN if given else Stimulus.CONTROL_TAKEN, now)
 
-    # --- orders
+    def set_programming_unit(self, connected: bool, now: float) -> None:
+        """Connect or remove the programming unit; only the status tells."""
+        self._executive.happen(Stimulus.UNIT_CONNECTED if connected else Stimulus.UNIT_REMOVED, now)
+
+    def set_interrupt(self, permitted: bool, now: float) -> None:
+        """Permit or forbid interrupts; only the status tells."""
+        self._executive.happen(
+            Stimulus.INTERRUPT_PERMITTED if permitted else Stimulus.INTERRUPT_FORBIDDEN, now
+        )
+
+    def inject(self, fault: str, now: float, **parameters: object) -> None:
+        """Let one fault of `FAULTS` happen now, or at its next opportunity. Raises ValueError for a wrong one."""
+        values: Mapping[str, FaultValue] = fault_values(fault, parameters)
+        self._faults[fault](now, **values)
+
+    # --- faults of more than a call
+
+    def _drop_ack(self, now: float, of: str, count: int) -> None:
+        self._line.arm(Strike.DROP_BLOCK_ACK if of == "block" else Strike.DROP_BID_ACK, count)
+
+    def _answer_late(self, now: float, seconds: float) -> None:
+        self._late = seconds
+
+    def _refuse_next(self, now: float, code: int, function: int) -> None:
+        self._refuse = code, function
+
+    def _power_cycle(self, now: float, after_bytes: int) -> None:
+        if after_bytes:
+            self._line.reset_after(after_bytes)
+        else:
+            self._restart(now)
+
+    def _restart(self, now: float) -> None:
+        """Begin anew, silent at first; what stands on the controller's disc and in its arm stays."""
+        self._executive.happen(Stimulus.POWER_UP, now)
+        self._orders.clear()
+        self._ready_at = now + self.profile.start_up_s
+        self._line.restart(self._ready_at)
+
+    def _offset_encoders(self, now: float, x_mm: float, y_mm: float, z_mm: float) -> None:
+        offset = x_mm / 1000.0, y_mm / 1000.0, z_mm / 1000.0
+        total = [before + by for before, by in zip(self.motion.encoder_offset, offset, strict=True)]
+        if max(map(abs, total)) > _OFFSET_LIMIT:
+            raise ValueError(
+                f"encoder-offset: all offsets together must stay within ±{_OFFSET_LIMIT * 1e3:g} mm"
+            )
+        self.motion.offset_encoders(offset, now)
+
+    # --- orders and answers
 
     def _take_messages(self, now: float) -> None:
-        while (event := self._link.next_event()) is not None:
+        while (event := self._line.next_event()) is not None:
             if isinstance(event, MessageReceived):
                 self._take_message(event.telegrams, now)
 
     def _take_message(self, telegrams: tuple[bytes, ...], now: float) -> None:
         """Note an order, of one block or several."""
-        if len(self._orders) >= self._profile.order_backlog:
+        if len(self._orders) >= self.profile.order_backlog:
+            self.tally.lost += 1
             return
         try:
             telegram = join_blocks([Telegram.decode(raw, from_robot=False) for raw in telegrams])
@@ -205,13 +266,13 @@ class S3Controller:
         except RemoteProtocolError:
             raw = telegrams[0]
             telegram, function = None, raw[4] if len(raw) > 4 else 0
-        self._orders.append(
-            _Order(telegram, function, now + self._turnaround_ms(function) / 1000.0, len(telegrams))
-        )
+        due = now + self._turnaround_ms(function) / 1000.0 + self._late
+        self._late = 0.0
+        self._orders.append(Order(telegram, function, due, len(telegrams)))
 
     def _turnaround_ms(self, function: int) -> float:
         """What it takes to come to answering this order; one number is drawn for each."""
-        profile = self._profile
+        profile = self.profile
         measured: tuple[float, ...] = ()
         match function:
             case FunctionCode.READ_STATUS:
@@ -223,144 +284,26 @@ class S3Controller:
         spread = profile.turnaround_spread_ms
         return profile.turnaround_ms + self._random.uniform(-spread, spread)
 
-    def _answer(self, order: _Order, now: float) -> Telegram | None:
+    def _answer(self, order: Order, now: float) -> Telegram | None:
         """What to say to an order, or None while its time has not come."""
-        answer = self._judge(order, now)
-        if not isinstance(answer, int):
+        answer: Telegram | int | None
+        if self._refuse is not None and self._refuse[1] in (0, order.function):
+            answer, self._refuse = self._refuse[0], None
+        else:
+            answer = self._executive.judge(order, now)
+        if answer is None:
+            return None
+        self.tally.answered += 1
+        if isinstance(answer, Telegram):
             return answer
-        return Refusal(answer).to_telegram(order.telegram or Telegram(order.function, TelegramType.ORDER))
-
-    def _judge(self, order: _Order, now: float) -> _Answer:
-        """What holds for every order; what holds for one is its handler's matter."""
-        telegram = order.telegram
-        if telegram is None:
-            return RefusalCode.TELEGRAM_INCOMPLETE
-        definition = self._site.orders.of_function(telegram.function)
-        if definition is None or telegram.type != TelegramType.ORDER:
-            return RefusalCode.WRONG_FUNCTION_CODE
-        if telegram.suffix not in definition.suffixes:
-            return RefusalCode.WRONG_SUFFIX
-        if order.blocks > 1 and definition.blocks == "one":
-            return RefusalCode.WRONG_BLOCK_NUMBER
-        if len(telegram.data) < definition.order.layout.size:
-            return RefusalCode.TELEGRAM_INCOMPLETE
-        if not self._link_control and telegram.function != FunctionCode.READ_STATUS:
-            return self._profile.no_control_refusal
-        handler = self._handlers.get(telegram.function)
-        if handler is None:
-            return self._site_orders.answer(definition, telegram)
-        answer = handler(order, telegram, now)
-        return self._site_orders.extend(telegram, answer) if isinstance(answer, Telegram) else answer
+        refusal = Refusal(answer)
+        self.tally.refused += 1
+        self.tally.last_refusal = f"{function_text(order.function)}: {answer:d} {refusal.text}"
+        return refusal.to_telegram(order.telegram or Telegram(order.function, TelegramType.ORDER))
 
     def _say(self, telegram: Telegram) -> None:
+        if self.state.starting:
+            return
         # A full queue means that nobody has listened for many time-outs: one telegram more helps nobody.
         with contextlib.suppress(LocalProtocolError):
-            self._link.send([block.encode() for block in split_telegram(telegram, self._max_telegram)])
-
-    def _stop_all(self, now: float) -> None:
-        self.motion.halt(now)
-        self._in_sequence = False
-        self._program_runs = False
-
-    def _obstacle(self) -> RefusalCode | None:
-        """Why nothing may move at present, or None."""
-        if self._emergency_stop:
-            return RefusalCode.STOPPED
-        if self._work_stop:
-            return RefusalCode.WORK_STOP
-        if not self._mode & Mode.OPERATION:
-            return RefusalCode.WRONG_OPERATION_MODE
-        return None
-
-    # --- one handler a function
-
-    def _read_status(self, order: _Order, telegram: Telegram, now: float) -> _Answer:
-        operation = bool(self._mode & Mode.OPERATION)
-        return Status(
-            position_words(self.motion.reported(now)),
-            quaternion_words(self.motion.orientation(now)),
-            program=self._program,
-            local=not self._link_control,
-            key_auto=True,
-            standby=not operation,
-            operation=operation,
-            execution=self._program_runs or self.motion.waiting(now) > 0,
-            emergency_stop=self._emergency_stop,
-        ).to_telegram()
-
-    def _write_mode(self, order: _Order, telegram: Telegram, now: float) -> _Answer:
-        mode = Mode(telegram.suffix)
-        if mode & Mode.OPERATION and self._emergency_stop:
-            return RefusalCode.STOPPED
-        self._mode = mode
-        if not mode & Mode.OPERATION:
-            self._stop_all(now)
-        return response(telegram)
-
-    def _start_program(self, order: _Order, telegram: Telegram, now: float) -> _Answer:
-        number = int.from_bytes(telegram.data[:2], "big")
-        goes_on = telegram.suffix == 1
-        if (obstacle := self._obstacle()) is not None:
-            return obstacle
-        if self._program_runs:
-            return RefusalCode.PROGRAM_RUNNING
-        if number not in self._programs or (goes_on and number != self._program):
-            return RefusalCode.WRONG_PROGRAM_NUMBER
-        self._program, self._program_runs = number, True
-        return response(telegram)
-
-    def _stop_program(self, order: _Order, telegram: Telegram, now: float) -> _Answer:
-        """Assumed: stops a movement sequence as well."""
-        self._stop_all(now)
-        return response(telegram)
-
-    def _receive_program(self, order: _Order, telegram: Telegram, now: float) -> _Answer:
-        """A program of which only the number is given has no contents to send."""
-        number = int.from_bytes(telegram.data[:2], "big")
-        if number not in self._site.programs:
-            return RefusalCode.NO_SUCH_PROGRAM
-        return ProgramAnswer(number, self._site.programs[number]).to_telegram()
-
-    def _move(self, order: _Order, telegram: Telegram, now: float) -> _Answer:
-        if (obstacle := self._obstacle()) is not None:
-            return obstacle
-        if not order.accepted:
-            if self._program_runs:
-                return RefusalCode.PROGRAM_RUNNING
-            try:
-                move = Move.from_telegram(telegram, self._move_lengths)
-            except RemoteProtocolError:
-                return RefusalCode.TELEGRAM_INCOMPLETE
-            if move.kind is MoveKind.START:
-                self._in_sequence = True
-                return response(telegram)
-            if (refusal := self._fault_of(move)) is not None:
-                return refusal
-            if order.waypoint is None:
-                # Whatever changes the goal while the order waits for a place also ends the sequence.
-                try:
-                    order.waypoint = self._waypoint(move, now)
-                except OutsideWorkArea:
-                    return RefusalCode.OUTSIDE_WORK_AREA
-            if self.motion.waiting(now) >= self._profile.queue_depth:
-                return None
-            self.motion.enqueue(order.waypoint, now)
-            self._in_sequence = move.kind is not MoveKind.END
-            order.accepted = True
-        if self._profile.move_reply == "reached" and not self.motion.settled(now):
-            return None
-        return response(telegram)
-
-    def _waypoint(self, move: Move, now: float) -> Waypoint:
-        """Where a move leads to from the last point accepted. Raises OutsideWorkArea."""
-        route = self._work_area.route(*self.motion.goal(now), move.position, normalised(move.quaternion))
-        return Waypoint(move.position, move.quaternion, move.velocity * move.run_speed, route)
-
-    def _fault_of(self, move: Move) -> int | None:
-        """Why a point cannot be moved to, as a refusal code, or None."""
-        if not self._in_sequence:
-            return RefusalCode.OUTSIDE_WORK_AREA
-        unit = abs(math.hypot(*move.quaternion) - 1.0) <= _UNIT_TOLERANCE
-        if move.robot_coordinates or not unit or not move.velocity * move.run_speed > 0.0:
-            return self._profile.unusable_move_refusal
-        return None
+            self._line.send([block.encode() for block in split_telegram(telegram, self._max_telegram)])

@@ -12,6 +12,9 @@ The loop turns itself off inside the dead band: where the set point equals the r
 takes it, the loop holds the place where the axis is at that moment, and keeps holding it until the set point
 changes or the axis leaves the band.
 
+Set points, the loops' state and reported steps are in the controller's own measure; the true path is less by
+what its encoders are off.
+
 The servo acts on the Cartesian axes of the base frame. Orientation has no servo of its own: it follows the
 interpolator's slerp after the transport delay, in steps of one tick. A line that comes with the joints along
 it is walked more slowly wherever a joint could not follow.
@@ -27,6 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emulators.robot.kinematics import Joints, Route
+from emulators.robot.quaternions import angle_between, normalised, slerp
 from protocol.arap import Quaternion, Vector
 from protocol.marks import Mark, check_settings, setting
 
@@ -191,6 +195,10 @@ class Motion:
         self._error = [0.0, 0.0, 0.0]
         self._velocity = [0.0, 0.0, 0.0]
         self._resting = True
+        self._frozen_until = -math.inf
+        self._encoder_jump = [0.0, 0.0, 0.0]
+        """Comes over the measured position when the loops take the next set point, m."""
+        self._encoder_offset = [0.0, 0.0, 0.0]
 
         # Item k % n describes the loops from the moment they take set point k: the factors of 1, a and b in
         # the positions and the velocities of the axes (6, 3), and the reported steps.
@@ -200,6 +208,7 @@ class Motion:
         self._reports = [tuple(reported)] * self._size
         self._quaternions = [self._turned] * self._size
         self._postures = [joints] * self._size
+        self._offsets = [tuple(self._encoder_offset)] * self._size
 
     def enqueue(self, waypoint: Waypoint, now: float) -> None:
         """Add a point behind those waiting; the first tick after `now` sees it."""
@@ -229,6 +238,22 @@ class Motion:
     def _begin(self, at: float) -> None:
         self._begun += 1
         self._begins.append(at)
+
+    def freeze(self, now: float, until: float) -> None:
+        """Put out no new set point before `until`, s; points are queued as ever."""
+        self.advance(now)
+        self._frozen_until = until
+
+    def offset_encoders(self, offset: Vector, now: float) -> None:
+        """Let the measured position be off by so much more than now, base frame, m; the loops drive it back."""
+        self.advance(now)
+        self._encoder_jump = [before + by for before, by in zip(self._encoder_jump, offset, strict=True)]
+
+    @property
+    def encoder_offset(self) -> Vector:
+        """By how much the measured position is off, or will be from the next tick on, m."""
+        x, y, z = (now + then for now, then in zip(self._encoder_offset, self._encoder_jump, strict=True))
+        return x, y, z
 
     def waiting(self, now: float) -> int:
         """Number of points not reached by the interpolator, the one it is moving to included."""
@@ -338,34 +363,45 @@ class Motion:
         self._reports = [tuple(self._reported)] * self._size
         self._quaternions = [self._turned] * self._size
         self._postures = [self._joints] * self._size
+        self._offsets = [tuple(self._encoder_offset)] * self._size
         self._tick = math.floor((now - self._powered_at) / self._period) - 1
 
     def _do_tick(self) -> None:
         """Interpolate to the next tick, then carry the loops to the moment they take its set point."""
         self._tick += 1
         row = self._tick % self._size
-        if self._resting and not self._queue:
+        jump = any(self._encoder_jump)
+        if self._resting and not self._queue and not jump:
             self._history[row] = self._history[row - 1]
             self._reports[row] = self._reports[row - 1]
             self._quaternions[row] = self._turned
             self._postures[row] = self._joints
+            self._offsets[row] = self._offsets[row - 1]
             return
-        self._interpolate(self._period)
+        if self._powered_at + self._tick * self._period >= self._frozen_until:
+            self._interpolate(self._period)
         resting = True
         for axis in range(3):
             set_point = round(self._at[axis] / self._step)
             resting &= self._carry(axis, set_point)
         self._resting = resting
+        if jump:
+            self._encoder_offset = [
+                offset + by for offset, by in zip(self._encoder_offset, self._encoder_jump, strict=True)
+            ]
+            self._encoder_jump = [0.0, 0.0, 0.0]
+        self._offsets[row] = tuple(self._encoder_offset)
         self._history[row] = self._factors()
         self._reports[row] = tuple(self._reported)
         self._quaternions[row] = self._turned
         self._postures[row] = self._joints
 
     def _factors(self) -> list[tuple[float, float, float]]:
-        """Factors of 1, a and b in the three positions and the three velocities, see `PositionLoop`."""
+        """Factors of 1, a and b in the three true positions and velocities, see `PositionLoop`."""
         stiffness, drag = self._loop.stiffness, self._loop.drag
+        true_input = (pull - offset for pull, offset in zip(self._input, self._encoder_offset, strict=True))
         return [
-            *zip(self._input, self._error, self._velocity, strict=True),
+            *zip(true_input, self._error, self._velocity, strict=True),
             *((0.0, v, -stiffness * e - drag * v) for e, v in zip(self._error, self._velocity, strict=True)),
         ]
 
@@ -373,7 +409,7 @@ class Motion:
         """One axis over one tick to its new set point; whether it is at rest afterwards."""
         a, b, c, d = self._over_a_tick
         error, velocity = self._error[axis], self._velocity[axis]
-        position = self._input[axis] + a * error + b * velocity
+        position = self._input[axis] + a * error + b * velocity + self._encoder_jump[axis]
         velocity = c * error + d * velocity
         held = self._set_point[axis] == set_point == self._reported[axis]
         reported = self._report(position, self._reported[axis])
@@ -400,9 +436,12 @@ class Motion:
     def _reported_steps(self, now: float) -> list[int]:
         times = np.array([now])
         positions, _ = self.trajectory(times)
-        before = self._reports[self._locate(times)[0] % self._size]
+        row = self._locate(times)[0] % self._size
         return [
-            self._report(position, step) for position, step in zip(positions[0].tolist(), before, strict=True)
+            self._report(position + offset, step)
+            for position, offset, step in zip(
+                positions[0].tolist(), self._offsets[row], self._reports[row], strict=True
+            )
         ]
 
     def _interpolate(self, budget: float) -> None:
@@ -443,36 +482,3 @@ class Motion:
         if times:
             duration = times[-1]
         return _Leg(self._at, self._turned, waypoint.position, end, duration, waypoint.route, times)
-
-
-def normalised(quaternion: Quaternion) -> Quaternion:
-    """The unit quaternion of the same direction. Raises ValueError for a zero quaternion."""
-    norm = math.hypot(*quaternion)
-    if norm == 0.0:
-        raise ValueError("a zero quaternion is no orientation")
-    w, x, y, z = (part / norm for part in quaternion)
-    return w, x, y, z
-
-
-def angle_between(a: Quaternion, b: Quaternion) -> float:
-    """Angle of the rotation from one unit quaternion to another, rad, 0 … π."""
-    # atan2 keeps small angles exact, where the arc cosine of the dot product loses half the digits.
-    sign = math.copysign(1.0, _dot(a, b))
-    difference = math.hypot(*(p - sign * q for p, q in zip(a, b, strict=True)))
-    total = math.hypot(*(p + sign * q for p, q in zip(a, b, strict=True)))
-    return 4.0 * math.atan2(difference, total)
-
-
-def slerp(a: Quaternion, b: Quaternion, part: float) -> Quaternion:
-    """The unit quaternion `part` (0 … 1) of the way from `a` to `b` along the shorter arc."""
-    half_angle = angle_between(a, b) / 2.0
-    if half_angle < 1e-9:
-        return a
-    near = math.sin((1.0 - part) * half_angle) / math.sin(half_angle)
-    far = math.copysign(math.sin(part * half_angle) / math.sin(half_angle), _dot(a, b))
-    w, x, y, z = (near * p + far * q for p, q in zip(a, b, strict=True))
-    return w, x, y, z
-
-
-def _dot(a: Quaternion, b: Quaternion) -> float:
-    return sum(p * q for p, q in zip(a, b, strict=True))

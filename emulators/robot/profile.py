@@ -76,12 +76,39 @@ class S3Profile:
         Mark.CHOSEN,
         "folder with the contents of programs, files named by program number as in 7.prg; empty: none",
     )
+    program_s: float = setting(
+        10.0,
+        Mark.ASSUMED,
+        "how long a program runs whose contents are not steps for the emulator",
+        unit="s",
+        minimum=0.0,
+    )
     emergency_stop_error: tuple[int, int] = setting(
         (13, 0),
         Mark.ASSUMED,
         "x and y of the operational error told at an emergency stop",
         minimum=0,
         maximum=65535,
+    )
+    program_error: tuple[int, int] = setting(
+        (15, 0),
+        Mark.ASSUMED,
+        "x and y of the operational error told when a program ends at a point outside the work area",
+        minimum=0,
+        maximum=65535,
+    )
+    spontaneous_eot: Literal["always", "sometimes", "never"] = setting(
+        "always",
+        Mark.OBSERVED,
+        "whether a message that nobody asked for ends with EOT: always, sometimes (one in two, drawn), never",
+    )
+    start_up_s: float = setting(
+        5.0,
+        Mark.ASSUMED,
+        "silence after a power-up at run time; a cell is found with its controller ready",
+        unit="s",
+        minimum=0.0,
+        maximum=3600.0,
     )
     # --- size of the arm
     axis_2_height_mm: float = setting(780.0, Mark.OBSERVED, "base to axis 2", unit="mm", above=0.0)

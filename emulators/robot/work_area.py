@@ -3,8 +3,8 @@
 import math
 
 from emulators.robot.kinematics import Arm, Joints, Route
-from emulators.robot.motion import angle_between, slerp
 from emulators.robot.profile import S3Profile
+from emulators.robot.quaternions import angle_between, slerp
 from protocol.arap import Quaternion, Vector
 
 _SPACING_M = 0.02

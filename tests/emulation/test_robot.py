@@ -265,7 +265,7 @@ def test_the_emergency_stop_stops_refuses_and_is_told() -> None:
     assert pendant.refusal(move(POINT, (900.0, 0.0, 600.0))) == 13
     assert pendant.refusal(GOLDEN_OPERATION) == 13
     assert pendant.refusal(block(2, 0, b"\0\1")) == 13
-    pendant.robot.release_emergency_stop()
+    pendant.robot.release_emergency_stop(pendant.now)
     assert pendant.refusal(move(START_MOVE)) == 6
     assert pendant.accepts(GOLDEN_OPERATION)
     assert pendant.refusal(move(POINT, (900.0, 0.0, 600.0))) == 15
@@ -288,7 +288,7 @@ def test_programs_start_stop_and_continue() -> None:
     pendant = in_operation(S3Profile(programs=(1, 7)))
     assert pendant.refusal(block(2, 1, b"\0\7")) == 3, "nothing to continue"
     assert pendant.accepts(block(2, 0, b"\0\7"))
-    assert pendant.do(GOLDEN_STATUS)[8:18] == bytes.fromhex("0007 0000 0000 0000 08 06")
+    assert pendant.do(GOLDEN_STATUS)[8:18] == bytes.fromhex("0007 0001 0000 0000 08 06")
     assert pendant.refusal(block(2, 0, b"\0\7")) == 1
     assert pendant.refusal(move(START_MOVE)) == 1
     assert pendant.accepts(GOLDEN_STOP)
@@ -308,7 +308,7 @@ def test_without_control_the_link_only_answers_the_status() -> None:
     pendant = Pendant(S3Profile(link_control=False))
     assert pendant.refusal(GOLDEN_OPERATION) == 5
     assert pendant.do(GOLDEN_STATUS)[16] & 1
-    pendant.robot.set_link_control(True)
+    pendant.robot.set_link_control(True, pendant.now)
     assert pendant.accepts(GOLDEN_OPERATION)
     assert not pendant.do(GOLDEN_STATUS)[16] & 1
 
@@ -325,7 +325,6 @@ REFUSED = {
     "move of another size": (move(POINT, HERE, size=56), 255),
     "move without a pose": (block(24, 0, bytes(10)), 255),
     "start without a number": (block(2, 0, b"\1"), 255),
-    "wrong program number": (block(2, 0, b"\0\2"), 3),
     "no such program": (block(29, 1, b"\0\1\0\0\0\0"), 7),
     "too far": (move(POINT, (1600.0, 0.0, 600.0)), 15),
     "too near": (move(POINT, (0.0, 0.0, 500.0)), 15),
@@ -343,6 +342,13 @@ def test_refusals(sent: bytes, code: int) -> None:
     assert pendant.refusal(sent) == code
     assert pendant.status() == (0b0010, 7200, -800, 4800)
     assert pendant.accepts(move(POINT, HERE)), "a refused order leaves the sequence as it was"
+
+
+def test_an_unknown_program_is_refused_with_3_and_none_starts_within_a_movement() -> None:
+    pendant = in_operation()
+    assert pendant.refusal(block(2, 0, b"\0\2")) == 3
+    assert pendant.accepts(move(START_MOVE))
+    assert pendant.refusal(block(2, 0, b"\0\1")) == 31
 
 
 def test_a_telegram_from_somebody_else_is_incomplete() -> None:

@@ -174,7 +174,7 @@ def test_defined_orders_are_refused_like_known_ones() -> None:
     assert host.refusal(Telegram(6, 1, 0, b"\0")) == 255, "too short"
     assert host.refusal(Telegram(7, 1, 0, b"\0\1")) == 11, "not defined"
     assert Host().refusal(Telegram(6, 1, 0, b"\0\1")) == 11
-    host.robot.set_link_control(False)
+    host.robot.set_link_control(False, host.now)
     assert host.refusal(Telegram(6, 1, 0, b"\0\1")) == 5
 
 

@@ -1,0 +1,38 @@
+"""Unit quaternions, w x y z."""
+
+import math
+
+from protocol.arap import Quaternion
+
+
+def normalised(quaternion: Quaternion) -> Quaternion:
+    """The unit quaternion of the same direction. Raises ValueError for a zero quaternion."""
+    norm = math.hypot(*quaternion)
+    if norm == 0.0:
+        raise ValueError("a zero quaternion is no orientation")
+    w, x, y, z = (part / norm for part in quaternion)
+    return w, x, y, z
+
+
+def angle_between(a: Quaternion, b: Quaternion) -> float:
+    """Angle of the rotation from one unit quaternion to another, rad, 0 … π."""
+    # atan2 keeps small angles exact, where the arc cosine of the dot product loses half the digits.
+    sign = math.copysign(1.0, _dot(a, b))
+    difference = math.hypot(*(p - sign * q for p, q in zip(a, b, strict=True)))
+    total = math.hypot(*(p + sign * q for p, q in zip(a, b, strict=True)))
+    return 4.0 * math.atan2(difference, total)
+
+
+def slerp(a: Quaternion, b: Quaternion, part: float) -> Quaternion:
+    """The unit quaternion `part` (0 … 1) of the way from `a` to `b` along the shorter arc."""
+    half_angle = angle_between(a, b) / 2.0
+    if half_angle < 1e-9:
+        return a
+    near = math.sin((1.0 - part) * half_angle) / math.sin(half_angle)
+    far = math.copysign(math.sin(part * half_angle) / math.sin(half_angle), _dot(a, b))
+    w, x, y, z = (near * p + far * q for p, q in zip(a, b, strict=True))
+    return w, x, y, z
+
+
+def _dot(a: Quaternion, b: Quaternion) -> float:
+    return sum(p * q for p, q in zip(a, b, strict=True))
