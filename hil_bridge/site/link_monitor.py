@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from hil_bridge.site.capture import Piece, Sender
 from hil_bridge.site.wording import telegram_text
 from protocol.adlp import (
+    BLOCK_OVERHEAD,
     LENGTH_STYLES,
     Block,
     BlockFormat,
@@ -90,6 +91,8 @@ class _Direction:
     newest: float = 0.0
     garbage: bytearray = field(default_factory=bytearray)
     garbage_text: str = ""
+    recent: bytes = b""
+    """What came last, as much as a block may be."""
     last: bytes = b""
     """The newest telegram."""
     acknowledged: bool = True
@@ -139,6 +142,7 @@ class LinkMonitor:
         direction = self._directions[piece.sender]
         direction.newest = piece.at
         self.counts.busy += len(piece.data) * self._profile.character_time
+        direction.recent = (direction.recent + piece.data)[-2 * self._profile.max_telegram - BLOCK_OVERHEAD :]
         for token in direction.scanner.feed(piece.data):
             self._token(piece.sender, token, piece.at)
 
@@ -146,10 +150,7 @@ class LinkMonitor:
         """Nothing more came until now: end what has waited too long."""
         for sender, direction in self._directions.items():
             if now - direction.newest > self._gap:
-                if dropped := direction.scanner.drop():
-                    self.counts.garbage += dropped
-                    text = f"a block broke off after {dropped} bytes"
-                    self._trouble(direction.newest, sender, text)
+                self._break_off(sender)
                 self._end_garbage(sender)
         limit = self._profile.answer_timeout_s
         if self._pending is not None and now - self._pending.at > limit:
@@ -160,10 +161,8 @@ class LinkMonitor:
 
     def finish(self) -> None:
         """The capture has ended: tell what is still open."""
-        for sender, direction in self._directions.items():
-            if dropped := direction.scanner.drop():
-                self.counts.garbage += dropped
-                self._trouble(direction.newest, sender, f"{dropped} bytes of an unfinished block at the end")
+        for sender in Sender:
+            self._break_off(sender)
             self._end_garbage(sender)
         if self._pending is not None:
             self._close("the capture ends here")
@@ -192,6 +191,23 @@ class LinkMonitor:
                 self._controls[token](sender, at)
             case noise:
                 direction.garbage += noise.data
+
+    def _break_off(self, sender: Sender) -> None:
+        """What has come of a block is all of it. It may be whole but for its check character: as long as the longer
+        reading of its length is possible, the scanner waits for more.
+        """
+        direction = self._directions[sender]
+        if not (dropped := direction.scanner.drop()):
+            return
+        raw = direction.recent[-dropped:]
+        text = f"a block broke off after {dropped} bytes"
+        for style in LENGTH_STYLES:
+            found = BlockFormat(self._profile.dle_stuffing, (style,), self._profile.max_telegram).decode(raw)
+            if isinstance(found, Flaw) and found.whole:
+                text = f"damaged block of {found.size} bytes: {found.text}"
+        self.counts.garbage += dropped
+        self._trouble(direction.newest, sender, text, raw)
+        self._damaged(direction)
 
     def _damaged(self, direction: _Direction) -> None:
         direction.open, direction.acknowledged = True, False
@@ -301,6 +317,9 @@ class LinkMonitor:
 
     def _nak(self, sender: Sender, at: float) -> None:
         self.counts.refusals += 1
+        for other in Sender:
+            if sender is not other:
+                self._break_off(other)
         if (pending := self._answers(sender)) is not None:
             self._close(f"NAK {_ms(at - pending.at)}", trouble=True)
         elif self._bid is not None and self._bid.answered is None:

@@ -1,0 +1,311 @@
+"""The monitor: captures in, one line a block out; troubles of the link by name; recordings and text captures."""
+
+import itertools
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hil_bridge.cli import cli
+from hil_bridge.config import load_config
+from hil_bridge.errors import ConfigError
+from hil_bridge.recording import LinkLog, LinkRecord, read_link
+from hil_bridge.session import Outputs, execute
+from hil_bridge.site.capture import Piece, Sender, parse_capture, recorded_pieces
+from hil_bridge.site.link_monitor import Line, LinkMonitor
+from hil_bridge.site.wording import frame_text, telegram_text
+from protocol.adlp import LinkProfile, encode_block
+from protocol.jr3 import parse_frame
+
+STATUS = "10 02 00 08 01 00 13 01 00 00 10 03 18"
+"""Read status. Source: computer-link specification, section 4."""
+REFUSED = encode_block(bytes.fromhex("000A0000130600000002")).hex(" ")
+"""Refusal of it, code 2."""
+ANSWER = encode_block(
+    bytes.fromhex("0020000013020000 0001000200030004 08020FE9E5DC1487 0817D45509972D13")
+).hex(" ")
+"""Status with the pose of a real robot. Source: computer-link specification, section 3."""
+GOOD = f"""
+# a whole query
+0.000000 PC 05
+0.013000 S3 06
+0.013100 PC {STATUS}
+0.041000 S3 06
+0.041100 PC 04
+0.055000 S3 05
+0.055100 PC 06
+0.105000 S3 {ANSWER}
+0.105100 PC 06
+0.107000 S3 04
+"""
+
+
+def told(
+    text: str, profile: LinkProfile | None = None, finish: bool = True
+) -> tuple[list[Line], LinkMonitor]:
+    monitor = LinkMonitor(profile or LinkProfile())
+    for piece in parse_capture(text, "capture"):
+        monitor.take(piece)
+    if finish:
+        monitor.finish()
+    lines = []
+    while (line := monitor.next_line()) is not None:
+        lines.append(line)
+    return lines, monitor
+
+
+def texts(text: str) -> list[str]:
+    return [f"{line.sender} {line.text}" for line in told(text)[0]]
+
+
+def test_a_good_exchange_is_one_line_a_block() -> None:
+    (order, answer), monitor = told(GOOD)
+    assert (order.at, order.sender, order.trouble) == (0.0131, Sender.PC, False)
+    assert order.text == "read status, order [bid 13.0 ms, ACK 27.9 ms]"
+    assert order.line_time == pytest.approx(13 * 11 / 9600)
+    assert answer.sender is Sender.ROBOT
+    assert answer.text == (
+        "read status, response: program 1, instruction 2, tcp 3, frame 4, key auto, operation, "
+        "x 0.509125 m, y -0.8365 m, z 0.656875 m, q1 0.1264038, q2 -0.682312, q3 0.1498413, q4 0.7042847 "
+        "[bid 0.1 ms, ACK 0.1 ms]"
+    )
+    counts = monitor.counts
+    assert (counts.blocks, counts.repeats, counts.unanswered, counts.garbage) == (2, 0, 0, 0)
+    characters = 13 + 37 + 8
+    assert counts.busy == pytest.approx(characters * 11 / 9600)
+
+
+BID = "0 PC 05\n0.01 S3 06\n"
+
+
+@pytest.mark.parametrize(
+    ("capture", "expected"),
+    [
+        (f"{BID}0.02 PC {STATUS}\n0.04 S3 15\n0.05 PC {STATUS}\n0.07 S3 06\n0.08 PC 04",
+         ["PC read status, order [bid 10.0 ms, NAK 20.0 ms]", "PC read status, order [repeat 1, ACK 20.0 ms]"]),
+        (f"{BID}0.02 PC {STATUS}\n2.1 PC {STATUS}\n2.2 S3 06\n2.3 PC 04",
+         ["PC read status, order [bid 10.0 ms, no answer]", "PC read status, order [repeat 1, ACK 100.0 ms]"]),
+        (f"{BID}0.02 PC {STATUS}\n0.04 S3 06\n0.3 PC {STATUS}\n0.4 S3 06\n0.5 PC 04",
+         ["PC read status, order [bid 10.0 ms, ACK 20.0 ms]",
+          "PC read status, order [repeat 1, though acknowledged, ACK 100.0 ms]"]),
+        (f"{BID}0.02 PC {STATUS}\n0.04 S3 0E\n1.0 S3 06\n1.1 PC 04",
+         ["PC read status, order [bid 10.0 ms, WACK 20.0 ms, ACK 960.0 ms]"]),
+        (f"{BID}0.02 PC {STATUS}\n0.04 S3 0F\n0.1 PC 04",
+         ["PC read status, order [bid 10.0 ms, RVI 20.0 ms: acknowledged, and asks for the line]"]),
+        (f"{BID}0.02 PC {STATUS}\n0.04 S3 04", ["PC read status, order [bid 10.0 ms, aborted by EOT]"]),
+        (f"{BID}0.02 PC {STATUS}\n0.04 S3 05", ["PC read status, order [bid 10.0 ms, answered by a bid]"]),
+        (f"{BID}0.02 PC {STATUS}\n0.04 S3 15\n0.05 PC 04",
+         ["PC read status, order [bid 10.0 ms, NAK 20.0 ms]", "PC EOT: the message is given up"]),
+        ("0 PC 05\n0.001 S3 05\n0.002 PC 06", ["S3 both bid at once"]),
+        ("0 PC 05\n2.1 PC 05\n2.2 S3 06", ["PC ENQ: no answer"]),
+        ("0 PC 05\n0.1 S3 15", ["S3 NAK: the bid is refused"]),
+        ("0 PC 05\n0.1 S3 06\n0.2 PC 04", ["PC EOT: the bid is given up"]),
+        (f"0 S3 05\n0.1 PC 06\n0.2 S3 {REFUSED}\n0.3 PC 06\n1.0 PC 05",
+         ["S3 read status, refusal: code 2 wrong function suffix [bid 100.0 ms, ACK 100.0 ms]",
+          "S3 EOT: missing before the next bid"]),
+        ("0 S3 06", ["S3 ACK: there is nothing to acknowledge"]),
+        ("0 S3 04", ["S3 EOT: nothing had begun"]),
+        ("0 S3 15", ["S3 NAK"]),
+        ("0 S3 0E\n1 S3 0F", ["S3 WACK: wait", "S3 RVI: asks for the line"]),
+        (f"0 PC {STATUS}\n0.1 S3 06\n0.2 PC 04", ["PC read status, order [without an acknowledged bid, ACK 100.0 ms]"]),
+        (f"{BID}0.02 PC {STATUS[:-2]}19\n0.1 S3 15",
+         ["PC damaged block of 13 bytes: check character is 19, the telegram needs 18", "S3 NAK"]),
+        (f"{BID}0.02 PC {STATUS.replace('08', '05', 1)}\n0.3 S3 15",
+         ["PC a block broke off after 13 bytes", "S3 NAK"]),
+        (f"{BID}0.02 S3 {ANSWER.replace('20', '09', 1)}\n0.3 PC 15",
+         ["S3 37 bytes: damaged block: no DLE ETX where the length 9 puts it", "PC NAK"]),
+        (f"{BID}0.02 PC 10 02 00 08\n0.5 S3 15", ["PC a block broke off after 4 bytes", "S3 NAK"]),
+        ("0 S3 80 81\n0.01 S3 82 06\n0.02 PC 05",
+         ["S3 3 bytes: no meaning", "S3 ACK: there is nothing to acknowledge"]),
+        ("0 S3 80 81 82 83 84 06 04", ["S3 7 bytes: no meaning"]),
+        (f"{BID}0.02 PC {STATUS}", ["PC read status, order [bid 10.0 ms, the capture ends here]"]),
+        (f"{BID}0.02 PC 10 02", ["PC a block broke off after 2 bytes"]),
+    ],
+)  # fmt: skip
+def test_troubles_are_named(capture: str, expected: list[str]) -> None:
+    assert texts(capture) == expected
+
+
+def test_silence_ends_what_waits_without_another_byte() -> None:
+    lines, monitor = told(f"{BID}0.02 PC {STATUS}", finish=False)
+    assert lines == []
+    monitor.idle(1.9)
+    assert monitor.next_line() is None
+    monitor.idle(2.1)
+    line = monitor.next_line()
+    assert line is not None
+    assert line.text.endswith("no answer]")
+    assert monitor.counts.unanswered == 1
+
+
+def test_a_wire_with_both_directions_tells_them_apart_by_the_blocks() -> None:
+    mixed = GOOD.replace(" PC ", " ? ").replace(" S3 ", " ? ")
+    lines, monitor = told(mixed)
+    assert [(line.sender, line.trouble) for line in lines] == [(Sender.PC, False), (Sender.ROBOT, False)]
+    assert "ACK 27.9 ms" in lines[0].text
+    assert monitor.counts.unanswered == 0
+
+
+def test_one_direction_alone_is_no_row_of_troubles() -> None:
+    one = "\n".join(line for line in GOOD.splitlines() if " S3 " not in line).replace(" PC ", " ? ")
+    assert [line.trouble for line in told(one)[0]] == [False]
+
+
+def test_blocks_of_a_long_telegram_are_named_as_such() -> None:
+    first = encode_block(bytes.fromhex("000E00001D0A0000000000070102")).hex()
+    last = encode_block(bytes.fromhex("000A00001D0200000304")).hex()
+    lines, _ = told(f"0 S3 05\n0 PC 06\n0.1 S3 {first}\n0.1 PC 06\n0.2 S3 {last}\n0.2 PC 06\n0.2 S3 04")
+    assert [line.text.partition(" [")[0] for line in lines] == [
+        "receive program, further block follows, from S3: program 7, content 01 02",
+        "receive program, response: content 03 04",
+    ]
+    assert not any(line.trouble for line in lines)
+
+
+def test_doubled_dles_are_read_where_the_profile_says_so() -> None:
+    block = encode_block(bytes.fromhex("0008010013010010"), "double").hex()
+    (line,), _ = told(f"{BID}0.02 PC {block}\n0.1 S3 06\n0.2 PC 04", LinkProfile(dle_stuffing="double"))
+    assert line.text.startswith("read status suffix 16, order")
+
+
+def test_words_for_what_cannot_be_read() -> None:
+    assert telegram_text(b"\x00\x09\x01\x00\x13\x01\x00\x00", False)[0].startswith(
+        "unreadable telegram: bytes 0–1"
+    )
+    assert telegram_text(bytes.fromhex("0009010006010000FF"), False)[0] == "read register, order: data FF"
+    assert "needs" in telegram_text(bytes.fromhex("0008000013020000"), True)[0]
+
+
+def test_frames_of_the_gateway_in_words() -> None:
+    assert frame_text(parse_frame("201#C80010270000")) == (
+        "PC→JR3",
+        "start async node 1: cutoff 2 Hz, period 0.01 s",
+        False,
+    )
+    direction, text, trouble = frame_text(parse_frame("7FF#R"))
+    assert (direction, trouble) == ("?", True)
+    assert "7FF#R" in text
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.lists(st.tuples(st.sampled_from(list(Sender)), st.binary(min_size=1, max_size=40)), max_size=20))
+def test_whatever_comes_is_told_and_never_an_error(pieces: list[tuple[Sender, bytes]]) -> None:
+    monitor = LinkMonitor(LinkProfile())
+    for number, (sender, data) in enumerate(pieces):
+        monitor.take(Piece(number * 0.1, sender, data))
+    monitor.finish()
+    monitor.take(Piece(1e3, Sender.PC, b"\x05"))
+    monitor.take(Piece(1e3, Sender.ROBOT, b"\x06"))
+    monitor.take(Piece(1e3, Sender.PC, bytes.fromhex(STATUS)))
+    monitor.take(Piece(1e3, Sender.ROBOT, b"\x06"))
+    lines = []
+    while (line := monitor.next_line()) is not None:
+        lines.append(line)
+    assert lines[-1].text == "read status, order [bid 0.0 ms, ACK 0.0 ms]"
+
+
+@given(st.lists(st.integers(min_value=1, max_value=36), max_size=8))
+def test_any_split_of_a_block_gives_the_same_line(cuts: list[int]) -> None:
+    data = bytes.fromhex(ANSWER)
+    edges = [0, *sorted(set(cuts)), len(data)]
+    parts = [data[begin:end] for begin, end in itertools.pairwise(edges)]
+    split = "".join(f"0.105 S3 {part.hex()}\n" for part in parts)
+    whole = f"0.105000 S3 {ANSWER}\n"
+    assert whole in GOOD
+    assert told(GOOD.replace(whole, split))[0] == told(GOOD)[0]
+
+
+# --- captures and recordings
+
+
+def test_a_piece_is_written_as_it_is_read() -> None:
+    pieces = list(parse_capture("0.25 rx 10\t02 # why\n\n0.25 tx 0506", "c"))
+    assert pieces == [Piece(0.25, Sender.ROBOT, b"\x10\x02"), Piece(0.25, Sender.PC, b"\x05\x06")]
+    assert list(parse_capture("\n".join(map(str, pieces)), "c")) == pieces
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("0 PC 5", "line 1: '0 PC 5' is no piece"),
+        ("0 PC 05\n0 who 05", "line 2"),
+        ("x PC 05", "line 1"),
+        ("1 PC 05\n0.5 PC 05", "line 2: 0.5 s is before 1 s"),
+    ],
+)
+def test_a_wrong_line_of_a_capture_is_named(text: str, words: str) -> None:
+    with pytest.raises(ConfigError, match=words):
+        list(parse_capture(text, "c"))
+
+
+def test_a_recording_with_foreign_pieces_is_refused() -> None:
+    with pytest.raises(ConfigError, match="is no piece"):
+        list(recorded_pieces([LinkRecord(0.0, ("nonsense",))], "r"))
+
+
+def test_the_link_log_puts_pieces_together() -> None:
+    records: list[LinkRecord] = []
+    log = LinkLog(records.append)
+    for number in range(70):
+        log.take(100.0 + number * 1e-3, "rx", b"\x06")
+    log.take(101.0, "tx", b"\x05")
+    log.flush()
+    log.flush()
+    assert [len(record.pieces) for record in records] == [64, 6, 1]
+    assert records[1].at == pytest.approx(100.064)
+    assert records[0].pieces[1] == "0.001000 rx 06"
+    assert list(recorded_pieces(records, "r"))[-1] == Piece(101.0, Sender.PC, b"\x05")
+
+
+def test_a_run_records_its_link_and_the_monitor_reads_it(tmp_path: Path) -> None:
+    file = tmp_path / "run.mcap"
+    config = load_config(None, {"run.duration_s": 1.0})
+    execute(config, True, Outputs(record=file), view=False)
+    records, metadata = read_link(file)
+    assert records
+    assert "config" in metadata
+    result = CliRunner().invoke(cli, ["monitor", str(file), "--raw"])
+    assert result.exit_code == 0
+    lines = result.output.splitlines()
+    assert "read status, order" in lines[0]
+    assert "{00 08 01 00 13 01 00 00}" in lines[0]
+    assert any("move end, order" in line for line in lines)
+    assert not any(" ! " in line for line in lines)
+    assert "0 repeated, 0 NAK, 0 unanswered, 0 collisions, 0 bytes without meaning" in lines[-1]
+
+
+def test_the_command_reads_text_captures_and_names_what_is_wrong(tmp_path: Path) -> None:
+    file = tmp_path / "capture.txt"
+    file.write_text(GOOD)
+    result = CliRunner().invoke(cli, ["monitor", str(file)])
+    assert result.exit_code == 0
+    first, second, total = result.output.splitlines()
+    assert first.split()[:3] == ["0.013100", "+0.013100", "PC→S3"]
+    assert "14.9 ms" in first
+    assert second.split()[1] == "+0.091900"
+    assert total.startswith("2 blocks, 0 repeated")
+    for text, words in (("", "holds no traffic"), ("0 PC 0", "is no piece")):
+        file.write_text(text)
+        error = CliRunner().invoke(cli, ["monitor", str(file)]).exception
+        assert isinstance(error, ConfigError)
+        assert words in str(error)
+    file.write_bytes(b"\xff\xfe\x00")
+    error = CliRunner().invoke(cli, ["monitor", str(file)]).exception
+    assert isinstance(error, ConfigError)
+    assert "neither a recording nor a text capture" in str(error)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["nothing.mcap"], "unknown scheme"),
+        (["tcp://a:1", "tcp://a:2", "tcp://a:3"], "two URLs at most"),
+        (["can+socketcan://can0", "tcp://a:1"], "one CAN bus at a time"),
+    ],
+)
+def test_wrong_sources_are_named(arguments: list[str], words: str) -> None:
+    error = CliRunner().invoke(cli, ["monitor", *arguments]).exception
+    assert isinstance(error, ConfigError)
+    assert words in str(error)
