@@ -1,0 +1,107 @@
+"""The site tools as processes of their own: two tapped lines, and a controller behind RFC 2217."""
+
+import json
+import os
+import pty
+import select
+import signal
+import subprocess
+import sys
+import time
+import tty
+from pathlib import Path
+
+import pytest
+
+pytestmark = pytest.mark.live
+
+HIL = (sys.executable, "-c", "from hil_bridge.cli import main; main()")
+PATIENCE = 60.0
+"""For a whole process on a busy machine, s."""
+
+
+def start(*arguments: str) -> "subprocess.Popen[str]":
+    return subprocess.Popen(
+        [*HIL, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, bufsize=1
+    )
+
+
+def test_two_tapped_lines_are_put_into_words_and_kept(tmp_path: Path) -> None:
+    """The bytes of a read status and its acknowledge, each on the port that listens to its sender."""
+    ports = [pty.openpty() for _ in range(2)]
+    for _, slave in ports:
+        tty.setraw(slave)
+    (pc, _), (robot, _) = ports
+    capture = tmp_path / "capture.txt"
+    process = start(
+        "monitor", *(f"serial://{os.ttyname(slave)}" for _, slave in ports), "--save", str(capture)
+    )
+    try:
+        ends = time.monotonic() + PATIENCE
+        while not (capture.exists() and "PC 05" in capture.read_text()):
+            assert time.monotonic() < ends
+            os.write(pc, b"\x05")  # until it listens
+            time.sleep(0.3)
+        for line, data in ((robot, "06"), (pc, "10020008010013010000100318"), (robot, "06"), (pc, "04")):
+            os.write(line, bytes.fromhex(data))
+            time.sleep(0.05)
+        assert process.stdout is not None
+        first = process.stdout.readline()
+        while "read status" not in first:  # bids that nobody answered come before
+            assert "ENQ: no answer" in first
+            first = process.stdout.readline()
+        assert "PC→S3" in first
+        assert "ACK" in first
+        process.send_signal(signal.SIGINT)
+        out, errors = process.communicate(timeout=PATIENCE)
+        assert (process.returncode, errors) == (0, "")
+        assert out.startswith("1 blocks")
+        assert not select.select([pc, robot], [], [], 0.0)[0], "a monitor sends nothing"
+    finally:
+        process.kill()
+        process.communicate()
+        for pair in ports:
+            for end in pair:
+                os.close(end)
+    assert "10 02 00 08 01 00 13 01 00 00 10 03 18" in capture.read_text()
+    again = subprocess.run(
+        [*HIL, "monitor", str(capture)], capture_output=True, text=True, check=True, timeout=PATIENCE
+    )
+    assert "read status, order" in again.stdout
+
+
+def test_a_controller_behind_a_device_server_is_probed(tmp_path: Path) -> None:
+    """The server knows what the client sets, so that parity can be wrong; the configuration found runs as it is."""
+    cell = tmp_path / "cell.toml"
+    cell.write_text('[cell.link]\nparity = "N"\ndle_stuffing = "double"\naccepted_lengths = "data"\n')
+    emulator = start(
+        "emulate",
+        "robot",
+        str(cell),
+        "--json",
+        "--robot-port",
+        "rfc2217-listen://127.0.0.1:0?baudrate=9600&parity=N",
+    )
+    try:
+        assert emulator.stdout is not None
+        url = json.loads(emulator.stdout.readline())["robot"].partition("?")[0]
+        site = tmp_path / "site.toml"
+        probe = subprocess.run(
+            [*HIL, "probe", "robot", url, "-o", str(site)],
+            capture_output=True,
+            text=True,
+            timeout=PATIENCE,
+            check=False,
+        )
+        assert (probe.returncode, probe.stderr) == (0, "")
+        assert "9600 8E1, length whole, 10h single, plain status" in probe.stdout
+        for line in ('parity = "N"', 'dle_stuffing = "double"', 'length_style = "data"'):
+            assert line in site.read_text().splitlines()
+        doctor = subprocess.run(
+            [*HIL, "doctor", str(site)], capture_output=True, text=True, timeout=PATIENCE, check=False
+        )
+        assert "ok    robot.url: 127.0.0.1 port" in doctor.stdout
+        assert doctor.returncode == 0
+    finally:
+        emulator.terminate()
+        emulator.communicate(timeout=PATIENCE)
