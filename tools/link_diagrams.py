@@ -1,0 +1,163 @@
+"""Draw the state diagrams of the link's two roles into docs/computer-link.md, from the table that the link works by.
+
+Only the section between the marks of the state diagrams is written. With --check nothing is written; the exit code is 1
+when the section is not up to date.
+"""
+
+import argparse
+import sys
+import textwrap
+from collections.abc import Iterator
+from pathlib import Path
+
+from protocol.adlp import TRANSITIONS, Action, LinkProfile, Role, State, Stimulus
+
+DOCUMENT = Path(__file__).resolve().parent.parent / "docs" / "computer-link.md"
+BEGIN, END = "<!-- state diagrams: begin -->", "<!-- state diagrams: end -->"
+
+SENDING = {State.BIDDING, State.AWAITING_ACK}
+"""States whose arrows are drawn with the sender; those of the idle ones go with what they lead to."""
+NAMES = {Role.HOST: "PC", Role.ROBOT: "S3"}
+
+SPACING = '%%{init: {"state": {"nodeSpacing": 90, "rankSpacing": 80}}}%%'
+"""Mermaid's own is too narrow for these labels."""
+
+INTRODUCTION = """\
+Drawn by `tools/link_diagrams.py` from the table in `protocol/adlp/transitions.py`, by which both ends work. An arrow
+has what happens; what is done then, and what leaves a state as it is, is in the table below the diagrams. Both ends
+send and receive. They differ in two things: who goes first when both bid at once, and which lengths they understand."""
+RECEIVING = """\
+The PC understands a length that counts the whole telegram, the S3 also one of the data alone (`accepted_lengths`), so
+that it waits for the end by the other length, or for the gap time-out, before it refuses a block. "Listening" is as
+"idle" here."""
+DOING = """\
+A pair that is not listed is ignored and counted. "Failed" is what the sender is told of its message, or the receiver of
+one that broke off. "Gap" is silence inside a block or after garbage (`gap_timeout_s`), the other time-outs are those of
+the state."""
+
+CONDITIONS = {
+    (Action.COLLIDE, State.BIDDING): "we go first",
+    (Action.COLLIDE, State.AWAITING_BLOCK): "the other side goes first",
+    (Action.WAIT_LONGER, State.BIDDING): "up to wack_limit",
+    (Action.WAIT_LONGER, State.AWAITING_ACK): "up to wack_limit",
+    (Action.WAIT_LONGER, State.IDLE): "then EOT, failed",
+    (Action.BID_AGAIN, State.BIDDING): "up to bid_limit",
+    (Action.BID_AGAIN, State.IDLE): "then failed",
+    (Action.SEND_NEXT, State.AWAITING_ACK): "more blocks",
+    (Action.SEND_NEXT, State.IDLE): "none left, EOT",
+    (Action.SEND_NEXT, State.LISTENING): "none left, EOT, line was asked for",
+    (Action.SEND_NEXT_REVERSED, State.AWAITING_ACK): "more blocks",
+    (Action.SEND_NEXT_REVERSED, State.LISTENING): "none left, EOT",
+    (Action.REPEAT_REFUSED, State.AWAITING_ACK): "up to repeat_limit",
+    (Action.REPEAT_REFUSED, State.IDLE): "then EOT, failed",
+    (Action.REPEAT_UNANSWERED, State.AWAITING_ACK): "up to repeat_limit",
+    (Action.REPEAT_UNANSWERED, State.IDLE): "then EOT, failed",
+    (Action.ACCEPT_BLOCK, State.AWAITING_MORE): "ACK",
+    (Action.ACCEPT_BLOCK, State.IDLE): "too many, EOT, failed",
+    (Action.REFUSE_BLOCK, State.AWAITING_BLOCK): "NAK, up to repeat_limit",
+    (Action.REFUSE_BLOCK, State.IDLE): "then failed",
+    (Action.JUDGE_GARBAGE, State.AWAITING_BLOCK): "NAK",
+    (Action.JUDGE_GARBAGE, State.IDLE): "a mutilated EOT, or NAKs used up",
+    (Action.RECOGNISE_LATE, State.AWAITING_MORE): "ACK, after a missing EOT",
+    (Action.RECOGNISE_LATE, State.IDLE): "else a stray one",
+    (Action.RECOGNISE_LATE, State.LISTENING): "else a stray one",
+}
+"""Where an action leads to several states: which it is."""
+
+
+def transitions(role: Role) -> Iterator[tuple[State, Stimulus, Action, State]]:
+    """Every state, what may happen in it, what is done and where that leads for this role in the default profile."""
+    first = LinkProfile().collision_winner == role
+    for (state, stimulus), transition in TRANSITIONS.items():
+        for target in transition.next:
+            if transition.action is Action.COLLIDE and (target is State.BIDDING) is not first:
+                continue
+            yield state, stimulus, transition.action, target
+
+
+def is_sending(state: State, target: State) -> bool:
+    """Whether an arrow is drawn in the sender's diagram and not in the receiver's."""
+    return state in SENDING or target in SENDING or (state is State.LISTENING and target is State.IDLE)
+
+
+def arrows(role: Role, sending: bool) -> dict[tuple[State, State], list[str]]:
+    """For each pair of states what leads from the one to the other. For the receiver listening is as idle."""
+    pairs: dict[tuple[State, State], list[str]] = {}
+    for state, stimulus, _, target in transitions(role):
+        alike = state is State.LISTENING and TRANSITIONS.get((State.IDLE, stimulus)) is not None
+        if target is not state and not alike and is_sending(state, target) is sending:
+            pairs.setdefault((state, target), []).append(stimulus.value)
+    return pairs
+
+
+def diagram(drawn: dict[tuple[State, State], list[str]]) -> str:
+    """The arrows as a Mermaid state diagram."""
+    lines = ["```mermaid", SPACING, "stateDiagram-v2"]
+    lines += [
+        f'    state "{state.value}" as {state.name}'
+        for state in State
+        if any(state in pair for pair in drawn)
+    ]
+    lines += ["    [*] --> IDLE"]
+    for (source, target), stimuli in drawn.items():
+        label = "<br/>".join(textwrap.wrap(", ".join(stimuli), 16, break_on_hyphens=False))
+        lines.append(f"    {source.name} --> {target.name} : {label}")
+    return "\n".join([*lines, "```"])
+
+
+def table() -> str:
+    """What is done, and where it leads, by state and stimulus."""
+    lines = ["| in state | happens | is done | and then |", "| --- | --- | --- | --- |"]
+    for (state, stimulus), transition in TRANSITIONS.items():
+        targets = [
+            f"{target.value} ({condition})"
+            if (condition := CONDITIONS.get((transition.action, target)))
+            else target.value
+            for target in transition.next
+        ]
+        doing = transition.action.value.replace("_", " ")
+        lines.append(f"| {state.value} | {stimulus.value} | {doing} | {'; '.join(targets)} |")
+    return "\n".join(lines)
+
+
+def section() -> str:
+    """What stands between the marks."""
+    receiving = {role: arrows(role, sending=False) for role in Role}
+    if receiving[Role.HOST] != receiving[Role.ROBOT]:
+        raise ValueError("the roles receive differently: draw a diagram for each")
+    parts = [INTRODUCTION]
+    for role in Role:
+        first = "goes first" if LinkProfile().collision_winner == role else "gives way"
+        parts += [
+            f"### The {NAMES[role]} sends",
+            f"When both bid at once (ENQ while bidding), the {NAMES[role]} {first} (`collision_winner`).",
+            diagram(arrows(role, sending=True)),
+        ]
+    parts += ["### Either receives", RECEIVING, diagram(receiving[Role.HOST])]
+    return "\n\n".join([*parts, "### What is done", DOING, table()])
+
+
+def renewed(text: str) -> str:
+    """The document with the section as the table has it now. Raises ValueError for a document without its place."""
+    before, has_begin, behind = text.partition(BEGIN)
+    _, has_end, after = behind.partition(END)
+    if not (has_begin and has_end):
+        raise ValueError(f"the document has no place for the state diagrams: {BEGIN} … {END}")
+    return f"{before}{BEGIN}\n{section()}\n{END}{after}"
+
+
+def main() -> int:
+    """Write the section, or check it."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--check", action="store_true", help="write nothing, say whether it is up to date")
+    check = parser.parse_args().check
+    before = DOCUMENT.read_text(encoding="utf-8")
+    after = renewed(before)
+    if check:
+        return int(after != before)
+    DOCUMENT.write_text(after, encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
