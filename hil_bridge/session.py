@@ -34,6 +34,7 @@ from hil_bridge.recording import (
     read,
     summarise,
 )
+from hil_bridge.recording.latency import AnswerTimes
 from hil_bridge.run import Run, RunResult
 from hil_bridge.transports import Direction
 from hil_bridge.truth import Truths
@@ -309,7 +310,13 @@ class _Session:
             yield
             return
         config = self._config
-        self._view = LiveView(config.run.duration_s, config.task.force_n, sys.stdout, line_floor(self._link))
+        self._view = LiveView(
+            config.run.duration_s,
+            config.task.force_n,
+            sys.stdout,
+            line_floor(self._link),
+            AnswerTimes.on(self._link),
+        )
         task = asyncio.create_task(self._refresh(self._view), name="view")
         try:
             with self._view:

@@ -3,7 +3,7 @@
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -110,7 +110,7 @@ def latency_of(recording: Recording) -> Latency | None:
     known = any(math.isfinite(truth.sampled_at) for truth in recording.truths)
     earliest = {} if known else earliest_arrivals(recording.sensors)
     found = budget(recording.cycles, answers, recording.truths, earliest)
-    return None if found is None else Latency(*found, constants=_constants(recording, config, found))
+    return None if found is None else replace(found, constants=_constants(recording, config, found))
 
 
 def budget(
@@ -118,8 +118,8 @@ def budget(
     answers: AnswerTimes,
     truths: Sequence[TruthRecord] = (),
     earliest: Mapping[int, float] | None = None,
-) -> tuple[tuple[Part, ...], tuple[Part, ...], str, Times] | None:
-    """Chain, hops beside it, its name and its whole, of these cycles; None where they were not stamped.
+) -> Latency | None:
+    """The latency of these cycles, without its constants; None where they were not stamped.
 
     `earliest` are the earliest arrivals by the frame's sequence.
     """
@@ -155,7 +155,7 @@ def budget(
         for hop in others
         if hop not in hops and (times := took(hop.begin, hop.end)) is not None
     )
-    return chain, beside, f"{begin} to {'motion' if moving else 'answer'}", total
+    return Latency(chain, beside, f"{begin} to {'motion' if moving else 'answer'}", total)
 
 
 def answer_times(recording: Recording) -> AnswerTimes | None:
@@ -250,11 +250,7 @@ def moments(
     return moment
 
 
-def _constants(
-    recording: Recording,
-    config: Mapping[str, Any],
-    found: tuple[tuple[Part, ...], tuple[Part, ...], str, Times],
-) -> tuple[Constant, ...]:
+def _constants(recording: Recording, config: Mapping[str, Any], found: Latency) -> tuple[Constant, ...]:
     """What lies before the sample and behind the motion."""
     constants = []
     try:
@@ -271,7 +267,7 @@ def _constants(
     except (KeyError, TypeError, ValueError, AttributeError, ZeroDivisionError):
         return tuple(constants)
     source = "as configured for the emulated robot" if emulated else "assumed"
-    if not found[2].endswith("motion"):
+    if not found.name.endswith("motion"):
         constants.append(Constant("the wait for the robot's interpolator", wait, f"half a tick, {source}"))
         constants.append(Constant("the servo's transport delay", transport, source))
     constants.append(Constant("the servo's response", response, f"2ζ/ω, {source}"))

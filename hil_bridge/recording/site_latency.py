@@ -70,10 +70,4 @@ def _quantiles_ms(values: Sequence[float], what: str) -> list[float]:
 
 
 def _toml(value: object) -> str:
-    match value:
-        case bool():
-            return str(value).lower()
-        case str():
-            return f'"{value}"'
-        case _:
-            return repr(value)
+    return f'"{value}"' if isinstance(value, str) else repr(value)

@@ -4,6 +4,7 @@ import math
 from collections import deque
 from dataclasses import dataclass
 
+from hil_bridge.recording.latency import AnswerTimes, Latency, budget
 from hil_bridge.recording.records import CycleRecord
 
 HISTORY_CYCLES = 60
@@ -37,6 +38,8 @@ class Snapshot:
     newest: CycleRecord | None
     forces_n: tuple[float, ...]
     """Of the last cycles, oldest first."""
+    latency: Latency | None
+    """Of the same cycles, from the arrival of the sensor frame to the move's answer."""
     sensor_age_s: float | None
     link_errors: int
     frames_lost: int
@@ -55,16 +58,23 @@ class Snapshot:
 class ViewModel:
     """The newest of everything. `update` and `enter` only store, so that the control path may call them."""
 
-    def __init__(self, total_s: float | None, reference_n: float, line_floor_s: float | None = None) -> None:
+    def __init__(
+        self,
+        total_s: float | None,
+        reference_n: float,
+        line_floor_s: float | None = None,
+        answers: AnswerTimes | None = None,
+    ) -> None:
         self._total_s = total_s
         self._reference_n = reference_n
         self._line_floor_s = line_floor_s
+        self._answers = answers
         self._began: float | None = None
         self._track_since: float | None = None
         self._track_until: float | None = None
         self._phase = "connect"
         self._newest: CycleRecord | None = None
-        self._forces: deque[float] = deque(maxlen=HISTORY_CYCLES)
+        self._cycles: deque[CycleRecord] = deque(maxlen=HISTORY_CYCLES)
 
     def update(self, record: CycleRecord) -> None:
         """A cycle has ended."""
@@ -73,7 +83,7 @@ class ViewModel:
         if record.phase == "track":
             self._track_since = self._track_since or record.started_at
             self._track_until = record.answered_at
-        self._forces.append(record.force)
+        self._cycles.append(record)
 
     def enter(self, phase: str) -> None:
         """A phase begins; some phases have no cycles."""
@@ -83,7 +93,7 @@ class ViewModel:
         """The state at `now` (s on the run's clock). The first call begins the elapsed time."""
         if self._began is None:
             self._began = now
-        newest = self._newest
+        newest, cycles = self._newest, tuple(self._cycles.copy())
         return Snapshot(
             phase=self._phase,
             elapsed_s=now - self._began,
@@ -92,7 +102,8 @@ class ViewModel:
             reference_n=newest.force_reference if newest else self._reference_n,
             line_floor_s=self._line_floor_s,
             newest=newest,
-            forces_n=tuple(self._forces.copy()),
+            forces_n=tuple(cycle.force for cycle in cycles),
+            latency=budget(cycles, self._answers) if cycles and self._answers else None,
             sensor_age_s=None if health.sensor_at is None else max(0.0, now - health.sensor_at),
             link_errors=health.link_errors,
             frames_lost=health.frames_lost,

@@ -18,6 +18,8 @@ WIDTH = 80
 CHART_ROWS = 8
 _EIGHTHS = " ▁▂▃▄▅▆▇█"
 _SCALE_WIDTH = 7
+_HOPS_SHOWN = 4
+"""Hops with the largest medians, that fit a line."""
 _STALE_SENSOR_S = 0.1
 """Older than this is shown as a warning; the supervisor has its own, stricter limit. Chosen."""
 _PHASE_STYLES = {"approach": "yellow", "track": "green", "retract": "cyan"}
@@ -25,7 +27,7 @@ _VERDICT_STYLES = {"allow": "green", "clamp": "yellow", "stop": "bold red"}
 
 
 def panel(snapshot: Snapshot, width: int = WIDTH) -> RenderableType:
-    """The whole view, 20 lines of `width` columns."""
+    """The whole view, 22 lines of `width` columns."""
     style = _PHASE_STYLES.get(snapshot.phase, "blue")
     return Panel(
         Group(
@@ -34,6 +36,7 @@ def panel(snapshot: Snapshot, width: int = WIDTH) -> RenderableType:
             Text(),
             _values(snapshot),
             _verdict(snapshot),
+            *_latency(snapshot),
             Text(),
             _progress(snapshot),
         ),
@@ -142,6 +145,19 @@ def _verdict(snapshot: Snapshot) -> Text:
         return line.append("–")
     text = f"{newest.verdict}: {', '.join(newest.reasons)}" if newest.reasons else newest.verdict
     return line.append(text, _VERDICT_STYLES.get(newest.verdict, "red"))
+
+
+def _latency(snapshot: Snapshot) -> tuple[Text, Text]:
+    """The whole of the last cycles, and its larger hops."""
+    whole = Text.assemble(("latency     ", "dim"), no_wrap=True, overflow="ellipsis")
+    found = snapshot.latency
+    if found is None:
+        return whole.append("–"), Text()
+    p50, p99, largest = (s * 1e3 for s in (found.total.p50_s, found.total.p99_s, found.total.max_s))
+    whole.append(f"{p50:.0f} ms p50, {p99:.0f} p99, {largest:.0f} max  ").append(found.name, "dim")
+    shown = sorted(found.chain, key=lambda part: -part.times.p50_s)[:_HOPS_SHOWN]
+    hops = [f"{part.hop.name} {part.times.p50_s * 1e3:.0f}" for part in found.chain if part in shown]
+    return whole, Text(f"{'':12}{' + '.join(hops)} ms", style="dim", no_wrap=True, overflow="ellipsis")
 
 
 def _count(label: str, number: int, width: int = 0) -> Text:

@@ -6,6 +6,7 @@ import pytest
 from rich.console import Console
 
 from hil_bridge.recording import CycleRecord
+from hil_bridge.recording.latency import AnswerTimes
 from hil_bridge.view import Health, LiveView, Snapshot, ViewModel
 from hil_bridge.view.panel import panel
 
@@ -50,7 +51,7 @@ def text_of(snapshot: Snapshot, width: int = 80) -> str:
 
 
 def model(*records: CycleRecord, total_s: float | None = 30.0) -> ViewModel:
-    made = ViewModel(total_s, 50.0, 0.156)
+    made = ViewModel(total_s, 50.0, 0.156, AnswerTimes(0.047, 0.0196))
     made.snapshot(100.0, Health())
     for record in records:
         made.update(record)
@@ -80,6 +81,28 @@ def test_the_panel_says_what_the_cycle_and_the_wires_do() -> None:
     assert text.split("link errors")[1].split()[0] == "3"
 
 
+STAMPED = dataclasses.replace(
+    CYCLE,
+    sensor_at=110.064,
+    decoded_at=110.064,
+    proposed_at=110.0704,
+    controlled_at=110.0708,
+    sent_at=110.071,
+    transmitted_at=110.130,
+    answered_at=110.1615,
+)
+
+
+def test_the_panel_says_where_the_time_goes() -> None:
+    lines = text_of(model(STAMPED).snapshot(110.17, Health())).splitlines()
+    at = next(k for k, line in enumerate(lines) if "latency" in line)
+    assert "98 ms p50, 98 p99, 98 max  sample's arrival to answer" in lines[at]
+    assert "waiting 6 + line 59 + turnaround 12 + answer 20 ms" in " ".join(lines[at + 1].split())
+    unstamped = text_of(model(CYCLE).snapshot(110.17, Health()))
+    assert "latency     –" in unstamped
+    assert len(unstamped.splitlines()) == len(lines)
+
+
 @pytest.mark.parametrize("width", [80, 60])
 def test_the_panel_fits_whatever_it_shows(width: int) -> None:
     stop = dataclasses.replace(
@@ -92,6 +115,8 @@ def test_the_panel_fits_whatever_it_shows(width: int) -> None:
         model(),
         model(total_s=None),
         model(*[CYCLE] * 100),
+        model(*[STAMPED] * 100),
+        model(dataclasses.replace(STAMPED, answered_at=1e6)),
         model(stop),
         model(odd),
         model(dataclasses.replace(CYCLE, force_reference=0.0, force=0.0)),
