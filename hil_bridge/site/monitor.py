@@ -68,27 +68,30 @@ def monitor_link(
                 raise ConfigError(f"cannot write {save}: {error.strerror}") from error
             print("# seconds, who sent it, bytes", file=file)
             keep = partial(print, file=file)
-        monitor = run_real(lambda: _listen(urls, link, orders, Printer(raw), keep))
+        monitor = run_real(lambda: listen(urls, link, orders, Printer(raw), keep))
     click.echo(counts_text(*monitor))
 
 
 def monitor_can(url: str, raw: bool) -> None:
     """Print the frames of a JR3 gateway's bus until Ctrl-C; errors as `monitor_link`."""
-    run_real(lambda: _listen_can(url, Printer(raw)))
+    run_real(lambda: listen_can(url, Printer(raw)))
 
 
 def _drop(piece: Piece) -> None:
     """Nobody wants to keep it."""
 
 
-async def _listen(
+async def listen(
     urls: Sequence[str],
     link: LinkProfile,
     orders: OrderBook,
     show: Printer,
     keep: Callable[[Piece], object],
 ) -> tuple[Counts, float]:
-    """The totals, and for how long there was traffic, s."""
+    """Hear the wires until a signal or the end of one: the totals, and for how long there was traffic, s.
+
+    `keep` is given every piece. Raises as `monitor_link`.
+    """
     clock = Clock.running()
     senders = (Sender.UNKNOWN,) if len(urls) == 1 else (Sender.PC, Sender.ROBOT)
     begun = newest = 0.0
@@ -129,7 +132,8 @@ async def _listen(
         clock.close()
 
 
-async def _listen_can(url: str, show: Printer) -> None:
+async def listen_can(url: str, show: Printer) -> None:
+    """Show a bus until a signal or its end; errors as `monitor_link`."""
     clock = Clock.running()
 
     def arrived(frames: Frames) -> None:

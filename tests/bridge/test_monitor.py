@@ -1,5 +1,6 @@
 """The monitor: captures in, one line a block out; troubles of the link by name; recordings and text captures."""
 
+import asyncio
 import itertools
 from pathlib import Path
 
@@ -9,14 +10,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hil_bridge.cli import cli
+from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.config import load_config
-from hil_bridge.errors import ConfigError
+from hil_bridge.errors import ConfigError, TransportEnded
 from hil_bridge.recording import LinkLog, LinkRecord, read_link
 from hil_bridge.session import Outputs, execute
 from hil_bridge.site.capture import Piece, Sender, parse_capture, recorded_pieces
 from hil_bridge.site.link_monitor import Line, LinkMonitor
+from hil_bridge.site.monitor import listen, listen_can
+from hil_bridge.site.printing import Printer
 from hil_bridge.site.wording import frame_text, telegram_text
+from hil_bridge.transports import connect_can, listen_bytes
 from protocol.adlp import LinkProfile, encode_block
+from protocol.arap import KNOWN
 from protocol.jr3 import parse_frame
 
 STATUS = "10 02 00 08 01 00 13 01 00 00 10 03 18"
@@ -309,3 +315,53 @@ def test_wrong_sources_are_named(arguments: list[str], words: str) -> None:
     error = CliRunner().invoke(cli, ["monitor", *arguments]).exception
     assert isinstance(error, ConfigError)
     assert words in str(error)
+
+
+# --- while it runs, in virtual time
+
+
+def test_frames_of_a_bus_are_shown_as_they_come(capsys: pytest.CaptureFixture[str]) -> None:
+    async def main() -> None:
+        clock = Clock.running()
+        listening = asyncio.create_task(listen_can("can+memory:bus", Printer(raw=True)))
+        gateway = await connect_can("can+memory:bus", clock)
+        gateway.start(lambda frames: None, lambda cause: None)
+        await asyncio.sleep(0.1)
+        gateway.send([parse_frame("601#0100FEFF03000700")])
+        await asyncio.sleep(0.1)
+        await gateway.aclose()
+        listening.cancel()
+        await asyncio.wait([listening])
+
+    run_virtual(main)
+    (line,) = capsys.readouterr().out.splitlines()
+    assert "JR3→PC" in line
+    assert "0.1 ms   forces node 1: fx 6.103516e-05 of full scale, fy -0.0001220703" in line
+    assert line.endswith("{01 00 FE FF 03 00 07 00}")
+
+
+def test_two_wires_are_heard_until_one_ends(capsys: pytest.CaptureFixture[str]) -> None:
+    kept: list[Piece] = []
+
+    async def main() -> None:
+        clock = Clock.running()
+        pc, robot = await listen_bytes("memory:pc", clock), await listen_bytes("memory:robot", clock)
+
+        async def talk() -> None:
+            for data, at in (("05", pc), ("06", robot), (STATUS, pc)):
+                await asyncio.sleep(0.02)
+                at.transport.send(bytes.fromhex(data))
+            await asyncio.sleep(3.0)
+            await pc.transport.aclose()
+
+        talking = asyncio.create_task(talk())
+        with pytest.raises(TransportEnded):
+            await listen(("memory:pc", "memory:robot"), LinkProfile(), KNOWN, Printer(raw=False), kept.append)
+        await talking
+        await robot.transport.aclose()
+
+    run_virtual(main)
+    (line,) = capsys.readouterr().out.splitlines()
+    assert "! read status, order [bid 20.0 ms, no answer]" in line
+    assert [piece.sender for piece in kept] == [Sender.PC, Sender.ROBOT, Sender.PC]
+    assert kept[2].at == pytest.approx(0.04)
