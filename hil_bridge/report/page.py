@@ -10,6 +10,7 @@ from hil_bridge.recording.files import write_whole
 from hil_bridge.recording.reader import Recording
 from hil_bridge.recording.summary import Summary
 from hil_bridge.report.figures import merit_rows, quantity, run_rows
+from hil_bridge.report.latency_section import latency_section
 from hil_bridge.report.markup import pairs, rows, table
 from hil_bridge.report.plots import draw, size_px
 from hil_bridge.report.sections import beginning, controller_section, stability_section
@@ -75,7 +76,7 @@ def page(recording: Recording, summary: Summary, picture: bytes) -> str:
 </section><section><h2>Run</h2>{rows(run_rows(summary))}</section></div>
 <h2>Picture</h2><img alt="Force, depth, correction, stiffness and cycle time over time"
  width="{width}" height="{height}" src="data:image/png;base64,{data}">
-{stability_section(recording, summary)}{controller_section(recording)}
+{latency_section(recording)}{stability_section(recording, summary)}{controller_section(recording)}
 <h2>Link counters</h2>{pairs((name, f"{value:g}") for name, value in summary.link.items())}
 <h2>Events</h2>{_events(recording)}
 <h2>Configuration and versions</h2>{_metadata(recording)}

@@ -5,6 +5,7 @@ import itertools
 import json
 import math
 import random
+import struct
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -27,6 +28,9 @@ from hil_bridge.recording.latency import (
 )
 from hil_bridge.recording.site_latency import QUANTILES, site_settings
 from hil_bridge.recording.summary import summarise
+from hil_bridge.report import write_report
+from hil_bridge.report.latency_plot import LATENCY_SIZE_PX, by_owner, draw_latency
+from hil_bridge.report.page import page
 from hil_bridge.session import Outputs, execute
 from protocol.adlp import LinkProfile
 
@@ -229,6 +233,28 @@ def test_the_summary_tells_it() -> None:
     assert told["latency"]["line"] == {"p50_ms": 70.0, "p90_ms": 70.0, "p99_ms": 70.0, "max_ms": 70.0}
     assert told["latency"]["total"]["p50_ms"] == pytest.approx(118)
     assert told["latency_largest"] == "line time of the move (70 ms, 59 %)"
+
+
+def test_the_report_shows_it(tmp_path: Path) -> None:
+    recorded = recording(CYCLES, truths=TRUTHS)
+    text = write_report(recorded, summarise(recorded), tmp_path).read_text()
+    assert "Half of the cycles took 118 ms or less from sample to motion, 99 % at most 118 ms." in text
+    assert "The largest part: line time of the move (70 ms, 59 %)." in text
+    assert "<td>line</td><td>line</td><td>70.00</td>" in text
+    assert "<td>the servo&#x27;s response</td><td>50.0</td>" in text
+    assert "<h2>Latency</h2>" not in page(Recording(CYCLES), summarise(Recording(CYCLES)), b"")
+
+
+@pytest.mark.parametrize("outlier_s", [0.0, 5.0])
+def test_the_figure_is_a_function_of_the_record(outlier_s: float) -> None:
+    truths = (*TRUTHS[:-1], truth(CYCLES[-1], motion=0.03 + outlier_s))
+    found = latency_of(recording(CYCLES, truths=truths))
+    assert found is not None
+    drawn = draw_latency(found)
+    assert drawn == draw_latency(found)
+    assert struct.unpack(">II", drawn[16:24]) == LATENCY_SIZE_PX
+    sums = {owner.value: round(seconds * 1e3, 6) for owner, seconds in by_owner(found).items()}
+    assert sums == {"bus": 1, "software": 14, "device": 3, "line": 70, "robot": 30}
 
 
 # --- the lower envelope
