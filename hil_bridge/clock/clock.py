@@ -33,9 +33,11 @@ class Clock:
 
         In real time, callbacks of the same instant run in no particular order.
         """
+        self.call_soon: Callable[[Callable[[], object]], Timer] = loop.call_soon
+        """Call back on the loop's next turn."""
         self._close: Callable[[], None] | None = None
         if isinstance(loop, VirtualLoop):
-            self.call_at = loop.timer
+            self.call_at, self.call_soon = loop.timer, loop.soon
             self._anchor, self._anchor_wall_ns = VIRTUAL_EPOCH, VIRTUAL_WALL_NS
             return
         self._anchor, self._anchor_wall_ns = loop.time(), time.time_ns()

@@ -106,6 +106,12 @@ class VirtualLoop(asyncio.SelectorEventLoop):
         heapq.heappush(self._timers, (when, next(self._numbers), timer))
         return timer
 
+    def soon(self, callback: Callable[[], object]) -> VirtualTimer:
+        """Call back on the next turn: as `call_soon`, but lighter."""
+        timer = VirtualTimer(self, callback)
+        self._ready.append(timer)
+        return timer
+
     def _run_once(self) -> None:
         """One turn: what is ready; time goes on only when nothing is."""
         ready, timers = self._ready, self._timers
@@ -118,7 +124,7 @@ class VirtualLoop(asyncio.SelectorEventLoop):
                     f"something asks to be called again at once, for ever; "
                     f"waiting: {describe_tasks(asyncio.all_tasks(self))}"
                 )
-        else:
+        while not ready and not self._stopping:
             while timers and timers[0][2]._cancelled:
                 heapq.heappop(timers)
             if not timers:
@@ -126,9 +132,14 @@ class VirtualLoop(asyncio.SelectorEventLoop):
                     f"nothing can happen any more at {self._now:.9f} s: no timer is set and nothing is ready; "
                     f"waiting: {describe_tasks(asyncio.all_tasks(self))}"
                 )
-            if timers[0][0] > self._now:
-                self._now = timers[0][0]
+            when, _, handle = heapq.heappop(timers)
+            if when > self._now:
+                self._now = when
             self._turns = 0
+            if timers and timers[0][0] <= self._now:
+                ready.append(handle)
+            else:
+                handle._run()  # alone at its instant, which is most often so: the turn is its own
         now = self._now
         while timers and timers[0][0] <= now:
             ready.append(heapq.heappop(timers)[2])

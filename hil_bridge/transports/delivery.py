@@ -136,7 +136,7 @@ class TimedQueue:
     def _arm(self, at_once: bool) -> None:
         self._armed = True
         if at_once:
-            self._clock.loop.call_soon(self._run)
+            self._clock.call_soon(self._run)
         else:
             self._clock.call_at(self._actions[0][0], self._run)
 

@@ -40,10 +40,24 @@ def test_what_the_table_cannot_hold_is_our_fault(values: dict[str, float]) -> No
         LAYOUT.pack(values)
 
 
+@given(st.integers(0, 255), st.integers(-32768, 32767))
+def test_a_row_has_the_fields_by_offset(kind: int, height: int) -> None:
+    data = LAYOUT.pack_row(kind, height)
+    assert data == LAYOUT.pack({"kind": kind, "height": height})
+    assert LAYOUT.unpack_row(data + b"more") == (kind, height)
+
+
+@pytest.mark.parametrize("row", [(), (1,), (1, 2, 3), (256, 1), ("a", 1)])
+def test_a_row_that_does_not_fit_is_our_fault(row: tuple[int, ...]) -> None:
+    with pytest.raises(LocalProtocolError, match="sample"):
+        LAYOUT.pack_row(*row)
+
+
 @given(st.binary(max_size=7))
 def test_a_short_payload_is_the_other_sides_fault(data: bytes) -> None:
-    with pytest.raises(RemoteProtocolError, match="sample needs 8 bytes"):
-        LAYOUT.unpack(data)
+    for read in (LAYOUT.unpack, LAYOUT.unpack_row):
+        with pytest.raises(RemoteProtocolError, match="sample needs 8 bytes"):
+            read(data)
 
 
 def test_people_read_values_in_units_with_their_marks() -> None:

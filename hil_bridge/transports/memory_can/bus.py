@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from hil_bridge.clock import Clock, Timer
 from hil_bridge.transports.memory_can.disturbance import Disturbance
@@ -41,16 +41,21 @@ class _Attempt:
     accepted: bool
     """Whether the receivers take the frame, though it may have failed for its sender."""
     repeats: int = 1
+    end: int = field(init=False)
+    """Bit time at which it is over."""
+
+    def __post_init__(self) -> None:
+        self.end = self.start + self.bits
 
     @property
     def cycle(self) -> int:
         """Bit times from one repetition to the next of a node that is error passive."""
         return self.bits + INTERMISSION_BITS + SUSPEND_BITS
 
-    @property
-    def end(self) -> int:
-        """Bit time at which it is over."""
-        return self.start + (self.repeats - 1) * self.cycle + self.bits
+    def repeat(self, times: int) -> None:
+        """So often in all."""
+        self.repeats = times
+        self.end = self.start + (times - 1) * self.cycle + self.bits
 
 
 class MemoryCanBus:
@@ -162,7 +167,8 @@ class MemoryCanBus:
 
     def _schedule(self, not_before: float) -> None:
         """See to it that the next frame begins, as soon as the bus is free."""
-        self._set_timer(None)
+        if self._timer is not None:
+            self._set_timer(None)
         if self._free_since is not None:
             self._count_free_time()
         waiting = self._waiting()
@@ -193,7 +199,8 @@ class MemoryCanBus:
         )
 
     def _arbitrate(self) -> None:
-        self._set_timer(None)
+        if self._timer is not None:
+            self._set_timer(None)
         self._attempt = None
         self._bits = self._start
         at = self._at(self._bits)
@@ -238,20 +245,20 @@ class MemoryCanBus:
         if missing and self._disturb is None and len(self._nodes) == 1:
             self._repeat_alone(attempt)
         self._suspended = None
-        self._set_timer(attempt.end)
+        self._timer = self._clock.call_at(self._at(attempt.end), self._over)
 
     def _repeat_alone(self, attempt: _Attempt) -> None:
         """Nothing can change before somebody comes or the frame is given up: spare the steps in between."""
         if attempt.sender.state is ErrorState.PASSIVE:
             left = (attempt.sender.queue.give_up_at - self._at(attempt.start)) * self.bitrate
-            attempt.repeats = max(1, math.ceil(left / attempt.cycle))
+            attempt.repeat(max(1, math.ceil(left / attempt.cycle)))
 
     def _cut_repeats(self) -> None:
         """Somebody came: the repetition that is under way is the last one for which that is too late."""
         attempt = self._attempt
         if attempt is not None and attempt.repeats > 1:
             passed = (self._clock.now() - self._at(attempt.start)) * self.bitrate
-            attempt.repeats = min(attempt.repeats, 1 + int(passed / attempt.cycle))
+            attempt.repeat(min(attempt.repeats, 1 + int(passed / attempt.cycle)))
             self._set_timer(attempt.end)
 
     def _over(self) -> None:

@@ -19,7 +19,6 @@ from protocol.jr3.can_gateway.messages import (
     Command,
     Op,
     decode_acknowledge,
-    decode_triple,
     encode_command,
     identifier,
 )
@@ -56,6 +55,7 @@ class Phase(Enum):
     FAILED = "failed"
 
 
+_SYNC = CanFrame(Op.SYNC)
 _ENDED = frozenset({Phase.STOPPING, Phase.STOPPED, Phase.FAILED})
 
 
@@ -174,6 +174,8 @@ class GatewayClient:
 
     def data_to_send(self, now: float) -> Sequence[CanFrame]:
         """The command whose turn it is, and a SYNC for every sample asked for."""
+        if not (self._queue or self._syncs or self._flight):
+            return ()
         frames: list[CanFrame] = []
         if self._quiet_until is not None and now >= self._quiet_until:
             self._quiet_until = None
@@ -185,12 +187,14 @@ class GatewayClient:
             self._flight.tries += 1
             self._flight.due = now + self._profile.ack_timeout_s
             frames.append(self._frame(self._flight.op))
-        frames.extend(itertools.repeat(CanFrame(Op.SYNC), self._syncs))
+        frames.extend(itertools.repeat(_SYNC, self._syncs))
         self._syncs = 0
         return frames
 
     def next_deadline(self) -> float | None:
         """The next time-out or end of a pause."""
+        if self._phase is Phase.READY and self._flight is None and self._quiet_until is None:
+            return None
         due: list[float] = []
         if self._flight is not None and not self._flight.resend:
             due.append(self._flight.due)
@@ -373,8 +377,9 @@ class GatewayClient:
         if self._forces is None or self._forces[6:] != frame.data[6:]:
             self.statistics.unpaired += 1
             return
-        forces, moments = decode_triple(self._forces, FORCES), decode_triple(frame.data, MOMENTS)
+        fx, fy, fz, counter = FORCES.unpack_row(self._forces)
+        mx, my, mz, _ = MOMENTS.unpack_row(frame.data)
         self._forces = None
-        if (sequence := self._counter.follow(forces.counter)) is not None:
+        if (sequence := self._counter.follow(counter)) is not None:
             at = now if frame.received_at is None else frame.received_at
-            self._events.append(SensorFrame((*forces.counts, *moments.counts), forces.counter, sequence, at))
+            self._events.append(SensorFrame((fx, fy, fz, mx, my, mz), counter, sequence, at))

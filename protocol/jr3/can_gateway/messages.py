@@ -188,12 +188,12 @@ def encode_sample(node: int, counts: Sequence[int], counter: int) -> tuple[CanFr
     Raises LocalProtocolError for values that do not fit.
     """
     fx, fy, fz, mx, my, mz = counts
-    forces = FORCES.pack({"fx": fx, "fy": fy, "fz": fz, "counter": counter})
-    moments = MOMENTS.pack({"mx": mx, "my": my, "mz": mz, "counter": counter})
+    forces = FORCES.pack_row(fx, fy, fz, counter)
+    moments = MOMENTS.pack_row(mx, my, mz, counter)
     return CanFrame(identifier(Op.FORCES, node), forces), CanFrame(identifier(Op.MOMENTS, node), moments)
 
 
 def decode_triple(data: bytes, layout: Layout) -> Triple:
     """Half a sample by its layout, FORCES or MOMENTS. Raises RemoteProtocolError when it is too short."""
-    x, y, z, counter = layout.unpack(data).values()
-    return Triple((int(x), int(y), int(z)), int(counter))
+    x, y, z, counter = layout.unpack_row(data)
+    return Triple((x, y, z), counter)
