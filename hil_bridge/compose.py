@@ -8,13 +8,14 @@ from pathlib import Path
 from typing import Any
 
 from emulators.cell import Cell, CellProfile
-from emulators.robot import EMPTY_SITE, S3Site
+from emulators.robot import EMPTY_SITE, Panel, S3Site
 from emulators.slcan_adapter import SlcanAdapter, SlcanProfile
 from hil_bridge.clock import Clock
 from hil_bridge.config import Config, SensorConfig
 from hil_bridge.devices import ForceSensor, RobotLink
 from hil_bridge.errors import ConfigError, TransportClosed, TransportError
 from hil_bridge.orders_file import read_orders
+from hil_bridge.panel import PanelServer
 from hil_bridge.program_folder import read_programs
 from hil_bridge.pump import Pump
 from hil_bridge.registers import BOARD, ListenerProfile, connect_board, serve_board
@@ -47,10 +48,12 @@ _UART_GATEWAY = "gateway=jr3"
 
 @dataclass(frozen=True, slots=True)
 class Ports:
-    """One URL each for robot and sensor, to listen on or to connect to; None for a device that is not served."""
+    """One URL each for robot, sensor and panel, to listen on or to connect to; None for what is not served."""
 
     robot: str | None
     sensor: str | None
+    panel: str | None = None
+    """Of the emulated controller, for people."""
 
 
 def real_ports(link: LinkProfile) -> Ports:
@@ -161,13 +164,20 @@ async def opened_devices(
     on_notice: Callable[[str, str], None],
     on_traffic: Callable[[Direction, bytes], object] | None = None,
     on_cell: Callable[[Cell], object] | None = None,
+    on_panel: Callable[[str], object] | None = None,
 ) -> AsyncIterator[tuple[RobotLink, ForceSensor]]:
     """Robot and sensor of a configuration, started; what has no URL is emulated. Closed when the context is left.
-    `on_traffic` is shown the bytes of the robot's link, `on_cell` the emulated cell if there is one.
+    `on_traffic` is shown the bytes of the robot's link, `on_cell` the emulated cell if there is one, `on_panel`
+    is told the URL of its panel.
 
     Raises ConfigError for a URL, TransportUnavailable for a wire.
     """
-    robot_url, sensor_url = config.robot.url, config.sensor.url
+    robot_url, sensor_url, panel_url = config.robot.url, config.sensor.url, config.run.panel_url
+    if panel_url and (robot_url or clock.is_virtual):
+        raise ConfigError(
+            "run.panel_url (--panel) is the emulated controller's panel; leave it out "
+            f"{'with a real robot' if robot_url else 'in virtual time, where nobody could press in time'}"
+        )
     site = robot_site(config)
     async with AsyncExitStack() as stack:
         if not (robot_url and sensor_url):
@@ -177,13 +187,19 @@ async def opened_devices(
                     config.cell,
                     config.run.seed,
                     clock,
-                    Ports(None if robot_url else ports.robot, None if sensor_url else ports.sensor),
+                    Ports(
+                        None if robot_url else ports.robot,
+                        None if sensor_url else ports.sensor,
+                        panel_url or None,
+                    ),
                     lambda cause: on_notice("emulator", repr(cause)),
                     site,
                     on_cell,
                 )
             )
             robot_url, sensor_url = robot_url or served.robot or "", sensor_url or served.sensor or ""
+            if on_panel is not None and served.panel is not None:
+                on_panel(served.panel)
         robot = await connect_robot(robot_url, config.robot.link, clock, on_notice, site.orders, on_traffic)
         stack.push_async_callback(robot.aclose)
         sensor = await connect_sensor(sensor_url, config.sensor, clock, on_frame, on_notice)
@@ -248,9 +264,13 @@ async def emulated_cell(
     """Serve the cell's devices on the given listening URLs (None: not served) until the context is left.
 
     `on_failure` is told when a device can no longer be served. `site` is what the robot controller holds. `on_cell`
-    is given the cell before anybody speaks to it.
+    is given the cell before anybody speaks to it. Raises ConfigError for a URL and for a cell that cannot be,
+    TransportUnavailable for a wire.
     """
-    cell = Cell(profile, clock.now(), seed, site)
+    try:
+        cell = Cell(profile, clock.now(), seed, site)
+    except ValueError as error:
+        raise ConfigError(f"cell: {error}") from error
     if on_cell is not None:
         on_cell(cell)
     async with AsyncExitStack() as stack:
@@ -259,17 +279,21 @@ async def emulated_cell(
             if not isinstance(cause, TransportClosed):
                 on_failure(cause)
 
-        def attach(endpoint: Any, transport: Transport[Any]) -> None:
+        def attach(endpoint: Any, transport: Transport[Any]) -> Pump[Any, Any]:
             stack.push_async_callback(transport.aclose)
-            Pump(endpoint, transport, clock, _nothing, ended).start()
+            pump = Pump(endpoint, transport, clock, _nothing, ended)
+            pump.start()
+            return pump
 
-        robot = sensor = None
+        robot = sensor = panel = None
         if ports.robot is not None:
             bytes_at = await listen_bytes(ports.robot, clock)
-            attach(cell.robot, bytes_at.transport)
+            pump = attach(cell.robot, bytes_at.transport)
             robot = bytes_at.address
             if robot.startswith("memory:"):  # pacing is done at the connecting end of a memory wire
                 robot += f"?{_line(profile.link)}"
+            if ports.panel is not None:
+                panel = await stack.enter_async_context(_panel(cell, ports.panel, clock, pump.kick))
         uart = None if ports.sensor is None else uart_wire(ports.sensor, LISTEN_BYTES)
         if ports.sensor is not None and ports.sensor.startswith(BOARD):
             served = await serve_board(
@@ -289,7 +313,26 @@ async def emulated_cell(
             frames_at = await listen_can(ports.sensor, clock)
             attach(cell.gateway, frames_at.transport)
             sensor = frames_at.address
-        yield Ports(robot, sensor)
+        yield Ports(robot, sensor, panel)
+
+
+@asynccontextmanager
+async def _panel(cell: Cell, url: str, clock: Clock, kick: Callable[[], None]) -> AsyncIterator[str]:
+    """The panel of the cell's controller on a listening URL; where it is asked. `kick` wakes the controller."""
+    board = Panel(cell.robot)
+
+    def perform(request: Mapping[str, Any]) -> Mapping[str, Any]:
+        try:
+            return board.perform(request, clock.now())
+        finally:
+            kick()
+
+    server = PanelServer(perform, clock)
+    address = await server.listen(url)
+    try:
+        yield address
+    finally:
+        await server.aclose()
 
 
 def _nothing(event: object) -> None:

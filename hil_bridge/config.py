@@ -39,6 +39,7 @@ Vector = tuple[float, float, float]
 OPTIONS = {
     "run.duration_s": "--duration",
     "run.seed": "--seed",
+    "run.panel_url": "--panel",
     "robot.url": "--robot",
     "sensor.url": "--sensor",
     "controller.name": "--controller",
@@ -63,6 +64,8 @@ class RunConfig(_Section):
     """Seed of every random draw in the emulated cell."""
     period_ms: float = Field(default=0.0, ge=0)
     """Control cycle; 0 runs as fast as the computer link answers."""
+    panel_url: str = ""
+    """Where the emulated controller's panel listens, tcp-listen://127.0.0.1:0; empty: nowhere."""
 
 
 class RobotConfig(_Section):

@@ -33,14 +33,16 @@ async def _serve(config: Config, ports: Ports, as_json: bool) -> None:
     try:
         site = robot_site(config)
         async with emulated_cell(config.cell, config.run.seed, clock, ports, failed, site) as served:
-            where = {"robot": served.robot, "sensor": served.sensor}
+            where = {"robot": served.robot, "sensor": served.sensor, "panel": served.panel}
             where = {device: url for device, url in where.items() if url is not None}
             if as_json:
                 click.echo(json.dumps(where))
             else:
                 for device, url in where.items():
                     click.echo(f"{device}: {url}")
-                options = " ".join(f"--{device} '{url}'" for device, url in where.items())
+                options = " ".join(
+                    f"--{device} '{url}'" for device, url in where.items() if device != "panel"
+                )
                 click.echo(f"Connect with: hil-bridge run {options}\nStop with Ctrl-C.")
             await stopped.wait()
             if causes:

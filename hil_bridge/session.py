@@ -270,7 +270,7 @@ class _Session:
     async def _with_devices(self) -> RunResult:
         config, clock = self._config, self._clock
         async with opened_devices(
-            config, clock, self._frame, self._notice, self._traffic, self._emulated
+            config, clock, self._frame, self._notice, self._traffic, self._emulated, _tell_panel
         ) as (robot, sensor):
             self._robot, self._sensor, self._link = robot, sensor, robot.profile
             run = Run(config, clock, robot, sensor, self)
@@ -340,6 +340,10 @@ class _Session:
             frames_lost=self._sensor.lost,
             sensor_at=None if newest is None else newest.at,
         )
+
+
+def _tell_panel(url: str) -> None:
+    click.echo(f"panel: {url}")
 
 
 def _print_figures(summary: Summary) -> None:

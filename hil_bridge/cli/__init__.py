@@ -13,6 +13,7 @@ from hil_bridge.cli.files import config, profile, report
 from hil_bridge.cli.identify_tool import identify_tool
 from hil_bridge.cli.latency import latency
 from hil_bridge.cli.monitor import monitor
+from hil_bridge.cli.panel import panel
 from hil_bridge.cli.probe import probe
 from hil_bridge.cli.replay import replay
 from hil_bridge.cli.run import run
@@ -53,6 +54,7 @@ for command in (
     probe,
     monitor,
     doctor,
+    panel,
 ):
     cli.add_command(command)
 

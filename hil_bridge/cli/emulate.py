@@ -16,6 +16,7 @@ import click
     metavar="URL",
     help="Where the sensor's gateway or board is.  [default: CAN, slcan on a pseudo-terminal]",
 )
+@click.option("--panel", metavar="URL", help="Where `hil-bridge panel` reaches it: tcp-listen://127.0.0.1:0.")
 @click.option("--seed", type=int, help="Seed of every random draw in the devices.")
 @click.option("--json", "as_json", is_flag=True, help="Print where they listen as one line of JSON.")
 def emulate(
@@ -23,6 +24,7 @@ def emulate(
     config_file: Path | None,
     robot_port: str | None,
     sensor_port: str | None,
+    panel: str | None,
     seed: int | None,
     as_json: bool,
 ) -> None:
@@ -36,10 +38,13 @@ def emulate(
     from hil_bridge.config import load_config
     from hil_bridge.serve import serve
 
-    config = load_config(config_file, {"run.seed": seed})
+    config = load_config(config_file, {"run.seed": seed, "run.panel_url": panel})
+    if what == "sensor" and panel:
+        raise click.UsageError("--panel is the robot controller's; leave it out where there is none")
     usual = real_ports(config.cell.link)
     ports = Ports(
         None if what == "sensor" else robot_port or usual.robot,
         None if what == "robot" else sensor_port or usual.sensor,
+        config.run.panel_url or None,
     )
     serve(config, ports, as_json)

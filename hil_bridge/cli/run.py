@@ -39,6 +39,9 @@ def not_empty(context: click.Context, parameter: click.Parameter, url: str | Non
 @click.option("--record", type=_FILE, metavar="FILE", help="Record the run as MCAP.")
 @click.option("--summary", type=_FILE, metavar="FILE", help="Write the figures as JSON.")
 @click.option("--report", type=_FILE, metavar="DIR", help="Write report.png and report.html.")
+@click.option(
+    "--panel", metavar="URL", help="Where the emulated controller's panel listens: tcp-listen://127.0.0.1:0."
+)
 @click.option("--no-view", is_flag=True, help="No live view.")
 def run(
     config_file: Path | None,
@@ -52,6 +55,7 @@ def run(
     record: Path | None,
     summary: Path | None,
     report: Path | None,
+    panel: str | None,
     no_view: bool,
 ) -> None:
     """Approach the surface, hold the force while moving along it, retract.
@@ -71,6 +75,7 @@ def run(
             "task.force_n": force_n,
             "run.duration_s": duration_s,
             "run.seed": seed,
+            "run.panel_url": panel,
         },
     )
     sys.exit(execute(config, virtual, Outputs(record, summary, report), not no_view, config_file))

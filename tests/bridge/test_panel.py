@@ -1,0 +1,395 @@
+"""The panel of an emulated controller over its control socket, and an emergency stop in mid-track."""
+
+import asyncio
+import json
+import socket
+from collections.abc import Awaitable, Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+
+from emulators.cell import Cell
+from emulators.robot import FAULTS, Panel
+from hil_bridge import session
+from hil_bridge.cli import cli
+from hil_bridge.clock import Clock, run_real, run_virtual
+from hil_bridge.compose import Ports, emulated_cell, opened_devices
+from hil_bridge.config import Config
+from hil_bridge.errors import ConfigError, DeviceError, TransportUnavailable
+from hil_bridge.panel import (
+    CLIENT_LIMIT,
+    REQUEST_LIMIT,
+    PanelServer,
+    ask,
+    decode,
+    encode,
+    faults_text,
+    panel_address,
+    state_text,
+)
+from hil_bridge.recording import CycleRecord, Outcome, read, summarise
+from hil_bridge.session import Outputs, execute
+
+LOOPBACK = "tcp-listen://127.0.0.1:0"
+
+
+def on_a_server(
+    use: Callable[[str], Awaitable[None]], perform: Callable[[Any], Any] = lambda request: {"said": request}
+) -> None:
+    """Run `use` with the URL of a panel whose answers come from `perform`."""
+
+    async def main() -> None:
+        clock = Clock.running()
+        server = PanelServer(perform, clock)
+        try:
+            await use(await server.listen(LOOPBACK))
+        finally:
+            await server.aclose()
+            clock.close()
+
+    run_real(main)
+
+
+async def opened(url: str) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
+    host, _, port = url.removeprefix("tcp://").rpartition(":")
+    return await asyncio.open_connection(host, int(port))
+
+
+async def said_to(url: str, *lines: bytes) -> list[dict[str, Any]]:
+    """All answers on one connection until it is closed by the other side, or after as many as lines."""
+    reader, writer = await opened(url)
+    writer.write(b"".join(lines))
+    answers = []
+    while len(answers) < len(lines) and (line := await reader.readline()):
+        answers.append(json.loads(line))
+    writer.close()
+    await writer.wait_closed()
+    return answers
+
+
+def test_requests_of_one_connection_are_answered_in_turn() -> None:
+    async def use(url: str) -> None:
+        requests = [{"do": "show", "number": number} for number in range(200)]
+        answers = await said_to(url, *map(encode, requests))
+        assert answers == [{"said": request} for request in requests]
+
+    on_a_server(use)
+
+
+def test_a_request_may_come_in_pieces() -> None:
+    async def use(url: str) -> None:
+        reader, writer = await opened(url)
+        for byte in b'{"do":"show"}\r\n':
+            writer.write(bytes((byte,)))
+            await writer.drain()
+        assert await reader.readline() == b'{"said":{"do":"show"}}\n'
+        writer.close()
+        await writer.wait_closed()
+
+    on_a_server(use)
+
+
+@pytest.mark.parametrize(
+    ("line", "text"),
+    [
+        (b"GET / HTTP/1.1\r\n", "no line of JSON"),
+        (b"[" * 1000 + b"\n", "no line of JSON"),
+        (b"\xff\n", "no line of JSON"),
+        (b"9" * 1000 + b"\n", "no JSON object"),
+        (b'["show"]\n', "no JSON object"),
+        (b"x" * (REQUEST_LIMIT + 1), "at most 1024 bytes"),
+        (b"x" * 100_000 + b"\n", "at most 1024 bytes"),
+    ],
+)
+def test_what_is_no_request_is_told_so_and_sent_away(line: bytes, text: str) -> None:
+    async def use(url: str) -> None:
+        reader, writer = await opened(url)
+        writer.write(line)
+        assert text in json.loads(await reader.readline())["error"]
+        with suppress(ConnectionError):  # it had not read everything that we said
+            assert await reader.read() == b""
+        writer.close()
+        assert await said_to(url, encode({})) == [{"said": {}}], "others are served"
+
+    on_a_server(use)
+
+
+def test_what_cannot_be_done_is_told_and_the_connection_goes_on() -> None:
+    def perform(request: dict[str, Any]) -> dict[str, Any]:
+        if request["do"] == "dance":
+            raise ValueError("nobody dances")
+        return {}
+
+    async def use(url: str) -> None:
+        assert await said_to(url, encode({"do": "dance"}), encode({"do": "show"})) == [
+            {"error": "nobody dances"},
+            {},
+        ]
+
+    on_a_server(use, perform)
+
+
+def test_one_client_too_many_is_told_so() -> None:
+    async def use(url: str) -> None:
+        there = [await opened(url) for _ in range(CLIENT_LIMIT)]
+        for reader, writer in there:
+            writer.write(encode({}))
+            await reader.readline()
+        assert await said_to(url, encode({})) == [{"error": f"{CLIENT_LIMIT} clients are here already"}]
+        there[0][1].close()
+        await there[0][1].wait_closed()
+        while (answer := (await said_to(url, encode({})))[0]) != {"said": {}}:
+            assert "error" in answer
+        for _, writer in there:
+            writer.close()
+
+    on_a_server(use)
+
+
+def test_a_client_that_does_not_read_is_not_answered_for_ever() -> None:
+    answered = 0
+
+    def perform(request: dict[str, Any]) -> dict[str, Any]:
+        nonlocal answered
+        answered += 1
+        return {"much": "x" * 50_000}
+
+    async def use(url: str) -> None:
+        _, writer = await opened(url)
+        writer.write(encode({}) * 20_000)
+        before = -1
+        while answered != before:
+            before = answered
+            for _ in range(200):
+                await asyncio.sleep(0)
+        assert answered < 2000
+        writer.transport.abort()
+
+    on_a_server(use, perform)
+
+
+@pytest.mark.parametrize(
+    ("url", "text"),
+    [
+        ("tcp-listen://0.0.0.0:0", "this computer alone"),
+        ("tcp-listen://192.168.1.5:7000", "this computer alone"),
+        ("tcp-listen://example.org:7000", "this computer alone"),
+        ("tcp-listen://127.0.0.1:0?baudrate=9600", "no options"),
+        ("tcp://127.0.0.1:7000", "tcp-listen"),
+        ("pty:", "tcp-listen"),
+    ],
+)
+def test_a_panel_listens_on_loopback_alone(url: str, text: str) -> None:
+    with pytest.raises(ConfigError, match=text):
+        panel_address(url)
+
+
+def test_loopback_has_several_names() -> None:
+    assert panel_address("tcp-listen://localhost:7000") == ("localhost", 7000)
+    assert panel_address("tcp-listen://[::1]:0") == ("::1", 0)
+    assert panel_address("tcp-listen://127.0.0.2:0") == ("127.0.0.2", 0)
+
+
+def test_a_port_that_is_taken_is_named() -> None:
+    async def use(url: str) -> None:
+        taken = url.replace("tcp:", "tcp-listen:")
+        with pytest.raises(TransportUnavailable, match="another program listens on this port"):
+            await PanelServer(dict, Clock.running()).listen(taken)
+
+    on_a_server(use)
+
+
+def test_an_answer_from_somebody_else_is_no_answer() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        url = f"tcp://127.0.0.1:{other.getsockname()[1]}"
+
+        async def main() -> None:
+            async def answer() -> None:
+                connection, _ = await asyncio.to_thread(other.accept)
+                connection.sendall(b"SSH-2.0-something\r\n")
+                connection.close()
+
+            asking = asyncio.create_task(asyncio.to_thread(ask, url, {"do": "show"}))
+            await answer()
+            with pytest.raises(DeviceError, match="answers like no panel"):
+                await asking
+
+        asyncio.run(main())
+    with pytest.raises(TransportUnavailable, match="no panel answers"):
+        ask(url, {"do": "show"})
+    with pytest.raises(ConfigError, match="tcp"):
+        ask("show", {"do": "show"})
+
+
+def test_lines_are_read_strictly() -> None:
+    assert decode(encode({"do": "show"})[:-1]) == {"do": "show"}
+    for line in (b"", b"{", b"1", b"null"):
+        with pytest.raises(ValueError, match="no"):
+            decode(line)
+
+
+def on_a_cell(use: Callable[[str, Cell], Awaitable[None]], **sections: Any) -> None:
+    """Run `use` with the panel's URL of a served cell, and the cell."""
+    config = Config.model_validate(sections)
+    cells: list[Cell] = []
+
+    async def main() -> None:
+        clock = Clock.running()
+        try:
+            async with emulated_cell(
+                config.cell,
+                1,
+                clock,
+                Ports("memory:robot", None, LOOPBACK),
+                lambda cause: pytest.fail(repr(cause)),
+                on_cell=cells.append,
+            ) as ports:
+                assert ports.panel is not None
+                await use(ports.panel, cells[0])
+        finally:
+            clock.close()
+
+    run_real(main)
+
+
+def invoke(url: str, *arguments: str) -> str:
+    result = CliRunner().invoke(cli, ["panel", url, *arguments])
+    assert result.exception is None, result.exception
+    return result.output
+
+
+def test_every_command_reaches_the_controller() -> None:
+    def flags(cell: Cell) -> list[bool]:
+        state = cell.robot.state
+        return [
+            state.emergency_stop,
+            state.key_auto,
+            state.link_control,
+            state.work_stop,
+            state.programming_unit,
+            state.interrupt_permitted,
+        ]
+
+    async def use(url: str, cell: Cell) -> None:
+        async def do(*arguments: str) -> str:
+            return await asyncio.to_thread(invoke, url, *arguments)
+
+        before = flags(cell)
+        assert await do() == await do("show")
+        for there, back in (
+            (("emergency-stop",), ("emergency-stop", "release")),
+            (("key", "manual"), ("key", "auto")),
+            (("link-control", "take"), ("link-control", "give")),
+            (("work-stop", "on"), ("work-stop", "off")),
+            (("programming-unit", "connect"), ("programming-unit", "remove")),
+            (("interrupt", "permit"), ("interrupt", "forbid")),
+        ):
+            await do(*there)
+            assert sum(a != b for a, b in zip(flags(cell), before, strict=True)) == 1
+            await do(*back)
+            assert flags(cell) == before
+        assert "drop-ack of a bid (2)" in await do("inject", "drop-ack", "of=bid", "count=2")
+        assert "standby" in (await do("show")).splitlines()[0]
+        listed = await do("faults")
+        assert all(f"\n{name} " in f"\n{listed}" for name in FAULTS)
+        for arguments, text in (
+            (("inject", "drop-ack", "off=bid"), "drop-ack has no parameter 'off'"),
+            (("inject", "flood"), "no fault is called 'flood'"),
+        ):
+            with pytest.raises(ConfigError, match=text):
+                await asyncio.to_thread(ask_as_cli, url, *arguments)
+        await do("inject", "power-cycle")
+        assert "starting" in await do("show")
+
+    on_a_cell(use)
+
+
+def ask_as_cli(url: str, *arguments: str) -> None:
+    cli.main(["panel", url, *arguments], standalone_mode=False)
+
+
+def test_a_parameter_without_a_value_is_a_usage_error() -> None:
+    result = CliRunner().invoke(cli, ["panel", "tcp://127.0.0.1:1", "inject", "silence", "seconds"])
+    assert result.exit_code == 2
+    assert "NAME=VALUE" in result.output
+
+
+def test_what_is_shown_can_be_read_and_survives_an_odd_answer() -> None:
+    cell = Cell(Config().cell, 100.0, 1)
+    cell.robot.press_emergency_stop(100.0)
+    shown = json.loads(json.dumps(Panel(cell.robot).perform({"do": "show"}, 101.0)))["state"]
+    lines = state_text(shown).splitlines()
+    assert lines[0] == "mode          standby"
+    assert lines[1] == "state         EMERGENCY STOP, key in AUTO, link control given"
+    assert "   900.000  -100.000   600.000 mm reported" in lines[4]
+    assert all(len(line) < 100 for line in lines)
+    assert "–" in state_text({})
+    assert state_text({"flags": [], "armed": 1, "position_mm": ["x"]})
+    assert faults_text({}) == ""
+
+
+def test_a_panel_has_no_place_in_virtual_time_or_at_a_real_robot() -> None:
+    for robot in ("", "tcp://127.0.0.1:1"):
+        config = Config.model_validate({"run": {"panel_url": LOOPBACK}, "robot": {"url": robot}})
+
+        async def main(config: Config = config) -> None:
+            async with opened_devices(config, Clock.running(), print, print):
+                pass
+
+        with pytest.raises(ConfigError, match="--panel"):
+            run_virtual(main)
+
+
+def test_a_cell_that_cannot_be_is_one_line(tmp_path: Path) -> None:
+    config = Config.model_validate({"cell": {"start_position_mm": (3000.0, 0.0, 0.0)}})
+    with pytest.raises(ConfigError, match="cell: the start position"):
+        execute(config, True, Outputs(), False)
+    (tmp_path / "7.prg").write_text("# emulated program\ndance\n")
+    config = Config.model_validate({"cell": {"robot": {"program_folder": str(tmp_path)}}})
+    with pytest.raises(ConfigError, match="cell: program 7: line 2: expected"):
+        execute(config, True, Outputs(), False)
+
+
+# --- an emergency stop in mid-track
+
+
+@pytest.mark.parametrize("offset_ms", [0, 10, 35, 60, 80, 100, 130])
+def test_an_emergency_stop_ends_the_orders_and_is_latched_with_the_refusal(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], offset_ms: int
+) -> None:
+    """Pressed at several places of a cycle of 156 ms: also between a status that knows nothing yet and its move."""
+    cells: list[Cell] = []
+    pressed: list[float] = []
+    monkeypatch.setattr("hil_bridge.compose.Cell", lambda *args: cells.append(Cell(*args)) or cells[0])
+    told = session._Session.cycle
+
+    def cycle(self: Any, record: CycleRecord) -> None:
+        told(self, record)
+        if record.phase == "track" and not pressed:
+            pressed.append(record.answered_at + 1.0 + offset_ms / 1000.0)
+            clock = self._clock
+            clock.call_at(pressed[0], lambda: cells[0].robot.press_emergency_stop(clock.now()))
+
+    monkeypatch.setattr(session._Session, "cycle", cycle)
+    record = tmp_path / "r.mcap"
+    code = execute(Config(), True, Outputs(record, tmp_path / "s.json"), False)
+    assert code == 3
+    assert "13 stop or emergency stop" in capsys.readouterr().err
+    recording = read(record)
+    assert not recording.truncated
+    assert recording.cycles[-1].answered_at < pressed[0] + 0.2, "no order was taken after it"
+    texts = [event.text for event in recording.events]
+    assert any("operational error 13.0" in text for text in texts)
+    summary = summarise(recording)
+    assert summary.outcome == Outcome.STOPPED
+    assert "refused order 24: 13 stop or emergency stop; release the stop" in summary.cause
+    assert json.loads((tmp_path / "s.json").read_text())["cause"] == summary.cause
+    stood = cells[0].true_state(pressed[0] + 1.0)
+    assert stood.velocity == pytest.approx((0.0, 0.0, 0.0), abs=1e-6)
+    shown = Panel(cells[0].robot).state(pressed[0] + 1.0)
+    assert (shown.points_waiting, shown.activity) == (0, "none")
+    assert shown.last_refusal == "move: 13 stop or emergency stop"
+    assert 1 <= shown.refused <= 2, "the move, and the end of its sequence"
