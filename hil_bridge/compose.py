@@ -22,6 +22,7 @@ from hil_bridge.registers import BOARD, ListenerProfile, connect_board, serve_bo
 from hil_bridge.transports import (
     Direction,
     Frames,
+    LineSettings,
     Parity,
     Tap,
     Transport,
@@ -30,7 +31,7 @@ from hil_bridge.transports import (
     listen_bytes,
     listen_can,
 )
-from hil_bridge.transports.urls import CONNECT_BYTES, LISTEN_BYTES, parse_url
+from hil_bridge.transports.urls import CONNECT_BYTES, LISTEN_BYTES, SERIAL_PORTS, parse_url, with_line
 from protocol.adlp import LinkProfile
 from protocol.arap import KNOWN, OrderBook
 from protocol.jr3 import GATEWAY_BITRATE, UART_BAUDRATE, GatewayClient, SensorFrame, UartGatewayClient
@@ -58,7 +59,7 @@ class Ports:
 
 def real_ports(link: LinkProfile) -> Ports:
     """Where the cell listens in real time: a line as the real robot has it, and an slcan adapter."""
-    return Ports(f"pty:?{_line(link)}", f"{SLCAN}pty:")
+    return Ports(with_line("pty:", _line(link)), f"{SLCAN}pty:")
 
 
 VIRTUAL_PORTS = Ports("memory:robot", "can+memory:sensor")
@@ -80,11 +81,11 @@ def robot_wire(url: str, link: LinkProfile) -> tuple[str, LinkProfile]:
         )
     except ValueError as error:
         raise ConfigError(f"{url!r}: {error}") from error
-    return (f"serial://{parsed.target}?{_line(link)}" if parsed.scheme == "serial" else url), link
+    return (with_line(url, _line(link)) if parsed.scheme in SERIAL_PORTS else url), link
 
 
-def _line(link: LinkProfile) -> str:
-    return f"baudrate={link.baudrate}&parity={link.parity}&stopbits={link.stop_bits}"
+def _line(link: LinkProfile) -> LineSettings:
+    return LineSettings(link.baudrate, Parity(link.parity), link.stop_bits)
 
 
 def robot_site(config: Config) -> S3Site:
@@ -109,7 +110,7 @@ async def connect_robot(
     Raises ConfigError for the URL, TransportUnavailable for the wire.
     """
     url, link = robot_wire(url, link)
-    wire = await connect_bytes(url, clock)
+    wire = await connect_bytes(url, clock, on_notice)
     tapped = wire if on_traffic is None else Tap(wire, on_traffic)
     return RobotLink(tapped, link, clock, on_notice, orders)
 
@@ -151,7 +152,7 @@ async def connect_sensor(
         return ForceSensor(server, BoardClient(board, clock.now()), clock, on_frame, on_notice)
     if (line := uart_wire(url, CONNECT_BYTES)) is not None:
         client = UartGatewayClient(sensor.uart, clock.now())
-        return ForceSensor(await connect_bytes(line, clock), client, clock, on_frame, on_notice)
+        return ForceSensor(await connect_bytes(line, clock, on_notice), client, clock, on_frame, on_notice)
     wire = await connect_can(url, clock)
     return ForceSensor(wire, GatewayClient(sensor.gateway, clock.now()), clock, on_frame, on_notice)
 
@@ -287,11 +288,12 @@ async def emulated_cell(
 
         robot = sensor = panel = None
         if ports.robot is not None:
-            bytes_at = await listen_bytes(ports.robot, clock)
+            url, line = ports.robot, _line(profile.link)
+            # a port in memory that names no line has the controller's, which its address does not tell
+            unnamed = url.startswith("memory:") and "?" not in url
+            bytes_at = await listen_bytes(with_line(url, line) if unnamed else url, clock)
+            robot = with_line(bytes_at.address, line) if unnamed else bytes_at.address
             pump = attach(cell.robot, bytes_at.transport)
-            robot = bytes_at.address
-            if robot.startswith("memory:"):  # pacing is done at the connecting end of a memory wire
-                robot += f"?{_line(profile.link)}"
             if ports.panel is not None:
                 panel = await stack.enter_async_context(_panel(cell, ports.panel, clock, pump.kick))
         uart = None if ports.sensor is None else uart_wire(ports.sensor, LISTEN_BYTES)

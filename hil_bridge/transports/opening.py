@@ -24,6 +24,7 @@ from hil_bridge.transports.urls import (
     LISTEN_CAN,
     WireUrl,
     parse_url,
+    with_line,
 )
 from hil_bridge.transports.usb_adapter import UsbAdapter, UsbAdapterProfile
 from hil_bridge.transports.wrappers import Direction
@@ -33,7 +34,7 @@ _LOG = logging.getLogger(__name__)
 
 
 def _log(kind: str, text: str) -> None:
-    _LOG.warning("%s", text)
+    _LOG.info("%s: %s", kind, text)
 
 
 async def connect_bytes(url: str, clock: Clock, on_notice: Notice = _log) -> Transport[bytes]:
@@ -124,9 +125,7 @@ def _listen_pty(parsed: WireUrl, clock: Clock) -> Listening[bytes]:
         rate = terminal.baudrate
         return line if rate in (None, line.baudrate) else LineSettings(rate, line.parity, line.stopbits)
 
-    return Listening(
-        _device_line(terminal, parsed, line, clock, LineEnd(client)), f"{address}?{_line_query(line)}"
-    )
+    return Listening(_device_line(terminal, parsed, line, clock, LineEnd(client)), with_line(address, line))
 
 
 async def _listen_rfc2217(parsed: WireUrl, line: LineSettings, clock: Clock) -> Listening[bytes]:
@@ -136,7 +135,7 @@ async def _listen_rfc2217(parsed: WireUrl, line: LineSettings, clock: Clock) -> 
     wire, host, number = await listen_tcp(*parsed.host_port, clock, parsed.text, port.serve)
     paced = _device_line(wire, parsed, line, clock, LineEnd(lambda: port.settings, on_flaw=port.flawed))
     port.on_break = partial(paced.hold, direction=Direction.RECEIVED)
-    return Listening(paced, f"rfc2217://{_authority(host, number)}?{_line_query(line)}")
+    return Listening(paced, with_line(f"rfc2217://{_authority(host, number)}", line))
 
 
 def _device_line(
@@ -185,7 +184,3 @@ async def _open_can(parsed: WireUrl, clock: Clock, accept: Sequence[CanFilter]) 
 
     interface = parsed.scheme.removeprefix("can+")
     return await open_python_can(interface, parsed.target, clock, parsed.text, accept, **parsed.options)
-
-
-def _line_query(line: LineSettings) -> str:
-    return f"baudrate={line.baudrate}&parity={line.parity.value}&stopbits={line.stopbits}"

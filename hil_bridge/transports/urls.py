@@ -205,6 +205,16 @@ def parse_url(url: str, schemes: Mapping[str, _Scheme]) -> WireUrl:
     return WireUrl(url, parts.scheme, target, options)
 
 
+def with_line(url: str, line: LineSettings) -> str:
+    """The URL with what it leaves out of its serial line."""
+    head, _, query = url.partition("?")
+    options = [option for option in query.split("&") if option]
+    named = {option.partition("=")[0] for option in options}
+    values = {"baudrate": line.baudrate, "parity": line.parity.value, "stopbits": line.stopbits}
+    options += (f"{key}={value}" for key, value in values.items() if key not in named)
+    return f"{head}?{'&'.join(options)}"
+
+
 def _check_host_port(url: str, target: str, lowest: int) -> None:
     host, _, port = target.rpartition(":")
     if not host or not (port.isascii() and port.isdigit() and lowest <= int(port) <= 65535):

@@ -7,7 +7,7 @@ import pytest
 from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.errors import ConfigError
 from hil_bridge.transports import LineSettings, Parity, connect_bytes, connect_can, listen_bytes, listen_can
-from hil_bridge.transports.urls import CONNECT_BYTES, CONNECT_CAN, LISTEN_BYTES, parse_url
+from hil_bridge.transports.urls import CONNECT_BYTES, CONNECT_CAN, LISTEN_BYTES, parse_url, with_line
 
 UNDERSTOOD = [
     (
@@ -36,6 +36,18 @@ UNDERSTOOD = [
 def test_understood(schemes, url, target, line) -> None:  # type: ignore[no-untyped-def]
     parsed = parse_url(url, schemes)
     assert (parsed.target, parsed.line, parsed.text) == (target, line, url)
+
+
+@pytest.mark.parametrize(
+    ("url", "expected"),
+    [
+        ("serial:///dev/x", "serial:///dev/x?baudrate=300&parity=E&stopbits=1"),
+        ("serial:///dev/x?parity=N", "serial:///dev/x?parity=N&baudrate=300&stopbits=1"),
+        ("rfc2217://h:1?reconnect_s=5", "rfc2217://h:1?reconnect_s=5&baudrate=300&parity=E&stopbits=1"),
+    ],
+)
+def test_what_a_url_leaves_out_of_its_line_is_filled_in(url: str, expected: str) -> None:
+    assert with_line(url, LineSettings(300, Parity.EVEN)) == expected
 
 
 def test_options_have_their_types() -> None:
@@ -79,7 +91,11 @@ REFUSED = [
     (listen_bytes, "memory:a?damaged=drop", "damaged means nothing without a baudrate"),
     (listen_bytes, "pty:?baudrate=9600&damaged=maybe", "damaged must be one of keep, zero, drop"),
     (listen_bytes, "pty:?usb_latency_ms=0", "usb_latency_ms must be a whole number above 0"),
-    (listen_bytes, "pty:?usb_latency_ms=256", "usb_latency_ms must be a whole number of milliseconds from 1 to"),
+    (
+        listen_bytes,
+        "pty:?usb_latency_ms=256",
+        "usb_latency_ms must be a whole number of milliseconds from 1 to",
+    ),
     (listen_bytes, "tcp-listen://:4000", "host and port must be like 127.0.0.1:4000"),
     (listen_bytes, "tcp-listen:4000", "host and port must be like 127.0.0.1:4000"),
     (listen_bytes, "rfc2217-listen://:4000", "host and port must be like 127.0.0.1:4000"),

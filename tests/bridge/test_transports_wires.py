@@ -1,6 +1,7 @@
 """What each wire does in virtual time beyond the suite: exact times, faults, arbitration, new clients."""
 
 from asyncio import sleep as pass_time  # in virtual time, where nobody waits
+from itertools import islice
 from typing import Any
 
 import pytest
@@ -20,12 +21,14 @@ from hil_bridge.transports import (
     LineSettings,
     Paced,
     Parity,
+    Reconnecting,
     Tap,
     Transport,
     connect_bytes,
     listen_bytes,
     memory_pair,
 )
+from hil_bridge.transports.back_off import persistent, waits
 from hil_bridge.transports.delivery import Delivery
 
 LINE = LineSettings(9600, Parity.EVEN, 1)
@@ -328,4 +331,113 @@ def test_memory_names_belong_to_their_loop() -> None:
         await listen_bytes("memory:robot", Clock.running())
 
     run_virtual(main)
+    run_virtual(main)
+
+
+# --- wires that come back
+
+
+def test_each_wait_is_twice_the_one_before_up_to_the_longest() -> None:
+    assert list(islice(waits(), 7)) == [0.1, 0.2, 0.4, 0.8, 1.6, 2.0, 2.0]
+
+
+def test_trying_ends_with_the_named_time_and_the_last_reason() -> None:
+    async def main() -> None:
+        clock, tries = Clock.running(), []
+
+        async def fails() -> None:
+            tries.append(clock.now() - start)
+            raise TransportUnavailable(f"try {len(tries)}")
+
+        for patience, expected in ((0.0, [0.0]), (1.0, [0.0, 0.1, 0.3, 0.7])):
+            start = clock.now()
+            tries.clear()
+            with pytest.raises(TransportUnavailable, match=f"try {len(expected)}"):
+                await persistent(fails, patience, clock)
+            assert tries == pytest.approx(expected)
+            assert clock.now() - start <= patience
+
+    run_virtual(main)
+
+
+def reconnecting(clock: Clock, absent: int) -> tuple[Reconnecting, list[Transport[bytes]], list[str]]:
+    """A wire in memory that comes back after this many tries in vain; its far ends, and what was noticed."""
+    far_ends: list[Transport[bytes]] = []
+    notices: list[str] = []
+    tries = iter(range(1000))
+
+    def pair() -> Transport[bytes]:
+        near, far = memory_pair(clock)
+        far_ends.append(far)
+        return near
+
+    async def again() -> Transport[bytes]:
+        if next(tries) % (absent + 1) < absent:
+            raise TransportUnavailable("nobody there")
+        return pair()
+
+    wire = Reconnecting(pair(), again, 30.0, clock, lambda kind, text: notices.append(text))
+    return wire, far_ends, notices
+
+
+def test_a_wire_comes_back_as_often_as_it_must_and_what_was_sent_meanwhile_is_lost() -> None:
+    async def main() -> None:
+        clock = Clock.running()
+        wire, far_ends, notices = reconnecting(clock, absent=2)
+        log = Log(wire, clock)
+        for k in range(3):
+            there = Log(far_ends[-1], clock)
+            wire.send(b"%d" % k)
+            far_ends[-1].send(b"answer")
+            await pass_time(0.1)
+            assert [data for _, data in there.items] == [b"%d" % k]
+            await far_ends[-1].aclose()
+            await pass_time(0.05)
+            wire.send(b"lost")
+            await pass_time(1)
+        assert wire.lost == 12
+        assert len(log.items) == 3
+        assert log.end is None
+        assert [text.split(";")[-1] for text in notices] == [
+            " trying to reconnect for 30 s",
+            "memory:pair: back after 0.3 s",
+        ] * 3
+        await wire.aclose()
+        assert isinstance(log.end, TransportClosed)
+
+    run_virtual(main)
+
+
+def test_a_wire_that_does_not_come_back_is_broken_and_says_for_how_long_it_was_tried() -> None:
+    async def main() -> None:
+        clock = Clock.running()
+        wire, far_ends, _ = reconnecting(clock, absent=999)
+        log = Log(wire, clock)
+        start = clock.now()
+        await far_ends[0].aclose()
+        await pass_time(60)
+        assert isinstance(log.end, TransportBroken)
+        assert "no return within 30 s: nobody there" in str(log.end)
+        assert clock.now() - start == 60
+        with pytest.raises(TransportBroken):
+            wire.send(b"late")
+
+    run_virtual(main)
+
+
+def test_closing_while_it_is_away_leaves_nothing_behind() -> None:
+    async def main() -> None:
+        clock = Clock.running()
+        wire, far_ends, _ = reconnecting(clock, absent=999)
+        log = Log(wire, clock)
+        await far_ends[0].aclose()
+        await pass_time(1)
+        await wire.aclose()
+        assert isinstance(log.end, TransportClosed)
+        full, _, _ = reconnecting(clock, absent=0)
+        with pytest.raises(TransportError, match="queue of 65536 bytes is full"):
+            full.send(bytes(70_000))
+        assert full.lost == 0
+        await full.aclose()
+
     run_virtual(main)

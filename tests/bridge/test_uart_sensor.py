@@ -52,7 +52,7 @@ def test_a_connecting_url_names_its_gateway_and_gets_its_line(url: str, wire: st
         ("pty:?gateway=jr3", "pty:?baudrate=115200"),
         ("pty:?link=/tmp/jr3&gateway=jr3", "pty:?baudrate=115200&link=/tmp/jr3"),
         ("tcp-listen://127.0.0.1:0?gateway=jr3", "tcp-listen://127.0.0.1:0?baudrate=115200"),
-        ("memory:x?gateway=jr3", "memory:x"),
+        ("memory:x?gateway=jr3", "memory:x?baudrate=115200"),
         ("can+slcan+pty:", None),
     ],
 )
