@@ -23,6 +23,7 @@ class Lane:
     """
 
     __slots__ = (
+        "_alike",
         "_baudrate",
         "_begun",
         "_bits",
@@ -63,8 +64,8 @@ class Lane:
         self._damaged = damaged
         self._sink = sink
         self._on_flaw = on_flaw
-        self._take_settings()
         self._receiver = Receiver(hears())
+        self._take_settings(sends())
         self._connected = True
         self.errors = LineErrors()
         """What the receiver found damaged."""
@@ -90,7 +91,8 @@ class Lane:
             return True
         if not self.waiting:
             self._begun, self._passed = self._clock.now(), 0
-            self._take_settings()
+            if (speaks := self._sends()) is not self._speaks:
+                self._take_settings(speaks)
             if not self._receiver.quiet:
                 self._hear(self._begun)
         self.waiting += data
@@ -134,9 +136,10 @@ class Lane:
         self._connected = True
         self._arm()
 
-    def _take_settings(self) -> None:
-        self._speaks = self._sends()
-        self._bits, self._baudrate = self._speaks.bits, self._speaks.baudrate
+    def _take_settings(self, speaks: LineSettings) -> None:
+        self._speaks = speaks
+        self._bits, self._baudrate = speaks.bits, speaks.baudrate
+        self._alike = self._receiver.settings.understands(speaks)
 
     def _at(self, characters: int) -> float:
         return self._begun + characters * self._bits / self._baudrate
@@ -147,7 +150,8 @@ class Lane:
             self._timer = None
 
     def _arm(self) -> None:
-        self._disarm()
+        if self._timer is not None:
+            self._disarm()
         self._next = min(len(self.waiting), self._fifo)
         # the receiver ends on its own only what no other character can follow
         when = self._at(self._passed + self._next) if self._next else self._receiver.deadline
@@ -181,10 +185,10 @@ class Lane:
             self.lost += count
             self._sink(b"")
             return
-        hears = self._hears()
-        if hears != self._receiver.settings:
+        if (hears := self._hears()) is not self._receiver.settings:
             self._receiver.retune(hears)
-        if self._receiver.quiet and hears.understands(self._speaks):
+            self._alike = hears.understands(self._speaks)
+        if self._alike and self._receiver.quiet:
             self._sink(data)
             return
         for k, byte in enumerate(data):

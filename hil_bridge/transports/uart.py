@@ -154,7 +154,7 @@ class Receiver:
     @property
     def quiet(self) -> bool:
         """Whether the line is idle as far as it is known and nothing is being read."""
-        return self._begun is None and not self._edges and self._line == 1
+        return self._begun is None and not self._edges and (self._sent & self._held) == 1
 
     @property
     def deadline(self) -> float | None:
@@ -183,9 +183,10 @@ class Receiver:
         heapq.heappush(self._edges, (at, True, not low))
 
     def retune(self, settings: LineSettings) -> None:
-        """Read with other settings from now on; a character that is being read is given up."""
+        """Read with these settings from now on; where they are others, a character that is being read is given up."""
+        if settings != self.settings:
+            self._begun = None
         self.settings = settings
-        self._begun = None
 
     def listen(self, until: float) -> list[Character]:
         """The characters that are complete by `until`, s, up to which all edges must have been told."""
