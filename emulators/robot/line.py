@@ -142,7 +142,6 @@ class FaultyLine:
         """Forget all exchanges, and be deaf and mute until then, s; faults that are armed stay."""
         self._link = Link(Role.ROBOT, self._profile)
         self._watch = None
-        self._spontaneous = False
         self._off_until = until
 
     def _strikes(self, strike: Strike) -> bool:

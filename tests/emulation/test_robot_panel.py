@@ -275,6 +275,20 @@ def test_the_emergency_stop_is_told_once_however_often_it_is_pressed() -> None:
     ]
 
 
+@pytest.mark.parametrize("kind", [MoveKind.POINT, MoveKind.END])
+def test_a_point_answered_when_reached_is_judged_by_what_happens_on_the_way(kind: MoveKind) -> None:
+    bench = Bench(S3Profile(move_reply="reached")).operation()
+    assert bench.accepts(BEGIN)
+    assert bench.accepts(move(kind, -0.08)), "also the end, after which no sequence is open"
+    assert bench.true_position[1] == pytest.approx(-0.08, abs=1e-4)
+    assert bench.accepts(BEGIN)
+    bench.host.order(move(kind, 0.3))
+    bench.wait(1.0)
+    bench.robot.set_key(False, bench.now)
+    bench.wait(1.0)
+    assert [event.refusal.code for event in bench.told if isinstance(event, Refused)] == [5]
+
+
 # --- stored programs
 
 
@@ -495,6 +509,31 @@ def test_a_power_cycle_is_silence_then_a_controller_that_has_forgotten() -> None
     assert (status.standby, status.emergency_stop) == (True, True), "a latched button stays"
     bench.robot.release_emergency_stop(bench.now)
     assert bench.operation().code(POINT) == 15
+    bench.wait(10.0)
+    assert not any(isinstance(event, SpontaneousReceived) for event in bench.told)
+
+
+def test_an_order_that_waits_for_its_answer_is_forgotten_at_a_power_cycle() -> None:
+    bench = Bench(S3Profile(start_up_s=0.001))
+    bench.host.order(OPERATION)
+    bench.exchange()
+    bench.robot.inject("power-cycle", bench.now)
+    said = len(bench.to_host)
+    bench.wait(1.0)
+    assert len(bench.to_host) == said
+    assert bench.panel.state(bench.now).mode == "standby"
+
+
+def test_a_block_is_damaged_after_a_power_cycle_in_the_middle_of_one() -> None:
+    bench = Bench(S3Profile(start_up_s=0.001))
+    bench.robot.inject("nak-block", T0)
+    bench.robot.receive(bytes.fromhex("05 10 02 00 08 01"), T0)
+    assert bench.robot.data_to_send(T0) == b"\x06"
+    bench.robot.inject("power-cycle", T0)
+    bench.now = T0 + 1.0
+    bench.robot.handle_deadline(bench.now)
+    bench.status()
+    assert bench.count("NAK received") == 1
 
 
 @pytest.mark.parametrize("size", range(1, 40))
