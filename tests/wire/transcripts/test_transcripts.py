@@ -220,7 +220,7 @@ class Controller:
             case "work stop":
                 self.endpoint.set_work_stop(True, now)
             case "take the link control back":
-                self.endpoint.set_link_control(False)
+                self.endpoint.set_link_control(False, now)
 
 
 class Player:
