@@ -1,8 +1,8 @@
 """ADLP-10, the data link of the S3 computer link: control bytes, blocks, and both ends of the link.
 
 What a link promises on a line where bytes get lost, doubled, changed or late, but none becomes a control byte by
-itself, and an answer comes within `answer_timeout_s`: a telegram is delivered once at the most, in order. `MessageSent` says
-that all of a message were, `LinkFailed` that they may not have been; one of them comes for each message, within
+itself, and an answer comes within `answer_timeout_s`: a telegram is delivered once at the most, in order. `MessageSent`
+says that all of a message were, `LinkFailed` that they may not have been; one of them comes for each message, within
 `bid_limit` answer time-outs for its bids, `repeat_limit` + 1 for each block, one for each WACK, and the line's time.
 A message may be delivered in pieces where its sender's EOT or our ACK was late. While all blocks begin with the same
 STX (`stx_alternation = "off"`) this holds only for a sender whose answer time-out is longer than the receiver's gap

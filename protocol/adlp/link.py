@@ -231,7 +231,9 @@ class Link:
         if control is not Control.ENQ:
             return False
         if self._state is State.AWAITING_BLOCK:
-            return self._now < self._receiving.asked_at + 2.5 * self._profile.character_time
+            # Our ACK and a character have to pass. Behind a NAK the rest of its block may come, and no bid (observed).
+            short, gap = 2.5 * self._profile.character_time, self._profile.gap_timeout_s
+            return self._now < self._receiving.asked_at + (gap if self._receiving.naks else short)
         return self._state is State.AWAITING_MORE and bool(self._out)
 
     def _block_is_coming(self) -> bool:

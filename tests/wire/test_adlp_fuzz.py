@@ -12,7 +12,10 @@ import pytest
 from protocol.adlp import (
     BLOCK_OVERHEAD,
     EVENT_LIMIT,
+    LENGTH_STYLES,
     MESSAGE_LIMIT,
+    BlockFormat,
+    BlockScanner,
     Link,
     LinkFailed,
     LinkProfile,
@@ -129,19 +132,17 @@ def test_little_is_kept(role):
     assert peak <= KEPT
 
 
-def test_an_unfinished_block_is_at_most_a_block():
-    profile = LinkProfile()
-    link = Link(Role.ROBOT, profile)
-    link.receive(b"\x05", EPOCH)
-    block = b"\x10\x02" + profile.max_telegram.to_bytes(2, "big") + bytes(profile.max_telegram)
-    tracemalloc.start()
-    try:
-        for byte in block * 3:
-            link.receive(bytes((byte,)), EPOCH)
-        _, peak = tracemalloc.get_traced_memory()
-    finally:
-        tracemalloc.stop()
-    assert peak < 20 * (profile.max_telegram + BLOCK_OVERHEAD)
+@pytest.mark.parametrize(("stuffing", "doubled"), [("off", 1), ("double", 2)])
+def test_an_unfinished_block_is_at_most_a_block(stuffing, doubled):
+    scanner = BlockScanner(BlockFormat(stuffing, LENGTH_STYLES, 128))
+    rng = random.Random(3)
+    pieces = [meaningful(rng, 50_000), b"\x10\x02\x00\x80" + bytes(500), b"\x10\x02" + b"\x10" * 1000]
+    most = 0
+    for piece in pieces:
+        for at in range(0, len(piece), 7):
+            scanner.feed(piece[at : at + 7])
+            most = max(most, scanner.pending)
+    assert 128 <= most < doubled * 128 + BLOCK_OVERHEAD
 
 
 def test_an_owner_that_takes_nothing_costs_so_many_events_and_the_bytes_it_was_told_of():
