@@ -1,0 +1,92 @@
+"""A CAN bus of the kernel's own, for one test each."""
+
+import os
+import shutil
+import subprocess
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from itertools import count
+
+import pytest
+
+REQUIRE = "HIL_BRIDGE_REQUIRE_VCAN"
+SECONDS = "HIL_BRIDGE_VCAN_SECONDS"
+_FOLDERS = f"{os.environ.get('PATH', '')}:/usr/sbin:/sbin"
+_numbers = count()
+
+
+def _missing(text: str) -> None:
+    """Skip, or fail where the tests must run."""
+    if os.environ.get(REQUIRE):
+        pytest.fail(text)
+    pytest.skip(f"{text}; `python tools/vcan_vm.py` runs them elsewhere")
+
+
+@dataclass(frozen=True, slots=True)
+class Vcan:
+    """A vcan interface, with what can happen to it."""
+
+    name: str
+
+    @property
+    def url(self) -> str:
+        return f"can+socketcan://{self.name}"
+
+    def link(self, *arguments: str) -> None:
+        """`ip link …` with the interface's name last."""
+        ip = shutil.which("ip", path=_FOLDERS)
+        if ip is None:
+            _missing("the command ip is missing")
+        done = subprocess.run(
+            [str(ip), "link", *arguments[:1], "dev", self.name, *arguments[1:]],
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        if done.returncode:
+            raise OSError(done.stderr.strip())
+
+    def down(self) -> None:
+        self.link("set", "down")
+
+    def up(self) -> None:
+        self.link("set", "up")
+
+    def add(self) -> None:
+        self.link("add", "type", "vcan")
+        self.up()
+
+    def delete(self) -> None:
+        self.link("delete")
+
+
+@pytest.fixture
+def vcan() -> Iterator[Vcan]:
+    """An interface that is up and that nobody else knows."""
+    bus = Vcan(f"vcan{os.getpid()}x{next(_numbers)}")
+    try:
+        bus.add()
+    except OSError as error:
+        _missing(f"no vcan interface can be made here: {error}")
+    yield bus
+    if os.path.exists(f"/sys/class/net/{bus.name}"):
+        bus.delete()
+
+
+@pytest.fixture
+def command() -> Callable[[str], str]:
+    """Where a command of can-utils is."""
+
+    def find(name: str) -> str:
+        path = shutil.which(name, path=_FOLDERS)
+        if path is None:
+            _missing(f"the command {name} is missing; `apt-get install can-utils`")
+        return str(path)
+
+    return find
+
+
+@pytest.fixture(scope="session")
+def stream_seconds() -> float:
+    """How long the fast stream is watched, s."""
+    return float(os.environ.get(SECONDS, "3"))

@@ -1,0 +1,81 @@
+"""Three processes on one vcan interface: the bridge, the emulated cell, and a logger that knows neither."""
+
+import json
+import signal
+import struct
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hil_bridge.recording import read
+
+pytestmark = pytest.mark.vcan
+
+HIL = (sys.executable, "-c", "from hil_bridge.cli import main; main()")
+FORCES = "601"
+"""Identifier of half of every sample, from the firmware's source: forces, node 1."""
+PATIENCE = 150.0
+"""For a whole process on an emulated computer, s."""
+
+
+def test_the_loop_holds_its_force_and_a_log_of_the_bus_agrees_with_the_record(
+    vcan: Any, command: Callable[[str], str], tmp_path: Path
+) -> None:
+    record, summary, log = tmp_path / "r.mcap", tmp_path / "s.json", tmp_path / "can.log"
+    config = tmp_path / "c.toml"
+    config.write_text("[task]\nretract_mm = 3.0\n[cell.gateway]\nboot_s = 0.5\n")
+    with log.open("wb") as file:
+        logger = subprocess.Popen([command("candump"), "-L", vcan.name], stdout=file)
+    cell = subprocess.Popen(
+        [*HIL, "emulate", "cell", str(config), "--sensor-port", vcan.url, "--json"],
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        assert cell.stdout is not None
+        where = json.loads(cell.stdout.readline())
+        assert where["sensor"] == vcan.url
+        run = subprocess.run(
+            [
+                *(*HIL, "run", str(config), "--robot", where["robot"], "--sensor", where["sensor"]),
+                *("--duration", "5", "--no-view", "--record", str(record), "--summary", str(summary)),
+            ],
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=PATIENCE,
+        )
+        assert (run.returncode, run.stderr, run.stdout.splitlines()[0]) == (0, "", "completed")
+        cell.send_signal(signal.SIGTERM)
+        assert cell.wait(PATIENCE) == 0
+        logger.send_signal(signal.SIGTERM)
+        assert logger.wait(PATIENCE) == 0
+    finally:
+        for process in (cell, logger):
+            process.kill()
+            process.wait()
+        assert cell.stdout is not None
+        cell.stdout.close()
+
+    figures = json.loads(summary.read_text())
+    recording = read(record)
+    forces = [cycle.force for cycle in recording.cycles if cycle.phase == "track"]
+    assert sum(forces[-10:]) / 10 == pytest.approx(10.0, abs=1.5)
+    assert figures["sensor_frames_lost"] == sum(figures["recorder_dropped"].values()) == 0
+
+    frames = [line.split()[2].split("#") for line in log.read_text().splitlines()]
+    logged = [
+        struct.unpack("<3h", bytes.fromhex(data)[:6]) for identifier, data in frames if identifier == FORCES
+    ]
+    recorded = [sample.counts[:3] for sample in recording.sensors]
+    assert len(recorded) == figures["sensor_frames_received"] > 500
+    # the stream begins before the bridge is ready for it, and its last frame may cross the stop
+    assert len(recorded) <= len(logged) <= len(recorded) + 30
+    assert any(
+        logged[skipped : skipped + len(recorded)] == recorded
+        for skipped in range(len(logged) - len(recorded) + 1)
+    )

@@ -1,0 +1,213 @@
+"""Emulated gateways and their clients, each with a socket of its own on one vcan interface, in real time."""
+
+import asyncio
+import subprocess
+from collections.abc import Awaitable, Callable, Sequence
+from contextlib import AsyncExitStack
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+
+from emulators.jr3 import Gateway, GatewayProfile, Jr3Sensor, SensorProfile
+from hil_bridge.clock import Clock, run_real
+from hil_bridge.devices import ForceSensor
+from hil_bridge.pump import Pump
+from hil_bridge.transports import connect_can
+from protocol.can import CanFilter
+from protocol.jr3 import GatewayClient, GatewayClientProfile, SensorFrame
+
+pytestmark = pytest.mark.vcan
+
+PATIENCE = 60.0
+"""For anything to happen on a busy machine, s."""
+ANSWER_S = 2.0
+"""Acknowledge time-out of the clients: on a busy machine the gateway is late."""
+SCALES = SensorProfile().full_scales_n + SensorProfile().full_scales_nm
+FULL_SCALE = np.array(SCALES)
+COUNT = FULL_SCALE / 16384
+"""What one count is worth, N and N·m."""
+
+
+class Bus:
+    """Gateways and clients on one interface."""
+
+    def __init__(self, url: str, clock: Clock, stack: AsyncExitStack) -> None:
+        self.clock = clock
+        self.notices: list[str] = []
+        self._url = url
+        self._stack = stack
+
+    async def gateway(self, node: int, wrench: Sequence[float], accept: Sequence[CanFilter] = ()) -> None:
+        """A gateway whose sensor feels this wrench and nothing else."""
+        port = await connect_can(self._url, self.clock, accept)
+        self._stack.push_async_callback(port.aclose)
+        sensor = Jr3Sensor(
+            SensorProfile(noise_counts=0.0), lambda times: np.tile(wrench, (len(times), 1)), seed=1
+        )
+        endpoint = Gateway(GatewayProfile(node=node, boot_s=0.0), sensor, self.clock.now())
+        Pump[Any, Any](endpoint, port, self.clock, lambda event: None, lambda cause: None).start()
+
+    async def client(
+        self,
+        node: int,
+        period_ms: float = 10.0,
+        accept: Sequence[CanFilter] = (),
+        on_frame: Callable[[SensorFrame], None] = lambda frame: None,
+    ) -> ForceSensor:
+        """A client that has been told the full scales and is sent frames."""
+        profile = GatewayClientProfile(
+            node=node, period_ms=period_ms, ack_timeout_s=ANSWER_S, ready_timeout_s=PATIENCE
+        )
+        sensor = ForceSensor(
+            await connect_can(self._url, self.clock, accept),
+            GatewayClient(profile, self.clock.now()),
+            self.clock,
+            on_frame,
+            lambda kind, text: self.notices.append(text),
+        )
+        self._stack.push_async_callback(sensor.aclose)
+        sensor.start()
+        async with asyncio.timeout(PATIENCE):
+            assert await sensor.ready() == pytest.approx(SCALES)
+        return sensor
+
+    async def frames(self, sensor: ForceSensor, number: int) -> None:
+        """Wait for so many more frames of the stream."""
+        enough = sensor.received + number
+        async with asyncio.timeout(PATIENCE):
+            while sensor.received < enough:
+                await self.clock.sleep_until(self.clock.now() + 0.01)
+                sensor.check()
+
+
+def on_bus(url: str, script: Callable[[Bus], Awaitable[None]]) -> None:
+    async def main() -> None:
+        async with AsyncExitStack() as stack:
+            clock = Clock.running()
+            stack.callback(clock.close)
+            await script(Bus(url, clock, stack))
+
+    run_real(main)
+
+
+def felt(sensor: ForceSensor) -> Any:
+    """The newest wrench."""
+    assert sensor.newest is not None
+    return sensor.wrench(sensor.newest)
+
+
+def close_to(wrench: Any) -> Any:
+    """Within the last count and what rounds it down."""
+    return pytest.approx(wrench, abs=float(2 * COUNT.max()))
+
+
+def test_a_session_from_start_up_over_zero_to_the_stop(vcan: Any) -> None:
+    pressed = 0.1 * FULL_SCALE
+
+    async def script(bus: Bus) -> None:
+        await bus.gateway(1, pressed)
+        sensor = await bus.client(1)
+        await bus.frames(sensor, 30)
+        assert felt(sensor) == close_to(pressed)
+        async with asyncio.timeout(PATIENCE):
+            await sensor.tare()
+        await bus.frames(sensor, 30)
+        assert felt(sensor) == close_to(np.zeros(6))
+        await sensor.aclose()
+        received = sensor.received
+        await bus.clock.sleep_until(bus.clock.now() + 0.1)
+        assert (sensor.received, sensor.lost, bus.notices) == (received, 0, [])
+
+    on_bus(vcan.url, script)
+
+
+def test_two_gateways_on_one_bus_keep_apart(vcan: Any) -> None:
+    async def script(bus: Bus) -> None:
+        for node in (1, 2):
+            await bus.gateway(node, 0.1 * node * FULL_SCALE)
+        sensors = [await bus.client(node) for node in (1, 2)]
+        await bus.frames(sensors[1], 30)
+        await sensors[1].tare()
+        for sensor in sensors:
+            await bus.frames(sensor, 30)
+        assert felt(sensors[0]) == close_to(0.1 * FULL_SCALE)
+        assert felt(sensors[1]) == close_to(np.zeros(6))
+        assert [sensor.lost for sensor in sensors] == [0, 0]
+
+    on_bus(vcan.url, script)
+
+
+def test_a_stream_of_1_khz_loses_nothing(vcan: Any, stream_seconds: float) -> None:
+    """HIL_BRIDGE_VCAN_SECONDS says for how long; a minute is what a site is promised."""
+    times: list[float] = []
+
+    async def script(bus: Bus) -> None:
+        await bus.gateway(1, np.zeros(6))  # type: ignore[arg-type]
+        sensor = await bus.client(1, period_ms=1.0, on_frame=lambda frame: times.append(frame.at))
+        received, began = sensor.received, bus.clock.now()
+        await bus.clock.sleep_until(began + stream_seconds)
+        sensor.check()
+        seconds = bus.clock.now() - began
+        assert sensor.received - received == pytest.approx(1000 * seconds, abs=100)
+        assert (sensor.lost, bus.notices) == (0, [])
+        gap = max(later - earlier for earlier, later in pairwise(times))
+        print(
+            f"{sensor.received - received} frames in {seconds:.1f} s, none lost, longest gap {gap * 1e3:.1f} ms"
+        )
+
+    on_bus(vcan.url, script)
+
+
+def test_the_stream_goes_on_beside_a_flood_of_others(vcan: Any, command: Callable[[str], str]) -> None:
+    """As fast as the kernel takes them, which is faster than any bus: filters keep them out of the sockets."""
+
+    own = [CanFilter(1, 0x07F)]  # all ops of node 1
+
+    def start_flood() -> "subprocess.Popen[bytes]":
+        return subprocess.Popen([command("cangen"), "-g", "0", "-i", "-I", "7E2", "-L", "8", vcan.name])
+
+    async def script(bus: Bus) -> None:
+        await bus.gateway(1, np.zeros(6), own)  # type: ignore[arg-type]
+        sensor = await bus.client(1, accept=own)
+        statistics = f"/sys/class/net/{vcan.name}/statistics/rx_packets"
+        flood = start_flood()
+        try:
+            before, began, received = counted(statistics), bus.clock.now(), sensor.received
+            await bus.clock.sleep_until(began + 1.0)
+            assert flood.poll() is None
+        finally:
+            flood.kill()
+            flood.wait()
+        seconds = bus.clock.now() - began
+        frames = (counted(statistics) - before) / seconds
+        print(f"{frames:.0f} frames/s beside the stream")
+        assert frames > 8000, "more than a bus at 1 Mbit/s can carry"
+        assert sensor.received - received == pytest.approx(100 * seconds, abs=20)
+        sensor.check()
+        assert sensor.lost == 0
+
+    on_bus(vcan.url, script)
+
+
+def counted(path: str) -> int:
+    with open(path, encoding="ascii") as file:
+        return int(file.read())
+
+
+def test_the_stream_survives_an_interface_that_is_down_for_a_moment(vcan: Any) -> None:
+    """What was missed is counted: the gateway does not wait."""
+
+    async def script(bus: Bus) -> None:
+        await bus.gateway(1, np.zeros(6))  # type: ignore[arg-type]
+        sensor = await bus.client(1)
+        await bus.frames(sensor, 10)
+        vcan.down()
+        await bus.clock.sleep_until(bus.clock.now() + 0.3)
+        vcan.up()
+        await bus.frames(sensor, 50)
+        sensor.check()
+        assert 10 <= sensor.lost <= 100
+
+    on_bus(vcan.url, script)

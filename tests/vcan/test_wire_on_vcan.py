@@ -1,0 +1,175 @@
+"""The SocketCAN transport on a real kernel: what its tests with a played kernel take for granted."""
+
+import asyncio
+import time
+from collections.abc import Awaitable, Callable
+from contextlib import AsyncExitStack
+from typing import Any
+
+import pytest
+
+from hil_bridge.clock import Clock, run_real
+from hil_bridge.errors import TransportBroken, TransportError, TransportUnavailable
+from hil_bridge.transports import Frames, Transport, can_wire, connect_can
+from protocol.can import CanFilter, CanFrame
+from protocol.can_error import CanErrorReport, ErrorClass, encode_error
+
+pytestmark = pytest.mark.vcan
+
+PATIENCE = 30.0
+"""For anything to happen on a busy machine, s."""
+FRAMES = (
+    CanFrame(0x201, bytes.fromhex("C80010270000")),
+    CanFrame(0x080),
+    CanFrame(0x7FF, bytes(range(8))),
+    CanFrame(0x1FFFFFFF, b"\xff", extended=True),
+    CanFrame(0x123, bytes(4), remote=True),
+)
+
+
+class Node:
+    """One socket on the bus and what it heard."""
+
+    def __init__(self, wire: Transport[Frames], clock: Clock) -> None:
+        self.wire = wire
+        self.batches: list[Frames] = []
+        self.delivered_at: list[float] = []
+        self.ends: list[TransportError] = []
+        self._clock = clock
+        self._changed = asyncio.Event()
+        wire.start(self._data, self._end)
+
+    @property
+    def frames(self) -> list[CanFrame]:
+        return [frame for batch in self.batches for frame in batch]
+
+    async def until(self, happened: Callable[[], bool]) -> None:
+        """Wait until something has happened to this node."""
+        async with asyncio.timeout(PATIENCE):
+            while not happened():
+                self._changed.clear()
+                await self._changed.wait()
+
+    def _data(self, frames: Frames) -> None:
+        self.batches.append(frames)
+        self.delivered_at.append(self._clock.now())
+        self._changed.set()
+
+    def _end(self, cause: TransportError) -> None:
+        self.ends.append(cause)
+        self._changed.set()
+
+
+def on_bus(url: str, script: Callable[..., Awaitable[None]], *accept: Any) -> None:
+    """Run a script with the clock and one node for each sequence of filters."""
+
+    async def main() -> None:
+        clock = Clock.running()
+        async with AsyncExitStack() as stack:
+            stack.callback(clock.close)
+            nodes = []
+            for filters in accept:
+                wire = await connect_can(url, clock, filters)
+                stack.push_async_callback(wire.aclose)
+                nodes.append(Node(wire, clock))
+            await script(clock, *nodes)
+
+    run_real(main)
+
+
+def test_frames_of_every_kind_come_in_order_to_others_and_not_to_their_sender(vcan: Any) -> None:
+    async def script(clock: Clock, sender: Node, *others: Node) -> None:
+        sender.wire.send(FRAMES)
+        for other in others:
+            await other.until(lambda other=other: len(other.frames) == len(FRAMES))  # type: ignore[misc]
+            assert other.frames == list(FRAMES)
+        others[0].wire.send(FRAMES[:1])
+        await sender.until(lambda: bool(sender.frames))
+        assert sender.frames == [FRAMES[0]]
+
+    on_bus(vcan.url, script, (), (), ())
+
+
+def test_the_kernel_lets_pass_only_what_was_asked_for(vcan: Any) -> None:
+    async def script(clock: Clock, sender: Node, filtered: Node) -> None:
+        sender.wire.send(FRAMES)
+        await filtered.until(lambda: len(filtered.frames) == 2)
+        assert filtered.frames == [FRAMES[0], FRAMES[2]]
+
+    on_bus(vcan.url, script, (), (CanFilter(0x201), CanFilter(0x7FF)))
+
+
+def test_frames_are_stamped_by_the_kernel_and_taken_all_at_once_after_a_pause(vcan: Any) -> None:
+    """While the process is busy elsewhere, frames wait in the socket; their times are those of their arrival."""
+
+    async def script(clock: Clock, sender: Node, receiver: Node) -> None:
+        before = clock.now()
+        sender.wire.send([CanFrame(0x601, bytes([number])) for number in range(100)])
+        sent = clock.now()
+        time.sleep(0.25)  # noqa: ASYNC251 - that nothing else can run is the point
+        awake = clock.now()
+        await receiver.until(lambda: len(receiver.frames) == 100)
+        assert [len(batch) for batch in receiver.batches] == [100]
+        assert receiver.delivered_at[0] >= awake
+        stamps = [frame.received_at or 0.0 for frame in receiver.frames]
+        assert stamps == sorted(stamps)
+        # the wall clock of the stamps may be set by a few milliseconds against the loop's
+        assert before - 0.05 <= stamps[0] <= stamps[-1] <= sent + 0.05
+
+    on_bus(vcan.url, script, (), ())
+
+
+@pytest.mark.parametrize("gone", ["down", "deleted"])
+def test_an_interface_that_comes_back_in_time_goes_on_and_says_so(vcan: Any, gone: str) -> None:
+    async def script(clock: Clock, sender: Node, receiver: Node) -> None:
+        sender.wire.send(FRAMES[:1])
+        await receiver.until(lambda: len(receiver.frames) == 1)
+        vcan.down() if gone == "down" else vcan.delete()
+        for node in (sender, receiver):
+            await node.until(lambda node=node: told(node, ErrorClass.INTERFACE_DOWN))  # type: ignore[misc]
+        await clock.sleep_until(clock.now() + 0.3)
+        vcan.up() if gone == "down" else vcan.add()
+        for node in (sender, receiver):
+            await node.until(lambda node=node: told(node, ErrorClass.RESTARTED))  # type: ignore[misc]
+        sender.wire.send(FRAMES[2:3])
+        await receiver.until(lambda: receiver.frames[-1] == FRAMES[2])
+        assert [frame for frame in receiver.frames if not frame.error] == [FRAMES[0], FRAMES[2]]
+        assert sender.ends == receiver.ends == []
+
+    on_bus(vcan.url, script, (), ())
+
+
+def told(node: Node, matter: ErrorClass) -> bool:
+    """Whether the wire said this in band."""
+    return encode_error(CanErrorReport(matter)) in node.frames
+
+
+def test_an_interface_that_stays_away_ends_the_wire_with_one_line(
+    vcan: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(can_wire, "LINK_PATIENCE_S", 0.5)
+
+    async def script(clock: Clock, node: Node) -> None:
+        vcan.delete()
+        await node.until(lambda: bool(node.ends))
+        (cause,) = node.ends
+        assert isinstance(cause, TransportBroken)
+        assert str(cause) == (
+            f"{vcan.url}: broke: there is no such CAN interface; `ip -details link show` lists what there is"
+        )
+        with pytest.raises(TransportBroken):
+            node.wire.send(FRAMES)
+
+    on_bus(vcan.url, script, ())
+
+
+def test_what_cannot_be_opened_says_how_it_could(vcan: Any) -> None:
+    async def script(clock: Clock) -> None:
+        vcan.down()
+        with pytest.raises(TransportUnavailable, match=f"is down; `sudo ip link set {vcan.name} up`"):
+            await connect_can(vcan.url, clock)
+        vcan.delete()
+        with pytest.raises(TransportUnavailable, match="no such CAN interface"):
+            await connect_can(vcan.url, clock)
+
+    on_bus(vcan.url, script)
