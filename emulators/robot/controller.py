@@ -215,6 +215,11 @@ class S3Controller:
         values: Mapping[str, FaultValue] = fault_values(fault, parameters)
         self._faults[fault](now, **values)
 
+    def disarm(self) -> None:
+        """Let none of the faults happen that wait for their moment; those under way go on."""
+        self._line.disarm()
+        self._late, self._refuse = 0.0, None
+
     # --- faults of more than a call
 
     def _drop_ack(self, now: float, of: str, count: int) -> None:

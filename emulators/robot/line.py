@@ -121,6 +121,11 @@ class FaultyLine:
         """Let it happen the next `count` times."""
         self._armed[strike] = count
 
+    def disarm(self) -> None:
+        """Let nothing of what was armed happen, nor a reset that was asked for."""
+        self._armed.clear()
+        self._reset_after = None
+
     def babble(self, size: int) -> None:
         """Say random bytes."""
         self._extra += self._random.randbytes(size)

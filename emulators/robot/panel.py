@@ -12,6 +12,7 @@ A request is a table as JSON has it, from somebody who is not trusted:
 | programming-unit | `to`: connect, remove | |
 | interrupt | `to`: permit, forbid | |
 | inject | `fault`, `with`: table of parameters | one fault of `FAULTS` |
+| disarm | | forgets the faults that wait for their moment |
 | faults | | answers the table of faults |
 
 All but the last are answered with the state afterwards.
@@ -105,13 +106,15 @@ class Panel:
             if not isinstance(fault, str) or not isinstance(parameters, dict):
                 raise ValueError("inject needs the name of a fault and a table of parameters")
             controller.inject(fault, now, **parameters)
+        elif action == "disarm":
+            controller.disarm()
         elif isinstance(action, str) and action in _ACTS:
             acts, to = _ACTS[action], request.get("to")
             if not isinstance(to, str) or to not in acts:
                 raise ValueError(f"{action} goes to {' or '.join(acts)}, not {to!r}")
             acts[to](controller, now)
         elif action != "show":
-            known = ", ".join(("show", *_ACTS, "inject", "faults"))
+            known = ", ".join(("show", *_ACTS, "inject", "disarm", "faults"))
             raise ValueError(f"no action is called {action!r}; known: {known}")
         return {"state": asdict(self.state(now))}
 

@@ -103,6 +103,13 @@ def inject(context: click.Context, fault: str, parameters: tuple[str, ...]) -> N
 
 @panel.command()
 @click.pass_context
+def disarm(context: click.Context) -> None:
+    """Forget the faults that wait for their moment."""
+    _do(context, {"do": "disarm"})
+
+
+@panel.command()
+@click.pass_context
 def faults(context: click.Context) -> None:
     """List the faults that can be injected, with their parameters and defaults."""
     from hil_bridge.panel import faults_text

@@ -293,6 +293,7 @@ def test_every_command_reaches_the_controller() -> None:
             assert flags(cell) == before
         assert "drop-ack of a bid (2)" in await do("inject", "drop-ack", "of=bid", "count=2")
         assert "standby" in (await do("show")).splitlines()[0]
+        assert "none waiting" in await do("disarm")
         listed = await do("faults")
         assert all(f"\n{name} " in f"\n{listed}" for name in FAULTS)
         for arguments, text in (

@@ -433,6 +433,20 @@ def test_a_fault_is_lived_through_counted_and_over(name: str) -> None:
         assert bench.count(counter) == troubles[counter], "once is once"
 
 
+def test_what_waits_for_its_moment_can_be_called_off() -> None:
+    bench = Bench()
+    for fault, row in (*LIVED_THROUGH.items(), ("refuse", ({}, "", 0.0))):
+        if fault not in ("babble", "silence", "line-break"):
+            bench.robot.inject(fault.partition(" ")[0], bench.now, **row[0])
+    bench.robot.inject("power-cycle", bench.now, after_bytes=1)
+    assert len(bench.robot.armed) == 8
+    bench.robot.disarm()
+    asked = bench.now
+    assert bench.status().standby
+    assert bench.now - asked < 0.02
+    assert not any(bench.count(name) for name in ("time-out", "NAK sent", "NAK received", "missing EOT"))
+
+
 def test_a_fault_of_several_strikes_as_often() -> None:
     bench = Bench()
     bench.robot.inject("corrupt-block", bench.now, count=3)
@@ -683,7 +697,7 @@ JSON = st.recursive(
 REQUESTS = st.fixed_dictionaries(
     {},
     optional={
-        "do": st.sampled_from(("show", "inject", "faults", *LEVERS)) | JSON,
+        "do": st.sampled_from(("show", "inject", "disarm", "faults", *LEVERS)) | JSON,
         "to": st.sampled_from([to for pair in TO.values() for to in pair]) | JSON,
         "fault": st.sampled_from(sorted(FAULTS)) | JSON,
         "with": JSON
@@ -708,4 +722,5 @@ def test_whatever_is_asked_the_controller_can_be_brought_back(requests: list[dic
         bench.panel.perform({"do": lever, "to": back}, bench.now)
     bench.panel.perform({"do": "inject", "fault": "power-cycle"}, bench.now)
     bench.wait(4000.0)
+    assert bench.panel.perform({"do": "disarm"}, bench.now)["state"]["armed"] == {}
     assert bench.status().standby

@@ -5,10 +5,12 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 
+from hil_bridge.errors import BridgeError
 from hil_bridge.recording import read
 
 pytestmark = pytest.mark.live
@@ -31,6 +33,13 @@ def panel(url: str, *arguments: str) -> str:
     return done.stdout
 
 
+def tracking(record: Path) -> bool:
+    """Whether a run whose record is being written has come to follow the surface."""
+    with suppress(BridgeError):  # nothing of it is on the disk yet
+        return any(cycle.phase == "track" for cycle in read(record).cycles)
+    return False
+
+
 def test_an_emergency_stop_from_another_terminal_ends_the_run(tmp_path: Path) -> None:
     record, summary = tmp_path / "r.mcap", tmp_path / "s.json"
     run = start(
@@ -40,10 +49,10 @@ def test_an_emergency_stop_from_another_terminal_ends_the_run(tmp_path: Path) ->
         assert run.stdout is not None
         url = run.stdout.readline().strip().removeprefix("panel: ")
         ends = time.monotonic() + PATIENCE
-        while not (record.exists() and record.stat().st_size > 30 * 1024):
+        while not tracking(record):
             assert time.monotonic() < ends
             assert run.poll() is None
-            time.sleep(0.05)
+            time.sleep(0.2)
         shown = panel(url, "show")
         assert shown.startswith("mode          operation, movement sequence\n")
         assert panel(url, "emergency-stop").splitlines()[1].split()[1:3] == ["EMERGENCY", "STOP,"]
@@ -61,6 +70,7 @@ def test_an_emergency_stop_from_another_terminal_ends_the_run(tmp_path: Path) ->
     recording = read(record)
     assert not recording.truncated
     assert any("operational error 13.0" in event.text for event in recording.events)
+    assert recording.cycles[-1].phase == "track"
 
 
 def test_an_emulated_robot_is_operated_and_ends_well() -> None:
