@@ -14,6 +14,9 @@ from pathlib import Path
 
 import pytest
 
+from hil_bridge.errors import ConfigError
+from hil_bridge.recording import read
+
 pytestmark = pytest.mark.live
 
 HIL = (sys.executable, "-c", "from hil_bridge.cli import main; main()")
@@ -53,8 +56,16 @@ def wait_until(happened: Callable[[], bool]) -> None:
         time.sleep(0.05)
 
 
-def begun(record: Path, kibibytes: int) -> Callable[[], bool]:
-    return lambda: record.exists() and record.stat().st_size > kibibytes * 1024
+def tracking(record: Path) -> Callable[[], bool]:
+    """Whether the recording, as far as it is written, has come to the tracking of the surface."""
+
+    def reached() -> bool:
+        try:
+            return read(record).cycles[-1].phase == "track"
+        except ConfigError:  # not there yet, or no whole cycle in it
+            return False
+
+    return reached
 
 
 @pytest.fixture
@@ -91,7 +102,7 @@ def test_a_killed_emulator_ends_the_run_at_once_with_its_cause_and_a_whole_recor
     ):
         assert options[1].startswith("tcp://127.0.0.1:")
         run = start("run", *options, "--no-view", "--record", str(record))
-        wait_until(begun(record, 30))
+        wait_until(tracking(record))
         cell.kill()
         killed = time.monotonic()
         code, lines, errors = finish(run)
@@ -117,7 +128,7 @@ def test_ctrl_c_retracts_and_leaves_everything(tmp_path: Path, short: str) -> No
             str(tmp_path),
         )
     )
-    wait_until(begun(record, 30))
+    wait_until(tracking(record))
     run.send_signal(signal.SIGINT)
     code, lines, errors = finish(run)
     assert (code, errors) == (130, "")
