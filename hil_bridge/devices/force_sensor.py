@@ -25,10 +25,6 @@ from protocol.jr3 import (
     wrench_from_counts,
 )
 
-_STOP_PATIENCE = 0.5
-"""How long a close waits for the acknowledge of the stop, s. Chosen: two acknowledge time-outs."""
-
-
 _HISTORY = 256
 """Frames kept for looking back. Chosen: 2.6 s of the default stream, many answers of the robot's link."""
 
@@ -149,12 +145,12 @@ class ForceSensor:
         return None
 
     async def aclose(self) -> None:
-        """Stop the stream, wait a moment for the device to say that it knows, and close the wire."""
+        """Stop the stream, wait for the device to say that it knows, as long as a lost stop takes, and close the wire."""
         if self._failure is None:
             self._client.stop()
             self._pump.kick()
             with suppress(BridgeError, TimeoutError):
-                async with asyncio.timeout(_STOP_PATIENCE):
+                async with asyncio.timeout(self._client.stop_patience):
                     await self._until(SensorStopped)
         await self._transport.aclose()
 

@@ -89,6 +89,10 @@ class SensorClient(Endpoint[Data, Data, SensorEvent], Protocol[Data]):
     def delay(self) -> float:
         """How much later than the force itself the device's filter tells of it, s, at low frequencies."""
 
+    @property
+    def stop_patience(self) -> float:
+        """How long SensorStopped may take when the first stop was lost and its repetition is heard, s."""
+
     def zero(self) -> None:
         """Make the present wrench the origin, once settled. Raises LocalProtocolError after the end."""
 

@@ -200,6 +200,24 @@ def test_ready_tare_and_stop() -> None:
     assert served.notices == []
 
 
+@pytest.mark.parametrize(("kept_bytes", "seconds"), [(0, 1.25), (256, 0.99)])
+def test_a_close_in_the_deaf_second_waits_until_the_gateway_has_stopped(
+    kept_bytes: int, seconds: float
+) -> None:
+    """A stop that the gateway does not hear is repeated before the line is closed; one that it keeps is not."""
+    closed: list[float] = []
+
+    async def script(served: Served) -> None:
+        await served.sensor.ready()
+        await served.sensor.tare()
+        asked = served.clock.now()
+        await served.sensor.aclose()
+        closed.append(served.clock.now() - asked)
+
+    with_cell(script, cell={"uart_gateway": {"kept_bytes": kept_bytes}})
+    assert closed == [pytest.approx(seconds, abs=0.02)]
+
+
 def test_a_stream_as_fast_as_the_line_loses_nothing() -> None:
     async def script(served: Served) -> None:
         await served.sensor.ready()

@@ -111,6 +111,11 @@ class GatewayClient:
         """How much later than the force itself a sample with the present cut-off tells of it, s."""
         return first_order_delay(self._cutoff_hz)
 
+    @property
+    def stop_patience(self) -> float:
+        """How long SensorStopped may take when the first stop was lost, s: a stop and its repetition."""
+        return 2 * self._profile.ack_timeout_s
+
     # --- what the owner asks for
 
     def zero(self) -> None:

@@ -124,6 +124,11 @@ class BoardClient:
         """How much later than the force itself the board's filter tells of it, s, at low frequencies."""
         return self._profile.delay
 
+    @property
+    def stop_patience(self) -> float:
+        """How long SensorStopped may take, s: TCP repeats what is lost, so that it is the server's time alone."""
+        return self._profile.answer_timeout_s
+
     # --- what the owner asks for
 
     def zero(self) -> None:
