@@ -26,7 +26,7 @@ from hil_bridge.control.stability import (
 )
 from hil_bridge.recording.reader import Recording
 from hil_bridge.recording.records import CycleRecord
-from hil_bridge.recording.summary import TRACK, Summary
+from hil_bridge.recording.summary import TRACK, Summary, end_of
 
 PHASE_MARGIN_DEG = 45.0
 """Least phase margin that counts as comfortable: the textbooks' rule."""
@@ -122,7 +122,7 @@ def analyse(recording: Recording, summary: Summary) -> Analysis | None:
     resolution_mm = _number(config, "cell.servo.resolution_mm")
     dead_band = _number(config, "cell.servo.dead_band_steps") or 0.0
     stiffness = _stiffness(steady, config, emulated)
-    timed = _plant(track, config, emulated)
+    timed = _plant(track, config, emulated, end_of(recording).sensor_delay_s)
     if stiffness is None or timed is None or resolution_mm is None or resolution_mm <= 0.0:
         return None
     (k, stiffness_source), (plant, parts) = stiffness, timed
@@ -183,7 +183,7 @@ def _stiffness(
 
 
 def _plant(
-    track: Sequence[CycleRecord], config: Mapping[str, Any], emulated: bool
+    track: Sequence[CycleRecord], config: Mapping[str, Any], emulated: bool, told: float | None
 ) -> tuple[SampledPlant, tuple[Part, ...]] | None:
     periods = [b.started_at - a.started_at for a, b in pairwise(track)]
     waits = [cycle.answered_at - cycle.sensor_at for cycle in track]
@@ -205,9 +205,9 @@ def _plant(
         Part("interpolation", _INTERPOLATION_TICKS * interpolation_ms * 1e-3, f"1.5 ticks, {source}"),
         Part("servo's transport delay", transport_ms * 1e-3, source),
     ]
-    if cutoff := _number(config, "sensor.gateway.cutoff_hz"):
-        lag = 1.0 / (math.tau * cutoff)
-        parts.insert(0, Part("sensor's filter", lag, f"its time constant at {cutoff:g} Hz, as configured"))
+    if (lag := _filter_lag(config) if told is None else told) > 0.0:
+        source_of_lag = "as configured" if told is None else "as the run's sensor was set"
+        parts.insert(0, Part("sensor's filter", lag, f"phase delay at low frequencies, {source_of_lag}"))
     delay = math.fsum(part.seconds for part in parts)
     try:
         plant = SampledPlant(statistics.median(periods), delay, frequency, damping)
@@ -215,6 +215,17 @@ def _plant(
         return None
     settling = delay + 21.0 / (frequency * min(damping, 0.5 / damping))
     return (plant, tuple(parts)) if settling <= _MOST_TAPS * plant.period else None
+
+
+def _filter_lag(config: Mapping[str, Any]) -> float:
+    """Of the CAN gateway's filter, for a record that was cut off before it told its sensor's; 0 for other devices,
+    whose URLs only the composition root reads.
+    """
+    url = _at(config, "sensor.url")
+    if isinstance(url, str) and url and not url.startswith("can+"):
+        return 0.0
+    cutoff = _number(config, "sensor.gateway.cutoff_hz")
+    return 1.0 / (math.tau * cutoff) if cutoff else 0.0
 
 
 def _linear_loop(

@@ -111,6 +111,24 @@ def test_sample_time_and_delay_are_those_of_the_record() -> None:
     assert slower.plant.delay - found.plant.delay == pytest.approx(1 / (2 * math.pi * 10.0))
 
 
+def test_the_filter_is_that_of_the_sensor_that_was_used() -> None:
+    settings = config()
+    settings["sensor"]["gateway"]["cutoff_hz"] = 10.0
+    cycles = [cycle(k) for k in range(60)]
+
+    def lags(url: str, end: dict[str, str]) -> list[float]:
+        settings["sensor"]["url"] = url
+        recording = dataclasses.replace(record(cycles, settings), end=end)
+        return [part.seconds for part in analysis(recording).delay if part.label == "sensor's filter"]
+
+    board = "jr3+tcp://127.0.0.1:1762?filter=3"
+    assert lags(board, {"sensor_delay_s": "0.02771"}) == [0.02771]
+    assert lags("serial:///dev/ttyACM0?gateway=jr3", {"sensor_delay_s": "0.0"}) == []
+    # A record that was cut off: the configuration tells of CAN gateways alone.
+    assert lags(board, {}) == lags("serial:///dev/ttyACM0?gateway=jr3", {}) == []
+    assert lags("can+socketcan://can0", {}) == lags("", {}) == [pytest.approx(1 / (2 * math.pi * 10.0))]
+
+
 def test_margins_are_those_of_the_controller_in_the_configuration() -> None:
     settings = config(proportional=0.1, integral=0.3, tuned_at_n_m=4000.0)
     recording = record([cycle(k) for k in range(60)], settings)
