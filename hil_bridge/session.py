@@ -50,7 +50,7 @@ _UNDER_WAY_S = 0.005
 _COLLECT_EVERY = 64
 """Cycles between two collections in virtual time, where none is in anybody's way. Chosen."""
 
-TROUBLE = ("block repeated", "bid repeated", "time-out", "bad block", "gap in block")
+TROUBLE = ("block repeated", "bid repeated", "time-out", "bad block", "bad checksum", "gap in block")
 """Counters of the link that the view adds up as link errors."""
 
 
