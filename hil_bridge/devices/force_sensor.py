@@ -145,7 +145,10 @@ class ForceSensor:
         return None
 
     async def aclose(self) -> None:
-        """Stop the stream, wait for the device to say that it knows, as long as a lost stop takes, and close the wire."""
+        """Stop the stream, wait for the device to say that it knows, and close the wire.
+
+        A device that does not hear the first stop gets the time for its repetition.
+        """
         if self._failure is None:
             self._client.stop()
             self._pump.kick()

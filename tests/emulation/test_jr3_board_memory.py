@@ -147,9 +147,9 @@ def test_the_start_up_of_the_kernels_driver() -> None:
     put(board, "offsets", (0,) * 6, now)
     board.command(0x0700, now)
     now += 0.04
-    assert get(board, "full_scale", now)[:6] == (460, 444, 740, 224, 208, 244)
+    assert get(board, "full_scale", now)[:6] == (115, 111, 185, 56, 52, 61)
     assert get(board, "offsets", now) == (0,) * 6
-    assert get(board, "filter0", STEADY + 21.0)[:6] == pytest.approx([c / 4 for c in LOAD_COUNTS], abs=1)
+    assert get(board, "filter0", STEADY + 21.0)[:6] == pytest.approx(LOAD_COUNTS, abs=4)
 
 
 # --- reading and writing
@@ -300,10 +300,22 @@ def test_full_scales_change_the_counts_and_vectors() -> None:
     assert get(board, "max_full_scale", at) == (115, 111, 185, 56, 52, 61)
 
 
-def test_max_full_scale_keeps_every_step_of_the_converter() -> None:
-    board = board_of(sensor=SensorProfile(noise_counts=0.0, adc_bits=14))
+@pytest.mark.parametrize(
+    ("span", "largest"),
+    [
+        (1.0, (115, 111, 185, 56, 52, 61)),
+        (2.5, (287, 277, 462, 140, 130, 152)),
+        (4.0, (460, 444, 740, 224, 208, 244)),
+        (16.0, (460, 444, 740, 224, 208, 244)),
+    ],
+)
+def test_max_full_scale_keeps_every_step_of_the_converter_and_to_its_span(
+    span: float, largest: tuple[int, ...]
+) -> None:
+    sensor = SensorProfile(noise_counts=0.0, adc_bits=14)
+    board = board_of(sensor=sensor, profile=BoardProfile(full_scale_span=span))
     assert get(board, "min_full_scale", STEADY) == (115, 111, 185, 56, 52, 61)
-    assert get(board, "max_full_scale", STEADY) == (460, 444, 740, 224, 208, 244)
+    assert get(board, "max_full_scale", STEADY) == largest
     assert get(board, "sat_value", STEADY) == (32768 - 4,)
 
 

@@ -86,6 +86,7 @@ class Processor:
             UNIT_SCALES[Units(profile.units)],
             profile.turn == "load",
             self._default_full_scales,
+            span=profile.full_scale_span,
         )
         self._identified = False
         put = self.memory.put

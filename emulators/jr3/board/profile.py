@@ -94,6 +94,14 @@ class BoardProfile:
     near_sat_value: int = setting(
         26214, Mark.OBSERVED, "raw magnitude that warns", minimum=0, maximum=_POSITIVE
     )
+    full_scale_span: float = setting(
+        1.0,
+        Mark.ASSUMED,
+        "largest recommended full scale by the smallest, at most: 1 keeps a driver's start-up at the sensor's rating; "
+        "from 2^(16 − ADC bits) on, the step of the converter is the only limit",
+        minimum=1.0,
+        maximum=16.0,
+    )
     idle_hz: float = setting(
         50_000.0, Mark.ASSUMED, "rounds in which the processor has nothing to do", unit="Hz", minimum=0.0
     )

@@ -78,6 +78,8 @@ class Scaling:
     full_scales: tuple[int, ...]
     """Six words in use."""
     links: tuple[Link, ...] = ()
+    span: float = 16.0
+    """max_full_scale by min_full_scale, at most; 16 is no limit."""
 
     @cached_property
     def _unit(self) -> Floats:
@@ -100,13 +102,14 @@ class Scaling:
         """min_full_scale and max_full_scale as words.
 
         Assumed: min holds what all channels together can add at their ends; max makes one count of what the
-        strongest channel adds in one step of the converter.
+        strongest channel adds in one step of the converter, and is no more than `span` times min.
         """
         part = np.abs(self._wrench_per_raw) / self._unit[:, np.newaxis]
         smallest = part.sum(axis=1) * _HALF_RANGE / _REPRESENTABLE
         largest = part.max(axis=1) * _HALF_RANGE / _REPRESENTABLE * (1 << (16 - self.adc_bits))
         # Rounded first, so that a whole number does not become the next one by an error of the last digit.
         low, high = np.ceil(np.round(smallest, 6)), np.floor(np.round(largest, 6))
+        high = np.minimum(high, np.floor(self.span * low))
         return tuple(map(_word, low)), tuple(map(_word, high))
 
     @cached_property
