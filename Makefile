@@ -4,13 +4,17 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: run test clean
+.PHONY: run test bench clean
 
 run: $(STAMP)
 	$(BIN)/hil-bridge run --duration 30 --report runs/latest --record runs/latest/run.mcap --summary runs/latest/summary.json
 
 test: $(STAMP)
 	$(BIN)/python tools/check.py
+
+# ONLY="wake_up link_use" runs those alone; PAGE=1 renews docs/performance.md too
+bench: $(STAMP)
+	$(BIN)/python -m tools.bench $(ONLY) $(if $(PAGE),--page)
 
 $(STAMP): pyproject.toml
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "hil-bridge needs Python 3.11 or newer; set PYTHON=python3.11 or later")'

@@ -1,0 +1,83 @@
+"""Run the benchmarks, all or the named ones: `make bench`, `make bench ONLY="wake_up link_use"`.
+
+Results go to runs/bench.json, which is not under version control. With --page (`make bench PAGE=1`) they also go to
+docs/performance.json, and the tables of docs/performance.md are written anew from it.
+"""
+
+import argparse
+import importlib
+import json
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from tools.bench import machine
+from tools.bench.figures import Report
+from tools.bench.page import renewed
+
+ROOT = Path(__file__).resolve().parents[2]
+RESULTS = ROOT / "runs" / "bench.json"
+PUBLISHED = ROOT / "docs" / "performance.json"
+PAGE = PUBLISHED.with_suffix(".md")
+
+BENCHMARKS = ("turnaround", "control_step", "wake_up", "virtual_time", "link_use", "long_run")
+"""Modules of this package, in the order of the page."""
+
+
+def run(name: str) -> Report:
+    """One benchmark, its steps and figures shown as they come."""
+    print(f"── {name}", flush=True)
+    began = time.monotonic()
+    report: Report = importlib.import_module(f"tools.bench.{name}").measure(
+        lambda step: print(f"   … {step}", flush=True)
+    )
+    for line in (*(figure.line() for figure in report.figures), *(f"left out: {x}" for x in report.left_out)):
+        print(f"   {line}")
+    print(f"   ({time.monotonic() - began:.0f} s)", flush=True)
+    return report
+
+
+def merged(path: Path, facts: Mapping[str, str], fresh: Mapping[str, Any]) -> dict[str, Any]:
+    """The results in a file with fresh ones in their places; those of another machine or version are dropped."""
+    old: dict[str, Any] = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+    known = {**old["benchmarks"], **fresh} if old.get("machine") == facts else fresh
+    return {"machine": dict(facts), "benchmarks": {name: known[name] for name in BENCHMARKS if name in known}}
+
+
+def written(path: Path, results: Mapping[str, Any]) -> None:
+    """A file of results."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps(results, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run what is wanted; the exit code is 0 whether or not targets are met: a figure is no error."""
+    parser = argparse.ArgumentParser(prog="make bench", description=__doc__.splitlines()[0])
+    parser.add_argument("benchmark", nargs="*", help=f"one of {', '.join(BENCHMARKS)}; all without a name")
+    parser.add_argument("--page", action="store_true", help="also renew docs/performance.json and .md")
+    options = parser.parse_args(arguments)
+    if unknown := [name for name in options.benchmark if name not in BENCHMARKS]:
+        parser.error(f"there is no benchmark {unknown[0]!r}, only {', '.join(BENCHMARKS)}")
+
+    facts, fresh = machine.facts(), {}
+    for name in options.benchmark or BENCHMARKS:
+        load = machine.load()
+        fresh[name] = {"load": round(load, 1), **run(name).as_json()}
+        results = merged(RESULTS, facts, fresh)
+        written(RESULTS, results)
+    print(f"results: {RESULTS.relative_to(ROOT)}")
+    if options.page:
+        results = merged(PUBLISHED, facts, fresh)
+        page = renewed(PAGE.read_text(encoding="utf-8"), results)
+        written(PUBLISHED, results)
+        PAGE.write_text(page, encoding="utf-8")
+        print(f"page: {PAGE.relative_to(ROOT)}")
+    judged = [item for benchmark in fresh.values() for item in benchmark["figures"] if "met" in item]
+    print(f"{sum(item['met'] for item in judged)} of {len(judged)} targets met")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,90 @@
+"""Whole cells in virtual time with their bridges, any number of them in one loop."""
+
+import asyncio
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from hil_bridge.clock import Clock, run_virtual
+from hil_bridge.compose import Ports, connect_robot, connect_sensor, emulated_cell
+from hil_bridge.config import Config
+from hil_bridge.recording import CycleRecord, EventRecord, Outcome
+from hil_bridge.run import Run
+from protocol.jr3 import SensorFrame
+
+CAN, BOARD = "can+memory:sensor", "jr3+memory:sensor"
+"""Where a cell's sensor listens: behind its CAN gateway, or on a receiver board behind its registers."""
+
+
+class RunFailed(Exception):
+    """A run that was to be measured did not come to its end."""
+
+
+@dataclass
+class CellRun:
+    """One cell, its bridge, and what they told. Also the run's log."""
+
+    config: Config
+    number: int = 0
+    sensor: str = CAN
+    on_cycle: Callable[[CycleRecord], object] = lambda record: None
+    on_event: Callable[[EventRecord], object] = lambda record: None
+    on_frame: Callable[[SensorFrame], object] = lambda frame: None
+    cycles: int = 0
+    frames: int = 0
+    simulated: float = 0.0
+    """From power-up to the end, s of virtual time."""
+    faults: list[str] = field(default_factory=list)
+
+    def cycle(self, record: CycleRecord) -> None:
+        """A cycle has ended."""
+        self.cycles += 1
+        self.on_cycle(record)
+
+    def event(self, record: EventRecord) -> None:
+        """Something happened beside the cycles."""
+        self.on_event(record)
+
+    def _frame(self, frame: SensorFrame) -> None:
+        self.frames += 1
+        self.on_frame(frame)
+
+    async def main(self) -> None:
+        """Run to the end. Raises RunFailed when it is stopped before."""
+        clock = Clock.running()
+        began = clock.now()
+        ports = Ports(f"memory:robot{self.number}", f"{self.sensor}{self.number}")
+
+        def notice(kind: str, text: str) -> None:
+            self.event(EventRecord(clock.now(), kind, text))
+
+        config = self.config
+        async with emulated_cell(
+            config.cell,
+            config.run.seed + self.number,
+            clock,
+            ports,
+            lambda cause: self.faults.append(repr(cause)),
+        ) as at:
+            robot = await connect_robot(at.robot or "", config.robot.link, clock, notice)
+            sensor = await connect_sensor(at.sensor or "", config.sensor, clock, self._frame, notice)
+            robot.start()
+            sensor.start()
+            try:
+                result = await Run(config, clock, robot, sensor, self)()
+            finally:
+                await sensor.aclose()
+                await robot.aclose()
+        if self.faults or result.outcome is not Outcome.COMPLETED:
+            raise RunFailed(", ".join((result.cause, *self.faults)))
+        self.simulated = clock.now() - began
+
+
+def run_together(runs: list[CellRun]) -> None:
+    """Run them all in one virtual loop. Raises what the first of them raises, in a group."""
+
+    async def main() -> None:
+        async with asyncio.TaskGroup() as group:
+            for run in runs:
+                group.create_task(run.main())
+
+    run_virtual(main)

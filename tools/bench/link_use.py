@@ -1,0 +1,89 @@
+"""Link use: how much of a cycle the characters on a paced line are.
+
+The emulated controller answers at once here: its turnaround is its own and not the link's. In virtual time whatever
+is above the floor is the protocol's; in real time the two processes' work comes to it.
+"""
+
+import json
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from hil_bridge.config import Config
+from hil_bridge.experiments.chain import run_cell
+from hil_bridge.line_time import line_floor
+from hil_bridge.recording import CycleRecord, read
+from protocol.adlp import LinkProfile
+from tools.bench.figures import Figure, Report, Target
+
+BAUDRATES = (9600, 19200)
+TRACK_S = 10.0
+MILLI = 1e3
+USE = Target("ratio", 1.0 / 0.97)
+"""Cycle time by floor: at least 97 % of a cycle are characters."""
+HIL_BRIDGE = (sys.executable, "-m", "hil_bridge")
+
+
+def settings(baudrate: int) -> dict[str, object]:
+    """Of both sides: this rate, a controller without turnaround, and short ways."""
+    link = {"baudrate": baudrate}
+    robot = {"turnaround_ms": 0.0, "turnaround_spread_ms": 0.0}
+    return {
+        "run": {"duration_s": TRACK_S},
+        "robot": {"link": link},
+        "task": {"retract_mm": 1.0},
+        "cell": {"link": link, "robot": robot, "start_position_mm": (900.0, -100.0, 591.0)},
+    }
+
+
+def cycle_time(cycles: Sequence[CycleRecord]) -> float:
+    """Mean from cycle to cycle while the surface is tracked, s."""
+    begins = [cycle.started_at for cycle in cycles if cycle.phase == "track"]
+    return (begins[-1] - begins[0]) / (len(begins) - 1)
+
+
+def real(baudrate: int, place: Path) -> float:
+    """Cycle time of bridge and emulated cell as two processes, a paced pseudo-terminal between them, s."""
+    config, record = place / f"{baudrate}.toml", place / f"{baudrate}.mcap"
+    config.write_text(_toml(settings(baudrate)), encoding="utf-8")
+    with subprocess.Popen([*HIL_BRIDGE, "emulate", "cell", config, "--json"], stdout=subprocess.PIPE) as cell:
+        try:
+            assert cell.stdout is not None
+            urls = json.loads(cell.stdout.readline())
+            options = [text for device, url in urls.items() for text in (f"--{device}", url)]
+            run = [*HIL_BRIDGE, "run", config, *options, "--no-view", "--record", record]
+            subprocess.run(run, check=True, stdout=subprocess.DEVNULL, timeout=120)
+        finally:
+            cell.terminate()
+    return cycle_time(read(record).cycles)
+
+
+def _toml(sections: object, key: str = "") -> str:
+    """Nested tables of plain values."""
+    assert isinstance(sections, dict)
+    lines = [f"[{key}]"] if key else []
+    lines += [
+        f"{name} = {json.dumps(value)}" for name, value in sections.items() if not isinstance(value, dict)
+    ]
+    for name, value in sections.items():
+        if isinstance(value, dict):
+            lines.append(_toml(value, f"{key}.{name}" if key else name))
+    return "\n".join(lines) + "\n"
+
+
+def measure(say: Callable[[str], None]) -> Report:
+    """Both rates, both kinds of time."""
+    figures = []
+    with tempfile.TemporaryDirectory(prefix="hil-bridge-bench-") as name:
+        for baudrate in BAUDRATES:
+            floor = line_floor(LinkProfile(baudrate=baudrate)) * MILLI
+            say(f"{baudrate} baud, virtual time")
+            virtual = cycle_time(run_cell(Config.model_validate(settings(baudrate))).cycles) * MILLI
+            say(f"{baudrate} baud, real time")
+            paced = real(baudrate, Path(name)) * MILLI
+            for kind, value in (("virtual", virtual), ("real", paced)):
+                title = f"cycle at {baudrate} baud, {kind} time"
+                figures.append(Figure(title, value, "ms", floor, "floor of the line", USE))
+    return Report(tuple(figures))

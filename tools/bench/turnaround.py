@@ -1,0 +1,257 @@
+"""Turnaround: a sensor sample and the end of a status answer in, the next order out, through the whole bridge.
+
+The bridge is a process of its own as a person would start it, its recorder on and its view off. This process plays
+both devices. The baselines say the same messages over the same wires to the same devices, and decide nothing.
+"""
+
+import json
+import os
+import pty
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import tty
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+
+from protocol.adlp import BLOCK_OVERHEAD, HEADER_SIZE, encode_block
+from protocol.arap import STATUS, Move, MoveKind, read_status
+from tools.bench import machine
+from tools.bench.devices import (
+    PATIENCE_S,
+    PERIOD_MS,
+    START,
+    CanSensor,
+    Cell,
+    PeerSilent,
+    SensorPeer,
+    Turn,
+    UartSensor,
+)
+from tools.bench.figures import Cost, Figure, Report, Spread, Target
+from tools.bench.sampler import costs
+
+HERE = Path(__file__).parent
+CYCLES = 2500
+WARM_UP = 500
+"""The first turnarounds, which are thrown away: caches, and the approach."""
+PROFILE_CYCLES = 6500
+"""A profile needs more: it looks 250 times a second."""
+NO_SIGNALS: Mapping[int, signal.Signals] = MappingProxyType({})
+INTERRUPTED = 130
+"""Exit code of a command that Ctrl-C ended."""
+MICRO = 1e6
+P50, P99 = Target("ratio", 2.0, aim=1.5), Target("ratio", 3.0, aim=2.0)
+CONFIG = f"""\
+[run]
+duration_s = 600.0
+[task]
+step_mm = 0.0
+retract_mm = 1.0
+[sensor.uart]
+period_ms = {PERIOD_MS}
+pause_s = 0.02
+settle_s = 0.02
+[sensor.gateway]
+period_ms = {PERIOD_MS}
+"""
+"""The tool stays over one place, since a thousand cycles a second would soon be out of reach."""
+
+
+@dataclass(frozen=True, slots=True)
+class Wires:
+    """Two open wires and how the other side finds them."""
+
+    robot: int
+    sensor: SensorPeer
+    plain: tuple[str, str]
+    """For the baselines."""
+    urls: tuple[str, str]
+    """For the bridge."""
+    accept: Callable[["Wires"], "Wires"]
+    """The wires once the other side has come."""
+
+
+@contextmanager
+def tcp() -> Iterator[Wires]:
+    """Loopback, without Nagle's delay."""
+    with ExitStack() as stack:
+        servers = [stack.enter_context(socket.create_server(("127.0.0.1", 0))) for _ in range(2)]
+        ports = [server.getsockname()[1] for server in servers]
+
+        def accept(wires: Wires) -> Wires:
+            fds = []
+            for server in servers:
+                server.settimeout(20.0)
+                connection = stack.enter_context(server.accept()[0])
+                connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+                connection.setblocking(True)
+                fds.append(connection.fileno())
+            return Wires(fds[0], UartSensor(fds[1]), wires.plain, wires.urls, accept)
+
+        at = [f"127.0.0.1:{port}" for port in ports]
+        urls = (f"tcp://{at[0]}", f"tcp://{at[1]}?gateway=jr3")
+        yield Wires(-1, UartSensor(-1), (f"tcp:{at[0]}", f"tcp:{at[1]}"), urls, accept)
+
+
+@contextmanager
+def pseudo_terminals() -> Iterator[Wires]:
+    """Two pseudo-terminals, raw."""
+    with ExitStack() as stack:
+        masters, names = [], []
+        for _ in range(2):
+            master, slave = pty.openpty()
+            tty.setraw(slave)
+            names.append(os.ttyname(slave))
+            masters.append(master)
+            stack.callback(os.close, master)
+            # kept open here too, or the master would read an end before the other side has come
+            stack.callback(os.close, slave)
+        urls = (f"serial://{names[0]}", f"serial://{names[1]}?gateway=jr3")
+        plain = (f"pty:{names[0]}", f"pty:{names[1]}")
+        yield Wires(masters[0], UartSensor(masters[1]), plain, urls, lambda wires: wires)
+
+
+@contextmanager
+def vcan() -> Iterator[Wires]:
+    """The robot on a pseudo-terminal, the sensor on a virtual CAN interface. Raises OSError where there is none."""
+    name = f"bench{os.getpid()}"[:15]
+    added = subprocess.run(
+        ["ip", "link", "add", "dev", name, "type", "vcan"], capture_output=True, text=True, check=False
+    )
+    if added.returncode:
+        raise OSError("this kernel gives no vcan interface (as root: `modprobe vcan`)")
+    try:
+        subprocess.run(["ip", "link", "set", name, "up"], check=True)
+        with pseudo_terminals() as wires:
+            sensor = CanSensor.on(name)
+            with sensor.wire:
+                yield Wires(
+                    wires.robot,
+                    sensor,
+                    (wires.plain[0], f"can:{name}"),
+                    (wires.urls[0], f"can+socketcan://{name}"),
+                    wires.accept,
+                )
+    finally:
+        subprocess.run(["ip", "link", "delete", name], check=False)
+
+
+WIRES = {"TCP": tcp, "pseudo-terminals": pseudo_terminals, "vcan": vcan}
+
+
+def plain_arguments(wires: Wires) -> list[str]:
+    """What the baselines are told: wires, blocks, and how many bytes the answers have."""
+    status = encode_block(read_status().encode())
+    move = encode_block(Move(MoveKind.POINT, START, (0.0, 1.0, 0.0, 0.0), 0.05).to_telegram().encode())
+    sizes = (HEADER_SIZE + STATUS.size + BLOCK_OVERHEAD, HEADER_SIZE + BLOCK_OVERHEAD)
+    return [*wires.plain, status.hex(), move.hex(), *map(str, sizes)]
+
+
+def turns_of(
+    wires: Wires,
+    command: Sequence[str | Path],
+    session: bool,
+    cycles: int = CYCLES,
+    signals: Mapping[int, signal.Signals] = NO_SIGNALS,
+) -> list[Turn]:
+    """Start the other side, let it make its cycles, and end it. Raises PeerSilent with what it said.
+
+    With a `session` it brings the devices up first, and is interrupted as by a person when it has done enough.
+    `signals` are sent to it after so many cycles.
+    """
+    ending = signal.SIGINT if session else signal.SIGTERM
+    good_ends = (0, INTERRUPTED) if session else (0, -signal.SIGTERM)
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as process:
+
+        def enough(count: int) -> bool:
+            if (number := ending if count == cycles else signals.get(count)) is not None:
+                process.send_signal(number)
+            return count >= cycles
+
+        try:
+            here = wires.accept(wires)
+            cell = Cell(here.robot, here.sensor, lambda: process.poll() is not None, moving=not session)
+            cell.serve(enough)
+            said = process.communicate(timeout=PATIENCE_S)[0]
+        except BaseException:
+            process.kill()
+            raise
+    if len(cell.turns) < cycles or process.returncode not in good_ends:
+        raise PeerSilent(
+            f"the other side ended with {process.returncode} after {len(cell.turns)} cycles; it said: {said.strip()}"
+        )
+    return cell.turns[WARM_UP:]
+
+
+def bridge_command(wires: Wires, place: Path, *interpreter: str | Path) -> list[str | Path]:
+    """A run as a person starts it, without a view."""
+    config = place / "bench.toml"
+    config.write_text(CONFIG, encoding="utf-8")
+    robot, sensor = wires.urls
+    run = ("run", config, "--robot", robot, "--sensor", sensor, "--no-view", "--record", place / "run.mcap")
+    return [sys.executable, *(interpreter or ("-m", "hil_bridge")), *run]
+
+
+def measured(name: str, place: Path, say: Callable[[str], None]) -> tuple[Figure, ...]:
+    """The figures over one kind of wire. Raises OSError where this kind is not to be had."""
+
+    def ask(command: Callable[[Wires], Sequence[str | Path]], session: bool = False) -> list[Turn]:
+        with WIRES[name]() as wires:
+            return turns_of(wires, command(wires), session)
+
+    host = machine.compiled("host")
+
+    def in_c() -> list[Turn]:
+        return [] if host is None else ask(lambda wires: [host, *plain_arguments(wires)])
+
+    say(f"{name}: C")
+    c = in_c()
+    say(f"{name}: bridge")
+    bridge = ask(lambda wires: bridge_command(wires, place), session=True)
+    say(f"{name}: asyncio alone, C again")
+    plain = ask(lambda wires: [sys.executable, HERE / "asyncio_host.py", *plain_arguments(wires)])
+    c += in_c()
+    figures = []
+    for what, member in (("first byte", "bid"), ("whole order", "order")):
+        ours, theirs, bare = (
+            Spread([getattr(turn, member) * MICRO for turn in turns]) for turns in (bridge, c, plain)
+        )
+        for percentile, target in (("p50", P50), ("p99", P99)):
+            title = f"{name}, {what}, {percentile}"
+            base = getattr(theirs, percentile) if c else None
+            figures.append(Figure(title, getattr(ours, percentile), "µs", base, "C", target))
+            base = getattr(bare, percentile)
+            figures.append(Figure(title, getattr(ours, percentile), "µs", base, "asyncio alone"))
+    return tuple(figures)
+
+
+def profile(place: Path) -> tuple[Cost, ...]:
+    """Where the bridge's processor time goes over TCP, by module."""
+    result = place / "profile.json"
+    with tcp() as wires:
+        command = bridge_command(wires, place, "-m", "tools.bench.sampler", result)
+        signals = {WARM_UP: signal.SIGUSR1, PROFILE_CYCLES - 1: signal.SIGUSR2}
+        turns_of(wires, command, True, PROFILE_CYCLES, signals)
+    return costs(json.loads(result.read_text(encoding="utf-8")))
+
+
+def measure(say: Callable[[str], None]) -> Report:
+    """Over every kind of wire that this machine has."""
+    figures: list[Figure] = []
+    left_out = [] if machine.compiled("host") else [machine.NO_COMPILER]
+    with tempfile.TemporaryDirectory(prefix="hil-bridge-bench-") as name:
+        place = Path(name)
+        for wire in WIRES:
+            try:
+                figures += measured(wire, place, say)
+            except OSError as error:
+                left_out.append(f"{wire}: {error}")
+        say("profile of the bridge over TCP")
+        profiles = {"the bridge over TCP": profile(place)}
+    return Report(tuple(figures), tuple(left_out), profiles)

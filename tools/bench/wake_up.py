@@ -1,0 +1,75 @@
+"""Wake-up: how late a periodic wait on absolute beats returns, beside plain asyncio and a loop in C.
+
+The three take turns, so that what else the machine does meets all of them.
+"""
+
+import asyncio
+import subprocess
+import time
+from collections.abc import Callable
+
+from hil_bridge.clock import Clock, run_real
+from tools.bench import machine
+from tools.bench.figures import Figure, Report, Spread, Target
+
+RATES_HZ = (100, 1000)
+TURNS = 3
+TURN_S = 2.0
+NANO = 1e-9
+MICRO = 1e6
+QUARTER = Target("ratio", 0.25)
+
+
+async def ours(period: float, count: int) -> list[float]:
+    """Lateness of waits on the bridge's clock, s."""
+    clock = Clock.running()
+    try:
+        anchor, late = clock.now(), []
+        for beat in range(1, count + 1):
+            await clock.sleep_until(anchor + beat * period)
+            late.append(time.monotonic() - (anchor + beat * period))
+    finally:
+        clock.close()
+    return late
+
+
+async def plain(period: float, count: int) -> list[float]:
+    """Lateness of asyncio's own sleep until the same beats, s."""
+    loop = asyncio.get_running_loop()
+    anchor, late = loop.time(), []
+    for beat in range(1, count + 1):
+        await asyncio.sleep(anchor + beat * period - loop.time())
+        late.append(time.monotonic() - (anchor + beat * period))
+    return late
+
+
+def in_c(period: float, count: int) -> list[float]:
+    """Lateness of clock_nanosleep until absolute times, s; nothing without a compiler."""
+    program = machine.compiled("sleeper")
+    if program is None:
+        return []
+    arguments = [str(program), str(round(period / NANO)), str(count)]
+    text = subprocess.run(arguments, check=True, capture_output=True, text=True).stdout
+    return [int(line) * NANO for line in text.split()]
+
+
+def measure(say: Callable[[str], None]) -> Report:
+    """Both rates."""
+    figures: list[Figure] = []
+    for rate in RATES_HZ:
+        say(f"{rate} Hz")
+        period, count = 1.0 / rate, round(TURN_S * rate)
+        late: dict[str, list[float]] = {"ours": [], "asyncio's sleep": [], "C, clock_nanosleep": []}
+        for _ in range(TURNS):
+            late["ours"] += run_real(ours(period, count))
+            late["asyncio's sleep"] += run_real(plain(period, count))
+            late["C, clock_nanosleep"] += in_c(period, count)
+        spreads = {name: Spread([each * MICRO for each in values]) for name, values in late.items() if values}
+        for percentile in ("p50", "p99"):
+            value = getattr(spreads["ours"], percentile)
+            for name in [name for name in spreads if name != "ours"]:
+                wanted = rate == 1000 and percentile == "p99" and name == "asyncio's sleep"
+                base = getattr(spreads[name], percentile)
+                title = f"lateness at {rate} Hz, {percentile}"
+                figures.append(Figure(title, value, "µs", base, name, QUARTER if wanted else None))
+    return Report(tuple(figures), () if machine.compiled("sleeper") else (machine.NO_COMPILER,))
