@@ -7,6 +7,7 @@ reads the wrench that surface and gravity exert on the tool: pressing down on th
 
 import copy
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, ClassVar
@@ -171,17 +172,33 @@ class Cell:
 
     def true_state(self, time: float) -> TrueState:
         """The truth at `time`, s."""
-        times = np.array([time])
-        positions, velocities = self._motion.trajectory(times)
+        return self.true_states((time,))[0]
+
+    def true_states(self, times: Sequence[float]) -> list[TrueState]:
+        """The truth at each of these ascending times, s; many at once cost little more than one."""
+        at = np.array(times)
+        positions, velocities = self._motion.trajectory(at)
         # A copy: whoever asks for the truth must not change what the sensor will read.
-        forces = self._contact_force(copy.copy(self._contact), times)
-        return TrueState(
-            _vector(positions[0]),
-            _vector(velocities[0]),
-            self._motion.orientation(time),
-            _vector(forces[0]),
-            self.robot.joints(time),
-        )
+        forces = self._contact_force(copy.copy(self._contact), at)
+        quaternions = [q for part, q in self._motion.orientations(at) for _ in range(part.start, part.stop)]
+        states = []
+        for k, time in enumerate(times):
+            position, quaternion = _vector(positions[k]), quaternions[k]
+            joints = self.robot.joints_holding(position, quaternion, time)
+            states.append(TrueState(position, _vector(velocities[k]), quaternion, _vector(forces[k]), joints))
+        return states
+
+    def tellable_from(self, time: float) -> float:
+        """The earliest moment from `time` on, s, of which the truth can still be told: a material that remembers has
+        forgotten what was before the newest sample that it was shown.
+        """
+        shown = self._contact.remembered_until
+        return time if shown is None else max(time, shown)
+
+    @property
+    def remembers(self) -> bool:
+        """Whether the force depends on more than the present motion, so that truths have to be asked for in time."""
+        return self._contact.remembered_until is not None
 
     def _contact_force(self, contact: Contact, times: Floats) -> Floats:
         """Force of the surface (n, 3) at ascending `times` (n,), base frame, N.

@@ -136,6 +136,10 @@ class S3Controller:
         """
         return self._executive.joints(now)
 
+    def joints_holding(self, position: Vector, quaternion: Quaternion, now: float) -> Joints:
+        """The same for a true tool pose at `now` that is known already, m, unit quaternion."""
+        return self._executive.joints_holding(position, quaternion, now)
+
     # --- endpoint
 
     def receive(self, data: bytes, now: float) -> None:

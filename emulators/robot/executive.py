@@ -122,9 +122,13 @@ class Executive:
         the end of a range.
         """
         x, y, z = self.motion.trajectory(np.array([now]))[0][0].tolist()
+        return self.joints_holding((x, y, z), self.motion.orientation(now), now)
+
+    def joints_holding(self, position: Vector, quaternion: Quaternion, now: float) -> Joints:
+        """The same for a true tool pose at `now` that is known already, m, unit quaternion."""
         set_point = self.motion.joints(now)
         try:
-            return self._work_area.joints((x, y, z), self.motion.orientation(now), set_point)
+            return self._work_area.joints(position, quaternion, set_point)
         except OutsideWorkArea:
             return set_point
 

@@ -108,7 +108,9 @@ class TruthRecord:
 
     cycle: int
     at: float
-    """Moment of position, force and joints: the end of the cycle."""
+    """Moment of position, force and joints: the end of the cycle, of a material that remembers up to a few ticks
+    of the robot later.
+    """
     sampled_at: float
     """The sensor measured the sample that the controller was given."""
     motion_at: float

@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from emulators.cell import Cell, CellProfile
+from emulators.contact import SurfaceProfile
 from emulators.jr3 import (
     Gateway,
     GatewayProfile,
@@ -20,6 +22,7 @@ from emulators.jr3 import (
     UartGateway,
     UartGatewayProfile,
 )
+from emulators.materials import MaterialKind, MaterialProfile
 from emulators.quantiles import draw
 from emulators.robot import S3Controller, S3Profile, ServoProfile
 from emulators.robot.motion import Motion, Waypoint
@@ -267,3 +270,39 @@ def test_begins_are_kept_for_a_while_only() -> None:
     assert forgotten is not None
     assert math.isnan(forgotten)
     assert kept == pytest.approx(T0 + 300 * TICK + DELAY)
+
+
+# --- the truth of many moments
+
+
+def lowered(kind: MaterialKind) -> Cell:
+    """A cell whose tool goes 2 mm down into the surface and then along it."""
+    surface = SurfaceProfile(material=MaterialProfile(kind))
+    cell = Cell(CellProfile(surface=surface), T0, seed=1)
+    for position in ((0.9, -0.1, 0.588), (0.9, -0.05, 0.588)):
+        cell.robot.motion.enqueue(Waypoint(position, DOWN, 0.05), T0)
+    return cell
+
+
+@pytest.mark.parametrize("kind", [MaterialKind.LINEAR, MaterialKind.STANDARD_LINEAR_SOLID])
+def test_many_truths_at_once_are_those_of_each(kind: MaterialKind) -> None:
+    times = [T0 + 0.05 + 0.17 * k for k in range(8)]
+    cell = lowered(kind)
+    single = [lowered(kind).true_state(time) for time in times]
+    together = cell.true_states(times)
+    for one, other in zip(single, together, strict=True):
+        assert one.position == pytest.approx(other.position, abs=1e-12)
+        assert one.quaternion == other.quaternion
+        assert one.joints == pytest.approx(other.joints, abs=1e-12)
+        if kind is MaterialKind.LINEAR:
+            assert one.contact_force == pytest.approx(other.contact_force, abs=1e-9)
+
+
+def test_a_material_that_remembers_tells_from_its_newest_sample_on() -> None:
+    assert not lowered(MaterialKind.LINEAR).remembers
+    assert lowered(MaterialKind.LINEAR).tellable_from(T0 + 0.5) == T0 + 0.5
+    cell = lowered(MaterialKind.STANDARD_LINEAR_SOLID)
+    assert cell.remembers
+    cell.wrench(np.arange(T0, T0 + 0.5, 1 / 8000))
+    assert cell.tellable_from(T0 + 0.3) == pytest.approx(T0 + 0.5, abs=2e-4)
+    assert cell.tellable_from(T0 + 0.7) == T0 + 0.7
