@@ -5,7 +5,7 @@ from enum import Enum, auto
 from functools import lru_cache
 
 from emulators.jr3.board.data_path import Block
-from emulators.jr3.board.traces import pieces
+from emulators.jr3.board.traces import Window, pieces
 from emulators.jr3.sensor import SENSOR_RATE_HZ
 from protocol.jr3.board import (
     CHANNELS,
@@ -81,16 +81,32 @@ class Memory:
         self.words = [0] * MEMORY_WORDS
         self.status = 0
         """Bits of `errors` beside those of saturation."""
+        self._seen: tuple[int, int, Block] | None = None
+        """Address, count and block of the last read."""
+        self._window: Window | None = None
+        """The same words over that block, once they were read twice."""
         self._channels = channels
         self._idle_per_sample = idle_hz / SENSOR_RATE_HZ
 
     def read(self, address: int, count: int, block: Block, sample: int) -> list[int]:
         """Words after a sample of a block."""
         words = self.words[address : address + count]
-        for piece in pieces(address, count):
-            trace = block.traces[piece.trace]
-            end = piece.offset + piece.end - piece.begin
-            words[piece.offset : end] = trace.unsigned[piece.begin : piece.end, trace.index(sample)].tolist()
+        computed = pieces(address, count)
+        if (
+            len(computed) > 1
+            and self._seen is not None
+            and self._seen[2] is block
+            and self._seen[:2] == (address, count)
+        ):
+            if self._window is None:
+                self._window = Window(block.traces, address, count)
+            self._window.fill(words, sample)
+        else:
+            self._seen, self._window = (address, count, block), None
+            for piece in computed:
+                stand = block.traces[piece.trace].words(sample)
+                end = piece.offset + piece.end - piece.begin
+                words[piece.offset : end] = stand[piece.begin : piece.end]
         for at in _live(address, count):
             words[at - address] = self._live_word(at, block, sample)
         if address <= _ERRORS < address + count:

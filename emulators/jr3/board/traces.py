@@ -1,8 +1,9 @@
 """Computed words over a block of samples, and where in the memory they stand."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,14 +24,15 @@ class Trace:
     step: int
     values: Words
     """(words, calculations + 1); column 0 is what stood there before the first calculation."""
-    unsigned: NDArray[np.uint16] = field(init=False)
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "unsigned", self.values.view(np.uint16))
 
     def index(self, sample: int) -> int:
         """Column that stands in the memory after a sample."""
         return 0 if sample < self.first else (sample - self.first) // self.step + 1
+
+    def words(self, sample: int) -> list[int]:
+        """What stands in the memory after a sample, unsigned."""
+        words: list[int] = self.values[:, self.index(sample)].view(np.uint16).tolist()
+        return words
 
     def at(self, word: int, samples: NDArray[np.int64]) -> Words:
         """One word after each of these samples."""
@@ -94,3 +96,34 @@ def pieces(address: int, count: int) -> tuple[Piece, ...]:
         elif name:
             found.append(Piece(name, word, word + 1, offset))
     return tuple(found)
+
+
+class Window:
+    """The computed words among `count` from an address over one block, all found by one look-up: for a host that
+    reads the same words again and again.
+    """
+
+    def __init__(self, traces: Traces, address: int, count: int) -> None:
+        chosen = pieces(address, count)
+        used = {piece.trace: traces[piece.trace] for piece in chosen}
+        sizes = [trace.values.size for trace in used.values()]
+        begins = dict(zip(used, np.cumsum([0, *sizes]).tolist(), strict=False))
+        self._flat = np.concatenate([trace.values.ravel() for trace in used.values()]).view(np.uint16)
+        rows = [(used[p.trace], begins[p.trace], word) for p in chosen for word in range(p.begin, p.end)]
+        self._first = np.array([trace.first for trace, _, _ in rows])
+        self._step = np.array([trace.step for trace, _, _ in rows])
+        # Column 1 of each word: what stands there after the first calculation.
+        self._base = np.array([begin + word * trace.values.shape[1] + 1 for trace, begin, word in rows])
+        places = [p.offset + k for p in chosen for k in range(p.end - p.begin)]
+        cuts = [k for k, (a, b) in enumerate(pairwise(places), 1) if b != a + 1]
+        self._runs = [
+            (places[begin], places[end - 1] + 1, begin, end)
+            for begin, end in pairwise([0, *cuts, len(places)])
+        ]
+
+    def fill(self, words: list[int], sample: int) -> None:
+        """Put what stands there after a sample into the words from the address on."""
+        steps = (sample - self._first) // self._step
+        found = self._flat[np.maximum(steps, -1) + self._base].tolist()
+        for begin, end, here, there in self._runs:
+            words[begin:end] = found[here:there]

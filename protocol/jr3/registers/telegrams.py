@@ -183,19 +183,18 @@ def encode_response(response: Response) -> bytes:
         raise LocalProtocolError(f"every burst of this response must have {response.count} words")
     if not fits(response.count, len(response.bursts)):
         raise LocalProtocolError(f"a response carries at most {MAX_PAYLOAD} bytes of bursts")
-    header = RESPONSE.pack(
-        {
-            "magic": int.from_bytes(_RESPONSE_MAGIC),
-            "op": response.op,
-            "status": response.status,
-            "tag": response.tag,
-            "address": response.address,
-            "count": response.count,
-            "bursts": len(response.bursts),
-        }
+    header = RESPONSE.pack_row(
+        int.from_bytes(_RESPONSE_MAGIC),
+        response.op,
+        response.status,
+        response.tag,
+        response.address,
+        response.count,
+        len(response.bursts),
+        0,
     )
     return header + b"".join(
-        BURST.pack({"time_ns": burst.time_ns}) + _pack_words(burst.words) for burst in response.bursts
+        [BURST.pack_row(burst.time_ns) + _pack_words(burst.words) for burst in response.bursts]
     )
 
 
@@ -244,29 +243,29 @@ _STATUSES = frozenset(Status)
 
 
 def _response_size(header: bytes) -> int:
-    values = RESPONSE.unpack(header)
-    count, bursts = int(values["count"]), int(values["bursts"])
-    if values["status"] not in _STATUSES:
-        raise RemoteProtocolError(f"a status of {values['status']}")
+    _, _, status, _, _, count, bursts, _ = RESPONSE.unpack_row(header)
+    if status not in _STATUSES:
+        raise RemoteProtocolError(f"a status of {status}")
     if not fits(count, bursts):
         raise RemoteProtocolError(f"{bursts} bursts of {count} words in one response")
-    return RESPONSE.size + bursts * (BURST.size + 2 * count)
+    return RESPONSE.size + int(bursts) * (BURST.size + 2 * int(count))
 
 
 def _decode_response(data: bytes) -> Response:
-    values = RESPONSE.unpack(data)
-    count = int(values["count"])
+    _, op, status, tag, address, count, bursts, _ = RESPONSE.unpack_row(data)
     step = BURST.size + 2 * count
-    starts = range(RESPONSE.size, RESPONSE.size + int(values["bursts"]) * step, step)
+    starts = range(RESPONSE.size, RESPONSE.size + bursts * step, step)
     return Response(
-        int(values["op"]),
-        Status(int(values["status"])),
-        int(values["tag"]),
-        int(values["address"]),
+        op,
+        Status(status),
+        tag,
+        address,
         count,
         tuple(
-            Burst(int.from_bytes(data[at : at + BURST.size]), _unpack_words(data, at + BURST.size, count))
-            for at in starts
+            [
+                Burst(int.from_bytes(data[at : at + BURST.size]), _unpack_words(data, at + BURST.size, count))
+                for at in starts
+            ]
         ),
     )
 

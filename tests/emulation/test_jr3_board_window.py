@@ -1,0 +1,34 @@
+"""Words of the board that a host reads again and again in one block of samples."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from emulators.jr3 import Jr3Sensor, SensorProfile
+from emulators.jr3.board import Board, BoardProfile
+
+POWERED = 1000.0003
+"""Not on the sensor's grid."""
+STEADY = POWERED + 4.0
+"""After the board has zeroed its offsets."""
+
+
+def board() -> Board:
+    """On a sensor that swings, read ahead in blocks of 50 ms."""
+
+    def wrench_at(times: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.outer(np.sin(40.0 * times), (11.5, -22.2, 37.0, 0.56, -1.04, 1.22))
+
+    return Board(BoardProfile(), Jr3Sensor(SensorProfile(), wrench_at, 7, lambda now: now + 0.05), POWERED)
+
+
+@pytest.mark.parametrize(("address", "count"), [(0x98, 92), (0x00, 256), (0x90, 24), (0xF0, 8)])
+def test_words_read_again_and_again_are_those_of_one_look(address: int, count: int) -> None:
+    """A second look at the same words in a block goes another way than the first."""
+    streamed, looked = board(), board()
+    for k in range(400):
+        now = STEADY + 0.00105 * k
+        expected = looked.read(address, count, now)
+        looked.read(address + 1, count - 1, now)
+        assert streamed.read(address, count, now) == expected
+        assert streamed.read(address, count, now) == expected
