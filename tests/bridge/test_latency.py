@@ -7,6 +7,8 @@ import math
 import random
 import struct
 import tomllib
+from functools import reduce
+from operator import xor
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +17,10 @@ import pytest
 from click.testing import CliRunner
 
 from hil_bridge.cli import cli
+from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.config import Config, dump
+from hil_bridge.devices import RobotLink
+from hil_bridge.devices.robot_link import OrderTimes
 from hil_bridge.errors import ConfigError
 from hil_bridge.line_time import line_floor
 from hil_bridge.recording import CycleRecord, Recording, SensorRecord, TruthRecord, read
@@ -32,6 +37,7 @@ from hil_bridge.report import write_report
 from hil_bridge.report.latency_plot import LATENCY_SIZE_PX, by_owner, draw_latency
 from hil_bridge.report.page import page
 from hil_bridge.session import Outputs, execute
+from hil_bridge.transports import connect_bytes, listen_bytes
 from protocol.adlp import LinkProfile
 
 CHARACTER = 11 / 9600
@@ -382,3 +388,46 @@ def test_the_command_tells_and_writes_what_the_run_takes(tmp_path: Path) -> None
     ran = runner.invoke(cli, ["run", str(site), "--virtual", "--duration", "1", "--no-view"])
     assert ran.exit_code == 0, ran.output
     assert "  latency        sample to motion" in ran.output
+
+
+# --- the stamps of an order
+
+
+def test_an_order_is_stamped_from_its_first_bid_to_its_last_character() -> None:
+    """The first bid is not heard."""
+    status = bytes.fromhex("10 02 00 20 01 00 13 02 00 00") + bytes(24)
+    status += b"\x10\x03" + bytes([reduce(xor, status[2:], 3)])
+    script = [b"", b"\x06", b"\x06", b"\x05", status, b"\x04"]
+    sent: list[tuple[float, bytes]] = []
+    told: list[OrderTimes] = []
+
+    async def main() -> None:
+        clock = Clock.running()
+        peer = (await listen_bytes("memory:robot", clock)).transport
+        answers = iter(script)
+
+        def heard(data: bytes) -> None:
+            sent.append((clock.now(), data))
+            for _ in range(2 if data == b"\x04" else 1):
+                if answer := next(answers, b""):
+                    peer.send(answer)
+                    break
+
+        peer.start(heard, lambda cause: None)
+        robot = RobotLink(
+            await connect_bytes("memory:robot", clock), LinkProfile(), clock, lambda kind, text: None
+        )
+        robot.start()
+        try:
+            assert math.isnan(robot.times.begun_at)
+            await robot.read_status()
+            told.append(robot.times)
+        finally:
+            await robot.aclose()
+            await peer.aclose()
+
+    run_virtual(main)
+    bids = [at for at, data in sent if data == b"\x05"]
+    end = next(at for at, data in sent if data == b"\x04")
+    assert len(bids) == 2
+    assert told == [OrderTimes(pytest.approx(bids[0]), pytest.approx(end + CHARACTER))]  # type: ignore[arg-type]
