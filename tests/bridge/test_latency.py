@@ -395,7 +395,7 @@ def test_the_command_tells_and_writes_what_the_run_takes(tmp_path: Path) -> None
 
 def test_an_order_is_stamped_from_its_first_bid_to_its_last_character() -> None:
     """The first bid is not heard."""
-    status = bytes.fromhex("10 02 00 20 01 00 13 02 00 00") + bytes(24)
+    status = bytes.fromhex("10 02 00 20 00 00 13 02 00 00") + bytes(24)
     status += b"\x10\x03" + bytes([reduce(xor, status[2:], 3)])
     script = [b"", b"\x06", b"\x06", b"\x05", status, b"\x04"]
     sent: list[tuple[float, bytes]] = []
