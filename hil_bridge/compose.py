@@ -1,6 +1,5 @@
 """The composition root: which wire, which device and which emulator are joined. No other module knows both sides."""
 
-import logging
 from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass, replace
@@ -36,8 +35,6 @@ from protocol.adlp import LinkProfile
 from protocol.arap import KNOWN, OrderBook
 from protocol.jr3 import GATEWAY_BITRATE, UART_BAUDRATE, GatewayClient, SensorFrame, UartGatewayClient
 from protocol.jr3.registers import BoardClient
-
-_LOG = logging.getLogger(__name__)
 
 SLCAN = "can+slcan+"
 """Before a listening byte URL: an emulated slcan adapter on that wire."""
@@ -136,6 +133,15 @@ def uart_wire(url: str, schemes: Mapping[str, Any]) -> str | None:
     return f"{head}?{'&'.join(options)}" if options else head
 
 
+def _check_can(url: str) -> None:
+    """Say what sensors there are where a URL names none. Raises ConfigError."""
+    if not url.startswith("can+"):
+        raise ConfigError(
+            f"{url!r}: unknown scheme {url.partition(':')[0]!r}; allowed: can+… for a CAN gateway, a serial port with "
+            "?gateway=jr3 for a UART gateway, jr3+tcp… for a receiver board"
+        )
+
+
 async def connect_sensor(
     url: str,
     sensor: SensorConfig,
@@ -153,6 +159,7 @@ async def connect_sensor(
     if (line := uart_wire(url, CONNECT_BYTES)) is not None:
         client = UartGatewayClient(sensor.uart, clock.now())
         return ForceSensor(await connect_bytes(line, clock, on_notice), client, clock, on_frame, on_notice)
+    _check_can(url)
     wire = await connect_can(url, clock)
     return ForceSensor(wire, GatewayClient(sensor.gateway, clock.now()), clock, on_frame, on_notice)
 
@@ -261,12 +268,13 @@ async def emulated_cell(
     on_failure: Callable[[BaseException], None],
     site: S3Site = EMPTY_SITE,
     on_cell: Callable[[Cell], object] | None = None,
+    on_log: Callable[[str], None] | None = None,
 ) -> AsyncIterator[Ports]:
     """Serve the cell's devices on the given listening URLs (None: not served) until the context is left.
 
     `on_failure` is told when a device can no longer be served. `site` is what the robot controller holds. `on_cell`
-    is given the cell before anybody speaks to it. Raises ConfigError for a URL and for a cell that cannot be,
-    TransportUnavailable for a wire.
+    is given the cell before anybody speaks to it, `on_log` a line for every connection to it that ends badly. Raises
+    ConfigError for a URL and for a cell that cannot be, TransportUnavailable for a wire.
     """
     try:
         cell = Cell(profile, clock.now(), seed, site)
@@ -299,7 +307,7 @@ async def emulated_cell(
         uart = None if ports.sensor is None else uart_wire(ports.sensor, LISTEN_BYTES)
         if ports.sensor is not None and ports.sensor.startswith(BOARD):
             served = await serve_board(
-                ports.sensor, cell.board, ListenerProfile(), clock, _LOG.warning, ended
+                ports.sensor, cell.board, ListenerProfile(), clock, on_log or _nothing, ended
             )
             stack.push_async_callback(served.aclose)
             sensor = served.address
@@ -312,6 +320,7 @@ async def emulated_cell(
             attach(cell.gateway, SlcanPort(bytes_at.transport, clock))
             sensor = bytes_at.address.replace("serial://", "can+slcan://", 1) + f"?bitrate={GATEWAY_BITRATE}"
         elif ports.sensor is not None:
+            _check_can(ports.sensor)
             frames_at = await listen_can(ports.sensor, clock)
             attach(cell.gateway, frames_at.transport)
             sensor = frames_at.address

@@ -32,7 +32,9 @@ async def _serve(config: Config, ports: Ports, as_json: bool) -> None:
             loop.add_signal_handler(number, stopped.set)
     try:
         site = robot_site(config)
-        async with emulated_cell(config.cell, config.run.seed, clock, ports, failed, site) as served:
+        async with emulated_cell(
+            config.cell, config.run.seed, clock, ports, failed, site, on_log=_log
+        ) as served:
             where = {"robot": served.robot, "sensor": served.sensor, "panel": served.panel}
             where = {device: url for device, url in where.items() if url is not None}
             if as_json:
@@ -51,3 +53,7 @@ async def _serve(config: Config, ports: Ports, as_json: bool) -> None:
                 raise DeviceError(f"an emulated device failed: {causes[0]!r}") from causes[0]
     finally:
         clock.close()
+
+
+def _log(text: str) -> None:
+    click.echo(text, err=True)

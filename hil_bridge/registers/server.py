@@ -80,6 +80,8 @@ class RegisterListener:
         self._on_log = on_log
         self._server: asyncio.Server | None = None
         self._wires: set[_ClientWire] = set()
+        self._full_told = False
+        """A client was sent away since the last one was let in: one line says it for all of them."""
 
     @property
     def clients(self) -> int:
@@ -105,12 +107,15 @@ class RegisterListener:
 
     def _arrived(self, wire: "_ClientWire") -> None:
         if len(self._wires) >= self._profile.clients:
-            self._on_log(f"{wire.name}: sent away, {self._profile.clients} clients are here already")
+            if not self._full_told:
+                self._full_told = True
+                self._on_log(f"{wire.name}: sent away, {self._profile.clients} clients are here already")
             wire.start(lambda data: None, lambda error: None)
             wire.send(farewell(Status.TOO_MANY_CLIENTS))
             wire.close()
             return
         self._wires.add(wire)
+        self._full_told = False
         now = self._clock.now()
         pump: Pump[bytes, ConnectionOver] = Pump(
             RegisterServer(self._registers, self._profile.connection, now),

@@ -6,9 +6,9 @@
 | `jr3+memory:NAME?filter=2` | `jr3+memory:NAME` |
 """
 
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Any, Final
 from urllib.parse import parse_qsl, urlencode, urlsplit
 
 from hil_bridge.clock import Clock
@@ -16,7 +16,7 @@ from hil_bridge.errors import ConfigError, TransportClosed
 from hil_bridge.pump import Pump
 from hil_bridge.registers.server import ListenerProfile, RegisterListener
 from hil_bridge.transports import Transport, connect_bytes, listen_bytes
-from hil_bridge.transports.urls import CONNECT_BYTES, LISTEN_BYTES, parse_url
+from hil_bridge.transports.urls import CONNECT_BYTES, LISTEN_BYTES, WireUrl, parse_url
 from protocol.jr3.board import Registers
 from protocol.jr3.registers import (
     BoardClientProfile,
@@ -61,9 +61,18 @@ def board_wire(url: str, profile: BoardClientProfile) -> tuple[str, BoardClientP
         except ValueError as error:
             raise ConfigError(f"{url!r}: {error}") from error
     query = urlencode([(key, text) for key, text in options if key != "filter"])
-    wire = parts._replace(query=query).geturl()
-    parse_url(wire, _CONNECT)
+    head = url.removeprefix(BOARD).partition("?")[0]
+    wire = f"{head}?{query}" if query else head
+    _parsed(wire, url, _CONNECT)
     return wire, profile
+
+
+def _parsed(wire: str, url: str, schemes: Mapping[str, Any]) -> WireUrl:
+    """Check a board URL's wire, and name the whole URL where it is wrong. Raises ConfigError."""
+    try:
+        return parse_url(wire, schemes)
+    except ConfigError as error:
+        raise ConfigError(f"{url!r}: behind {BOARD}, {str(error).removeprefix(f'{wire!r}: ')}") from error
 
 
 async def connect_board(
@@ -90,7 +99,7 @@ async def serve_board(
     `on_log` is given a line for every connection that ends badly, `on_failure` why the board can no longer be
     served. Raises ConfigError for the URL, TransportUnavailable for the wire.
     """
-    wire = parse_url(url.removeprefix(BOARD), _LISTEN)
+    wire = _parsed(url.removeprefix(BOARD), url, _LISTEN)
     if wire.line is not None:
         raise ConfigError(f"{url!r}: a board's wire has no baud rate")
     if wire.scheme == "tcp-listen":

@@ -104,7 +104,10 @@ def test_a_board_url_is_a_byte_wire_and_a_filter() -> None:
         ("jr3+tcp://h:1?filter=1&filter=2", "'filter' is given twice"),
         ("jr3+tcp://h:1?rate=1", "unknown option 'rate'"),
         ("jr3+tcp://h", "host and port"),
-        ("jr3+serial:///dev/ttyS0", "unknown scheme 'serial'; allowed: tcp, memory"),
+        (
+            "jr3+serial:///dev/ttyS0",
+            r"'jr3\+serial:///dev/ttyS0': behind jr3\+, unknown scheme 'serial'; allowed: tcp",
+        ),
         ("jr3+tcp://[h", "Invalid IPv6"),
     ],
 )
