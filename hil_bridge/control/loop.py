@@ -152,15 +152,15 @@ class ControlLoop:
 
     def propose(self, state: LoopState, sample: Sample) -> Proposal:
         """What task and controller make of a sample."""
-        moved = [p - s for p, s in zip(sample.position, state.start, strict=True)]
-        depth = sum(m * n for m, n in zip(moved, self.approach, strict=True))
+        (x, y, z), (a, b, c) = sample.position, state.start
+        depth, travel = ((x - a) * u + (y - b) * v + (z - c) * w for u, v, w in (self.approach, self.travel))
         measurement = Measurement(
             time=sample.sensor_at,
             force=sample.force,
             position=depth,
             commanded=state.supervisor.depth,
             paired_force=sample.paired_force,
-            travel=sum(m * t for m, t in zip(moved, self.travel, strict=True)),
+            travel=travel,
             saturated=sample.saturated,
         )
         contour, measurement = self._face(state, measurement, sample)
@@ -261,11 +261,9 @@ class ControlLoop:
 
     def _request(self, state: LoopState, output: TaskOutput) -> Request:
         depth, travel = output.target.depth, output.target.travel
-        x, y, z = (
-            s + depth * n + travel * t
-            for s, n, t in zip(state.start, self.approach, self.travel, strict=True)
-        )
-        return Request(depth, (x, y, z), self.approach)
+        (x, y, z), (a, b, c), (u, v, w) = state.start, self.approach, self.travel
+        target = x + depth * a + travel * u, y + depth * b + travel * v, z + depth * c + travel * w
+        return Request(depth, target, self.approach)
 
 
 def _calmed(output: TaskOutput, measurement: Measurement, advice: Advice) -> TaskOutput:

@@ -12,7 +12,6 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 from hil_bridge.control.checks import FORBID_EXTRA, check_reference, require_above_zero, require_not_negative
-from hil_bridge.control.evolve import evolve
 from hil_bridge.control.stiffness import Pairing, Stiffness, observe
 from hil_bridge.control.types import Command, Measurement
 
@@ -124,7 +123,8 @@ class Predictive:
             state = PredictiveState(estimate, guard=state.guard)
             return state, self._answer(measurement, estimate, correction, {})
         newest = Pair(measurement.travel, measurement.position, measurement.force_at_position)
-        state = evolve(state, estimate=estimate, pairs=(*state.pairs, newest)[-self.window :])
+        pairs = (*state.pairs, newest)[-self.window :]
+        state = PredictiveState(estimate, pairs, state.slope, state.side, state.guard)
         if estimate.value is None:
             correction = self._probe(state, measurement, reference)
             return state, self._answer(measurement, estimate, correction, {})
@@ -150,7 +150,8 @@ class Predictive:
         }
         correction = 0.0 if held else line.value - measurement.commanded
         command = self._answer(measurement, state.estimate, correction, explanation, held)
-        return evolve(state, slope=line.slope if moving else 0.0, side=side, guard=guard), command
+        slope = line.slope if moving else 0.0
+        return PredictiveState(state.estimate, state.pairs, slope, side, guard), command
 
     def _probe(self, state: PredictiveState, measurement: Measurement, reference: float) -> float:
         """Correction while nothing is known of the stiffness, m."""

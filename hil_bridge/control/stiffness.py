@@ -120,16 +120,17 @@ def observe(
     slope = estimate.slope if slope is None else slope
     if measurement.saturated or not all(map(math.isfinite, (force, position, travel, slope))):
         return estimate
-    newer = evolve(estimate, force=force, position=position, travel=travel, age=0)
     if estimate.force is None:
-        return newer
+        return evolve(estimate, force=force, position=position, travel=travel, age=0)
     travelled = travel - estimate.travel
     moved = position - estimate.position - slope * travelled
     pressed = force - estimate.force
     known = estimate.value
+    learnt = estimate.slope
     if known is not None and abs(travelled) > _LEAST_TRAVEL:
         seen = (position - estimate.position - pressed / known) / travelled
-        newer = evolve(newer, slope=slope + _SLOPE_GAIN * (min(max(seen, -1.0), 1.0) - slope))
+        learnt = slope + _SLOPE_GAIN * (min(max(seen, -1.0), 1.0) - slope)
+    newer = Stiffness(estimate.moved, estimate.pressed, force, position, travel, 0, learnt)
     size = abs(moved) if known is None else (abs(moved) + abs(pressed) / known) / 2
     if size < pairing.smallest_move * pairing.resolution_mm * 1e-3 * (1 - 1e-6):
         # Until there is an estimate, small moves of a cautious beginning add up, though not for ever: a

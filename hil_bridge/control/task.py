@@ -249,7 +249,19 @@ class Task:
         goes_on = state.in_contact and settled
         step = self.parameters.step_mm * 1e-3 * measurement.advance
         travel = state.travel + (step if goes_on else 0.0)
-        seen = evolve(measurement, in_contact=state.in_contact, travel_next=travel, free_position=state.free)
+        seen = Measurement(
+            measurement.time,
+            measurement.force,
+            measurement.position,
+            measurement.commanded,
+            state.in_contact,
+            measurement.paired_force,
+            measurement.travel,
+            travel,
+            state.free,
+            measurement.advance,
+            measurement.saturated,
+        )
         memory, command = self.controller.step(state.controller, seen, self.parameters.force_n)
         if state.in_contact:
             state = evolve(
