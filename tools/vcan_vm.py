@@ -226,6 +226,8 @@ def in_machine(arguments: Sequence[str], seconds: float) -> int:
     missing = [package for command, package in PACKAGES.items() if which(command) is None]
     if missing:
         raise Unavailable(f"a virtual machine needs `apt-get install {' '.join(missing)}`")
+    if not (BIN / "vng").exists():
+        raise Unavailable(f"a virtual machine needs `{sys.executable} -m pip install virtme-ng`")
     image = unpacked_kernel()
     settings = {
         "PATH": f"{BIN}:{os.environ.get('PATH', '')}:{SYSTEM_FOLDERS}",
@@ -254,6 +256,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seconds", type=float, default=3.0, help="length of the 1 kHz stream (default: 3)")
     options, arguments = parser.parse_known_args()
+    signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))  # so that no machine stays behind
     if (before := direct()) is not None:
         environment = {**os.environ, SECONDS: f"{options.seconds:g}", REQUIRE: "1"}
         return subprocess.run(
@@ -262,8 +265,10 @@ def main() -> int:
     try:
         return in_machine(arguments, options.seconds)
     except Unavailable as error:
-        print(f"vcan tests skipped: this kernel gives no vcan (as root: `modprobe vcan`), and {error}")
-        return 1 if os.environ.get(REQUIRE) else SKIPPED
+        required = bool(os.environ.get(REQUIRE))
+        what = "cannot run" if required else "are skipped"
+        print(f"vcan tests {what}: this kernel gives no vcan (as root: `modprobe vcan`), and {error}")
+        return 1 if required else SKIPPED
 
 
 if __name__ == "__main__":

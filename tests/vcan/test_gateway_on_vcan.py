@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from emulators.jr3 import Gateway, GatewayProfile, Jr3Sensor, SensorProfile
 from hil_bridge.clock import Clock, run_real
@@ -39,7 +40,7 @@ class Bus:
         self._url = url
         self._stack = stack
 
-    async def gateway(self, node: int, wrench: Sequence[float], accept: Sequence[CanFilter] = ()) -> None:
+    async def gateway(self, node: int, wrench: NDArray[np.float64], accept: Sequence[CanFilter] = ()) -> None:
         """A gateway whose sensor feels this wrench and nothing else."""
         port = await connect_can(self._url, self.clock, accept)
         self._stack.push_async_callback(port.aclose)
@@ -144,7 +145,7 @@ def test_a_stream_of_1_khz_loses_nothing(vcan: Any, stream_seconds: float) -> No
     times: list[float] = []
 
     async def script(bus: Bus) -> None:
-        await bus.gateway(1, np.zeros(6))  # type: ignore[arg-type]
+        await bus.gateway(1, np.zeros(6))
         sensor = await bus.client(1, period_ms=1.0, on_frame=lambda frame: times.append(frame.at))
         received, began = sensor.received, bus.clock.now()
         await bus.clock.sleep_until(began + stream_seconds)
@@ -169,7 +170,7 @@ def test_the_stream_goes_on_beside_a_flood_of_others(vcan: Any, command: Callabl
         return subprocess.Popen([command("cangen"), "-g", "0", "-i", "-I", "7E2", "-L", "8", vcan.name])
 
     async def script(bus: Bus) -> None:
-        await bus.gateway(1, np.zeros(6), own)  # type: ignore[arg-type]
+        await bus.gateway(1, np.zeros(6), own)
         sensor = await bus.client(1, accept=own)
         statistics = f"/sys/class/net/{vcan.name}/statistics/rx_packets"
         flood = start_flood()
@@ -200,7 +201,7 @@ def test_the_stream_survives_an_interface_that_is_down_for_a_moment(vcan: Any) -
     """What was missed is counted: the gateway does not wait."""
 
     async def script(bus: Bus) -> None:
-        await bus.gateway(1, np.zeros(6))  # type: ignore[arg-type]
+        await bus.gateway(1, np.zeros(6))
         sensor = await bus.client(1)
         await bus.frames(sensor, 10)
         vcan.down()
