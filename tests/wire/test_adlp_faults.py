@@ -3,8 +3,9 @@
 The line, at its worst, as `Line` below has it:
 
 - of the bytes handed out at once (a control byte or a block) one is lost, doubled or changed, or all from one byte on
-  are lost; a changed byte becomes no control byte, and a doubled one arrives together with its twin. More than that
-  can mean something else than was sent, and no rule of this link could tell: ACK has no number, BCC is one XOR;
+  are lost; a changed byte becomes no control byte, one STX does not become the other, and a doubled byte arrives
+  together with its twin. More than that can mean something else than was sent, and no rule of this link could tell:
+  ACK has no number, BCC is one XOR and STX stays outside it;
 - a pause inside a block stays under `gap_timeout_s`, and what is under way is late by at most `LATE`, so that an
   answer, a gap time-out before it included, comes within `answer_timeout_s`.
 
@@ -32,6 +33,7 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, precondition,
 from protocol.adlp import (
     INCOMING_FAILURES,
     SINGLE_CONTROLS,
+    Control,
     Link,
     LinkFailed,
     LinkProfile,
@@ -45,6 +47,7 @@ NIGHTLY = bool(os.environ.get("HIL_BRIDGE_NIGHTLY"))
 EPOCH = 777.25
 HOST, ROBOT = Role.HOST, Role.ROBOT
 OTHER = {HOST: ROBOT, ROBOT: HOST}
+STARTS = {Control.STX, Control.STX_ODD}
 LATE = 0.8
 """Longest delay of a byte, s; twice that and the gap time-out are less than the answer time-out."""
 PAUSE = 0.2
@@ -179,7 +182,8 @@ class LinkUnderFaults(RuleBasedStateMachine):
         line = self.line(role)
 
         def put_value(at, chunk):
-            line.under_way[at][1] = bytes((value,))
+            if not {value, *line.under_way[at][1]} <= STARTS:
+                line.under_way[at][1] = bytes((value,))
 
         line.damage(position, put_value)
 
