@@ -1,0 +1,115 @@
+"""A sensor that is lost in mid-run, whichever of the three devices stands before it."""
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from emulators.cell import Cell
+from hil_bridge.clock import Clock, run_virtual
+from hil_bridge.compose import Ports, connect_robot, connect_sensor, emulated_cell
+from hil_bridge.config import Config
+from hil_bridge.devices import ForceSensor
+from hil_bridge.recording import CycleRecord, EventRecord, Outcome
+from hil_bridge.run import Run, RunResult
+
+URLS = {
+    "CAN gateway": "can+memory:sensor",
+    "UART gateway": "memory:sensor?gateway=jr3",
+    "receiver board": "jr3+memory:sensor",
+}
+
+
+class Silenced:
+    """A device that takes no notice and says nothing any more once it is told to be silent."""
+
+    def __init__(self, endpoint: Any) -> None:
+        self._endpoint = endpoint
+        self.silent = False
+
+    def receive(self, data: Any, now: float) -> None:
+        if not self.silent:
+            self._endpoint.receive(data, now)
+
+    def next_event(self) -> Any:
+        return self._endpoint.next_event()
+
+    def data_to_send(self, now: float) -> Any:
+        data = self._endpoint.data_to_send(now)
+        return data[:0] if self.silent else data
+
+    def next_deadline(self) -> float | None:
+        return None if self.silent else self._endpoint.next_deadline()
+
+    def handle_deadline(self, now: float) -> None:
+        self._endpoint.handle_deadline(now)
+
+
+def run_until_lost(url: str, lose: Callable[[Cell, float], None]) -> tuple[RunResult, float]:
+    """A run whose sensor is lost in its tenth cycle of tracking; its end, and what presses then in N."""
+    kept: list[Any] = []
+
+    async def main() -> None:
+        clock, config, tracked = Clock.running(), Config(), list[CycleRecord]()
+        cells: list[Cell] = []
+
+        class Log:
+            def cycle(self, record: CycleRecord) -> None:
+                if record.phase == "track":
+                    tracked.append(record)
+                    if len(tracked) == 10:
+                        lose(cells[0], clock.now())
+
+            def event(self, record: EventRecord) -> None:
+                pass
+
+        def notice(kind: str, text: str) -> None:
+            pass
+
+        def prepare(cell: Cell) -> None:
+            # The board has no wire of its own: its server goes on when its sensor is unplugged.
+            for name in ("gateway", "uart_gateway"):
+                setattr(cell, name, Silenced(getattr(cell, name)))
+            cells.append(cell)
+
+        ports = Ports("memory:robot", url)
+        async with emulated_cell(config.cell, 1, clock, ports, lambda cause: None, on_cell=prepare) as at:
+            assert at.robot is not None
+            assert at.sensor is not None
+            robot = await connect_robot(at.robot, config.robot.link, clock, notice)
+            sensor: ForceSensor = await connect_sensor(
+                at.sensor, config.sensor, clock, lambda frame: None, notice
+            )
+            robot.start()
+            sensor.start()
+            try:
+                kept.append(await Run(config, clock, robot, sensor, Log())())
+                kept.append(cells[0].true_state(clock.now()).contact_force[2])
+            finally:
+                await sensor.aclose()
+                await robot.aclose()
+
+    run_virtual(main)
+    result, force = kept
+    return result, force
+
+
+def silence(cell: Any, now: float) -> None:
+    cell.gateway.silent = cell.uart_gateway.silent = True
+
+
+@pytest.mark.parametrize("device", ["CAN gateway", "UART gateway"])
+def test_a_gateway_that_falls_silent_stops_the_run_and_the_tool_retracts(device: str) -> None:
+    result, force = run_until_lost(URLS[device], silence)
+    assert result.outcome is Outcome.STOPPED
+    assert "the newest force is" in result.cause
+    assert "\n" not in result.cause
+    assert force == 0.0
+
+
+def test_a_sensor_unplugged_from_its_board_stops_the_run_and_the_tool_retracts() -> None:
+    result, force = run_until_lost(URLS["receiver board"], lambda cell, now: cell.board.unplug(now))
+    assert result.outcome is Outcome.STOPPED
+    assert "watch dog" in result.cause
+    assert "\n" not in result.cause
+    assert force == 0.0

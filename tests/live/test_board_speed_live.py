@@ -1,0 +1,25 @@
+"""What the emulated receiver board costs: processor time alone, which other work on the machine hardly changes."""
+
+import time
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from emulators.jr3 import Board, BoardProfile, Jr3Sensor, SensorProfile
+
+pytestmark = pytest.mark.live
+
+
+def test_a_minute_of_all_filters_and_axes_costs_less_than_a_second() -> None:
+    def wrench_at(times: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.outer(np.sin(7.0 * times), [50.0, -40.0, 100.0, 2.0, -1.0, 3.0])
+
+    board = Board(BoardProfile(), Jr3Sensor(SensorProfile(), wrench_at, 1), 100.0)
+    before = board.read(0x90, 56, 101.0)
+    began = time.process_time()
+    after = board.read(0x90, 56, 161.0)
+    taken = time.process_time() - began
+    assert len(before) == len(after) == 7 * 8
+    assert all(a != b for a, b in zip(before[48:54], after[48:54], strict=True))
+    assert taken < 1.0
