@@ -30,9 +30,15 @@ def emulate(
 ) -> None:
     """Serve the emulated cell, or its robot or sensor alone, until stopped with Ctrl-C.
 
-    Ports to listen on: pty:?baudrate=9600&parity=E, tcp-listen://127.0.0.1:0?baudrate=9600&parity=E for the robot;
-    can+slcan+pty:, can+socketcan://vcan0 for the sensor's CAN gateway, pty:?gateway=jr3 for its UART gateway,
-    jr3+tcp-listen://127.0.0.1:0 for its receiver board.
+    \b
+    Ports to listen on:
+      robot                pty:?baudrate=9600&parity=E
+                           tcp-listen://127.0.0.1:0?baudrate=9600&parity=E
+      sensor, CAN gateway  can+slcan+pty:
+                           can+socketcan://vcan0
+        UART gateway       pty:?gateway=jr3
+                           tcp-listen://127.0.0.1:0?gateway=jr3
+        receiver board     jr3+tcp-listen://127.0.0.1:0
     """
     from hil_bridge.compose import Ports, real_ports
     from hil_bridge.config import load_config

@@ -29,7 +29,8 @@ def not_empty(context: click.Context, parameter: click.Parameter, url: str | Non
     "--sensor",
     metavar="URL",
     callback=not_empty,
-    help="Sensor's CAN gateway: can+socketcan://can0, can+slcan:///dev/ttyACM0.",
+    help="Sensor's CAN gateway: can+socketcan://can0, can+slcan:///dev/ttyACM0; its UART gateway: "
+    "serial:///dev/ttyACM0?gateway=jr3; its receiver board: jr3+tcp://host:1762?filter=2.",
 )
 @click.option("--controller", metavar="NAME", help=f"Force controller: {CONTROLLERS}, or a plug-in.")
 @click.option("--force-n", type=float, metavar="F", help="Desired contact force, N.")
