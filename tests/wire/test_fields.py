@@ -124,3 +124,9 @@ def test_a_frame_reads_as_candump_writes_it() -> None:
 def test_no_frame_that_no_bus_could_carry(identifier: int, data: bytes, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         CanFrame(identifier, data)
+
+
+def test_a_frame_with_its_time_is_the_same_frame() -> None:
+    for frame in (CanFrame(0x7FF, b"abc", remote=True), CanFrame(0x800, b"", extended=True, error=True)):
+        stamped = frame.stamped(7919.5)
+        assert (stamped, stamped.received_at, frame.received_at) == (frame, 7919.5, None)
