@@ -23,6 +23,8 @@ from hil_bridge.errors import BridgeError, ConfigError
 from hil_bridge.line_time import line_floor
 from hil_bridge.realtime import collect_young, quiet_garbage, scheduled
 from hil_bridge.recording import (
+    CHUNK_SECONDS,
+    VIRTUAL_CHUNK_SECONDS,
     CycleRecord,
     EventRecord,
     LinkLog,
@@ -215,6 +217,7 @@ class _Session:
             self._record_path,
             clock.wall_ns,
             threaded=not clock.is_virtual,
+            chunk_seconds=VIRTUAL_CHUNK_SECONDS if clock.is_virtual else CHUNK_SECONDS,
             metadata={
                 "config": dump(config),
                 "controller": config.controller.name,

@@ -25,7 +25,12 @@ QUEUE_RECORDS = 16384
 BATCH_RECORDS = 512
 """Records taken at once where writing happens in the caller's thread."""
 CHUNK_SECONDS = 1.0
-"""A killed process loses at most this much: what is not in a finished chunk cannot be read."""
+"""A killed process loses at most this much: what is not in a finished chunk cannot be read.
+
+Every chunk stays in the index at the file's end, and so in memory until then: about half a KiB each.
+"""
+VIRTUAL_CHUNK_SECONDS = 60.0
+"""The same where a simulated minute is a second or less of somebody's time."""
 CHUNK_BYTES = 1 << 20
 WAKE_SECONDS = 0.05
 """The writer thread wakes by itself, so that putting a record never has to wake it."""
@@ -46,6 +51,7 @@ class Recorder:
         threaded: bool,
         metadata: Mapping[str, str],
         queue_records: int = QUEUE_RECORDS,
+        chunk_seconds: float = CHUNK_SECONDS,
     ) -> None:
         """Open the file and write what is known before the run.
 
@@ -61,6 +67,7 @@ class Recorder:
         self._dropped = dict.fromkeys((topic.name for topic in TOPICS), 0)
         self._written = dict.fromkeys((topic.name for topic in TOPICS), 0)
         self._error: BridgeError | None = None
+        self._chunk_seconds = chunk_seconds
         self._chunk_began: float | None = None
         self._newest = 0.0
         self._closed = False
@@ -187,7 +194,7 @@ class Recorder:
             self._channels[type(record)], wall, topic.encode(record), wall, self._written[topic.name]
         )
         self._written[topic.name] += 1
-        if at - self._chunk_began >= CHUNK_SECONDS:
+        if at - self._chunk_began >= self._chunk_seconds:
             self._end_chunk()
 
     def _end_chunk(self) -> None:

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 from hil_bridge.config import Config
-from hil_bridge.control import force_along
 from hil_bridge.control.fuzzy import infer
 from hil_bridge.control.rules import PAPER_RULES
 from hil_bridge.experiments.chain import run_cell
@@ -54,6 +53,7 @@ def steps_us(config: Config, cycles: tuple[CycleRecord, ...]) -> list[float]:
     compensation, loop = wrist(config), control_loop(config)
     approach, travel = config.frame.approach, config.frame.travel
     times = []
+    turned, facing = None, None
     for _ in range(ROUNDS):
         state = loop.initial((cycles[0].start[0], cycles[0].start[1], cycles[0].start[2]))
         for record in cycles:
@@ -62,11 +62,12 @@ def steps_us(config: Config, cycles: tuple[CycleRecord, ...]) -> list[float]:
             sample, quaternion = record.sample, record.quaternion
             assert sample is not None
             began = time.perf_counter_ns()
-            wrench = compensation.contact_wrench(sample.wrench, quaternion, quaternion)
-            force_along(approach, quaternion, wrench)
-            force_along(travel, quaternion, wrench)
-            paired = compensation.contact_wrench(sample.wrench, quaternion, quaternion)
-            force_along(approach, quaternion, paired)
+            if facing is None or turned != quaternion:  # as a run does, only when the tool has turned
+                turned, facing = quaternion, compensation.facing(quaternion, quaternion, approach, travel)
+            wrench = facing.contact_wrench(sample.wrench)
+            facing.force_along(0, wrench)
+            facing.force_along(1, wrench)
+            facing.force_along(0, facing.contact_wrench(sample.wrench))
             state, _ = loop.step(state, sample)
             times.append((time.perf_counter_ns() - began) * MICRO)
     return times
