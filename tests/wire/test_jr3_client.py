@@ -112,6 +112,14 @@ def test_synchronous_session_with_known_full_scales() -> None:
     assert client.statistics.lost == 0
 
 
+def test_a_client_that_streams_waits_for_nothing_but_its_command() -> None:
+    client = ready()
+    feed(client, [5, 83])
+    assert (client.next_deadline(), sent(client, T0 + 2)) == (None, [])
+    client.zero()
+    assert (sent(client, T0 + 2), client.next_deadline()) == (["301#"], T0 + 2.25)
+
+
 def test_zero_before_ready_waits_for_the_filter() -> None:
     client = GatewayClient(GatewayClientProfile(), T0)
     client.zero()
