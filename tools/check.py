@@ -59,7 +59,11 @@ STEPS: dict[str, Callable[[], int]] = {
     "lint": tool("ruff", "check", "."),
     "types": tool("mypy"),
     "imports": tool("lint-imports"),
-    "tests": tool("pytest", "-m", "not vcan", "--cov", "--cov-report=term"),
+    "tests": tool(
+        *("pytest", "-m", "not live and not vcan", "--numprocesses", "auto", "--dist", "loadfile"),
+        *("--cov", "--cov-report=term"),
+    ),
+    "live": tool("pytest", "-m", "live"),
     "vcan": tool("python", "tools/vcan_vm.py"),
 }
 
