@@ -16,16 +16,18 @@ if TYPE_CHECKING:
 _FILE = click.Path(path_type=Path)
 LARGE_RESIDUAL = 0.03
 """Share of the weight above which residuals say that something is wrong. Chosen: a sensor mounted 2° off."""
+LEAST_ANGLE_DEG = 15.0
+"""Chosen: the sweep's poses tell the centre of gravity from 12° on; less is refused before the robot moves for it."""
 
 
 @click.command("identify-tool")
 @click.argument("config_file", metavar="[CONFIG.toml]", required=False, type=_FILE)
 @click.option("--robot", metavar="URL", callback=not_empty, help="Robot's computer link.")
-@click.option("--sensor", metavar="URL", callback=not_empty, help="Sensor's CAN gateway.")
+@click.option("--sensor", metavar="URL", callback=not_empty, help="Force sensor, as for `run`.")
 @click.option("--virtual", is_flag=True, help="Emulated cell in virtual time.")
 @click.option(
     "--angle-deg",
-    type=click.FloatRange(5.0, 90.0),
+    type=click.FloatRange(LEAST_ANGLE_DEG, 90.0),
     default=30.0,
     show_default=True,
     metavar="A",

@@ -120,10 +120,9 @@ def test_a_robot_that_cannot_turn_so_far_refuses(identify: Command) -> None:
     assert "outside" in text or "area" in text
 
 
-def test_too_little_turning_is_told_to_turn_more(identify: Command) -> None:
-    text = refusal(identify("--virtual", "--angle-deg", "6"))
-    assert "the poses differ by 12° at most" in text
-    assert "turn the tool by 60° or more about two level axes" in text
+def test_too_little_turning_is_refused_before_the_robot_moves(identify: Command) -> None:
+    assert "14.9 is not in the range 15.0<=x<=90.0" in refusal(identify("--virtual", "--angle-deg", "14.9"))
+    assert identify("--virtual", "--angle-deg", "15")[0] == 0
 
 
 HEAD = "qw,qx,qy,qz,fx_n,fy_n,fz_n,mx_nm,my_nm,mz_nm"
