@@ -246,6 +246,17 @@ def test_a_command_without_acknowledge_fails_after_its_retries() -> None:
     assert failed.text == "gateway node 1: no acknowledge of start async after 3 tries"
 
 
+def test_a_lost_stop_is_repeated_within_its_patience() -> None:
+    client = ready()
+    client.stop()
+    assert sent(client, T0 + 1) == ["281#"]
+    repeated_at = client.next_deadline()
+    assert repeated_at is not None
+    client.handle_deadline(repeated_at)
+    assert sent(client, repeated_at) == ["281#"]
+    assert T0 + 1 < repeated_at < T0 + 1 + client.stop_patience
+
+
 def test_stop_is_not_fooled_by_the_acknowledge_of_what_was_under_way() -> None:
     client = ready()
     client.zero()

@@ -663,6 +663,7 @@ def test_a_server_that_does_not_answer_the_stop(pair: Pair) -> None:
     pair.client.stop()
     (failed,) = (event for event in pair.run(2.0) if isinstance(event, SensorFailed))
     assert failed.text == "board: the server has not answered for 1 s"
+    assert pair.client.stop_patience == 1.0
 
 
 def test_a_refused_reset_is_told_and_passed_over() -> None:

@@ -254,6 +254,7 @@ def test_stop_goes_out_into_the_deaf_second_and_is_repeated() -> None:
     client.handle_deadline(T0 + 10 + TIMEOUT)
     exchange(client, T0 + 10 + TIMEOUT, BOOT_UP + NOT_READY, expect=STOP)
     assert events(client) == [SensorStopped()]
+    assert client.stop_patience > TIMEOUT
     for wish in (client.zero, lambda: client.set_filter(1.0)):
         with pytest.raises(LocalProtocolError):
             wish()
