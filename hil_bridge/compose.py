@@ -101,15 +101,17 @@ async def connect_robot(
     on_notice: Callable[[str, str], None],
     orders: OrderBook = KNOWN,
     on_traffic: Callable[[Direction, bytes], object] | None = None,
+    on_link_event: Callable[[str], object] | None = None,
 ) -> RobotLink:
-    """The robot behind a URL, not started yet; `on_traffic` is shown every byte both ways.
+    """The robot behind a URL, not started yet; `on_traffic` is shown every byte both ways, `on_link_event` is told
+    what the link makes of them.
 
     Raises ConfigError for the URL, TransportUnavailable for the wire.
     """
     url, link = robot_wire(url, link)
     wire = await connect_bytes(url, clock, on_notice)
     tapped = wire if on_traffic is None else Tap(wire, on_traffic)
-    return RobotLink(tapped, link, clock, on_notice, orders)
+    return RobotLink(tapped, link, clock, on_notice, orders, on_link_event)
 
 
 def uart_wire(url: str, schemes: Mapping[str, Any]) -> str | None:
@@ -173,10 +175,11 @@ async def opened_devices(
     on_traffic: Callable[[Direction, bytes], object] | None = None,
     on_cell: Callable[[Cell], object] | None = None,
     on_panel: Callable[[str], object] | None = None,
+    on_link_event: Callable[[str], object] | None = None,
 ) -> AsyncIterator[tuple[RobotLink, ForceSensor]]:
     """Robot and sensor of a configuration, started; what has no URL is emulated. Closed when the context is left.
-    `on_traffic` is shown the bytes of the robot's link, `on_cell` the emulated cell if there is one, `on_panel`
-    is told the URL of its panel.
+    `on_traffic` is shown the bytes of the robot's link, `on_link_event` told what it makes of them, `on_cell` is
+    shown the emulated cell if there is one, `on_panel` told the URL of its panel.
 
     Raises ConfigError for a URL, TransportUnavailable for a wire.
     """
@@ -208,7 +211,9 @@ async def opened_devices(
             robot_url, sensor_url = robot_url or served.robot or "", sensor_url or served.sensor or ""
             if on_panel is not None and served.panel is not None:
                 on_panel(served.panel)
-        robot = await connect_robot(robot_url, config.robot.link, clock, on_notice, site.orders, on_traffic)
+        robot = await connect_robot(
+            robot_url, config.robot.link, clock, on_notice, site.orders, on_traffic, on_link_event
+        )
         stack.push_async_callback(robot.aclose)
         sensor = await connect_sensor(sensor_url, config.sensor, clock, on_frame, on_notice)
         stack.push_async_callback(sensor.aclose)

@@ -204,6 +204,9 @@ class _Session:
     def _traffic(self, direction: Direction, data: bytes) -> None:
         self._link_log.take(self._clock.now(), direction, data)
 
+    def _link_event(self, text: str) -> None:
+        self._link_log.note(self._clock.now(), text)
+
     def _emulated(self, cell: Cell) -> None:
         self._truths = Truths(cell, not self._config.sensor.url, self._recorder.put)
 
@@ -273,7 +276,14 @@ class _Session:
     async def _with_devices(self) -> RunResult:
         config, clock = self._config, self._clock
         async with opened_devices(
-            config, clock, self._frame, self._notice, self._traffic, self._emulated, _tell_panel
+            config,
+            clock,
+            self._frame,
+            self._notice,
+            self._traffic,
+            self._emulated,
+            _tell_panel,
+            self._link_event,
         ) as (robot, sensor):
             self._robot, self._sensor, self._link = robot, sensor, robot.profile
             run = Run(config, clock, robot, sensor, self)
@@ -342,6 +352,7 @@ class _Session:
             link_errors=sum(counters.get(name, 0) for name in TROUBLE),
             frames_lost=self._sensor.lost,
             sensor_at=None if newest is None else newest.at,
+            link=dict(counters),
         )
 
 

@@ -11,7 +11,7 @@ from hil_bridge.clock import Clock
 from hil_bridge.errors import BridgeError, DeviceError, OrderRefused, TransportClosed
 from hil_bridge.pump import Pump
 from hil_bridge.transports import Direction, Tap, Transport
-from protocol.adlp import Control, LinkFailed, LinkFailure, LinkNotice, LinkProfile
+from protocol.adlp import ROUTINE, Control, LinkFailed, LinkFailure, LinkNotice, LinkProfile
 from protocol.arap import (
     KNOWN,
     Answered,
@@ -63,7 +63,8 @@ class RobotLink:
     """Client of the S3 controller's computer link.
 
     One order at a time, each with exactly one answer, as the link demands. `on_notice(kind, text)` is told what
-    is worth a line in the record: repeats, time-outs, noise, spontaneous messages.
+    is worth a line in the record: repeats, time-outs, noise, spontaneous messages. `on_link_event(text)` is told all
+    that happens on the link, each bid and ACK too.
     """
 
     def __init__(
@@ -73,6 +74,7 @@ class RobotLink:
         clock: Clock,
         on_notice: Callable[[str, str], None],
         orders: OrderBook = KNOWN,
+        on_link_event: Callable[[str], object] | None = None,
     ) -> None:
         self.name = transport.name
         self.profile = profile
@@ -81,7 +83,9 @@ class RobotLink:
         self._begun_at = self._transmitted_at = math.nan
         self._on_notice = on_notice
         self._orders = orders
+        self._on_link_event = on_link_event
         self._host = ArapHost(profile)
+        self._host.link.verbose = on_link_event is not None
         self._pump: Pump[bytes, ArapEvent] = Pump(self._host, self._transport, clock, self._take, self._ended)
         self._answer: asyncio.Future[Telegram] | None = None
         self._failure: BridgeError | None = None
@@ -213,8 +217,18 @@ class RobotLink:
                 self._resolve(DeviceError(self._explain(reason, text)))
             case SpontaneousReceived(spontaneous=spontaneous):
                 self._on_notice("robot", spontaneous.text)
-            case LinkNotice() | LinkFailed() | UnexpectedReceived():
-                self._on_notice("link", event.text)
+            case LinkNotice(kind=kind, text=text):
+                self._tell_link_event(f"{kind}: {text}", routine=kind in ROUTINE)
+            case LinkFailed(reason=reason, text=text):
+                self._tell_link_event(f"{reason}: {text}")
+            case UnexpectedReceived():
+                self._tell_link_event(event.text)
+
+    def _tell_link_event(self, text: str, *, routine: bool = False) -> None:
+        if self._on_link_event is not None:
+            self._on_link_event(text)
+        if not routine:
+            self._on_notice("link", text)
 
     def _resolve(self, outcome: Telegram | BridgeError) -> None:
         answer = self._answer

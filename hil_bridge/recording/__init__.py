@@ -1,6 +1,6 @@
 """What is kept of a run: records, the file they are written to, and what is summed up from them."""
 
-from hil_bridge.recording.link_log import LinkLog
+from hil_bridge.recording.link_log import LINK_EVENT, LinkLog
 from hil_bridge.recording.reader import Recording, read, read_link
 from hil_bridge.recording.recorder import CHUNK_SECONDS, VIRTUAL_CHUNK_SECONDS, Recorder
 from hil_bridge.recording.records import CycleRecord, EventRecord, LinkRecord, SensorRecord, TruthRecord
@@ -8,6 +8,7 @@ from hil_bridge.recording.summary import PHASE_EVENT, STOP_EVENT, Outcome, RunEn
 
 __all__ = [
     "CHUNK_SECONDS",
+    "LINK_EVENT",
     "PHASE_EVENT",
     "STOP_EVENT",
     "VIRTUAL_CHUNK_SECONDS",

@@ -1,13 +1,16 @@
-"""The raw traffic of the computer link, put into records that cost a run next to nothing.
+"""The log of the computer link, put into records that cost a run next to nothing.
 
-A cycle is some twenty pieces of a few bytes; one record holds many of them, as lines of a text capture do:
-seconds since the record's time, `tx` or `rx` as the PC sees it, hexadecimal bytes.
+A cycle is some twenty pieces of a few bytes and a dozen link events; one record holds many of them, as lines of a text
+capture do: seconds since the record's time, `tx` or `rx` as the PC sees it, hexadecimal bytes; or `--` and what the
+link made of them, like `ACK sent: block acknowledged`.
 """
 
 from collections.abc import Callable
 
 from hil_bridge.recording.records import LinkRecord
 
+LINK_EVENT = "--"
+"""Stands for the direction of what did not travel."""
 PIECES = 64
 """Of one record at most."""
 SPAN_S = 0.5
@@ -24,13 +27,20 @@ class LinkLog:
 
     def take(self, at: float, direction: str, data: bytes) -> None:
         """Keep what was sent (`tx`) or received (`rx`) at a time of the run's clock."""
+        self._keep(at, f"{direction} {data.hex()}")
+
+    def note(self, at: float, text: str) -> None:
+        """Keep a link event."""
+        self._keep(at, f"{LINK_EVENT} {text}")
+
+    def _keep(self, at: float, text: str) -> None:
         pieces = self._pieces
         if pieces and (len(pieces) >= PIECES or at - self._begun > SPAN_S):
             self.flush()
             pieces = self._pieces
         if not pieces:
             self._begun = at
-        pieces.append(f"{at - self._begun:.6f} {direction} {data.hex()}")
+        pieces.append(f"{at - self._begun:.6f} {text}")
 
     def flush(self) -> None:
         """Put what has been collected."""

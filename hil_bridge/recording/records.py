@@ -92,12 +92,12 @@ class SensorRecord:
 
 @dataclass(frozen=True, slots=True)
 class LinkRecord:
-    """A stretch of raw traffic on the robot's computer link."""
+    """A stretch of the computer link's log: raw traffic and link events."""
 
     at: float
     """When its first piece was sent or received."""
     pieces: tuple[str, ...]
-    """Each: seconds since `at`, `tx` or `rx` as the PC sees it, hexadecimal bytes."""
+    """Each: seconds since `at`, `tx` or `rx` as the PC sees it and hexadecimal bytes, or `--` and a link event."""
 
 
 @dataclass(frozen=True, slots=True)

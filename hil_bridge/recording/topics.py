@@ -289,7 +289,7 @@ LINK = Topic(
         (
             "pieces",
             TEXTS,
-            "raw traffic of the computer link: s since `at`, tx or rx as the PC sees it, bytes",
+            "log of the computer link: s since `at`, then tx or rx as the PC sees it and bytes, or -- and an event",
         ),
     ),
 )

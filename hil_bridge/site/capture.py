@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from hil_bridge.errors import ConfigError
-from hil_bridge.recording import LinkRecord
+from hil_bridge.recording import LINK_EVENT, LinkRecord
 
 
 class Sender(StrEnum):
@@ -77,6 +77,8 @@ def recorded_pieces(records: Iterable[LinkRecord], name: str) -> Iterator[Piece]
     """The pieces of a recording's raw traffic in order. Raises ConfigError when they are not what they should be."""
     for record in records:
         for text in record.pieces:
+            if text.partition(" ")[2].startswith(LINK_EVENT):
+                continue
             piece = _piece(text)
             if piece is None:
                 raise ConfigError(

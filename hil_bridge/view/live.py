@@ -102,7 +102,8 @@ def line(snapshot: Snapshot) -> str:
             parts.append(f"{snapshot.newest.verdict}: {', '.join(snapshot.newest.reasons)}")
     if snapshot.cycle_time_s is not None:
         parts.append(f"cycle {snapshot.cycle_time_s * 1e3:5.1f} ms")
-    parts.append(f"link errors {snapshot.link_errors}")
+    troubles = ", ".join(f"{name} {count}" for name, count in snapshot.link_troubles.items())
+    parts.append(f"link errors {snapshot.link_errors}{f' ({troubles})' if troubles else ''}")
     parts.append(f"frames lost {snapshot.frames_lost}")
     if snapshot.remaining_s is not None:
         parts.append(f"{snapshot.remaining_s:.0f} s to track")

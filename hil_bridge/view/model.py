@@ -2,12 +2,22 @@
 
 import math
 from collections import deque
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 from hil_bridge.recording.latency import AnswerTimes, Latency, budget
 from hil_bridge.recording.records import CycleRecord
+from protocol.adlp import ROUTINE, Count
 
 HISTORY_CYCLES = 60
+_UNDISTURBED = {
+    *ROUTINE,
+    Count.BLOCKS_SENT,
+    Count.BLOCKS_RECEIVED,
+    Count.MESSAGES_SENT,
+    Count.MESSAGES_RECEIVED,
+}
+"""Counters of the link that go up in every exchange."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,6 +30,8 @@ class Health:
     """Sensor frames missing in the stream so far."""
     sensor_at: float | None = None
     """Arrival of the newest sensor frame, s on the run's clock."""
+    link: Mapping[str, int] = field(default_factory=dict)
+    """Counters of the robot link by name."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,10 +55,18 @@ class Snapshot:
     sensor_age_s: float | None
     link_errors: int
     frames_lost: int
+    link: Mapping[str, int]
+    """Counters of the robot link by name."""
 
     @property
     def remaining_s(self) -> float | None:
         return None if self.total_s is None else max(0.0, self.total_s - self.tracked_s)
+
+    @property
+    def link_troubles(self) -> dict[str, int]:
+        """Counters of the robot link that are not 0 and would be in an undisturbed run, the largest first."""
+        counts = {name: count for name, count in self.link.items() if count and name not in _UNDISTURBED}
+        return dict(sorted(counts.items(), key=lambda item: -item[1]))
 
     @property
     def cycle_time_s(self) -> float | None:
@@ -107,4 +127,5 @@ class ViewModel:
             sensor_age_s=None if health.sensor_at is None else max(0.0, now - health.sensor_at),
             link_errors=health.link_errors,
             frames_lost=health.frames_lost,
+            link=health.link,
         )

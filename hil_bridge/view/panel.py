@@ -13,6 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from hil_bridge.view.model import HISTORY_CYCLES, Snapshot
+from protocol.adlp import Count, NoticeKind
 
 WIDTH = 80
 CHART_ROWS = 8
@@ -37,7 +38,7 @@ def panel(snapshot: Snapshot, width: int = WIDTH) -> RenderableType:
             _values(snapshot),
             _verdict(snapshot),
             *_latency(snapshot),
-            Text(),
+            *_link(snapshot),
             _progress(snapshot),
         ),
         title=Text.assemble("hil-bridge  ", (snapshot.phase.upper(), f"bold {style}")),
@@ -158,6 +159,22 @@ def _latency(snapshot: Snapshot) -> tuple[Text, Text]:
     shown = sorted(found.chain, key=lambda part: -part.times.p50_s)[:_HOPS_SHOWN]
     hops = [f"{part.hop.name} {part.times.p50_s * 1e3:.0f}" for part in found.chain if part in shown]
     return whole, Text(f"{'':12}{' + '.join(hops)} ms", style="dim", no_wrap=True, overflow="ellipsis")
+
+
+def _link(snapshot: Snapshot) -> tuple[Text, Text]:
+    """What went over the robot's link, and the counters of all that went wrong there."""
+    line = Text("link        ", style="dim", no_wrap=True, overflow="ellipsis")
+    bids, blocks = (
+        f"{snapshot.link.get(sent, 0)} {what} sent, {snapshot.link.get(received, 0)} received"
+        for what, sent, received in (
+            ("bids", NoticeKind.BID_SENT, NoticeKind.BID_RECEIVED),
+            ("blocks", Count.BLOCKS_SENT, Count.BLOCKS_RECEIVED),
+        )
+    )
+    line.append(f"{bids}; {blocks}")
+    troubles = ", ".join(f"{name} {count}" for name, count in snapshot.link_troubles.items())
+    found = (troubles, "yellow") if troubles else ("undisturbed", "green")
+    return line, Text.assemble(" " * 12, found, no_wrap=True, overflow="ellipsis")
 
 
 def _count(label: str, number: int, width: int = 0) -> Text:

@@ -180,6 +180,40 @@ def test_nothing_but_noise_says_to_check_parity_and_rate() -> None:
     assert text.endswith("; this end is set to 9600 8E1")
 
 
+def test_what_happens_on_the_link_is_told_by_name() -> None:
+    """Each bid and ACK for the link's log, what is out of the ordinary for people too."""
+    said = iter((b"\x06", b"\x15", b"\x06"))
+    notices, events = [], []
+
+    async def main() -> None:
+        clock = Clock.running()
+        peer = (await listen_bytes("memory:s3", clock)).transport
+        peer.start(lambda data: peer.send(next(said, b"")), lambda cause: None)
+        robot = RobotLink(
+            await connect_bytes("memory:s3", clock),
+            LinkProfile(order_timeout_s=0.5),
+            clock,
+            lambda kind, text: notices.append((kind, text)),
+            on_link_event=events.append,
+        )
+        robot.start()
+        try:
+            with pytest.raises(DeviceError, match="no answer telegram within"):
+                await robot.read_status()
+        finally:
+            await robot.aclose()
+            await peer.aclose()
+
+    run_virtual(main)
+    assert notices == [("link", "NAK received: block refused"), ("link", "block repeated: repeat 1")]
+    assert events == [
+        "bid sent: ENQ",
+        "ACK received: bid acknowledged",
+        *(text for _, text in notices),
+        "ACK received: block acknowledged",
+    ]
+
+
 def test_a_wire_that_ends_is_not_waited_for() -> None:
     text, took = robot_failure(lambda data: b"", hang_up_at=0.5)
     assert "the peer closed" in text

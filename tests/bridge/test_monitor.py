@@ -2,6 +2,8 @@
 
 import asyncio
 import itertools
+import json
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -13,7 +15,7 @@ from hil_bridge.cli import cli
 from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.config import load_config
 from hil_bridge.errors import ConfigError, TransportEnded
-from hil_bridge.recording import LinkLog, LinkRecord, read_link
+from hil_bridge.recording import LinkLog, LinkRecord, read, read_link
 from hil_bridge.session import Outputs, execute
 from hil_bridge.site.capture import Piece, Sender, parse_capture, recorded_pieces
 from hil_bridge.site.link_monitor import Line, LinkMonitor
@@ -21,7 +23,7 @@ from hil_bridge.site.monitor import listen, listen_can
 from hil_bridge.site.printing import Printer
 from hil_bridge.site.wording import frame_text, telegram_text
 from hil_bridge.transports import connect_can, listen_bytes
-from protocol.adlp import LinkProfile, encode_block
+from protocol.adlp import LinkProfile, NoticeKind, encode_block
 from protocol.arap import KNOWN
 from protocol.jr3 import parse_frame
 
@@ -265,12 +267,31 @@ def test_the_link_log_puts_pieces_together() -> None:
     assert list(recorded_pieces(records, "r"))[-1] == Piece(101.0, Sender.PC, b"\x05")
 
 
+def test_link_events_stand_between_the_bytes_and_are_no_bytes() -> None:
+    records: list[LinkRecord] = []
+    log = LinkLog(records.append)
+    log.take(100.0, "tx", b"\x05")
+    log.note(100.003, "ACK received: bid acknowledged")
+    log.take(100.003, "tx", b"\x10")
+    log.flush()
+    assert records[0].pieces[1] == "0.003000 -- ACK received: bid acknowledged"
+    assert [piece.data for piece in recorded_pieces(records, "r")] == [b"\x05", b"\x10"]
+
+
 def test_a_run_records_its_link_and_the_monitor_reads_it(tmp_path: Path) -> None:
     file = tmp_path / "run.mcap"
     config = load_config(None, {"run.duration_s": 1.0})
     execute(config, True, Outputs(record=file), view=False)
     records, metadata = read_link(file)
-    assert records
+    told = Counter(
+        event.split(": ")[0]
+        for record in records
+        for event in (piece.partition(" -- ")[2] for piece in record.pieces)
+        if event
+    )
+    counted = json.loads(read(file).end["link"])
+    assert told == {str(kind): counted[kind] for kind in NoticeKind if counted[kind]}
+    assert told["ACK received"] >= 2 * told["bid sent"] > 20
     assert "config" in metadata
     result = CliRunner().invoke(cli, ["monitor", str(file), "--raw"])
     assert result.exit_code == 0

@@ -9,6 +9,7 @@ from hil_bridge.recording import CycleRecord
 from hil_bridge.recording.latency import AnswerTimes
 from hil_bridge.view import Health, LiveView, Snapshot, ViewModel
 from hil_bridge.view.panel import panel
+from protocol.adlp import Count, NoticeKind
 
 CYCLE = CycleRecord(
     cycle=42,
@@ -81,6 +82,25 @@ def test_the_panel_says_what_the_cycle_and_the_wires_do() -> None:
     assert text.split("link errors")[1].split()[0] == "3"
 
 
+def test_the_panel_names_what_went_wrong_on_the_link() -> None:
+    counted = {
+        "bid sent": 617,
+        "bid received": 616,
+        "blocks sent": 614,
+        "blocks received": 613,
+        "time-out": 0,
+    }
+    quiet = text_of(model(CYCLE).snapshot(110.2, Health(link=counted)))
+    assert "617 bids sent, 616 received; 614 blocks sent, 613 received" in quiet
+    assert "undisturbed" in quiet
+    troubled = model(CYCLE).snapshot(
+        110.2, Health(link={**counted, "time-out": 3, "missing EOT": 21, "bad checksum": 1})
+    )
+    lines = text_of(troubled).splitlines()
+    assert "missing EOT 21, time-out 3, bad checksum 1 " in lines[-3]
+    assert len(lines) == len(quiet.splitlines())
+
+
 STAMPED = dataclasses.replace(
     CYCLE,
     sensor_at=110.064,
@@ -121,8 +141,9 @@ def test_the_panel_fits_whatever_it_shows(width: int) -> None:
         model(odd),
         model(dataclasses.replace(CYCLE, force_reference=0.0, force=0.0)),
     ]
+    counters = {str(kind): 10**6 for kind in (*Count, *NoticeKind)}
     for made in shown:
-        lines = text_of(made.snapshot(140.0, Health(10**6, 10**6, 100.0)), width).splitlines()
+        lines = text_of(made.snapshot(140.0, Health(10**6, 10**6, 100.0, counters)), width).splitlines()
         assert len(lines) <= 23
         assert {len(line) for line in lines} == {width}
 
@@ -143,7 +164,7 @@ def test_plain_lines_come_once_a_second_and_when_the_phase_changes() -> None:
                 view.enter("approach")
             if tick == 25:
                 view.update(CYCLE)
-            view.refresh(100.0 + tick / 10, Health(1, 2, None))
+            view.refresh(100.0 + tick / 10, Health(1, 2, None, {"time-out": 1, "bid sent": 9}))
     lines = stream.getvalue().splitlines()
     assert [(line.split()[0], line.split()[2]) for line in lines] == [
         ("0.0", "connect"),
@@ -154,7 +175,7 @@ def test_plain_lines_come_once_a_second_and_when_the_phase_changes() -> None:
         ("3.0", "track"),
     ]
     assert "48.73 N of 50.00 N" in lines[-1]
-    assert "link errors 1  frames lost 2  30 s to track" in lines[-1]
+    assert "link errors 1 (time-out 1)  frames lost 2  30 s to track" in lines[-1]
     assert stream.getvalue().isascii()
 
 
