@@ -14,6 +14,7 @@ from hil_bridge.site.capture import Piece, Sender
 from hil_bridge.site.wording import telegram_text
 from protocol.adlp import (
     BLOCK_OVERHEAD,
+    CHUNK,
     LENGTH_STYLES,
     Block,
     BlockFormat,
@@ -27,10 +28,6 @@ from protocol.arap import KNOWN, OrderBook
 
 GARBAGE_SIZE = 5
 """After so many meaningless bytes in a row a control byte is taken for one more of them. Chosen, as in the link."""
-
-
-CHUNK = 16
-"""Characters that a port may collect before it hands them over. Standard: the FIFO of a 16550A."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,7 +107,7 @@ class LinkMonitor:
     def __init__(self, profile: LinkProfile, orders: OrderBook = KNOWN) -> None:
         self._profile = profile
         self._orders = orders
-        self._gap = profile.gap_timeout_s + CHUNK * profile.character_time
+        self._gap = profile.gap_time + CHUNK * profile.character_time
         self._directions: dict[Sender, _Direction] = {}
         for sender in Sender:
             styles = LENGTH_STYLES[:1] if sender is Sender.ROBOT else LENGTH_STYLES

@@ -13,7 +13,7 @@ from hil_bridge.clock import Clock, run_real
 from hil_bridge.compose import robot_wire
 from hil_bridge.errors import ConfigError, DeviceError, TransportUnavailable
 from hil_bridge.pump import Pump
-from hil_bridge.site.prober import ProbeEvent, Prober, Said, gap_timeout, profile_of
+from hil_bridge.site.prober import ProbeEvent, Prober, Said, profile_of
 from hil_bridge.site.search import LINE_WRONG, Finding, Outcome, Reply, Search, Try, likely_lines
 from hil_bridge.transports import LineSettings, Parity, Transport, connect_bytes
 from hil_bridge.transports.urls import CONNECT_BYTES, parse_url
@@ -189,11 +189,6 @@ def site_toml(url: str, finding: Finding) -> str:
             f'parity = "{line.parity.value}"',
             f"stop_bits = {line.stopbits}",
         ]
-        if gap_timeout(line) != LinkProfile().gap_timeout_s:
-            rows += [
-                "# as long as a port may keep characters at this rate",
-                f"gap_timeout_s = {gap_timeout(line)}",
-            ]
     rows += [
         f'length_style = "{finding.length_style}"',
         f"# {evidence or 'not decided: a query with 10h was refused either way'}",

@@ -33,10 +33,6 @@ _REPLIES: dict[LinkFailure | OrderFailure, Reply] = {
 
 _PLAIN = (Reply.SILENCE, Reply.NOISE)
 """Say all by themselves."""
-CHUNK = 20
-"""Characters that may come at once after as long a silence. Standard: 16 in the FIFO of a 16550A, and four times
-that of one until it hands over fewer.
-"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,11 +118,6 @@ def _state(status: Status) -> str:
     return ", ".join(name for name, holds in states.items() if holds) or "no flag set"
 
 
-def gap_timeout(line: LineSettings) -> float:
-    """Longest silence inside a block, s: the usual one, and on slow lines what a port's FIFO makes of a steady flow."""
-    return max(LinkProfile().gap_timeout_s, round(CHUNK * line.bits / line.baudrate, 3))
-
-
 def profile_of(attempt: Try, patience: float, answer_patience: float) -> LinkProfile:
     """The link's settings for a try. One repeat, so that what does not fit fails fast.
 
@@ -134,7 +125,6 @@ def profile_of(attempt: Try, patience: float, answer_patience: float) -> LinkPro
     """
     line = attempt.line or LineSettings(parity=Parity.EVEN)
     return LinkProfile(
-        gap_timeout_s=gap_timeout(line),
         baudrate=line.baudrate,
         parity=line.parity.value,
         stop_bits=1 if line.stopbits == 1 else 2,

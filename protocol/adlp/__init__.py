@@ -42,11 +42,12 @@ from protocol.adlp.events import (
 )
 from protocol.adlp.journal import EVENT_LIMIT, Count
 from protocol.adlp.link import MESSAGE_LIMIT, QUEUE_LIMIT, Link
-from protocol.adlp.profile import DleStuffing, LengthStyle, LinkProfile
+from protocol.adlp.profile import CHUNK, DleStuffing, LengthStyle, LinkProfile
 from protocol.adlp.transitions import TRANSITIONS, Action, State, Stimulus, Transition
 
 __all__ = [
     "BLOCK_OVERHEAD",
+    "CHUNK",
     "EVENT_LIMIT",
     "HEADER_SIZE",
     "INCOMING_FAILURES",

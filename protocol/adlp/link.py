@@ -62,6 +62,7 @@ class Link:
         self._profile = profile
         styles = _ACCEPTED_STYLES[profile.accepted_lengths] if role is Role.ROBOT else LENGTH_STYLES[:1]
         self._scanner = BlockScanner(BlockFormat(profile.dle_stuffing, styles, profile.max_telegram))
+        self._gap_time = profile.gap_time
         self._state = State.IDLE
         self._now = 0.0
         self._state_deadline: float | None = None
@@ -135,7 +136,7 @@ class Link:
         for token in self._scanner.feed(data):
             self._take(token)
         waiting = self._noise or self._scanner.pending or self._state is State.DISCARDING
-        self._gap_deadline = now + self._profile.gap_timeout_s if waiting else None
+        self._gap_deadline = now + self._gap_time if waiting else None
 
     def next_event(self) -> LinkEvent | None:
         """The oldest event not yet taken, or None."""
@@ -232,7 +233,7 @@ class Link:
             return False
         if self._state is State.AWAITING_BLOCK:
             # Our ACK and a character have to pass. Behind a NAK the rest of its block may come, and no bid (observed).
-            short, gap = 2.5 * self._profile.character_time, self._profile.gap_timeout_s
+            short, gap = 2.5 * self._profile.character_time, self._gap_time
             return self._now < self._receiving.asked_at + (gap if self._receiving.naks else short)
         return self._state is State.AWAITING_MORE and bool(self._out)
 
@@ -398,7 +399,7 @@ class Link:
     def _arm_for_block(self) -> None:
         # A sender that missed our answer repeats after its own time-out: be there a little longer.
         self._receiving.asked_at = self._now
-        self._arm(self._profile.answer_timeout_s + self._profile.gap_timeout_s)
+        self._arm(self._profile.answer_timeout_s + self._gap_time)
 
     def _accept_block(self) -> State:
         block, receiving = self._received, self._receiving
@@ -422,7 +423,7 @@ class Link:
         self._receiving.naks = 0
         self._receiving.block_due = False
         self._put_ack("block acknowledged")
-        self._arm(self._profile.gap_timeout_s)
+        self._arm(self._gap_time)
         return State.AWAITING_MORE
 
     def _refuse_block(self) -> State:

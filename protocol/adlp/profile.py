@@ -8,6 +8,11 @@ from protocol.marks import Mark, check_settings, setting
 DleStuffing: TypeAlias = Literal["off", "double"]
 LengthStyle: TypeAlias = Literal["whole", "data"]
 
+CHUNK = 20
+"""Characters that may come at once after as long a silence. Standard: 16 in the FIFO of a 16550A, and four times
+that of one until it hands over fewer.
+"""
+
 
 @dataclass(frozen=True)
 class LinkProfile:
@@ -30,7 +35,11 @@ class LinkProfile:
         2.0, Mark.ASSUMED, "wait for the ACK after the end of an ENQ or of a block", unit="s", above=0.0
     )
     gap_timeout_s: float = setting(
-        0.22, Mark.STANDARD, "longest silence inside a block, and before an EOT", unit="s", above=0.0
+        0.22,
+        Mark.STANDARD,
+        f"longest silence inside a block, and before an EOT; on a slow line the time of {CHUNK} characters, if longer",
+        unit="s",
+        above=0.0,
     )
     bid_limit: int = setting(3, Mark.ASSUMED, "ENQ sent for one message before it is given up", minimum=1)
     repeat_limit: int = setting(3, Mark.ASSUMED, "repeats of one block before it is given up", minimum=0)
@@ -74,3 +83,10 @@ class LinkProfile:
     def character_time(self) -> float:
         """Time of one character on the line: start bit, 8 data bits, parity, stop bits; seconds."""
         return (1 + 8 + (self.parity != "N") + self.stop_bits) / self.baudrate
+
+    @property
+    def gap_time(self) -> float:
+        """Silence after which a block is over, s: `gap_timeout_s`, and no less than a port's FIFO makes of a steady
+        flow of characters.
+        """
+        return max(self.gap_timeout_s, CHUNK * self.character_time)

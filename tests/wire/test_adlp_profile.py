@@ -31,4 +31,7 @@ def test_profile_knows_its_marks_and_its_character_time():
     assert marks["order_timeout_s"] is Mark.ASSUMED
     assert marks["gap_timeout_s"] is Mark.STANDARD
     assert LinkProfile().character_time == pytest.approx(1.1458e-3, rel=1e-4)
+    assert LinkProfile().gap_time == 0.22
+    assert LinkProfile(baudrate=300).gap_time == pytest.approx(20 * 11 / 300)
+    assert LinkProfile(gap_timeout_s=1.0, baudrate=300).gap_time == 1.0
     assert LinkProfile(baudrate=1000, parity="N", stop_bits=2).character_time == 11 / 1000
