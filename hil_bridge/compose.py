@@ -321,15 +321,26 @@ async def emulated_cell(
             attach(cell.uart_gateway, bytes_at.transport)
             sensor = bytes_at.address + ("&" if "?" in bytes_at.address else "?") + _UART_GATEWAY
         elif ports.sensor is not None and ports.sensor.startswith(SLCAN):
+            if not ports.sensor.startswith(f"{SLCAN}pty:"):
+                raise ConfigError(
+                    f"{ports.sensor!r}: an slcan adapter is a serial port; for example {SLCAN}pty:"
+                )
             bytes_at = await listen_bytes(ports.sensor.removeprefix(SLCAN), clock)
             attach(cell.gateway, SlcanPort(bytes_at.transport, clock))
-            sensor = bytes_at.address.replace("serial://", "can+slcan://", 1) + f"?bitrate={GATEWAY_BITRATE}"
+            sensor = slcan_address(bytes_at.address)
         elif ports.sensor is not None:
             _check_can(ports.sensor)
             frames_at = await listen_can(ports.sensor, clock)
             attach(cell.gateway, frames_at.transport)
             sensor = frames_at.address
         yield Ports(robot, sensor, panel)
+
+
+def slcan_address(port: str) -> str:
+    """The CAN URL of an emulated adapter on a pseudo-terminal, with the rate of its line if it has one."""
+    found = parse_url(port, CONNECT_BYTES)
+    rate = found.options.get("baudrate")
+    return f"can+slcan://{found.target}?bitrate={GATEWAY_BITRATE}{f'&tty_baudrate={rate}' if rate else ''}"
 
 
 @asynccontextmanager

@@ -31,6 +31,8 @@ DEFAULT_PORT: Final = 1762
 """Chosen: JR3's PCI vendor number, read as a decimal."""
 
 _CONNECT = {scheme: CONNECT_BYTES[scheme] for scheme in ("tcp", "memory")}
+_RECONNECT = "reconnect_s"
+"""An option of a byte wire that a board's has not."""
 _LISTEN = {scheme: LISTEN_BYTES[scheme] for scheme in ("tcp-listen", "memory")}
 
 
@@ -60,6 +62,10 @@ def board_wire(url: str, profile: BoardClientProfile) -> tuple[str, BoardClientP
             profile = replace(profile, filter=int(text))
         except ValueError as error:
             raise ConfigError(f"{url!r}: {error}") from error
+    if any(key == _RECONNECT for key, _ in options):
+        raise ConfigError(
+            f"{url!r}: {_RECONNECT} means nothing here: a stream ends with its connection; leave it out"
+        )
     query = urlencode([(key, text) for key, text in options if key != "filter"])
     head = url.removeprefix(BOARD).partition("?")[0]
     wire = f"{head}?{query}" if query else head

@@ -102,6 +102,7 @@ def test_a_board_url_is_a_byte_wire_and_a_filter() -> None:
         ("jr3+tcp://h:1?filter=7", "filter must be at most 6, got 7"),
         ("jr3+tcp://h:1?filter=x", "filter must be a whole number, got 'x'"),
         ("jr3+tcp://h:1?filter=1&filter=2", "'filter' is given twice"),
+        ("jr3+tcp://h:1?reconnect_s=5", "reconnect_s means nothing here"),
         ("jr3+tcp://h:1?rate=1", "unknown option 'rate'"),
         ("jr3+tcp://h", "host and port"),
         (

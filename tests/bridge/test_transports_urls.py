@@ -5,6 +5,8 @@ from pathlib import Path
 import pytest
 
 from hil_bridge.clock import Clock, run_virtual
+from hil_bridge.compose import Ports, emulated_cell, slcan_address
+from hil_bridge.config import load_config
 from hil_bridge.errors import ConfigError
 from hil_bridge.transports import LineSettings, Parity, connect_bytes, connect_can, listen_bytes, listen_can
 from hil_bridge.transports.urls import CONNECT_BYTES, CONNECT_CAN, LISTEN_BYTES, parse_url, with_line
@@ -119,5 +121,34 @@ def test_refused(open_wire, url, says) -> None:  # type: ignore[no-untyped-def]
             await open_wire(url, Clock.running())
         assert says in str(caught.value)
         assert repr(url) in str(caught.value)
+
+    run_virtual(main)
+
+
+@pytest.mark.parametrize(
+    ("port", "address"),
+    [
+        ("serial:///dev/pts/4", "can+slcan:///dev/pts/4?bitrate=1000000"),
+        (
+            "serial:///dev/pts/4?baudrate=115200&parity=N&stopbits=1",
+            "can+slcan:///dev/pts/4?bitrate=1000000&tty_baudrate=115200",
+        ),
+    ],
+)
+def test_an_emulated_slcan_adapter_is_reached_by_an_address_that_can_be_read(port: str, address: str) -> None:
+    assert slcan_address(port) == address
+    assert parse_url(address, CONNECT_CAN).options["bitrate"] == 1_000_000
+
+
+def test_an_slcan_adapter_is_a_serial_port() -> None:
+    async def main() -> None:
+        ports = Ports(None, "can+slcan+tcp-listen://127.0.0.1:0")
+        with pytest.raises(
+            ConfigError, match=r"an slcan adapter is a serial port; for example can\+slcan\+pty:"
+        ):
+            async with emulated_cell(
+                load_config(None, {}).cell, 1, Clock.running(), ports, lambda cause: None
+            ):
+                pass
 
     run_virtual(main)
