@@ -9,7 +9,7 @@ EXIT_UNFIT = 3
 """What the configuration names cannot work on this computer."""
 
 
-@click.command()
+@click.command(short_help="Check ports, CAN interfaces, clock, scheduler.")
 @click.argument("config_file", metavar="[CONFIG.toml]", required=False, type=click.Path(path_type=Path))
 def doctor(config_file: Path | None) -> None:
     """Tell of ports, CAN interfaces, clock and scheduler what is good, what is not, and what to do: one line each.

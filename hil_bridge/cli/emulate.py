@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 
-@click.command()
+@click.command(short_help="Serve the emulated cell, its robot or its sensor.")
 @click.argument("what", type=click.Choice(["cell", "robot", "sensor"]))
 @click.argument("config_file", metavar="[CONFIG.toml]", required=False, type=click.Path(path_type=Path))
 @click.option(

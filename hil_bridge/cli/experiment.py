@@ -9,7 +9,7 @@ from hil_bridge.errors import ConfigError
 ALL = "all"
 
 
-@click.command()
+@click.command(short_help="Repeat the paper's figures and tables.")
 @click.argument("names", metavar="NAME…|all", nargs=-1, required=True)
 @click.option(
     "--out",

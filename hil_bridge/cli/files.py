@@ -56,7 +56,7 @@ def profile() -> None:
     """What is known and what is assumed about the devices."""
 
 
-@profile.command()
+@profile.command(short_help="Print every assumed value in use, and its mark.")
 @click.argument("config_file", metavar="[CONFIG.toml]", required=False, type=_FILE)
 @click.option("--all", "everything", is_flag=True, help="Also what is observed, derived, standard or chosen.")
 def show(config_file: Path | None, everything: bool) -> None:

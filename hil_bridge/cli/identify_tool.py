@@ -20,7 +20,7 @@ LEAST_ANGLE_DEG = 15.0
 """Chosen: the sweep's poses tell the centre of gravity from 12° on; less is refused before the robot moves for it."""
 
 
-@click.command("identify-tool")
+@click.command("identify-tool", short_help="Find the tool's mass and centre of gravity.")
 @click.argument("config_file", metavar="[CONFIG.toml]", required=False, type=_FILE)
 @click.option("--robot", metavar="URL", callback=not_empty, help="Robot's computer link.")
 @click.option("--sensor", metavar="URL", callback=not_empty, help="Force sensor, as for `run`.")

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 _FILE = click.Path(path_type=Path)
 
 
-@click.command()
+@click.command(short_help="Tell where the time from force to motion goes.")
 @click.argument("recording", type=_FILE)
 @click.option(
     "-o", "--output", type=_FILE, metavar="SITE.toml", help="Write settings for an emulation that is as late."

@@ -7,7 +7,7 @@ import click
 _FILE = click.Path(path_type=Path)
 
 
-@click.command()
+@click.command(short_help="Show a link, one line for each block.")
 @click.argument("sources", metavar="FILE|URL [URL]", nargs=-1, required=True)
 @click.option("--raw", is_flag=True, help="Also the bytes, hexadecimal.")
 @click.option("--save", type=_FILE, metavar="FILE", help="Keep what is heard as a text capture.")

@@ -18,7 +18,7 @@ def _do(context: click.Context, request: dict[str, Any]) -> None:
     click.echo(state_text(_ask(context, request).get("state", {})))
 
 
-@click.group(invoke_without_command=True)
+@click.group(invoke_without_command=True, short_help="Operate the panel of an emulated controller.")
 @click.argument("url")
 @click.pass_context
 def panel(context: click.Context, url: str) -> None:
@@ -70,7 +70,7 @@ def work_stop(context: click.Context, to: str) -> None:
     _do(context, {"do": "work-stop", "to": to})
 
 
-@panel.command("programming-unit")
+@panel.command("programming-unit", short_help="Connect the programming unit, or remove it.")
 @click.argument("to", type=click.Choice(["connect", "remove"]))
 @click.pass_context
 def programming_unit(context: click.Context, to: str) -> None:
@@ -108,7 +108,7 @@ def disarm(context: click.Context) -> None:
     _do(context, {"do": "disarm"})
 
 
-@panel.command()
+@panel.command(short_help="List the faults that can be injected.")
 @click.pass_context
 def faults(context: click.Context) -> None:
     """List the faults that can be injected, with their parameters and defaults."""

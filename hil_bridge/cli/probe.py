@@ -10,7 +10,7 @@ def probe() -> None:
     """Find the settings under which a device answers."""
 
 
-@probe.command()
+@probe.command(short_help="Find the settings of a controller's link.")
 @click.argument("url", metavar="URL")
 @click.option(
     "-o",

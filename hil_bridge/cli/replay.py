@@ -15,7 +15,7 @@ EXIT_DIFFERENT = 1
 """The replay of an unchanged run decided otherwise."""
 
 
-@click.command()
+@click.command(short_help="Decide a recorded run again, and compare.")
 @click.argument("recording", type=_FILE)
 @click.argument("config_file", metavar="[CHANGES.toml]", required=False, type=_FILE)
 @click.option("--controller", metavar="NAME", help="Ask another controller.")

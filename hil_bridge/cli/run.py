@@ -17,7 +17,7 @@ def not_empty(context: click.Context, parameter: click.Parameter, url: str | Non
     return url
 
 
-@click.command()
+@click.command(short_help="Run the force control, and record and report it.")
 @click.argument("config_file", metavar="[CONFIG.toml]", required=False, type=_FILE)
 @click.option(
     "--robot",

@@ -12,7 +12,7 @@ def _number(context: click.Context, parameter: click.Parameter, text: str) -> in
         raise click.BadParameter(f"a number like 0x18000, got {text!r}") from None
 
 
-@click.command("serve-jr3")
+@click.command("serve-jr3", short_help="Serve the registers of a real JR3 PCI board.")
 @click.option("--pci", "address", required=True, metavar="ADDRESS", help="The board, like 0000:03:00.0.")
 @click.option(
     "--listen",
