@@ -7,7 +7,8 @@ STAMP := $(VENV)/.installed
 .PHONY: run test bench clean
 
 run: $(STAMP)
-	$(BIN)/hil-bridge run --duration 30 --report runs/latest --record runs/latest/run.mcap --summary runs/latest/summary.json
+	$(BIN)/hil-bridge run --duration 30 --panel tcp-listen://127.0.0.1:0 \
+		--report runs/latest --record runs/latest/run.mcap --summary runs/latest/summary.json
 
 test: $(STAMP)
 	$(BIN)/python tools/check.py
