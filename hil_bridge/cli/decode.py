@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 
-@click.group(no_args_is_help=False)
+@click.group(no_args_is_help=False, short_help="Decode pasted bytes or frames to JSON.")
 def decode() -> None:
     """Decode pasted bytes or frames to JSON: fields, units, and what is wrong and where."""
 
@@ -36,7 +36,7 @@ def _bytes(hex_bytes: tuple[str, ...]) -> bytes:
     return bytes.fromhex(text)
 
 
-@decode.command("computer-link")
+@decode.command("computer-link", short_help="Decode bytes of the S3 computer link.")
 @click.argument("hex_bytes", metavar="HEX…", nargs=-1, required=True)
 @click.option(
     "--orders",
@@ -63,7 +63,7 @@ def computer_link(hex_bytes: tuple[str, ...], orders_file: Path | None) -> None:
     _print(describe(raw, max_telegram=longest, orders=orders))
 
 
-@decode.command("jr3-can")
+@decode.command("jr3-can", short_help="Decode frames of the JR3 CAN gateway.")
 @click.argument("frames", metavar="ID#DATA…", nargs=-1, required=True)
 def jr3_can(frames: tuple[str, ...]) -> None:
     """Decode frames of the JR3 CAN gateway, as candump writes them: 201#C80010270000.
@@ -82,7 +82,7 @@ def jr3_can(frames: tuple[str, ...]) -> None:
     _print(items)
 
 
-@decode.command("jr3-uart")
+@decode.command("jr3-uart", short_help="Decode bytes of the JR3 UART gateway.")
 @click.argument("hex_bytes", metavar="HEX…", nargs=-1, required=True)
 def jr3_uart(hex_bytes: tuple[str, ...]) -> None:
     """Decode bytes of the JR3 UART gateway's line, of either direction or both: "3C 30 36 3E".

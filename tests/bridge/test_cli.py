@@ -278,6 +278,17 @@ def test_the_profile_shows_what_is_assumed_and_what_was_changed(hil: Command) ->
     assert any(line.startswith("robot.link.baudrate = 9600 Bd  [observed]") for line in everything)
 
 
+@pytest.mark.parametrize("group", [[], ["config"], ["decode"], ["panel"], ["probe"], ["profile"]])
+def test_no_summary_of_a_command_is_cut_in_a_terminal_of_80_columns(
+    hil: Command, group: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    _, output, _ = hil(*group, "--help")
+    summaries = output.split("Commands:\n")[1].splitlines()
+    assert summaries
+    assert all(line.endswith(".") and not line.endswith("...") for line in summaries)
+
+
 def test_without_a_command_there_is_help(hil: Command) -> None:
     code, output, errors = hil()
     assert (code, errors) == (0, "")
