@@ -68,9 +68,10 @@ def which(command: str) -> str | None:
 
 
 def pytest_command(arguments: Sequence[str]) -> list[str]:
-    """What runs the tests, here and inside."""
+    """What runs the tests, here and inside, where nothing can be written to the checkout."""
     return [
-        *(sys.executable, "-m", "pytest", "tests/vcan", "-m", "vcan", "-p", "no:cacheprovider"),
+        *(sys.executable, "-m", "pytest", "tests/vcan", "-m", "vcan"),
+        *("-p", "no:cacheprovider", "-p", "no:hypothesispytest"),
         *("--timeout", "240", "--durations", "0", "--durations-min", "1", *arguments),
     ]
 
