@@ -13,6 +13,9 @@ from typing import Any
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
 from protocol.marks import Mark
 
+_WHOLE = 2.0**53
+"""Beyond it a float tells no whole number from the next."""
+
 
 @dataclass(frozen=True, slots=True)
 class Field:
@@ -28,6 +31,17 @@ class Field:
     scale: float = 1.0
     """SI or display value of one raw unit."""
     unit: str = ""
+
+    def value(self, raw: float) -> float:
+        """A raw value in the field's unit; it stays whole where one raw unit is 1.
+
+        A scale of one nth divides by n, so that twelve tenths are 1.2 to the last bit.
+        """
+        if self.scale == 1.0:
+            return raw
+        inverse = 1.0 / self.scale
+        parts = round(inverse) if abs(inverse) < _WHOLE else 0
+        return raw / parts if parts and 1.0 / parts == self.scale else raw * self.scale
 
 
 @dataclass(frozen=True)
@@ -94,7 +108,7 @@ class Layout:
             {
                 "name": field.name,
                 "raw": raw[field.name],
-                "value": raw[field.name] * field.scale if field.scale != 1.0 else raw[field.name],
+                "value": field.value(raw[field.name]),
                 "unit": field.unit,
                 "mark": field.mark.value,
                 "meaning": field.meaning,

@@ -67,7 +67,7 @@ class Payload:
     def decode(self, data: bytes) -> dict[str, Value]:
         """Values in their units by name. Raises RemoteProtocolError when the data are too short."""
         raw = self.layout.unpack(data)
-        values: dict[str, Value] = {f.name: scaled(f, raw[f.name]) for f in self.layout.fields}
+        values: dict[str, Value] = {f.name: f.value(raw[f.name]) for f in self.layout.fields}
         if self.rest is not None:
             values[self.rest.name] = data[self.layout.size :]
         return values
@@ -107,11 +107,6 @@ def limits(format_: str) -> tuple[float, float]:
         return -_FLOAT_LIMIT, _FLOAT_LIMIT
     bits = 8 * struct.calcsize(">" + format_)
     return (-(1 << bits - 1), (1 << bits - 1) - 1) if format_.islower() else (0, (1 << bits) - 1)
-
-
-def scaled(field: Field, raw: float) -> float:
-    """A raw value in the field's unit; it stays whole where one raw unit is 1."""
-    return raw if field.scale == 1.0 else raw * field.scale
 
 
 def describe_rest(rest: Rest, data: bytes) -> dict[str, object]:

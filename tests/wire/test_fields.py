@@ -130,3 +130,19 @@ def test_a_frame_with_its_time_is_the_same_frame() -> None:
     for frame in (CanFrame(0x7FF, b"abc", remote=True), CanFrame(0x800, b"", extended=True, error=True)):
         stamped = frame.stamped(7919.5)
         assert (stamped, stamped.received_at, frame.received_at) == (frame, 7919.5, None)
+
+
+@pytest.mark.parametrize(
+    ("scale", "raw", "value"),
+    [
+        (1.0, 12, 12),
+        (0.1, 12, 1.2),
+        (-0.1, 3, -0.3),
+        (0.001, -32768, -32.768),
+        (0.3, 3, 3 * 0.3),
+        (2.5, 3, 7.5),
+        (1e-320, 1, 1e-320),
+    ],
+)
+def test_a_raw_value_is_what_a_person_would_write(scale, raw, value):
+    assert Field("v", 0, "h", Mark.ASSUMED, scale=scale).value(raw) == value
