@@ -3,6 +3,7 @@
 import asyncio
 import json
 import signal
+from collections.abc import Mapping
 from contextlib import suppress
 
 import click
@@ -42,10 +43,7 @@ async def _serve(config: Config, ports: Ports, as_json: bool) -> None:
             else:
                 for device, url in where.items():
                     click.echo(f"{device}: {url}")
-                options = " ".join(
-                    f"--{device} '{url}'" for device, url in where.items() if device != "panel"
-                )
-                click.echo(f"Connect with: hil-bridge run {options}\nStop with Ctrl-C.")
+                click.echo(f"Connect with: {client_of(where)}\nStop with Ctrl-C.")
             await stopped.wait()
             if causes:
                 if isinstance(causes[0], BridgeError):
@@ -57,3 +55,14 @@ async def _serve(config: Config, ports: Ports, as_json: bool) -> None:
 
 def _log(text: str) -> None:
     click.echo(text, err=True)
+
+
+def client_of(where: Mapping[str, str]) -> str:
+    """A command that talks to what is served; no run takes a robot without a sensor."""
+    match where:
+        case {"robot": robot, "sensor": sensor}:
+            return f"hil-bridge run --robot '{robot}' --sensor '{sensor}'"
+        case {"robot": robot}:
+            return f"hil-bridge probe robot '{robot}'"
+        case _:
+            return f"hil-bridge run --sensor '{where['sensor']}'"

@@ -57,6 +57,6 @@ def unanswered(sending: Sending) -> tuple[LinkFailure, str]:
             "check the rate and the parity on both sides"
         )
     return LinkFailure.NO_ANSWER, (
-        f"nothing came after {sending.bids} bids (ENQ): check cable and power, "
+        f"nothing came after {sending.bids} bids (ENQ): check cable and power, rate and parity, "
         "and that the robot has given the link control"
     )

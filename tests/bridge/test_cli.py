@@ -17,6 +17,7 @@ from hil_bridge import compose, session
 from hil_bridge.errors import DeviceError
 from hil_bridge.recording import CycleRecord, read
 from hil_bridge.run import Run
+from hil_bridge.serve import client_of
 
 Result: TypeAlias = tuple[int, str, str]
 Command: TypeAlias = Callable[..., Result]
@@ -287,6 +288,18 @@ def test_no_summary_of_a_command_is_cut_in_a_terminal_of_80_columns(
     summaries = output.split("Commands:\n")[1].splitlines()
     assert summaries
     assert all(line.endswith(".") and not line.endswith("...") for line in summaries)
+
+
+@pytest.mark.parametrize(
+    ("where", "command"),
+    [
+        ({"robot": "r", "sensor": "s", "panel": "p"}, "hil-bridge run --robot 'r' --sensor 's'"),
+        ({"robot": "r", "panel": "p"}, "hil-bridge probe robot 'r'"),
+        ({"sensor": "s"}, "hil-bridge run --sensor 's'"),
+    ],
+)
+def test_what_is_served_names_a_command_that_can_reach_it(where: dict[str, str], command: str) -> None:
+    assert client_of(where) == command
 
 
 def test_without_a_command_there_is_help(hil: Command) -> None:
