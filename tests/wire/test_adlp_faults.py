@@ -3,9 +3,9 @@
 The line, at its worst, as `Line` below has it:
 
 - of the bytes handed out at once (a control byte or a block) one is lost, doubled or changed, or all from one byte on
-  are lost; a changed byte becomes no control byte, one STX does not become the other, and a doubled byte arrives
-  together with its twin. More than that can mean something else than was sent, and no rule of this link could tell:
-  ACK has no number, BCC is one XOR and STX stays outside it;
+  are lost, or all that this side says from now on; a changed byte becomes no control byte, one STX does not become the
+  other, and a doubled byte arrives together with its twin. More than that can mean something else than was sent, and no
+  rule of this link could tell: ACK has no number, BCC is one XOR and STX stays outside it;
 - a pause inside a block stays under `gap_timeout_s`, and what is under way is late by at most `LATE`, so that an
   answer, a gap time-out before it included, comes within `answer_timeout_s`.
 
@@ -78,6 +78,7 @@ class Line:
         self.character = character
         self.under_way = []
         self.free = EPOCH
+        self.cut = False
         self.damaged = set()
         self.pauses = {}
         self.begun = -1
@@ -85,6 +86,8 @@ class Line:
 
     def put(self, data, now):
         chunk = next(self.chunks)
+        if self.cut:
+            return
         for byte in data:
             self.free = max(self.free, now) + self.character
             self.under_way.append([self.free, bytes((byte,)), chunk, self.free])
@@ -187,6 +190,11 @@ class LinkUnderFaults(RuleBasedStateMachine):
 
         line.damage(position, put_value)
 
+    @rule(role=roles)
+    def cut(self, role):
+        """All that this role says from now on is lost; mended when nobody says any more."""
+        self.lines[role].cut = True
+
     @precondition(has_bytes_under_way)
     @rule(role=roles, position=positions, seconds=st.sampled_from([0.003, 0.1, 0.2, 0.25, 0.5, 0.8]))
     def delay(self, role, position, seconds):
@@ -252,6 +260,8 @@ class LinkUnderFaults(RuleBasedStateMachine):
             assert got == [raw for raw in sent if raw in got], "in order, nothing twice, nothing invented"
             for (_, message), done in zip(self.sent[role], self.outcomes[role], strict=True):
                 assert not done or all(raw in got for raw in message), "what was acknowledged was delivered"
+        for line in self.lines.values():
+            line.cut = False
         for role, other in OTHER.items():
             last = telegram(role, 999)
             self.ends[role].send([last])
