@@ -36,8 +36,8 @@ async def _serve(config: Config, ports: Ports, as_json: bool) -> None:
         async with emulated_cell(
             config.cell, config.run.seed, clock, ports, failed, site, on_log=_log
         ) as served:
-            where = {"robot": served.robot, "sensor": served.sensor, "panel": served.panel}
-            where = {device: url for device, url in where.items() if url is not None}
+            devices = {"robot": served.robot, "sensor": served.sensor, "panel": served.panel}
+            where = {device: url for device, url in devices.items() if url is not None}
             if as_json:
                 click.echo(json.dumps(where))
             else:
