@@ -7,17 +7,18 @@ from dataclasses import dataclass, field
 
 from hil_bridge.recording.latency import AnswerTimes, Latency, budget
 from hil_bridge.recording.records import CycleRecord
-from protocol.adlp import ROUTINE, Count
+from protocol.adlp import ROUTINE, Count, NoticeKind
 
 HISTORY_CYCLES = 60
 _UNDISTURBED = {
     *ROUTINE,
+    NoticeKind.NOISE,
     Count.BLOCKS_SENT,
     Count.BLOCKS_RECEIVED,
     Count.MESSAGES_SENT,
     Count.MESSAGES_RECEIVED,
 }
-"""Counters of the link that go up in every exchange."""
+"""Counters of the link that go up in every exchange, and that of noise, whose bytes are counted."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -79,7 +79,9 @@ class UnexpectedReceived:
 ArapEvent: TypeAlias = (
     Answered | Refused | OrderFailed | SpontaneousReceived | UnexpectedReceived | LinkFailed | LinkNotice
 )
-"""`LinkFailed` only for a message of the controller that was lost; a lost order is `OrderFailed`."""
+"""`LinkFailed` for a message of the controller that was lost, and for an order whose ACK was while its answer may come;
+a lost order is `OrderFailed`.
+"""
 
 
 class ArapHost:
@@ -160,6 +162,7 @@ class ArapHost:
                     if reason is LinkFailure.INTERRUPTED:
                         # The bid that interrupted is most likely that of the answer.
                         self._deadline = now + self._profile.order_timeout_s
+                        self._keep(event)
                     else:
                         self._fail(self._order, reason, text)
                 case _:

@@ -6,6 +6,7 @@ from protocol.adlp import (
     EVENT_LIMIT,
     Link,
     LinkFailed,
+    LinkFailure,
     LinkNotice,
     LinkProfile,
     MessageReceived,
@@ -329,6 +330,8 @@ def test_lost_acknowledgement_does_not_lose_the_order():
     cell.host.order(read_status())
     events = cell.run(5.0)
     assert isinstance(events[-1], Answered)
+    lost = [event.reason for event in events if isinstance(event, LinkFailed)]
+    assert lost == [LinkFailure.INTERRUPTED], "it is told all the same"
     assert not cell.host.link.counters["block repeated"]
     assert cell.orders == [read_status()]
     assert not any(isinstance(event, OrderFailed) for event in events)
