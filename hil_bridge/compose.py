@@ -33,7 +33,15 @@ from hil_bridge.transports import (
 from hil_bridge.transports.urls import CONNECT_BYTES, LISTEN_BYTES, SERIAL_PORTS, parse_url, with_line
 from protocol.adlp import LinkProfile
 from protocol.arap import KNOWN, OrderBook
-from protocol.jr3 import GATEWAY_BITRATE, UART_BAUDRATE, GatewayClient, SensorFrame, UartGatewayClient
+from protocol.jr3 import (
+    GATEWAY_BITRATE,
+    UART_BAUDRATE,
+    GatewayClient,
+    SensorFrame,
+    UartGatewayClient,
+    heard_by_client,
+    heard_by_gateway,
+)
 from protocol.jr3.registers import BoardClient
 
 SLCAN = "can+slcan+"
@@ -162,7 +170,7 @@ async def connect_sensor(
         client = UartGatewayClient(sensor.uart, clock.now())
         return ForceSensor(await connect_bytes(line, clock, on_notice), client, clock, on_frame, on_notice)
     _check_can(url)
-    wire = await connect_can(url, clock)
+    wire = await connect_can(url, clock, heard_by_client(sensor.gateway.node))
     return ForceSensor(wire, GatewayClient(sensor.gateway, clock.now()), clock, on_frame, on_notice)
 
 
@@ -330,7 +338,7 @@ async def emulated_cell(
             sensor = slcan_address(bytes_at.address)
         elif ports.sensor is not None:
             _check_can(ports.sensor)
-            frames_at = await listen_can(ports.sensor, clock)
+            frames_at = await listen_can(ports.sensor, clock, heard_by_gateway(profile.gateway.node))
             attach(cell.gateway, frames_at.transport)
             sensor = frames_at.address
         yield Ports(robot, sensor, panel)

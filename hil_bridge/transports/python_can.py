@@ -52,8 +52,10 @@ def _open(interface: str, channel: str, accept: Sequence[CanFilter], options: di
             options = {"rx_queue_size": QUEUE_FRAMES, **options}
         case "socketcan":
             # error frames are on unless they are declined; a socket can be bound to an interface that is down
-            if interface_up(channel) is False:
-                raise OSError(errno.ENETDOWN, os.strerror(errno.ENETDOWN))
+            if (up := interface_up(channel)) is not True:
+                # python-can would find out too, but leave its socket open
+                number = errno.ENODEV if up is None else errno.ENETDOWN
+                raise OSError(number, os.strerror(number))
     filters = [
         {"can_id": choice.identifier, "can_mask": choice.mask, "extended": choice.extended}
         for choice in accept

@@ -94,7 +94,7 @@ def test_a_full_scale_of_zero_is_refused_by_name(question: str, answer: str, mes
 @pytest.mark.parametrize(
     ("default", "message"),
     [
-        ("", "silent: nothing on the bus in 10 s: power, bit rate, wiring?"),
+        ("", "silent: nothing of a gateway on the bus in 10 s: power, bit rate, wiring?"),
         ("102#00", "silent for 10 s while others are on the bus: wrong node number?"),
         ("101#01", "acknowledges but not ready after 10 s: sensor unplugged?"),
     ],

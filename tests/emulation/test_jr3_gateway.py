@@ -394,7 +394,7 @@ def test_a_gateway_without_power() -> None:
     bench.drop = lambda frame: True
     (failed,) = bench.run(AWAKE + 30)
     assert isinstance(failed, SensorFailed)
-    assert "silent: nothing on the bus" in failed.text
+    assert "silent: nothing of a gateway on the bus" in failed.text
 
 
 def test_a_gateway_that_reboots_loses_its_zero_and_is_started_again() -> None:

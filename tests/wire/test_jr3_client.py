@@ -7,6 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from protocol.can import CanFrame
+from protocol.can_error import CanErrorReport, ErrorClass, encode_error
 from protocol.endpoint import LocalProtocolError
 from protocol.jr3 import (
     GatewayClient,
@@ -153,7 +154,7 @@ def test_silence_is_asked_again_and_fails_as_silence() -> None:
     assert asked == [(T0 + k * 0.25, "401#") for k in range(4)]
     (failed,) = events(client)
     assert isinstance(failed, SensorFailed)
-    assert "silent: nothing on the bus" in failed.text
+    assert "silent: nothing of a gateway on the bus" in failed.text
     assert client.next_deadline() is None
     with pytest.raises(LocalProtocolError, match="failed"):
         client.zero()
@@ -419,3 +420,16 @@ def test_the_delay_follows_the_cut_off() -> None:
     assert client.delay == GatewayClientProfile().delay == pytest.approx(0.0159, abs=1e-4)
     client.set_filter(0.0)
     assert client.delay == 0.0
+
+
+def test_what_the_interface_reports_of_the_bus_is_told_and_ends_nothing() -> None:
+    client = GatewayClient(GatewayClientProfile(), T0)
+    report = encode_error(CanErrorReport(ErrorClass.BUS_OFF))
+    garbled = CanFrame(report.identifier, b"\0", error=True, extended=report.extended)
+    client.receive([report, garbled], T0)
+    notice = client.next_event()
+    assert isinstance(notice, SensorNotice)
+    assert notice.text == f"CAN bus: {CanErrorReport(ErrorClass.BUS_OFF)}"
+    assert client.next_event() is None
+    assert client.statistics.malformed == 1
+    assert client.phase is Phase.ASKING

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from protocol.can import CanFrame
+from protocol.can import CanFilter, CanFrame
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
 from protocol.jr3 import (
     Acknowledge,
@@ -22,6 +22,8 @@ from protocol.jr3 import (
     encode_command,
     encode_sample,
     full_scales_si,
+    heard_by_client,
+    heard_by_gateway,
     identifier,
     parse_frame,
     split,
@@ -207,3 +209,16 @@ def test_wrong_text_is_refused_with_its_column(text: str, message: str) -> None:
 def test_text_of_frames_parses_back(number: int, data: bytes) -> None:
     frame = CanFrame(number, data)
     assert parse_frame(str(frame)) == frame
+
+
+@given(st.sampled_from(sorted(Op)), st.integers(1, 127), st.integers(1, 127))
+def test_filters_let_through_what_an_end_has_to_hear(op: Op, node: int, other: int) -> None:
+    def passes(filters: tuple[CanFilter, ...], of: int) -> bool:
+        return any(choice.accepts(CanFrame(identifier(op, of))) for choice in filters)
+
+    from_gateway = op in (Op.FORCES, Op.MOMENTS, Op.ACKNOWLEDGE, Op.BOOT_UP)
+    assert passes(heard_by_client(node), node) == from_gateway
+    assert passes(heard_by_gateway(node), node)
+    if other != node:
+        assert passes(heard_by_client(node), other) == (op in (Op.ACKNOWLEDGE, Op.BOOT_UP))
+        assert passes(heard_by_gateway(node), other) == (op is Op.SYNC)

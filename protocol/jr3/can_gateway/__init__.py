@@ -14,6 +14,8 @@ from protocol.jr3.can_gateway.messages import (
     encode_acknowledge,
     encode_command,
     encode_sample,
+    heard_by_client,
+    heard_by_gateway,
     identifier,
     split,
 )
@@ -35,6 +37,8 @@ __all__ = [
     "encode_acknowledge",
     "encode_command",
     "encode_sample",
+    "heard_by_client",
+    "heard_by_gateway",
     "identifier",
     "parse_frame",
     "split",

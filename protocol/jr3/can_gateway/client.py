@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from protocol.can import CanFrame
+from protocol.can_error import decode_error
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
 from protocol.jr3.can_gateway.messages import (
     FORCES,
@@ -157,9 +158,12 @@ class GatewayClient:
     # --- endpoint
 
     def receive(self, data: Sequence[CanFrame], now: float) -> None:
-        """Take a batch of frames; those of other nodes and ops are ignored."""
+        """Take a batch of frames; those of other nodes and ops are ignored, error reports are told."""
         for frame in data:
-            if frame.extended or frame.remote or frame.error:
+            if frame.error:
+                self._on_error_report(frame)
+                continue
+            if frame.extended or frame.remote:
                 continue
             number = frame.identifier
             if number == self._force_id:
@@ -273,7 +277,7 @@ class GatewayClient:
             return f"acknowledges but not ready after {waited}: sensor unplugged?"
         if self._others_heard:
             return f"silent for {waited} while others are on the bus: wrong node number?"
-        return f"silent: nothing on the bus in {waited}: power, bit rate, wiring?"
+        return f"silent: nothing of a gateway on the bus in {waited}: power, bit rate, wiring?"
 
     def _on_timeout(self, flight: _Flight) -> None:
         if self._phase is Phase.ASKING or flight.tries <= self._profile.retries:
@@ -281,6 +285,12 @@ class GatewayClient:
         else:
             name = flight.op.name.lower().replace("_", " ")
             self._fail(f"no acknowledge of {name} after {flight.tries} tries")
+
+    def _on_error_report(self, frame: CanFrame) -> None:
+        try:
+            self._events.append(SensorNotice(f"CAN bus: {decode_error(frame)}"))
+        except RemoteProtocolError:
+            self.statistics.malformed += 1
 
     def _on_boot_up(self, now: float) -> None:
         if self._phase in (Phase.STOPPING, Phase.STOPPED):

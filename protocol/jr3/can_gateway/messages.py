@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 
-from protocol.can import CanFrame
+from protocol.can import CanFilter, CanFrame
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
 from protocol.fields import Field, Layout
 from protocol.jr3.counts import AXES, FULL_SCALE_COUNTS
@@ -140,6 +140,21 @@ def identifier(op: Op, node: int) -> int:
     if node not in NODES:
         raise LocalProtocolError(f"a gateway's node is 1 … 127, got {node}")
     return op + node
+
+
+def heard_by_client(node: int) -> tuple[CanFilter, ...]:
+    """What a client of this node has to hear: the node's samples, and acknowledges and boot-ups of every gateway, for
+    they tell a wrong node number from a dead bus.
+    """
+    return (
+        *(CanFilter(identifier(op, node)) for op in (Op.FORCES, Op.MOMENTS)),
+        *(CanFilter(int(op), _OP_MASK) for op in (Op.ACKNOWLEDGE, Op.BOOT_UP)),
+    )
+
+
+def heard_by_gateway(node: int) -> tuple[CanFilter, ...]:
+    """What a gateway has to hear: SYNC, and all that is addressed to its node."""
+    return CanFilter(int(Op.SYNC)), CanFilter(node, _NODE_MASK)
 
 
 def encode_command(command: Command) -> CanFrame:
