@@ -29,8 +29,8 @@ CHUNK_SECONDS = 1.0
 
 Every chunk stays in the index at the file's end, and so in memory until then: about half a KiB each.
 """
-VIRTUAL_CHUNK_SECONDS = 60.0
-"""The same where a simulated minute is a second or less of somebody's time."""
+VIRTUAL_CHUNK_SECONDS = 10.0
+"""The same where ten simulated seconds are a blink of somebody's time."""
 CHUNK_BYTES = 1 << 20
 WAKE_SECONDS = 0.05
 """The writer thread wakes by itself, so that putting a record never has to wake it."""
