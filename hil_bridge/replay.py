@@ -53,13 +53,14 @@ def recorded_config(recording: Recording, changes: Mapping[str, Any]) -> Config:
     except ValueError as error:
         raise ConfigError("the recording holds no configuration: it cannot be replayed") from error
     try:
-        Config.model_validate(values)
+        values = Config.model_validate(values).model_dump(mode="json")
     except ValidationError as error:
         raise ConfigError(
             f"the recording's configuration is not one of this version: {explain(error, None, set())}"
         ) from error
-    if changes.get("controller", {}).get("name") not in (None, values["controller"]["name"]):
-        values["controller"] = {}  # the parameters belong to the other one
+    match changes.get("controller"):
+        case {"name": name} if name != values["controller"]["name"]:
+            values["controller"] = {}  # the parameters belong to the other one
     try:
         return Config.model_validate(_merged(values, changes))
     except ValidationError as error:
@@ -77,7 +78,8 @@ def changes_of(path: Path | None, controller: str | None) -> dict[str, Any]:
         except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
             raise ConfigError(f"{path} is no TOML: {error}") from error
     if controller is not None:
-        changes["controller"] = {**changes.get("controller", {}), "name": controller}
+        wanted = changes.get("controller", {})
+        changes["controller"] = {**wanted, "name": controller} if isinstance(wanted, dict) else wanted
     return changes
 
 

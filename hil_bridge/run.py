@@ -6,8 +6,8 @@ nothing but the robot's answers.
 
 import math
 from collections.abc import AsyncIterator
-from dataclasses import dataclass, replace
-from typing import Protocol
+from dataclasses import dataclass
+from typing import Any, Protocol
 
 from hil_bridge.clock import Clock
 from hil_bridge.config import Config
@@ -176,20 +176,24 @@ class Run:
             if decision.output.failed and result.outcome is not Outcome.STOPPED:
                 result = self._stopped(decision.output.cause)
             await motion.to(round_position(decision.position), status.quaternion)
-            correction = decision.target.depth - commanded_before
             times = self._robot.times
-            record = self._record(cycle, started_at, controlled_at, status, sample, decision, correction)
             self._log.cycle(
-                replace(
-                    record,
-                    sent_at=times.begun_at,
-                    start=start.position,
-                    asked=asked,
+                self._record(
+                    status,
+                    sample,
+                    decision,
+                    cycle=cycle,
+                    started_at=started_at,
                     status_transmitted_at=status_times.transmitted_at,
                     decoded_at=decoded_at,
                     proposed_at=proposed_at,
+                    controlled_at=controlled_at,
+                    sent_at=times.begun_at,
                     transmitted_at=times.transmitted_at,
                     sensor_counter=counter,
+                    start=start.position,
+                    asked=asked,
+                    correction=decision.target.depth - commanded_before,
                 )
             )
             if decision.ended:
@@ -280,26 +284,15 @@ class Run:
             self._faced = status.quaternion, facing
         return self._faced[1]
 
-    def _record(
-        self,
-        cycle: int,
-        started_at: float,
-        controlled_at: float,
-        status: Status,
-        sample: Sample,
-        decision: Decision,
-        correction: float,
-    ) -> CycleRecord:
+    def _record(self, status: Status, sample: Sample, decision: Decision, **known: Any) -> CycleRecord:
+        """What the cycle came to; `known` is what only its course knows, by the record's names."""
         output = decision.output
         command = output.command or Command(decision.target.depth, 0.0)
         return CycleRecord(
-            cycle=cycle,
+            **known,
             phase=output.phase,
-            started_at=started_at,
             status_at=sample.now,
             sensor_at=sample.sensor_at,
-            controlled_at=controlled_at,
-            sent_at=controlled_at,
             answered_at=self._clock.now(),
             sensor_sequence=sample.sensor_sequence,
             force=decision.force,
@@ -310,7 +303,6 @@ class Run:
             depth=decision.depth,
             depth_commanded=decision.target.depth,
             travel_commanded=decision.target.travel,
-            correction=correction,
             stiffness=command.stiffness,
             gain=command.gain,
             held=command.held,

@@ -110,6 +110,22 @@ def test_a_foreign_configuration_is_refused_in_one_line(recording: Path, config:
     assert "\n" not in str(refused.value)
 
 
+def test_a_recording_that_names_no_setting_was_made_with_the_defaults(recording: Path) -> None:
+    record = replace(read(recording), metadata={"config": "{}"})
+    assert recorded_config(record, changes_of(None, "pi")).controller.name == "pi"
+    assert recorded_config(record, {}) == Config()
+
+
+@pytest.mark.parametrize("controller", [None, "pi"])
+def test_a_change_that_is_no_table_is_refused_in_one_line(
+    recording: Path, tmp_path: Path, controller: str | None
+) -> None:
+    file = tmp_path / "changes.toml"
+    file.write_text("controller = 3\n")
+    with pytest.raises(ConfigError, match=r"controller must be a table of settings, got 3"):
+        recorded_config(read(recording), changes_of(file, controller))
+
+
 def command(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
     monkeypatch.setattr(sys, "argv", ["hil-bridge", "replay", *arguments])
     with pytest.raises(SystemExit) as ended:
