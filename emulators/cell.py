@@ -8,7 +8,7 @@ reads the wrench that surface and gravity exert on the tool: pressing down on th
 import copy
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cached_property
 from typing import Any, ClassVar
 
@@ -23,6 +23,7 @@ from emulators.robot import EMPTY_SITE, Joints, S3Controller, S3Profile, S3Site,
 from protocol.adlp import LinkProfile
 from protocol.arap import Quaternion, Vector
 from protocol.marks import Mark, check_settings, setting
+from protocol.values import dataclass
 
 Floats = NDArray[np.float64]
 

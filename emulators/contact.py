@@ -7,7 +7,7 @@ Source of the default stiffness: project specification of the force control, sec
 """
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import field
 from enum import StrEnum
 from itertools import pairwise
 from typing import Any, ClassVar, Protocol
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from emulators.materials import MaterialProfile, Memory
 from protocol.marks import Mark, check_settings, setting
+from protocol.values import dataclass
 
 Floats = NDArray[np.float64]
 
@@ -94,7 +95,7 @@ class SurfaceProfile:
 
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
 
-    kind: SurfaceKind = setting(SurfaceKind.FLAT, Mark.CHOSEN, "shape along the path")  # noqa: RUF009
+    kind: SurfaceKind = setting(SurfaceKind.FLAT, Mark.CHOSEN, "shape along the path")
     origin_x_mm: float = setting(900.0, Mark.CHOSEN, "base x of path coordinate 0", unit="mm")
     origin_y_mm: float = setting(0.0, Mark.CHOSEN, "base y of path coordinate 0", unit="mm")
     path_deg: float = setting(

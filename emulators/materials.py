@@ -5,7 +5,6 @@ never negative, for nothing sticks.
 """
 
 import math
-from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, ClassVar, Protocol
 
@@ -13,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from protocol.marks import Mark, check_settings, setting
+from protocol.values import dataclass
 
 Floats = NDArray[np.float64]
 
@@ -37,7 +37,7 @@ class MaterialProfile:
 
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
 
-    kind: MaterialKind = setting(  # noqa: RUF009
+    kind: MaterialKind = setting(
         MaterialKind.LINEAR, Mark.CHOSEN, "its law: linear, hunt_crossley or standard_linear_solid"
     )
     exponent: float = setting(

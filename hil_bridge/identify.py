@@ -6,7 +6,6 @@ The shell around the pure `identify_tool`. No zero is taken: it would hide the w
 import math
 import statistics
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import ClassVar
 
 from hil_bridge.clock import Clock, run_real, run_virtual
@@ -29,6 +28,7 @@ from hil_bridge.errors import ConfigError, DeviceError, SafetyStop
 from hil_bridge.run import bring_up, wrist
 from protocol.arap import Quaternion, Status, Vector, round_position
 from protocol.jr3 import SensorFrame
+from protocol.values import dataclass
 
 Tell = Callable[[str], None]
 

@@ -7,7 +7,7 @@ commanded before it, since that is what the measurements belong to.
 import json
 import tomllib
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,7 @@ from hil_bridge.errors import ConfigError
 from hil_bridge.recording import CycleRecord, Recording
 from hil_bridge.run import control_loop
 from protocol.arap import Vector
+from protocol.values import dataclass
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,7 +6,6 @@ nothing but the robot's answers.
 
 import math
 from collections.abc import AsyncIterator
-from dataclasses import dataclass
 from typing import Any, Protocol
 
 from hil_bridge.clock import Clock
@@ -31,6 +30,7 @@ from hil_bridge.line_time import answer_time
 from hil_bridge.recording import PHASE_EVENT, STOP_EVENT, CycleRecord, EventRecord, Outcome
 from protocol.arap import Quaternion, Status, Vector, round_position
 from protocol.jr3 import AXES, SensorFrame
+from protocol.values import dataclass
 
 TIME_IS_UP = "time is up"
 """Why a run ends that went as it was meant to."""

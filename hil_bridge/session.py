@@ -8,7 +8,6 @@ import tempfile
 import threading
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager, contextmanager, suppress
-from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 
@@ -42,6 +41,7 @@ from hil_bridge.transports import Direction
 from hil_bridge.truth import Truths
 from hil_bridge.view import REFRESH_SECONDS, Health, LiveView
 from protocol.jr3 import SensorFrame
+from protocol.values import dataclass
 
 EXIT_CODES = {Outcome.COMPLETED: 0, Outcome.STOPPED: 3, Outcome.INTERRUPTED: 130}
 """130 is what a shell expects of a command that Ctrl-C ended."""

@@ -1,6 +1,8 @@
 """One classical CAN frame."""
 
-from dataclasses import dataclass, field
+from dataclasses import field
+
+from protocol.values import dataclass
 
 
 @dataclass(frozen=True, slots=True)

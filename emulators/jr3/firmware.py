@@ -6,7 +6,7 @@ it adds its wire, and when it listens.
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import lru_cache
 
 import numpy as np
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from emulators.jr3.sensor import SENSOR_RATE_HZ, Jr3Sensor
 from protocol.jr3 import COUNTER_MODULUS, GatewayState
+from protocol.values import dataclass
 
 _BLOCK = 4096
 """Most samples computed at once."""

@@ -2,10 +2,10 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import TypeAlias
 
 from protocol.arap import RefusalCode, SpontaneousKind
+from protocol.values import dataclass
 
 FaultValue: TypeAlias = float | str
 

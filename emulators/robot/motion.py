@@ -23,7 +23,6 @@ it is walked more slowly wherever a joint could not follow.
 import math
 from bisect import bisect_right
 from collections import deque
-from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
@@ -33,6 +32,7 @@ from emulators.robot.kinematics import Joints, Route
 from emulators.robot.quaternions import angle_between, normalised, slerp
 from protocol.arap import Quaternion, Vector
 from protocol.marks import Mark, check_settings, setting
+from protocol.values import dataclass
 
 Floats = NDArray[np.float64]
 

@@ -20,7 +20,7 @@ All but the last are answered with the state afterwards.
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -28,6 +28,7 @@ import numpy as np
 from emulators.robot.controller import S3Controller
 from emulators.robot.faults import FAULTS
 from emulators.robot.state import status_flags
+from protocol.values import dataclass
 
 
 @dataclass(frozen=True, slots=True)

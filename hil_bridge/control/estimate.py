@@ -13,7 +13,8 @@ half of its value, which is enough for a limit cycle.
 """
 
 import math
-from dataclasses import dataclass
+
+from protocol.values import dataclass
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,12 +9,12 @@ between levels, nothing rounded.
 
 import math
 from bisect import bisect_left, bisect_right
-from dataclasses import dataclass
 from enum import StrEnum
 from functools import cache
 
 from hil_bridge.control.rules import PAPER_RULES, RuleBase, Table
 from hil_bridge.control.tables import LEVELS
+from protocol.values import dataclass
 
 Terms = list[tuple[str, tuple[float, ...]]]
 

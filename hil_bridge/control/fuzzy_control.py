@@ -5,7 +5,7 @@ Eq. (1), (2): error f_e(k) = f_a(k) − f_d and change f_ce(k) = f_e(k) − f_e(
 """
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import ClassVar
 
 from hil_bridge.control.checks import FORBID_EXTRA, check_reference, require_above_zero, require_not_negative
@@ -13,6 +13,7 @@ from hil_bridge.control.estimate import Gates, StiffnessEstimate, contact_lost, 
 from hil_bridge.control.fuzzy import InferenceSystem, Surface, paper_system
 from hil_bridge.control.rules import read_rules
 from hil_bridge.control.types import Command, Measurement
+from protocol.values import dataclass
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,7 +6,7 @@ by the estimated stiffness.
 """
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import ClassVar
 
 import numpy as np
@@ -15,6 +15,7 @@ from hil_bridge.control.checks import FORBID_EXTRA, check_reference, require_abo
 from hil_bridge.control.frames import Array
 from hil_bridge.control.stiffness import Pairing, Stiffness, observe
 from hil_bridge.control.types import Command, Measurement
+from protocol.values import dataclass
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,7 +4,7 @@ The same functions make the decisions of a run and of its replay; a run looks at
 """
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import TypeAlias
 
 from hil_bridge.control.contour import Contour, ContourState, normal_force
@@ -22,6 +22,7 @@ from hil_bridge.control.supervisor import (
 )
 from hil_bridge.control.task import Phase, Target, Task, TaskOutput, TaskState
 from hil_bridge.control.types import Measurement
+from protocol.values import dataclass
 
 Vector: TypeAlias = tuple[float, float, float]
 

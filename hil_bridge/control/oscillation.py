@@ -17,11 +17,11 @@ away.
 """
 
 import math
-from dataclasses import dataclass
 from enum import StrEnum
 from typing import ClassVar
 
 from hil_bridge.control.checks import require_above_zero, require_not_negative
+from protocol.values import dataclass
 
 
 class Finding(StrEnum):

@@ -8,12 +8,13 @@ sent with.
 """
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import ClassVar
 
 from hil_bridge.control.checks import FORBID_EXTRA, check_reference, require_above_zero, require_not_negative
 from hil_bridge.control.stiffness import Pairing, Stiffness, observe
 from hil_bridge.control.types import Command, Measurement
+from protocol.values import dataclass
 
 _PROBE_RANGE = 50.0
 """The stiffest surface over the softest that is believed while probing. Chosen: with the default, 2 kN/m."""

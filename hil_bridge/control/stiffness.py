@@ -10,12 +10,12 @@ Source: textbook recursive least squares in information form, bias-compensated; 
 """
 
 import math
-from dataclasses import dataclass
 from typing import ClassVar
 
 from hil_bridge.control.checks import require_above_zero
 from hil_bridge.control.evolve import evolve
 from hil_bridge.control.types import Measurement
+from protocol.values import dataclass
 
 _SLOPE_GAIN = 0.3
 """Share of a newly seen slope that is believed. Chosen: a position off by one step is a third of it."""

@@ -9,13 +9,13 @@ decision, ends it.
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from enum import StrEnum
 from typing import ClassVar, NamedTuple, TypeAlias
 
 from hil_bridge.control.checks import require_above_zero
 from hil_bridge.control.evolve import evolve
 from hil_bridge.errors import ConfigError
+from protocol.values import dataclass
 
 Vector: TypeAlias = tuple[float, float, float]
 

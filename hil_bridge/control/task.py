@@ -5,13 +5,13 @@ the stiffness that it has learnt is kept; it is told of the loss by `in_contact`
 """
 
 import math
-from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, ClassVar
 
 from hil_bridge.control.checks import require_above_zero, require_not_negative
 from hil_bridge.control.evolve import evolve
 from hil_bridge.control.types import Command, Controller, Measurement
+from protocol.values import dataclass
 
 
 class Phase(StrEnum):

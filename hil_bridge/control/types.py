@@ -5,8 +5,10 @@ surface, forces are positive while the tool presses.
 """
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Protocol, TypeVar
+
+from protocol.values import dataclass
 
 
 @dataclass(frozen=True, slots=True)

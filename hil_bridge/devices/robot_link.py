@@ -4,7 +4,6 @@ import asyncio
 import math
 from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import asynccontextmanager
-from dataclasses import dataclass
 from typing import TypeVar, overload
 
 from hil_bridge.clock import Clock
@@ -39,6 +38,7 @@ from protocol.arap import (
     write_mode,
 )
 from protocol.endpoint import RemoteProtocolError
+from protocol.values import dataclass
 
 _Raw = TypeVar("_Raw")
 _Meaning = TypeVar("_Meaning")

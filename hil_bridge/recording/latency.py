@@ -3,7 +3,7 @@
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -25,6 +25,7 @@ from hil_bridge.recording.reader import Recording
 from hil_bridge.recording.records import CycleRecord, SensorRecord, TruthRecord
 from hil_bridge.recording.times import Times, times_of
 from protocol.adlp import LinkProfile
+from protocol.values import dataclass
 
 Floats: TypeAlias = NDArray[np.float64]
 

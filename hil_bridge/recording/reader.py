@@ -2,7 +2,7 @@
 
 import io
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ from hil_bridge.errors import ConfigError
 from hil_bridge.recording.recorder import END_NAME, METADATA_NAME
 from hil_bridge.recording.records import CycleRecord, EventRecord, LinkRecord, SensorRecord, TruthRecord
 from hil_bridge.recording.topics import CYCLE, EVENT, LINK, SENSOR, TRUTH, Record, Topic
+from protocol.values import dataclass
 
 _MAGIC = b"\x89MCAP0\r\n"
 

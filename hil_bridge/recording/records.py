@@ -1,9 +1,10 @@
 """What is kept of a run: one record a cycle, the sensor's whole stream, and what happened beside."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import field
 
 from hil_bridge.control.loop import Sample
+from protocol.values import dataclass
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,7 +5,7 @@ import json
 import math
 import statistics
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from enum import StrEnum
 from pathlib import Path
 
@@ -17,6 +17,7 @@ from hil_bridge.recording.recorder import DROPPED_PREFIX
 from hil_bridge.recording.records import CycleRecord
 from hil_bridge.recording.times import Times, times_of
 from hil_bridge.recording.topics import SENSOR, TOPICS, finite
+from protocol.values import dataclass
 
 PHASE_EVENT = "phase"
 """Kind of the events whose text is the name of the phase that begins."""

@@ -3,9 +3,10 @@
 import math
 import statistics
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 
 import numpy as np
+
+from protocol.values import dataclass
 
 
 @dataclass(frozen=True, slots=True)

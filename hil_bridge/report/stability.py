@@ -6,7 +6,6 @@ import json
 import math
 import statistics
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
@@ -27,6 +26,7 @@ from hil_bridge.control.stability import (
 from hil_bridge.recording.reader import Recording
 from hil_bridge.recording.records import CycleRecord
 from hil_bridge.recording.summary import TRACK, Summary, end_of
+from protocol.values import dataclass
 
 PHASE_MARGIN_DEG = 45.0
 """Least phase margin that counts as comfortable: the textbooks' rule."""

@@ -1,12 +1,12 @@
 """What every CAN wire needs for sending: a bounded queue whose frames do not grow old, and its counts."""
 
 from collections import deque
-from dataclasses import dataclass
 
 from hil_bridge.errors import TransportError
 from hil_bridge.transports.base import Frames
 from hil_bridge.transports.delivery import QUEUE_FRAMES
 from protocol.can import CanFrame
+from protocol.values import dataclass
 
 SEND_DEADLINE_S = 0.1
 """For how long a frame waits while nothing leaves, s. Chosen: after that a command is worse than none."""

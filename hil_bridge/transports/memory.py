@@ -2,7 +2,6 @@
 
 import asyncio
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 from weakref import WeakKeyDictionary
 
@@ -12,6 +11,7 @@ from hil_bridge.transports.base import Transport
 from hil_bridge.transports.delivery import QUEUE_BYTES, Delivery, TimedQueue, flush
 from hil_bridge.transports.line import LineEnd
 from hil_bridge.transports.listening import Exchange
+from protocol.values import dataclass
 
 
 @dataclass(frozen=True, slots=True)

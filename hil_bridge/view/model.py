@@ -3,11 +3,12 @@
 import math
 from collections import deque
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 
 from hil_bridge.recording.latency import AnswerTimes, Latency, budget
 from hil_bridge.recording.records import CycleRecord
 from protocol.adlp import ROUTINE, Count, NoticeKind
+from protocol.values import dataclass
 
 HISTORY_CYCLES = 60
 _UNDISTURBED = {

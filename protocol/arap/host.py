@@ -1,7 +1,6 @@
 """The PC's end of the computer link: one order at a time over an ADLP link."""
 
 from collections import deque
-from dataclasses import dataclass
 from enum import StrEnum
 from typing import TypeAlias
 
@@ -23,6 +22,7 @@ from protocol.arap.codes import TelegramType
 from protocol.arap.messages import Refusal, Spontaneous
 from protocol.arap.telegram import Telegram
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
+from protocol.values import dataclass
 
 
 class OrderFailure(StrEnum):

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, Self, TypeAlias
 
 from protocol.adlp import HEADER_SIZE
@@ -10,6 +9,7 @@ from protocol.arap import layouts
 from protocol.arap.codes import FunctionCode, Mode, MoveKind, TelegramType, refusal_text, suffix_text
 from protocol.arap.telegram import Telegram
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
+from protocol.values import dataclass
 
 Vector: TypeAlias = tuple[float, float, float]
 Quaternion: TypeAlias = tuple[float, float, float, float]

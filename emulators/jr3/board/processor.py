@@ -1,7 +1,7 @@
 """What the board's program does, without the time: commands, settings, identification of the sensor."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -34,6 +34,7 @@ from protocol.jr3.board import (
     decode_transform,
     to_signed,
 )
+from protocol.values import dataclass
 
 _MM = 1e-3
 

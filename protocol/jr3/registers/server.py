@@ -1,7 +1,7 @@
 """The register server's side of one connection, over any board."""
 
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import field
 
 from protocol.endpoint import RemoteProtocolError
 from protocol.jr3.board import Registers
@@ -19,6 +19,7 @@ from protocol.jr3.registers.telegrams import (
     fits,
     request_reader,
 )
+from protocol.values import dataclass
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,7 +6,6 @@ jr3_pci driver.
 """
 
 from collections.abc import Generator, Sequence
-from dataclasses import dataclass
 from typing import TypeAlias, TypeVar
 
 from protocol.endpoint import RemoteProtocolError
@@ -22,6 +21,7 @@ from protocol.jr3.board import (
 )
 from protocol.jr3.counts import AXES
 from protocol.jr3.registers.profile import BoardClientProfile
+from protocol.values import dataclass
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,13 +7,13 @@ chosen.
 
 import struct
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from enum import IntEnum
 from typing import Final, Generic, TypeAlias, TypeVar
 
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
 from protocol.fields import Field, Layout
 from protocol.marks import Mark
+from protocol.values import dataclass
 
 MAX_WORDS = 256
 """Words in one burst."""
