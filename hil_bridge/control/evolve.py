@@ -1,28 +1,33 @@
 """A frozen state with some fields changed: `dataclasses.replace` for what runs in every control cycle."""
 
-import operator
 from collections.abc import Callable
 from dataclasses import fields
-from functools import cache
 from typing import Any, TypeVar
 
 State = TypeVar("State")
 
+_MAKERS: dict[tuple[type[Any], tuple[str, ...]], Callable[..., Any]] = {}
+"""How each class is made anew with these fields changed: as many as there are calls of `evolve` in the code."""
+
 
 def evolve(state: State, **changes: object) -> State:
-    """The same dataclass with these fields changed, all of which are parameters by position. Three times as quick as
-    `replace`, for it looks the fields up once a class; KeyError for a name that is no field.
+    """The same dataclass with these fields changed. Several times as quick as `replace`, for it looks the fields up
+    but once; TypeError for a name that is no field.
     """
-    kind: Any = type(state)
-    values, places = _reader(kind)
-    arguments = list(values(state))
-    for name, value in changes.items():
-        arguments[places[name]] = value
-    evolved: State = kind(*arguments)
+    which = type(state), tuple(changes)
+    make = _MAKERS.get(which)
+    if make is None:
+        make = _MAKERS[which] = _maker(*which)
+    evolved: State = make(state, *changes.values())
     return evolved
 
 
-@cache
-def _reader(kind: Any) -> tuple[Callable[[Any], tuple[object, ...]], dict[str, int]]:
+def _maker(kind: Any, changed: tuple[str, ...]) -> Callable[..., Any]:
     names = [field.name for field in fields(kind) if field.init]
-    return operator.attrgetter(*names), {name: place for place, name in enumerate(names)}
+    if unknown := set(changed).difference(names):
+        raise TypeError(f"{kind.__name__} has no field {', '.join(sorted(unknown))}")
+    arguments = ", ".join(name if name in changed else f"state.{name}" for name in names)
+    make: Callable[..., Any] = eval(
+        f"lambda {', '.join(('state', *changed))}: kind({arguments})", {"kind": kind}
+    )
+    return make

@@ -17,6 +17,8 @@ from hil_bridge.control.tables import LEVELS
 from protocol.values import dataclass
 
 Terms = list[tuple[str, tuple[float, ...]]]
+Fired = list[tuple[tuple[str, str], float]]
+"""Name and output term of each rule that holds to some degree, with that degree."""
 
 TOP_LEVEL = LEVELS[-1]
 
@@ -66,46 +68,48 @@ class InferenceSystem:
 
     def evaluate(self, error_percent: float, change_percent: float) -> Inference:
         """Output level for an error and its change, percent of the desired force. ValueError for a NaN."""
-        error, change = self.base.error, self.base.change
-        if self._table is None:
-            row = _position(error_percent, error.edges_percent)
-            column = _position(change_percent, change.edges_percent)
-            return Inference(
-                _level_at(row, error.levels), _level_at(column, change.levels), self.infer(row, column)
-            )
-        i = _index(error_percent, error.edges_percent)
-        j = _index(change_percent, change.edges_percent)
-        return Inference(error.levels[i], change.levels[j], self._table[i][j])
+        return self.explain(error_percent, change_percent)[0]
 
-    def explain(self, error_percent: float, change_percent: float) -> dict[str, float]:
-        """Rules that fire and to what degree, by names such as `NB∧ZO→PM`. Raises ValueError for a NaN.
+    def explain(self, error_percent: float, change_percent: float) -> tuple[Inference, dict[str, float]]:
+        """As `evaluate`, and the rules that fire and to what degree, by names such as `NB∧ZO→PM`.
 
         With quantised inputs they are those of the two levels: the rules behind the table's entry, even
         where a printed table says otherwise.
         """
-        error_edges, change_edges = self.base.error.edges_percent, self.base.change.edges_percent
+        error, change = self.base.error, self.base.change
         if self._table is None:
-            return self._explain(
-                _position(error_percent, error_edges), _position(change_percent, change_edges)
-            )
-        entry = _index(error_percent, error_edges), _index(change_percent, change_edges)
-        found = self._explanations.get(entry)
+            row = _position(error_percent, error.edges_percent)
+            column = _position(change_percent, change.edges_percent)
+            fired = self._fired(row, column)
+            levels = _level_at(row, error.levels), _level_at(column, change.levels)
+            return Inference(*levels, self._centre(fired)), _explained(fired)
+        i = _index(error_percent, error.edges_percent)
+        j = _index(change_percent, change.edges_percent)
+        found = self._explanations.get((i, j))
         if found is None:
-            found = self._explanations[entry] = self._explain(*entry)
-        return found.copy()
+            found = self._explanations[i, j] = _explained(self._fired(i, j))
+        return Inference(error.levels[i], change.levels[j], self._table[i][j]), found.copy()
 
     def infer(self, row: float, column: float) -> float:
         """Centre of gravity over the output's levels for two places among the levels of error and change.
 
         A place is a level's number counted from 0, or lies between two.
         """
+        return self._centre(self._fired(row, column))
+
+    def _centre(self, fired: Fired) -> float:
+        """Implication by the minimum, aggregation by the maximum, centre of gravity."""
         strengths: dict[str, float] = {}
-        for (_, output), strength in self._fired(row, column):
-            strengths[output] = max(strength, strengths.get(output, 0.0))
-        shapes = [(strength, self._shapes[output]) for output, strength in strengths.items()]
+        for (_, output), strength in fired:
+            if strength > strengths.get(output, 0.0):
+                strengths[output] = strength
+        levels = self.base.output.levels
+        heights = [0.0] * len(levels)
+        for output, strength in strengths.items():
+            cut = [degree if degree < strength else strength for degree in self._shapes[output]]
+            heights = [one if one > other else other for one, other in zip(heights, cut, strict=True)]
         moment = area = 0.0
-        for index, level in enumerate(self.base.output.levels):
-            height = max(min(strength, shape[index]) for strength, shape in shapes)
+        for height, level in zip(heights, levels, strict=True):
             moment += height * level
             area += height
         return moment / area
@@ -119,10 +123,7 @@ class InferenceSystem:
             for row in range(len(self.base.error.levels))
         )
 
-    def _explain(self, row: float, column: float) -> dict[str, float]:
-        return {name: strength for (name, _), strength in self._fired(row, column)}
-
-    def _fired(self, row: float, column: float) -> list[tuple[tuple[str, str], float]]:
+    def _fired(self, row: float, column: float) -> Fired:
         """Name and output term of each rule that holds to some degree, with that degree."""
         changes = _memberships(column, self._change_terms)
         return [
@@ -202,6 +203,10 @@ def _memberships(position: float, terms: Terms) -> list[tuple[str, float]]:
         return [(name, degrees[left]) for name, degrees in terms if degrees[left] > 0.0]
     graded = ((name, degrees[left] * (1 - share) + degrees[left + 1] * share) for name, degrees in terms)
     return [(name, degree) for name, degree in graded if degree > 0.0]
+
+
+def _explained(fired: Fired) -> dict[str, float]:
+    return {name: strength for (name, _), strength in fired}
 
 
 def _nearest(value: float, levels: tuple[float, ...]) -> float:

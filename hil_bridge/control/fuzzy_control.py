@@ -231,8 +231,7 @@ def _infer(system: InferenceSystem, before: float | None, error: float, referenc
     """Levels of both inputs and of the answer, and the rules behind it with their weights."""
     change = 0.0 if before is None else error - before
     percents = 100.0 * error / reference, 100.0 * change / reference
-    inference = system.evaluate(*percents)
-    explanation = system.explain(*percents)
+    inference, explanation = system.explain(*percents)
     explanation["level_error"] = inference.level_error
     explanation["level_change"] = inference.level_change
     explanation["level_output"] = inference.level_output

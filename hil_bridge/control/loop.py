@@ -154,14 +154,16 @@ class ControlLoop:
     def propose(self, state: LoopState, sample: Sample) -> Proposal:
         """What task and controller make of a sample."""
         (x, y, z), (a, b, c) = sample.position, state.start
-        depth, travel = ((x - a) * u + (y - b) * v + (z - c) * w for u, v, w in (self.approach, self.travel))
+        x, y, z = x - a, y - b, z - c
+        (a, b, c), (u, v, w) = self.approach, self.travel
+        depth = x * a + y * b + z * c
         measurement = Measurement(
-            time=sample.sensor_at,
-            force=sample.force,
-            position=depth,
-            commanded=state.supervisor.depth,
+            sample.sensor_at,
+            sample.force,
+            depth,
+            state.supervisor.depth,
             paired_force=sample.paired_force,
-            travel=travel,
+            travel=x * u + y * v + z * w,
             saturated=sample.saturated,
         )
         contour, measurement = self._face(state, measurement, sample)
@@ -291,15 +293,15 @@ def _cause(state: LoopState, output: TaskOutput, verdict: Verdict) -> str:
 
 def _observe(sample: Sample, depth: float, output: TaskOutput) -> Observation:
     return Observation(
-        now=sample.now,
-        force=sample.force,
-        resultant=sample.resultant,
-        sensor_at=sample.sensor_at,
-        sensor_sequence=sample.sensor_sequence,
-        repeated_frames=sample.repeated_frames,
-        saturated=sample.saturated,
-        dead_axis=sample.dead_axis,
-        pressing=output.in_contact,
-        depth=depth,
-        fault=sample.fault,
+        sample.now,
+        sample.force,
+        sample.resultant,
+        sample.sensor_at,
+        sample.sensor_sequence,
+        sample.repeated_frames,
+        sample.saturated,
+        sample.dead_axis,
+        output.in_contact,
+        depth,
+        sample.fault,
     )

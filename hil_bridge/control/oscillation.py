@@ -128,7 +128,8 @@ class OscillationDetector:
             extreme, extreme_at = error, now
         elif abs(error) > abs(extreme):
             extreme, extreme_at = error, now
-        peaks = tuple(peak for peak in peaks if now - peak[0] <= self.window_samples)
+        if peaks and now - peaks[0][0] > self.window_samples:
+            peaks = tuple(peak for peak in peaks if now - peak[0] <= self.window_samples)
         if self._sustained(peaks):
             return self._found(now, extreme, extreme_at, peaks, state)
         factor, since = state.factor, state.quiet_since

@@ -122,43 +122,50 @@ class Predictive:
         if not measurement.in_contact:
             correction = self._search(estimate, reference)
             state = PredictiveState(estimate, guard=state.guard)
-            return state, self._answer(measurement, estimate, correction, {})
+            return state, self._answer(measurement, estimate, correction)
         newest = Pair(measurement.travel, measurement.position, measurement.force_at_position)
         pairs = (*state.pairs, newest)[-self.window :]
-        state = PredictiveState(estimate, pairs, state.slope, state.side, state.guard)
         if estimate.value is None:
-            correction = self._probe(state, measurement, reference)
-            return state, self._answer(measurement, estimate, correction, {})
-        return self._follow(state, estimate.value, measurement, reference)
+            correction = self._probe(pairs, measurement, reference)
+            state = PredictiveState(estimate, pairs, state.slope, state.side, state.guard)
+            return state, self._answer(measurement, estimate, correction)
+        return self._follow(state, estimate, pairs, measurement, reference)
 
     def _follow(
-        self, state: PredictiveState, stiffness: float, measurement: Measurement, reference: float
+        self,
+        state: PredictiveState,
+        estimate: Stiffness,
+        pairs: tuple[Pair, ...],
+        measurement: Measurement,
+        reference: float,
     ) -> tuple[PredictiveState, Command]:
+        """The answer where there is an estimate, and the state after it."""
+        stiffness, doubt = estimate.value or math.nan, estimate.relative_error(self.pairing)
         error = measurement.force - reference
         band = stiffness * self.resolution_mm * 1e-3 / 2 + self.force_uncertainty_n
         side = (error > 2 * band) - (error < -2 * band) or state.side
         swung = side * state.side < 0
         guard = min(state.guard * _SWING, _GUARD_MOST) if swung else max(state.guard * _CALM, 1.0 / _SWING)
-        line = self._fit(state, stiffness * max(guard, 1.0), measurement.travel_next, reference)
+        line = self._fit(pairs, stiffness * max(guard, 1.0), doubt, measurement.travel_next, reference)
         moving = abs(line.slope) > 2 * line.slope_error
         held = abs(error) <= band and not moving
         explanation = {
-            "relative_error": state.estimate.relative_error(self.pairing),
+            "relative_error": doubt,
             "guard": max(guard, 1.0),
             "slope": line.slope,
             "predicted_m": line.value,
             "band_n": band,
         }
         correction = 0.0 if held else line.value - measurement.commanded
-        command = self._answer(measurement, state.estimate, correction, explanation, held)
+        command = self._answer(measurement, estimate, correction, doubt, explanation, held)
         slope = line.slope if moving else 0.0
-        return PredictiveState(state.estimate, state.pairs, slope, side, guard), command
+        return PredictiveState(estimate, pairs, slope, side, guard), command
 
-    def _probe(self, state: PredictiveState, measurement: Measurement, reference: float) -> float:
+    def _probe(self, pairs: tuple[Pair, ...], measurement: Measurement, reference: float) -> float:
         """Correction while nothing is known of the stiffness, m."""
         error = reference - measurement.force
         if error >= 0:
-            return error / self._stiffest(state.pairs)
+            return error / self._stiffest(pairs)
         if measurement.free_position is None:
             return error / self.stiffest_n_m
         # Contact began behind the last position without it, so the surface is at least this stiff.
@@ -184,15 +191,17 @@ class Predictive:
         # A third: contact found again shows two cycles late, and must not be pressed threefold by then.
         return reference / (3 * estimate.value)
 
-    def _fit(self, state: PredictiveState, stiffness: float, at: float, reference: float) -> Line:
+    def _fit(
+        self, pairs: tuple[Pair, ...], stiffness: float, doubt: float, at: float, reference: float
+    ) -> Line:
         """Weighted least squares with a slope that is 0 ± `steepest` before any pair is seen."""
-        doubt = min(state.estimate.relative_error(self.pairing), 1.0)
+        doubt = min(doubt, 1.0)
         wary = stiffness * (1 + self.caution * doubt)
         still = (self.resolution_mm * 1e-3) ** 2 / 12 + (self.force_uncertainty_n / stiffness) ** 2
         bend = 0.5 / (self.smallest_radius_mm * 1e-3)
         s0 = s1 = s2 = t0 = t1 = 0.0
-        base = state.pairs[-1].position
-        for pair in state.pairs:
+        base = pairs[-1].position
+        for pair in pairs:
             short, away = reference - pair.force, pair.travel - at
             wanted = pair.position - base + short / (wary if short > 0 else stiffness)
             variance = still + (doubt * short / stiffness) ** 2 + (bend * away * away) ** 2
@@ -212,11 +221,13 @@ class Predictive:
         measurement: Measurement,
         estimate: Stiffness,
         correction: float,
-        explanation: dict[str, float],
+        doubt: float | None = None,
+        explanation: dict[str, float] | None = None,
         held: bool = False,
     ) -> Command:
+        """The command with this correction; its gain is 0 without an estimate and nears 1 the surer that is."""
         limit = self.step_limit_mm * 1e-3
         correction = min(max(correction, -limit), limit)
         position = measurement.commanded + correction
-        confidence = estimate.confidence(self.pairing)
-        return Command(position, correction, estimate.value, confidence, held, explanation)
+        confidence = 1.0 / (1.0 + (estimate.relative_error(self.pairing) if doubt is None else doubt))
+        return Command(position, correction, estimate.value, confidence, held, explanation or {})

@@ -100,10 +100,6 @@ class Stiffness:
         variance = 2 * (pairing.force_uncertainty_n / stiffness) ** 2 + pairing.step_variance
         return math.sqrt(variance / self.moved)
 
-    def confidence(self, pairing: Pairing) -> float:
-        """0 without an estimate, towards 1 the surer it is: 1/(1 + relative error)."""
-        return 1.0 / (1.0 + self.relative_error(pairing))
-
 
 def observe(
     estimate: Stiffness, pairing: Pairing, measurement: Measurement, slope: float | None = None
@@ -118,7 +114,7 @@ def observe(
         return evolve(estimate, force=None)
     force, position, travel = measurement.force_at_position, measurement.position, measurement.travel
     slope = estimate.slope if slope is None else slope
-    if measurement.saturated or not all(map(math.isfinite, (force, position, travel, slope))):
+    if measurement.saturated or not math.isfinite(force + position + travel + slope):
         return estimate
     if estimate.force is None:
         return evolve(estimate, force=force, position=position, travel=travel, age=0)

@@ -43,7 +43,8 @@ class Measurement:
     @property
     def is_finite(self) -> bool:
         """Whether forces and positions are numbers at all."""
-        return all(map(math.isfinite, (self.force, self.force_at_position, self.position, self.commanded)))
+        # A sum is a number only if all its parts are, and no part is infinite.
+        return math.isfinite(self.force + self.force_at_position + self.position + self.commanded)
 
     @property
     def force_at_position(self) -> float:

@@ -102,8 +102,10 @@ class Facing:
         """As `Wrist.contact_wrench` at this orientation: N and N·m, six values."""
         fx, fy, fz, mx, my, mz = measured
         return tuple(
-            a * fx + b * fy + c * fz + d * mx + e * my + f * mz + rest
-            for (a, b, c, d, e, f), rest in zip(self.matrix, self.offset, strict=True)
+            [
+                a * fx + b * fy + c * fz + d * mx + e * my + f * mz + rest
+                for (a, b, c, d, e, f), rest in zip(self.matrix, self.offset, strict=True)
+            ]
         )
 
     def force_along(self, number: int, wrench: Sequence[float]) -> float:
