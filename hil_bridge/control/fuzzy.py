@@ -12,11 +12,12 @@ from bisect import bisect_left, bisect_right
 from enum import StrEnum
 from functools import cache
 
-from hil_bridge.control.rules import PAPER_RULES, RuleBase, Table
+from hil_bridge.control.rules import PAPER_RULES, RuleBase, Table, Term
 from hil_bridge.control.tables import LEVELS
 from protocol.values import dataclass
 
-Terms = list[tuple[str, tuple[float, ...]]]
+Terms = list[list[tuple[str, float, float]]]
+"""For each level the terms that hold somewhere between it and the next, with their degrees at both."""
 Fired = list[tuple[tuple[str, str], float]]
 """Name and output term of each rule that holds to some degree, with that degree."""
 
@@ -51,8 +52,8 @@ class InferenceSystem:
     def __init__(self, base: RuleBase, surface: Surface) -> None:
         self.base = base
         self.surface = surface
-        self._error_terms = [(term.name, term.degrees) for term in base.error.terms]
-        self._change_terms = [(term.name, term.degrees) for term in base.change.terms]
+        self._error_terms = _between_levels(base.error.terms)
+        self._change_terms = _between_levels(base.change.terms)
         self._shapes = {term.name: term.degrees for term in base.output.terms}
         self._rules = {
             (rule.error, rule.change): (f"{rule.error}∧{rule.change}→{rule.output}", rule.output)
@@ -195,13 +196,24 @@ def _level_at(position: float, levels: tuple[float, ...]) -> float:
     return levels[left] + (position - left) * (levels[left + 1] - levels[left])
 
 
+def _between_levels(terms: tuple[Term, ...]) -> Terms:
+    levels = len(terms[0].degrees)
+    return [
+        [
+            (term.name, low, high)
+            for term in terms
+            for low, high in [(*term.degrees, 0.0)[left : left + 2]]
+            if low > 0.0 or high > 0.0
+        ]
+        for left in range(levels)
+    ]
+
+
 def _memberships(position: float, terms: Terms) -> list[tuple[str, float]]:
     """Terms that hold to some degree, interpolated between levels."""
     left = int(position)
     share = position - left
-    if share == 0.0:
-        return [(name, degrees[left]) for name, degrees in terms if degrees[left] > 0.0]
-    graded = ((name, degrees[left] * (1 - share) + degrees[left + 1] * share) for name, degrees in terms)
+    graded = [(name, low * (1 - share) + high * share) for name, low, high in terms[left]]
     return [(name, degree) for name, degree in graded if degree > 0.0]
 
 
