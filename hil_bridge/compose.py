@@ -9,7 +9,7 @@ from typing import Any
 from emulators.cell import Cell, CellProfile
 from emulators.robot import EMPTY_SITE, Panel, S3Site
 from emulators.slcan_adapter import SlcanAdapter, SlcanProfile
-from hil_bridge.clock import Clock
+from hil_bridge.clock import Clock, device_clock
 from hil_bridge.config import Config, SensorConfig
 from hil_bridge.devices import ForceSensor, RobotLink
 from hil_bridge.errors import ConfigError, TransportClosed, TransportError
@@ -290,6 +290,7 @@ async def emulated_cell(
     is given the cell before anybody speaks to it, `on_log` a line for every connection to it that ends badly. Raises
     ConfigError for a URL and for a cell that cannot be, TransportUnavailable for a wire.
     """
+    clock = device_clock(clock)
     try:
         cell = Cell(profile, clock.now(), seed, site)
     except ValueError as error:

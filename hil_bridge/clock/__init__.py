@@ -1,6 +1,7 @@
 """Time: the one place that reads a clock, and an event loop in virtual time."""
 
 from hil_bridge.clock.clock import Clock, Timer
+from hil_bridge.clock.devices import device_clock
 from hil_bridge.clock.run import LeakedTasks, run_real, run_virtual
 from hil_bridge.clock.virtual import (
     VIRTUAL_EPOCH,
@@ -19,6 +20,7 @@ __all__ = [
     "VirtualDeadlock",
     "VirtualLoop",
     "VirtualTimeError",
+    "device_clock",
     "run_real",
     "run_virtual",
 ]

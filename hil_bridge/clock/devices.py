@@ -1,0 +1,57 @@
+"""The clock of emulated devices: what happens to them has the time it was due at, not that of a late wake-up.
+
+A computer calls back some time after the deadline and then needs time to compute; neither is the device's. An answer
+reckoned from the wake-up would begin that much later on its line, and a chain of deadlines would fall behind
+a little more with each.
+"""
+
+import copy
+from collections.abc import Callable
+
+from hil_bridge.clock.clock import Clock, Timer
+
+
+def device_clock(clock: Clock) -> Clock:
+    """A clock for emulated devices and their lines, on the loop and the timers of this one.
+
+    Within a callback of `call_at` its `now` stands at the time that was asked for, elsewhere at the loop's; it never
+    goes back. In virtual time, where nothing is late, it is the clock itself.
+    """
+    if clock.is_virtual:
+        return clock
+    due = _DueTime(clock.now, clock.call_at)
+    devices = copy.copy(clock)
+    devices.now, devices.call_at = due.now, due.call_at
+    return devices
+
+
+class _DueTime:
+    """The time of whatever is being handled."""
+
+    __slots__ = ("_call_at", "_due", "_newest", "_time")
+
+    def __init__(
+        self, time: Callable[[], float], call_at: Callable[[float, Callable[[], object]], Timer]
+    ) -> None:
+        self._time = time
+        self._call_at = call_at
+        self._newest = float("-inf")
+        """What was told last: a deadline may be handled after what came later than it."""
+        self._due: float | None = None
+        """The time of the deadline that is being handled."""
+
+    def now(self) -> float:
+        if self._due is None:
+            self._newest = self._time()
+            return self._newest
+        return self._due
+
+    def call_at(self, when: float, callback: Callable[[], object]) -> Timer:
+        def handle() -> None:
+            self._due = self._newest = max(when, self._newest)
+            try:
+                callback()
+            finally:
+                self._due = None
+
+        return self._call_at(when, handle)

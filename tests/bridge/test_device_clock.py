@@ -1,0 +1,121 @@
+"""The clock of emulated devices: lateness of the computer is not theirs."""
+
+from collections.abc import Callable
+
+import pytest
+
+from hil_bridge.clock import Clock, device_clock, run_real, run_virtual
+from hil_bridge.errors import TransportError
+from hil_bridge.transports import LineSettings, Paced
+
+LINE = LineSettings(19200)
+CHARACTER = LINE.bits / LINE.baudrate
+LATE = 0.3 * CHARACTER
+"""By which every timer is called back after its time."""
+
+
+class LateClock:
+    """A clock whose timers the test calls, each late."""
+
+    is_virtual = False
+
+    def __init__(self) -> None:
+        self.time = 1000.0
+        self.timers: list[tuple[float, Callable[[], object]]] = []
+
+    def now(self) -> float:
+        return self.time
+
+    def call_at(self, when: float, callback: Callable[[], object]) -> "LateClock":
+        self.timers.append((when, callback))
+        return self
+
+    def cancel(self) -> None:
+        """Timers of these tests all come."""
+
+    def next_timer(self) -> float:
+        when, callback = self.timers.pop(0)
+        self.time = max(self.time, when + LATE)
+        callback()
+        return when
+
+
+class Wire:
+    """A transport that the test fills."""
+
+    name = "wire"
+    arrive: Callable[[bytes], None]
+
+    def __init__(self) -> None:
+        self.sent: list[bytes] = []
+
+    def start(self, on_data: Callable[[bytes], None], on_end: Callable[[TransportError], None]) -> None:
+        self.arrive = on_data
+
+    def send(self, data: bytes) -> None:
+        self.sent.append(data)
+
+    async def aclose(self) -> None:
+        """Nothing is open."""
+
+
+@pytest.mark.parametrize(
+    ("clock_of", "behind"), [(device_clock, 0.0), (lambda clock: clock, LATE)], ids=["devices", "late"]
+)
+def test_an_answer_on_a_paced_line_begins_when_the_question_ended(
+    clock_of: Callable[[LateClock], Clock], behind: float
+) -> None:
+    late, wire = LateClock(), Wire()
+    line = Paced(wire, LINE, clock_of(late))  # type: ignore[arg-type]
+    line.start(lambda data: line.send(data * 2), lambda cause: None)
+    asked = late.now()
+    wire.arrive(b"\x05")
+    assert late.next_timer() == pytest.approx(asked + CHARACTER)
+    assert late.next_timer() == pytest.approx(asked + 3 * CHARACTER + behind)
+    assert wire.sent == [b"\x05\x05"]
+
+
+def test_now_is_the_time_that_was_asked_for_and_never_goes_back() -> None:
+    late = LateClock()
+    clock = device_clock(late)  # type: ignore[arg-type]
+    seen: list[float] = []
+    for when in (1001.0, 1002.0):
+        clock.call_at(when, lambda: seen.append(clock.now()))
+    late.next_timer()
+    assert seen == [1001.0]
+    assert clock.now() == late.time == 1001.0 + LATE
+    late.time = 1005.0
+    assert clock.now() == 1005.0
+    late.next_timer()
+    assert seen == [1001.0, 1005.0]
+
+
+def test_a_callback_that_raises_leaves_the_time_to_the_loop() -> None:
+    late = LateClock()
+    clock = device_clock(late)  # type: ignore[arg-type]
+    clock.call_at(1001.0, lambda: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        late.next_timer()
+    assert clock.now() == late.time
+
+
+def test_on_a_running_loop_a_deadline_has_its_own_time() -> None:
+    async def main() -> tuple[float, list[float]]:
+        real = Clock.running()
+        clock, seen = device_clock(real), []
+        when = real.now() + 0.001
+        clock.call_at(when, lambda: seen.append(clock.now()))
+        await clock.sleep_until(when + 0.001)
+        real.close()
+        return when, seen
+
+    when, seen = run_real(main)
+    assert seen == [when]
+
+
+def test_in_virtual_time_it_is_the_clock_itself() -> None:
+    async def main() -> None:
+        clock = Clock.running()
+        assert device_clock(clock) is clock
+
+    run_virtual(main)
