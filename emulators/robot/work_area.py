@@ -52,22 +52,20 @@ class WorkArea:
         angle = angle_between(start_quaternion, end_quaternion)
         count = max(1, math.ceil(math.dist(start, end) / _SPACING_M), math.ceil(angle / _SPACING_RAD))
         parts, joints = [0.0], [self.joints(start, start_quaternion, near)]
-
-        def go_to(part: float, halvings: int) -> None:
+        to_reach = [(k / count, _HALVINGS) for k in range(count, 0, -1)]
+        """Parts of the line, the next one last, each with how often the way to it may be halved."""
+        while to_reach:
+            part, halvings = to_reach.pop()
             x, y, z = (a + (b - a) * part for a, b in zip(start, end, strict=True))
             before = joints[-1]
             after = self.joints((x, y, z), slerp(start_quaternion, end_quaternion, part), before)
             turn = max(abs(q - p) for p, q in zip(before, after, strict=True))
             if halvings and turn > _SMOOTH_RAD:
-                go_to((parts[-1] + part) / 2.0, halvings - 1)
-                go_to(part, halvings - 1)
-                return
+                to_reach += (part, halvings - 1), ((parts[-1] + part) / 2.0, halvings - 1)
+                continue
             if turn > _JUMP_RAD or self._arm.bend(before) * self._arm.bend(after) < 0.0:
                 raise OutsideWorkArea("the line needs a jump to another posture")
             parts.append(part)
             joints.append(after)
-
-        for k in range(1, count + 1):
-            go_to(k / count, _HALVINGS)
         least_times = map(self._arm.least_time, joints, joints[1:])
         return Route(tuple(parts), tuple(joints), tuple(least_times))
