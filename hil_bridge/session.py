@@ -22,8 +22,8 @@ from hil_bridge.errors import BridgeError, ConfigError
 from hil_bridge.line_time import line_floor
 from hil_bridge.realtime import collect_young, quiet_garbage, scheduled
 from hil_bridge.recording import (
-    CHUNK_SECONDS,
-    VIRTUAL_CHUNK_SECONDS,
+    CHUNKS,
+    VIRTUAL_CHUNKS,
     CycleRecord,
     EventRecord,
     LinkLog,
@@ -220,7 +220,7 @@ class _Session:
             self._record_path,
             clock.wall_ns,
             threaded=not clock.is_virtual,
-            chunk_seconds=VIRTUAL_CHUNK_SECONDS if clock.is_virtual else CHUNK_SECONDS,
+            chunks=VIRTUAL_CHUNKS if clock.is_virtual else CHUNKS,
             metadata={
                 "config": dump(config),
                 "controller": config.controller.name,

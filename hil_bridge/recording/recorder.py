@@ -6,6 +6,7 @@ import math
 import threading
 from collections import deque
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
@@ -24,17 +25,30 @@ QUEUE_RECORDS = 16384
 """Records that wait for the writer at most: about 16 s of a 1 kHz sensor stream, 5 MB."""
 BATCH_RECORDS = 512
 """Records taken at once where writing happens in the caller's thread."""
-CHUNK_SECONDS = 1.0
-"""A killed process loses at most this much: what is not in a finished chunk cannot be read.
-
-Every chunk stays in the index at the file's end, and so in memory until then: about half a KiB each.
-"""
-VIRTUAL_CHUNK_SECONDS = 10.0
-"""The same where ten simulated seconds are a blink of somebody's time."""
-CHUNK_BYTES = 1 << 20
 WAKE_SECONDS = 0.05
 """The writer thread wakes by itself, so that putting a record never has to wake it."""
 JOIN_SECONDS = 10.0
+
+
+@dataclass(frozen=True, slots=True)
+class Chunks:
+    """When a chunk of the file is finished: what is not in a finished one is lost with a killed process.
+
+    Every chunk stays in the index at the file's end, and so in memory until then: about 1 KiB each.
+    """
+
+    seconds: float
+    """Of the run's clock from its first record to its last, at most."""
+    size: int
+    """Of its records before compression, bytes; the chunk that is being filled is held in memory, some of it twice."""
+
+
+CHUNKS = Chunks(seconds=1.0, size=1 << 20)
+"""In real time: a killed process loses at most a second."""
+VIRTUAL_CHUNKS = Chunks(seconds=math.inf, size=1 << 18)
+"""In virtual time: a killed run can be had again. Small and all of one size, so that a long run soon has had the memory
+that it takes.
+"""
 
 
 class Recorder:
@@ -51,7 +65,7 @@ class Recorder:
         threaded: bool,
         metadata: Mapping[str, str],
         queue_records: int = QUEUE_RECORDS,
-        chunk_seconds: float = CHUNK_SECONDS,
+        chunks: Chunks = CHUNKS,
     ) -> None:
         """Open the file and write what is known before the run.
 
@@ -67,7 +81,7 @@ class Recorder:
         self._dropped = dict.fromkeys((topic.name for topic in TOPICS), 0)
         self._written = dict.fromkeys((topic.name for topic in TOPICS), 0)
         self._error: BridgeError | None = None
-        self._chunk_seconds = chunk_seconds
+        self._chunk_seconds = chunks.seconds
         self._chunk_began: float | None = None
         self._newest = 0.0
         self._closed = False
@@ -75,7 +89,7 @@ class Recorder:
             self._file: BinaryIO = path.open("wb")
         except OSError as error:
             raise ConfigError(f"cannot write the recording {path}: {error.strerror or error}") from error
-        self._writer = Writer(self._file, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
+        self._writer = Writer(self._file, chunk_size=chunks.size, compression=CompressionType.ZSTD)
         self._flush: Callable[[], None] = self._writer.flush
         self._channels: dict[type, int] = {}
         self._guarded(lambda: self._begin(metadata))
@@ -156,7 +170,7 @@ class Recorder:
         while not self._stop.wait(WAKE_SECONDS):
             idle = 0.0 if self._queue else idle + WAKE_SECONDS
             self._drain()
-            if idle >= CHUNK_SECONDS and self._chunk_began is not None:
+            if idle >= self._chunk_seconds and self._chunk_began is not None:
                 self._guarded(self._end_chunk)
 
     def _drain(self) -> None:

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 
 from hil_bridge.errors import BridgeError, ConfigError
-from hil_bridge.recording import CycleRecord, EventRecord, Recorder, SensorRecord, read
+from hil_bridge.recording import VIRTUAL_CHUNKS, CycleRecord, EventRecord, Recorder, SensorRecord, read
 from hil_bridge.recording import recorder as recorder_module
 from hil_bridge.recording.topics import CYCLE, SENSOR, TOPICS, Record
 
@@ -189,6 +189,22 @@ def test_a_cut_file_gives_what_came_before(tmp_path: Path) -> None:
     assert recording.metadata == METADATA
     assert recording.end == {}
     assert recording.cycles[-1].started_at > 107.0
+
+
+def test_chunks_of_a_virtual_run_are_of_one_size_however_slowly_records_come(tmp_path: Path) -> None:
+    recorder = Recorder(
+        tmp_path / "virtual.mcap", wall_ns, threaded=False, metadata={}, chunks=VIRTUAL_CHUNKS
+    )
+    for k in range(10_000):
+        recorder.put(SensorRecord(100.0 + 3.0 * k, k, (k, 0, -870, 0, 0, 0)))
+    recorder.close()
+    with (tmp_path / "virtual.mcap").open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    *full, last = (index.uncompressed_size for index in summary.chunk_indexes)
+    assert len(full) >= 3
+    assert last <= VIRTUAL_CHUNKS.size
+    assert all(VIRTUAL_CHUNKS.size < size < VIRTUAL_CHUNKS.size + 200 for size in full)
 
 
 def test_every_cut_is_truncated_or_refused(tmp_path: Path) -> None:

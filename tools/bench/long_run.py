@@ -17,7 +17,7 @@ import numpy as np
 
 from hil_bridge.clock import VIRTUAL_WALL_NS, Clock, run_virtual
 from hil_bridge.config import Config
-from hil_bridge.recording import VIRTUAL_CHUNK_SECONDS, Recorder, SensorRecord
+from hil_bridge.recording import VIRTUAL_CHUNKS, Recorder, SensorRecord
 from tools.bench.cells import CellRun
 from tools.bench.figures import Figure, Report, Target
 
@@ -43,9 +43,7 @@ async def hour(record: Path) -> dict[str, object]:
     """Run for an hour and look at the memory every minute."""
     config = Config.model_validate({"run": {"duration_s": HOUR_S}, "task": {"step_mm": STEP_MM}})
     clock = Clock.running()
-    recorder = Recorder(
-        record, clock.wall_ns, threaded=False, metadata={}, chunk_seconds=VIRTUAL_CHUNK_SECONDS
-    )
+    recorder = Recorder(record, clock.wall_ns, threaded=False, metadata={}, chunks=VIRTUAL_CHUNKS)
     run = CellRun(
         config,
         on_cycle=recorder.put,
