@@ -5,13 +5,16 @@ from collections.abc import Callable
 import pytest
 
 from hil_bridge.clock import Clock, device_clock, run_real, run_virtual
+from hil_bridge.clock.devices import EARLY_S
 from hil_bridge.errors import TransportError
 from hil_bridge.transports import LineSettings, Paced
 
 LINE = LineSettings(19200)
 CHARACTER = LINE.bits / LINE.baudrate
 LATE = 0.3 * CHARACTER
-"""By which every timer is called back after its time."""
+"""By which every timer is called back after the time that was asked for."""
+LOOK = 1e-6
+"""What a look at the clock takes, s."""
 
 
 class LateClock:
@@ -24,6 +27,7 @@ class LateClock:
         self.timers: list[tuple[float, Callable[[], object]]] = []
 
     def now(self) -> float:
+        self.time += LOOK
         return self.time
 
     def call_at(self, when: float, callback: Callable[[], object]) -> "LateClock":
@@ -33,9 +37,9 @@ class LateClock:
     def cancel(self) -> None:
         """Timers of these tests all come."""
 
-    def next_timer(self) -> float:
+    def next_timer(self, late: float = LATE) -> float:
         when, callback = self.timers.pop(0)
-        self.time = max(self.time, when + LATE)
+        self.time = max(self.time, when + late)
         callback()
         return when
 
@@ -46,33 +50,44 @@ class Wire:
     name = "wire"
     arrive: Callable[[bytes], None]
 
-    def __init__(self) -> None:
-        self.sent: list[bytes] = []
+    def __init__(self, clock: Clock) -> None:
+        self.sent: list[tuple[float, bytes]] = []
+        self._clock = clock
 
     def start(self, on_data: Callable[[bytes], None], on_end: Callable[[TransportError], None]) -> None:
         self.arrive = on_data
 
     def send(self, data: bytes) -> None:
-        self.sent.append(data)
+        self.sent.append((self._clock.now(), data))
 
     async def aclose(self) -> None:
         """Nothing is open."""
 
 
-@pytest.mark.parametrize(
-    ("clock_of", "behind"), [(device_clock, 0.0), (lambda clock: clock, LATE)], ids=["devices", "late"]
-)
-def test_an_answer_on_a_paced_line_begins_when_the_question_ended(
-    clock_of: Callable[[LateClock], Clock], behind: float
-) -> None:
-    late, wire = LateClock(), Wire()
-    line = Paced(wire, LINE, clock_of(late))  # type: ignore[arg-type]
+@pytest.mark.parametrize("late", [0.0, EARLY_S, LATE], ids=["at once", "on time", "late"])
+def test_an_answer_on_a_paced_line_begins_when_the_question_ended(late: float) -> None:
+    computer = LateClock()
+    clock = device_clock(computer)  # type: ignore[arg-type]
+    wire = Wire(clock)
+    line = Paced(wire, LINE, clock)
     line.start(lambda data: line.send(data * 2), lambda cause: None)
-    asked = late.now()
     wire.arrive(b"\x05")
-    assert late.next_timer() == pytest.approx(asked + CHARACTER)
-    assert late.next_timer() == pytest.approx(asked + 3 * CHARACTER + behind)
-    assert wire.sent == [b"\x05\x05"]
+    asked = computer.time
+    computer.next_timer(late)
+    computer.next_timer(late)
+    ((ended, answer),) = wire.sent
+    assert answer == b"\x05\x05"
+    assert ended == pytest.approx(asked + 3 * CHARACTER, abs=LOOK / 2)
+
+
+def test_a_wake_up_is_asked_for_early_and_what_is_left_is_waited_out() -> None:
+    computer = LateClock()
+    clock = device_clock(computer)  # type: ignore[arg-type]
+    seen: list[float] = []
+    clock.call_at(1001.0, lambda: seen.append(computer.time))
+    assert computer.next_timer(EARLY_S / 3) == 1001.0 - EARLY_S
+    assert seen == [pytest.approx(1001.0, abs=1.5 * LOOK)]
+    assert seen[0] >= 1001.0
 
 
 def test_now_is_the_time_that_was_asked_for_and_never_goes_back() -> None:
@@ -83,11 +98,12 @@ def test_now_is_the_time_that_was_asked_for_and_never_goes_back() -> None:
         clock.call_at(when, lambda: seen.append(clock.now()))
     late.next_timer()
     assert seen == [1001.0]
-    assert clock.now() == late.time == 1001.0 + LATE
+    assert clock.now() == late.time >= 1001.0 - EARLY_S + LATE
     late.time = 1005.0
-    assert clock.now() == 1005.0
+    newest = clock.now()
+    assert newest > 1005.0
     late.next_timer()
-    assert seen == [1001.0, 1005.0]
+    assert seen == [1001.0, newest]
 
 
 def test_a_callback_that_raises_leaves_the_time_to_the_loop() -> None:
