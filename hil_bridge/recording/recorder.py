@@ -34,7 +34,7 @@ JOIN_SECONDS = 10.0
 class Chunks:
     """When a chunk of the file is finished: what is not in a finished one is lost with a killed process.
 
-    Every chunk stays in the index at the file's end, and so in memory until then: about 1 KiB each.
+    Every chunk stays in the index at the file's end, and so in memory until then: about half a KiB each.
     """
 
     seconds: float
