@@ -6,7 +6,6 @@ import math
 import threading
 from collections import deque
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
@@ -15,6 +14,7 @@ from mcap.writer import CompressionType, Writer
 from hil_bridge.errors import BridgeError, ConfigError
 from hil_bridge.recording.records import EventRecord
 from hil_bridge.recording.topics import TOPICS, Record, Topic
+from protocol.values import dataclass
 
 METADATA_NAME = "run"
 END_NAME = "end"
