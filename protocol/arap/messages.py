@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Collection, Mapping, Sequence
-from typing import Any, Self, TypeAlias
+from typing import Self, TypeAlias
 
 from protocol.adlp import HEADER_SIZE
 from protocol.arap import layouts
@@ -21,10 +21,9 @@ MOVE_LENGTHS = (52, 60)
 
 
 def _to_word(value: float, per_unit: float, low: int, high: int, what: str) -> int:
-    word = round(value * per_unit) if math.isfinite(value) else None
-    if word is None or not low <= word <= high:
-        raise LocalProtocolError(f"{what} {value:g} is outside {low / per_unit:g} … {high / per_unit:g}")
-    return word
+    if math.isfinite(value) and low <= (word := round(value * per_unit)) <= high:
+        return word
+    raise LocalProtocolError(f"{what} {value:g} is outside {low / per_unit:g} … {high / per_unit:g}")
 
 
 def position_words(position: Sequence[float]) -> Words3:
@@ -32,18 +31,19 @@ def position_words(position: Sequence[float]) -> Words3:
 
     Raises LocalProtocolError outside ±4.095875 m.
     """
-    limit = layouts.POSITION_WORD_LIMIT
-    x, y, z = (
-        _to_word(value, layouts.STEPS_PER_METRE, -limit, limit, f"position {axis} in m")
-        for axis, value in zip("xyz", position, strict=True)
+    x, y, z = position
+    steps, limit = layouts.STEPS_PER_METRE, layouts.POSITION_WORD_LIMIT
+    return (
+        _to_word(x, steps, -limit, limit, "position x in m"),
+        _to_word(y, steps, -limit, limit, "position y in m"),
+        _to_word(z, steps, -limit, limit, "position z in m"),
     )
-    return x, y, z
 
 
 def position_from_words(words: Sequence[int]) -> Vector:
     """Position in m that device words of 0.125 mm mean."""
-    x, y, z = (word / layouts.STEPS_PER_METRE for word in words)
-    return x, y, z
+    (x, y, z), steps = words, layouts.STEPS_PER_METRE
+    return x / steps, y / steps, z / steps
 
 
 def round_position(position: Sequence[float]) -> Vector:
@@ -53,30 +53,20 @@ def round_position(position: Sequence[float]) -> Vector:
 
 def quaternion_words(quaternion: Sequence[float]) -> Words4:
     """Quaternion w x y z as device words of 1/16384. Raises LocalProtocolError for a component beyond ±1."""
+    w, x, y, z = quaternion
     one = layouts.QUATERNION_ONE
-    w, x, y, z = (
-        _to_word(value, one, -one, one, f"quaternion {axis}")
-        for axis, value in zip("wxyz", quaternion, strict=True)
+    return (
+        _to_word(w, one, -one, one, "quaternion w"),
+        _to_word(x, one, -one, one, "quaternion x"),
+        _to_word(y, one, -one, one, "quaternion y"),
+        _to_word(z, one, -one, one, "quaternion z"),
     )
-    return w, x, y, z
 
 
 def quaternion_from_words(words: Sequence[int]) -> Quaternion:
     """Quaternion w x y z that device words of 1/16384 mean, not normalised."""
-    w, x, y, z = (word / layouts.QUATERNION_ONE for word in words)
-    return w, x, y, z
-
-
-def _pose_values(position: Words3, quaternion: Words4) -> dict[str, float]:
-    return dict(zip(("x", "y", "z", "q1", "q2", "q3", "q4"), position + quaternion, strict=True))
-
-
-def _position_of(raw: Mapping[str, float]) -> Words3:
-    return int(raw["x"]), int(raw["y"]), int(raw["z"])
-
-
-def _quaternion_of(raw: Mapping[str, float]) -> Words4:
-    return int(raw["q1"]), int(raw["q2"]), int(raw["q3"]), int(raw["q4"])
+    (w, x, y, z), one = words, layouts.QUATERNION_ONE
+    return w / one, x / one, y / one, z / one
 
 
 def _expect(telegram: Telegram, function: int, *types: int) -> None:
@@ -84,8 +74,12 @@ def _expect(telegram: Telegram, function: int, *types: int) -> None:
         raise RemoteProtocolError(f"expected function {function}, got {telegram}")
 
 
-_STATUS_NUMBERS = ("program", "instruction", "tcp", "frame")
-_STATUS_FLAGS = {"flags_16": layouts.FLAG_BITS_16, "flags_17": layouts.FLAG_BITS_17}
+def _flags(names: Mapping[str, int]) -> tuple[tuple[bool, ...], ...]:
+    """What every value of a byte says, in the order of the names of its bits."""
+    return tuple(tuple(bool(byte >> bit & 1) for bit in names.values()) for byte in range(256))
+
+
+_FLAGS_16, _FLAGS_17 = _flags(layouts.FLAG_BITS_16), _flags(layouts.FLAG_BITS_17)
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,19 +123,21 @@ class Status:
     def from_telegram(cls, telegram: Telegram) -> Self:
         """Raises RemoteProtocolError when the telegram is no complete status answer."""
         _expect(telegram, FunctionCode.READ_STATUS, TelegramType.RESPONSE)
-        raw = layouts.STATUS.unpack(telegram.data)
-        values: dict[str, Any] = {name: int(raw[name]) for name in _STATUS_NUMBERS}
-        for byte, bits in _STATUS_FLAGS.items():
-            values |= {name: bool(int(raw[byte]) >> bit & 1) for name, bit in bits.items()}
-        return cls(_position_of(raw), _quaternion_of(raw), **values)
+        row = layouts.STATUS.unpack_row(telegram.data)
+        program, instruction, tcp, frame, flags_16, flags_17, x, y, z, q1, q2, q3, q4 = row
+        flags = _FLAGS_16[flags_16] + _FLAGS_17[flags_17]
+        return cls((x, y, z), (q1, q2, q3, q4), program, instruction, tcp, frame, *flags)
 
     def to_telegram(self) -> Telegram:
         """The controller's answer. Raises LocalProtocolError for a number that its field cannot hold."""
-        values = _pose_values(self.position_words, self.quaternion_words)
-        values |= {name: getattr(self, name) for name in _STATUS_NUMBERS}
-        for byte, bits in _STATUS_FLAGS.items():
-            values[byte] = sum(getattr(self, name) << bit for name, bit in bits.items())
-        data = layouts.STATUS.pack(values)
+        flags_16, flags_17 = (
+            sum(getattr(self, name) << bit for name, bit in bits.items())
+            for bits in (layouts.FLAG_BITS_16, layouts.FLAG_BITS_17)
+        )
+        numbers = self.program, self.instruction, self.tcp, self.frame
+        data = layouts.STATUS.pack_row(
+            *numbers, flags_16, flags_17, *self.position_words, *self.quaternion_words
+        )
         return Telegram(FunctionCode.READ_STATUS, TelegramType.RESPONSE, 0, data, from_robot=True)
 
 
@@ -167,11 +163,14 @@ class Move:
         Raises LocalProtocolError for a value out of range.
         """
         ends = layouts.MOVE_FLAG_ENDS if self.kind is not MoveKind.POINT else 0
-        values = _pose_values(position_words(self.position), quaternion_words(self.quaternion))
-        values["flags"] = ends | (layouts.MOVE_FLAG_ROBOT_COORDINATES if self.robot_coordinates else 0)
-        values["velocity"] = _to_word(self.velocity, layouts.STEPS_PER_METRE, 0, 0xFFFF, "velocity in m/s")
-        values["run_speed"] = _to_word(self.run_speed, layouts.RUN_SPEED_ONE, 0, 0xFFFF, "run speed")
-        data = layouts.MOVE.pack(values).ljust(move_length - HEADER_SIZE, b"\0")
+        data = layouts.MOVE.pack_row(
+            0,
+            ends | (layouts.MOVE_FLAG_ROBOT_COORDINATES if self.robot_coordinates else 0),
+            _to_word(self.velocity, layouts.STEPS_PER_METRE, 0, 0xFFFF, "velocity in m/s"),
+            _to_word(self.run_speed, layouts.RUN_SPEED_ONE, 0, 0xFFFF, "run speed"),
+            *position_words(self.position),
+            *quaternion_words(self.quaternion),
+        ).ljust(move_length - HEADER_SIZE, b"\0")
         return Telegram(FunctionCode.MOVE, TelegramType.ORDER, self.kind, data)
 
     @classmethod
@@ -185,14 +184,14 @@ class Move:
             kind = MoveKind(telegram.suffix)
         except ValueError as error:
             raise RemoteProtocolError(f"bytes 6–7: move has no suffix {telegram.suffix}") from error
-        raw = layouts.MOVE.unpack(telegram.data)
+        _, flags, velocity, run_speed, *pose = layouts.MOVE.unpack_row(telegram.data)
         return cls(
             kind,
-            position_from_words(_position_of(raw)),
-            quaternion_from_words(_quaternion_of(raw)),
-            raw["velocity"] / layouts.STEPS_PER_METRE,
-            raw["run_speed"] / layouts.RUN_SPEED_ONE,
-            bool(int(raw["flags"]) & layouts.MOVE_FLAG_ROBOT_COORDINATES),
+            position_from_words(pose[:3]),
+            quaternion_from_words(pose[3:]),
+            velocity / layouts.STEPS_PER_METRE,
+            run_speed / layouts.RUN_SPEED_ONE,
+            bool(flags & layouts.MOVE_FLAG_ROBOT_COORDINATES),
         )
 
 

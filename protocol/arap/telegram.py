@@ -29,16 +29,9 @@ class Telegram:
         """
         if self.from_robot and length_style != "whole":
             raise LocalProtocolError("a telegram from the controller states its whole length")
-        header = HEADER.pack(
-            {
-                "length": len(self.data) + (HEADER_SIZE if length_style == "whole" else 0),
-                "source": FROM_ROBOT if self.from_robot else FROM_PC,
-                "function": self.function,
-                "type": self.type,
-                "suffix": self.suffix,
-            }
-        )
-        return header + self.data
+        length = len(self.data) + (HEADER_SIZE if length_style == "whole" else 0)
+        source = FROM_ROBOT if self.from_robot else FROM_PC
+        return HEADER.pack_row(length, source, 0, self.function, self.type, self.suffix) + self.data
 
     @classmethod
     def decode(cls, raw: bytes, from_robot: bool) -> "Telegram":
@@ -48,7 +41,7 @@ class Telegram:
         """
         if len(raw) < HEADER_SIZE:
             raise RemoteProtocolError(f"a telegram has at least {HEADER_SIZE} bytes, got {len(raw)}")
-        length, source, destination, function, type_, suffix = map(int, HEADER.unpack(raw).values())
+        length, source, destination, function, type_, suffix = HEADER.unpack_row(raw)
         if length != len(raw) and (from_robot or length + HEADER_SIZE != len(raw)):
             raise RemoteProtocolError(
                 f"bytes 0–1: length {length} does not fit a telegram of {len(raw)} bytes"
