@@ -44,6 +44,8 @@ def join_blocks(blocks: Sequence[Telegram]) -> Telegram:
     """
     last = blocks[-1]
     further = further_type(last.from_robot)
+    if len(blocks) == 1 and last.type != further:
+        return last
     for number, block in enumerate(blocks[:-1], 1):
         if (block.function, block.type) != (last.function, further):
             raise RemoteProtocolError(f"block {number} of {len(blocks)} is none of a long telegram: {block}")

@@ -114,7 +114,7 @@ class ArapHost:
             order = join_blocks(telegrams)
         except RemoteProtocolError as error:
             raise LocalProtocolError(str(error)) from error
-        self.link.send(tuple(telegram.encode(self._profile.length_style) for telegram in telegrams))
+        self.link.send([telegram.encode(self._profile.length_style) for telegram in telegrams])
         self._order = order
         self._blocks.clear()
 
@@ -133,7 +133,10 @@ class ArapHost:
 
     def next_deadline(self) -> float | None:
         """The next time-out of the link or of the order."""
-        return min((t for t in (self.link.next_deadline(), self._deadline) if t is not None), default=None)
+        link, order = self.link.next_deadline(), self._deadline
+        if link is None or order is None:
+            return order if link is None else link
+        return min(link, order)
 
     def handle_deadline(self, now: float) -> None:
         """Act on the time-outs up to now."""
@@ -192,6 +195,9 @@ class ArapHost:
         if telegram.function != order.function:
             raise RemoteProtocolError(f"the answer is to another order: {telegram}")
         match telegram.type:
+            case TelegramType.RESPONSE:
+                blocks = (*self._blocks, telegram)
+                self._end(Answered(order, join_blocks(blocks), blocks))
             case TelegramType.REFUSAL:
                 self._end(Refused(order, Refusal.from_telegram(telegram)))
             case TelegramType.FURTHER_FROM_ROBOT:
@@ -199,9 +205,6 @@ class ArapHost:
                     raise RemoteProtocolError(f"the answer has more than {MESSAGE_LIMIT} blocks")
                 self._blocks.append(telegram)
                 self._deadline = now + self._profile.order_timeout_s
-            case TelegramType.RESPONSE:
-                blocks = (*self._blocks, telegram)
-                self._end(Answered(order, join_blocks(blocks), blocks))
             case _:
                 raise RemoteProtocolError(f"no answer has this type: {telegram}")
 
