@@ -44,6 +44,7 @@ SINGLE_CONTROLS = {
 """Control bytes that mean something on their own."""
 _STARTS = frozenset((Control.STX, Control.STX_ODD))
 _MEANINGFUL = re.compile(b"[" + b"".join(rb"\x%02x" % c for c in (*SINGLE_CONTROLS, Control.DLE)) + b"]")
+_DLE_BYTE = int(Control.DLE)
 _DLE = bytes((Control.DLE,))
 _TRAILER = bytes((Control.DLE, Control.ETX))
 
@@ -208,7 +209,7 @@ class BlockScanner:
         at, end = 0, len(data)
         while at < end:
             byte = data[at]
-            if byte == Control.DLE:
+            if byte == _DLE_BYTE:
                 found = self._format.decode(data, at)
                 if found is None:
                     self._pending = data[at:]

@@ -53,6 +53,14 @@ _CONTROL_STIMULI = {
 _ANSWERS = frozenset((Control.ACK, Control.NAK, Control.WACK, Control.RVI))
 _RECEIVING = frozenset((State.AWAITING_BLOCK, State.AWAITING_MORE, State.DISCARDING))
 
+# Asked for with every byte, by names of this module: until Python 3.12 an enum's own name costs five times that.
+_IDLE, _DISCARDING = State.IDLE, State.DISCARDING
+_AWAITING_ACK, _AWAITING_BLOCK, _AWAITING_MORE = State.AWAITING_ACK, State.AWAITING_BLOCK, State.AWAITING_MORE
+_BLOCK, _BAD_CHECKSUM = Stimulus.BLOCK, Stimulus.BAD_CHECKSUM
+_NOISE, _MUTILATED = Stimulus.NOISE, Stimulus.MUTILATED
+_ENQ, _ACK = Control.ENQ, Control.ACK
+_STX, _STX_ODD = Control.STX, Control.STX_ODD
+
 
 class Link:
     """An endpoint for bytes. Messages go out in the order in which they were queued, one at a time."""
@@ -63,6 +71,7 @@ class Link:
         styles = _ACCEPTED_STYLES[profile.accepted_lengths] if role is Role.ROBOT else LENGTH_STYLES[:1]
         self._scanner = BlockScanner(BlockFormat(profile.dle_stuffing, styles, profile.max_telegram))
         self._gap_time = profile.gap_time
+        self._character_time = profile.character_time
         self._state = State.IDLE
         self._now = 0.0
         self._state_deadline: float | None = None
@@ -78,6 +87,7 @@ class Link:
         """Length of the present run of noise."""
         self._out = bytearray()
         self._journal = Journal()
+        self._notice = self._journal.notice
         self._actions: dict[Action, Callable[[], State]] = {
             action: getattr(self, f"_{action.value}") for action in Action
         }
@@ -116,26 +126,21 @@ class Link:
             raise LocalProtocolError("a message needs at least one telegram")
         if len(self._queue) >= QUEUE_LIMIT:
             raise LocalProtocolError(f"{QUEUE_LIMIT} messages are waiting already")
+        profile = self._profile
+        toggle = profile.stx_alternation == "toggle"
+        blocks: list[bytes] = []
         for telegram in telegrams:
-            check_telegram(telegram, self._profile.max_telegram)
-        toggle = self._profile.stx_alternation == "toggle"
-        self._queue.append(
-            tuple(
-                encode_block(
-                    telegram,
-                    self._profile.dle_stuffing,
-                    Control.STX_ODD if toggle and index % 2 else Control.STX,
-                )
-                for index, telegram in enumerate(telegrams)
-            )
-        )
+            check_telegram(telegram, profile.max_telegram)
+            stx = _STX_ODD if toggle and len(blocks) % 2 else _STX
+            blocks.append(encode_block(telegram, profile.dle_stuffing, stx))
+        self._queue.append(tuple(blocks))
 
     def receive(self, data: bytes, now: float) -> None:
         """Take bytes off the line. Data that came counts even when a deadline has passed unhandled before."""
         self._now = now
         for token in self._scanner.feed(data):
             self._take(token)
-        waiting = self._noise or self._scanner.pending or self._state is State.DISCARDING
+        waiting = self._noise or self._scanner.pending or self._state is _DISCARDING
         self._gap_deadline = now + self._gap_time if waiting else None
 
     def next_event(self) -> LinkEvent | None:
@@ -145,8 +150,10 @@ class Link:
     def data_to_send(self, now: float) -> bytes:
         """Bytes for the line; a waiting message begins its bid here."""
         self._now = now
-        if self._state is State.IDLE and self._queue:
+        if self._queue and self._state is _IDLE:
             self._step(Stimulus.SEND)
+        if not self._out:
+            return b""
         data = bytes(self._out)
         self._out.clear()
         return data
@@ -195,9 +202,9 @@ class Link:
 
     def _step(self, stimulus: Stimulus, size: int = 0) -> None:
         """Look up and act. `size` is the length of what came, for the noise account."""
-        whole = stimulus is Stimulus.BLOCK or stimulus is Stimulus.BAD_CHECKSUM
-        discarding = self._state is State.DISCARDING and not whole
-        if discarding or stimulus is Stimulus.NOISE or stimulus is Stimulus.MUTILATED:
+        whole = stimulus is _BLOCK or stimulus is _BAD_CHECKSUM
+        discarding = self._state is _DISCARDING and not whole
+        if discarding or stimulus is _NOISE or stimulus is _MUTILATED:
             self._add_noise(size)
         elif self._noise and size:
             self._end_noise()
@@ -206,7 +213,7 @@ class Link:
             self._ignore(stimulus, size)
             return
         self._state = self._actions[transition.action]()
-        if self._state is State.IDLE:
+        if self._state is _IDLE:
             self._state_deadline = None
 
     def _ignore(self, stimulus: Stimulus, size: int) -> None:
@@ -227,23 +234,25 @@ class Link:
 
         A second ENQ would get a second ACK, and a second ACK acknowledges a block that nobody has seen.
         """
-        if self._state is State.AWAITING_ACK:
+        if self._state is _AWAITING_ACK:
             return bool(self._out) and control in _ANSWERS
-        if control is not Control.ENQ:
+        if control is not _ENQ:
             return False
-        if self._state is State.AWAITING_BLOCK:
+        if self._state is _AWAITING_BLOCK:
             # Our ACK and a character have to pass. Behind a NAK the rest of its block may come, and no bid (observed).
-            short, gap = 2.5 * self._profile.character_time, self._gap_time
+            short, gap = 2.5 * self._character_time, self._gap_time
             return self._now < self._receiving.asked_at + (gap if self._receiving.naks else short)
-        return self._state is State.AWAITING_MORE and bool(self._out)
+        return self._state is _AWAITING_MORE and bool(self._out)
 
     def _block_is_coming(self) -> bool:
         """The gap time-out stands for the state's own while the block that is waited for comes in."""
-        return bool(self._scanner.pending) and self._state in (State.AWAITING_BLOCK, State.AWAITING_MORE)
+        return bool(self._scanner.pending) and (
+            self._state is _AWAITING_BLOCK or self._state is _AWAITING_MORE
+        )
 
     def _arm(self, seconds: float, characters: int = 1) -> None:
         """Time out so long after the characters just handed out have left the line."""
-        self._state_deadline = self._now + characters * self._profile.character_time + seconds
+        self._state_deadline = self._now + characters * self._character_time + seconds
 
     def _add_noise(self, size: int) -> None:
         self._noise += size
@@ -254,9 +263,6 @@ class Link:
         self._notice(NoticeKind.NOISE, f"{self._noise} bytes without meaning dropped")
         self._noise = 0
 
-    def _notice(self, kind: NoticeKind, text: str) -> None:
-        self._journal.notice(kind, text)
-
     # --- sending
 
     def _bid(self) -> State:
@@ -266,7 +272,7 @@ class Link:
 
     def _put_bid(self) -> None:
         self._notice(NoticeKind.BID_SENT, "ENQ")
-        self._out.append(Control.ENQ)
+        self._out.append(_ENQ)
         self._arm(self._profile.answer_timeout_s)
 
     def _bid_again(self) -> State:
@@ -394,7 +400,7 @@ class Link:
 
     def _put_ack(self, text: str) -> None:
         self._notice(NoticeKind.ACK_SENT, text)
-        self._out.append(Control.ACK)
+        self._out.append(_ACK)
 
     def _arm_for_block(self) -> None:
         # A sender that missed our answer repeats after its own time-out: be there a little longer.
