@@ -20,7 +20,8 @@ def full_scales_si(forces: Sequence[int], moments: Sequence[int]) -> tuple[float
 
 def wrench_from_counts(counts: Sequence[int], full_scales: Sequence[float]) -> tuple[float, ...]:
     """Six counts in N and N·m; full scales in N and N·m."""
-    return tuple(count * scale / FULL_SCALE_COUNTS for count, scale in zip(counts, full_scales, strict=True))
+    (fx, fy, fz, mx, my, mz), (a, b, c, d, e, f), one = counts, full_scales, FULL_SCALE_COUNTS
+    return fx * a / one, fy * b / one, fz * c / one, mx * d / one, my * e / one, mz * f / one
 
 
 def counts_from_wrench(wrench: Sequence[float], full_scales: Sequence[float]) -> tuple[int, ...]:

@@ -166,13 +166,12 @@ def decode_acknowledge(payload: bytes) -> Acknowledge:
 
 def encode_data(counts: Sequence[int], counter: int) -> bytes:
     """The frame of one sample of six counts. Raises LocalProtocolError for values that do not fit."""
-    values = dict(zip(AXES, counts, strict=True))
-    return bytes(Frame(Op.DATA, DATA.pack({**values, "counter": counter})))
+    return bytes(Frame(Op.DATA, DATA.pack_row(*counts, counter)))
 
 
 def decode_data(payload: bytes) -> Data:
     """Raises RemoteProtocolError when it is too short."""
-    fx, fy, fz, mx, my, mz, counter = (int(value) for value in DATA.unpack(payload).values())
+    fx, fy, fz, mx, my, mz, counter = DATA.unpack_row(payload)
     return Data((fx, fy, fz, mx, my, mz), counter)
 
 

@@ -18,7 +18,7 @@ from protocol.jr3.uart_gateway.messages import (
     Op,
 )
 
-_SHORT, _LONG = (layout.size + OVERHEAD for layout in LAYOUTS[Op.ACKNOWLEDGE])
+_LONG = LAYOUTS[Op.ACKNOWLEDGE][-1].size + OVERHEAD
 _NO_FRAME = 0
 
 
@@ -27,8 +27,11 @@ class Reader:
 
     def __init__(self, ops: Collection[Op]) -> None:
         """`ops` are those that can come: what has another is no frame."""
-        self._ops = {b"%b%02d" % (OPENING, op): op for op in ops}
-        self._waiting = bytearray()
+        self._begins = {b"%b%02d" % (OPENING, op): (op, LAYOUTS[op][0].size + OVERHEAD) for op in ops}
+        """What a frame may begin with, and its op and least size."""
+        self._waiting = b""
+        self._at = 0
+        """How many of the bytes that wait have been read."""
         self._in_noise = False
         self.skipped = 0
         """Bytes that belong to no frame."""
@@ -37,7 +40,8 @@ class Reader:
 
     def feed(self, data: bytes) -> None:
         """Take what arrived."""
-        self._waiting += data
+        self._waiting = self._waiting[self._at :] + data
+        self._at = 0
 
     def next_frame(self, *, scales_expected: bool = True, ended: bool = False) -> Frame | None:
         """The next frame, or None until more arrives; at most 17 bytes wait for more.
@@ -45,50 +49,44 @@ class Reader:
         `scales_expected` is false for who knows that no full scales were asked for: a short acknowledge is then
         known at once. `ended` says that nothing more will come: what waits is read for what it is.
         """
+        waiting = self._waiting
         while True:
-            opening = self._waiting.find(OPENING)
-            self._skip(len(self._waiting) if opening < 0 else opening)
-            size = self._size(scales_expected, ended)
+            begin = waiting.find(OPENING, self._at)
+            if begin != self._at:
+                self._skip((len(waiting) if begin < 0 else begin) - self._at)
+            payload = self._at + HEAD_SIZE
+            if len(waiting) < payload and not (ended and self._at < len(waiting)):
+                return None
+            op, least = self._begins.get(waiting[self._at : payload], (None, _NO_FRAME))
+            size = self._size(op, least, scales_expected, ended)
             if size is None:
                 return None
-            if size:
-                frame = Frame(
-                    self._ops[bytes(self._waiting[:HEAD_SIZE])], bytes(self._waiting[HEAD_SIZE : size - 1])
-                )
-                del self._waiting[:size]
+            if op is not None and size:
+                self._at += size
                 self._in_noise = False
-                return frame
+                return Frame(op, waiting[payload : self._at - 1])
             self._skip(1)
 
     def _skip(self, count: int) -> None:
         if not count:
             return
-        del self._waiting[:count]
+        self._at += count
         self.skipped += count
         self.noises += not self._in_noise
         self._in_noise = True
 
-    def _size(self, scales_expected: bool, ended: bool) -> int | None:
+    def _size(self, op: Op | None, least: int, scales_expected: bool, ended: bool) -> int | None:
         """Bytes of the frame that begins here, 0 when none does, None when more must come to tell."""
-        if len(self._waiting) < HEAD_SIZE:
-            return _NO_FRAME if ended and self._waiting else None
-        op = self._ops.get(bytes(self._waiting[:HEAD_SIZE]))
-        if op is None:
-            return _NO_FRAME
-        if op is Op.ACKNOWLEDGE:
-            return self._acknowledge_size(scales_expected, ended)
-        return self._closed_at(LAYOUTS[op][0].size + OVERHEAD, ended)
-
-    def _acknowledge_size(self, scales_expected: bool, ended: bool) -> int | None:
-        short = self._closed_at(_SHORT, ended)
-        if short is None or (short and not scales_expected):
-            return short
-        if short and self._waiting[short : short + 1] == OPENING:
-            return short
+        size = self._closed_at(least, ended) if op is not None else _NO_FRAME
+        if op is not Op.ACKNOWLEDGE or size is None or (size and not scales_expected):
+            return size
+        if size and self._waiting[self._at + size : self._at + size + 1] == OPENING:
+            return size
         long = self._closed_at(_LONG, ended)
-        return long if long is None else long or short
+        return long if long is None else long or size
 
     def _closed_at(self, size: int, ended: bool) -> int | None:
-        if len(self._waiting) < size:
+        end = self._at + size
+        if len(self._waiting) < end:
             return _NO_FRAME if ended else None
-        return size if self._waiting[size - 1 : size] == CLOSING else _NO_FRAME
+        return size if self._waiting[end - 1 : end] == CLOSING else _NO_FRAME
