@@ -140,7 +140,7 @@ class ForceSensor:
                     return self.wrench(frame)
                 share = (at - frame.at) / (later.at - frame.at)
                 before, after = self.wrench(frame), self.wrench(later)
-                return tuple(a + share * (b - a) for a, b in zip(before, after, strict=True))
+                return tuple([a + share * (b - a) for a, b in zip(before, after, strict=True)])
             later = frame
         return None
 

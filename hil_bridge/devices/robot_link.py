@@ -2,6 +2,7 @@
 
 import asyncio
 import math
+from collections import deque
 from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import asynccontextmanager
 from typing import TypeVar, overload
@@ -43,6 +44,8 @@ from protocol.values import dataclass
 _Raw = TypeVar("_Raw")
 _Meaning = TypeVar("_Meaning")
 
+_RECEIVED = Direction.RECEIVED
+_ENQ, _EOT = int(Control.ENQ), int(Control.EOT)
 _ZEROS: Vector = (0.0, 0.0, 0.0)
 """What a start, and an end without any point before it, carry as coordinates."""
 
@@ -88,6 +91,9 @@ class RobotLink:
         self._host.link.verbose = on_link_event is not None
         self._pump: Pump[bytes, ArapEvent] = Pump(self._host, self._transport, clock, self._take, self._ended)
         self._answer: asyncio.Future[Telegram] | None = None
+        """Of the order under way; cancelled when nobody waits for it any more."""
+        self._waiting: deque[asyncio.Future[None]] = deque()
+        """Those who wait for the order under way to end."""
         self._failure: BridgeError | None = None
 
     @property
@@ -151,16 +157,19 @@ class RobotLink:
 
     async def _exchange(self, *telegrams: Telegram) -> Telegram:
         """Send one order, of one block or several, and wait for its answer."""
+        loop = asyncio.get_running_loop()
         while self._answer is not None:  # a cancelled caller may have left its order under way
-            await asyncio.wait([self._answer])
+            ended = loop.create_future()
+            self._waiting.append(ended)
+            await ended
         if self._failure is not None:
             raise self._failure
         self._host.order(*telegrams)
         self._begun_at = self._transmitted_at = math.nan
-        answer = self._answer = asyncio.get_running_loop().create_future()
-        answer.add_done_callback(self._settled)
+        answer: asyncio.Future[Telegram] = loop.create_future()
+        self._answer = answer
         self._pump.kick()
-        return await asyncio.shield(answer)
+        return await answer
 
     def _understood(self, read: Callable[[_Raw], _Meaning], raw: _Raw) -> _Meaning:
         """What an answer means. Raises DeviceError when it cannot be read."""
@@ -194,18 +203,12 @@ class RobotLink:
 
     def _passed(self, direction: Direction, data: bytes) -> None:
         """Stamp an order's way out: the first bid, and what ended it last."""
-        if direction is Direction.RECEIVED or self._answer is None:
+        if direction is _RECEIVED or self._answer is None:
             return
-        if data[-1] == Control.ENQ and math.isnan(self._begun_at):
+        if data[-1] == _ENQ and math.isnan(self._begun_at):
             self._begun_at = self._clock.now()
-        elif data[-1] == Control.EOT:
+        elif data[-1] == _EOT:
             self._transmitted_at = self._clock.now() + len(data) * self.profile.character_time
-
-    def _settled(self, answer: "asyncio.Future[Telegram]") -> None:
-        if self._answer is answer:
-            self._answer = None
-        if not answer.cancelled():
-            answer.exception()  # seen, also when nobody waits any more
 
     def _take(self, event: ArapEvent) -> None:
         match event:
@@ -231,13 +234,20 @@ class RobotLink:
             self._on_notice("link", text)
 
     def _resolve(self, outcome: Telegram | BridgeError) -> None:
-        answer = self._answer
-        if answer is None or answer.done():
+        answer, self._answer = self._answer, None
+        if answer is None:
             return
-        if isinstance(outcome, BridgeError):
+        if answer.cancelled():
+            pass  # nobody waits any more
+        elif isinstance(outcome, BridgeError):
             answer.set_exception(outcome)
+            answer.exception()  # seen, also when its caller is cancelled before it looks
         else:
             answer.set_result(outcome)
+        while self._waiting:
+            ended = self._waiting.popleft()
+            if not ended.done():
+                ended.set_result(None)
 
     def _ended(self, cause: BaseException) -> None:
         if isinstance(cause, BridgeError):

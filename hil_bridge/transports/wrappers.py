@@ -22,6 +22,9 @@ class Direction(StrEnum):
     SENT = "tx"
 
 
+_SENT = Direction.SENT
+
+
 class Tap(Generic[Data]):
     """Shows all traffic to `on_traffic(direction, data)`: sent data once the wire has taken it, received data
     before it is delivered. What `on_traffic` raises comes out where the data came in.
@@ -39,15 +42,17 @@ class Tap(Generic[Data]):
 
     def start(self, on_data: Callable[[Data], None], on_end: Callable[[TransportError], None]) -> None:
         def arrived(data: Data) -> None:
-            self._on_traffic(Direction.RECEIVED, data)
+            on_traffic(received, data)
             on_data(data)
+
+        on_traffic, received = self._on_traffic, Direction.RECEIVED
 
         self._inner.start(arrived, on_end)
 
     def send(self, data: Data) -> None:
         self._inner.send(data)
         if len(data):
-            self._on_traffic(Direction.SENT, data)
+            self._on_traffic(_SENT, data)
 
     async def aclose(self) -> None:
         await self._inner.aclose()
