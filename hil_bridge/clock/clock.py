@@ -26,8 +26,9 @@ class Clock:
         self.loop = loop
         self.is_virtual = isinstance(loop, VirtualLoop)
         """True when nothing waits: what is asked for happens at its exact instant."""
-        self.now: Callable[[], float] = loop.time
-        """The loop's time, s."""
+        own_time = getattr(type(loop), "time", None) is not asyncio.BaseEventLoop.time
+        self.now: Callable[[], float] = loop.time if own_time else time.monotonic
+        """The loop's time, s; asyncio's own is asked for without a call between."""
         self.call_at: Callable[[float, Callable[[], object]], Timer] = loop.call_at
         """Call back at a time, s on this clock; soon, but never before this returns, when that has passed.
 
