@@ -28,7 +28,7 @@ from hil_bridge.devices import ForceSensor, Motion, RobotLink
 from hil_bridge.errors import BridgeError, DeviceError
 from hil_bridge.line_time import answer_time
 from hil_bridge.recording import PHASE_EVENT, STOP_EVENT, CycleRecord, EventRecord, Outcome
-from protocol.arap import Quaternion, Status, Vector, round_position
+from protocol.arap import Quaternion, Status, Vector
 from protocol.jr3 import AXES, SensorFrame
 from protocol.values import dataclass
 
@@ -175,7 +175,7 @@ class Run:
                 track_ends = sample.now + self._config.run.duration_s
             if decision.output.failed and result.outcome is not Outcome.STOPPED:
                 result = self._stopped(decision.output.cause)
-            await motion.to(round_position(decision.position), status.quaternion)
+            await motion.to(decision.position, status.quaternion)
             times = self._robot.times
             self._log.cycle(
                 self._record(
