@@ -26,9 +26,8 @@ class Clock:
         self.loop = loop
         self.is_virtual = isinstance(loop, VirtualLoop)
         """True when nothing waits: what is asked for happens at its exact instant."""
-        own_time = getattr(type(loop), "time", None) is not asyncio.BaseEventLoop.time
-        self.now: Callable[[], float] = loop.time if own_time else time.monotonic
-        """The loop's time, s; asyncio's own is asked for without a call between."""
+        self.now: Callable[[], float] = loop.time if self.is_virtual else time.monotonic
+        """Time, s. In real time what asyncio's loop calls too, since another loop may tell it to a millisecond only."""
         self.call_at: Callable[[float, Callable[[], object]], Timer] = loop.call_at
         """Call back at a time, s on this clock; soon, but never before this returns, when that has passed.
 
@@ -41,7 +40,7 @@ class Clock:
             self.call_at, self.call_soon = loop.timer, loop.soon
             self._anchor, self._anchor_wall_ns = VIRTUAL_EPOCH, VIRTUAL_WALL_NS
             return
-        self._anchor, self._anchor_wall_ns = loop.time(), time.time_ns()
+        self._anchor, self._anchor_wall_ns = self.now(), time.time_ns()
         if sys.platform == "linux":
             timers = PreciseTimers(loop)
             self.call_at, self._close = timers.call_at, timers.close
@@ -53,7 +52,7 @@ class Clock:
 
     async def sleep_until(self, when: float) -> None:
         """Return at `when`, s on this clock; when that has passed, after one turn of the loop."""
-        if when <= self.loop.time():
+        if when <= self.now():
             await asyncio.sleep(0)
             return
         woken = self.loop.create_future()
@@ -72,7 +71,7 @@ class Clock:
 
         A stamp that lies in the future or more than a second back is not believed: that is now.
         """
-        now = self.loop.time()
+        now = self.now()
         if self.is_virtual:
             return now
         age = time.time() - wall

@@ -12,6 +12,7 @@ import itertools
 import math
 import os
 import sys
+import time
 from collections.abc import Callable
 
 _CLOCK_MONOTONIC = 1
@@ -37,7 +38,7 @@ class Deadline:
 
 
 class PreciseTimers:
-    """Deadlines on the monotonic clock, which is also the loop's clock on Linux."""
+    """Deadlines on the monotonic clock, which asyncio's loop has too."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
         self._loop = loop
@@ -83,7 +84,7 @@ class PreciseTimers:
             os.read(self._fd, 8)
         except BlockingIOError:
             return
-        now = self._loop.time()
+        now = time.monotonic()
         self._expiring = True
         try:
             # a deadline set meanwhile waits for the next turn, or wires would starve
