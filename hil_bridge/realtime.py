@@ -1,4 +1,4 @@
-"""What makes one thread of a Linux process keep its times: priority, processor, memory, garbage.
+"""What makes one thread of a Linux process keep its times: priority, processor, memory, garbage, other threads.
 
 Nothing of this is needed for a loop of a few hertz; a 1 kHz sensor on a busy machine is what it is for.
 """
@@ -6,6 +6,7 @@ Nothing of this is needed for a loop of a few hertz; a 1 kHz sensor on a busy ma
 import ctypes
 import gc
 import os
+import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
@@ -14,6 +15,11 @@ from typing import Any, ClassVar
 
 from hil_bridge.errors import ConfigError
 from protocol.marks import Mark, check_settings, setting
+
+GIVE_WAY_S = 1e-4
+"""For so long at most a thread that computes keeps the interpreter from one that has been woken. Chosen: by itself
+that is 5 ms, and the recorder's writer would hold up the loop for all that it has to encode at once.
+"""
 
 _MCL_CURRENT, _MCL_FUTURE = 1, 2
 """Flags of mlockall. Source: Linux, sys/mman.h."""
@@ -64,6 +70,17 @@ def scheduled(wanted: RealTime) -> Iterator[ThreadPoolExecutor | None]:
     finally:
         for step in reversed(undo):
             step()
+
+
+@contextmanager
+def prompt_threads() -> Iterator[None]:
+    """Let a thread that is woken wait for a computing one no longer than `GIVE_WAY_S`."""
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(GIVE_WAY_S)
+    try:
+        yield
+    finally:
+        sys.setswitchinterval(before)
 
 
 @contextmanager

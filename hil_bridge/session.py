@@ -20,7 +20,7 @@ from hil_bridge.config import Config, dump
 from hil_bridge.devices import ForceSensor, RobotLink
 from hil_bridge.errors import BridgeError, ConfigError
 from hil_bridge.line_time import line_floor
-from hil_bridge.realtime import collect_young, quiet_garbage, scheduled
+from hil_bridge.realtime import collect_young, prompt_threads, quiet_garbage, scheduled
 from hil_bridge.recording import (
     CHUNKS,
     VIRTUAL_CHUNKS,
@@ -262,7 +262,7 @@ class _Session:
             if self._clock.is_virtual:
                 yield
                 return
-            with scheduled(self._config.realtime) as executor:
+            with prompt_threads(), scheduled(self._config.realtime) as executor:
                 if executor is not None:
                     asyncio.get_running_loop().set_default_executor(executor)
                 yield

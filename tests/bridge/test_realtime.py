@@ -4,13 +4,14 @@ import ctypes
 import gc
 import os
 import resource
+import sys
 import threading
 from pathlib import Path
 
 import pytest
 
 from hil_bridge.errors import ConfigError
-from hil_bridge.realtime import RealTime, collect_young, quiet_garbage, scheduled
+from hil_bridge.realtime import GIVE_WAY_S, RealTime, collect_young, prompt_threads, quiet_garbage, scheduled
 
 
 def locked_kilobytes() -> int:
@@ -27,6 +28,13 @@ def test_nothing_changes_where_nothing_is_wanted() -> None:
     with scheduled(RealTime()) as executor:
         assert executor is None
         assert (os.sched_getaffinity(0), os.sched_getscheduler(0), locked_kilobytes()) == before
+
+
+def test_a_computing_thread_gives_way_soon() -> None:
+    before = sys.getswitchinterval()
+    with prompt_threads():
+        assert sys.getswitchinterval() == pytest.approx(GIVE_WAY_S)
+    assert sys.getswitchinterval() == before
 
 
 def test_only_the_loops_thread_is_pinned() -> None:
