@@ -1,5 +1,6 @@
 """The clients of robot and sensor against peers that misbehave, in virtual time; peers are scripted bytes."""
 
+import asyncio
 from collections.abc import Awaitable, Callable, Mapping
 
 import pytest
@@ -287,6 +288,27 @@ def test_orders_are_called_by_name_with_values_in_their_units() -> None:
         assert (await robot.read_status()).operation
 
     with_robot(script, S3Site(ORDERS))
+
+
+def test_who_gives_up_an_order_leaves_it_under_way_and_the_next_wait_for_its_end() -> None:
+    async def script(robot: RobotLink, clock: Clock) -> None:
+        ended: list[str] = []
+
+        async def order(name: str) -> None:
+            await robot.order(name)
+            ended.append(name)
+
+        first, *others = [
+            asyncio.create_task(order(name)) for name in ("read_status", "stop_program", "write_mode")
+        ]
+        await clock.sleep_until(clock.now() + 0.005)
+        first.cancel()
+        others[1].cancel()
+        await asyncio.gather(first, *others, return_exceptions=True)
+        assert ended == ["stop_program"]
+        assert robot.counters["messages sent"] == robot.counters["messages received"] == 2
+
+    with_robot(script)
 
 
 def test_an_order_that_cannot_be_is_refused_before_anything_is_sent() -> None:
