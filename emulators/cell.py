@@ -121,13 +121,17 @@ class Cell:
             tool_length=length,
             site=site,
         )
-        self.sensor = Jr3Sensor(profile.sensor, self.wrench, seed, self.robot.motion.certain_until)
-        """What every receiver of the sensor reads. A sensor has one plug: use one receiver of a cell."""
         self._profile = profile
         self._powered_at = now
         self._seed = seed
         self._motion = self.robot.motion
         self._contact = Contact(profile.surface)
+        motion = self._motion
+        # A material that remembers cannot unlearn what came otherwise.
+        foreseen_until = None if self.remembers else motion.foreseen_until
+        self.sensor = Jr3Sensor(profile.sensor, self.wrench, seed, motion.certain_until, foreseen_until)
+        """What every receiver of the sensor reads. A sensor has one plug: use one receiver of a cell."""
+        motion.on_change = self.sensor.forget
         self._tip = np.array([0.0, 0.0, length])
         self._centre_of_gravity = np.array(profile.tool.centre_of_gravity_mm) / 1000.0
         self._weight = profile.tool.mass_kg * _GRAVITY

@@ -43,6 +43,7 @@ class Truths:
     def cycle(self, record: CycleRecord) -> None:
         """A cycle has just ended, and no further order is under way."""
         cell, cycles = self._cell, self._cycles
+        cell.robot.motion.advance(record.answered_at)
         sampled_at = cell.gateway.sampled_at(record.sensor_counter) if self._sensor else None
         cycles.append(
             _Cycle(

@@ -40,7 +40,7 @@ class _Sampling:
     taken: int = 0
     """Samples so far: the frame counter before it wraps."""
     read: int = 0
-    """Samples that were read of the sensor so far, some of them ahead of their time."""
+    """Samples that were read of the sensor so far, some of them ahead of their time and perhaps in vain."""
     ahead: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 6)))
     """Counts of the samples that were read last: those not yet taken are at its end."""
 
@@ -66,6 +66,7 @@ class Firmware:
         self.initialised = False
         """Whether the sensor's calibration has been read."""
         self._sensor = sensor
+        sensor.on_forget.append(self._forget)
         self._sample_period = sample_period_us * 1e-6
         self._shortest_period = shortest_period_us * 1e-6
         self._smoothing = 1.0
@@ -205,6 +206,19 @@ class Firmware:
         times = np.arange(before + 1, sampling.read + 1) * period + began
         numbers = np.floor(times * SENSOR_RATE_HZ).astype(np.int64)
         sampling.ahead = np.concatenate((rest, counts.take(numbers - first, axis=0)))
+
+    def _forget(self, first: int) -> None:
+        """The sensor's samples from this number on will be others."""
+        sampling = self._sampling
+        if sampling is None:
+            return
+        period, began = self._sample_period, sampling.started_at
+        read = math.floor((first / SENSOR_RATE_HZ - began) / period) + 1
+        while read > sampling.taken and math.floor((read * period + began) * SENSOR_RATE_HZ) >= first:
+            read -= 1
+        if read < sampling.read:
+            sampling.ahead = sampling.ahead[: len(sampling.ahead) - (sampling.read - read)]
+            sampling.read = read
 
     def _filter(self, counts: NDArray[np.float64]) -> None:
         """First-order low pass, y += α (x − y); α may differ from the block before."""

@@ -24,6 +24,8 @@ _AHEAD = 4096
 """Chosen: most samples computed before anybody asks for them."""
 _CHUNK = 1024
 """Samples of noise drawn at once; part of what a seed means, so not to be changed."""
+_CHUNKS = 4
+"""Chosen: as many as what may be forgotten and asked for again lies in."""
 
 
 @dataclass(frozen=True)
@@ -96,7 +98,8 @@ class Jr3Sensor:
 
     `wrench_at` is given times (n,) in s that never run backwards as long as the reader's do not, and
     answers with the wrench (n, 6) on the sensor in the sensor frame, N and N·m. `certain_until` is given the
-    present time and tells up to which time the wrench can be asked for already and will not change any more.
+    present time and tells up to which time the wrench can be asked for already and will not change any more;
+    `foreseen_until` likewise up to which time it can be asked for by whoever has it say by `forget` when it changes.
     """
 
     def __init__(
@@ -105,10 +108,14 @@ class Jr3Sensor:
         wrench_at: Callable[[NDArray[np.float64]], NDArray[np.float64]],
         seed: int,
         certain_until: Callable[[float], float] | None = None,
+        foreseen_until: Callable[[float], float] | None = None,
     ) -> None:
         self.profile = profile
+        self.on_forget: list[Callable[[int], object]] = []
+        """Told the number of the first sample that may be another than `counts_from` has said."""
         self._wrench_at = wrench_at
         self._certain_until = certain_until
+        self._foreseen_until = foreseen_until
         self._seed = seed
         words = np.array(profile.full_scale_words, dtype=np.float64)
         self._counts_per_unit = FULL_SCALE_COUNTS / (words * [1, 1, 1, 0.1, 0.1, 0.1])
@@ -119,8 +126,8 @@ class Jr3Sensor:
         self._ready = np.empty((0, _AXES))
         """Counts of the samples from number `_ready_from` on that were computed already."""
         self._ready_from = 0
-        self._chunk_number: int | None = None
-        self._chunk = np.empty((_AXES, 0))
+        self._chunks: dict[int, NDArray[np.float64]] = {}
+        """Noise that was drawn last, by its number."""
 
     def counts(self, indices: NDArray[np.int64]) -> NDArray[np.int64]:
         """Six counts (n, 6) of the samples with these numbers k, which do not fall.
@@ -134,18 +141,27 @@ class Jr3Sensor:
 
     def counts_from(self, first: int, last: int) -> NDArray[np.float64]:
         """Six counts (n, 6), whole numbers, of sample number `first` and all after it: to `last`, the newest that
-        there is at present, and on behind it as far as they are certain.
+        there is at present, and on behind it as far as they are certain, or foreseen: see `on_forget`.
         """
         begin, ready = self._ready_from, self._ready_from + len(self._ready)
         if not begin <= first <= ready:
             begin = ready = first
         if last >= ready:
-            ahead = math.floor(self.certain_until(last / SENSOR_RATE_HZ) * SENSOR_RATE_HZ)
+            look_ahead = self._foreseen_until or self.certain_until
+            ahead = math.floor(look_ahead(last / SENSOR_RATE_HZ) * SENSOR_RATE_HZ)
             fresh = self._counts(np.arange(ready, max(last + 1, min(ahead, last + _AHEAD))))
             # What was read last is kept: a reader may begin anew at the same moment.
             self._ready = np.concatenate((self._ready[first - begin :], fresh)) if ready > first else fresh
             begin = self._ready_from = first
         return self._ready[first - begin :]
+
+    def forget(self, certain_until: float) -> None:
+        """What was foreseen comes otherwise from this time on, s."""
+        certain = math.floor(certain_until * SENSOR_RATE_HZ)
+        if certain < self._ready_from + len(self._ready):
+            self._ready = self._ready[: max(certain - self._ready_from, 0)]
+            for tell in self.on_forget:
+                tell(certain)
 
     def _counts(self, indices: NDArray[np.int64]) -> NDArray[np.float64]:
         # One row an axis: numpy is quickest along the last dimension, and six is too short for it.
@@ -200,10 +216,12 @@ class Jr3Sensor:
         )
 
     def _noise_chunk(self, number: int) -> NDArray[np.float64]:
-        if number != self._chunk_number:
+        chunk = self._chunks.get(number)
+        if chunk is None:
             # A counter-based generator reaches every chunk at once; the upper words keep chunks apart.
             bits = np.random.Philox(key=self._seed % 2**128, counter=[0, 0, number % 2**64, 0])
             noise = np.random.Generator(bits).normal(0.0, self.profile.noise_counts, (_CHUNK, _AXES))
-            self._chunk = np.ascontiguousarray(noise.T)
-            self._chunk_number = number
-        return self._chunk
+            chunk = self._chunks[number] = np.ascontiguousarray(noise.T)
+            if len(self._chunks) > _CHUNKS:
+                del self._chunks[next(iter(self._chunks))]
+        return chunk

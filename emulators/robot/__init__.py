@@ -3,10 +3,11 @@
 from emulators.robot.controller import S3Controller
 from emulators.robot.faults import FAULTS, Fault, Parameter, fault_values
 from emulators.robot.kinematics import Arm, Joints, Route
-from emulators.robot.motion import Motion, ServoProfile, Waypoint
+from emulators.robot.motion import Motion
 from emulators.robot.panel import Panel, PanelState
 from emulators.robot.profile import S3Profile
 from emulators.robot.programs import MoveStep, Step, WaitStep, read_steps
+from emulators.robot.servo import ServoProfile, Waypoint
 from emulators.robot.site import EMPTY_SITE, S3Site, SiteOrders
 from emulators.robot.state import CHANGES, REFUSALS, Activity, State, Stimulus, refusal
 from emulators.robot.work_area import OutsideWorkArea, WorkArea

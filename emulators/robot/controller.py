@@ -14,9 +14,9 @@ from emulators.robot.executive import Executive, Order
 from emulators.robot.faults import FaultValue, fault_values
 from emulators.robot.kinematics import Joints
 from emulators.robot.line import FaultyLine, Strike
-from emulators.robot.motion import ServoProfile
 from emulators.robot.profile import S3Profile
 from emulators.robot.programs import ProgramRun
+from emulators.robot.servo import ServoProfile
 from emulators.robot.site import EMPTY_SITE, S3Site
 from emulators.robot.state import State, Stimulus
 from protocol.adlp import LinkProfile, MessageReceived

@@ -12,10 +12,11 @@ from typing import TypeAlias
 import numpy as np
 
 from emulators.robot.kinematics import Joints
-from emulators.robot.motion import Motion, ServoProfile, Waypoint
+from emulators.robot.motion import Motion
 from emulators.robot.profile import S3Profile
 from emulators.robot.programs import MoveStep, ProgramRun, Step, WaitStep, read_steps
 from emulators.robot.quaternions import normalised
+from emulators.robot.servo import ServoProfile, Waypoint
 from emulators.robot.site import S3Site, SiteOrders
 from emulators.robot.state import (
     CHANGES,

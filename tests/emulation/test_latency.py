@@ -25,7 +25,8 @@ from emulators.jr3 import (
 from emulators.materials import MaterialKind, MaterialProfile
 from emulators.quantiles import draw
 from emulators.robot import S3Controller, S3Profile, ServoProfile
-from emulators.robot.motion import Motion, Waypoint
+from emulators.robot.motion import Motion
+from emulators.robot.servo import Waypoint
 from protocol.adlp import LinkProfile
 from protocol.can import CanFrame
 
