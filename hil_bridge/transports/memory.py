@@ -25,11 +25,16 @@ _LISTENERS: WeakKeyDictionary[asyncio.AbstractEventLoop, dict[str, _Listener]] =
 
 
 def memory_pair(
-    clock: Clock, latency_s: float = 0.0, name: str = "memory:pair"
+    clock: Clock, latency_s: float = 0.0, name: str = "memory:pair", line: bool = False
 ) -> tuple[Transport[bytes], Transport[bytes]]:
-    """Two ends of a wire. What one sends reaches the other whole after the latency, never within `send`."""
-    here = _MemoryEnd(clock, latency_s, name)
-    there = _MemoryEnd(clock, latency_s, name)
+    """Two ends of a wire. What one sends reaches the other whole after the latency, never within `send`.
+
+    `line` promises that one of the two is given to a serial line: that takes time itself, so that without latency
+    the wire hands on within `send`, and no byte is with anybody earlier for it.
+    """
+    at_once = line and latency_s <= 0.0
+    here = _MemoryEnd(clock, latency_s, name, at_once)
+    there = _MemoryEnd(clock, latency_s, name, at_once)
     here.peer, there.peer = there, here
     return here, there
 
@@ -47,8 +52,12 @@ def listen_memory(name: str, clock: Clock, end: LineEnd | None = None) -> Transp
     return exchange
 
 
-def connect_memory(name: str, latency_s: float, clock: Clock) -> tuple[Transport[bytes], LineEnd | None]:
+def connect_memory(
+    name: str, latency_s: float, clock: Clock, line: bool = False
+) -> tuple[Transport[bytes], LineEnd | None]:
     """Connect to who listens under this name; gives the wire and the listener's UART, if it has one.
+
+    The wire is to be given to a serial line where the listener has a UART, or where `line` says so.
 
     Raises TransportUnavailable when nobody listens or another client is there.
     """
@@ -59,7 +68,7 @@ def connect_memory(name: str, latency_s: float, clock: Clock) -> tuple[Transport
         )
     if listener.exchange.busy:
         raise TransportUnavailable(f"memory:{name}: another client is connected; close that one first")
-    here, there = memory_pair(clock, latency_s, f"memory:{name}")
+    here, there = memory_pair(clock, latency_s, f"memory:{name}", line or listener.end is not None)
     listener.exchange.attach(there)
     return here, listener.end
 
@@ -69,11 +78,12 @@ def _forget(clock: Clock, name: str) -> None:
 
 
 class _MemoryEnd:
-    __slots__ = ("_delivery", "_latency", "_queue", "peer")
+    __slots__ = ("_at_once", "_delivery", "_latency", "_queue", "peer")
 
     peer: "_MemoryEnd"
 
-    def __init__(self, clock: Clock, latency: float, name: str) -> None:
+    def __init__(self, clock: Clock, latency: float, name: str, at_once: bool) -> None:
+        self._at_once = at_once
         self._delivery: Delivery[bytes] = Delivery(name, QUEUE_BYTES)
         self._queue = TimedQueue(clock)
         self._latency = latency
@@ -94,7 +104,10 @@ class _MemoryEnd:
             raise TransportError(
                 f"{self.name}: the queue of {QUEUE_BYTES} bytes is full; the peer does not read"
             )
-        self._queue.put(partial(arrivals.data, bytes(data)), len(data), self._latency)
+        if self._at_once:
+            arrivals.data(bytes(data))
+        else:
+            self._queue.put(partial(arrivals.data, bytes(data)), len(data), self._latency)
 
     async def aclose(self) -> None:
         if not self._delivery.begin_close():

@@ -59,8 +59,8 @@ async def connect_bytes(url: str, clock: Clock, on_notice: Notice = _log) -> Tra
 
 def _connect_memory(parsed: WireUrl, clock: Clock, on_notice: Notice) -> Transport[bytes]:
     latency_s = parsed.options.get("latency_ms", 0.0) / 1e3
-    wire, far = connect_memory(parsed.target, latency_s, clock)
     line = parsed.line
+    wire, far = connect_memory(parsed.target, latency_s, clock, line is not None)
     if line is None and far is not None:
         line = far.settings()
     if line is None:
