@@ -149,7 +149,7 @@ class Jr3Sensor:
         if last >= ready:
             look_ahead = self._foreseen_until or self.certain_until
             ahead = math.floor(look_ahead(last / SENSOR_RATE_HZ) * SENSOR_RATE_HZ)
-            fresh = self._counts(np.arange(ready, max(last + 1, min(ahead, last + _AHEAD))))
+            fresh = self._counts(ready, max(last + 1, min(ahead, last + _AHEAD)))
             # What was read last is kept: a reader may begin anew at the same moment.
             self._ready = np.concatenate((self._ready[first - begin :], fresh)) if ready > first else fresh
             begin = self._ready_from = first
@@ -163,16 +163,19 @@ class Jr3Sensor:
             for tell in self.on_forget:
                 tell(certain)
 
-    def _counts(self, indices: NDArray[np.int64]) -> NDArray[np.float64]:
+    def _counts(self, first: int, stop: int) -> NDArray[np.float64]:
+        """Six counts (n, 6) of the samples from number `first` to before `stop`."""
+        times = np.arange(first, stop) / SENSOR_RATE_HZ
         # One row an axis: numpy is quickest along the last dimension, and six is too short for it.
-        counts = self._wrench_at(indices / SENSOR_RATE_HZ).T * self._counts_per_unit[:, np.newaxis]
+        counts = self._wrench_at(times).T * self._counts_per_unit[:, np.newaxis]
         if self.profile.noise_counts:
-            counts += self._noise(indices)
+            for number in range(first // _CHUNK, (stop - 1) // _CHUNK + 1):
+                begin = number * _CHUNK
+                here, end = max(first, begin), min(stop, begin + _CHUNK)
+                counts[:, here - first : end - first] += self._noise_chunk(number)[:, here - begin : end - begin]
         # Assumed: rounded to nearest.
         np.rint(counts, out=counts)
-        # ndarray.clip costs several times as much for blocks as small as one period.
-        np.maximum(counts, -32768.0, out=counts)
-        np.minimum(counts, self._saturation_counts, out=counts)
+        counts.clip(-32768.0, self._saturation_counts, out=counts)
         return counts.T
 
     def certain_until(self, now: float) -> float:
@@ -194,8 +197,7 @@ class Jr3Sensor:
         np.rint(channels, out=channels)
         if step > 1:
             channels *= step
-        np.maximum(channels, -32768.0, out=channels)
-        np.minimum(channels, self.profile.saturation_counts, out=channels)
+        channels.clip(-32768.0, self._saturation_counts, out=channels)
         return channels.astype(np.int64)
 
     def _noise(self, indices: NDArray[np.int64]) -> NDArray[np.float64]:
@@ -220,8 +222,10 @@ class Jr3Sensor:
         if chunk is None:
             # A counter-based generator reaches every chunk at once; the upper words keep chunks apart.
             bits = np.random.Philox(key=self._seed % 2**128, counter=[0, 0, number % 2**64, 0])
-            noise = np.random.Generator(bits).normal(0.0, self.profile.noise_counts, (_CHUNK, _AXES))
-            chunk = self._chunks[number] = np.ascontiguousarray(noise.T)
+            noise = np.random.Generator(bits).standard_normal((_CHUNK, _AXES))
+            chunk = np.ascontiguousarray(noise.T)
+            chunk *= self.profile.noise_counts
+            self._chunks[number] = chunk
             if len(self._chunks) > _CHUNKS:
                 del self._chunks[next(iter(self._chunks))]
         return chunk

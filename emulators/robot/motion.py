@@ -161,21 +161,30 @@ class Motion:
 
     def _reported_steps(self, now: float) -> list[int]:
         self.advance(now - self._delay)
-        times = np.array([now])
-        positions, _ = self.trajectory(times)
-        steps, _, _, offsets = self._records[self._locate(times)[0] % self._size]
+        row, tau = self._row_at(now)
+        (a,), (b,) = (part.tolist() for part in self._mechanics.loop.response(np.array([tau])))
+        steps, _, _, offsets = self._records[row]
         return [
-            self._mechanics.report(position + offset, step)
-            for position, offset, step in zip(positions[0].tolist(), offsets, steps, strict=True)
+            self._mechanics.report(still + a * error + b * velocity + offset, step)
+            for (still, error, velocity), offset, step in zip(
+                self._history[row, :3].tolist(), offsets, steps, strict=True
+            )
         ]
 
     def orientation(self, now: float) -> Quaternion:
         """Tool frame in the base frame at `now`, w x y z."""
-        return self.orientations(np.array([now]))[0][1]
+        return self._records[self._row_at(now)[0]][1]
 
     def joints(self, now: float) -> Joints:
         """Joints at the set point that the loops have at `now`, by interpolation between the places of a route."""
-        return self._records[self._locate(np.array([now]))[0] % self._size][2]
+        return self._records[self._row_at(now)[0]][2]
+
+    def _row_at(self, now: float) -> tuple[int, float]:
+        """The place in the history that tells of `now`, and the time since the loops took its set point, s."""
+        newest = self._look_to(now - self._delay)
+        since = now - (self._powered_at + self._delay)
+        tick = min(max(math.floor(since / self._period), self._oldest()), newest)
+        return tick % self._size, max(since - tick * self._period, 0.0)
 
     def next_tick(self) -> float:
         """When the interpolator next acts, s."""
@@ -228,9 +237,13 @@ class Motion:
         # Later ticks have no say yet.
         newest = self._look_to(float(times[-1]) - self._delay)
         since = times - (self._powered_at + self._delay)
-        oldest = max(self._servo.tick - self._kept + 1, self._newest - self._size + 1, 0)
+        oldest = self._oldest()
         first, last = (math.floor(float(end) / self._period) for end in (since[0], since[-1]))
         return min(max(first, oldest), newest), min(max(last, oldest), newest), since
+
+    def _oldest(self) -> int:
+        """The first tick that the history still holds."""
+        return max(self._servo.tick - self._kept + 1, self._newest - self._size + 1, 0)
 
     def _stretches(self, first: int, last: int, since: Floats) -> list[tuple[int, slice]]:
         """The ticks from `first` to `last`, each with the part of `since` that it holds for."""
