@@ -26,6 +26,7 @@ BUS_FREE_BITS = 11
 """Recessive bits in a row by which a node knows that nobody sends."""
 
 _CRC_BITS = 15
+_TAIL_BITS = CRC_DELIMITER_BITS + ACK_SLOT_BITS + ACK_DELIMITER_BITS + END_OF_FRAME_BITS
 
 
 def _crc_table() -> tuple[int, ...]:
@@ -109,7 +110,7 @@ def acknowledged_bits(frame: CanFrame) -> int:
 
 def frame_time_bits(frame: CanFrame) -> int:
     """Bit times from the start of frame to the end of the end of frame: then the receivers have it."""
-    return acknowledged_bits(frame) + ACK_DELIMITER_BITS + END_OF_FRAME_BITS
+    return stuffed_bits(frame) + _TAIL_BITS
 
 
 def line_bits(frame: CanFrame) -> int:

@@ -1,5 +1,6 @@
 """What every CAN wire needs for sending: a bounded queue whose frames do not grow old, and its counts."""
 
+import math
 from collections import deque
 
 from hil_bridge.errors import TransportError
@@ -62,17 +63,21 @@ class SendQueue:
     @property
     def give_up_at(self) -> float:
         """When the next frame is given up, s; never while there is none."""
-        return max(self.frames[0][0], self.progress) + self._deadline if self.frames else float("inf")
+        if not self.frames:
+            return math.inf
+        since, progress = self.frames[0][0], self.progress
+        return (since if since > progress else progress) + self._deadline
 
     def put(self, frames: Frames, now: float) -> None:
         """Queue all of them. Raises TransportError and queues none when there is no room for all."""
-        if any(frame.error for frame in frames):
-            raise ValueError("an error report is not a frame that a node can send")
+        for frame in frames:
+            if frame.error:
+                raise ValueError("an error report is not a frame that a node can send")
         if len(self.frames) + len(frames) > QUEUE_FRAMES:
             raise TransportError(
                 f"{self._name}: the send queue is full, {QUEUE_FRAMES} frames; the bus is slower"
             )
-        self.frames.extend((now, frame) for frame in frames)
+        self.frames.extend([(now, frame) for frame in frames])
 
     def left(self, now: float) -> None:
         """The next frame has left."""

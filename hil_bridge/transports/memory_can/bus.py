@@ -207,13 +207,15 @@ class MemoryCanBus:
         self._calling_back = True
         try:
             for node in tuple(self._nodes):
-                if node.queue.frames:
+                if node.queue.frames and node.queue.give_up_at <= at:
                     node.give_up(at)
         finally:
             self._calling_back = False
             waiting = self._waiting()
             if waiting:
-                self._begin([node for node in waiting if node is not self._suspended] or waiting)
+                if self._suspended is not None:
+                    waiting = [node for node in waiting if node is not self._suspended] or waiting
+                self._begin(waiting)
             else:
                 self._rest()
 
@@ -225,7 +227,7 @@ class MemoryCanBus:
             self.collisions += len(best) - 1
             sender = min(best, key=lambda node: node.queue.progress)
         frame = sender.queue.head
-        receivers = tuple(node for node in self._nodes if node is not sender and node.on_bus)
+        receivers = tuple([node for node in self._nodes if node is not sender and node.on_bus])
         whole = frame_time_bits(frame)
         acknowledge = whole - ACK_DELIMITER_BITS - END_OF_FRAME_BITS
         hit = None if self._disturb is None else self._disturb(frame, whole)
@@ -274,7 +276,7 @@ class MemoryCanBus:
                 self._tell(attempt, at)
         finally:
             self._calling_back = False
-            if any(not node.on_bus for node in self._nodes):
+            if not all([node.on_bus for node in self._nodes]):
                 # a frame ends in eleven recessive bits, and so does an error frame
                 self._count_sequences(attempt.repeats)
                 self._recover(at)

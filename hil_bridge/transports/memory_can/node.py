@@ -119,9 +119,14 @@ class MemoryCanNode:
         """A frame of another node was good."""
         if self.counters.receive:
             self._count(self.counters.received(), at)
-        if not self._accept or any(choice.accepts(frame) for choice in self._accept):
-            self._received += 1
-            self._delivery.data((frame,))
+        for choice in self._accept:
+            if choice.accepts(frame):
+                break
+        else:
+            if self._accept:
+                return
+        self._received += 1
+        self._delivery.data((frame,))
 
     def send_failed(self, acknowledge_missing: bool, at: float, times: int) -> None:
         """An own frame failed, `times` in a row."""
