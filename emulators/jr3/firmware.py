@@ -52,10 +52,16 @@ class _Stream:
     anchor: float
     period: float
     sent: int = 0
+    due: float = field(init=False)
+    """When the next one is, s."""
 
-    @property
-    def due(self) -> float:
-        return self.anchor + self.sent * self.period
+    def __post_init__(self) -> None:
+        self.due = self.anchor
+
+    def step(self) -> None:
+        """One more was sent."""
+        self.sent += 1
+        self.due = self.anchor + self.sent * self.period
 
 
 class Firmware:
@@ -141,7 +147,7 @@ class Firmware:
         stream, sampling = self._stream, self._sampling
         while stream is not None and sampling is not None and stream.due <= now:
             yield self._newest(sampling, stream.due)
-            stream.sent += 1
+            stream.step()
 
     def sampled_at(self, counter: int) -> float | None:
         """The truth: when the sensor measured the newest sample with this frame counter, s; None where there is no
@@ -159,10 +165,11 @@ class Firmware:
 
     def next_deadline(self) -> float | None:
         """The next frame of the stream, or the next block of samples."""
-        if self._sampling is None:
+        sampling, stream = self._sampling, self._stream
+        if sampling is None:
             return None
-        block = self._sampling.started_at + self._sampling.taken * self._sample_period + _IDLE_S
-        return block if self._stream is None else min(self._stream.due, block)
+        block = sampling.started_at + sampling.taken * self._sample_period + _IDLE_S
+        return stream.due if stream is not None and stream.due < block else block
 
     def catch_up(self, now: float) -> None:
         """Take the block of samples that is due."""

@@ -156,9 +156,12 @@ class S3Controller:
 
     def next_deadline(self) -> float | None:
         """The link's next time-out, when the oldest order or the program is next looked at, or the start-up ends."""
+        due = self._line.next_deadline()
         order = self._orders[0].due if self._orders else None
-        times = (self._line.next_deadline(), order, self._executive.next_deadline(), self._ready_at)
-        return min((at for at in times if at is not None), default=None)
+        for at in (order, self._executive.next_deadline(), self._ready_at):
+            if at is not None and (due is None or at < due):
+                due = at
+        return due
 
     def handle_deadline(self, now: float) -> None:
         """Act on the link's time-outs, carry on what runs and answer what is due."""

@@ -26,8 +26,8 @@ from protocol.arap import Quaternion, Vector
 
 _HISTORY_S = 10.0
 """Chosen: longer than any stall of a process after which its run is still of use."""
-_FORESIGHT_S = 0.2
-"""Chosen: about as long as it takes the link to bring one order after the other."""
+_FORESIGHT_S = 0.16
+"""Chosen: from one move order to the next on a link of 9600 baud; what is computed beyond an order is in vain."""
 _BEGINS = 256
 """Chosen: begins of motion that are kept, more than points that anybody waits for."""
 _Record: TypeAlias = tuple[list[int], Quaternion, Joints, Vector]

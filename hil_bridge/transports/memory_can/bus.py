@@ -276,7 +276,7 @@ class MemoryCanBus:
                 self._tell(attempt, at)
         finally:
             self._calling_back = False
-            if not all([node.on_bus for node in self._nodes]):
+            if False in [node.on_bus for node in self._nodes]:
                 # a frame ends in eleven recessive bits, and so does an error frame
                 self._count_sequences(attempt.repeats)
                 self._recover(at)
