@@ -213,7 +213,7 @@ class Motion:
             tau[part] -= tick * self._period
         basis = np.empty((3, len(times)))
         basis[0] = 1.0
-        basis[1:] = self._mechanics.loop.response(np.maximum(tau, 0.0, out=tau))
+        basis[1], basis[2] = self._mechanics.loop.response(np.maximum(tau, 0.0, out=tau))
         for tick, part in stretches:
             np.matmul(self._history[tick % self._size], basis[:, part], out=path[:, part])
         return path[:3].T, path[3:].T

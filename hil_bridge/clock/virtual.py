@@ -39,10 +39,9 @@ class VirtualDeadlock(VirtualTimeError):
 class VirtualTimer:
     """A callback that waits for its instant; lighter than asyncio's, for it has no context and no arguments."""
 
-    __slots__ = ("_callback", "_cancelled", "_loop")
+    __slots__ = ("_callback", "_cancelled")
 
-    def __init__(self, loop: asyncio.AbstractEventLoop, callback: Callable[[], object]) -> None:
-        self._loop = loop
+    def __init__(self, callback: Callable[[], object]) -> None:
         self._callback: Callable[[], object] | None = callback
         self._cancelled = False
 
@@ -62,7 +61,7 @@ class VirtualTimer:
             raise
         except BaseException as error:
             text = f"Exception in callback {getattr(callback, '__qualname__', callback)}"
-            self._loop.call_exception_handler({"message": text, "exception": error})
+            asyncio.get_running_loop().call_exception_handler({"message": text, "exception": error})
 
 
 class VirtualLoop(asyncio.SelectorEventLoop):
@@ -102,13 +101,13 @@ class VirtualLoop(asyncio.SelectorEventLoop):
 
     def timer(self, when: float, callback: Callable[[], object]) -> VirtualTimer:
         """Call back at this instant, or on the next turn when it has passed."""
-        timer = VirtualTimer(self, callback)
+        timer = VirtualTimer(callback)
         heapq.heappush(self._timers, (when, next(self._numbers), timer))
         return timer
 
     def soon(self, callback: Callable[[], object]) -> VirtualTimer:
         """Call back on the next turn: as `call_soon`, but lighter."""
-        timer = VirtualTimer(self, callback)
+        timer = VirtualTimer(callback)
         self._ready.append(timer)
         return timer
 

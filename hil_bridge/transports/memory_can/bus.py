@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from hil_bridge.clock import Clock, Timer
 from hil_bridge.transports.memory_can.disturbance import Disturbance
@@ -40,12 +40,9 @@ class _Attempt:
     acknowledge_missing: bool
     accepted: bool
     """Whether the receivers take the frame, though it may have failed for its sender."""
-    repeats: int = 1
-    end: int = field(init=False)
+    end: int
     """Bit time at which it is over."""
-
-    def __post_init__(self) -> None:
-        self.end = self.start + self.bits
+    repeats: int = 1
 
     @property
     def cycle(self) -> int:
@@ -181,16 +178,18 @@ class MemoryCanBus:
             self._begun, self._bits, start = not_before, 0, 0
             at = self._at(start)
         self._start = start
-        if at <= self._clock.now():
-            self._arbitrate()
-        elif self._one_alone(waiting, at):
+        at_once = at <= self._clock.now()
+        # who is bus-off may have frames to give up at an arbitration
+        if self._one_alone(waiting, at) and not (at_once and self._anybody_off()):
             self._bits = start
             self._begin(waiting)
+        elif at_once:
+            self._arbitrate()
         else:
             self._set_timer(start)
 
     def _one_alone(self, waiting: list[MemoryCanNode], at: float) -> bool:
-        """Whether the arbitration at that time is decided unless somebody joins: that spares its timer."""
+        """Whether the arbitration at that time is decided unless somebody joins: that spares it, or its timer."""
         return (
             len(waiting) == 1
             and self._suspended is None
@@ -233,16 +232,18 @@ class MemoryCanBus:
         hit = None if self._disturb is None else self._disturb(frame, whole)
         missing = not receivers and (hit is None or hit > acknowledge)
         failed_at = acknowledge if missing else hit
+        bits = whole if failed_at is None else failed_at + ERROR_FLAG_BITS + ERROR_DELIMITER_BITS
         attempt = self._attempt = _Attempt(
             sender,
             frame,
             receivers,
             self._bits,
-            whole if failed_at is None else failed_at + ERROR_FLAG_BITS + ERROR_DELIMITER_BITS,
+            bits,
             failed=failed_at is not None,
             acknowledge_missing=missing,
             # the last bit is too late for a receiver to object
             accepted=failed_at is None or failed_at == whole,
+            end=self._bits + bits,
         )
         if missing and self._disturb is None and len(self._nodes) == 1:
             self._repeat_alone(attempt)
@@ -276,7 +277,7 @@ class MemoryCanBus:
                 self._tell(attempt, at)
         finally:
             self._calling_back = False
-            if False in [node.on_bus for node in self._nodes]:
+            if self._anybody_off():
                 # a frame ends in eleven recessive bits, and so does an error frame
                 self._count_sequences(attempt.repeats)
                 self._recover(at)
@@ -301,6 +302,10 @@ class MemoryCanBus:
                 node.frame_received(frame, at)
             else:
                 node.receive_failed(at)
+
+    def _anybody_off(self) -> bool:
+        """Whether a node is bus-off."""
+        return False in [node.on_bus for node in self._nodes]
 
     def _waiting(self) -> list[MemoryCanNode]:
         return [node for node in self._nodes if node.queue.frames and node.on_bus]
