@@ -172,7 +172,9 @@ class Jr3Sensor:
             for number in range(first // _CHUNK, (stop - 1) // _CHUNK + 1):
                 begin = number * _CHUNK
                 here, end = max(first, begin), min(stop, begin + _CHUNK)
-                counts[:, here - first : end - first] += self._noise_chunk(number)[:, here - begin : end - begin]
+                counts[:, here - first : end - first] += self._noise_chunk(number)[
+                    :, here - begin : end - begin
+                ]
         # Assumed: rounded to nearest.
         np.rint(counts, out=counts)
         counts.clip(-32768.0, self._saturation_counts, out=counts)

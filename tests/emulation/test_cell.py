@@ -4,14 +4,14 @@ import struct
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from pydantic import TypeAdapter, ValidationError
 
 from emulators.cell import Cell, CellProfile, ToolProfile, force_to_wrench, rotation_matrix
 from emulators.contact import SurfaceProfile
 from emulators.jr3 import GatewayProfile, SensorProfile
-from emulators.robot import Waypoint
+from emulators.robot import Motion, Waypoint
 from protocol.can import CanFrame
 
 T0 = 777.125
@@ -166,3 +166,49 @@ def test_a_cell_is_read_from_plain_tables_by_name() -> None:
 def test_a_start_out_of_reach_is_refused() -> None:
     with pytest.raises(ValueError, match="work area"):
         Cell(CellProfile(start_position_mm=(3000.0, 0.0, 0.0)), T0, 1)
+
+
+Orders = list[tuple[float, int, float]]
+
+
+def frames_of(profile: CellProfile, orders: Orders) -> list[str]:
+    """What the gateway says while the robot is told this: pauses in s, what, and how far in mm."""
+    cell = Cell(profile, T0, seed=3)
+    gateway, motion = cell.gateway, cell.robot.motion
+    gateway.handle_deadline(T0 + 3.0)
+    gateway.receive([CanFrame(0x201, struct.pack("<HI", 0, 7000))], T0 + 3.0)
+    told, now = [], T0 + 3.0
+    for pause, what, far in [*orders, (0.3, 3, 0.0)]:
+        now += pause
+        while (due := gateway.next_deadline()) is not None and due <= now:
+            gateway.handle_deadline(due)
+            told += [str(frame) for frame in gateway.data_to_send(due)]
+        match what:
+            case 0:
+                motion.enqueue(Waypoint((0.9, -0.1, 0.6 - far / 1000.0), DOWN, 0.05), now)
+            case 1:
+                motion.offset_encoders((0.0, 0.0, far / 1e4), now)
+            case 2:
+                motion.freeze(now, now + 0.05)
+            case _:
+                motion.halt(now)
+    return told
+
+
+@settings(max_examples=15, deadline=None)
+@given(
+    st.lists(
+        st.tuples(st.floats(0.001, 0.4), st.sampled_from((0, 0, 0, 1, 2, 3)), st.floats(0.0, 12.0)),
+        min_size=1,
+        max_size=8,
+    ),
+    st.sampled_from(("linear", "standard_linear_solid")),
+)
+@example([(0.01, 0, 13.0), (0.25, 3, 0.0), (0.1, 0, 12.0), (0.1, 1, 3.0), (0.1, 2, 0.0)], "linear")
+def test_the_sensor_reads_the_same_however_far_it_looks_ahead(orders: Orders, material: str) -> None:
+    profile = TypeAdapter(CellProfile).validate_python({"surface": {"material": {"kind": material}}})
+    looking = frames_of(profile, orders)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Motion, "foreseen_until", Motion.certain_until)
+        assert frames_of(profile, orders) == looking
+    assert len(looking) > 80

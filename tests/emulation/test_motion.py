@@ -244,3 +244,41 @@ def test_what_is_certain_stays_true_whatever_is_ordered_meanwhile() -> None:
     # and both go on alike: looking ahead took no point before its time
     later = np.linspace(until, until + 0.5, 100)
     np.testing.assert_array_equal(watched.trajectory(later)[0], other.trajectory(later)[0])
+
+
+def test_who_looked_ahead_is_told_up_to_when_an_order_leaves_it_true() -> None:
+    watched, other = robot(), robot()
+    told: list[float] = []
+    watched.on_change = told.append
+    for motion in (watched, other):
+        motion.enqueue(Waypoint(shifted(x=0.01), DOWN, 0.05), T0)
+    now = T0 + 0.033
+    times = np.arange(now, watched.foreseen_until(now), 1e-3)
+    assert times[-1] > watched.certain_until(now) + 0.1
+    seen = watched.trajectory(times)[0]
+    assert not told
+    for motion in (watched, other):
+        motion.halt(now)
+    assert told == [watched.certain_until(now)]
+    came = other.trajectory(times)[0]
+    kept = times < told[0]
+    np.testing.assert_array_equal(seen[kept], came[kept])
+    assert not np.array_equal(seen, came)
+    np.testing.assert_array_equal(watched.trajectory(times)[0], came)
+    watched.enqueue(Waypoint(shifted(y=-0.02), DOWN, 0.2), now)
+    assert told == [watched.certain_until(now)] * 2, "what was computed anew is not true any more either"
+    watched.freeze(now, now + 1.0)
+    assert len(told) == 2, "nobody has looked ahead since"
+
+
+def test_looking_ahead_takes_no_point_before_its_time() -> None:
+    motion = robot()
+    motion.enqueue(Waypoint(shifted(x=0.0015), DOWN, 0.05), T0 + 0.001)
+    motion.enqueue(Waypoint(shifted(x=0.003), DOWN, 0.05), T0 + 0.001)
+    motion.trajectory(np.array([T0, motion.foreseen_until(T0 + 0.002)]))
+    assert motion.begun_at(1) is None
+    assert motion.waiting(T0 + 0.002) == 2
+    assert motion.goal(T0 + 0.002)[0] == shifted(x=0.003)
+    assert motion.begun_at(1) is None
+    assert motion.waiting(T0 + 0.05) == 1
+    assert motion.begun_at(2) == pytest.approx(T0 + 2 * TICK + DELAY)
