@@ -203,13 +203,13 @@ class Firmware:
             sampling.taken = last
 
     def _read(self, sampling: _Sampling, last: int) -> None:
-        """Have the samples up to number `last` at hand, and those behind it that are certain already."""
+        """Have the samples up to number `last` at hand, and those behind it that the sensor tells already."""
         rest = sampling.ahead[len(sampling.ahead) - (sampling.read - sampling.taken) :]
         period, began = self._sample_period, sampling.started_at
         first = math.floor(((sampling.read + 1) * period + began) * SENSOR_RATE_HZ)
         counts = self._sensor.counts_from(first, math.floor((last * period + began) * SENSOR_RATE_HZ))
-        certain = (first + len(counts) - 1) / SENSOR_RATE_HZ
-        before, sampling.read = sampling.read, max(last, math.floor((certain - began) / period))
+        newest = (first + len(counts) - 1) / SENSOR_RATE_HZ
+        before, sampling.read = sampling.read, max(last, math.floor((newest - began) / period))
         times = np.arange(before + 1, sampling.read + 1) * period + began
         numbers = np.floor(times * SENSOR_RATE_HZ).astype(np.int64)
         sampling.ahead = np.concatenate((rest, counts.take(numbers - first, axis=0)))

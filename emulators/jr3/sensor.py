@@ -116,7 +116,10 @@ class Jr3Sensor:
         self._wrench_at = wrench_at
         self._certain_until = certain_until
         self._foreseen_until = foreseen_until
-        self._seed = seed
+        # A counter-based generator reaches every chunk at once; the upper words keep chunks apart.
+        self._bits = np.random.Philox(key=seed % 2**128, counter=0)
+        self._bits_begin = self._bits.state
+        self._random = np.random.Generator(self._bits)
         words = np.array(profile.full_scale_words, dtype=np.float64)
         self._counts_per_unit = FULL_SCALE_COUNTS / (words * [1, 1, 1, 0.1, 0.1, 0.1])
         self._saturation_counts = float(profile.saturation_counts)
@@ -222,9 +225,9 @@ class Jr3Sensor:
     def _noise_chunk(self, number: int) -> NDArray[np.float64]:
         chunk = self._chunks.get(number)
         if chunk is None:
-            # A counter-based generator reaches every chunk at once; the upper words keep chunks apart.
-            bits = np.random.Philox(key=self._seed % 2**128, counter=[0, 0, number % 2**64, 0])
-            noise = np.random.Generator(bits).standard_normal((_CHUNK, _AXES))
+            self._bits_begin["state"]["counter"][2] = number % 2**64
+            self._bits.state = self._bits_begin
+            noise = self._random.standard_normal((_CHUNK, _AXES))
             chunk = np.ascontiguousarray(noise.T)
             chunk *= self.profile.noise_counts
             self._chunks[number] = chunk

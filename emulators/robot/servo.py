@@ -267,16 +267,21 @@ class Servo:
         self.resting = True
         for at, old, reported_before, pulled_to, error, velocity, jump in before:
             set_point = round(at / mechanics.step)
-            position = pulled_to + a * error + b * velocity + jump
-            velocity = c * error + d * velocity
-            reported = mechanics.report(position, reported_before)
-            if reported != set_point:
-                pull = set_point * mechanics.step
-            elif old == set_point == reported_before:
-                pull = pulled_to
+            if set_point == old == reported_before and error == velocity == jump == 0.0:
+                # It rests there, and goes on resting.
+                position = pull = pulled_to
+                reported = set_point
             else:
-                pull = position
-            error = position - pull
+                position = pulled_to + a * error + b * velocity + jump
+                velocity = c * error + d * velocity
+                reported = mechanics.report(position, reported_before)
+                if reported != set_point:
+                    pull = set_point * mechanics.step
+                elif old == set_point == reported_before:
+                    pull = pulled_to
+                else:
+                    pull = position
+                error = position - pull
             if abs(error) < _REST_M and abs(velocity) < mechanics.rest_speed:
                 pull, error, velocity = position, 0.0, 0.0
                 self.resting &= reported == set_point
