@@ -15,7 +15,7 @@ from typing import Final
 
 from hil_bridge.errors import ConfigError, DeviceError, TransportUnavailable
 from protocol.endpoint import RemoteProtocolError
-from protocol.jr3.board import MEMORY_WORDS, REGISTERS, check_range
+from protocol.jr3.board import MEMORY_WORDS, REGISTERS, check_range, pack_words
 from protocol.jr3.registers import ResetRefused
 from protocol.values import dataclass
 
@@ -68,6 +68,10 @@ class PciRegisters:
         """Words in order of address. Raises RemoteProtocolError outside the memory."""
         begin = self._begin(address, count)
         return tuple([word & 0xFFFF for word in self._memory[begin : begin + count]])
+
+    def burst(self, address: int, count: int, now: float = 0.0) -> bytes:
+        """The same as a wire carries them. Raises RemoteProtocolError outside the memory."""
+        return pack_words(self.read(address, count))
 
     def write(self, address: int, words: Sequence[int], now: float = 0.0) -> None:
         """Write words in order of address. Raises RemoteProtocolError outside the memory."""

@@ -54,6 +54,10 @@ class SharedRegisters:
         """Words of one moment. Raises RemoteProtocolError outside the memory."""
         return self._registers.read(address, count, self._time(now))
 
+    def burst(self, address: int, count: int, now: float) -> bytes:
+        """The same as a wire carries them. Raises RemoteProtocolError outside the memory."""
+        return self._registers.burst(address, count, self._time(now))
+
     def write(self, address: int, words: Sequence[int], now: float) -> None:
         """Write words in order of address. Raises RemoteProtocolError outside the memory."""
         self._registers.write(address, words, self._time(now))

@@ -30,7 +30,7 @@ from hil_bridge.registers import (
 from hil_bridge.run import Run
 from protocol.endpoint import RemoteProtocolError
 from protocol.jr3 import SensorFrame
-from protocol.jr3.board import REGISTERS, Registers, check_range, to_signed
+from protocol.jr3.board import REGISTERS, Registers, check_range, pack_words, to_signed
 from protocol.jr3.registers import (
     BoardClient,
     BoardClientProfile,
@@ -70,6 +70,9 @@ class Memory:
         self.begin = self.begin or now
         self.words[0xE9] = round((now - self.begin) * 2000) % 65536
         return tuple(self.words[address : address + count])
+
+    def burst(self, address: int, count: int, now: float) -> bytes:
+        return pack_words(self.read(address, count, now))
 
     def write(self, address: int, words: Sequence[int], now: float) -> None:
         check_range(address, len(words))
@@ -399,6 +402,9 @@ class IsaHost:
     def read(self, address: int, count: int, now: float) -> tuple[int, ...]:
         self._ports.write_port(0x314, address, now)
         return tuple(self._ports.read_port(0x316, now) for _ in range(count))
+
+    def burst(self, address: int, count: int, now: float) -> bytes:
+        return pack_words(self.read(address, count, now))
 
     def write(self, address: int, words: Sequence[int], now: float) -> None:
         self._ports.write_port(0x314, address, now)

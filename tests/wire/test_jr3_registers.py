@@ -22,7 +22,7 @@ from protocol.jr3 import (
     SensorStopped,
     Zeroed,
 )
-from protocol.jr3.board import REGISTERS, CommandCode, check_range, from_signed
+from protocol.jr3.board import REGISTERS, CommandCode, check_range, from_signed, pack_words
 from protocol.jr3.registers import (
     BURST,
     FILTER_DELAYS,
@@ -244,6 +244,9 @@ class Words:
     def read(self, address: int, count: int, now: float) -> tuple[int, ...]:
         check_range(address, count)
         return tuple(self.memory[address : address + count])
+
+    def burst(self, address: int, count: int, now: float) -> bytes:
+        return pack_words(self.read(address, count, now))
 
     def write(self, address: int, words: Sequence[int], now: float) -> None:
         check_range(address, len(words))

@@ -14,7 +14,7 @@ from emulators.jr3.board.processor import Order, Processor
 from emulators.jr3.board.profile import BoardProfile
 from emulators.jr3.board.sampling import RawSamples
 from emulators.jr3.sensor import SENSOR_RATE_HZ, Jr3Sensor
-from protocol.jr3.board import REGISTERS, Errors, check_range, from_signed
+from protocol.jr3.board import REGISTERS, Errors, check_range, from_signed, pack_words
 
 _EPSILON = 1e-6
 """Of a sample period: what a time may lack of its sample's by rounding."""
@@ -79,6 +79,10 @@ class Board:
         check_range(address, count)
         self._advance(now)
         return tuple(self._processor.read(address, count))
+
+    def burst(self, address: int, count: int, now: float) -> bytes:
+        """The same words as a wire carries them. Raises RemoteProtocolError outside the memory."""
+        return pack_words(self.read(address, count, now))
 
     def write(self, address: int, words: Sequence[int], now: float) -> None:
         """Write words in order of address. Raises RemoteProtocolError outside the memory."""

@@ -39,6 +39,7 @@ from protocol.jr3.board.words import (
     VectorAxes,
     Warnings,
     from_signed,
+    pack_words,
     to_signed,
 )
 
@@ -79,6 +80,7 @@ __all__ = [
     "encode_envelope",
     "encode_transform",
     "from_signed",
+    "pack_words",
     "register_at",
     "to_signed",
 ]

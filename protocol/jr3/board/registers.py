@@ -10,6 +10,9 @@ class Registers(Protocol):
     def read(self, address: int, count: int, now: float) -> tuple[int, ...]:
         """Words 0…65535 of one moment. Raises RemoteProtocolError outside the memory."""
 
+    def burst(self, address: int, count: int, now: float) -> bytes:
+        """The same words as a wire carries them, `pack_words` of `read`: for who reads on and on."""
+
     def write(self, address: int, words: Sequence[int], now: float) -> None:
         """Write words in order of address; a number beyond 16 bits wraps.
 

@@ -3,8 +3,11 @@
 Source: JR3 manual 5907E; bit names after the public header of Linux's jr3_pci driver.
 """
 
+import struct
+from collections.abc import Sequence
 from enum import IntEnum, IntFlag
 
+from protocol.endpoint import LocalProtocolError
 from protocol.values import dataclass
 
 WORD_MODULUS = 1 << 16
@@ -26,6 +29,14 @@ def to_signed(word: int) -> int:
 def from_signed(value: int) -> int:
     """The word of a number, which wraps as a processor's register does."""
     return value % WORD_MODULUS
+
+
+def pack_words(words: Sequence[int]) -> bytes:
+    """Words 0…65535 as they travel, big-endian. Raises LocalProtocolError for a number beyond 16 bits."""
+    try:
+        return struct.pack(f">{len(words)}H", *words)
+    except struct.error as error:
+        raise LocalProtocolError(f"a word has 16 bits, unsigned, got {min(words)} … {max(words)}") from error
 
 
 class Warnings(IntFlag):

@@ -4,11 +4,13 @@ First the kernel driver's start-up, then samples: from the filter's first word u
 so that data, counter and errors are of one moment.
 """
 
+import struct
 from collections import deque
 from enum import Enum
+from typing import TypeAlias
 
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
-from protocol.jr3.board import REGISTERS, SATURATIONS, Errors, to_signed
+from protocol.jr3.board import REGISTERS, SATURATIONS, Errors, pack_words
 from protocol.jr3.counts import AXES
 from protocol.jr3.registers.profile import BoardClientProfile
 from protocol.jr3.registers.startup import (
@@ -27,12 +29,14 @@ from protocol.jr3.registers.startup import (
     zero,
 )
 from protocol.jr3.registers.telegrams import (
-    Burst,
+    BURST,
+    RESPONSE,
     Garbage,
     Op,
     Request,
     Response,
     Status,
+    encode_head,
     encode_request,
     response_reader,
 )
@@ -52,6 +56,9 @@ _COUNTER_MODULUS = 65536
 _TAG_MODULUS = 65536
 _QUIET_S = 1.0
 """Chosen: saturation is told again once it has been away for so long."""
+
+
+_Counts: TypeAlias = tuple[int, int, int, int, int, int]
 
 
 class BoardPhase(Enum):
@@ -77,10 +84,15 @@ class BoardClient:
     def __init__(self, profile: BoardClientProfile, now: float) -> None:
         self._profile = profile
         self._first = REGISTERS[f"filter{profile.filter}"].address
-        self._errors_at = REGISTERS["errors"].address - self._first
-        self._warnings_at = REGISTERS["warnings"].address - self._first
         # filter0 has no counter of its own and the rate of filter1
-        self._counter_at = REGISTERS[f"count{max(profile.filter, 1)}"].address - self._first
+        counter_at = REGISTERS[f"count{max(profile.filter, 1)}"].address - self._first
+        warnings_at = REGISTERS["warnings"].address - self._first
+        self._words = REGISTERS["errors"].address - self._first + 1
+        # time stamp, axes, counter, warnings and errors of a burst; the words between them are not looked at
+        self._sample = struct.Struct(
+            f">Q6h{2 * (counter_at - len(AXES))}xH{2 * (warnings_at - counter_at - 1)}x2H"
+        )
+        self._longest_ns = 1.25e9 * profile.period
         self._data_timeout = max(profile.data_timeout_s, 5 * profile.period * profile.bursts)
         self.statistics = SensorStatistics()
         self._reader = response_reader()
@@ -99,6 +111,10 @@ class BoardClient:
         self._full_scales: tuple[float, ...] = ()
 
         self._data_tag: int | None = None
+        self._delivery_head: bytes | None = None
+        """What each delivery of the stream begins with, or the answer to a poll."""
+        at_once = profile.bursts if profile.mode == "stream" else 1
+        self._delivery_size = RESPONSE.size + at_once * self._sample.size
         self._asked_at = now
         self._polls = 0
         self._poll_under_way = False
@@ -143,7 +159,7 @@ class BoardClient:
             return
         streaming = self._phase is BoardPhase.READY and self._profile.mode == "stream"
         self._drop_steps()
-        self._settled_at = self._data_by = self._data_tag = None
+        self._settled_at = self._data_by = self._data_tag = self._delivery_head = None
         self._zero_wanted = self._poll_under_way = False
         if streaming:
             self._phase = BoardPhase.STOPPING
@@ -156,6 +172,10 @@ class BoardClient:
 
     def receive(self, data: bytes, now: float) -> None:
         """Take bytes of responses."""
+        if self._delivery_head is not None and self._reader.between:
+            data = self._take_deliveries(data, self._delivery_head, now)
+            if not data:
+                return
         for item in self._reader.feed(data):
             if self._phase in (BoardPhase.STOPPED, BoardPhase.FAILED):
                 return
@@ -188,14 +208,11 @@ class BoardClient:
 
     def next_deadline(self) -> float | None:
         """The next step, sample or end of patience."""
-        due = (
-            self._wake_at,
-            self._answer_by,
-            self._settled_at,
-            self._data_by,
-            self._poll_due() if self._polling else None,
-        )
-        return min((moment for moment in due if moment is not None), default=None)
+        earliest = self._poll_due() if self._polling else self._data_by
+        for moment in (self._wake_at, self._answer_by, self._settled_at, self._data_by):
+            if moment is not None and (earliest is None or moment < earliest):
+                earliest = moment
+        return earliest
 
     def handle_deadline(self, now: float) -> None:
         """Go on with the sequence, ask for a sample, become ready or give up."""
@@ -217,7 +234,7 @@ class BoardClient:
     def _begin(self, steps: Steps[BoardIdentity], now: float) -> None:
         self._phase = BoardPhase.STARTING
         self._drop_steps()
-        self._settled_at = self._data_by = self._data_tag = None
+        self._settled_at = self._data_by = self._data_tag = self._delivery_head = None
         self._poll_under_way = False
         self._steps = steps
         self._advance((), now)
@@ -311,12 +328,18 @@ class BoardClient:
         self._events.append(SensorReady(self._full_scales))
         if self._profile.mode == "stream":
             period_us = round(self._profile.period * 1e6)
-            self._data_tag = self._request(Op.STREAM, self._first, self._errors_at + 1, period_us=period_us)
+            self._ask(Op.STREAM, period_us, self._profile.bursts)
+
+    def _ask(self, op: Op, period_us: int, bursts: int) -> None:
+        """Ask for samples, so many at once."""
+        tag = self._request(op, self._first, self._words, period_us=period_us)
+        self._data_tag = tag
+        self._delivery_head = encode_head(op, Status.OK, tag, self._first, self._words, bursts)
 
     def _fail(self, text: str) -> None:
         self._phase = BoardPhase.FAILED
         self._drop_steps()
-        self._settled_at = self._data_by = self._data_tag = None
+        self._settled_at = self._data_by = self._data_tag = self._delivery_head = None
         self._out.clear()
         self._events.append(SensorFailed(f"board: {text}"))
 
@@ -332,7 +355,7 @@ class BoardClient:
     def _poll(self, now: float) -> None:
         self._poll_under_way = True
         self._polls = max(self._polls, int((now - self._asked_at) / self._profile.period)) + 1
-        self._data_tag = self._request(Op.READ, self._first, self._errors_at + 1)
+        self._ask(Op.READ, 0, 1)
 
     def _check_data(self, now: float) -> None:
         """Looked at seldom, so that a sample costs no timer."""
@@ -346,32 +369,49 @@ class BoardClient:
             self._fail(f"no data for {self._data_timeout:g} s: server or network stuck?")
 
     def _on_data(self, response: Response, now: float) -> None:
+        """What did not come whole, or is no sample."""
         self._poll_under_way = False
         if response.status is not Status.OK:
             self._fail(f"the server gives no data: {response.status.meaning}")
             return
         if not response.bursts:
             return  # the stream has begun
-        if response.count != self._errors_at + 1:
+        if response.count != self._words:
             self.statistics.malformed += 1
             return
+        bursts = [BURST.pack_row(burst.time_ns) + pack_words(burst.words) for burst in response.bursts]
+        self._on_bursts(b"".join(bursts), now)
+
+    def _take_deliveries(self, data: bytes, head: bytes, now: float) -> bytes:
+        """Take the samples at the beginning of the data; what is left of it.
+
+        Nearly all that ever comes are whole deliveries, which differ in their bursts alone.
+        """
+        while data.startswith(head) and len(data) >= self._delivery_size and self._data_tag is not None:
+            self._poll_under_way = False
+            self._on_bursts(data[len(head) : self._delivery_size], now)
+            data = data[self._delivery_size :]
+        return data
+
+    def _on_bursts(self, bursts: bytes, now: float) -> None:
         self._heard_at = now
-        newest = response.bursts[-1].time_ns
-        for burst in response.bursts:
+        samples = list(self._sample.iter_unpack(bursts))
+        newest = samples[-1][0]
+        for time_ns, fx, fy, fz, mx, my, mz, counter, warnings, errors in samples:
             # Clocks of two machines cannot be compared: the newest burst is taken to be of the moment of its arrival.
-            at = now - max(newest - burst.time_ns, 0) * 1e-9
+            at = now - max(newest - time_ns, 0) * 1e-9
             self._dated = max(self._dated, at)
-            self._on_burst(burst, now)
+            self._on_sample(time_ns, (fx, fy, fz, mx, my, mz), counter, warnings, errors, now)
             if self._phase is not BoardPhase.READY:
                 return
 
-    def _on_burst(self, burst: Burst, now: float) -> None:
-        words = burst.words
-        if self._stamp_ns is not None:
-            periods = (burst.time_ns - self._stamp_ns) * 1e-9 / self._profile.period
+    def _on_sample(
+        self, time_ns: int, counts: _Counts, counter: int, warnings: int, errors: int, now: float
+    ) -> None:
+        if self._stamp_ns is not None and time_ns - self._stamp_ns > self._longest_ns:
+            periods = (time_ns - self._stamp_ns) * 1e-9 / self._profile.period
             self.statistics.lost += max(0, round(periods) - 1)
-        self._stamp_ns = burst.time_ns
-        errors, warnings = words[self._errors_at], words[self._warnings_at]
+        self._stamp_ns = time_ns
         if errors & _TROUBLE:
             self._on_sensor_trouble(errors, now)
             return
@@ -379,7 +419,6 @@ class BoardClient:
             self._on_saturation(errors & SATURATIONS, warnings & SATURATIONS, now)
         if errors & _BUSY:
             return  # the data are old
-        counter = words[self._counter_at]
         if self._counter is None:
             self._sequence = counter if self._sequence is None else self._sequence + 1
         elif counter == self._counter:
@@ -388,8 +427,7 @@ class BoardClient:
         else:
             self._sequence = (self._sequence or 0) + (counter - self._counter) % _COUNTER_MODULUS
         self._counter, self._sampled_at = counter, now
-        fx, fy, fz, mx, my, mz = map(to_signed, words[: len(AXES)])
-        self._events.append(SensorFrame((fx, fy, fz, mx, my, mz), counter, self._sequence, self._dated))
+        self._events.append(SensorFrame(counts, counter, self._sequence, self._dated))
 
     def _on_sensor_trouble(self, errors: int, now: float) -> None:
         if errors & DEAF:

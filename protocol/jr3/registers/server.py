@@ -7,14 +7,15 @@ from protocol.endpoint import RemoteProtocolError
 from protocol.jr3.board import Registers
 from protocol.jr3.registers.profile import RegisterServerProfile
 from protocol.jr3.registers.telegrams import (
+    BURST,
     MAX_PAYLOAD,
     MAX_WORDS,
-    Burst,
     Garbage,
     Op,
     Request,
     Response,
     Status,
+    encode_head,
     encode_response,
     fits,
     request_reader,
@@ -33,14 +34,16 @@ class ConnectionOver:
 class _Stream:
     """Burst k is due at `anchor` + k · `period`."""
 
-    tag: int
+    head: bytes
+    """Of every delivery."""
     address: int
     count: int
     anchor: float
     period: float
     at_once: int
-    next: int = 0
-    bursts: list[Burst] = field(default_factory=list)
+    next: int = 1
+    """The first burst is due a period from the anchor: it then costs the same as every other one."""
+    bursts: list[bytes] = field(default_factory=list)
 
     @property
     def due(self) -> float:
@@ -110,18 +113,22 @@ class RegisterServer:
             self._end(Status.IDLE, f"no request for {self._profile.idle_timeout_s:g} s", now)
             return
         stream.next = max(stream.next, int((now - stream.anchor) / stream.period)) + 1
-        self._burst(stream, now)
+        stream.bursts.append(self._burst(stream.address, stream.count, now))
+        if len(stream.bursts) == stream.at_once:
+            self._out += stream.head
+            self._out += b"".join(stream.bursts)
+            stream.bursts.clear()
 
     # --- requests
 
     def _answer(self, request: Request, now: float) -> None:
-        bursts: tuple[Burst, ...] = ()
+        burst = b""
         try:
             match request.op:
                 case Op.READ:
                     status = self._check_count(request.count, 1)
                     if status is Status.OK:
-                        bursts = (self._read(request.address, request.count, now),)
+                        burst = self._burst(request.address, request.count, now)
                 case Op.WRITE:
                     status = Status.OK
                     self._registers.write(request.address, request.words, now)
@@ -138,7 +145,7 @@ class RegisterServer:
             status = Status.REFUSED
         except RemoteProtocolError:
             status = Status.OUTSIDE_MAP
-        self._send(request, status, bursts)
+        self._send(request, status, burst)
 
     def _on_stream(self, request: Request, now: float) -> Status:
         """Begin, change or end the stream, and say so before its first burst."""
@@ -151,31 +158,22 @@ class RegisterServer:
             return status
         if request.period_us < self._profile.shortest_period_us:
             return Status.BAD_PERIOD
-        self._read(request.address, request.count, now)
+        self._burst(request.address, request.count, now)
         self._send(request, Status.OK)
+        head = encode_head(Op.STREAM, Status.OK, request.tag, request.address, request.count, at_once)
         period = request.period_us * 1e-6
-        # The first burst is due a period from now: it then costs the same as every other one.
-        self._stream = _Stream(request.tag, request.address, request.count, now, period, at_once, next=1)
+        self._stream = _Stream(head, request.address, request.count, now, period, at_once)
         return Status.OK
 
     def _check_count(self, count: int, bursts: int) -> Status:
         return Status.OK if 0 < count <= MAX_WORDS and fits(count, bursts) else Status.BAD_COUNT
 
-    def _read(self, address: int, count: int, now: float) -> Burst:
-        return Burst(round(now * 1e9), self._registers.read(address, count, now))
+    def _burst(self, address: int, count: int, now: float) -> bytes:
+        return BURST.pack_row(round(now * 1e9)) + self._registers.burst(address, count, now)
 
-    def _burst(self, stream: _Stream, now: float) -> None:
-        stream.bursts.append(self._read(stream.address, stream.count, now))
-        if len(stream.bursts) == stream.at_once:
-            bursts, stream.bursts = tuple(stream.bursts), []
-            self._out += encode_response(
-                Response(Op.STREAM, Status.OK, stream.tag, stream.address, stream.count, bursts)
-            )
-
-    def _send(self, request: Request, status: Status, bursts: tuple[Burst, ...] = ()) -> None:
-        self._out += encode_response(
-            Response(request.op, status, request.tag, request.address, request.count, bursts)
-        )
+    def _send(self, request: Request, status: Status, burst: bytes = b"") -> None:
+        head = encode_head(request.op, status, request.tag, request.address, request.count, 1 if burst else 0)
+        self._out += head + burst
 
     def _end(self, status: Status, text: str, now: float) -> None:
         said = bytes(self._out) + farewell(status)

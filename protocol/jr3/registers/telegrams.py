@@ -6,12 +6,13 @@ chosen.
 """
 
 import struct
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from enum import IntEnum
 from typing import Final, Generic, TypeAlias, TypeVar
 
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
 from protocol.fields import Field, Layout
+from protocol.jr3.board import pack_words
 from protocol.marks import Mark
 from protocol.values import dataclass
 
@@ -174,7 +175,7 @@ def encode_request(request: Request) -> bytes:
             "period_us": request.period_us,
         }
     )
-    return header + (_pack_words(request.words) if request.op == Op.WRITE else b"")
+    return header + (pack_words(request.words) if request.op == Op.WRITE else b"")
 
 
 def encode_response(response: Response) -> bytes:
@@ -183,31 +184,25 @@ def encode_response(response: Response) -> bytes:
         raise LocalProtocolError(f"every burst of this response must have {response.count} words")
     if not fits(response.count, len(response.bursts)):
         raise LocalProtocolError(f"a response carries at most {MAX_PAYLOAD} bytes of bursts")
-    header = RESPONSE.pack_row(
-        int.from_bytes(_RESPONSE_MAGIC),
-        response.op,
-        response.status,
-        response.tag,
-        response.address,
-        response.count,
-        len(response.bursts),
-        0,
+    header = encode_head(
+        response.op, response.status, response.tag, response.address, response.count, len(response.bursts)
     )
     return header + b"".join(
-        [BURST.pack_row(burst.time_ns) + _pack_words(burst.words) for burst in response.bursts]
+        [BURST.pack_row(burst.time_ns) + pack_words(burst.words) for burst in response.bursts]
     )
+
+
+def encode_head(op: int, status: Status, tag: int, address: int, count: int, bursts: int) -> bytes:
+    """The bytes of a response before its bursts: in a stream those of every delivery.
+
+    Raises LocalProtocolError for what no field can hold.
+    """
+    return RESPONSE.pack_row(int.from_bytes(_RESPONSE_MAGIC), op, status, tag, address, count, bursts, 0)
 
 
 def fits(count: int, bursts: int) -> bool:
     """Whether so many bursts of so many words fit into one response."""
     return bursts <= MAX_BURSTS and bursts * (BURST.size + 2 * count) <= MAX_PAYLOAD
-
-
-def _pack_words(words: Sequence[int]) -> bytes:
-    try:
-        return struct.pack(f">{len(words)}H", *words)
-    except struct.error as error:
-        raise LocalProtocolError(f"a word has 16 bits, unsigned, got {min(words)} … {max(words)}") from error
 
 
 def _unpack_words(data: bytes, at: int, count: int) -> tuple[int, ...]:
@@ -314,6 +309,11 @@ class _Reader(Generic[Telegram]):
             at += size
         self._data = data[at:]
         return found
+
+    @property
+    def between(self) -> bool:
+        """Whether the next byte begins a telegram: nothing is held, and nothing was lost."""
+        return not self._data and not self._lost
 
     def _skip(self, data: bytes, at: int, why: str, found: list[Telegram | Garbage]) -> int:
         """Go to where a telegram may begin next, behind `at`."""
