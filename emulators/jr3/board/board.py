@@ -14,7 +14,7 @@ from emulators.jr3.board.processor import Order, Processor
 from emulators.jr3.board.profile import BoardProfile
 from emulators.jr3.board.sampling import RawSamples
 from emulators.jr3.sensor import SENSOR_RATE_HZ, Jr3Sensor
-from protocol.jr3.board import REGISTERS, Errors, check_range, from_signed, pack_words
+from protocol.jr3.board import REGISTERS, Errors, check_range, from_signed
 
 _EPSILON = 1e-6
 """Of a sample period: what a time may lack of its sample's by rounding."""
@@ -82,7 +82,9 @@ class Board:
 
     def burst(self, address: int, count: int, now: float) -> bytes:
         """The same words as a wire carries them. Raises RemoteProtocolError outside the memory."""
-        return pack_words(self.read(address, count, now))
+        check_range(address, count)
+        self._advance(now)
+        return self._processor.burst(address, count)
 
     def write(self, address: int, words: Sequence[int], now: float) -> None:
         """Write words in order of address. Raises RemoteProtocolError outside the memory."""
@@ -155,10 +157,12 @@ class Board:
         self._run(now)
 
     def _run(self, time: float) -> None:
+        processor, sample = self._processor, self._sample_at(time)
+        if processor.sampling.reach(sample):
+            return
         computing = self._phase is Phase.RUNNING and not (self._order and self._order.busy)
-        processor = self._processor
         settings = processor.settings if computing else None
-        processor.sampling.run(self._sample_at(time), settings, self._certain_sample)
+        processor.sampling.run(sample, settings, self._certain_sample)
 
     def _certain_sample(self) -> int:
         """The last sample that can be computed now and will most likely be needed."""

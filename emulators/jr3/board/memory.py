@@ -4,6 +4,8 @@ from collections.abc import Sequence
 from enum import Enum, auto
 from functools import lru_cache
 
+import numpy as np
+
 from emulators.jr3.board.data_path import Block
 from emulators.jr3.board.traces import Window, pieces
 from emulators.jr3.sensor import SENSOR_RATE_HZ
@@ -79,39 +81,47 @@ class Memory:
 
     def __init__(self, channels: int, idle_hz: float) -> None:
         self.words = [0] * MEMORY_WORDS
-        self.status = 0
-        """Bits of `errors` beside those of saturation."""
-        self._seen: tuple[int, int, Block] | None = None
-        """Address, count and block of the last read."""
-        self._window: Window | None = None
-        """The same words over that block, once they were read twice."""
+        """Written by `store` and `put` alone."""
+        self.changes = 0
+        """How often anything was written."""
+        self._status = 0
         self._channels = channels
         self._idle_per_sample = idle_hz / SENSOR_RATE_HZ
 
     def read(self, address: int, count: int, block: Block, sample: int) -> list[int]:
         """Words after a sample of a block."""
         words = self.words[address : address + count]
-        computed = pieces(address, count)
-        if (
-            len(computed) > 1
-            and self._seen is not None
-            and self._seen[2] is block
-            and self._seen[:2] == (address, count)
-        ):
-            if self._window is None:
-                self._window = Window(block.traces, address, count)
-            self._window.fill(words, sample)
-        else:
-            self._seen, self._window = (address, count, block), None
-            for piece in computed:
-                stand = block.traces[piece.trace].words(sample)
-                end = piece.offset + piece.end - piece.begin
-                words[piece.offset : end] = stand[piece.begin : piece.end]
+        for piece in pieces(address, count):
+            stand = block.traces[piece.trace].words(sample)
+            end = piece.offset + piece.end - piece.begin
+            words[piece.offset : end] = stand[piece.begin : piece.end]
         for at in _live(address, count):
             words[at - address] = self._live_word(at, block, sample)
         if address <= _ERRORS < address + count:
-            words[_ERRORS - address] |= self.status
+            words[_ERRORS - address] |= self._status
         return words
+
+    def pack(self, window: Window, block: Block, samples: range) -> bytes:
+        """What `read` says of a window's words after each of these samples, big-endian."""
+        address, count = window.address, window.count
+        rows = np.empty((len(samples), count), ">u2")
+        rows[:] = self.words[address : address + count]
+        rows[:, window.places] = window.words(np.array(samples))
+        for at in _live(address, count):
+            rows[:, at - address] = [self._live_word(at, block, sample) for sample in samples]
+        if address <= _ERRORS < address + count:
+            rows[:, _ERRORS - address] |= self._status
+        return rows.tobytes()
+
+    @property
+    def status(self) -> int:
+        """Bits of `errors` beside those of saturation."""
+        return self._status
+
+    @status.setter
+    def status(self, bits: int) -> None:
+        self._status = bits
+        self.changes += 1
 
     def _live_word(self, at: int, block: Block, sample: int) -> int:
         """A word that follows from the number of the sample alone."""
@@ -137,6 +147,12 @@ class Memory:
         """Words into a register from its start."""
         address = REGISTERS[name].address
         self.words[address : address + len(values)] = map(from_signed, values)
+        self.changes += 1
+
+    def store(self, address: int, word: int) -> None:
+        """One word."""
+        self.words[address] = word
+        self.changes += 1
 
     def slots(self, name: str) -> Sequence[int]:
         """All words from the start of a slot to the end of its table, for an entry may be longer than its slot."""

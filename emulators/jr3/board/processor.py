@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from emulators.jr3.board.bursts import BurstReader
 from emulators.jr3.board.data_path import PathSettings, PathState, at_rest
 from emulators.jr3.board.memory import Memory, Use, use_of
 from emulators.jr3.board.profile import BoardProfile
@@ -77,6 +78,7 @@ class Processor:
     def __init__(self, profile: BoardProfile, sensor: Jr3Sensor, raw: RawSamples, origin: int) -> None:
         self._profile = profile
         self.memory = Memory(profile.channels, profile.idle_hz)
+        self._bursts = BurstReader(self.memory)
         self.sampling = Sampling(raw, origin, at_rest())
         self._offset_slots = [(0,) * len(AXES)] * SLOTS
         self._bits = sensor.profile.adc_bits
@@ -155,6 +157,10 @@ class Processor:
         """Words of this moment."""
         return self.memory.read(address, count, self.sampling.block, self.sampling.sample)
 
+    def burst(self, address: int, count: int) -> bytes:
+        """Words of this moment, big-endian."""
+        return self._bursts.read(address, count, self.sampling.block, self.sampling.sample)
+
     def write(self, address: int, word: int) -> Use:
         """Take a word of the host; what has to wait for a sample or takes time is left to the caller."""
         use, memory = use_of(address), self.memory
@@ -168,7 +174,7 @@ class Processor:
             case Use.THRESHOLD_BITS:
                 self._set_last("threshold_bits", word)
             case _:
-                memory.words[address] = word
+                memory.store(address, word)
         return use
 
     def adopt(self) -> None:

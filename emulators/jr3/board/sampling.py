@@ -54,6 +54,14 @@ class Sampling:
         self.sample = -1
         """The newest sample that a host may see."""
 
+    def reach(self, sample: int) -> bool:
+        """Let samples pass up to and including one, if they were computed already."""
+        if sample >= self.block.end:
+            return False
+        if sample > self.sample:
+            self.sample = sample
+        return True
+
     def run(self, sample: int, settings: PathSettings | None, ahead: Callable[[], int]) -> None:
         """Let samples pass up to and including one; without settings nothing is computed of them.
 
@@ -68,7 +76,7 @@ class Sampling:
             raw = self._raw.take(self._origin + start, self._origin + end)
             self.block = block(state, settings, raw, start)
             self._settings = settings
-        self.sample = max(self.sample, sample)
+        self.reach(sample)
 
     def cut(self) -> PathState:
         """Give up what was computed ahead and tell the state after the newest sample."""

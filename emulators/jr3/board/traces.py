@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from functools import lru_cache
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,8 +35,12 @@ class Trace:
 
     def at(self, word: int, samples: NDArray[np.int64]) -> Words:
         """One word after each of these samples."""
-        values: Words = self.values[word, np.maximum((samples - self.first) // self.step + 1, 0)]
+        values: Words = self.values[word, self.columns(samples)]
         return values
+
+    def columns(self, samples: NDArray[np.int64]) -> NDArray[np.int64]:
+        """What `index` says of each of these samples."""
+        return np.maximum((samples - self.first) // self.step + 1, 0)
 
 
 Traces = Mapping[str, Trace]
@@ -98,32 +101,58 @@ def pieces(address: int, count: int) -> tuple[Piece, ...]:
     return tuple(found)
 
 
+@dataclass(frozen=True, slots=True)
+class _Layout:
+    """The computed words among some neighbouring addresses."""
+
+    names: tuple[str, ...]
+    """Their traces."""
+    trace: NDArray[np.int64]
+    """Of each word, where its trace stands in `names`."""
+    word: NDArray[np.int64]
+    """Of each word, which of its trace's."""
+    places: NDArray[np.int64]
+    """Of each word, how far behind the first address it stands."""
+
+
+@lru_cache(maxsize=64)
+def _layout(address: int, count: int) -> _Layout:
+    chosen = pieces(address, count)
+    names = tuple(dict.fromkeys(piece.trace for piece in chosen))
+    rows = [
+        (names.index(piece.trace), word, piece.offset + word - piece.begin)
+        for piece in chosen
+        for word in range(piece.begin, piece.end)
+    ]
+    trace, word, places = np.array(rows, np.int64).reshape(-1, 3).T.copy()
+    return _Layout(names, trace, word, places)
+
+
 class Window:
-    """The computed words among `count` from an address over one block, all found by one look-up: for a host that
-    reads the same words again and again.
-    """
+    """The computed words among `count` from an address over one block, found by one look-up for many samples."""
 
     def __init__(self, traces: Traces, address: int, count: int) -> None:
-        chosen = pieces(address, count)
-        used = {piece.trace: traces[piece.trace] for piece in chosen}
-        sizes = [trace.values.size for trace in used.values()]
-        begins = dict(zip(used, np.cumsum([0, *sizes]).tolist(), strict=False))
-        self._flat = np.concatenate([trace.values.ravel() for trace in used.values()]).view(np.uint16)
-        rows = [(used[p.trace], begins[p.trace], word) for p in chosen for word in range(p.begin, p.end)]
-        self._first = np.array([trace.first for trace, _, _ in rows])
-        self._step = np.array([trace.step for trace, _, _ in rows])
+        self.address, self.count = address, count
+        layout = self._layout = _layout(address, count)
+        self.places = layout.places
+        """Which of the `count` words are computed."""
+        used = [traces[name] for name in layout.names]
+        if not used:
+            return
+        self._flat = np.concatenate([trace.values.ravel() for trace in used]).view(np.uint16)
+        self._first = np.array([trace.first for trace in used])
+        self._step = np.array([trace.step for trace in used])
+        heights, widths = np.array([trace.values.shape for trace in used]).T
+        begins = np.cumsum(heights * widths) - heights * widths
         # Column 1 of each word: what stands there after the first calculation.
-        self._base = np.array([begin + word * trace.values.shape[1] + 1 for trace, begin, word in rows])
-        places = [p.offset + k for p in chosen for k in range(p.end - p.begin)]
-        cuts = [k for k, (a, b) in enumerate(pairwise(places), 1) if b != a + 1]
-        self._runs = [
-            (places[begin], places[end - 1] + 1, begin, end)
-            for begin, end in pairwise([0, *cuts, len(places)])
-        ]
+        self._base = (begins + 1)[layout.trace] + layout.word * widths[layout.trace]
 
-    def fill(self, words: list[int], sample: int) -> None:
-        """Put what stands there after a sample into the words from the address on."""
-        steps = (sample - self._first) // self._step
-        found = self._flat[np.maximum(steps, -1) + self._base].tolist()
-        for begin, end, here, there in self._runs:
-            words[begin:end] = found[here:there]
+    def words(self, samples: NDArray[np.int64]) -> NDArray[np.uint16]:
+        """What stands at `places` after each of these samples (samples, words)."""
+        if not len(self.places):
+            return np.empty((len(samples), 0), np.uint16)
+        calculations = np.maximum((samples[:, np.newaxis] - self._first) // self._step, -1)
+        found: NDArray[np.uint16] = self._flat.take(
+            calculations.take(self._layout.trace, axis=1) + self._base
+        )
+        return found
