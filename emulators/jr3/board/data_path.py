@@ -19,9 +19,9 @@ from emulators.jr3.board.filters import (
     FILTER_STEPS,
     SECTIONS,
     THRESHOLD_STEP,
-    VECTOR_STEPS,
     run_stage,
 )
+from emulators.jr3.board.plan import plan_of
 from emulators.jr3.board.traces import (
     NEVER,
     TRACE_WORDS,
@@ -32,6 +32,7 @@ from emulators.jr3.board.traces import (
     held_trace,
 )
 from emulators.jr3.board.watch import latch, peaks, watched
+from protocol.jr3 import AXES
 from protocol.jr3.board import FILTERS, WORD_MODULUS, LoadEnvelope
 
 Floats = NDArray[np.float64]
@@ -67,7 +68,7 @@ class PathState:
     """What the computation carries from block to block."""
 
     stages: tuple[Floats, ...]
-    """(3, 6, 2) for each of filter1 … filter6."""
+    """(6, 3, 2) for each of filter1 … filter6."""
     last: Mapping[str, Words]
     """The newest words of every trace."""
     rate_count: int = 0
@@ -110,7 +111,7 @@ class Block:
 def at_rest() -> PathState:
     """A path that has seen nothing."""
     return PathState(
-        tuple(np.zeros((SECTIONS, 6, 2)) for _ in range(FILTERS - 1)),
+        tuple(np.zeros((6, SECTIONS, 2)) for _ in range(FILTERS - 1)),
         {name: np.zeros(count, np.int16) for name, count in TRACE_WORDS.items()},
     )
 
@@ -136,7 +137,7 @@ def block(state: PathState, settings: PathSettings, raw: NDArray[np.int64], star
     result = Block(start, end, state, state, traces, raw, rate_first, settings.rate_divisor)
     after = PathState(
         stages,
-        {name: trace.values[:, -1].copy() for name, trace in traces.items()},
+        {name: trace.values[:, -1] for name, trace in traces.items()},
         result.rate_count(end - 1),
         rate_values,
         minimum,
@@ -159,16 +160,19 @@ def _trace(
 def _saturation(
     state: PathState, settings: PathSettings, raw: NDArray[np.int64], start: int
 ) -> dict[str, Trace]:
-    magnitudes = np.abs(raw)
-    highest = int(magnitudes.max())
+    highest = max(int(raw.max()), -int(raw.min()))
     traces = {}
     for name, limit in (("warnings", settings.near_saturation), ("errors", settings.saturation)):
         if highest >= limit:
-            bits = (magnitudes >= limit) @ (1 << np.arange(6))
+            bits = (np.abs(raw) >= limit) @ (1 << np.arange(6))
             traces[name] = _trace(state, name, start, 1, bits[np.newaxis])
         else:
-            traces[name] = _trace(state, name, start, NEVER, np.zeros((1, 1)))
+            traces[name] = held_trace(_NOTHING)
     return traces
+
+
+_NOTHING = np.zeros(1, np.int16)
+_COUNTING = np.arange(1 << 14, dtype=np.int16)
 
 
 def _filters(
@@ -185,40 +189,38 @@ def _filters(
         wrapping = signal[settings.wraps]
         signal[settings.wraps] = (wrapping - _LOWEST) % WORD_MODULUS + _LOWEST
     _limit(signal)
+    plan, last = plan_of(start % FILTER_STEPS[-1], len(raw)), state.last
+    # Of all filters side by side, each behind a column for what stood there before.
+    data = np.empty((len(AXES), plan.columns))
     stages = list(state.stages)
-    end, tick, before = start + len(raw), start, 1
-    for n, (step, vector_step) in enumerate(zip(FILTER_STEPS, VECTOR_STEPS, strict=True)):
-        axes, vectors, count = f"axes{n}", f"vectors{n}", f"count{n}"
-        first = first_tick(start, step)
-        if first >= end:
+    for n, part in enumerate(plan.parts):
+        if n:
+            signal, stages[n - 1] = run_stage(signal[:, part.taken], stages[n - 1])
+        data[:, part.begin] = last[f"axes{n}"]
+        data[:, part.begin + 1 : part.end] = signal
+    np.rint(data, out=data)
+    _limit(data)
+    words = data.astype(np.int16)
+    squares = data.take(plan.vector_columns, axis=1)
+    np.square(squares, out=squares)
+    norms = np.sqrt(settings.vector_weights @ squares)
+    np.rint(norms, out=norms)
+    vectors = np.minimum(norms, _HIGHEST, out=norms).astype(np.int16)
+    for n in range(FILTERS):
+        name, vector, count = f"axes{n}", f"vectors{n}", f"count{n}"
+        if n >= len(plan.parts):
             # Short blocks reach only the first stages; the slow ones keep their words.
-            traces |= {name: held_trace(state.last[name]) for name in (axes, vectors, count)}
+            traces |= {name: held_trace(last[name]) for name in (name, vector, count)}
             continue
+        part = plan.parts[n]
+        traces[name] = Trace(start + part.first, part.step, words[:, part.begin : part.end])
         if n:
-            # The samples of the stage before that fall on this one's calculations.
-            signal = signal[:, (first - tick) // before :: step // before]
-            signal, stages[n - 1] = run_stage(signal, stages[n - 1])
-            past = int(state.last[count][0])
-            counts = np.arange(past, past + signal.shape[1] + 1).astype(np.int16)
-            traces[count] = Trace(first, step, counts[np.newaxis])
-        tick, before = first, step
-        words = np.rint(signal)
-        if n:
-            _limit(words)
-        traces[axes] = _trace(state, axes, first, step, words)
-        traces[vectors] = _vectors(state, settings, vectors, traces[axes], vector_step, start, end)
+            counts = _COUNTING[: part.end - part.begin] + last[count]
+            traces[count] = Trace(start + part.first, part.step, counts[np.newaxis])
+        vectors[:, part.vector_begin] = last[vector]
+        found = vectors[:, part.vector_begin : part.vector_end]
+        traces[vector] = Trace(start + part.vector_first, part.vector_step, found)
     return tuple(stages)
-
-
-def _vectors(
-    state: PathState, settings: PathSettings, name: str, axes: Trace, step: int, start: int, end: int
-) -> Trace:
-    first = first_tick(start, step)
-    if first >= end:
-        return held_trace(state.last[name])
-    parts = axes.values[:, axes.index(first) :: step // axes.step].astype(np.float64)
-    norms = np.rint(np.sqrt(settings.vector_weights @ np.square(parts)))
-    return _trace(state, name, first, step, np.minimum(norms, _HIGHEST))
 
 
 def _limit(signal: Floats) -> None:
@@ -235,17 +237,18 @@ def _rate(
     # A count past the divisor has to wrap around 16 bits before it meets it.
     wait = (step - state.rate_count - 1) % WORD_MODULUS
     first = start + wait
-    ticks = np.arange(first, end, step)
-    if not len(ticks):
+    if first >= end:
         traces["rate"] = Trace(first, step, state.last["rate"][:, np.newaxis])
         return first, state.rate_values
-    seen = watched(traces, settings.constants, settings.rate_address, ticks)
-    before = seen[:, :1] if state.rate_values is None else state.rate_values[:, np.newaxis]
-    levels = np.concatenate([before, seen], axis=1).astype(np.float64)
-    rates = levels[:, 1:] - levels[:, :-1]
-    _limit(rates)
-    traces["rate"] = _trace(state, "rate", first, step, rates)
-    return first, seen[:, -1].copy()
+    seen = watched(traces, settings.constants, settings.rate_address, np.arange(first, end, step))
+    rates = np.empty((len(seen), seen.shape[1] + 1), np.int16)
+    rates[:, 0] = state.last["rate"]
+    before = seen[:, 0] if state.rate_values is None else state.rate_values
+    levels = np.column_stack((before, seen)).astype(np.int32)
+    changes = levels[:, 1:] - levels[:, :-1]
+    rates[:, 1:] = np.minimum(np.maximum(changes, int(_LOWEST)), int(_HIGHEST))
+    traces["rate"] = Trace(first, step, rates)
+    return first, seen[:, -1]
 
 
 def _thresholds(

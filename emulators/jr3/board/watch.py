@@ -26,7 +26,15 @@ def watched(
     traces: Traces, constants: Mapping[int, int], address: int, samples: NDArray[np.int64]
 ) -> NDArray[np.int16]:
     """Eight neighbouring words (8, n) after each of these samples."""
-    return np.stack([series(traces, constants, address + i, samples) for i in range(WATCHED)])
+    words = np.empty((WATCHED, len(samples)), np.int16)
+    chosen = [piece for piece in pieces(address, WATCHED) if piece.trace in traces]
+    if sum(piece.end - piece.begin for piece in chosen) < WATCHED:
+        words[:] = [[constants.get(address + i, 0)] for i in range(WATCHED)]
+    for piece in chosen:
+        trace = traces[piece.trace]
+        part = slice(piece.offset, piece.offset + piece.end - piece.begin)
+        words[part] = trace.values[piece.begin : piece.end, trace.columns(samples)]
+    return words
 
 
 def peaks(traces: Traces, constants: Mapping[int, int], address: int, start: int) -> tuple[Words, Words]:
