@@ -93,11 +93,13 @@ class BoardClient:
             f">Q6h{2 * (counter_at - len(AXES))}xH{2 * (warnings_at - counter_at - 1)}x2H"
         )
         self._longest_ns = 1.25e9 * profile.period
+        """Between two time stamps when none is missing, with room for a late one, ns."""
+        self._by_poll = profile.mode == "poll"
         self._data_timeout = max(profile.data_timeout_s, 5 * profile.period * profile.bursts)
         self.statistics = SensorStatistics()
         self._reader = response_reader()
         self._events: deque[SensorEvent] = deque()
-        self._out = bytearray()
+        self._out = b""
         self._tag = 0
 
         self._phase = BoardPhase.STARTING
@@ -113,7 +115,7 @@ class BoardClient:
         self._data_tag: int | None = None
         self._delivery_head: bytes | None = None
         """What each delivery of the stream begins with, or the answer to a poll."""
-        at_once = profile.bursts if profile.mode == "stream" else 1
+        at_once = 1 if self._by_poll else profile.bursts
         self._delivery_size = RESPONSE.size + at_once * self._sample.size
         self._asked_at = now
         self._polls = 0
@@ -157,7 +159,7 @@ class BoardClient:
         """End the session; SensorStopped tells that no more data are under way. Harmless when called again."""
         if self._phase in (BoardPhase.STOPPING, BoardPhase.STOPPED):
             return
-        streaming = self._phase is BoardPhase.READY and self._profile.mode == "stream"
+        streaming = self._phase is BoardPhase.READY and not self._by_poll
         self._drop_steps()
         self._settled_at = self._data_by = self._data_tag = self._delivery_head = None
         self._zero_wanted = self._poll_under_way = False
@@ -196,20 +198,24 @@ class BoardClient:
 
     def data_to_send(self, now: float) -> bytes:
         """The request whose turn it is."""
-        if self._phase is BoardPhase.READY and self._zero_wanted and self._steps is None:
+        if self._zero_wanted and self._phase is BoardPhase.READY and self._steps is None:
             self._zero_wanted = False
             self._steps = zero(self._profile)
             self._advance((), now)
         elif self._phase is BoardPhase.STOPPING and self._answer_by is None:
             self._answer_by = now + self._profile.answer_timeout_s
-        data = bytes(self._out)
-        self._out.clear()
+        data, self._out = self._out, b""
         return data
 
     def next_deadline(self) -> float | None:
         """The next step, sample or end of patience."""
-        earliest = self._poll_due() if self._polling else self._data_by
-        for moment in (self._wake_at, self._answer_by, self._settled_at, self._data_by):
+        earliest = self._data_by
+        for moment in (
+            self._wake_at,
+            self._answer_by,
+            self._settled_at,
+            self._poll_due() if self._by_poll and self._polling else None,
+        ):
             if moment is not None and (earliest is None or moment < earliest):
                 earliest = moment
         return earliest
@@ -326,7 +332,7 @@ class BoardClient:
         self._polls = 0
         self._data_by = now + self._data_timeout
         self._events.append(SensorReady(self._full_scales))
-        if self._profile.mode == "stream":
+        if not self._by_poll:
             period_us = round(self._profile.period * 1e6)
             self._ask(Op.STREAM, period_us, self._profile.bursts)
 
@@ -340,14 +346,14 @@ class BoardClient:
         self._phase = BoardPhase.FAILED
         self._drop_steps()
         self._settled_at = self._data_by = self._data_tag = self._delivery_head = None
-        self._out.clear()
+        self._out = b""
         self._events.append(SensorFailed(f"board: {text}"))
 
     # --- samples
 
     @property
     def _polling(self) -> bool:
-        return self._phase is BoardPhase.READY and self._profile.mode == "poll" and not self._poll_under_way
+        return self._by_poll and self._phase is BoardPhase.READY and not self._poll_under_way
 
     def _poll_due(self) -> float:
         return self._asked_at + self._polls * self._profile.period
@@ -380,54 +386,65 @@ class BoardClient:
             self.statistics.malformed += 1
             return
         bursts = [BURST.pack_row(burst.time_ns) + pack_words(burst.words) for burst in response.bursts]
-        self._on_bursts(b"".join(bursts), now)
+        data = b"".join(bursts)
+        self._on_bursts(data, 0, len(data), now)
 
     def _take_deliveries(self, data: bytes, head: bytes, now: float) -> bytes:
         """Take the samples at the beginning of the data; what is left of it.
 
         Nearly all that ever comes are whole deliveries, which differ in their bursts alone.
         """
-        while data.startswith(head) and len(data) >= self._delivery_size and self._data_tag is not None:
+        begin = 0
+        while (
+            (end := begin + self._delivery_size) <= len(data)
+            and data.startswith(head, begin)
+            and self._data_tag is not None
+        ):
             self._poll_under_way = False
-            self._on_bursts(data[len(head) : self._delivery_size], now)
-            data = data[self._delivery_size :]
-        return data
+            self._on_bursts(data, begin + RESPONSE.size, end, now)
+            begin = end
+        return data[begin:]
 
-    def _on_bursts(self, bursts: bytes, now: float) -> None:
+    def _on_bursts(self, data: bytes, begin: int, end: int, now: float) -> None:
+        """The bursts between these places of the data."""
         self._heard_at = now
-        samples = list(self._sample.iter_unpack(bursts))
-        newest = samples[-1][0]
-        for time_ns, fx, fy, fz, mx, my, mz, counter, warnings, errors in samples:
+        unpack, size = self._sample.unpack_from, self._sample.size
+        newest = int.from_bytes(data[end - size : end - size + BURST.size])
+        for place in range(begin, end, size):
+            time_ns, fx, fy, fz, mx, my, mz, counter, warnings, errors = unpack(data, place)
             # Clocks of two machines cannot be compared: the newest burst is taken to be of the moment of its arrival.
-            at = now - max(newest - time_ns, 0) * 1e-9
-            self._dated = max(self._dated, at)
-            self._on_sample(time_ns, (fx, fy, fz, mx, my, mz), counter, warnings, errors, now)
-            if self._phase is not BoardPhase.READY:
+            at = now if time_ns >= newest else now - (newest - time_ns) * 1e-9
+            if at > self._dated:
+                self._dated = at
+            if self._stamp_ns is not None and time_ns - self._stamp_ns > self._longest_ns:
+                periods = (time_ns - self._stamp_ns) * 1e-9 / self._profile.period
+                self.statistics.lost += max(0, round(periods) - 1)
+            self._stamp_ns = time_ns
+            if not (errors or warnings or self._saturated) or self._usable(errors, warnings, now):
+                self._on_sample((fx, fy, fz, mx, my, mz), counter, now)
+            elif self._phase is not BoardPhase.READY:
                 return
 
-    def _on_sample(
-        self, time_ns: int, counts: _Counts, counter: int, warnings: int, errors: int, now: float
-    ) -> None:
-        if self._stamp_ns is not None and time_ns - self._stamp_ns > self._longest_ns:
-            periods = (time_ns - self._stamp_ns) * 1e-9 / self._profile.period
-            self.statistics.lost += max(0, round(periods) - 1)
-        self._stamp_ns = time_ns
+    def _usable(self, errors: int, warnings: int, now: float) -> bool:
+        """Whether the data of a burst with these bits are of its moment; tell what is to be told of the bits."""
         if errors & _TROUBLE:
             self._on_sensor_trouble(errors, now)
-            return
+            return False
         if (errors | warnings) & SATURATIONS or self._saturated:
             self._on_saturation(errors & SATURATIONS, warnings & SATURATIONS, now)
-        if errors & _BUSY:
-            return  # the data are old
-        if self._counter is None:
-            self._sequence = counter if self._sequence is None else self._sequence + 1
+        return not errors & _BUSY
+
+    def _on_sample(self, counts: _Counts, counter: int, now: float) -> None:
+        sequence = self._sequence
+        if self._counter is None or sequence is None:
+            sequence = counter if sequence is None else sequence + 1
         elif counter == self._counter:
             self.statistics.repeated += 1
             return
         else:
-            self._sequence = (self._sequence or 0) + (counter - self._counter) % _COUNTER_MODULUS
-        self._counter, self._sampled_at = counter, now
-        self._events.append(SensorFrame(counts, counter, self._sequence, self._dated))
+            sequence += (counter - self._counter) % _COUNTER_MODULUS
+        self._sequence, self._counter, self._sampled_at = sequence, counter, now
+        self._events.append(SensorFrame(counts, counter, sequence, self._dated))
 
     def _on_sensor_trouble(self, errors: int, now: float) -> None:
         if errors & DEAF:

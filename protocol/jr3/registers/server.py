@@ -41,13 +41,18 @@ class _Stream:
     anchor: float
     period: float
     at_once: int
-    next: int = 1
-    """The first burst is due a period from the anchor: it then costs the same as every other one."""
     bursts: list[bytes] = field(default_factory=list)
+    number: int = 1
+    """The first burst is due a period from the anchor: it then costs the same as every other one."""
+    due: float = field(init=False)
 
-    @property
-    def due(self) -> float:
-        return self.anchor + self.next * self.period
+    def __post_init__(self) -> None:
+        self.due = self.anchor + self.number * self.period
+
+    def pass_to(self, now: float) -> None:
+        """Go on to the next burst that is not missed."""
+        self.number = max(self.number, int((now - self.anchor) / self.period)) + 1
+        self.due = self.anchor + self.number * self.period
 
 
 class ResetRefused(RemoteProtocolError):
@@ -69,7 +74,7 @@ class RegisterServer:
     def _begin(self, now: float) -> None:
         self._reader = request_reader()
         self._waiting: deque[Request | Garbage] = deque()
-        self._out = bytearray()
+        self._out = b""
         self._stream: _Stream | None = None
         self._heard_at = now
 
@@ -92,8 +97,7 @@ class RegisterServer:
             else:
                 self._heard_at = now
                 self._answer(item, now)
-        data = bytes(self._out)
-        self._out.clear()
+        data, self._out = self._out, b""
         return data
 
     def next_deadline(self) -> float | None:
@@ -105,19 +109,17 @@ class RegisterServer:
 
     def handle_deadline(self, now: float) -> None:
         """Read the burst that is due. One that was missed is left out: its words are gone."""
-        deadline = self.next_deadline()
-        if deadline is None or now < deadline:
-            return
         stream = self._stream
         if stream is None:
-            self._end(Status.IDLE, f"no request for {self._profile.idle_timeout_s:g} s", now)
-            return
-        stream.next = max(stream.next, int((now - stream.anchor) / stream.period)) + 1
-        stream.bursts.append(self._burst(stream.address, stream.count, now))
-        if len(stream.bursts) == stream.at_once:
-            self._out += stream.head
-            self._out += b"".join(stream.bursts)
-            stream.bursts.clear()
+            timeout = self._profile.idle_timeout_s
+            if timeout and now >= self._heard_at + timeout:
+                self._end(Status.IDLE, f"no request for {timeout:g} s", now)
+        elif now >= stream.due:
+            stream.pass_to(now)
+            stream.bursts.append(self._burst(stream.address, stream.count, now))
+            if len(stream.bursts) == stream.at_once:
+                self._out = b"".join((self._out, stream.head, *stream.bursts))
+                stream.bursts.clear()
 
     # --- requests
 
@@ -169,16 +171,16 @@ class RegisterServer:
         return Status.OK if 0 < count <= MAX_WORDS and fits(count, bursts) else Status.BAD_COUNT
 
     def _burst(self, address: int, count: int, now: float) -> bytes:
-        return BURST.pack_row(round(now * 1e9)) + self._registers.burst(address, count, now)
+        return round(now * 1e9).to_bytes(BURST.size) + self._registers.burst(address, count, now)
 
     def _send(self, request: Request, status: Status, burst: bytes = b"") -> None:
         head = encode_head(request.op, status, request.tag, request.address, request.count, 1 if burst else 0)
         self._out += head + burst
 
     def _end(self, status: Status, text: str, now: float) -> None:
-        said = bytes(self._out) + farewell(status)
+        said = self._out + farewell(status)
         self._begin(now)
-        self._out += said
+        self._out = said
         self._events.append(ConnectionOver(text))
 
 
