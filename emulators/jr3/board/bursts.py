@@ -2,8 +2,10 @@
 
 from emulators.jr3.board.data_path import Block
 from emulators.jr3.board.memory import Memory
-from emulators.jr3.board.traces import Window
+from protocol.jr3.board import pack_words
 
+_LEAST = 2
+"""Bursts to follow that are worth to be worked out together. Chosen: at the price of one or two alone."""
 _MOST = 256
 """Bursts worked out at once. Chosen: little is lost when the host stops, or writes."""
 
@@ -17,7 +19,8 @@ class BurstReader:
 
     def __init__(self, memory: Memory) -> None:
         self._memory = memory
-        self._window: Window | None = None
+        self._asked = (0, 0)
+        """Address and count."""
         self._block: Block | None = None
         self._changes = -1
         """Of the memory, when the bursts were worked out."""
@@ -29,19 +32,19 @@ class BurstReader:
     def read(self, address: int, count: int, block: Block, sample: int) -> bytes:
         """Words after a sample of a block, big-endian; samples of one block do not fall."""
         distance, self._newest = sample - self._newest, sample
-        window = self._window
-        again = window is not None and window.address == address and window.count == count
-        regular = again and distance == self._distance
-        self._distance = distance
-        if window is None or not again or block is not self._block:
-            window = self._window = Window(block.traces, address, count)
-            self._block = block
-        elif self._memory.changes == self._changes:
+        regular, self._distance = distance == self._distance, distance
+        if self._asked != (address, count):
+            self._asked, self._block, regular = (address, count), None, False
+        if block is self._block and self._memory.changes == self._changes:
             behind, rest = divmod(sample - self._first, self._step)
             if not rest and (burst := self._bursts[2 * count * behind : 2 * count * (behind + 1)]):
                 return burst
-        step = distance if regular and distance > 0 else block.end - sample
-        end = min(block.end, sample + _MOST * step)
-        self._first, self._step, self._changes = sample, step, self._memory.changes
-        self._bursts = self._memory.pack(window, block, range(sample, end, step))
+        following = (block.end - 1 - sample) // distance if regular and distance > 0 else 0
+        if following < _LEAST:
+            self._block = None
+            return pack_words(self._memory.read(address, count, block, sample))
+        samples = range(sample, block.end, distance)[:_MOST]
+        self._block, self._changes = block, self._memory.changes
+        self._first, self._step = sample, distance
+        self._bursts = self._memory.pack(address, count, block, samples)
         return self._bursts[: 2 * count]

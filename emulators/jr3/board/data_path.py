@@ -15,25 +15,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from emulators.jr3.board.filters import (
-    FILTER_STEPS,
-    SECTIONS,
-    THRESHOLD_STEP,
-    run_stage,
-)
-from emulators.jr3.board.plan import plan_of
-from emulators.jr3.board.traces import (
-    NEVER,
-    TRACE_WORDS,
-    Trace,
-    Traces,
-    Words,
-    first_tick,
-    held_trace,
-)
+from emulators.jr3.board.filters import FILTER_STEPS, SECTIONS, run_stage
+from emulators.jr3.board.plan import Plan, plan_of
+from emulators.jr3.board.traces import NEVER, NEWEST, TRACE_WORDS, Place, Places, Traces, Words
 from emulators.jr3.board.watch import latch, peaks, watched
 from protocol.jr3 import AXES
-from protocol.jr3.board import FILTERS, WORD_MODULUS, LoadEnvelope
+from protocol.jr3.board import FILTERS, VECTORS, WORD_MODULUS, LoadEnvelope
 
 Floats = NDArray[np.float64]
 
@@ -69,8 +56,8 @@ class PathState:
 
     stages: tuple[Floats, ...]
     """(6, 3, 2) for each of filter1 … filter6."""
-    last: Mapping[str, Words]
-    """The newest words of every trace."""
+    last: Words
+    """The newest words of every trace, where `NEWEST` says."""
     rate_count: int = 0
     rate_values: Words | None = None
     """(8,) the words of the last calculation of the rate; None before the first."""
@@ -81,7 +68,7 @@ class PathState:
     """Number of the newest sample computed."""
 
 
-@dataclass(frozen=True)
+@dataclass
 class Block:
     """Everything computed for samples `start` … `end` − 1."""
 
@@ -111,115 +98,87 @@ class Block:
 def at_rest() -> PathState:
     """A path that has seen nothing."""
     return PathState(
-        tuple(np.zeros((6, SECTIONS, 2)) for _ in range(FILTERS - 1)),
-        {name: np.zeros(count, np.int16) for name, count in TRACE_WORDS.items()},
+        tuple(np.zeros((len(AXES), SECTIONS, 2)) for _ in range(FILTERS - 1)),
+        np.zeros(sum(TRACE_WORDS.values()), np.int16),
     )
+
+
+_HELD = Places({name: Place(NEVER, 1, where.start, 1, 1) for name, where in NEWEST.items()})
 
 
 def held(state: PathState, start: int, end: int) -> Block:
     """Samples that the board lets pass: every word stays."""
-    traces = {name: held_trace(words) for name, words in state.last.items()}
-    return Block(start, end, state, state, traces, None)
+    return Block(start, end, state, state, Traces(state.last, start, _HELD), None)
 
 
 def block(state: PathState, settings: PathSettings, raw: NDArray[np.int64], start: int) -> Block:
     """Compute `raw` (n > 0, 6), whose first sample has the number `start`."""
-    end = start + len(raw)
-    traces: dict[str, Trace] = {}
-    traces["raw"] = _trace(state, "raw", start, 1, raw.T)
-    traces |= _saturation(state, settings, raw, start)
-    stages = _filters(state, settings, raw, start, traces)
-    rate_first, rate_values = _rate(state, settings, traces, start, end)
-    _thresholds(state, settings, traces, start, end)
+    length, end = len(raw), start + len(raw)
+    rate_step, envelope = settings.rate_divisor, settings.envelope
+    # A count past the divisor has to wrap around 16 bits before it meets it.
+    wait = (rate_step - state.rate_count - 1) % WORD_MODULUS
+    plan = plan_of(
+        start % FILTER_STEPS[-1],
+        length,
+        wait if wait < length else NEVER,
+        rate_step,
+        max(int(raw.max()), -int(raw.min())) >= min(settings.near_saturation, settings.saturation),
+        bool(envelope.at_least or envelope.at_most),
+    )
+    words = np.empty(plan.size, np.int16)
+    stages = _filters(state, settings, raw, plan, words)
+    words[plan.before] = state.last
+    traces = Traces(words, start, plan.places)
+    traces["raw"].values[:, 1:] = raw.T
+    _saturation(settings, raw, traces)
+    rate_values = _rate(state, settings, traces, end)
+    _thresholds(settings, traces, end)
     minimum, maximum = peaks(traces, settings.constants, settings.peak_address, start)
     if state.minimum is not None and state.maximum is not None:
         minimum, maximum = np.minimum(minimum, state.minimum), np.maximum(maximum, state.maximum)
-    result = Block(start, end, state, state, traces, raw, rate_first, settings.rate_divisor)
-    after = PathState(
-        stages,
-        {name: trace.values[:, -1] for name, trace in traces.items()},
-        result.rate_count(end - 1),
-        rate_values,
-        minimum,
-        maximum,
-        end - 1,
+    result = Block(start, end, state, state, traces, raw, start + wait, rate_step)
+    result.after = PathState(
+        stages, words[plan.newest], result.rate_count(end - 1), rate_values, minimum, maximum, end - 1
     )
-    return Block(start, end, state, after, traces, raw, rate_first, settings.rate_divisor)
+    return result
 
 
-def _trace(
-    state: PathState, name: str, first: int, step: int, values: NDArray[np.float64] | NDArray[np.int64]
-) -> Trace:
-    """`values` (words, calculations) behind what stood there before."""
-    words = np.empty((len(values), values.shape[1] + 1), np.int16)
-    words[:, 0] = state.last[name]
-    words[:, 1:] = values
-    return Trace(first, step, words)
-
-
-def _saturation(
-    state: PathState, settings: PathSettings, raw: NDArray[np.int64], start: int
-) -> dict[str, Trace]:
-    highest = max(int(raw.max()), -int(raw.min()))
-    traces = {}
+def _saturation(settings: PathSettings, raw: NDArray[np.int64], traces: Traces) -> None:
     for name, limit in (("warnings", settings.near_saturation), ("errors", settings.saturation)):
-        if highest >= limit:
-            bits = (np.abs(raw) >= limit) @ (1 << np.arange(6))
-            traces[name] = _trace(state, name, start, 1, bits[np.newaxis])
+        bits = traces[name].values
+        if bits.shape[1] > 1:
+            bits[0, 1:] = (np.abs(raw) >= limit) @ (1 << np.arange(len(AXES)))
         else:
-            traces[name] = held_trace(_NOTHING)
-    return traces
-
-
-_NOTHING = np.zeros(1, np.int16)
-_COUNTING = np.arange(1 << 14, dtype=np.int16)
+            bits[:] = 0
 
 
 def _filters(
-    state: PathState,
-    settings: PathSettings,
-    raw: NDArray[np.int64],
-    start: int,
-    traces: dict[str, Trace],
+    state: PathState, settings: PathSettings, raw: NDArray[np.int64], plan: Plan, words: Words
 ) -> tuple[Floats, ...]:
-    """Words of all filters and their vectors into `traces`; the filters' states after."""
+    """Words of all filters, their vectors and counts into `words`; the filters' states after."""
     signal = settings.counts_per_raw @ raw.T
     signal -= settings.offsets[:, np.newaxis]
     if settings.wraps.any():
         wrapping = signal[settings.wraps]
         signal[settings.wraps] = (wrapping - _LOWEST) % WORD_MODULUS + _LOWEST
     _limit(signal)
-    plan, last = plan_of(start % FILTER_STEPS[-1], len(raw)), state.last
-    # Of all filters side by side, each behind a column for what stood there before.
-    data = np.empty((len(AXES), plan.columns))
+    data = np.zeros((len(AXES), plan.axes_columns))
     stages = list(state.stages)
     for n, part in enumerate(plan.parts):
         if n:
             signal, stages[n - 1] = run_stage(signal[:, part.taken], stages[n - 1])
-        data[:, part.begin] = last[f"axes{n}"]
         data[:, part.begin + 1 : part.end] = signal
     np.rint(data, out=data)
     _limit(data)
-    words = data.astype(np.int16)
+    axes, vectors = data.size, data.size + len(VECTORS) * len(plan.vector_columns)
+    words[:axes] = data.ravel()
     squares = data.take(plan.vector_columns, axis=1)
     np.square(squares, out=squares)
-    norms = np.sqrt(settings.vector_weights @ squares)
+    norms = settings.vector_weights @ squares
+    np.sqrt(norms, out=norms)
     np.rint(norms, out=norms)
-    vectors = np.minimum(norms, _HIGHEST, out=norms).astype(np.int16)
-    for n in range(FILTERS):
-        name, vector, count = f"axes{n}", f"vectors{n}", f"count{n}"
-        if n >= len(plan.parts):
-            # Short blocks reach only the first stages; the slow ones keep their words.
-            traces |= {name: held_trace(last[name]) for name in (name, vector, count)}
-            continue
-        part = plan.parts[n]
-        traces[name] = Trace(start + part.first, part.step, words[:, part.begin : part.end])
-        if n:
-            counts = _COUNTING[: part.end - part.begin] + last[count]
-            traces[count] = Trace(start + part.first, part.step, counts[np.newaxis])
-        vectors[:, part.vector_begin] = last[vector]
-        found = vectors[:, part.vector_begin : part.vector_end]
-        traces[vector] = Trace(start + part.vector_first, part.vector_step, found)
+    words[axes:vectors] = np.minimum(norms, _HIGHEST, out=norms).ravel()
+    words[vectors : vectors + len(plan.counting)] = plan.counting + state.last[plan.counted]
     return tuple(stages)
 
 
@@ -229,37 +188,26 @@ def _limit(signal: Floats) -> None:
     np.minimum(signal, _HIGHEST, out=signal)
 
 
-def _rate(
-    state: PathState, settings: PathSettings, traces: dict[str, Trace], start: int, end: int
-) -> tuple[int, Words | None]:
-    """Words of the rate into `traces`; its first calculation, and the words that it has seen last."""
-    step = settings.rate_divisor
-    # A count past the divisor has to wrap around 16 bits before it meets it.
-    wait = (step - state.rate_count - 1) % WORD_MODULUS
-    first = start + wait
-    if first >= end:
-        traces["rate"] = Trace(first, step, state.last["rate"][:, np.newaxis])
-        return first, state.rate_values
-    seen = watched(traces, settings.constants, settings.rate_address, np.arange(first, end, step))
-    rates = np.empty((len(seen), seen.shape[1] + 1), np.int16)
-    rates[:, 0] = state.last["rate"]
-    before = seen[:, 0] if state.rate_values is None else state.rate_values
-    levels = np.column_stack((before, seen)).astype(np.int32)
+def _rate(state: PathState, settings: PathSettings, traces: Traces, end: int) -> Words | None:
+    """Words of the rate into `traces`; the words that it has seen last."""
+    rate = traces["rate"]
+    ticks = np.arange(rate.first, end, rate.step)
+    if not len(ticks):
+        return state.rate_values
+    before = traces.without("rate", "threshold_bits")
+    seen = watched(before, settings.constants, settings.rate_address, ticks)
+    levels = np.empty((len(seen), len(ticks) + 1), np.int32)
+    levels[:, 0] = seen[:, 0] if state.rate_values is None else state.rate_values
+    levels[:, 1:] = seen
     changes = levels[:, 1:] - levels[:, :-1]
-    rates[:, 1:] = np.minimum(np.maximum(changes, int(_LOWEST)), int(_HIGHEST))
-    traces["rate"] = Trace(first, step, rates)
-    return first, seen[:, -1]
+    rate.values[:, 1:] = np.minimum(np.maximum(changes, int(_LOWEST)), int(_HIGHEST))
+    return seen[:, -1]
 
 
-def _thresholds(
-    state: PathState, settings: PathSettings, traces: dict[str, Trace], start: int, end: int
-) -> None:
-    first = first_tick(start, THRESHOLD_STEP)
-    ticks = np.arange(first, end, THRESHOLD_STEP)
-    envelope = settings.envelope
-    if not (len(ticks) and (envelope.at_least or envelope.at_most)):
-        traces["threshold_bits"] = held_trace(state.last["threshold_bits"])
-        return
-    standing = int(state.last["threshold_bits"][0])
-    bits = latch(traces, settings.constants, envelope, ticks, standing)
-    traces["threshold_bits"] = _trace(state, "threshold_bits", first, THRESHOLD_STEP, bits[np.newaxis])
+def _thresholds(settings: PathSettings, traces: Traces, end: int) -> None:
+    bits = traces["threshold_bits"]
+    ticks = np.arange(bits.first, end, bits.step)
+    if len(ticks):
+        standing = int(bits.values[0, 0])
+        before = traces.without("threshold_bits")
+        bits.values[0, 1:] = latch(before, settings.constants, settings.envelope, ticks, standing)

@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 
 from emulators.jr3.board.data_path import Block
-from emulators.jr3.board.traces import Window, pieces
+from emulators.jr3.board.traces import pieces
 from emulators.jr3.sensor import SENSOR_RATE_HZ
 from protocol.jr3.board import (
     CHANNELS,
@@ -101,12 +101,15 @@ class Memory:
             words[_ERRORS - address] |= self._status
         return words
 
-    def pack(self, window: Window, block: Block, samples: range) -> bytes:
-        """What `read` says of a window's words after each of these samples, big-endian."""
-        address, count = window.address, window.count
+    def pack(self, address: int, count: int, block: Block, samples: range) -> bytes:
+        """What `read` says after each of these samples, big-endian."""
         rows = np.empty((len(samples), count), ">u2")
         rows[:] = self.words[address : address + count]
-        rows[:, window.places] = window.words(np.array(samples))
+        offset = samples.start - block.start
+        part = block.traces.lookup(address, count, offset, len(samples), samples.step)
+        found = block.traces.words.view(np.uint16).take(part.indices)
+        for begin, end, here, there in part.runs:
+            rows[:, begin:end] = found[:, here:there]
         for at in _live(address, count):
             rows[:, at - address] = [self._live_word(at, block, sample) for sample in samples]
         if address <= _ERRORS < address + count:

@@ -1,7 +1,7 @@
-"""Where in a block of samples the filters and their vectors are calculated.
+"""Where the words of a block of samples are calculated, and where they lie: all in one array.
 
-It follows from the block's place on the grid of the slowest filter and its length alone, so that a plan is made
-once for many blocks.
+It follows from the block's length, its place on the grid of the slowest filter and a few settings alone, so that a
+plan is made once for many blocks.
 """
 
 from dataclasses import dataclass
@@ -10,55 +10,108 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from emulators.jr3.board.filters import FILTER_STEPS, VECTOR_STEPS
+from emulators.jr3.board.filters import FILTER_STEPS, THRESHOLD_STEP, VECTOR_STEPS
+from emulators.jr3.board.traces import NEVER, NEWEST, TRACE_WORDS, Place, Places
+from protocol.jr3 import AXES
+from protocol.jr3.board import VECTORS
+
+Indices = NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """One filter in a block; samples count from the block's first one."""
+    """One filter in a block."""
 
-    first: int
-    """Sample of the first calculation."""
-    step: int
     taken: slice
     """Which calculations of the filter before are this one's samples."""
     begin: int
     """Column of what stood there before; the calculations follow."""
     end: int
-    vector_first: int
-    vector_step: int
-    vector_begin: int
-    vector_end: int
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Plan:
-    """All filters that are calculated in a block, fastest first."""
+    """Where everything of a block lies. Equal plans are one and the same."""
 
     parts: tuple[Part, ...]
-    columns: int
-    vector_columns: NDArray[np.int64]
+    """Filters that are calculated, fastest first; their axes lie side by side at the array's beginning."""
+    axes_columns: int
+    vector_columns: Indices
     """Of all vectors side by side, each behind one for what stood there before: the columns that they are made of."""
+    counting: NDArray[np.int16]
+    """Of all counts one after the other: how many calculations after the block's beginning."""
+    counted: Indices
+    """Of the same words, which of the newest words the count goes on from."""
+    places: Places
+    size: int
+    before: Indices
+    """Where each of the newest words before the block lies."""
+    newest: Indices
+    """Where each of the newest words after the block lies."""
 
 
-@lru_cache(maxsize=1024)
-def plan_of(phase: int, length: int) -> Plan:
-    """The plan of `length` samples, the first of which has this number modulo the slowest filter's step."""
+@lru_cache(maxsize=256)
+def plan_of(
+    phase: int, length: int, rate_first: int, rate_step: int, saturated: bool, thresholds: bool
+) -> Plan:
+    """The plan of `length` samples, the first of which has the number `phase` modulo the slowest filter's step.
+
+    `rate_first` is the sample of the block with its first calculation of the rate. Words that are not calculated, as
+    those of saturation and thresholds may not be, have a column all the same.
+    """
     parts: list[Part] = []
     columns: list[int] = []
+    axes: dict[str, Place] = {}
+    vectors: dict[str, Place] = {}
     begin = taken_from = 0
     before = 1
-    for step, vector_step in zip(FILTER_STEPS, VECTOR_STEPS, strict=True):
+    for n, (step, vector_step) in enumerate(zip(FILTER_STEPS, VECTOR_STEPS, strict=True)):
         first, vector_first = -phase % step, -phase % vector_step
-        if first >= length:
-            break
         end = begin + 1 + len(range(first, length, step))
-        vector_begin = len(columns)
-        columns.append(begin)
-        columns += [begin + 1 + (at - first) // step for at in range(vector_first, length, vector_step)]
-        taken = slice((first - taken_from) // before, None, step // before)
-        parts.append(
-            Part(first, step, taken, begin, end, vector_first, vector_step, vector_begin, len(columns))
-        )
-        begin, taken_from, before = end, first, step
-    return Plan(tuple(parts), begin, np.array(columns))
+        if first < length:
+            parts.append(Part(slice((first - taken_from) // before, None, step // before), begin, end))
+            taken_from, before = first, step
+        axes[f"axes{n}"] = Place(first, step, begin, 0, end - begin)
+        made_of = [begin + 1 + (at - first) // step for at in range(vector_first, length, vector_step)]
+        vectors[f"vectors{n}"] = Place(vector_first, vector_step, len(columns), 0, 1 + len(made_of))
+        columns += [begin, *made_of]
+        begin = end
+    places = {name: place.moved(0, begin) for name, place in axes.items()}
+    size = len(AXES) * begin
+    places |= {name: place.moved(size, len(columns)) for name, place in vectors.items()}
+    size += len(VECTORS) * len(columns)
+    counting: list[int] = []
+    counted: list[int] = []
+    for n, step in enumerate(FILTER_STEPS[1:], 1):
+        count = places[f"axes{n}"].columns
+        places[f"count{n}"] = Place(-phase % step, step, size + len(counting), count, count)
+        counting += range(count)
+        counted += [NEWEST[f"count{n}"].start] * count
+    size += len(counting)
+    for name, first, step in (
+        ("raw", 0, 1),
+        ("warnings", 0 if saturated else NEVER, 1),
+        ("errors", 0 if saturated else NEVER, 1),
+        ("rate", rate_first, rate_step),
+        ("threshold_bits", -phase % THRESHOLD_STEP if thresholds else NEVER, THRESHOLD_STEP),
+    ):
+        count = 1 + len(range(first, length, step))
+        places[name] = Place(first, step, size, count, count)
+        size += TRACE_WORDS[name] * count
+    starts = [
+        (places[name].begin + word * places[name].pitch, places[name].columns)
+        for name, words in TRACE_WORDS.items()
+        for word in range(words)
+    ]
+    stood = np.array([at for at, _ in starts])
+    return Plan(
+        tuple(parts),
+        begin,
+        np.array(columns),
+        np.array(counting).astype(np.int16),
+        np.array(counted),
+        Places(places),
+        size,
+        stood,
+        stood + [count - 1 for _, count in starts],
+    )

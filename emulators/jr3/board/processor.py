@@ -10,7 +10,7 @@ from emulators.jr3.board.data_path import PathSettings, PathState, at_rest
 from emulators.jr3.board.memory import Memory, Use, use_of
 from emulators.jr3.board.profile import BoardProfile
 from emulators.jr3.board.sampling import RawSamples, Sampling
-from emulators.jr3.board.traces import COLUMNS
+from emulators.jr3.board.traces import COLUMNS, NEWEST
 from emulators.jr3.board.transforms import Scaling, vectors
 from emulators.jr3.board.watch import WATCHED
 from emulators.jr3.sensor import Jr3Sensor
@@ -130,20 +130,22 @@ class Processor:
         put("offsets", *[0] * len(AXES))
         self._say_scaling()
         state, fresh = self.sampling.cut(), at_rest()
-        counts = {name: words for name, words in state.last.items() if name.startswith("count")}
-        self.sampling.resume(replace(fresh, last={**fresh.last, **counts}, sampled=state.sampled))
+        for name in NEWEST:
+            if name.startswith("count"):
+                fresh.last[NEWEST[name]] = state.last[NEWEST[name]]
+        self.sampling.resume(replace(fresh, sampled=state.sampled))
         self.adopt()
 
     def lose_sensor(self, zero: bool) -> None:
         """No samples come any more: saturation is over, data stay as they are or become 0."""
         state = self.sampling.cut()
-        gone = {
-            name: np.zeros_like(words)
-            for name, words in state.last.items()
-            if name in ("errors", "warnings")
-            or (zero and name.startswith(("axes", "vectors", "raw", "rate")))
-        }
-        self.sampling.resume(replace(state, last={**state.last, **gone}))
+        last = state.last.copy()
+        for name in NEWEST:
+            if name in ("errors", "warnings") or (
+                zero and name.startswith(("axes", "vectors", "raw", "rate"))
+            ):
+                last[NEWEST[name]] = 0
+        self.sampling.resume(replace(state, last=last))
 
     def zero_offsets(self) -> None:
         """Make the data 0 as they are now."""
@@ -195,8 +197,9 @@ class Processor:
 
     def _set_last(self, trace: str, word: int) -> None:
         state = self.sampling.cut()
-        words = np.array([to_signed(word)], np.int16)
-        self.sampling.resume(replace(state, last={**state.last, trace: words}))
+        last = state.last.copy()
+        last[NEWEST[trace]] = to_signed(word)
+        self.sampling.resume(replace(state, last=last))
 
     # --- commands
 

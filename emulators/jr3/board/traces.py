@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from functools import lru_cache
+from itertools import accumulate
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,12 +44,60 @@ class Trace:
         return np.maximum((samples - self.first) // self.step + 1, 0)
 
 
-Traces = Mapping[str, Trace]
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where a trace lies in the array of its block. Samples count from the block's first one."""
+
+    first: int
+    step: int
+    begin: int
+    """What stood there before, of its first word; the calculations follow."""
+    pitch: int
+    """From one word to the next."""
+    columns: int
+    """Calculations + 1."""
+
+    def moved(self, by: int, pitch: int) -> "Place":
+        """The same elsewhere."""
+        return Place(self.first, self.step, by + self.begin, pitch, self.columns)
 
 
-def held_trace(words: Words) -> Trace:
-    """Words that keep what they are."""
-    return Trace(NEVER, 1, words[:, np.newaxis])
+@dataclass(frozen=True, slots=True, eq=False)
+class Places:
+    """Where all traces lie in the array of a block. Blocks that are alike share one."""
+
+    at: Mapping[str, Place]
+
+
+class Traces:
+    """The words of a block from sample `start` on, by name; `missing` are not computed yet."""
+
+    __slots__ = ("_missing", "_places", "_start", "words")
+
+    def __init__(self, words: Words, start: int, places: Places, missing: tuple[str, ...] = ()) -> None:
+        self.words = words
+        self._start = start
+        self._places = places
+        self._missing = missing
+
+    def __contains__(self, name: str) -> bool:
+        return name in self._places.at and name not in self._missing
+
+    def __getitem__(self, name: str) -> Trace:
+        place = self._places.at[name]
+        shape, strides = (TRACE_WORDS[name], place.columns), (2 * place.pitch, 2)
+        values: Words = np.ndarray(shape, np.int16, self.words, 2 * place.begin, strides)
+        return Trace(self._start + place.first, place.step, values)
+
+    def lookup(self, address: int, count: int, offset: int, samples: int, step: int) -> "Lookup":
+        """Where in `words` those from an address on lie after every so many samples, the first `offset` behind the
+        block's first one.
+        """
+        return _lookup(self._places, address, count, offset, samples, step)
+
+    def without(self, *names: str) -> "Traces":
+        """The same before these were computed."""
+        return Traces(self.words, self._start, self._places, names)
 
 
 def first_tick(start: int, step: int) -> int:
@@ -101,58 +150,34 @@ def pieces(address: int, count: int) -> tuple[Piece, ...]:
     return tuple(found)
 
 
-@dataclass(frozen=True, slots=True)
-class _Layout:
-    """The computed words among some neighbouring addresses."""
+NEWEST = {
+    name: slice(end - TRACE_WORDS[name], end)
+    for name, end in zip(TRACE_WORDS, accumulate(TRACE_WORDS.values()), strict=True)
+}
+"""Where each trace stands among the newest words of all."""
 
-    names: tuple[str, ...]
-    """Their traces."""
-    trace: NDArray[np.int64]
-    """Of each word, where its trace stands in `names`."""
-    word: NDArray[np.int64]
-    """Of each word, which of its trace's."""
-    places: NDArray[np.int64]
-    """Of each word, how far behind the first address it stands."""
+
+@dataclass(frozen=True, slots=True)
+class Lookup:
+    """Where the computed words among some neighbouring addresses lie after some samples."""
+
+    indices: NDArray[np.int64]
+    """(samples, computed words)"""
+    runs: tuple[tuple[int, int, int, int], ...]
+    """Neighbouring words: begin and end among the addresses, begin and end among the computed ones."""
 
 
 @lru_cache(maxsize=64)
-def _layout(address: int, count: int) -> _Layout:
-    chosen = pieces(address, count)
-    names = tuple(dict.fromkeys(piece.trace for piece in chosen))
-    rows = [
-        (names.index(piece.trace), word, piece.offset + word - piece.begin)
-        for piece in chosen
-        for word in range(piece.begin, piece.end)
-    ]
-    trace, word, places = np.array(rows, np.int64).reshape(-1, 3).T.copy()
-    return _Layout(names, trace, word, places)
-
-
-class Window:
-    """The computed words among `count` from an address over one block, found by one look-up for many samples."""
-
-    def __init__(self, traces: Traces, address: int, count: int) -> None:
-        self.address, self.count = address, count
-        layout = self._layout = _layout(address, count)
-        self.places = layout.places
-        """Which of the `count` words are computed."""
-        used = [traces[name] for name in layout.names]
-        if not used:
-            return
-        self._flat = np.concatenate([trace.values.ravel() for trace in used]).view(np.uint16)
-        self._first = np.array([trace.first for trace in used])
-        self._step = np.array([trace.step for trace in used])
-        heights, widths = np.array([trace.values.shape for trace in used]).T
-        begins = np.cumsum(heights * widths) - heights * widths
-        # Column 1 of each word: what stands there after the first calculation.
-        self._base = (begins + 1)[layout.trace] + layout.word * widths[layout.trace]
-
-    def words(self, samples: NDArray[np.int64]) -> NDArray[np.uint16]:
-        """What stands at `places` after each of these samples (samples, words)."""
-        if not len(self.places):
-            return np.empty((len(samples), 0), np.uint16)
-        calculations = np.maximum((samples[:, np.newaxis] - self._first) // self._step, -1)
-        found: NDArray[np.uint16] = self._flat.take(
-            calculations.take(self._layout.trace, axis=1) + self._base
-        )
-        return found
+def _lookup(places: Places, address: int, count: int, offset: int, samples: int, step: int) -> Lookup:
+    after = offset + step * np.arange(samples)
+    columns: list[NDArray[np.int64]] = []
+    runs: list[tuple[int, int, int, int]] = []
+    for piece in pieces(address, count):
+        place = places.at[piece.trace]
+        calculations = np.maximum((after - place.first) // place.step + 1, 0) + place.begin
+        begin, here = piece.offset, len(columns)
+        columns += [calculations + word * place.pitch for word in range(piece.begin, piece.end)]
+        if runs and runs[-1][1] == begin:
+            begin, _, here, _ = runs.pop()
+        runs.append((begin, piece.offset + piece.end - piece.begin, here, len(columns)))
+    return Lookup(np.array(columns, np.int64).reshape(-1, samples).T.copy(), tuple(runs))
