@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 
 from emulators.jr3 import Jr3Sensor, SensorProfile
 from emulators.jr3.board import Board, BoardProfile
+from protocol.jr3.board import REGISTERS, pack_words
 
 POWERED = 1000.0003
 """Not on the sensor's grid."""
@@ -31,4 +32,28 @@ def test_words_read_again_and_again_are_those_of_one_look(address: int, count: i
         expected = looked.read(address, count, now)
         looked.read(address + 1, count - 1, now)
         assert streamed.read(address, count, now) == expected
-        assert streamed.read(address, count, now) == expected
+        assert streamed.burst(address, count, now) == pack_words(expected)
+        assert streamed.burst(address, count, now) == pack_words(expected)
+
+
+def test_a_regular_reader_hears_what_a_host_writes_meanwhile() -> None:
+    """Bursts worked out ahead are given up when any word of the memory changes."""
+    streamed, looked = board(), board()
+    slot = REGISTERS["load_envelope1"].address
+    for k in range(200):
+        now = STEADY + 0.001 * k
+        if k % 37 == 5:
+            for each in (streamed, looked):
+                each.write(slot + 3, (k,), now)
+        if k % 50 == 20:
+            for each in (streamed, looked):
+                each.unplug(now) if k < 100 else each.plug_in(now)
+        assert streamed.burst(0x90, 256, now) == pack_words(looked.read(0x90, 256, now)), k
+
+
+@pytest.mark.parametrize("period", [1, 4, 8, 80, 400])
+def test_every_burst_of_a_reader_of_any_period_is_that_of_one_look(period: int) -> None:
+    streamed, looked = board(), board()
+    for k in range(-50, 300):
+        now = POWERED + max(0, k) * period / 8000
+        assert streamed.burst(0xA0, 82, now) == pack_words(looked.read(0xA0, 82, now)), k
