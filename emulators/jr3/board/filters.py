@@ -4,6 +4,7 @@ Source: JR3 manual 5907E for the rates. The shape is identified from the manual'
 stage is the same elliptic filter at a quarter of the rate of the stage before.
 """
 
+from collections.abc import Callable
 from functools import lru_cache
 
 import numpy as np
@@ -38,13 +39,19 @@ def low_pass() -> Floats:
 
 
 def run_stage(signal: Floats, state: Floats) -> tuple[Floats, Floats]:
-    """One stage over samples (6, n) from `state` (6, 3, 2): its output (6, n) and its state after.
+    """One stage over samples (6, n) from `state` (6, 3, 2): its output (6, n) and its state after."""
+    output, after = np.array(signal, order="C"), state.copy()
+    _core()(low_pass(), output, after)
+    return output, after
 
-    By the core of `scipy.signal.sosfilt`, which has no public name: the function around it takes several times as
-    long to look at its arguments as the core takes for a block.
+
+@lru_cache(maxsize=1)
+def _core() -> Callable[[Floats, Floats, Floats], None]:
+    """The core of `scipy.signal.sosfilt`, which has no public name and filters in place without a look at shapes.
+
+    The function around it takes several times as long to look at its arguments as the core takes for a block.
     """
     from scipy.signal._sosfilt import _sosfilt
 
-    output, after = np.array(signal, order="C"), state.copy()
-    _sosfilt(low_pass(), output, after)
-    return output, after
+    core: Callable[[Floats, Floats, Floats], None] = _sosfilt
+    return core

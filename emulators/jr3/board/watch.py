@@ -45,7 +45,8 @@ def peaks(traces: Traces, constants: Mapping[int, int], address: int, start: int
         trace = traces[piece.trace]
         seen = trace.values[piece.begin : piece.end, trace.index(start) :]
         part = slice(piece.offset, piece.offset + piece.end - piece.begin)
-        lowest[part], highest[part] = seen.min(axis=1), seen.max(axis=1)
+        np.minimum.reduce(seen, axis=1, out=lowest[part])
+        np.maximum.reduce(seen, axis=1, out=highest[part])
     return lowest, highest
 
 
