@@ -100,11 +100,6 @@ class Traces:
         return Traces(self.words, self._start, self._places, names)
 
 
-def first_tick(start: int, step: int) -> int:
-    """The first sample not before `start` whose number is a multiple of `step`."""
-    return -(-start // step) * step
-
-
 def _columns() -> dict[int, tuple[str, int]]:
     at: dict[int, tuple[str, int]] = {}
     for n in range(FILTERS):

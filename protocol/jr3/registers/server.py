@@ -41,17 +41,16 @@ class _Stream:
     anchor: float
     period: float
     at_once: int
-    bursts: list[bytes] = field(default_factory=list)
+    delivery: bytes = field(init=False)
+    """The delivery that is being filled, from its head on."""
+    held: int = 0
+    """Bursts in it."""
     number: int = 1
     """The first burst is due a period from the anchor: it then costs the same as every other one."""
     due: float = field(init=False)
 
     def __post_init__(self) -> None:
-        self.due = self.anchor + self.number * self.period
-
-    def pass_to(self, now: float) -> None:
-        """Go on to the next burst that is not missed."""
-        self.number = max(self.number, int((now - self.anchor) / self.period)) + 1
+        self.delivery = self.head
         self.due = self.anchor + self.number * self.period
 
 
@@ -115,11 +114,13 @@ class RegisterServer:
             if timeout and now >= self._heard_at + timeout:
                 self._end(Status.IDLE, f"no request for {timeout:g} s", now)
         elif now >= stream.due:
-            stream.pass_to(now)
-            stream.bursts.append(self._burst(stream.address, stream.count, now))
-            if len(stream.bursts) == stream.at_once:
-                self._out = b"".join((self._out, stream.head, *stream.bursts))
-                stream.bursts.clear()
+            stream.number = max(stream.number, int((now - stream.anchor) / stream.period)) + 1
+            stream.due = stream.anchor + stream.number * stream.period
+            stream.delivery += self._burst(stream.address, stream.count, now)
+            stream.held += 1
+            if stream.held == stream.at_once:
+                self._out += stream.delivery
+                stream.delivery, stream.held = stream.head, 0
 
     # --- requests
 
