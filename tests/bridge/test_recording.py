@@ -76,7 +76,8 @@ def write(path: Path, records: list[Record], end: dict[str, str] | None = None) 
 def test_what_was_put_is_read_back(tmp_path: Path) -> None:
     records = stream()
     recording = read(write(tmp_path / "run.mcap", records, {"outcome": "completed"}))
-    assert [*recording.cycles] == [r for r in records if isinstance(r, CycleRecord)]
+    # by their texts: a time that is not known is NaN, which from Python 3.13 on makes two records differ
+    assert [*map(repr, recording.cycles)] == [repr(r) for r in records if isinstance(r, CycleRecord)]
     assert [*recording.sensors] == [r for r in records if isinstance(r, SensorRecord)]
     assert [*recording.events] == [records[0]]
     assert recording.metadata == METADATA
@@ -96,7 +97,9 @@ def test_a_thread_writes_the_same_records(tmp_path: Path) -> None:
     for record in records:
         recorder.put(record)
     recorder.close()
-    assert read(tmp_path / "run.mcap").cycles == read(write(tmp_path / "b.mcap", records)).cycles
+    by_thread, by_caller = read(tmp_path / "run.mcap"), read(write(tmp_path / "b.mcap", records))
+    assert repr(by_thread.cycles) == repr(by_caller.cycles)
+    assert len(by_thread.cycles) == len(by_caller.cycles) > 0
     assert not any(thread.name == "recorder" for thread in threading.enumerate())
 
 
