@@ -112,7 +112,7 @@ class Jr3Sensor:
     ) -> None:
         self.profile = profile
         self.on_forget: list[Callable[[int], object]] = []
-        """Told the number of the first sample that may be another than `counts_from` has said."""
+        """Told the number of the first sample that may be another than was read ahead of what is certain."""
         self._wrench_at = wrench_at
         self._certain_until = certain_until
         self._foreseen_until = foreseen_until
@@ -150,8 +150,7 @@ class Jr3Sensor:
         if not begin <= first <= ready:
             begin = ready = first
         if last >= ready:
-            look_ahead = self._foreseen_until or self.certain_until
-            ahead = math.floor(look_ahead(last / SENSOR_RATE_HZ) * SENSOR_RATE_HZ)
+            ahead = math.floor(self.foreseen_until(last / SENSOR_RATE_HZ) * SENSOR_RATE_HZ)
             fresh = self._counts(ready, max(last + 1, min(ahead, last + _AHEAD)))
             # What was read last is kept: a reader may begin anew at the same moment.
             self._ready = np.concatenate((self._ready[first - begin :], fresh)) if ready > first else fresh
@@ -161,10 +160,9 @@ class Jr3Sensor:
     def forget(self, certain_until: float) -> None:
         """What was foreseen comes otherwise from this time on, s."""
         certain = math.floor(certain_until * SENSOR_RATE_HZ)
-        if certain < self._ready_from + len(self._ready):
-            self._ready = self._ready[: max(certain - self._ready_from, 0)]
-            for tell in self.on_forget:
-                tell(certain)
+        self._ready = self._ready[: max(certain - self._ready_from, 0)]
+        for tell in self.on_forget:
+            tell(certain)
 
     def _counts(self, first: int, stop: int) -> NDArray[np.float64]:
         """Six counts (n, 6) of the samples from number `first` to before `stop`."""
@@ -186,6 +184,12 @@ class Jr3Sensor:
     def certain_until(self, now: float) -> float:
         """Time up to which samples may be read ahead, at least `now`, s."""
         return now if self._certain_until is None else max(now, self._certain_until(now))
+
+    def foreseen_until(self, now: float) -> float:
+        """Time up to which samples may be read ahead by whoever minds `on_forget`, at least `now`, s."""
+        return (
+            self.certain_until(now) if self._foreseen_until is None else max(now, self._foreseen_until(now))
+        )
 
     def raw(self, indices: NDArray[np.int64]) -> NDArray[np.int64]:
         """Converter readings (n, 6) of raw channels 1 … 6 of the samples with these numbers, which do not fall.

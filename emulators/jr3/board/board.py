@@ -1,7 +1,8 @@
 """The JR3 DSP receiver board: a memory that a sensor fills and a host reads and writes, told the time.
 
-Samples are computed in blocks up to the time asked for, and further where the sensor is certain, so that a read
-is a look-up; a host's write that changes the computation throws away what was computed ahead.
+Samples are computed in blocks up to the time asked for, and further as far as the sensor foresees, so that a read
+is a look-up; a host's write that changes the computation throws away what was computed ahead, and so does a sensor
+whose samples will be others.
 """
 
 import math
@@ -56,6 +57,7 @@ class Board:
     def __init__(self, profile: BoardProfile, sensor: Jr3Sensor, powered_at: float) -> None:
         self._profile = profile
         self._sensor = sensor
+        sensor.on_forget.append(self._forget)
         self._raw = RawSamples(sensor)
         self._plugged = sensor.profile.connected
         self._now = powered_at
@@ -162,11 +164,14 @@ class Board:
             return
         computing = self._phase is Phase.RUNNING and not (self._order and self._order.busy)
         settings = processor.settings if computing else None
-        processor.sampling.run(sample, settings, self._certain_sample)
+        processor.sampling.run(sample, settings, self._foreseen_sample)
 
-    def _certain_sample(self) -> int:
+    def _forget(self, first: int) -> None:
+        self._processor.sampling.forget(first)
+
+    def _foreseen_sample(self) -> int:
         """The last sample that can be computed now and will most likely be needed."""
-        sample = self._sample_at(min(self._sensor.certain_until(self._now), self._now + _AHEAD_S))
+        sample = self._sample_at(min(self._sensor.foreseen_until(self._now), self._now + _AHEAD_S))
         return min(sample, self._sample_at(min(self._due.values()))) if self._due else sample
 
     # --- events

@@ -68,31 +68,64 @@ class PathState:
     """Number of the newest sample computed."""
 
 
-@dataclass
+@dataclass(frozen=True, slots=True)
+class Source:
+    """What the words of a block were computed from, and what is not rounded to words."""
+
+    settings: PathSettings
+    raw: NDArray[np.int64]
+    """(n, 6)"""
+    plan: Plan
+    signal: Floats
+    """(6, n) filter0."""
+    stages: tuple[Floats, ...]
+    """State of the filters after all n samples."""
+    rate_seen: Words
+    """(8, calculations) what the rate looked at."""
+    rate_first: int
+    """Sample of its first calculation."""
+
+
+@dataclass(slots=True)
 class Block:
-    """Everything computed for samples `start` … `end` − 1."""
+    """Samples `start` … `end` − 1. They may be made fewer: no word tells of samples after it."""
 
     start: int
     end: int
     before: PathState
-    after: PathState
     traces: Traces
-    raw: NDArray[np.int64] | None
-    """(n, 6) what it was computed from, None for samples that the board let pass."""
-    rate_first: int = NEVER
-    rate_step: int = 1
+    source: Source | None
+    """None for samples that the board let pass."""
 
     def rate_count(self, sample: int) -> int:
         """Word `rate_count` after a sample."""
-        if self.raw is None:
+        source = self.source
+        if source is None:
             return self.before.rate_count
-        if sample >= self.rate_first:
-            return (sample - self.rate_first) % self.rate_step
+        if sample >= source.rate_first:
+            return (sample - source.rate_first) % source.settings.rate_divisor
         return (self.before.rate_count + sample - self.start + 1) % WORD_MODULUS
 
     def sampled(self, sample: int) -> int:
         """Number of the newest sample computed up to one."""
-        return self.before.sampled if self.raw is None else sample
+        return self.before.sampled if self.source is None else sample
+
+    def after(self) -> PathState:
+        """What the computation carries on to the next block."""
+        source, before = self.source, self.before
+        if source is None:
+            return before
+        newest, settings, stages = self.end - 1, source.settings, source.stages
+        if self.end - self.start < len(source.raw):
+            _, stages = _cascade(source.signal[:, : self.end - self.start], source.plan, before.stages)
+        rate_values = before.rate_values
+        if newest >= source.rate_first:
+            rate_values = source.rate_seen[:, (newest - source.rate_first) // settings.rate_divisor]
+        minimum, maximum = peaks(self.traces, settings.constants, settings.peak_address, self.start, self.end)
+        if before.minimum is not None and before.maximum is not None:
+            minimum, maximum = np.minimum(minimum, before.minimum), np.maximum(maximum, before.maximum)
+        last = self.traces.newest(newest)
+        return PathState(stages, last, self.rate_count(newest), rate_values, minimum, maximum, newest)
 
 
 def at_rest() -> PathState:
@@ -103,12 +136,12 @@ def at_rest() -> PathState:
     )
 
 
-_HELD = Places({name: Place(NEVER, 1, where.start, 1, 1) for name, where in NEWEST.items()})
+_HELD = Places.of({name: Place(NEVER, 1, where.start, 1, 1) for name, where in NEWEST.items()})
 
 
 def held(state: PathState, start: int, end: int) -> Block:
     """Samples that the board lets pass: every word stays."""
-    return Block(start, end, state, state, Traces(state.last, start, _HELD), None)
+    return Block(start, end, state, Traces(state.last, start, _HELD), None)
 
 
 def block(state: PathState, settings: PathSettings, raw: NDArray[np.int64], start: int) -> Block:
@@ -126,21 +159,16 @@ def block(state: PathState, settings: PathSettings, raw: NDArray[np.int64], star
         bool(envelope.at_least or envelope.at_most),
     )
     words = np.empty(plan.size, np.int16)
-    stages = _filters(state, settings, raw, plan, words)
-    words[plan.before] = state.last
+    signal, stages = _filters(state, settings, raw, plan, words)
+    words[plan.places.before] = state.last
     traces = Traces(words, start, plan.places)
     traces["raw"].values[:, 1:] = raw.T
     _saturation(settings, raw, traces)
-    rate_values = _rate(state, settings, traces, end)
+    rate_seen = _rate(state, settings, traces, end)
     _thresholds(settings, traces, end)
-    minimum, maximum = peaks(traces, settings.constants, settings.peak_address, start)
-    if state.minimum is not None and state.maximum is not None:
-        minimum, maximum = np.minimum(minimum, state.minimum), np.maximum(maximum, state.maximum)
-    result = Block(start, end, state, state, traces, raw, start + wait, rate_step)
-    result.after = PathState(
-        stages, words[plan.newest], result.rate_count(end - 1), rate_values, minimum, maximum, end - 1
+    return Block(
+        start, end, state, traces, Source(settings, raw, plan, signal, stages, rate_seen, start + wait)
     )
-    return result
 
 
 def _saturation(settings: PathSettings, raw: NDArray[np.int64], traces: Traces) -> None:
@@ -154,8 +182,8 @@ def _saturation(settings: PathSettings, raw: NDArray[np.int64], traces: Traces) 
 
 def _filters(
     state: PathState, settings: PathSettings, raw: NDArray[np.int64], plan: Plan, words: Words
-) -> tuple[Floats, ...]:
-    """Words of all filters, their vectors and counts into `words`; the filters' states after."""
+) -> tuple[Floats, tuple[Floats, ...]]:
+    """Words of all filters, their vectors and counts into `words`; filter0 not rounded, and the states after."""
     signal = settings.counts_per_raw @ raw.T
     signal -= settings.offsets[:, np.newaxis]
     if settings.wraps.any():
@@ -163,11 +191,9 @@ def _filters(
         signal[settings.wraps] = (wrapping - _LOWEST) % WORD_MODULUS + _LOWEST
     _limit(signal)
     data = np.zeros((len(AXES), plan.axes_columns))
-    stages = list(state.stages)
-    for n, part in enumerate(plan.parts):
-        if n:
-            signal, stages[n - 1] = run_stage(signal[:, part.taken], stages[n - 1])
-        data[:, part.begin + 1 : part.end] = signal
+    outputs, stages = _cascade(signal, plan, state.stages)
+    for part, output in zip(plan.parts, outputs, strict=True):
+        data[:, part.begin + 1 : part.end] = output
     np.rint(data, out=data)
     _limit(data)
     axes, vectors = data.size, data.size + len(VECTORS) * len(plan.vector_columns)
@@ -179,7 +205,21 @@ def _filters(
     np.rint(norms, out=norms)
     words[axes:vectors] = np.minimum(norms, _HIGHEST, out=norms).ravel()
     words[vectors : vectors + len(plan.counting)] = plan.counting + state.last[plan.counted]
-    return tuple(stages)
+    return signal, stages
+
+
+def _cascade(
+    signal: Floats, plan: Plan, stages: tuple[Floats, ...]
+) -> tuple[list[Floats], tuple[Floats, ...]]:
+    """What each filter makes of filter0, from `stages` on, until one has no sample; the filters' states after."""
+    outputs, after = [signal], list(stages)
+    for n, part in enumerate(plan.parts[1:]):
+        signal = signal[:, part.taken]
+        if not signal.shape[1]:
+            break
+        signal, after[n] = run_stage(signal, after[n])
+        outputs.append(signal)
+    return outputs, tuple(after)
 
 
 def _limit(signal: Floats) -> None:
@@ -188,20 +228,19 @@ def _limit(signal: Floats) -> None:
     np.minimum(signal, _HIGHEST, out=signal)
 
 
-def _rate(state: PathState, settings: PathSettings, traces: Traces, end: int) -> Words | None:
-    """Words of the rate into `traces`; the words that it has seen last."""
+def _rate(state: PathState, settings: PathSettings, traces: Traces, end: int) -> Words:
+    """Words of the rate into `traces`; the words that it has seen (8, calculations)."""
     rate = traces["rate"]
     ticks = np.arange(rate.first, end, rate.step)
-    if not len(ticks):
-        return state.rate_values
     before = traces.without("rate", "threshold_bits")
     seen = watched(before, settings.constants, settings.rate_address, ticks)
-    levels = np.empty((len(seen), len(ticks) + 1), np.int32)
-    levels[:, 0] = seen[:, 0] if state.rate_values is None else state.rate_values
-    levels[:, 1:] = seen
-    changes = levels[:, 1:] - levels[:, :-1]
-    rate.values[:, 1:] = np.minimum(np.maximum(changes, int(_LOWEST)), int(_HIGHEST))
-    return seen[:, -1]
+    if len(ticks):
+        levels = np.empty((len(seen), len(ticks) + 1), np.int32)
+        levels[:, 0] = seen[:, 0] if state.rate_values is None else state.rate_values
+        levels[:, 1:] = seen
+        changes = levels[:, 1:] - levels[:, :-1]
+        rate.values[:, 1:] = np.minimum(np.maximum(changes, int(_LOWEST)), int(_HIGHEST))
+    return seen
 
 
 def _thresholds(settings: PathSettings, traces: Traces, end: int) -> None:

@@ -44,10 +44,6 @@ class Plan:
     """Of the same words, which of the newest words the count goes on from."""
     places: Places
     size: int
-    before: Indices
-    """Where each of the newest words before the block lies."""
-    newest: Indices
-    """Where each of the newest words after the block lies."""
 
 
 @lru_cache(maxsize=256)
@@ -98,20 +94,12 @@ def plan_of(
         count = 1 + len(range(first, length, step))
         places[name] = Place(first, step, size, count, count)
         size += TRACE_WORDS[name] * count
-    starts = [
-        (places[name].begin + word * places[name].pitch, places[name].columns)
-        for name, words in TRACE_WORDS.items()
-        for word in range(words)
-    ]
-    stood = np.array([at for at, _ in starts])
     return Plan(
         tuple(parts),
         begin,
         np.array(columns),
         np.array(counting).astype(np.int16),
         np.array(counted),
-        Places(places),
+        Places.of(places),
         size,
-        stood,
-        stood + [count - 1 for _, count in starts],
     )

@@ -1,4 +1,6 @@
-"""The board's samples: which have been computed, how far ahead, and what becomes of them when settings change."""
+"""The board's samples: which have been computed, how far ahead, and what becomes of them when settings change, or
+when the sensor's will be others than was foreseen.
+"""
 
 from collections.abc import Callable
 
@@ -12,8 +14,8 @@ Samples = NDArray[np.int64]
 
 _LONGEST = 8192
 """Most samples computed at once: as many as the processor's cache holds."""
-_AHEAD = 1024
-"""Most samples computed ahead, so that what a host's write throws away stays cheap."""
+_AHEAD = 1280
+"""Most samples computed ahead. Chosen: as many as a sensor foresees, so that most blocks are alike."""
 
 
 class RawSamples:
@@ -39,9 +41,13 @@ class RawSamples:
         self._first -= len(samples)
         self._kept = np.concatenate([samples, self._kept])
 
+    def forget(self, first: int) -> None:
+        """Samples from this number on will be others than were read."""
+        self._kept = self._kept[: max(0, first - self._first)]
+
 
 class Sampling:
-    """Runs the data path up to the sample asked for, and further where the sensor is certain.
+    """Runs the data path up to the sample asked for, and further as far as the sensor foresees.
 
     Samples have the numbers 0, 1, … from `origin`, the absolute number of the first one.
     """
@@ -50,7 +56,6 @@ class Sampling:
         self._raw = raw
         self._origin = origin
         self.block: Block = held(state, 0, 0)
-        self._settings: PathSettings | None = None
         self.sample = -1
         """The newest sample that a host may see."""
 
@@ -68,25 +73,33 @@ class Sampling:
         `ahead` tells the last sample that may be computed already.
         """
         while self.block.end <= sample:
-            start, state = self.block.end, self.block.after
+            start, state = self.block.end, self.block.after()
             if settings is None:
                 self.block = held(state, start, sample + 1)
                 continue
             end = min(max(sample, min(ahead(), start + _AHEAD - 1)) + 1, start + _LONGEST)
             raw = self._raw.take(self._origin + start, self._origin + end)
             self.block = block(state, settings, raw, start)
-            self._settings = settings
         self.reach(sample)
 
     def cut(self) -> PathState:
         """Give up what was computed ahead and tell the state after the newest sample."""
-        ahead, seen = self.block, self.sample + 1 - self.block.start
-        state = ahead.after
-        if ahead.raw is not None and self._settings is not None and self.sample + 1 < ahead.end:
-            self._raw.give_back(ahead.raw[seen:])
-            state = block(ahead.before, self._settings, ahead.raw[:seen], ahead.start).after
+        self._end_block(self.sample + 1)
+        state = self.block.after()
         self.resume(state)
         return state
+
+    def forget(self, first: int) -> None:
+        """The sensor's samples from this absolute number on will be others; what a host has seen it has seen."""
+        self._end_block(max(first - self._origin, self.sample + 1))
+        self._raw.forget(first)
+
+    def _end_block(self, end: int) -> None:
+        """Give up what was computed from this sample on."""
+        ahead = self.block
+        if ahead.source is not None and end < ahead.end:
+            self._raw.give_back(ahead.source.raw[end - ahead.start : ahead.end - ahead.start])
+            ahead.end = end
 
     def resume(self, state: PathState) -> None:
         """Go on from another state after a cut."""

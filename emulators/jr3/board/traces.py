@@ -67,6 +67,28 @@ class Places:
     """Where all traces lie in the array of a block. Blocks that are alike share one."""
 
     at: Mapping[str, Place]
+    before: NDArray[np.int64]
+    """Where each of the newest words before the block lies."""
+    first: NDArray[np.int64]
+    """The sample of its first calculation."""
+    step: NDArray[np.int64]
+    """Samples from calculation to calculation."""
+
+    @classmethod
+    def of(cls, at: Mapping[str, Place]) -> "Places":
+        """With what follows from where the traces lie."""
+        words = [(at[name], word) for name, words in TRACE_WORDS.items() for word in range(words)]
+        return cls(
+            at,
+            np.array([place.begin + word * place.pitch for place, word in words]),
+            np.array([place.first for place, _ in words]),
+            np.array([place.step for place, _ in words]),
+        )
+
+    def newest(self, offset: int) -> NDArray[np.int64]:
+        """Where each of the newest words lies after the sample so many behind the block's first one."""
+        calculations: NDArray[np.int64] = np.maximum((offset - self.first) // self.step + 1, 0)
+        return self.before + calculations
 
 
 class Traces:
@@ -88,6 +110,11 @@ class Traces:
         shape, strides = (TRACE_WORDS[name], place.columns), (2 * place.pitch, 2)
         values: Words = np.ndarray(shape, np.int16, self.words, 2 * place.begin, strides)
         return Trace(self._start + place.first, place.step, values)
+
+    def newest(self, sample: int) -> Words:
+        """All words after a sample, where `NEWEST` says."""
+        newest: Words = self.words[self._places.newest(sample - self._start)]
+        return newest
 
     def lookup(self, address: int, count: int, offset: int, samples: int, step: int) -> "Lookup":
         """Where in `words` those from an address on lie after every so many samples, the first `offset` behind the

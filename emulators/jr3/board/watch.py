@@ -37,13 +37,15 @@ def watched(
     return words
 
 
-def peaks(traces: Traces, constants: Mapping[int, int], address: int, start: int) -> tuple[Words, Words]:
-    """Lowest and highest (8,) of eight neighbouring words over the block of samples from `start`."""
+def peaks(
+    traces: Traces, constants: Mapping[int, int], address: int, start: int, end: int
+) -> tuple[Words, Words]:
+    """Lowest and highest (8,) of eight neighbouring words after samples `start` … `end` − 1."""
     still = [constants.get(address + i, 0) for i in range(WATCHED)]
     lowest, highest = np.array(still, np.int16), np.array(still, np.int16)
     for piece in pieces(address, WATCHED):
         trace = traces[piece.trace]
-        seen = trace.values[piece.begin : piece.end, trace.index(start) :]
+        seen = trace.values[piece.begin : piece.end, trace.index(start) : trace.index(end - 1) + 1]
         part = slice(piece.offset, piece.offset + piece.end - piece.begin)
         np.minimum.reduce(seen, axis=1, out=lowest[part])
         np.maximum.reduce(seen, axis=1, out=highest[part])
