@@ -35,8 +35,8 @@ class AxisWatch:
         self.saturated: tuple[str, ...] = ()
         """Axes at the end of their range in the newest frame: their values may be anything above."""
         self._offset = (0,) * len(AXES)
-        self._calm = tuple(_calm_counts(offset) for offset in self._offset)
-        """Between which counts nothing is near the end of any range, for each axis."""
+        self._calm = _calm_counts(self._offset)
+        """Between which counts no axis is near the end of any range."""
         self._near: set[str] = set()
         self._first: Sequence[int] | None = None
         self._unchanged = set(range(len(AXES)))
@@ -46,12 +46,15 @@ class AxisWatch:
         """A zero was taken while the counts were these; None: nobody saw any, the zero is taken to move nothing."""
         if before is not None:
             self._offset = tuple(a + b for a, b in zip(self._offset, before, strict=True))
-            self._calm = tuple(_calm_counts(offset) for offset in self._offset)
+            self._calm = _calm_counts(self._offset)
         self._first = None
 
     def frame(self, counts: Sequence[int]) -> list[str]:
         """Look at a frame; warnings, each once, in words."""
-        warnings = [] if self._is_calm(counts) else self._look_at_range(counts)
+        low, high = self._calm
+        # That no axis is or was anywhere near the end of its range costs little to see.
+        calm = not self._near and low < min(counts) and max(counts) < high
+        warnings = [] if calm else self._look_at_range(counts)
         if self._first is None:
             self._first, self._unchanged = counts, set(range(len(AXES)))
             self._frames = self._moved = 0
@@ -60,15 +63,6 @@ class AxisWatch:
             self._unchanged = {k for k in self._unchanged if counts[k] == self._first[k]}
             self._moved = max(self._moved, *(abs(a - b) for a, b in zip(counts, self._first, strict=True)))
         return warnings
-
-    def _is_calm(self, counts: Sequence[int]) -> bool:
-        """Whether no axis is or was anywhere near the end of its range, which costs little to see."""
-        if self._near:
-            return False
-        for count, (low, high) in zip(counts, self._calm, strict=True):  # noqa: SIM110 (a generator costs more)
-            if not low < count < high:
-                return False
-        return True
 
     def _look_at_range(self, counts: Sequence[int]) -> list[str]:
         warnings = []
@@ -93,9 +87,9 @@ class AxisWatch:
         return tuple(sorted(self._unchanged)) if reason else ()
 
 
-def _calm_counts(offset: int) -> tuple[int, int]:
-    """Between which counts an axis with this offset reaches less than `_CALM_COUNTS`; none come round there."""
-    return max(-_CALM_COUNTS, -_CALM_COUNTS - offset), min(_CALM_COUNTS, _CALM_COUNTS - offset)
+def _calm_counts(offsets: Sequence[int]) -> tuple[int, int]:
+    """Between which counts any axis with these offsets reaches less than `_CALM_COUNTS`; none come round there."""
+    return -_CALM_COUNTS - min(0, *offsets), _CALM_COUNTS - max(0, *offsets)
 
 
 def _reached(count: int, offset: int) -> int:
