@@ -7,7 +7,6 @@ so that data, counter and errors are of one moment.
 import struct
 from collections import deque
 from enum import Enum
-from typing import TypeAlias
 
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
 from protocol.jr3.board import REGISTERS, SATURATIONS, Errors, pack_words
@@ -56,9 +55,6 @@ _COUNTER_MODULUS = 65536
 _TAG_MODULUS = 65536
 _QUIET_S = 1.0
 """Chosen: saturation is told again once it has been away for so long."""
-
-
-_Counts: TypeAlias = tuple[int, int, int, int, int, int]
 
 
 class BoardPhase(Enum):
@@ -209,16 +205,12 @@ class BoardClient:
 
     def next_deadline(self) -> float | None:
         """The next step, sample or end of patience."""
-        earliest = self._data_by
-        for moment in (
-            self._wake_at,
-            self._answer_by,
-            self._settled_at,
-            self._poll_due() if self._by_poll and self._polling else None,
-        ):
-            if moment is not None and (earliest is None or moment < earliest):
-                earliest = moment
-        return earliest
+        steps, answer, settled = self._wake_at, self._answer_by, self._settled_at
+        poll = self._poll_due() if self._by_poll and self._polling else None
+        if steps is answer is settled is poll is None:
+            return self._data_by  # as for nearly every sample of a stream
+        moments = (self._data_by, steps, answer, settled, poll)
+        return min([moment for moment in moments if moment is not None])
 
     def handle_deadline(self, now: float) -> None:
         """Go on with the sequence, ask for a sample, become ready or give up."""
@@ -409,7 +401,8 @@ class BoardClient:
         """The bursts between these places of the data."""
         self._heard_at = now
         unpack, size = self._sample.unpack_from, self._sample.size
-        newest = int.from_bytes(data[end - size : end - size + BURST.size])
+        # one alone is the newest, whatever its time
+        newest = int.from_bytes(data[end - size : end - size + BURST.size]) if end - begin > size else 0
         for place in range(begin, end, size):
             time_ns, fx, fy, fz, mx, my, mz, counter, warnings, errors = unpack(data, place)
             # Clocks of two machines cannot be compared: the newest burst is taken to be of the moment of its arrival.
@@ -420,10 +413,22 @@ class BoardClient:
                 periods = (time_ns - self._stamp_ns) * 1e-9 / self._profile.period
                 self.statistics.lost += max(0, round(periods) - 1)
             self._stamp_ns = time_ns
-            if not (errors or warnings or self._saturated) or self._usable(errors, warnings, now):
-                self._on_sample((fx, fy, fz, mx, my, mz), counter, now)
-            elif self._phase is not BoardPhase.READY:
-                return
+            if (errors or warnings or self._saturated) and not self._usable(errors, warnings, now):
+                if self._phase is not BoardPhase.READY:
+                    return
+                continue
+            sequence = self._sequence
+            if sequence is None:
+                sequence = counter
+            elif self._counter is None:
+                sequence += 1
+            elif counter == self._counter:
+                self.statistics.repeated += 1
+                continue
+            else:
+                sequence += (counter - self._counter) % _COUNTER_MODULUS
+            self._sequence, self._counter, self._sampled_at = sequence, counter, now
+            self._events.append(SensorFrame((fx, fy, fz, mx, my, mz), counter, sequence, self._dated))
 
     def _usable(self, errors: int, warnings: int, now: float) -> bool:
         """Whether the data of a burst with these bits are of its moment; tell what is to be told of the bits."""
@@ -433,18 +438,6 @@ class BoardClient:
         if (errors | warnings) & SATURATIONS or self._saturated:
             self._on_saturation(errors & SATURATIONS, warnings & SATURATIONS, now)
         return not errors & _BUSY
-
-    def _on_sample(self, counts: _Counts, counter: int, now: float) -> None:
-        sequence = self._sequence
-        if self._counter is None or sequence is None:
-            sequence = counter if sequence is None else sequence + 1
-        elif counter == self._counter:
-            self.statistics.repeated += 1
-            return
-        else:
-            sequence += (counter - self._counter) % _COUNTER_MODULUS
-        self._sequence, self._counter, self._sampled_at = sequence, counter, now
-        self._events.append(SensorFrame(counts, counter, sequence, self._dated))
 
     def _on_sensor_trouble(self, errors: int, now: float) -> None:
         if errors & DEAF:
