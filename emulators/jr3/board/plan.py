@@ -56,10 +56,10 @@ def plan_of(
     those of saturation and thresholds may not be, have a column all the same.
     """
     parts: list[Part] = []
-    columns: list[int] = []
+    columns: list[Indices] = []
     axes: dict[str, Place] = {}
     vectors: dict[str, Place] = {}
-    begin = taken_from = 0
+    begin = taken_from = vectors_end = 0
     before = 1
     for n, (step, vector_step) in enumerate(zip(FILTER_STEPS, VECTOR_STEPS, strict=True)):
         first, vector_first = -phase % step, -phase % vector_step
@@ -68,22 +68,23 @@ def plan_of(
             parts.append(Part(slice((first - taken_from) // before, None, step // before), begin, end))
             taken_from, before = first, step
         axes[f"axes{n}"] = Place(first, step, begin, 0, end - begin)
-        made_of = [begin + 1 + (at - first) // step for at in range(vector_first, length, vector_step)]
-        vectors[f"vectors{n}"] = Place(vector_first, vector_step, len(columns), 0, 1 + len(made_of))
-        columns += [begin, *made_of]
+        made_of = begin + 1 + (np.arange(vector_first, length, vector_step) - first) // step
+        vectors[f"vectors{n}"] = Place(vector_first, vector_step, vectors_end, 0, 1 + len(made_of))
+        columns += [np.array([begin]), made_of]
+        vectors_end += 1 + len(made_of)
         begin = end
     places = {name: place.moved(0, begin) for name, place in axes.items()}
     size = len(AXES) * begin
-    places |= {name: place.moved(size, len(columns)) for name, place in vectors.items()}
-    size += len(VECTORS) * len(columns)
-    counting: list[int] = []
-    counted: list[int] = []
+    places |= {name: place.moved(size, vectors_end) for name, place in vectors.items()}
+    size += len(VECTORS) * vectors_end
+    counting: list[Indices] = []
+    counted: list[Indices] = []
     for n, step in enumerate(FILTER_STEPS[1:], 1):
         count = places[f"axes{n}"].columns
-        places[f"count{n}"] = Place(-phase % step, step, size + len(counting), count, count)
-        counting += range(count)
-        counted += [NEWEST[f"count{n}"].start] * count
-    size += len(counting)
+        places[f"count{n}"] = Place(-phase % step, step, size, count, count)
+        counting.append(np.arange(count))
+        counted.append(np.full(count, NEWEST[f"count{n}"].start))
+        size += count
     for name, first, step in (
         ("raw", 0, 1),
         ("warnings", 0 if saturated else NEVER, 1),
@@ -97,9 +98,9 @@ def plan_of(
     return Plan(
         tuple(parts),
         begin,
-        np.array(columns),
-        np.array(counting).astype(np.int16),
-        np.array(counted),
+        np.concatenate(columns),
+        np.concatenate(counting).astype(np.int16),
+        np.concatenate(counted),
         Places.of(places),
         size,
     )
