@@ -147,7 +147,9 @@ class Board:
         return math.floor(time * SENSOR_RATE_HZ + _EPSILON) - self._origin
 
     def _advance(self, now: float) -> None:
-        now = self._now = max(now, self._now)
+        if now < self._now:
+            now = self._now
+        self._now = now
         while self._due:
             due = min(self._due, key=lambda key: (self._due[key], key.value))
             at = self._due[due]

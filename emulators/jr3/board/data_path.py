@@ -11,6 +11,7 @@ only. A filter keeps its state over a change of settings, so that the change is 
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,8 @@ from protocol.jr3 import AXES
 from protocol.jr3.board import FILTERS, VECTORS, WORD_MODULUS, LoadEnvelope
 
 Floats = NDArray[np.float64]
+Samples = TypeVar("Samples", int, NDArray[np.int64])
+"""Numbers of one sample or of many."""
 
 _LOWEST, _HIGHEST = -32768.0, 32767.0
 
@@ -97,17 +100,16 @@ class Block:
     source: Source | None
     """None for samples that the board let pass."""
 
-    def rate_count(self, sample: int) -> int:
-        """Word `rate_count` after a sample."""
+    def rate_count(self, sample: Samples) -> Samples | int | NDArray[np.int64]:
+        """Word `rate_count` after each of these samples."""
         source = self.source
         if source is None:
             return self.before.rate_count
-        if sample >= source.rate_first:
-            return (sample - source.rate_first) % source.settings.rate_divisor
-        return (self.before.rate_count + sample - self.start + 1) % WORD_MODULUS
+        divisor, since = source.settings.rate_divisor, sample - source.rate_first
+        return np.where(since < 0, (since + divisor) % WORD_MODULUS, since % divisor)
 
-    def sampled(self, sample: int) -> int:
-        """Number of the newest sample computed up to one."""
+    def sampled(self, sample: Samples) -> Samples | int:
+        """Number of the newest sample computed up to each of these."""
         return self.before.sampled if self.source is None else sample
 
     def after(self) -> PathState:
@@ -125,7 +127,7 @@ class Block:
         if before.minimum is not None and before.maximum is not None:
             minimum, maximum = np.minimum(minimum, before.minimum), np.maximum(maximum, before.maximum)
         last = self.traces.newest(newest)
-        return PathState(stages, last, self.rate_count(newest), rate_values, minimum, maximum, newest)
+        return PathState(stages, last, int(self.rate_count(newest)), rate_values, minimum, maximum, newest)
 
 
 def at_rest() -> PathState:

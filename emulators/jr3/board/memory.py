@@ -3,10 +3,12 @@
 from collections.abc import Sequence
 from enum import Enum, auto
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from emulators.jr3.board.data_path import Block
+from emulators.jr3.board.data_path import Block, Samples
 from emulators.jr3.board.traces import pieces
 from emulators.jr3.sensor import SENSOR_RATE_HZ
 from protocol.jr3.board import (
@@ -96,7 +98,7 @@ class Memory:
             end = piece.offset + piece.end - piece.begin
             words[piece.offset : end] = stand[piece.begin : piece.end]
         for at in _live(address, count):
-            words[at - address] = self._live_word(at, block, sample)
+            words[at - address] = int(self._live_word(at, block, sample))
         if address <= _ERRORS < address + count:
             words[_ERRORS - address] |= self._status
         return words
@@ -111,7 +113,7 @@ class Memory:
         for begin, end, here, there in part.runs:
             rows[:, begin:end] = found[:, here:there]
         for at in _live(address, count):
-            rows[:, at - address] = [self._live_word(at, block, sample) for sample in samples]
+            rows[:, at - address] = self._live_word(at, block, np.array(samples))
         if address <= _ERRORS < address + count:
             rows[:, _ERRORS - address] |= self._status
         return rows.tobytes()
@@ -126,12 +128,12 @@ class Memory:
         self._status = bits
         self.changes += 1
 
-    def _live_word(self, at: int, block: Block, sample: int) -> int:
-        """A word that follows from the number of the sample alone."""
+    def _live_word(self, at: int, block: Block, sample: Samples) -> float | NDArray[Any]:
+        """A word, after each of these samples, that follows from the number of the sample alone."""
         if at == _RATE_COUNT:
             return block.rate_count(sample)
         if at == _COUNT_X:
-            return int((sample + 1) * self._idle_per_sample) % WORD_MODULUS
+            return (sample + 1) * self._idle_per_sample // 1 % WORD_MODULUS
         if not self._channels >> at // _RAW_WORDS & 1:
             return 0
         # Assumed: all channels of a sample come at once.

@@ -14,8 +14,8 @@ Samples = NDArray[np.int64]
 
 _LONGEST = 8192
 """Most samples computed at once: as many as the processor's cache holds."""
-_AHEAD = 1280
-"""Most samples computed ahead. Chosen: as many as a sensor foresees, so that most blocks are alike."""
+_AHEAD = 2048
+"""Most samples computed ahead. Chosen: more than a sensor foresees."""
 
 
 class RawSamples:
