@@ -169,13 +169,7 @@ class Jr3Sensor:
         times = np.arange(first, stop) / SENSOR_RATE_HZ
         # One row an axis: numpy is quickest along the last dimension, and six is too short for it.
         counts = self._wrench_at(times).T * self._counts_per_unit[:, np.newaxis]
-        if self.profile.noise_counts:
-            for number in range(first // _CHUNK, (stop - 1) // _CHUNK + 1):
-                begin = number * _CHUNK
-                here, end = max(first, begin), min(stop, begin + _CHUNK)
-                counts[:, here - first : end - first] += self._noise_chunk(number)[
-                    :, here - begin : end - begin
-                ]
+        self._add_noise(counts, first)
         # Assumed: rounded to nearest.
         np.rint(counts, out=counts)
         counts.clip(-32768.0, self._saturation_counts, out=counts)
@@ -191,40 +185,32 @@ class Jr3Sensor:
             self.certain_until(now) if self._foreseen_until is None else max(now, self._foreseen_until(now))
         )
 
-    def raw(self, indices: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Converter readings (n, 6) of raw channels 1 … 6 of the samples with these numbers, which do not fall.
+    def raw(self, first: int, stop: int) -> NDArray[np.int64]:
+        """Converter readings (n, 6) of raw channels 1 … 6 of the samples from number `first` to before `stop`.
 
         Left-justified in 16 bits, so that they rise in steps of 2^(16 − bits). Assumed: twice full scale of an
         axis is the converter's range, and the noise of an axis is that of its channel before conversion.
         """
         step = 1 << (16 - self.profile.adc_bits)
-        channels = self._wrench_at(indices / SENSOR_RATE_HZ) @ self._raw_per_wrench
-        if self.profile.noise_counts:
-            channels += self._noise(indices).T
+        channels = self._raw_per_wrench.T @ self._wrench_at(np.arange(first, stop) / SENSOR_RATE_HZ).T
+        self._add_noise(channels, first)
         if step > 1:
             channels /= step
         np.rint(channels, out=channels)
         if step > 1:
             channels *= step
         channels.clip(-32768.0, self._saturation_counts, out=channels)
-        return channels.astype(np.int64)
+        return channels.T.astype(np.int64)
 
-    def _noise(self, indices: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Of the samples with these numbers, counts (6, n)."""
-        if not len(indices):
-            return np.empty((_AXES, 0))
-        first, last = int(indices[0]) // _CHUNK, int(indices[-1]) // _CHUNK
-        if first == last:
-            return self._noise_chunk(first).take(indices - first * _CHUNK, axis=1)
-        edges = np.searchsorted(indices, np.arange(first, last + 2) * _CHUNK).tolist()
-        return np.concatenate(
-            [
-                self._noise_chunk(number).take(indices[begin:end] - number * _CHUNK, axis=1)
-                for number, begin, end in zip(range(first, last + 1), edges, edges[1:], strict=False)
-                if begin < end
-            ],
-            axis=1,
-        )
+    def _add_noise(self, counts: NDArray[np.float64], first: int) -> None:
+        """To six rows (6, n) of the samples from number `first` on."""
+        if not self.profile.noise_counts:
+            return
+        stop = first + counts.shape[1]
+        for number in range(first // _CHUNK, (stop - 1) // _CHUNK + 1):
+            begin = number * _CHUNK
+            here, end = max(first, begin), min(stop, begin + _CHUNK)
+            counts[:, here - first : end - first] += self._noise_chunk(number)[:, here - begin : end - begin]
 
     def _noise_chunk(self, number: int) -> NDArray[np.float64]:
         chunk = self._chunks.get(number)

@@ -96,13 +96,13 @@ def test_saturation_follows_the_converter(bits: int, highest: int) -> None:
 def test_raw_channels_are_counts_in_steps_of_the_converter() -> None:
     wrench = (115.0, -111.0 / 2, 185.0 * 7 / 16384, 5.6 * 3, -5.2 * 3, 0.0)
     sensor = Jr3Sensor(SensorProfile(noise_counts=0.0), constant(*wrench), seed=1)
-    assert sensor.raw(indices(FIRST, 2)).tolist() == [[16384, -8192, 8, 32764, -32768, 0]] * 2
+    assert sensor.raw(FIRST, FIRST + 2).tolist() == [[16384, -8192, 8, 32764, -32768, 0]] * 2
     assert np.allclose(np.array([16384, 0, 0, 0, 0, -16384]) @ sensor.calibration, [115, 0, 0, 0, 0, -6.1])
 
 
 def test_raw_noise_belongs_to_the_sample_and_is_that_of_the_counts() -> None:
     profile = SensorProfile(noise_counts=2.0, adc_bits=16)
-    raw = Jr3Sensor(profile, constant(*[0.0] * 6), seed=5).raw(indices(FIRST, 3000))
+    raw = Jr3Sensor(profile, constant(*[0.0] * 6), seed=5).raw(FIRST, FIRST + 3000)
     assert np.array_equal(raw, Jr3Sensor(profile, constant(*[0.0] * 6), seed=5).counts(indices(FIRST, 3000)))
 
 
@@ -114,10 +114,8 @@ def test_calibration_undoes_the_coupling() -> None:
         constant(11.5, 0.0, 18.5, 0.0, 0.0, 0.0),
         seed=1,
     )
-    assert sensor.raw(indices(FIRST, 1)).tolist() == [[1638, 82, 1638, 0, 0, -33]]
-    assert np.allclose(
-        sensor.raw(indices(FIRST, 1)) @ sensor.calibration, [11.5, 0, 18.5, 0, 0, 0], atol=0.01
-    )
+    assert sensor.raw(FIRST, FIRST + 1).tolist() == [[1638, 82, 1638, 0, 0, -33]]
+    assert np.allclose(sensor.raw(FIRST, FIRST + 1) @ sensor.calibration, [11.5, 0, 18.5, 0, 0, 0], atol=0.01)
 
 
 def test_certainty_never_lies_in_the_past() -> None:

@@ -33,7 +33,7 @@ class RawSamples:
             self._first, self._kept = last, kept[last - first :]
             return kept[: last - first]
         self._first, self._kept = last, kept[:0]
-        fresh = self._sensor.raw(np.arange(first + len(kept), last))
+        fresh = self._sensor.raw(first + len(kept), last)
         return np.concatenate([kept, fresh]) if len(kept) else fresh
 
     def give_back(self, samples: Samples) -> None:
