@@ -1,18 +1,16 @@
 """What the board computes: filters, transforms, rate, peaks, load envelopes; and that blocks change nothing."""
 
-import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from scipy.signal import ellip, freqz_sos, sosfilt
+from scipy.signal import ellip, freqz_sos
 from scipy.spatial.transform import Rotation
 
-from emulators.jr3.board import Board, BoardProfile, filters
-from emulators.jr3.board.filters import low_pass, run_stage
+from emulators.jr3.board import Board, BoardProfile
 from emulators.jr3.sensor import Jr3Sensor, SensorProfile
 from protocol.jr3.board import (
     REGISTERS,
@@ -508,31 +506,3 @@ def test_a_source_that_is_certain_for_ever() -> None:
 def test_words_wrap_where_the_table_says_signed() -> None:
     board = board_of(lambda times: np.tile([-11.5, 0, 0, 0, 0, 0], (len(times), 1)))
     assert board.read_word(0x90, POWERED + 0.1) == from_signed(-1638)
-
-
-@pytest.fixture(params=["core", "public"])
-def scipys(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
-    """A scipy with the core of its filter where it is today, and one without."""
-    if request.param == "public":
-        monkeypatch.setitem(sys.modules, "scipy.signal._sosfilt", None)
-    filters._core.cache_clear()
-    yield request.param
-    filters._core.cache_clear()
-
-
-@pytest.mark.parametrize("step", [1, 4])
-@pytest.mark.parametrize("length", [1, 5, 320])
-def test_a_stage_is_the_filter_that_scipy_documents_to_the_last_bit(
-    length: int, step: int, scipys: str
-) -> None:
-    """It calls scipy's own core, whose name no version has to keep."""
-    assert (filters._core() is filters._public) == (scipys == "public")
-    random = np.random.default_rng(length)
-    signal, state = random.normal(0.0, 1e4, (6, length * step)), random.normal(0.0, 1e4, (6, 3, 2))
-    untouched, stood = signal.copy(), state.copy()
-    output, after = run_stage(signal[:, ::step], state)
-    expected, ended = sosfilt(low_pass(), signal[:, ::step], axis=-1, zi=state.transpose(1, 0, 2))
-    assert np.array_equal(output, expected)
-    assert np.array_equal(after, ended.transpose(1, 0, 2))
-    assert np.array_equal(signal, untouched)
-    assert np.array_equal(state, stood)

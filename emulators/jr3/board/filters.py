@@ -4,7 +4,6 @@ Source: JR3 manual 5907E for the rates. The shape is identified from the manual'
 stage is the same elliptic filter at a quarter of the rate of the stage before.
 """
 
-from collections.abc import Callable
 from functools import lru_cache
 
 import numpy as np
@@ -40,32 +39,7 @@ def low_pass() -> Floats:
 
 def run_stage(signal: Floats, state: Floats) -> tuple[Floats, Floats]:
     """One stage over samples (6, n) from `state` (6, 3, 2): its output (6, n) and its state after."""
-    output, after = np.array(signal, order="C"), state.copy()
-    _core()(low_pass(), output, after)
-    return output, after
+    from scipy.signal import sosfilt  # here, as above
 
-
-_Core = Callable[[Floats, Floats, Floats], None]
-"""Given sections, signal and state, filters in place."""
-
-
-@lru_cache(maxsize=1)
-def _core() -> _Core:
-    """The core of `scipy.signal.sosfilt`, which has no public name and filters without a look at shapes.
-
-    The function around it takes several times as long to look at its arguments as the core takes for a block, all in
-    all a twelfth of a run. It stands in where scipy has its core no longer.
-    """
-    try:
-        from scipy.signal._sosfilt import _sosfilt
-    except ImportError:
-        return _public
-    core: _Core = _sosfilt
-    return core
-
-
-def _public(sections: Floats, signal: Floats, state: Floats) -> None:
-    from scipy.signal import sosfilt
-
-    signal[:], after = sosfilt(sections, signal, zi=state.transpose(1, 0, 2))
-    state[:] = after.transpose(1, 0, 2)
+    output, after = sosfilt(low_pass(), signal, zi=state.transpose(1, 0, 2))
+    return output, after.transpose(1, 0, 2)
