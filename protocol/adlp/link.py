@@ -54,12 +54,16 @@ _ANSWERS = frozenset((Control.ACK, Control.NAK, Control.WACK, Control.RVI))
 _RECEIVING = frozenset((State.AWAITING_BLOCK, State.AWAITING_MORE, State.DISCARDING))
 
 # Asked for with every byte, by names of this module: until Python 3.12 an enum's own name costs five times that.
-_IDLE, _DISCARDING = State.IDLE, State.DISCARDING
+_IDLE, _BIDDING, _DISCARDING = State.IDLE, State.BIDDING, State.DISCARDING
 _AWAITING_ACK, _AWAITING_BLOCK, _AWAITING_MORE = State.AWAITING_ACK, State.AWAITING_BLOCK, State.AWAITING_MORE
 _BLOCK, _BAD_CHECKSUM = Stimulus.BLOCK, Stimulus.BAD_CHECKSUM
 _NOISE, _MUTILATED = Stimulus.NOISE, Stimulus.MUTILATED
-_ENQ, _ACK = Control.ENQ, Control.ACK
+_ENQ, _ACK, _EOT = Control.ENQ, Control.ACK, Control.EOT
 _STX, _STX_ODD = Control.STX, Control.STX_ODD
+_SEND = Stimulus.SEND
+_BID_SENT, _BID_RECEIVED = NoticeKind.BID_SENT, NoticeKind.BID_RECEIVED
+_ACK_SENT, _ACK_RECEIVED = NoticeKind.ACK_SENT, NoticeKind.ACK_RECEIVED
+_MESSAGE_SENT = MessageSent()
 
 
 class Link:
@@ -77,6 +81,9 @@ class Link:
         self._state_deadline: float | None = None
         self._gap_deadline: float | None = None
         self._queue: deque[tuple[bytes, ...]] = deque()
+        """Telegrams of the messages that wait to be sent."""
+        self._blocks: list[bytes] = []
+        """Those of the oldest message as blocks; empty until the bid for it has gone out."""
         self._sending = Sending()
         self._receiving = Receiving([])
         self._received: Block
@@ -126,14 +133,9 @@ class Link:
             raise LocalProtocolError("a message needs at least one telegram")
         if len(self._queue) >= QUEUE_LIMIT:
             raise LocalProtocolError(f"{QUEUE_LIMIT} messages are waiting already")
-        profile = self._profile
-        toggle = profile.stx_alternation == "toggle"
-        blocks: list[bytes] = []
         for telegram in telegrams:
-            check_telegram(telegram, profile.max_telegram)
-            stx = _STX_ODD if toggle and len(blocks) % 2 else _STX
-            blocks.append(encode_block(telegram, profile.dle_stuffing, stx))
-        self._queue.append(tuple(blocks))
+            check_telegram(telegram, self._profile.max_telegram)
+        self._queue.append(tuple(telegrams))
 
     def receive(self, data: bytes, now: float) -> None:
         """Take bytes off the line. Data that came counts even when a deadline has passed unhandled before."""
@@ -151,8 +153,10 @@ class Link:
         """Bytes for the line; a waiting message begins its bid here."""
         self._now = now
         if self._queue and self._state is _IDLE:
-            self._step(Stimulus.SEND)
+            self._step(_SEND)
         if not self._out:
+            if self._queue and not self._blocks:
+                self._encode()  # the bid has gone out, and nobody waits for this yet
             return b""
         data = bytes(self._out)
         self._out.clear()
@@ -183,12 +187,13 @@ class Link:
 
     def _take(self, token: Token) -> None:
         match token:
-            case Control() if self._noise >= GARBAGE_SIZE:
-                self._step(Stimulus.NOISE, 1)
-            case Control() if self._is_too_early(token):
-                self._notice(NoticeKind.STRAY_CONTROL, f"{token.name} too early to be about what we said")
             case Control():
-                self._step(_CONTROL_STIMULI[token], 1)
+                if self._noise >= GARBAGE_SIZE:
+                    self._step(Stimulus.NOISE, 1)
+                elif self._is_too_early(token):
+                    self._notice(NoticeKind.STRAY_CONTROL, f"{token.name} too early to be about what we said")
+                else:
+                    self._step(_CONTROL_STIMULI[token], 1)
             case Block():
                 self._received = token
                 self._step(Stimulus.BLOCK, token.size)
@@ -268,10 +273,10 @@ class Link:
     def _bid(self) -> State:
         self._sending = Sending()
         self._put_bid()
-        return State.BIDDING
+        return _BIDDING
 
     def _put_bid(self) -> None:
-        self._notice(NoticeKind.BID_SENT, "ENQ")
+        self._notice(_BID_SENT, "ENQ")
         self._out.append(_ENQ)
         self._arm(self._profile.answer_timeout_s)
 
@@ -283,37 +288,47 @@ class Link:
         self._notice(NoticeKind.TIME_OUT, "no answer to ENQ")
         self._notice(NoticeKind.BID_REPEAT, f"ENQ sent {sending.bids} times")
         self._put_bid()
-        return State.BIDDING
+        return _BIDDING
 
     def _note_bid_refused(self) -> State:
         # Assumed: a NAK to a bid means "not now"; the next bid comes when this one's time is over.
         self._notice(NoticeKind.NAK_RECEIVED, "bid refused")
         self._sending.bid_refused = True
-        return State.BIDDING
+        return _BIDDING
 
     def _collide(self) -> State:
         self._notice(NoticeKind.COLLISION, f"both sides bid, the {self._profile.collision_winner} goes first")
         if self._profile.collision_winner == self._role:
-            return State.BIDDING
+            return _BIDDING
         return self._accept_bid()
 
     def _send_first(self) -> State:
-        self._notice(NoticeKind.ACK_RECEIVED, "bid acknowledged")
+        self._notice(_ACK_RECEIVED, "bid acknowledged")
         return self._put_block()
 
     def _send_first_reversed(self) -> State:
         self._note_reversed()
         return self._put_block()
 
+    def _encode(self) -> None:
+        profile = self._profile
+        toggle = profile.stx_alternation == "toggle"
+        self._blocks = [
+            encode_block(telegram, profile.dle_stuffing, _STX_ODD if toggle and number % 2 else _STX)
+            for number, telegram in enumerate(self._queue[0])
+        ]
+
     def _put_block(self) -> State:
         self._unended = False  # who takes our block has left its own message
-        block = self._queue[0][self._sending.index]
+        if not self._blocks:
+            self._encode()
+        block = self._blocks[self._sending.index]
         self._out += block
         self._arm(self._profile.answer_timeout_s, len(block))
-        return State.AWAITING_ACK
+        return _AWAITING_ACK
 
     def _send_next(self) -> State:
-        self._notice(NoticeKind.ACK_RECEIVED, "block acknowledged")
+        self._notice(_ACK_RECEIVED, "block acknowledged")
         return self._go_on()
 
     def _go_on(self) -> State:
@@ -321,13 +336,13 @@ class Link:
         self._journal.count(Count.BLOCKS_SENT)
         sending.index += 1
         sending.repeats = 0
-        if sending.index < len(self._queue[0]):
+        if sending.index < len(self._blocks):
             return self._put_block()
-        self._out.append(Control.EOT)
-        self._queue.popleft()
-        self._journal.tell(MessageSent(), Count.MESSAGES_SENT)
+        self._out.append(_EOT)
+        self._drop_oldest()
+        self._journal.tell(_MESSAGE_SENT, Count.MESSAGES_SENT)
         if not sending.reversed:
-            return State.IDLE
+            return _IDLE
         self._arm(self._profile.answer_timeout_s)
         return State.LISTENING
 
@@ -379,13 +394,17 @@ class Link:
         self._give_up(LinkFailure.INTERRUPTED, "the receiver bid (ENQ) instead of answering a block")
         return self._accept_bid()
 
-    def _give_up(self, reason: LinkFailure, text: str) -> State:
+    def _drop_oldest(self) -> None:
         self._queue.popleft()
+        self._blocks = []
+
+    def _give_up(self, reason: LinkFailure, text: str) -> State:
+        self._drop_oldest()
         self._journal.tell(LinkFailed(reason, text), Count.MESSAGES_FAILED)
-        return State.IDLE
+        return _IDLE
 
     def _resume(self) -> State:
-        return State.IDLE
+        return _IDLE
 
     # --- receiving
 
@@ -393,13 +412,13 @@ class Link:
         self._lose_unfinished("began anew")
         self._receiving = Receiving([])
         self._unended = False
-        self._notice(NoticeKind.BID_RECEIVED, "ENQ")
+        self._notice(_BID_RECEIVED, "ENQ")
         self._put_ack("bid acknowledged")
         self._arm_for_block()
-        return State.AWAITING_BLOCK
+        return _AWAITING_BLOCK
 
     def _put_ack(self, text: str) -> None:
-        self._notice(NoticeKind.ACK_SENT, text)
+        self._notice(_ACK_SENT, text)
         self._out.append(_ACK)
 
     def _arm_for_block(self) -> None:
@@ -430,20 +449,20 @@ class Link:
         self._receiving.block_due = False
         self._put_ack("block acknowledged")
         self._arm(self._gap_time)
-        return State.AWAITING_MORE
+        return _AWAITING_MORE
 
     def _refuse_block(self) -> State:
         receiving = self._receiving
         if receiving.naks >= self._profile.repeat_limit:
             self._notice(NoticeKind.GAVE_UP, f"no valid block after {receiving.naks} NAK")
             self._lose_unfinished("never became valid")
-            return State.IDLE
+            return _IDLE
         receiving.naks += 1
         receiving.block_due = True
         self._notice(NoticeKind.NAK_SENT, f"{receiving.naks} in a row")
         self._out.append(Control.NAK)
         self._arm_for_block()
-        return State.AWAITING_BLOCK
+        return _AWAITING_BLOCK
 
     def _discard(self) -> State:
         self._arm(self._profile.answer_timeout_s)
@@ -464,7 +483,7 @@ class Link:
         self._receiving.telegrams.clear()
         if telegrams:  # else the repeat of a block that was delivered before
             self._journal.tell(MessageReceived(telegrams), Count.MESSAGES_RECEIVED)
-        return State.IDLE
+        return _IDLE
 
     def _deliver_unended(self) -> State:
         self._notice(NoticeKind.MISSING_EOT, "message taken as ended")
@@ -481,7 +500,7 @@ class Link:
     def _abandon(self) -> State:
         self._notice(NoticeKind.TIME_OUT, "no block came")
         self._lose_unfinished("fell silent")
-        return State.IDLE
+        return _IDLE
 
     def _lose_unfinished(self, how: str) -> None:
         if self._receiving.telegrams:
@@ -490,7 +509,7 @@ class Link:
     def _lose(self, reason: LinkFailure, text: str) -> State:
         self._receiving.telegrams.clear()
         self._journal.tell(LinkFailed(reason, text), Count.MESSAGES_FAILED)
-        return State.IDLE
+        return _IDLE
 
     def _recognise_late(self) -> State:
         # Our ACK was lost or late, and the message taken as ended meanwhile. More blocks of it may follow.

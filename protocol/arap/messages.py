@@ -16,6 +16,10 @@ Quaternion: TypeAlias = tuple[float, float, float, float]
 Words3: TypeAlias = tuple[int, int, int]
 Words4: TypeAlias = tuple[int, int, int, int]
 
+# Asked for in every cycle, by names of this module: until Python 3.12 an enum's own name costs five times that.
+_READ_STATUS, _MOVE, _POINT = FunctionCode.READ_STATUS, FunctionCode.MOVE, MoveKind.POINT
+_RESPONSE, _ORDER = TelegramType.RESPONSE, TelegramType.ORDER
+
 MOVE_LENGTHS = (52, 60)
 """Lengths of a move telegram that an emulated controller takes. Mark: derived (52), assumed (60)."""
 
@@ -122,7 +126,7 @@ class Status:
     @classmethod
     def from_telegram(cls, telegram: Telegram) -> Self:
         """Raises RemoteProtocolError when the telegram is no complete status answer."""
-        _expect(telegram, FunctionCode.READ_STATUS, TelegramType.RESPONSE)
+        _expect(telegram, _READ_STATUS, _RESPONSE)
         row = layouts.STATUS.unpack_row(telegram.data)
         program, instruction, tcp, frame, flags_16, flags_17, x, y, z, q1, q2, q3, q4 = row
         flags = _FLAGS_16[flags_16] + _FLAGS_17[flags_17]
@@ -162,7 +166,7 @@ class Move:
 
         Raises LocalProtocolError for a value out of range.
         """
-        ends = layouts.MOVE_FLAG_ENDS if self.kind is not MoveKind.POINT else 0
+        ends = layouts.MOVE_FLAG_ENDS if self.kind is not _POINT else 0
         data = layouts.MOVE.pack_row(
             0,
             ends | (layouts.MOVE_FLAG_ROBOT_COORDINATES if self.robot_coordinates else 0),
@@ -171,7 +175,7 @@ class Move:
             *position_words(self.position),
             *quaternion_words(self.quaternion),
         ).ljust(move_length - HEADER_SIZE, b"\0")
-        return Telegram(FunctionCode.MOVE, TelegramType.ORDER, self.kind, data)
+        return Telegram(_MOVE, _ORDER, self.kind, data)
 
     @classmethod
     def from_telegram(cls, telegram: Telegram, lengths: Collection[int] = MOVE_LENGTHS) -> Self:

@@ -66,9 +66,12 @@ def response(order: Telegram, data: bytes = b"") -> Telegram:
     return Telegram(order.function, TelegramType.RESPONSE, 0, data, from_robot=True)
 
 
+_READ_STATUS = Telegram(FunctionCode.READ_STATUS, TelegramType.ORDER)
+
+
 def read_status() -> Telegram:
     """Query of position and state."""
-    return Telegram(FunctionCode.READ_STATUS, TelegramType.ORDER)
+    return _READ_STATUS
 
 
 def stop_program() -> Telegram:
