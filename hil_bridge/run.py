@@ -116,7 +116,7 @@ class Run:
         self._answer_time = answer_time(robot.profile)
         self._filter_delay = sensor.delay
         self._quaternion_tare: Quaternion | None = None
-        self._faced: tuple[Quaternion, Facing] | None = None
+        self._faced: tuple[tuple[int, ...], Facing] | None = None
         self._interrupted = False
         self._phase = ""
         self.moving = False
@@ -155,9 +155,9 @@ class Run:
         async for cycle, started_at in self._beats():
             commanded_before = state.supervisor.depth
             status = await self._robot.read_status()
-            status_times = self._robot.times
-            sample = self._sample(status)
-            decoded_at, counter = self._sensor.decoded_at, self._frame().counter
+            status_transmitted_at = self._robot.transmitted_at
+            frame, decoded_at = self._frame(), self._sensor.decoded_at
+            sample = self._sample(status, frame)
             asked = ""
             if self._interrupted and result.outcome is Outcome.COMPLETED:
                 result = RunResult(Outcome.INTERRUPTED)
@@ -176,7 +176,6 @@ class Run:
             if decision.output.failed and result.outcome is not Outcome.STOPPED:
                 result = self._stopped(decision.output.cause)
             await motion.to(decision.position, status.quaternion)
-            times = self._robot.times
             self._log.cycle(
                 self._record(
                     status,
@@ -184,13 +183,13 @@ class Run:
                     decision,
                     cycle=cycle,
                     started_at=started_at,
-                    status_transmitted_at=status_times.transmitted_at,
+                    status_transmitted_at=status_transmitted_at,
                     decoded_at=decoded_at,
                     proposed_at=proposed_at,
                     controlled_at=controlled_at,
-                    sent_at=times.begun_at,
-                    transmitted_at=times.transmitted_at,
-                    sensor_counter=counter,
+                    sent_at=self._robot.begun_at,
+                    transmitted_at=self._robot.transmitted_at,
+                    sensor_counter=frame.counter,
                     start=start.position,
                     asked=asked,
                     correction=decision.target.depth - commanded_before,
@@ -220,12 +219,12 @@ class Run:
             beat = next_beat
             await self._clock.sleep_until(anchor + beat * period)
 
-    def _sample(self, status: Status) -> Sample:
+    def _sample(self, status: Status, frame: SensorFrame) -> Sample:
         """The newest of everything, now that the robot has answered."""
-        frame = self._frame()
+        sensor = self._sensor
         fault = ""
         try:
-            self._sensor.check()
+            sensor.check()
         except BridgeError as error:
             fault = str(error)
         if status.emergency_stop:
@@ -233,25 +232,24 @@ class Run:
         now = self._clock.now()
         composed_at = now - self._answer_time
         facing = self._facing(status)
-        wrench = facing.contact_wrench(self._sensor.wrench(frame))
-        paired = self._sensor.wrench_at(composed_at + self._filter_delay)
+        wrench = facing.contact_wrench(sensor.wrench(frame))
+        paired = sensor.wrench_at(composed_at + self._filter_delay)
+        # by place, in the order of the fields: by name every one costs as much as to read it
         return Sample(
-            now=now,
-            position=status.position,
-            force=facing.force_along(_APPROACH, wrench),
-            force_travel=facing.force_along(_TRAVEL, wrench),
-            resultant=math.hypot(*wrench[:3]),
-            sensor_at=frame.at,
-            sensor_sequence=frame.sequence,
-            repeated_frames=self._sensor.repeated,
-            saturated=bool(self._sensor.saturated),
-            dead_axis=self._dead_axis(status),
-            fault=fault,
-            wrench=wrench,
-            position_at=composed_at,
-            paired_force=None
-            if paired is None
-            else facing.force_along(_APPROACH, facing.contact_wrench(paired)),
+            now,
+            status.position,
+            facing.force_along(_APPROACH, wrench),
+            math.hypot(wrench[0], wrench[1], wrench[2]),
+            frame.at,
+            frame.sequence,
+            sensor.repeated,
+            bool(sensor.saturated),
+            self._dead_axis(status),
+            fault,
+            facing.force_along(_TRAVEL, wrench),
+            wrench,
+            composed_at,
+            None if paired is None else facing.force_along(_APPROACH, facing.contact_force(paired)),
         )
 
     def _frame(self) -> SensorFrame:
@@ -276,12 +274,13 @@ class Run:
 
     def _facing(self, status: Status) -> Facing:
         """The wrist at this orientation, made anew only when the tool has turned."""
-        if self._faced is None or self._faced[0] != status.quaternion:
+        words = status.quaternion_words
+        if self._faced is None or self._faced[0] != words:
             frame = self._config.frame
             facing = self._wrist.facing(
                 status.quaternion, self._quaternion_tare, frame.approach, frame.travel
             )
-            self._faced = status.quaternion, facing
+            self._faced = words, facing
         return self._faced[1]
 
     def _record(self, status: Status, sample: Sample, decision: Decision, **known: Any) -> CycleRecord:

@@ -108,6 +108,16 @@ class Facing:
             ]
         )
 
+    def contact_force(self, measured: Sequence[float]) -> tuple[float, ...]:
+        """The force of `contact_wrench` alone: N, three values."""
+        fx, fy, fz, mx, my, mz = measured
+        return tuple(
+            [
+                a * fx + b * fy + c * fz + d * mx + e * my + f * mz + rest
+                for (a, b, c, d, e, f), rest in zip(self.matrix[:3], self.offset, strict=False)
+            ]
+        )
+
     def force_along(self, number: int, wrench: Sequence[float]) -> float:
         """As `force_along` in one of the directions asked for, N, positive while the tool presses that way."""
         x, y, z = self.directions[number]

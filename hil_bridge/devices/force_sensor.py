@@ -62,6 +62,10 @@ class ForceSensor:
         self._client = client
         self._pump: Pump[Any, SensorEvent] = Pump(client, transport, clock, self._take, self._ended)
         self._full_scales: tuple[float, ...] | None = None
+        self._converted: SensorFrame | None = None
+        """The frame whose wrench was asked for last."""
+        self._wrench: tuple[float, ...] = ()
+        """That wrench."""
         self._failure: BridgeError | None = None
         self._waiters: list[tuple[type, asyncio.Future[None]]] = []
 
@@ -124,8 +128,11 @@ class ForceSensor:
 
     def wrench(self, frame: SensorFrame) -> tuple[float, ...]:
         """Wrench of a frame in the sensor frame: fx fy fz mx my mz, N and N·m."""
-        assert self._full_scales is not None, "no frame comes before the full scales"
-        return wrench_from_counts(frame.counts, self._full_scales)
+        if frame is not self._converted:
+            assert self._full_scales is not None, "no frame comes before the full scales"
+            self._wrench = wrench_from_counts(frame.counts, self._full_scales)
+            self._converted = frame
+        return self._wrench
 
     def wrench_at(self, at: float) -> tuple[float, ...] | None:
         """Wrench as `wrench` gives it that arrived at a moment of the past, a line between the frames around
@@ -139,7 +146,10 @@ class ForceSensor:
                 if later is None:
                     return self.wrench(frame)
                 share = (at - frame.at) / (later.at - frame.at)
-                before, after = self.wrench(frame), self.wrench(later)
+                after, before = (
+                    self.wrench(later),
+                    self.wrench(frame),
+                )  # the newest has been asked for just now
                 return tuple([a + share * (b - a) for a, b in zip(before, after, strict=True)])
             later = frame
         return None
@@ -177,7 +187,7 @@ class ForceSensor:
                 self.received += 1
                 self._on_frame(event)
             case SensorReady(full_scales=full_scales):
-                self._full_scales = full_scales
+                self._full_scales, self._converted = full_scales, None
             case Zeroed():
                 self._watch.zeroed(None if self.newest is None else self.newest.counts)
                 self.newest = None

@@ -10,7 +10,7 @@ from typing import TypeVar, overload
 from hil_bridge.clock import Clock
 from hil_bridge.errors import BridgeError, DeviceError, OrderRefused, TransportClosed
 from hil_bridge.pump import Pump
-from hil_bridge.transports import Direction, Tap, Transport
+from hil_bridge.transports import Transport
 from protocol.adlp import ROUTINE, Control, LinkFailed, LinkFailure, LinkNotice, LinkProfile
 from protocol.arap import (
     KNOWN,
@@ -39,27 +39,30 @@ from protocol.arap import (
     write_mode,
 )
 from protocol.endpoint import RemoteProtocolError
-from protocol.values import dataclass
 
 _Raw = TypeVar("_Raw")
 _Meaning = TypeVar("_Meaning")
 
-_RECEIVED = Direction.RECEIVED
 _ENQ, _EOT = int(Control.ENQ), int(Control.EOT)
+_POINT = MoveKind.POINT
 _ZEROS: Vector = (0.0, 0.0, 0.0)
 """What a start, and an end without any point before it, carry as coordinates."""
 
 
-@dataclass(frozen=True, slots=True)
-class OrderTimes:
-    """How an order went out, s on the run's clock; NaN for what did not happen."""
+class _SentWatch:
+    """The wire as it is, but that `on_sent` is shown what it has taken."""
 
-    begun_at: float
-    """Its first byte, that of the bid, was handed to the port."""
-    transmitted_at: float
-    """Its last character, that ends the message, has left the line: reckoned from when it was handed to the port, at
-    the line's rate, for ports do not tell.
-    """
+    __slots__ = ("_on_sent", "_send", "aclose", "name", "start")
+
+    def __init__(self, wire: Transport[bytes], on_sent: Callable[[bytes], None]) -> None:
+        self.name = wire.name
+        self.start, self.aclose, self._send = wire.start, wire.aclose, wire.send
+        self._on_sent = on_sent
+
+    def send(self, data: bytes) -> None:
+        """As the wire does."""
+        self._send(data)
+        self._on_sent(data)
 
 
 class RobotLink:
@@ -81,9 +84,16 @@ class RobotLink:
     ) -> None:
         self.name = transport.name
         self.profile = profile
-        self._transport = Tap(transport, self._passed)
+        self._transport = _SentWatch(transport, self._sent)
         self._clock = clock
-        self._begun_at = self._transmitted_at = math.nan
+        self.begun_at = math.nan
+        """When the newest order's first byte, that of the bid, was handed to the port, s on the run's clock; NaN where
+        that did not happen.
+        """
+        self.transmitted_at = math.nan
+        """When its last character, that ends the message, has left the line: reckoned from when it was handed to the
+        port, at the line's rate, for ports do not tell.
+        """
         self._on_notice = on_notice
         self._orders = orders
         self._on_link_event = on_link_event
@@ -100,11 +110,6 @@ class RobotLink:
     def counters(self) -> Mapping[str, int]:
         """Link-level counts since opening: bids, repeats, time-outs, noise bytes and so on, by name."""
         return self._host.link.counters
-
-    @property
-    def times(self) -> OrderTimes:
-        """How the newest order went out."""
-        return OrderTimes(self._begun_at, self._transmitted_at)
 
     def start(self) -> None:
         """Begin to listen."""
@@ -135,29 +140,29 @@ class RobotLink:
         TransportError when the wire does.
         """
         if isinstance(order, Telegram):
-            return await self._exchange(order)
+            return await self.exchange(order)
         definition = self._orders.named(order)
-        answer = await self._exchange(*definition.telegrams(values, suffix, self.profile))
+        answer = await self.exchange(*definition.telegrams(values, suffix, self.profile))
         return self._understood(definition.answer.decode, answer.data)
 
     async def read_status(self) -> Status:
         """Mode, flags, reported position and orientation, from the controller."""
-        return self._understood(Status.from_telegram, await self._exchange(read_status()))
+        return self._understood(Status.from_telegram, await self.exchange(read_status()))
 
     async def receive_program(self, number: int) -> bytes:
         """The contents of a program, from the controller; errors as `order`, DeviceError also for one that it has
         not sent.
         """
-        answer = self._understood(ProgramAnswer.from_telegram, await self._exchange(receive_program(number)))
+        answer = self._understood(ProgramAnswer.from_telegram, await self.exchange(receive_program(number)))
         if answer.error:
             raise DeviceError(f"robot on {self.name} did not send program {number}: error {answer.error}")
         if answer.program != number:
             raise DeviceError(f"robot on {self.name} sent program {answer.program}, not {number}")
         return answer.content
 
-    async def _exchange(self, *telegrams: Telegram) -> Telegram:
-        """Send one order, of one block or several, and wait for its answer."""
-        loop = asyncio.get_running_loop()
+    async def exchange(self, *telegrams: Telegram) -> Telegram:
+        """Send one order, of one block or several, and wait for its answer; errors as `order`."""
+        loop = self._clock.loop
         while self._answer is not None:  # a cancelled caller may have left its order under way
             ended = loop.create_future()
             self._waiting.append(ended)
@@ -165,7 +170,7 @@ class RobotLink:
         if self._failure is not None:
             raise self._failure
         self._host.order(*telegrams)
-        self._begun_at = self._transmitted_at = math.nan
+        self.begun_at = self.transmitted_at = math.nan
         answer: asyncio.Future[Telegram] = loop.create_future()
         self._answer = answer
         self._pump.kick()
@@ -180,7 +185,7 @@ class RobotLink:
 
     async def to_operation(self) -> None:
         """Ask for the operation mode, in which the controller moves."""
-        await self._exchange(write_mode(Mode.OPERATION))
+        await self.exchange(write_mode(Mode.OPERATION))
 
     @asynccontextmanager
     async def motion(self, velocity: float) -> AsyncIterator["Motion"]:
@@ -201,14 +206,14 @@ class RobotLink:
         else:
             await motion.end()
 
-    def _passed(self, direction: Direction, data: bytes) -> None:
+    def _sent(self, data: bytes) -> None:
         """Stamp an order's way out: the first bid, and what ended it last."""
-        if direction is _RECEIVED or self._answer is None:
+        if self._answer is None:
             return
-        if data[-1] == _ENQ and math.isnan(self._begun_at):
-            self._begun_at = self._clock.now()
+        if data[-1] == _ENQ and math.isnan(self.begun_at):
+            self.begun_at = self._clock.now()
         elif data[-1] == _EOT:
-            self._transmitted_at = self._clock.now() + len(data) * self.profile.character_time
+            self.transmitted_at = self._clock.now() + len(data) * self.profile.character_time
 
     def _take(self, event: ArapEvent) -> None:
         match event:
@@ -293,7 +298,7 @@ class Motion:
     async def to(self, position: Vector, quaternion: Quaternion) -> None:
         """Order the next point; returns when the controller has taken it, not when it is reached."""
         self._last = position, quaternion
-        await self._link.order(self.telegram(MoveKind.POINT, position, quaternion))
+        await self._link.exchange(self.telegram(_POINT, position, quaternion))
 
     async def end(self) -> None:
         """End the sequence at the last point ordered."""

@@ -20,7 +20,6 @@ from hil_bridge.cli import cli
 from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.config import Config, dump
 from hil_bridge.devices import RobotLink
-from hil_bridge.devices.robot_link import OrderTimes
 from hil_bridge.errors import ConfigError
 from hil_bridge.line_time import line_floor
 from hil_bridge.recording import CycleRecord, Recording, SensorRecord, TruthRecord, read
@@ -399,7 +398,7 @@ def test_an_order_is_stamped_from_its_first_bid_to_its_last_character() -> None:
     status += b"\x10\x03" + bytes([reduce(xor, status[2:], 3)])
     script = [b"", b"\x06", b"\x06", b"\x05", status, b"\x04"]
     sent: list[tuple[float, bytes]] = []
-    told: list[OrderTimes] = []
+    told: list[tuple[float, float]] = []
 
     async def main() -> None:
         clock = Clock.running()
@@ -419,9 +418,9 @@ def test_an_order_is_stamped_from_its_first_bid_to_its_last_character() -> None:
         )
         robot.start()
         try:
-            assert math.isnan(robot.times.begun_at)
+            assert math.isnan(robot.begun_at)
             await robot.read_status()
-            told.append(robot.times)
+            told.append((robot.begun_at, robot.transmitted_at))
         finally:
             await robot.aclose()
             await peer.aclose()
@@ -430,4 +429,4 @@ def test_an_order_is_stamped_from_its_first_bid_to_its_last_character() -> None:
     bids = [at for at, data in sent if data == b"\x05"]
     end = next(at for at, data in sent if data == b"\x04")
     assert len(bids) == 2
-    assert told == [OrderTimes(pytest.approx(bids[0]), pytest.approx(end + CHARACTER))]  # type: ignore[arg-type]
+    assert told == [(pytest.approx(bids[0]), pytest.approx(end + CHARACTER))]
