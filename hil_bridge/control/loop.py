@@ -26,6 +26,10 @@ from protocol.values import dataclass
 
 Vector: TypeAlias = tuple[float, float, float]
 
+# Asked for in every cycle, by names of this module: until Python 3.12 an enum's own name costs ten times that.
+_APPROACH, _TRACK, _RETRACT, _END = Phase.APPROACH, Phase.TRACK, Phase.RETRACT, Phase.END
+_NO_CONTOUR, _NO_OSCILLATION = ContourState(), OscillationState()
+
 
 @dataclass(frozen=True, slots=True)
 class Sample:
@@ -162,8 +166,9 @@ class ControlLoop:
             sample.force,
             depth,
             state.supervisor.depth,
-            paired_force=sample.paired_force,
-            travel=x * u + y * v + z * w,
+            True,  # not looked at: the task judges contact
+            sample.paired_force,
+            x * u + y * v + z * w,
             saturated=sample.saturated,
         )
         contour, measurement = self._face(state, measurement, sample)
@@ -180,7 +185,7 @@ class ControlLoop:
         task, output, advice = proposal.task, proposal.output, proposal.advice
         verdict: Verdict
         way: Allow | Clamp
-        if output.phase in (Phase.RETRACT, Phase.END):
+        if output.phase is _RETRACT or output.phase is _END:
             supervisor, verdict = self.supervisor.limit(state.supervisor, self._request(state, output))
         elif proposal.failure:
             supervisor, verdict = self.supervisor.stop(state.supervisor, Cause.CONTROLLER, proposal.failure)
@@ -203,7 +208,7 @@ class ControlLoop:
                 verdict = Clamp(verdict.depth, verdict.position, (*reasons, lowered))
             way = verdict
         # Held back at the border of the workspace, a retraction has come as far as it can.
-        held = output.phase is Phase.RETRACT and way.depth >= state.supervisor.depth
+        held = output.phase is _RETRACT and way.depth >= state.supervisor.depth
         return LoopState(state.start, task, supervisor, proposal.oscillation, proposal.contour), Decision(
             proposal.depth,
             proposal.measurement.force,
@@ -212,7 +217,7 @@ class ControlLoop:
             way.position,
             output,
             verdict,
-            ended=task.phase is Phase.END or held,
+            ended=task.phase is _END or held,
         )
 
     def _decide(self, state: TaskState, measurement: Measurement) -> tuple[TaskState, TaskOutput, str]:
@@ -236,8 +241,8 @@ class ControlLoop:
         self, state: LoopState, measurement: Measurement, sample: Sample
     ) -> tuple[ContourState, Measurement]:
         """The measurement along the surface's normal while tracking; the estimate begins anew with every contact."""
-        if self.contour is None or state.task.phase is not Phase.TRACK:
-            return ContourState(), measurement
+        if self.contour is None or state.task.phase is not _TRACK:
+            return _NO_CONTOUR, measurement
         force, travel = measurement.force, measurement.travel
         contour = self.contour.step(state.contour, travel, measurement.position, force, sample.force_travel)
         if not (math.isfinite(force) and force > 0.0):
@@ -255,8 +260,8 @@ class ControlLoop:
         self, state: OscillationState, measurement: Measurement, output: TaskOutput
     ) -> tuple[OscillationState, Advice | None]:
         """The detector's word on a sample of TRACK in contact; it begins anew with every other phase."""
-        if self.detector is None or output.phase is not Phase.TRACK:
-            return OscillationState(), None
+        if self.detector is None or output.phase is not _TRACK:
+            return _NO_OSCILLATION, None
         if output.command is None or not output.in_contact:
             return state, None
         error = measurement.force - self.task.parameters.force_n
@@ -284,7 +289,7 @@ def _cause(state: LoopState, output: TaskOutput, verdict: Verdict) -> str:
         case Stop(text=text):
             return text
         case Clamp(depth=depth, reasons=reasons) if (
-            output.phase is Phase.APPROACH and depth <= state.supervisor.depth
+            output.phase is _APPROACH and depth <= state.supervisor.depth
         ):
             return f"no contact found: the approach {', '.join(reasons)}"
         case _:
