@@ -22,6 +22,7 @@ class Pump(Generic[Data, Event]):
     __slots__ = (
         "_armed",
         "_clock",
+        "_deadline",
         "_ended",
         "_endpoint",
         "_on_end",
@@ -45,7 +46,10 @@ class Pump(Generic[Data, Event]):
         self._on_event = on_event
         self._on_end = on_end
         self._timer: Timer | None = None
-        self._armed: float | None = None
+        self._armed = 0.0
+        """When the timer comes, if there is one."""
+        self._deadline: float | None = None
+        """The endpoint's, never before that."""
         self._turning = False
         self._ended = False
 
@@ -80,12 +84,16 @@ class Pump(Generic[Data, Event]):
             self._transport.send(data)
             if self._ended:
                 return
-        deadline = endpoint.next_deadline()
-        if deadline != self._armed:
-            if self._timer is not None:
-                self._timer.cancel()
-            self._armed = deadline
-            self._timer = None if deadline is None else clock.call_at(deadline, self._expired)
+        deadline = self._deadline = endpoint.next_deadline()
+        # a deadline that is put off, as a time-out is by every answer, is looked at when the timer comes
+        if deadline is not None and (self._timer is None or deadline < self._armed):
+            self._arm(deadline)
+
+    def _arm(self, deadline: float) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+        self._armed = deadline
+        self._timer = self._clock.call_at(deadline, self._expired)
 
     def _received(self, data: Data) -> None:
         if self._ended:
@@ -98,8 +106,11 @@ class Pump(Generic[Data, Event]):
         self.kick()
 
     def _expired(self) -> None:
-        deadline, self._armed, self._timer = self._armed, None, None
+        deadline, self._timer = self._deadline, None
         if self._ended or deadline is None:
+            return
+        if deadline > self._armed:
+            self._arm(deadline)
             return
         try:
             # a timer may come a rounding step early
