@@ -226,7 +226,7 @@ class RobotLink:
             case SpontaneousReceived(spontaneous=spontaneous):
                 self._on_notice("robot", spontaneous.text)
             case LinkNotice(kind=kind, text=text):
-                self._tell_link_event(f"{kind}: {text}", routine=kind in ROUTINE)
+                self._tell_link_event(kind + ": " + text, routine=kind in ROUTINE)
             case LinkFailed(reason=reason, text=text):
                 self._tell_link_event(f"{reason}: {text}")
             case UnexpectedReceived():
@@ -291,9 +291,7 @@ class Motion:
         self, kind: MoveKind, position: Vector = _ZEROS, quaternion: Quaternion = (*_ZEROS, 0.0)
     ) -> Telegram:
         """The order for one step of the sequence; position in m, quaternion w x y z, tool in base."""
-        return Move(kind=kind, position=position, quaternion=quaternion, velocity=self._velocity).to_telegram(
-            self._link.profile.move_length
-        )
+        return Move(kind, position, quaternion, self._velocity).to_telegram(self._link.profile.move_length)
 
     async def to(self, position: Vector, quaternion: Quaternion) -> None:
         """Order the next point; returns when the controller has taken it, not when it is reached."""

@@ -63,7 +63,8 @@ class FileWire:
             self._clock.loop.add_reader(self._fd, self._readable)
 
     def send(self, data: bytes) -> None:
-        self._delivery.check()
+        delivery = self._delivery
+        delivery.check()
         if not data:
             return
         if len(self._queue) + len(data) > QUEUE_BYTES:
@@ -74,9 +75,9 @@ class FileWire:
             self._queue += data
             return
         written = self._write(data)
-        if self._delivery.ended is not None:
-            self._delivery.check()
         if written < len(data):
+            if delivery.ended is not None:
+                delivery.check()
             self._queue += data[written:]
             self._clock.loop.add_writer(self._fd, self._writable)
 

@@ -112,7 +112,7 @@ class SampleCounter:
                 self._statistics.repeated += 1
                 return None
             self._sequence = (self._sequence or 0) + step
-            if self._step:
-                self._statistics.lost += max(0, round(step / self._step) - 1)
+            if self._step and (missing := round(step / self._step) - 1) > 0:
+                self._statistics.lost += missing
         self._last = counter
         return self._sequence

@@ -50,6 +50,8 @@ class Reader:
         known at once. `ended` says that nothing more will come: what waits is read for what it is.
         """
         waiting = self._waiting
+        if self._at == len(waiting):
+            return None
         while True:
             begin = waiting.find(OPENING, self._at)
             if begin != self._at:
