@@ -26,8 +26,10 @@ from protocol.arap import Quaternion, Vector
 
 _HISTORY_S = 10.0
 """Chosen: longer than any stall of a process after which its run is still of use."""
-_FORESIGHT_S = 0.16
-"""Chosen: from one move order to the next on a link of 9600 baud; what is computed beyond an order is in vain."""
+_FORESIGHT_S = 0.14
+"""Chosen: from one move order to the next on a link of 9600 baud, less the transport delay, for so much of the path
+is certain anyway; what is computed beyond an order is in vain.
+"""
 _BEGINS = 256
 """Chosen: begins of motion that are kept, more than points that anybody waits for."""
 _Record: TypeAlias = tuple[list[int], Quaternion, Joints, Vector]
