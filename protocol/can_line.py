@@ -7,6 +7,7 @@ All is by table, a byte of payload at a time: an emulated bus pays for this with
 """
 
 from functools import lru_cache
+from typing import TypeAlias
 
 from protocol.can import CanFrame
 
@@ -25,6 +26,10 @@ SUSPEND_BITS = 8
 BUS_FREE_BITS = 11
 """Recessive bits in a row by which a node knows that nobody sends."""
 
+_After: TypeAlias = "list[tuple[int, _After]]"
+"""What may follow what a frame has so far, by the value of its next byte: how many stuff bits the byte has, and what
+may follow it.
+"""
 _CRC_BITS = 15
 _TAIL_BITS = CRC_DELIMITER_BITS + ACK_SLOT_BITS + ACK_DELIMITER_BITS + END_OF_FRAME_BITS
 
@@ -39,28 +44,32 @@ def _crc_table() -> tuple[int, ...]:
     return tuple(table)
 
 
-def _stuff_table(bits: int) -> tuple[int, ...]:
-    """For a state (last level, length of its run) and the next `bits` bits: stuff bits and next state.
+def _after_bit(state: int, bit: int) -> tuple[int, int]:
+    """The state after one more bit and after the stuff bit that may follow it; how many follow it, 0 or 1.
 
-    The state has 3 bits, level × 4 + run − 1 with runs of 1 to 4: a run of five has its stuff bit at once, which
-    begins a new run. An entry is stuff bits × 8 + next state.
+    A state is last level × 4 + length of its run − 1, with runs of 1 to 4: a run of five has its stuff bit at once,
+    which begins a new run.
     """
-    table = []
-    for state in range(8):
-        for word in range(1 << bits):
-            level, run, stuffed = state >> 2, (state & 3) + 1, 0
-            for shift in range(bits - 1, -1, -1):
-                bit = word >> shift & 1
-                level, run = bit, run + 1 if bit == level else 1
-                if run == 5:
-                    level, run, stuffed = 1 - level, 1, stuffed + 1
-            table.append(stuffed << 3 | level << 2 | (run - 1))
-    return tuple(table)
+    level, run = state >> 2, (state & 3) + 1
+    run = run + 1 if bit == level else 1
+    return (1 - bit << 2, 1) if run == 5 else (bit << 2 | run - 1, 0)
+
+
+def _stuff_table() -> list[_After]:
+    """What may follow, for every state."""
+    table: list[_After] = [[] for _ in range(8)]
+    for before, entries in enumerate(table):
+        for byte in range(256):
+            state, stuffed = before, 0
+            for shift in range(7, -1, -1):
+                state, more = _after_bit(state, byte >> shift & 1)
+                stuffed += more
+            entries.append((stuffed, table[state]))
+    return table
 
 
 _CRC = _crc_table()
-_STUFF_8 = _stuff_table(8)
-_STUFF_7 = _stuff_table(7)
+_STUFF = _stuff_table()
 _IDLE = 1 << 2
 """State before the start of frame; that is dominant, so that it begins a run whatever the bus did before."""
 
@@ -77,7 +86,7 @@ def bit_sequence(frame: CanFrame) -> tuple[int, int]:
 
     A remote frame asks for as many bytes as its data has and carries none.
     """
-    head, count, register, _ = _head(frame.identifier, frame.extended, frame.remote, len(frame.data))
+    head, count, register, _, _ = _head(frame.identifier, frame.extended, frame.remote, len(frame.data))
     payload = b"" if frame.remote else frame.data
     word = head << 8 * len(payload) | int.from_bytes(payload, "big")
     return word << _CRC_BITS | crc15(payload, register), count + 8 * len(payload) + _CRC_BITS
@@ -85,16 +94,16 @@ def bit_sequence(frame: CanFrame) -> tuple[int, int]:
 
 def stuff_bits(frame: CanFrame) -> int:
     """How many stuff bits the frame has."""
-    _, _, register, entry = _head(frame.identifier, frame.extended, frame.remote, len(frame.data))
-    count, state = entry >> 3, entry & 7
+    _, _, register, count, after = _head(frame.identifier, frame.extended, frame.remote, len(frame.data))
     if not frame.remote:
         for byte in frame.data:
             register = (register << 8 & 0x7FFF) ^ _CRC[register >> 7 ^ byte]
-            entry = _STUFF_8[state << 8 | byte]
-            count += entry >> 3
-            state = entry & 7
-    entry = _STUFF_8[state << 8 | register >> 7]
-    return count + (entry >> 3) + (_STUFF_7[(entry & 7) << 7 | register & 0x7F] >> 3)
+            stuffed, after = after[byte]
+            count += stuffed
+    stuffed, after = after[register >> 7]
+    # the last seven bits, and one that makes a byte of them and no stuff bit, for it is unlike the one before it
+    end, _ = after[register << 1 & 0xFE | ~register & 1]
+    return count + stuffed + end
 
 
 def stuffed_bits(frame: CanFrame) -> int:
@@ -131,9 +140,9 @@ def arbitration_rank(frame: CanFrame) -> int:
 
 
 @lru_cache(maxsize=1024)
-def _head(identifier: int, extended: bool, remote: bool, length: int) -> tuple[int, int, int, int]:
-    """What comes before the payload: its bits as a number, how many, the checksum's register after them, and
-    stuff bits × 8 + state as in the table.
+def _head(identifier: int, extended: bool, remote: bool, length: int) -> tuple[int, int, int, int, _After]:
+    """What comes before the payload: its bits as a number, how many, the checksum's register after them, how many
+    stuff bits they have, and what may follow.
     """
     if extended:
         # start, 11 bits, substitute remote request 1, identifier extension 1, 18 bits, remote, two reserved 0
@@ -149,9 +158,6 @@ def _head(identifier: int, extended: bool, remote: bool, length: int) -> tuple[i
         bit = word >> shift & 1
         feedback = bit ^ register >> 14
         register = (register << 1 & 0x7FFF) ^ (CRC_POLYNOMIAL if feedback else 0)
-        level, run = state >> 2, (state & 3) + 1
-        level, run = bit, run + 1 if bit == level else 1
-        if run == 5:
-            level, run, stuffed = 1 - level, 1, stuffed + 1
-        state = level << 2 | (run - 1)
-    return word, count, register, stuffed << 3 | state
+        state, more = _after_bit(state, bit)
+        stuffed += more
+    return word, count, register, stuffed, _STUFF[state]
