@@ -235,7 +235,8 @@ class Firmware:
             self._offset = self._filtered + self._smoothing * away[0]
         # Of a block only the last output is ever sent, so the recursion is one weighted sum; taken from where
         # the filter stands, so that a constant input leaves it exactly there.
-        self._filtered = self._filtered + _impulse_response(self._smoothing, len(counts)) @ away
+        weights = _impulse_response(self._smoothing, len(counts))
+        self._filtered = self._filtered + weights.dot(away)  # which `@` does as well, but begins more slowly
 
 
 @lru_cache(maxsize=64)

@@ -6,6 +6,7 @@ an op and a node, little-endian payloads.
 
 from collections.abc import Mapping, Sequence
 from enum import IntEnum
+from functools import cache
 
 from protocol.can import CanFilter, CanFrame
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
@@ -205,7 +206,13 @@ def encode_sample(node: int, counts: Sequence[int], counter: int) -> tuple[CanFr
     fx, fy, fz, mx, my, mz = counts
     forces = FORCES.pack_row(fx, fy, fz, counter)
     moments = MOMENTS.pack_row(mx, my, mz, counter)
-    return CanFrame(identifier(Op.FORCES, node), forces), CanFrame(identifier(Op.MOMENTS, node), moments)
+    force_id, moment_id = _sample_identifiers(node)
+    return CanFrame(force_id, forces), CanFrame(moment_id, moments)
+
+
+@cache
+def _sample_identifiers(node: int) -> tuple[int, int]:
+    return identifier(Op.FORCES, node), identifier(Op.MOMENTS, node)
 
 
 def decode_triple(data: bytes, layout: Layout) -> Triple:
