@@ -7,11 +7,11 @@ names of asyncio's base loop are used because there is no public way to turn it 
 """
 
 import asyncio
-import heapq
 import itertools
 from collections import deque
 from collections.abc import Callable
 from contextvars import Context
+from heapq import heappop, heappush
 from typing import Any, NoReturn
 
 VIRTUAL_EPOCH = 7919.3
@@ -90,7 +90,7 @@ class VirtualLoop(asyncio.SelectorEventLoop):
     ) -> asyncio.TimerHandle:
         """As in asyncio."""
         timer = asyncio.TimerHandle(when, callback, args, self, context)
-        heapq.heappush(self._timers, (when, next(self._numbers), timer))
+        heappush(self._timers, (when, next(self._numbers), timer))
         return timer
 
     def call_later(  # type: ignore[override]
@@ -102,7 +102,7 @@ class VirtualLoop(asyncio.SelectorEventLoop):
     def timer(self, when: float, callback: Callable[[], object]) -> VirtualTimer:
         """Call back at this instant, or on the next turn when it has passed."""
         timer = VirtualTimer(callback)
-        heapq.heappush(self._timers, (when, next(self._numbers), timer))
+        heappush(self._timers, (when, next(self._numbers), timer))
         return timer
 
     def soon(self, callback: Callable[[], object]) -> VirtualTimer:
@@ -125,13 +125,13 @@ class VirtualLoop(asyncio.SelectorEventLoop):
                 )
         while not ready and not self._stopping:
             while timers and timers[0][2]._cancelled:
-                heapq.heappop(timers)
+                heappop(timers)
             if not timers:
                 raise VirtualDeadlock(
                     f"nothing can happen any more at {self._now:.9f} s: no timer is set and nothing is ready; "
                     f"waiting: {describe_tasks(asyncio.all_tasks(self))}"
                 )
-            when, _, handle = heapq.heappop(timers)
+            when, _, handle = heappop(timers)
             if when > self._now:
                 self._now = when
             self._turns = 0
@@ -141,7 +141,7 @@ class VirtualLoop(asyncio.SelectorEventLoop):
                 handle._run()  # alone at its instant, which is most often so: the turn is its own
         now = self._now
         while timers and timers[0][0] <= now:
-            ready.append(heapq.heappop(timers)[2])
+            ready.append(heappop(timers)[2])
         for _ in range(len(ready)):
             handle = ready.popleft()
             if not handle._cancelled:

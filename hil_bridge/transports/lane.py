@@ -152,9 +152,10 @@ class Lane:
     def _arm(self) -> None:
         if self._timer is not None:
             self._disarm()
-        self._next = min(len(self.waiting), self._fifo)
+        waiting = len(self.waiting)
+        self._next = following = waiting if waiting < self._fifo else self._fifo
         # the receiver ends on its own only what no other character can follow
-        when = self._at(self._passed + self._next) if self._next else self._receiver.deadline
+        when = self._at(self._passed + following) if following else self._receiver.deadline
         if when is not None:
             self._timer = self._clock.call_at(when, self._due)
 
@@ -178,8 +179,12 @@ class Lane:
             self._hand_on(max(0, min(complete, len(self.waiting))))
 
     def _hand_on(self, count: int) -> None:
-        data = bytes(self.waiting[:count])
-        del self.waiting[:count]
+        if count == len(self.waiting):
+            data = bytes(self.waiting)
+            self.waiting.clear()
+        else:
+            data = bytes(self.waiting[:count])
+            del self.waiting[:count]
         first, self._passed = self._passed, self._passed + count
         if not self._connected:
             self.lost += count

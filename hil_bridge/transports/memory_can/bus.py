@@ -31,17 +31,17 @@ class _Attempt:
 
     sender: MemoryCanNode
     frame: CanFrame
-    receivers: tuple[MemoryCanNode, ...]
+    receivers: list[MemoryCanNode]
     start: int
     """Bit time of its start of frame."""
     bits: int
     """Bit times to its end; the intermission is not part of it."""
-    failed: bool
-    acknowledge_missing: bool
-    accepted: bool
-    """Whether the receivers take the frame, though it may have failed for its sender."""
     end: int
     """Bit time at which it is over."""
+    failed: bool = False
+    acknowledge_missing: bool = False
+    accepted: bool = True
+    """Whether the receivers take the frame, though it may have failed for its sender."""
     repeats: int = 1
 
     @property
@@ -53,6 +53,28 @@ class _Attempt:
         """So often in all."""
         self.repeats = times
         self.end = self.start + (times - 1) * self.cycle + self.bits
+
+
+def _spoilt(
+    sender: MemoryCanNode,
+    frame: CanFrame,
+    receivers: list[MemoryCanNode],
+    start: int,
+    whole: int,
+    hit: int | None,
+) -> _Attempt:
+    """The attempt at a frame of `whole` bit times that is disturbed at a bit time of it, or at none, and that
+    nobody acknowledges where there is no receiver.
+    """
+    acknowledge = whole - ACK_DELIMITER_BITS - END_OF_FRAME_BITS
+    missing = not receivers and (hit is None or hit > acknowledge)
+    failed_at = acknowledge if missing else hit
+    bits = whole if failed_at is None else failed_at + ERROR_FLAG_BITS + ERROR_DELIMITER_BITS
+    # the last bit is too late for a receiver to object
+    accepted = failed_at is None or failed_at == whole
+    return _Attempt(
+        sender, frame, receivers, start, bits, start + bits, failed_at is not None, missing, accepted
+    )
 
 
 class MemoryCanBus:
@@ -172,30 +194,28 @@ class MemoryCanBus:
         if not waiting:
             self._rest()
             return
-        start = self._bits + (SUSPEND_BITS if waiting == [self._suspended] else 0)
-        at = self._at(start)
+        suspended = self._suspended
+        start = self._bits + (SUSPEND_BITS if suspended is not None and waiting == [suspended] else 0)
+        at = self._begun + start / self.bitrate
         if at < not_before:
-            self._begun, self._bits, start = not_before, 0, 0
-            at = self._at(start)
+            self._begun, self._bits, start, at = not_before, 0, 0, not_before
         self._start = start
         at_once = at <= self._clock.now()
-        # who is bus-off may have frames to give up at an arbitration
-        if self._one_alone(waiting, at) and not (at_once and self._anybody_off()):
+        # one alone: the arbitration is decided unless somebody joins, which spares it, or its timer; but who is
+        # bus-off may have frames to give up at an arbitration
+        if (
+            len(waiting) == 1
+            and suspended is None
+            and self._disturb is None
+            and waiting[0].queue.give_up_at > at
+            and not (at_once and self._anybody_off())
+        ):
             self._bits = start
             self._begin(waiting)
         elif at_once:
             self._arbitrate()
         else:
             self._set_timer(start)
-
-    def _one_alone(self, waiting: list[MemoryCanNode], at: float) -> bool:
-        """Whether the arbitration at that time is decided unless somebody joins: that spares it, or its timer."""
-        return (
-            len(waiting) == 1
-            and self._suspended is None
-            and self._disturb is None
-            and waiting[0].queue.give_up_at > at
-        )
 
     def _arbitrate(self) -> None:
         if self._timer is not None:
@@ -226,29 +246,17 @@ class MemoryCanBus:
             self.collisions += len(best) - 1
             sender = min(best, key=lambda node: node.queue.progress)
         frame = sender.queue.head
-        receivers = tuple([node for node in self._nodes if node is not sender and node.on_bus])
-        whole = frame_time_bits(frame)
-        acknowledge = whole - ACK_DELIMITER_BITS - END_OF_FRAME_BITS
-        hit = None if self._disturb is None else self._disturb(frame, whole)
-        missing = not receivers and (hit is None or hit > acknowledge)
-        failed_at = acknowledge if missing else hit
-        bits = whole if failed_at is None else failed_at + ERROR_FLAG_BITS + ERROR_DELIMITER_BITS
-        attempt = self._attempt = _Attempt(
-            sender,
-            frame,
-            receivers,
-            self._bits,
-            bits,
-            failed=failed_at is not None,
-            acknowledge_missing=missing,
-            # the last bit is too late for a receiver to object
-            accepted=failed_at is None or failed_at == whole,
-            end=self._bits + bits,
-        )
-        if missing and self._disturb is None and len(self._nodes) == 1:
-            self._repeat_alone(attempt)
-        self._suspended = None
-        self._timer = self._clock.call_at(self._at(attempt.end), self._over)
+        receivers = [node for node in self._nodes if node is not sender and node.on_bus]
+        start, disturb, whole = self._bits, self._disturb, frame_time_bits(frame)
+        if receivers and disturb is None:
+            attempt = _Attempt(sender, frame, receivers, start, whole, start + whole)
+        else:
+            hit = None if disturb is None else disturb(frame, whole)
+            attempt = _spoilt(sender, frame, receivers, start, whole, hit)
+            if attempt.acknowledge_missing and disturb is None and len(self._nodes) == 1:
+                self._repeat_alone(attempt)
+        self._attempt, self._suspended = attempt, None
+        self._timer = self._clock.call_at(self._begun + attempt.end / self.bitrate, self._over)
 
     def _repeat_alone(self, attempt: _Attempt) -> None:
         """Nothing can change before somebody comes or the frame is given up: spare the steps in between."""
@@ -268,7 +276,7 @@ class MemoryCanBus:
         attempt = self._attempt
         assert attempt is not None
         self._attempt = self._timer = None
-        at = self._at(attempt.end)
+        at = self._begun + attempt.end / self.bitrate
         self._bits = attempt.end + INTERMISSION_BITS
         self._busy += attempt.repeats * (attempt.bits + INTERMISSION_BITS)
         self._calling_back = True
@@ -294,9 +302,9 @@ class MemoryCanBus:
             sender.frame_sent(at)
         if sender.state is ErrorState.PASSIVE:
             self._suspended = sender
-        frame = sent.stamped(at)
+        nodes, frame = self._nodes, sent.stamped(at)
         for node in attempt.receivers:
-            if node not in self._nodes:
+            if node not in nodes:
                 continue
             if attempt.accepted:
                 node.frame_received(frame, at)
@@ -305,7 +313,10 @@ class MemoryCanBus:
 
     def _anybody_off(self) -> bool:
         """Whether a node is bus-off."""
-        return False in [node.on_bus for node in self._nodes]
+        for node in self._nodes:  # noqa: SIM110 (a generator costs more)
+            if not node.on_bus:
+                return True
+        return False
 
     def _waiting(self) -> list[MemoryCanNode]:
         return [node for node in self._nodes if node.queue.frames and node.on_bus]

@@ -119,11 +119,11 @@ class MemoryCanNode:
         """A frame of another node was good."""
         if self.counters.receive:
             self._count(self.counters.received(), at)
-        for choice in self._accept:
-            if choice.accepts(frame):
-                break
-        else:
-            if self._accept:
+        if self._accept:
+            for choice in self._accept:
+                if choice.accepts(frame):
+                    break
+            else:
                 return
         self._received += 1
         self._delivery.data((frame,))
