@@ -52,7 +52,7 @@ FILE_KEYS = ("robot.orders_file", "cell.robot.program_folder", "controller.param
 
 
 class _Section(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, use_attribute_docstrings=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
 class RunConfig(_Section):
@@ -322,9 +322,9 @@ def _sections(key: str, section: object) -> Iterator[tuple[str, Any]]:
 @cache
 def _comments(cls: Any) -> dict[str, str]:
     """What is said about each field of a section: the setting's meaning with unit and mark, or its docstring."""
-    if issubclass(cls, BaseModel):
-        return {name: info.description or "" for name, info in cls.model_fields.items()}
     comments = _attribute_docstrings(cls)
+    if issubclass(cls, BaseModel):
+        return comments
     for field in dataclasses.fields(cls):
         if info := field.metadata.get("setting"):
             unit = f", {info.unit}" if info.unit else ""
@@ -333,7 +333,10 @@ def _comments(cls: Any) -> dict[str, str]:
 
 
 def _attribute_docstrings(cls: Any) -> dict[str, str]:
-    """The string literals that stand right under the fields of a dataclass."""
+    """The string literals that stand right under the fields of a section.
+
+    Pydantic could read them, but would for every section as it is made, which every start of a run would pay for.
+    """
     body = ast.parse(textwrap.dedent(inspect.getsource(cls))).body[0]
     assert isinstance(body, ast.ClassDef)
     found = {}
