@@ -10,6 +10,7 @@ from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager, contextmanager, suppress
 from importlib.metadata import version
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
@@ -39,9 +40,12 @@ from hil_bridge.recording.latency import AnswerTimes
 from hil_bridge.run import Run, RunResult
 from hil_bridge.transports import Direction
 from hil_bridge.truth import Truths
-from hil_bridge.view import REFRESH_SECONDS, Health, LiveView
+from hil_bridge.view import REFRESH_SECONDS, Health
 from protocol.jr3 import SensorFrame
 from protocol.values import dataclass
+
+if TYPE_CHECKING:
+    from hil_bridge.view.live import LiveView
 
 EXIT_CODES = {Outcome.COMPLETED: 0, Outcome.STOPPED: 3, Outcome.INTERRUPTED: 130}
 """130 is what a shell expects of a command that Ctrl-C ended."""
@@ -326,6 +330,8 @@ class _Session:
         if not self._view_wanted or self._clock.is_virtual:
             yield
             return
+        from hil_bridge.view.live import LiveView
+
         config = self._config
         self._view = LiveView(
             config.run.duration_s,
@@ -343,7 +349,7 @@ class _Session:
             with suppress(asyncio.CancelledError):
                 await task
 
-    async def _refresh(self, view: LiveView) -> None:
+    async def _refresh(self, view: "LiveView") -> None:
         while True:
             await asyncio.to_thread(view.refresh, self._clock.now(), self._health())
             await asyncio.sleep(REFRESH_SECONDS)

@@ -1,6 +1,7 @@
-"""The live view of a run in a terminal."""
+"""The live view of a run in a terminal: here what it shows, and in `live`, apart from it for what that needs takes long
+to import, how it is drawn.
+"""
 
-from hil_bridge.view.live import REFRESH_SECONDS, LiveView
-from hil_bridge.view.model import Health, Snapshot, ViewModel
+from hil_bridge.view.model import REFRESH_SECONDS, Health, Snapshot, ViewModel
 
-__all__ = ["REFRESH_SECONDS", "Health", "LiveView", "Snapshot", "ViewModel"]
+__all__ = ["REFRESH_SECONDS", "Health", "Snapshot", "ViewModel"]

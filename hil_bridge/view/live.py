@@ -12,8 +12,6 @@ from hil_bridge.recording.records import CycleRecord
 from hil_bridge.view.model import Health, Snapshot, ViewModel
 from hil_bridge.view.panel import WIDTH, panel
 
-REFRESH_SECONDS = 0.2
-"""How often a run should call `refresh` at most."""
 LINE_SECONDS = 1.0
 
 

@@ -10,6 +10,8 @@ from hil_bridge.recording.records import CycleRecord
 from protocol.adlp import ROUTINE, Count, NoticeKind
 from protocol.values import dataclass
 
+REFRESH_SECONDS = 0.2
+"""How often a run should have the view drawn at most."""
 HISTORY_CYCLES = 60
 _UNDISTURBED = {
     *ROUTINE,

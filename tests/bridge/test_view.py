@@ -7,7 +7,8 @@ from rich.console import Console
 
 from hil_bridge.recording import CycleRecord
 from hil_bridge.recording.latency import AnswerTimes
-from hil_bridge.view import Health, LiveView, Snapshot, ViewModel
+from hil_bridge.view import Health, Snapshot, ViewModel
+from hil_bridge.view.live import LiveView
 from hil_bridge.view.panel import panel
 from protocol.adlp import Count, NoticeKind
 
