@@ -1,16 +1,19 @@
 import json
 import math
 import os
+import random
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from hil_bridge.errors import ConfigError
 from hil_bridge.recording import CycleRecord, EventRecord, Recorder, Recording, SensorRecord, read
 from hil_bridge.recording.files import write_whole
 from hil_bridge.recording.summary import Outcome, RunEnd, end_of, phases, summarise
+from hil_bridge.recording.times import times_of
 
 PERIOD, LSB = 0.25, 0.000125
 END = RunEnd(Outcome.STOPPED, "force limit", 0.156, {"nak": 2, "turnaround_mean_ms": 12.5})
@@ -173,3 +176,13 @@ def test_links_are_followed_and_pipes_written_to(tmp_path: Path) -> None:
     assert os.read(reader, 100) == b"through"
     os.close(reader)
     assert pipe.is_fifo()
+
+
+def test_percentiles_are_those_of_numpy() -> None:
+    draw = random.Random(3)
+    for count in (1, 2, 3, 10, 100, 101, 333):
+        durations = [draw.choice((draw.random(), draw.randrange(9) * 1e-3)) for _ in range(count)]
+        times = times_of([*durations, math.nan])
+        assert times is not None
+        expected = [float(value) for value in np.percentile(durations, (50, 90, 99))]
+        assert [times.p50_s, times.p90_s, times.p99_s, times.max_s] == [*expected, max(durations)]
