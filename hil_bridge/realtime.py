@@ -104,13 +104,12 @@ def collect_young() -> None:
 
 
 def _pin(cpus: tuple[int, ...], allowed: set[int]) -> None:
-    try:
-        os.sched_setaffinity(0, cpus)
-    except OSError as error:
+    if missing := sorted(set(cpus) - allowed):  # the system call would leave these out without a word
         there = ", ".join(map(str, sorted(allowed)))
         raise ConfigError(
-            f"realtime.cpus: this process may not run on {', '.join(map(str, cpus))}; it may on {there}"
-        ) from error
+            f"realtime.cpus: this process may not run on {', '.join(map(str, missing))}; it may on {there}"
+        )
+    os.sched_setaffinity(0, cpus)
 
 
 def _prefer(priority: int) -> None:

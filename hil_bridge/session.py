@@ -84,16 +84,21 @@ def execute(
             f"task.force_n (--force-n) of {config.task.force_n:g} N must be below limits.force_limit_n of "
             f"{config.limits.force_limit_n:g} N, or every run would be stopped"
         )
+    if not virtual:
+        with scheduled(config.realtime):
+            pass  # what the machine refuses it refuses here, before an earlier recording is replaced
     _prepare(outputs, config_file)
     with _record_path(outputs) as path:
         session = _Session(config, path, view)
         result = (run_virtual if virtual else run_real)(session.main)
         ended = f": {result.cause}" if result.cause and result.outcome is not Outcome.STOPPED else ""
-        click.echo(f"{result.outcome}{ended}")
+        lines = [f"{result.outcome}{ended}"]
         if session.cycles:
-            _leave(outputs, path)
+            lines += _leave(outputs, path)
         elif outputs.record is not None:
-            click.echo(f"record: {outputs.record}")
+            lines.append(f"record: {outputs.record}")
+        for line in lines:
+            click.echo(line)
     if result.outcome is Outcome.STOPPED:
         click.echo(f"hil-bridge: stopped: {result.cause}", err=True)
     return EXIT_CODES[result.outcome]
@@ -135,20 +140,23 @@ def _prepare(outputs: Outputs, config_file: Path | None) -> None:
         taken[place] = option
 
 
-def _leave(outputs: Outputs, path: Path) -> None:
-    """Print the figures of the record at `path` and leave what is wanted of them."""
+def _leave(outputs: Outputs, path: Path) -> list[str]:
+    """Leave what is wanted of the record at `path`, before anything is said: whoever reads it may have gone. The lines
+    to print.
+    """
     recording = read(path)
     summary = summarise(recording)
-    _print_figures(summary)
+    lines = _figures(summary)
     if outputs.record is not None:
-        click.echo(f"record: {outputs.record}")
+        lines.append(f"record: {outputs.record}")
     if outputs.summary is not None:
         summary.write_json(outputs.summary)
-        click.echo(f"summary: {outputs.summary}")
+        lines.append(f"summary: {outputs.summary}")
     if outputs.report is not None:
         from hil_bridge.report import write_report
 
-        click.echo(f"report: {write_report(recording, summary, outputs.report)}")
+        lines.append(f"report: {write_report(recording, summary, outputs.report)}")
+    return lines
 
 
 @contextmanager
@@ -370,11 +378,11 @@ def _tell_panel(url: str) -> None:
     click.echo(f"panel: {url}")
 
 
-def _print_figures(summary: Summary) -> None:
-    """The figures that a person wants to see at once."""
+def _figures(summary: Summary) -> list[str]:
+    """The figures that a person wants to see at once, a line each."""
     tracked, figures = summary.phases_s.get("track", 0.0), summary.figures
     if summary.force_reference_n is None or not figures:
-        return
+        return []
     rows = [("tracked", f"{tracked:.1f} s at {summary.force_reference_n:g} N with {summary.controller}")]
     if summary.force_mean_steady_n is not None:
         rows.append(
@@ -395,5 +403,4 @@ def _print_figures(summary: Summary) -> None:
         rows.append(("cycle time", f"{summary.cycle_time.mean_s * 1e3:.1f} ms mean{floor}"))
     if summary.latency_sentence:
         rows.append(("latency", summary.latency_sentence))
-    for name, text in rows:
-        click.echo(f"  {name:<15}{text}")
+    return [f"  {name:<15}{text}" for name, text in rows]

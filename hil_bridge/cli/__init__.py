@@ -33,7 +33,8 @@ EXIT_INTERRUPTED = 130
 def cli(context: click.Context) -> None:
     """Force control of a position-controlled robot, over its real wires or the same wires emulated.
 
-    Exit codes: 0 done, 2 configuration or input, 3 device, link or safety stop, 130 interrupted.
+    Exit codes: 0 done, 1 a replay that differs, 2 configuration or input, 3 device, link or safety stop,
+    130 interrupted.
     """
     if context.invoked_subcommand is None:
         click.echo(context.get_help())

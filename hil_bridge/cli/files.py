@@ -31,15 +31,9 @@ def config() -> None:
 def init(path: Path) -> None:
     """Write a commented file with every setting at its default.  [default: hil-bridge.toml]"""
     from hil_bridge.config import commented_defaults
-    from hil_bridge.errors import ConfigError
+    from hil_bridge.recording.files import write_new
 
-    try:
-        with path.open("x", encoding="utf-8") as file:
-            file.write(commented_defaults())
-    except FileExistsError as error:
-        raise ConfigError(f"{path} is there already; name another file or remove it") from error
-    except OSError as error:
-        raise ConfigError(f"cannot write {path}: {error.strerror}") from error
+    write_new(path, commented_defaults())
     click.echo(f"wrote {path}")
 
 

@@ -13,6 +13,11 @@ if TYPE_CHECKING:
     from protocol.adlp import LinkProfile
 
 _FILE = click.Path(path_type=Path)
+_UNHEARD = {
+    None: "; the delay of a receiver board's samples is not emulated",
+    "uart_gateway": "; the delay of its frames is drawn by `hil-bridge emulate`, `run` emulates a CAN gateway",
+}
+"""What of a site's latency a run of the emulated cell leaves out, by the section of its gateway."""
 
 
 @click.command(short_help="Tell where the time from force to motion goes.")
@@ -24,11 +29,12 @@ def latency(recording: Path, output: Path | None) -> None:
     """Tell where the time between a force and the motion that answers it went in a recorded run.
 
     With -o the site's turnaround and the jitter of its sensor become a configuration: `hil-bridge run SITE.toml`
-    then draws them anew, by the seed, in the emulated cell.
+    then draws them anew, by the seed, in the emulated cell; the jitter of a UART gateway is drawn by `hil-bridge
+    emulate`, for the cell that `run` emulates has a CAN gateway.
     """
     from hil_bridge.errors import ConfigError
     from hil_bridge.recording import read
-    from hil_bridge.recording.files import write_whole
+    from hil_bridge.recording.files import write_new
     from hil_bridge.recording.latency import latency_of
     from hil_bridge.recording.site_latency import site_settings
     from hil_bridge.replay import recorded_config
@@ -37,14 +43,16 @@ def latency(recording: Path, output: Path | None) -> None:
     found = latency_of(record)
     if found is None:
         raise ConfigError(f"{recording} holds no cycle that was stamped at every hop; record a longer run")
-    for line in _lines(found):
-        click.echo(line)
-    if output is not None:
+    lines = [*_lines(found)]
+    if record.truncated:
+        lines.append("the recording is cut short or damaged: this is what came before")
+    if output is not None:  # before anything is said: whoever reads it may have gone
         config = recorded_config(record, {})
         gateway = _gateway(config)
-        write_whole(output, site_settings(record, _line(config), gateway).encode())
-        note = "" if gateway else "; the delay of a receiver board's samples is not emulated"
-        click.echo(f"wrote {output}{note}")
+        write_new(output, site_settings(record, _line(config), gateway))
+        lines.append(f"wrote {output}{_UNHEARD.get(gateway, '')}")
+    for line in lines:
+        click.echo(line)
 
 
 def _lines(found: "Latency") -> "Iterator[str]":

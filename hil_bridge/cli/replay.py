@@ -48,7 +48,7 @@ def replay(recording: Path, config_file: Path | None, controller: str | None, ta
             for name, (before, now) in cycle.differences.items():
                 click.echo(f"  {name}: recorded {before}, replayed {now}")
             sys.exit(EXIT_DIFFERENT)
-    note = "; the recording ends early" if record.truncated else ""
+    note = "; the recording is cut short or damaged behind them" if record.truncated else ""
     click.echo(f"{len(cycles)} cycles replayed, every command identical{note}")
 
 
@@ -64,6 +64,13 @@ def _tell_changes(cycles: "list[ReplayedCycle]", controller: str) -> None:
         other = sum(bool(cycle.differences) for cycle in chosen)
         rms = math.sqrt(sum(a * a for a in away) / len(away))
         click.echo(f"{phase:<10}{len(chosen):>8}{other:>8}{rms:>10.4f}{max(away):>10.4f}")
+    for verdict, told in (("stop", "stopped the run"), ("clamp", "held the command back")):
+        new = [c for c in cycles if c.decision.verdict.kind == verdict != c.record.verdict]
+        if new:
+            why = ", ".join(new[0].decision.reasons)
+            click.echo(
+                f"the supervisor would have {told} in {len(new)} more; first in {new[0].record.cycle}: {why}"
+            )
     first = next((cycle for cycle in cycles if cycle.differences), None)
     if first is None:
         click.echo("every command would have been the same")

@@ -6,6 +6,17 @@ from pathlib import Path
 from hil_bridge.errors import ConfigError
 
 
+def write_new(path: Path, text: str) -> None:
+    """Write a file that is not there yet. Raises ConfigError where there is one, or where it cannot be written."""
+    try:
+        with path.open("x", encoding="utf-8") as file:
+            file.write(text)
+    except FileExistsError as error:
+        raise ConfigError(f"{path} is there already; name another file or remove it") from error
+    except OSError as error:
+        raise ConfigError(f"cannot write {path}: {error.strerror}") from error
+
+
 def write_whole(path: Path, data: bytes) -> None:
     """Replace a file at once, so that no reader ever sees half of it.
 

@@ -11,8 +11,11 @@ from hil_bridge.recording.latency import answer_times, earliest_arrivals, moment
 from hil_bridge.recording.reader import Recording
 from protocol.adlp import LinkProfile
 
-QUANTILES = 21
-"""Of each distribution: every 5 %, ends included. Chosen."""
+FEWEST_QUANTILES, MOST_QUANTILES = 21, 201
+"""Of each distribution, ends included: one for every value, but no fewer than these, for that is no distribution, and
+no more, or nobody could read the file. Chosen: of many values the rare late ones must stay rare, and straight lines
+between quantiles 0.5 % apart make no more of them than that.
+"""
 _DIGITS = 4
 """Of a value in ms: a tenth of a microsecond."""
 
@@ -41,7 +44,7 @@ def site_settings(recording: Recording, link: LinkProfile, gateway: str | None) 
         jitter = [frame.at - earliest.get(frame.sequence, math.nan) for frame in recording.sensors]
         sections[f"cell.{gateway}"] = {"delay_ms": _quantiles_ms(jitter, "sensor frames")}
     lines = [
-        f"# Latency of a recorded run, as {QUANTILES} evenly spaced quantiles each: turnaround is answer time less",
+        "# Latency of a recorded run, as evenly spaced quantiles each: turnaround is answer time less",
         "# line time (of a controller that answers a point only when it is reached, the motion too); the delay of",
         "# the sensor's frames is that above the smallest one.",
     ]
@@ -61,11 +64,12 @@ def _line_settings(link: LinkProfile) -> dict[str, object]:
 def _quantiles_ms(values: Sequence[float], what: str) -> list[float]:
     """Raises ConfigError for fewer values than quantiles."""
     known = [max(value, 0.0) * 1e3 for value in values if math.isfinite(value)]
-    if len(known) < QUANTILES:
+    if len(known) < FEWEST_QUANTILES:
         raise ConfigError(
-            f"the recording holds {len(known)} stamped {what}, a distribution needs {QUANTILES}: record a longer run"
+            f"the recording holds {len(known)} stamped {what}, a distribution needs {FEWEST_QUANTILES}: "
+            "record a longer run"
         )
-    found = np.quantile(known, np.linspace(0.0, 1.0, QUANTILES))
+    found = np.quantile(known, np.linspace(0.0, 1.0, min(len(known), MOST_QUANTILES)))
     return [round(float(value), _DIGITS) for value in found]
 
 

@@ -14,10 +14,12 @@ import pytest
 
 import hil_bridge.cli
 from hil_bridge import compose, session
+from hil_bridge.config import Config
 from hil_bridge.errors import DeviceError
 from hil_bridge.recording import CycleRecord, read
 from hil_bridge.run import Run
 from hil_bridge.serve import client_of
+from hil_bridge.session import Outputs, execute
 
 Result: TypeAlias = tuple[int, str, str]
 Command: TypeAlias = Callable[..., Result]
@@ -164,6 +166,36 @@ def test_a_port_without_permission_names_the_group(hil: Command, monkeypatch: py
 
 
 # --- whole runs
+
+
+def test_a_run_that_the_machine_refuses_leaves_an_earlier_recording_alone(hil: Command) -> None:
+    Path("keep.mcap").write_bytes(b"an hour of work")
+    Path("rt.toml").write_text("[realtime]\ncpus = [999]\n")
+    code, _, errors = hil("run", "rt.toml", "--no-view", "--record", "keep.mcap")
+    assert (code, errors.count("\n")) == (2, 1)
+    assert "realtime.cpus" in errors
+    assert Path("keep.mcap").read_bytes() == b"an hour of work"
+
+
+def test_what_is_wanted_is_written_before_anything_is_said(
+    hil: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As with `| head`: whoever reads the output may have gone by then."""
+
+    def gone(*_: object, **__: object) -> None:
+        raise BrokenPipeError
+
+    with monkeypatch.context() as patched:
+        patched.setattr("hil_bridge.session.click.echo", gone)
+        with pytest.raises(BrokenPipeError):
+            execute(
+                Config.model_validate({"run": {"duration_s": 1.0}}),
+                True,
+                Outputs(Path("r.mcap"), Path("s.json"), Path("rep")),
+                False,
+            )
+    assert json.loads(Path("s.json").read_text())["outcome"] == "completed"
+    assert Path("rep/report.html").exists()
 
 
 def test_a_run_prints_its_figures_and_leaves_what_report_makes_again(hil: Command) -> None:

@@ -47,11 +47,12 @@ def test_only_the_loops_thread_is_pinned() -> None:
     assert os.sched_getaffinity(0) == before
 
 
-def test_a_processor_that_is_not_there_is_refused_in_one_line() -> None:
+@pytest.mark.parametrize("others", [(), (min(os.sched_getaffinity(0)),)])
+def test_a_processor_that_is_not_there_is_refused_in_one_line(others: tuple[int, ...]) -> None:
     before = os.sched_getaffinity(0)
     with (
         pytest.raises(ConfigError, match=r"realtime\.cpus: this process may not run on 999"),
-        scheduled(RealTime(cpus=(999,))),
+        scheduled(RealTime(cpus=(*others, 999))),
     ):
         pass
     assert os.sched_getaffinity(0) == before

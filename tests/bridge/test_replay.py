@@ -1,5 +1,6 @@
 """Deciding a recorded run again: the same commands to the bit, or the first that differs."""
 
+import re
 import sys
 from collections.abc import Callable
 from dataclasses import replace
@@ -150,6 +151,19 @@ def test_the_command_tells_the_first_difference_and_ends_with_1(
     told = capsys.readouterr().out
     assert "cycle 30 of" in told
     assert "depth_commanded: recorded" in told
+
+
+def test_the_command_says_that_other_limits_would_have_stopped_the_run(
+    recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    limits = tmp_path / "limits.toml"
+    limits.write_text("[limits]\nforce_limit_n = 5.0\n[task]\nforce_n = 4.0\n")
+    assert command(monkeypatch, str(recording), str(limits)) == 0
+    told = capsys.readouterr().out
+    assert re.search(
+        r"the supervisor would have stopped the run in \d+ more; first in \d+: contact force .* beyond 5 N",
+        told,
+    )
 
 
 def test_the_command_shows_what_another_controller_would_have_done(
