@@ -28,6 +28,6 @@ def _maker(kind: Any, changed: tuple[str, ...]) -> Callable[..., Any]:
         raise TypeError(f"{kind.__name__} has no field {', '.join(sorted(unknown))}")
     arguments = ", ".join(name if name in changed else f"state.{name}" for name in names)
     make: Callable[..., Any] = eval(
-        f"lambda {', '.join(('state', *changed))}: kind({arguments})", {"kind": kind}
+        f"lambda {', '.join(('state', *changed))}: kind({arguments})", {"__name__": __name__, "kind": kind}
     )
     return make

@@ -146,10 +146,8 @@ class ForceSensor:
                 if later is None:
                     return self.wrench(frame)
                 share = (at - frame.at) / (later.at - frame.at)
-                after, before = (
-                    self.wrench(later),
-                    self.wrench(frame),
-                )  # the newest has been asked for just now
+                after = self.wrench(later)  # first, for the newest has been asked for just now
+                before = self.wrench(frame)
                 return tuple([a + share * (b - a) for a, b in zip(before, after, strict=True)])
             later = frame
         return None
