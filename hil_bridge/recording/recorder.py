@@ -46,8 +46,8 @@ class Chunks:
 CHUNKS = Chunks(seconds=1.0, size=1 << 20)
 """In real time: a killed process loses at most a second. Chosen."""
 VIRTUAL_CHUNKS = Chunks(seconds=math.inf, size=1 << 17)
-"""In virtual time: a killed run can be had again. Chosen: small and all of one size, so that a long run soon has had the memory
-that it takes.
+"""In virtual time: a killed run can be had again. Chosen: small and all of one size, so that a long run soon has had
+the memory that it takes.
 """
 
 
