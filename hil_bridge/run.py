@@ -152,9 +152,10 @@ class Run:
         state = self._loop.initial(start.position)
         result = RunResult(Outcome.COMPLETED)
         track_ends = math.inf
+        unpaced = not self._config.run.period_ms  # then an order is always followed by another at once
         async for cycle, started_at in self._beats():
             commanded_before = state.supervisor.depth
-            status = await self._robot.read_status()
+            status = await self._robot.read_status(announce=True)
             status_transmitted_at = self._robot.transmitted_at
             frame, decoded_at = self._frame(), self._sensor.decoded_at
             sample = self._sample(status, frame)
@@ -175,7 +176,7 @@ class Run:
                 track_ends = sample.now + self._config.run.duration_s
             if decision.output.failed and result.outcome is not Outcome.STOPPED:
                 result = self._stopped(decision.output.cause)
-            await motion.to(decision.position, status.quaternion)
+            await motion.to(decision.position, status.quaternion, announce=unpaced)
             self._log.cycle(
                 self._record(
                     status,

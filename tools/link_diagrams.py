@@ -15,7 +15,7 @@ from protocol.adlp import TRANSITIONS, Action, LinkProfile, Role, State, Stimulu
 DOCUMENT = Path(__file__).resolve().parent.parent / "docs" / "computer-link.md"
 BEGIN, END = "<!-- state diagrams: begin -->", "<!-- state diagrams: end -->"
 
-SENDING = {State.BIDDING, State.AWAITING_ACK}
+SENDING = {State.BIDDING, State.HOLDING, State.AWAITING_ACK}
 """States whose arrows are drawn with the sender; those of the idle ones go with what they lead to."""
 NAMES = {Role.HOST: "PC", Role.ROBOT: "S3"}
 
@@ -43,6 +43,10 @@ CONDITIONS = {
     (Action.WAIT_LONGER, State.IDLE): "then EOT, failed",
     (Action.BID_AGAIN, State.BIDDING): "up to bid_limit",
     (Action.BID_AGAIN, State.IDLE): "then failed",
+    (Action.SEND_FIRST, State.AWAITING_ACK): "message there",
+    (Action.SEND_FIRST, State.HOLDING): "bid was ahead of its message",
+    (Action.SEND_FIRST_REVERSED, State.AWAITING_ACK): "message there",
+    (Action.SEND_FIRST_REVERSED, State.HOLDING): "bid was ahead of its message",
     (Action.SEND_NEXT, State.AWAITING_ACK): "more blocks",
     (Action.SEND_NEXT, State.IDLE): "none left, EOT",
     (Action.SEND_NEXT, State.LISTENING): "none left, EOT, line was asked for",

@@ -87,8 +87,8 @@ class RobotLink:
         self._transport = _SentWatch(transport, self._sent)
         self._clock = clock
         self.begun_at = math.nan
-        """When the newest order's first byte, that of the bid, was handed to the port, s on the run's clock; NaN where
-        that did not happen.
+        """When the newest order's first byte, that of the bid, was handed to the port, s on the run's clock, or the
+        order itself to the link, if the bid had gone out ahead of it; NaN where neither happened.
         """
         self.transmitted_at = math.nan
         """When its last character, that ends the message, has left the line: reckoned from when it was handed to the
@@ -100,6 +100,8 @@ class RobotLink:
         self._host = ArapHost(profile)
         self._host.link.verbose = on_link_event is not None
         self._pump: Pump[bytes, ArapEvent] = Pump(self._host, self._transport, clock, self._take, self._ended)
+        self._announce = False
+        """The order under way is followed by another at once."""
         self._answer: asyncio.Future[Telegram] | None = None
         """Of the order under way; cancelled when nobody waits for it any more."""
         self._waiting: deque[asyncio.Future[None]] = deque()
@@ -145,9 +147,9 @@ class RobotLink:
         answer = await self.exchange(*definition.telegrams(values, suffix, self.profile))
         return self._understood(definition.answer.decode, answer.data)
 
-    async def read_status(self) -> Status:
-        """Mode, flags, reported position and orientation, from the controller."""
-        return self._understood(Status.from_telegram, await self.exchange(read_status()))
+    async def read_status(self, *, announce: bool = False) -> Status:
+        """Mode, flags, reported position and orientation, from the controller; `announce` as in `exchange`."""
+        return self._understood(Status.from_telegram, await self.exchange(read_status(), announce=announce))
 
     async def receive_program(self, number: int) -> bytes:
         """The contents of a program, from the controller; errors as `order`, DeviceError also for one that it has
@@ -160,8 +162,12 @@ class RobotLink:
             raise DeviceError(f"robot on {self.name} sent program {answer.program}, not {number}")
         return answer.content
 
-    async def exchange(self, *telegrams: Telegram) -> Telegram:
-        """Send one order, of one block or several, and wait for its answer; errors as `order`."""
+    async def exchange(self, *telegrams: Telegram, announce: bool = False) -> Telegram:
+        """Send one order, of one block or several, and wait for its answer; errors as `order`.
+
+        With `announce` the bid for the next order goes out with the end of the answer, so that the controller
+        acknowledges it while the caller still makes up its mind. The caller must give an order then, and soon.
+        """
         loop = self._clock.loop
         while self._answer is not None:  # a cancelled caller may have left its order under way
             ended = loop.create_future()
@@ -170,7 +176,9 @@ class RobotLink:
         if self._failure is not None:
             raise self._failure
         self._host.order(*telegrams)
-        self.begun_at = self.transmitted_at = math.nan
+        self._announce = announce
+        self.begun_at = self._clock.now() if self._host.link.ahead else math.nan
+        self.transmitted_at = math.nan
         answer: asyncio.Future[Telegram] = loop.create_future()
         self._answer = answer
         self._pump.kick()
@@ -218,7 +226,10 @@ class RobotLink:
     def _take(self, event: ArapEvent) -> None:
         match event:
             case Answered(answer=answer):
+                announce = self._announce and self._answer is not None and not self._answer.cancelled()
                 self._resolve(answer)
+                if announce:
+                    self._host.announce()
             case Refused(order=order, refusal=refusal):
                 self._resolve(self._refused(order, refusal))
             case OrderFailed(reason=reason, text=text):
@@ -293,10 +304,12 @@ class Motion:
         """The order for one step of the sequence; position in m, quaternion w x y z, tool in base."""
         return Move(kind, position, quaternion, self._velocity).to_telegram(self._link.profile.move_length)
 
-    async def to(self, position: Vector, quaternion: Quaternion) -> None:
-        """Order the next point; returns when the controller has taken it, not when it is reached."""
+    async def to(self, position: Vector, quaternion: Quaternion, *, announce: bool = False) -> None:
+        """Order the next point; returns when the controller has taken it, not when it is reached. `announce` as in
+        `RobotLink.exchange`.
+        """
         self._last = position, quaternion
-        await self._link.exchange(self.telegram(_POINT, position, quaternion))
+        await self._link.exchange(self.telegram(_POINT, position, quaternion), announce=announce)
 
     async def end(self) -> None:
         """End the sequence at the last point ordered."""

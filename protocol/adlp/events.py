@@ -59,6 +59,8 @@ class NoticeKind(StrEnum):
     TIME_OUT = "time-out"
     WACK = "WACK received"
     RVI = "RVI received"
+    RELEASED = "line released"
+    """Our bid was acknowledged, and no message came for it in time."""
     COLLISION = "collision"
     DUPLICATE = "duplicate dropped"
     MISSING_EOT = "missing EOT"

@@ -36,6 +36,9 @@ MESSAGE_LIMIT = 4096
 GARBAGE_SIZE = 5
 """After so many meaningless bytes in one run a control byte is one more of them, until the line falls silent:
 else the data of a mutilated block would be answered. Mark: chosen (STX, length and addresses of a block)."""
+HOLDING_SHARE = 0.5
+"""Of the time that the other side waits for a block, so long is a line held for a message that is on its way here.
+Mark: chosen."""
 
 _ACCEPTED_STYLES: dict[str, tuple[LengthStyle, ...]] = {
     "both": LENGTH_STYLES,
@@ -54,7 +57,7 @@ _ANSWERS = frozenset((Control.ACK, Control.NAK, Control.WACK, Control.RVI))
 _RECEIVING = frozenset((State.AWAITING_BLOCK, State.AWAITING_MORE, State.DISCARDING))
 
 # Asked for with every byte, by names of this module: until Python 3.12 an enum's own name costs five times that.
-_IDLE, _BIDDING, _DISCARDING = State.IDLE, State.BIDDING, State.DISCARDING
+_IDLE, _BIDDING, _HOLDING, _DISCARDING = State.IDLE, State.BIDDING, State.HOLDING, State.DISCARDING
 _AWAITING_ACK, _AWAITING_BLOCK, _AWAITING_MORE = State.AWAITING_ACK, State.AWAITING_BLOCK, State.AWAITING_MORE
 _BLOCK, _BAD_CHECKSUM = Stimulus.BLOCK, Stimulus.BAD_CHECKSUM
 _NOISE, _MUTILATED = Stimulus.NOISE, Stimulus.MUTILATED
@@ -82,6 +85,8 @@ class Link:
         self._gap_deadline: float | None = None
         self._queue: deque[tuple[bytes, ...]] = deque()
         """Telegrams of the messages that wait to be sent."""
+        self._announced = False
+        """A bid is to go out, or has, for a message that is not there yet."""
         self._blocks: list[bytes] = []
         """Those of the oldest message as blocks; empty until the bid for it has gone out."""
         self._sending = Sending()
@@ -108,6 +113,11 @@ class Link:
     def receiving(self) -> bool:
         """A message of the other side has begun and not ended."""
         return self._state in _RECEIVING
+
+    @property
+    def ahead(self) -> bool:
+        """A bid for the next message has gone out."""
+        return self._state is _BIDDING or self._state is _HOLDING
 
     @property
     def verbose(self) -> bool:
@@ -137,6 +147,13 @@ class Link:
             check_telegram(telegram, self._profile.max_telegram)
         self._queue.append(tuple(telegrams))
 
+    def announce(self) -> None:
+        """Bid for a message that `send` is about to be given: the other side's ACK comes while it is still being made.
+
+        If it takes longer than half the time that the other side waits for a block, the line is given back.
+        """
+        self._announced = True
+
     def receive(self, data: bytes, now: float) -> None:
         """Take bytes off the line. Data that came counts even when a deadline has passed unhandled before."""
         self._now = now
@@ -152,7 +169,10 @@ class Link:
     def data_to_send(self, now: float) -> bytes:
         """Bytes for the line; a waiting message begins its bid here."""
         self._now = now
-        if self._queue and self._state is _IDLE:
+        if self._state is _IDLE:
+            if self._queue or self._announced:
+                self._step(_SEND)
+        elif self._state is _HOLDING and self._queue:
             self._step(_SEND)
         if not self._out:
             if self._queue and not self._blocks:
@@ -304,11 +324,26 @@ class Link:
 
     def _send_first(self) -> State:
         self._notice(_ACK_RECEIVED, "bid acknowledged")
-        return self._put_block()
+        return self._begin()
 
     def _send_first_reversed(self) -> State:
         self._note_reversed()
+        return self._begin()
+
+    def _begin(self) -> State:
+        self._announced = False
+        if self._queue:
+            return self._put_block()
+        self._arm(HOLDING_SHARE * self._profile.answer_timeout_s)
+        return _HOLDING
+
+    def _send_held(self) -> State:
         return self._put_block()
+
+    def _release(self) -> State:
+        self._notice(NoticeKind.RELEASED, "no message came for the bid")
+        self._out.append(_EOT)
+        return _IDLE
 
     def _encode(self) -> None:
         profile = self._profile
@@ -395,7 +430,9 @@ class Link:
         return self._accept_bid()
 
     def _drop_oldest(self) -> None:
-        self._queue.popleft()
+        self._announced = False
+        if self._queue:  # a bid may have failed before its message was there
+            self._queue.popleft()
         self._blocks = []
 
     def _give_up(self, reason: LinkFailure, text: str) -> State:

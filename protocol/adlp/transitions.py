@@ -16,6 +16,8 @@ class State(StrEnum):
     """Idle, but the other side asked for the line (RVI): it may bid first."""
     BIDDING = "bidding"
     """We sent ENQ."""
+    HOLDING = "holding the line"
+    """Our bid is acknowledged, and the message that it was for is not there yet."""
     AWAITING_ACK = "awaiting ACK"
     """We sent a block."""
     AWAITING_BLOCK = "awaiting block"
@@ -54,6 +56,8 @@ class Action(StrEnum):
     COLLIDE = "collide"
     SEND_FIRST = "send_first"
     SEND_FIRST_REVERSED = "send_first_reversed"
+    SEND_HELD = "send_held"
+    RELEASE = "release"
     SEND_NEXT = "send_next"
     SEND_NEXT_REVERSED = "send_next_reversed"
     REPEAT_REFUSED = "repeat_refused"
@@ -99,12 +103,17 @@ TRANSITIONS: dict[tuple[State, Stimulus], Transition] = {
     (_S.LISTENING, _X.BLOCK): _to(_A.RECOGNISE_LATE, _S.AWAITING_MORE, _S.LISTENING),
     (_S.LISTENING, _X.TIME_OUT): _to(_A.RESUME, _S.IDLE),
     #
-    (_S.BIDDING, _X.ACK): _to(_A.SEND_FIRST, _S.AWAITING_ACK),
-    (_S.BIDDING, _X.RVI): _to(_A.SEND_FIRST_REVERSED, _S.AWAITING_ACK),
+    (_S.BIDDING, _X.ACK): _to(_A.SEND_FIRST, _S.AWAITING_ACK, _S.HOLDING),
+    (_S.BIDDING, _X.RVI): _to(_A.SEND_FIRST_REVERSED, _S.AWAITING_ACK, _S.HOLDING),
     (_S.BIDDING, _X.NAK): _to(_A.NOTE_BID_REFUSED, _S.BIDDING),
     (_S.BIDDING, _X.WACK): _to(_A.WAIT_LONGER, _S.BIDDING, _S.IDLE),
     (_S.BIDDING, _X.ENQ): _to(_A.COLLIDE, _S.AWAITING_BLOCK, _S.BIDDING),
     (_S.BIDDING, _X.TIME_OUT): _to(_A.BID_AGAIN, _S.BIDDING, _S.IDLE),
+    #
+    (_S.HOLDING, _X.SEND): _to(_A.SEND_HELD, _S.AWAITING_ACK),
+    (_S.HOLDING, _X.TIME_OUT): _to(_A.RELEASE, _S.IDLE),
+    (_S.HOLDING, _X.EOT): _to(_A.RESUME, _S.IDLE),
+    (_S.HOLDING, _X.ENQ): _to(_A.ACCEPT_BID, _S.AWAITING_BLOCK),
     #
     (_S.AWAITING_ACK, _X.ACK): _to(_A.SEND_NEXT, _S.AWAITING_ACK, _S.IDLE, _S.LISTENING),
     (_S.AWAITING_ACK, _X.RVI): _to(_A.SEND_NEXT_REVERSED, _S.AWAITING_ACK, _S.LISTENING),

@@ -121,6 +121,15 @@ class ArapHost:
         self._order = order
         self._blocks.clear()
 
+    def announce(self) -> None:
+        """Bid for an order that `order` is about to be given; see `Link.announce`.
+
+        Raises LocalProtocolError while an order has no answer.
+        """
+        if self._order is not None:
+            raise LocalProtocolError(f"the answer to an order is outstanding: {self._order}")
+        self.link.announce()
+
     def receive(self, data: bytes, now: float) -> None:
         """Take bytes off the line."""
         self.link.receive(data, now)

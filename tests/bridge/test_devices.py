@@ -13,7 +13,7 @@ from hil_bridge.orders_file import parse_orders
 from hil_bridge.pump import Pump
 from hil_bridge.transports import Frames, connect_bytes, connect_can, listen_bytes, listen_can
 from protocol.adlp import Link, LinkProfile, MessageReceived, Role
-from protocol.arap import Mode, ProgramAnswer, Telegram, read_status, write_mode
+from protocol.arap import Mode, ProgramAnswer, Telegram, TelegramType, read_status, write_mode
 from protocol.endpoint import LocalProtocolError
 from protocol.jr3 import GatewayClient, GatewayClientProfile, parse_frame
 
@@ -307,6 +307,46 @@ def test_who_gives_up_an_order_leaves_it_under_way_and_the_next_wait_for_its_end
         await asyncio.gather(first, *others, return_exceptions=True)
         assert ended == ["stop_program"]
         assert robot.counters["messages sent"] == robot.counters["messages received"] == 2
+
+    with_robot(script)
+
+
+def test_an_announced_order_finds_the_line_won() -> None:
+    character = 11 / 9600
+
+    async def script(robot: RobotLink, clock: Clock) -> None:
+        await robot.read_status()
+        assert robot.transmitted_at - robot.begun_at == pytest.approx((1 + 1 + 13 + 1 + 1) * character)
+        await robot.read_status(announce=True)
+        given = clock.now() + 0.01  # meanwhile ENQ and ACK cross the line
+        await clock.sleep_until(given)
+        await robot.read_status()
+        assert robot.begun_at == given
+        assert robot.transmitted_at - given == pytest.approx((13 + 1 + 1) * character)
+        assert (robot.counters["bid sent"], robot.counters["line released"]) == (3, 0)
+
+    with_robot(script)
+
+
+def test_what_has_not_been_answered_to_its_caller_is_followed_by_no_bid() -> None:
+    async def script(robot: RobotLink, clock: Clock) -> None:
+        with pytest.raises(OrderRefused):
+            await robot.exchange(Telegram(TelegramType.ORDER, 99, 0), announce=True)
+        given_up = asyncio.create_task(robot.read_status(announce=True))
+        await clock.sleep_until(clock.now() + 0.005)
+        given_up.cancel()
+        await clock.sleep_until(clock.now() + 5.0)
+        assert (robot.counters["bid sent"], robot.counters["messages received"]) == (2, 2)
+
+    with_robot(script)
+
+
+def test_an_announced_order_that_never_comes_gives_the_line_back() -> None:
+    async def script(robot: RobotLink, clock: Clock) -> None:
+        await robot.read_status(announce=True)
+        await clock.sleep_until(clock.now() + 5.0)
+        assert robot.counters["line released"] == 1
+        assert (await robot.read_status()).emergency_stop is False
 
     with_robot(script)
 

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from hil_bridge.config import Config
-from hil_bridge.control import CONTROLLERS, Command, Measurement
+from hil_bridge.control import CONTROLLERS, Command, ControlLoop, Measurement
 from hil_bridge.errors import DeviceError
 from hil_bridge.line_time import answer_time, line_floor
 from hil_bridge.recording import CycleRecord, Outcome
@@ -196,6 +196,37 @@ def test_a_cycle_takes_the_line_and_two_turnarounds(bench: RunBench) -> None:
     assert floor + 2 * 0.008 <= min(times)
     assert max(times) <= floor + 2 * 0.016 + 1e-6
     assert statistics.fmean(times) == pytest.approx(floor + 2 * 0.012, rel=0.02)
+
+
+def test_the_bid_for_an_order_is_out_while_it_is_decided(
+    bench: RunBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    runs: list[Any] = []
+    ahead: list[int] = []
+    behind: list[int] = []
+
+    def bids_ahead() -> int:
+        counters = runs[-1].robot.counters
+        return counters["bid sent"] - counters["messages sent"]
+
+    propose = ControlLoop.propose
+
+    def watched(*arguments: Any) -> Any:
+        ahead.append(bids_ahead())
+        return propose(*arguments)
+
+    monkeypatch.setattr(ControlLoop, "propose", watched)
+    for period_ms, after in ((0.0, 1), (250.0, 0)):
+        behind.clear()
+        run = bench(
+            meddle=lambda bench, record: behind.append(bids_ahead()),
+            prepare=runs.append,
+            run={"duration_s": 1.0, "period_ms": period_ms},
+        )
+        assert set(behind) == {after}, "until the next beat the line is the controller's"
+        assert run.result.outcome is Outcome.COMPLETED
+        assert bids_ahead() == run.robot.counters["line released"] == 0
+    assert set(ahead) == {1}
 
 
 def test_hops_are_stamped_in_order(bench: RunBench) -> None:

@@ -139,6 +139,37 @@ def test_one_order_at_a_time():
     cell.host.order(read_status())
 
 
+def test_an_announced_order_is_sent_with_the_bid_that_was_ahead_of_it():
+    cell = Cell(answer=answers([STATUS.to_telegram()]))
+    cell.host.announce()
+    assert cell.run() == []
+    assert cell.host.link.ahead
+    cell.host.order(read_status())
+    (event,) = cell.run()
+    assert isinstance(event, Answered)
+    assert not cell.host.link.ahead
+    assert cell.host.link.counters["bid sent"] == 1
+
+
+def test_nothing_is_announced_while_an_order_has_no_answer():
+    host = ArapHost(PROFILE)
+    host.order(read_status())
+    with pytest.raises(LocalProtocolError, match="outstanding"):
+        host.announce()
+
+
+def test_a_bid_that_fails_ahead_of_its_order_fails_no_order():
+    cell = Cell(answer=answers([STATUS.to_telegram()]))
+    cell.connected = False
+    cell.host.announce()
+    events = cell.run(20.0)
+    assert [event.reason for event in events if isinstance(event, LinkFailed)] == [LinkFailure.NO_ANSWER]
+    assert not any(isinstance(event, OrderFailed) for event in events)
+    cell.connected = True
+    cell.host.order(read_status())
+    assert isinstance(cell.run()[-1], Answered)
+
+
 def test_order_that_cannot_be_sent_leaves_none_outstanding():
     host = ArapHost(PROFILE)
     with pytest.raises(LocalProtocolError, match="too long"):

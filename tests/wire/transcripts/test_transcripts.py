@@ -10,7 +10,8 @@ A transcript begins with `==` and its name, then come `key: value` lines:
 
 Each further line is one thing: the time in ms, who does what, and the bytes or words; `#` begins a comment, `00*3` is
 `00 00 00`. `PC→S3` is said by the one and heard by the other; `PC→×` gets lost and `×→PC` comes from nobody, so a byte
-that is changed on its way is both. `PC queues` the telegrams of a message, separated by `|`; `PC tells` an event.
+that is changed on its way is both. `PC queues` the telegrams of a message, separated by `|`, `PC announces` that it is
+about to; `PC tells` an event.
 
 What an end says and tells has to be in its transcript, in this order, at that millisecond, and nothing else.
 """
@@ -148,7 +149,7 @@ def telegrams(text):
     return [octets(part) for part in text.split("|")]
 
 
-LINK_FILES = ("exchange.txt", "disturbed.txt")
+LINK_FILES = ("exchange.txt", "ahead.txt", "disturbed.txt")
 LINKS = [item for name in LINK_FILES for item in read(FOLDER / name)]
 ORDERS = list(read(FOLDER / "refusals.txt"))
 
@@ -162,6 +163,9 @@ class LinkEnd:
 
     def queues(self, text, now):
         self.endpoint.send(telegrams(text))
+
+    def announces(self, text, now):
+        self.endpoint.announce()
 
     def told(self, event):
         match event:
