@@ -39,6 +39,14 @@ class RealTime:
         (), Mark.CHOSEN, "processors that the loop's thread may run on, empty = all", minimum=0
     )
 
+    busy_poll_ms: float = setting(
+        0.0,
+        Mark.CHOSEN,
+        "how long the loop looks for something to do before it lets its processor sleep, ms; takes all of one",
+        minimum=0.0,
+        maximum=1000.0,
+    )
+
     def __post_init__(self) -> None:
         check_settings(self)
 

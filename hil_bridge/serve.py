@@ -4,6 +4,7 @@ import asyncio
 import json
 import signal
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 
 import click
@@ -12,15 +13,19 @@ from hil_bridge.clock import Clock, run_real
 from hil_bridge.compose import Ports, emulated_cell, robot_site
 from hil_bridge.config import Config
 from hil_bridge.errors import BridgeError, DeviceError
+from hil_bridge.realtime import scheduled
 
 
 def serve(config: Config, ports: Ports, as_json: bool) -> None:
     """Serve on these ports and print where, until SIGINT or SIGTERM. Raises BridgeError when a port fails."""
-    run_real(lambda: _serve(config, ports, as_json))
+    with scheduled(config.realtime) as executor:
+        run_real(lambda: _serve(config, ports, as_json, executor), config.realtime.busy_poll_ms * 1e-3)
 
 
-async def _serve(config: Config, ports: Ports, as_json: bool) -> None:
+async def _serve(config: Config, ports: Ports, as_json: bool, executor: ThreadPoolExecutor | None) -> None:
     loop, clock = asyncio.get_running_loop(), Clock.running()
+    if executor is not None:
+        loop.set_default_executor(executor)
     stopped = asyncio.Event()
     causes: list[BaseException] = []
 

@@ -90,7 +90,8 @@ def execute(
     _prepare(outputs, config_file)
     with _record_path(outputs) as path:
         session = _Session(config, path, view)
-        result = (run_virtual if virtual else run_real)(session.main)
+        awake_s = config.realtime.busy_poll_ms * 1e-3
+        result = run_virtual(session.main) if virtual else run_real(session.main, awake_s)
         ended = f": {result.cause}" if result.cause and result.outcome is not Outcome.STOPPED else ""
         lines = [f"{result.outcome}{ended}"]
         if session.cycles:

@@ -4,6 +4,7 @@ import asyncio
 from collections.abc import Callable, Coroutine
 from typing import Any, TypeAlias, TypeVar
 
+from hil_bridge.clock.polling import BusyPolling
 from hil_bridge.clock.virtual import VirtualLoop, VirtualTimeError, describe_tasks
 
 T = TypeVar("T")
@@ -14,9 +15,15 @@ class LeakedTasks(VirtualTimeError):
     """The main coroutine returned while tasks that nobody had asked to end were still running."""
 
 
-def run_real(main: Main[T]) -> T:
-    """Run a coroutine, or the coroutine that a function makes, in real time; like `asyncio.run`."""
-    return asyncio.run(_watched(main, []))
+def run_real(main: Main[T], busy_poll_s: float = 0.0) -> T:
+    """Run a coroutine, or the coroutine that a function makes, in real time; like `asyncio.run`.
+
+    `busy_poll_s` is for how long the loop looks again and again before it sleeps, s; see `BusyPolling`.
+    """
+    if not busy_poll_s:
+        return asyncio.run(_watched(main, []))
+    with asyncio.Runner(loop_factory=lambda: asyncio.SelectorEventLoop(BusyPolling(busy_poll_s))) as runner:
+        return runner.run(_watched(main, []))
 
 
 def run_virtual(main: Main[T]) -> T:

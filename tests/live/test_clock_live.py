@@ -26,7 +26,8 @@ def test_periodic_sleeps_wake_well_within_a_millisecond() -> None:
     assert run_real(main) < 0.5e-3
 
 
-def test_timers_run_in_order_and_not_before_their_time() -> None:
+@pytest.mark.parametrize("busy_poll_s", [0.0, 0.004, 1.0], ids=["asleep", "awake at first", "awake"])
+def test_timers_run_in_order_and_not_before_their_time(busy_poll_s: float) -> None:
     async def main() -> None:
         with closing(Clock.running()) as clock:
             assert not clock.is_virtual
@@ -40,7 +41,7 @@ def test_timers_run_in_order_and_not_before_their_time() -> None:
             await clock.sleep_until(start + 0.03)
             assert seen == [(-1.0, True), (0.005, True), (0.005, True), (0.01, True), (0.02, True)]
 
-    run_real(main)
+    run_real(main, busy_poll_s)
 
 
 def test_many_cancelled_timers_and_one_that_fails_disturb_nobody() -> None:

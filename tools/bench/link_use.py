@@ -21,12 +21,14 @@ from tools.bench.figures import Figure, Report, Target
 BAUDRATES = (9600, 19200)
 TRACK_S = 10.0
 MILLI = 1e3
+BUSY_POLL_MS = 100.0
+"""Longer than any wait of a cycle, so that the bridge never sleeps."""
 USE = Target("ratio", 1.0 / 0.97)
 """Cycle time by floor: at least 97 % of a cycle are characters."""
 HIL_BRIDGE = (sys.executable, "-m", "hil_bridge")
 
 
-def settings(baudrate: int) -> dict[str, object]:
+def settings(baudrate: int, busy_poll_ms: float = 0.0) -> dict[str, object]:
     """Of both sides: this rate, a controller without turnaround, and short ways."""
     link = {"baudrate": baudrate}
     robot = {"turnaround_ms": 0.0, "turnaround_spread_ms": 0.0}
@@ -34,6 +36,7 @@ def settings(baudrate: int) -> dict[str, object]:
         "run": {"duration_s": TRACK_S},
         "robot": {"link": link},
         "task": {"retract_mm": 1.0},
+        "realtime": {"busy_poll_ms": busy_poll_ms},
         "cell": {"link": link, "robot": robot, "start_position_mm": (900.0, -100.0, 591.0)},
     }
 
@@ -44,10 +47,11 @@ def cycle_time(cycles: Sequence[CycleRecord]) -> float:
     return (begins[-1] - begins[0]) / (len(begins) - 1)
 
 
-def real(baudrate: int, place: Path) -> float:
+def real(baudrate: int, place: Path, busy_poll_ms: float = 0.0) -> float:
     """Cycle time of bridge and emulated cell as two processes, a paced pseudo-terminal between them, s."""
-    config, record = place / f"{baudrate}.toml", place / f"{baudrate}.mcap"
-    config.write_text(_toml(settings(baudrate)), encoding="utf-8")
+    name = f"{baudrate}-{busy_poll_ms:g}"
+    config, record = place / f"{name}.toml", place / f"{name}.mcap"
+    config.write_text(_toml(settings(baudrate, busy_poll_ms)), encoding="utf-8")
     with subprocess.Popen([*HIL_BRIDGE, "emulate", "cell", config, "--json"], stdout=subprocess.PIPE) as cell:
         try:
             assert cell.stdout is not None
@@ -83,7 +87,13 @@ def measure(say: Callable[[str], None]) -> Report:
             virtual = cycle_time(run_cell(Config.model_validate(settings(baudrate))).cycles) * MILLI
             say(f"{baudrate} baud, real time")
             paced = real(baudrate, Path(name)) * MILLI
-            for kind, value in (("virtual", virtual), ("real", paced)):
-                title = f"cycle at {baudrate} baud, {kind} time"
+            say(f"{baudrate} baud, real time, busy polling")
+            polled = real(baudrate, Path(name), BUSY_POLL_MS) * MILLI
+            for kind, value in (
+                ("virtual time", virtual),
+                ("real time", paced),
+                ("real time, busy polling", polled),
+            ):
+                title = f"cycle at {baudrate} baud, {kind}"
                 figures.append(Figure(title, value, "ms", floor, "floor of the line", USE))
     return Report(tuple(figures))

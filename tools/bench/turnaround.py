@@ -46,6 +46,8 @@ NO_SIGNALS: Mapping[int, signal.Signals] = MappingProxyType({})
 INTERRUPTED = 130
 """Exit code of a command that Ctrl-C ended."""
 MICRO = 1e6
+BUSY_POLL_MS = 100.0
+"""Longer than any wait of a cycle, so that the bridge never sleeps."""
 P50, P99 = Target("ratio", 2.0, aim=1.5), Target("ratio", 3.0, aim=2.0)
 CONFIG = f"""\
 [run]
@@ -63,6 +65,8 @@ settle_s = 0.02
 [sensor.gateway]
 cutoff_hz = 0.0
 period_ms = {PERIOD_MS}
+[realtime]
+busy_poll_ms = %g
 """
 """The tool stays over one place, since a thousand cycles a second would soon be out of reach. Neither the line nor
 the sensor's filter delays anything, and the controller, which allows for both, has to be told.
@@ -195,10 +199,12 @@ def turns_of(
     return cell.turns[WARM_UP:]
 
 
-def bridge_command(wires: Wires, place: Path, *interpreter: str | Path) -> list[str | Path]:
+def bridge_command(
+    wires: Wires, place: Path, *interpreter: str | Path, busy_poll_ms: float = 0.0
+) -> list[str | Path]:
     """A run as a person starts it, without a view."""
     config = place / "bench.toml"
-    config.write_text(CONFIG, encoding="utf-8")
+    config.write_text(CONFIG % busy_poll_ms, encoding="utf-8")
     robot, sensor = wires.urls
     run = ("run", config, "--robot", robot, "--sensor", sensor, "--no-view", "--record", place / "run.mcap")
     return [sys.executable, *(interpreter or ("-m", "hil_bridge")), *run]
@@ -220,18 +226,23 @@ def measured(name: str, place: Path, say: Callable[[str], None]) -> tuple[Figure
     c = in_c()
     say(f"{name}: bridge")
     bridge = ask(lambda wires: bridge_command(wires, place), session=True)
+    say(f"{name}: bridge, busy polling")
+    polling = ask(lambda wires: bridge_command(wires, place, busy_poll_ms=BUSY_POLL_MS), session=True)
     say(f"{name}: asyncio alone, C again")
     plain = ask(lambda wires: [sys.executable, HERE / "asyncio_host.py", *plain_arguments(wires)])
     c += in_c()
     figures = []
     for what, member in (("first byte", "bid"), ("whole order", "order")):
-        ours, theirs, bare = (
-            Spread([getattr(turn, member) * MICRO for turn in turns]) for turns in (bridge, c, plain)
+        ours, polled, theirs, bare = (
+            Spread([getattr(turn, member) * MICRO for turn in turns]) for turns in (bridge, polling, c, plain)
         )
         for percentile, target in (("p50", P50), ("p99", P99)):
             title = f"{name}, {what}, {percentile}"
             base = getattr(theirs, percentile) if c else None
             figures.append(Figure(title, getattr(ours, percentile), "µs", base, "C", target))
+            figures.append(
+                Figure(f"{title}, busy polling", getattr(polled, percentile), "µs", base, "C", target)
+            )
             base = getattr(bare, percentile)
             figures.append(Figure(title, getattr(ours, percentile), "µs", base, "asyncio alone"))
     return tuple(figures)
