@@ -1,6 +1,10 @@
-"""What holds for every test: how long an example takes on a busy machine says nothing about the code."""
+"""What holds for every test: how long an example takes on a busy machine says nothing about the code.
+
+Examples are the same in every run, so that a run that fails fails again; `--hypothesis-profile explore` draws others.
+"""
 
 from hypothesis import settings
 
-settings.register_profile("busy machine", deadline=None)
-settings.load_profile("busy machine")
+settings.register_profile("repeatable", deadline=None, derandomize=True)
+settings.register_profile("explore", deadline=None)
+settings.load_profile("repeatable")
