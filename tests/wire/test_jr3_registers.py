@@ -608,6 +608,22 @@ def test_bursts_that_come_together_are_dated_apart() -> None:
     assert {round((b.at - a.at) * 1e6) for a, b in itertools.pairwise(frames)} == {1000}
 
 
+def test_no_burst_is_dated_before_one_that_came_earlier() -> None:
+    """A delivery that was held up is dated late as a whole; the next comes in time."""
+    pair = Pair(Ticking(), replace(FAST, period_ms=1.0, bursts=10))
+    pair.frames(0.3)
+    held, pair.now = b"", EPOCH + 0.3
+    while not held:
+        pair.now = pair.server.next_deadline() or 0.0
+        pair.server.handle_deadline(pair.now)
+        held = pair.server.data_to_send(pair.now)
+    delivered = pair.now
+    pair.client.receive(held, delivered + 0.008)
+    late, in_time = pair.frames(0.3)[-10:], pair.frames(delivered - EPOCH + 0.0105)[-10:]
+    assert [frame.at - delivered for frame in late] == pytest.approx([k * 1e-3 for k in range(-1, 9)])
+    assert [frame.at - delivered for frame in in_time] == pytest.approx([0.008] * 8 + [0.009, 0.01])
+
+
 def test_counter_wraps_without_a_gap(pair: Pair) -> None:
     frames = pair.frames(70.0)
     assert max(frame.counter for frame in frames) > 65500
