@@ -9,7 +9,7 @@ sent with.
 
 import math
 from dataclasses import field
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 from hil_bridge.control.checks import FORBID_EXTRA, check_reference, require_above_zero, require_not_negative
 from hil_bridge.control.stiffness import Pairing, Stiffness, observe
@@ -22,8 +22,7 @@ _SWING, _CALM, _GUARD_MOST = 1.5, 0.95, 8.0
 """What a swing multiplies the guard by, what every other sample does, and its largest value. Chosen."""
 
 
-@dataclass(frozen=True, slots=True)
-class Pair:
+class Pair(NamedTuple):
     """Force and position of one moment."""
 
     travel: float
@@ -201,9 +200,9 @@ class Predictive:
         bend = 0.5 / (self.smallest_radius_mm * 1e-3)
         s0 = s1 = s2 = t0 = t1 = 0.0
         base = pairs[-1].position
-        for pair in pairs:
-            short, away = reference - pair.force, pair.travel - at
-            wanted = pair.position - base + short / (wary if short > 0 else stiffness)
+        for travel, position, force in pairs:
+            short, away = reference - force, travel - at
+            wanted = position - base + short / (wary if short > 0 else stiffness)
             variance = still + (doubt * short / stiffness) ** 2 + (bend * away * away) ** 2
             weight = 1.0 / variance
             s0 += weight

@@ -8,9 +8,8 @@ decision, ends it.
 """
 
 import math
-from collections.abc import Callable
 from enum import StrEnum
-from typing import ClassVar, NamedTuple, TypeAlias
+from typing import ClassVar, TypeAlias
 
 from hil_bridge.control.checks import require_above_zero
 from hil_bridge.control.evolve import evolve
@@ -200,11 +199,9 @@ class Supervisor:
             return state, state.stopped
         still = state.still_cycles + 1 if observation.sensor_sequence == state.sensor_sequence else 0
         pressed = _pressed(state.pressed, observation)
-        case = _Case(self.limits, state, observation, request, still, pressed)
-        for check in _CHECKS:
-            if check.fails(case):
-                stop = Stop(check.cause, check.text(case))
-                return evolve(state, still_cycles=still, pressed=pressed, stopped=stop), stop
+        stop = _first_fault(self.limits, state, observation, request, still, pressed)
+        if stop is not None:
+            return evolve(state, still_cycles=still, pressed=pressed, stopped=stop), stop
         verdict = _clamp(self.limits, state, request)
         return (
             SupervisorState(verdict.depth, verdict.position, observation.sensor_sequence, still, pressed),
@@ -234,118 +231,57 @@ def _pressed(before: tuple[float, float] | None, observation: Observation) -> tu
     return before[0], min(before[1], observation.depth)
 
 
-@dataclass(frozen=True, slots=True)
-class _Case:
-    """All that the checks look at."""
-
-    limits: Limits
-    state: SupervisorState
-    """Before this cycle."""
-    observation: Observation
-    request: Request
-    still_cycles: int
-    pressed: tuple[float, float] | None
-
-    @property
-    def age_ms(self) -> float:
-        """Of the newest force."""
-        return (self.observation.now - self.observation.sensor_at) * 1e3
-
-    @property
-    def deeper_mm(self) -> float:
-        """How much deeper the tool went while the force stayed the same."""
-        return 0.0 if self.pressed is None else (self.observation.depth - self.pressed[1]) * 1e3
-
-    @property
-    def slip(self) -> float:
-        """By how much the requested depth and position disagree, m."""
-        request, (x, y, z), (a, b, c) = self.request, self.state.position, self.request.direction
-        u, v, w = request.position
-        return abs(a * (u - x) + b * (v - y) + c * (w - z) - (request.depth - self.state.depth))
-
-    @property
-    def is_finite(self) -> bool:
-        """Whether everything is a number. A sum is one only if all its parts are, and no part is infinite."""
-        seen, wanted, state = self.observation, self.request, self.state
-        return math.isfinite(
-            seen.now + seen.force + seen.resultant + seen.sensor_at + seen.depth + wanted.depth + state.depth
-        ) and math.isfinite(sum(wanted.position) + sum(wanted.direction) + sum(state.position))
-
-
-class _Check(NamedTuple):
-    """One reason to end a run."""
-
-    cause: Cause
-    fails: Callable[[_Case], bool]
-    text: Callable[[_Case], str]
-
-
-_CHECKS = (
-    _Check(
-        Cause.NOT_A_NUMBER,
-        lambda c: not c.is_finite,
-        lambda c: "a measurement or command is no number",
-    ),
-    _Check(Cause.DEVICE, lambda c: bool(c.observation.fault), lambda c: c.observation.fault),
-    _Check(
-        Cause.FORCE,
-        lambda c: abs(c.observation.force) > c.limits.force_limit_n,
-        lambda c: f"contact force {c.observation.force:.1f} N is beyond {c.limits.force_limit_n:g} N",
-    ),
-    _Check(
-        Cause.RESULTANT_FORCE,
-        lambda c: c.observation.resultant > c.limits.resultant_limit_n,
-        lambda c: (
-            f"resultant force {c.observation.resultant:.1f} N is beyond {c.limits.resultant_limit_n:g} N"
-        ),
-    ),
-    _Check(
-        Cause.SATURATED,
-        lambda c: c.observation.saturated,
-        lambda c: "the force sensor is at the end of its range",
-    ),
-    _Check(
-        Cause.STALE,
-        lambda c: not 0 <= c.age_ms <= c.limits.stale_after_ms,
-        lambda c: f"the newest force is {c.age_ms:.0f} ms old, allowed are {c.limits.stale_after_ms:g} ms",
-    ),
-    _Check(
-        Cause.FROZEN,
-        lambda c: c.observation.repeated_frames >= c.limits.frozen_after_frames,
-        lambda c: f"the force sensor repeated the same counts {c.observation.repeated_frames} times",
-    ),
-    _Check(
-        Cause.FROZEN,
-        lambda c: c.still_cycles >= c.limits.still_after_cycles,
-        lambda c: f"no new force for {c.still_cycles} cycles",
-    ),
-    _Check(Cause.FROZEN, lambda c: bool(c.observation.dead_axis), lambda c: c.observation.dead_axis),
-    _Check(
-        Cause.FROZEN,
-        lambda c: c.deeper_mm > c.limits.unanswered_mm,
-        lambda c: (
-            f"the force stayed at {c.observation.force:.2f} N while the tool went {c.deeper_mm:.1f} mm deeper"
-        ),
-    ),
-    _Check(
-        Cause.SEQUENCE,
-        lambda c: (
-            c.state.sensor_sequence is not None and c.observation.sensor_sequence < c.state.sensor_sequence
-        ),
-        lambda c: (
-            f"the sensor's frame counter went back from {c.state.sensor_sequence} to "
-            f"{c.observation.sensor_sequence}"
-        ),
-    ),
-    _Check(
-        Cause.INCONSISTENT,
-        lambda c: abs(math.hypot(*c.request.direction) - 1.0) > 1e-6 or c.slip > _CONSISTENT,
-        lambda c: (
-            f"requested depth and position differ by {c.slip * 1e3:.3f} mm, or the direction is no unit vector"
-        ),
-    ),
-)
-"""In the order in which they are named; the first that fails ends the run."""
+def _first_fault(
+    limits: Limits,
+    state: SupervisorState,
+    seen: Observation,
+    request: Request,
+    still_cycles: int,
+    pressed: tuple[float, float] | None,
+) -> Stop | None:
+    """The first reason to end the run, None while there is none. One straight line: this runs in every cycle."""
+    (x, y, z), (a, b, c), (u, v, w) = state.position, request.direction, request.position
+    # A sum is a number only if all its parts are, and no part is infinite.
+    of_scalars = seen.now + seen.force + seen.resultant + seen.sensor_at + seen.depth
+    if not math.isfinite(
+        of_scalars + request.depth + state.depth + x + y + z + a + b + c + u + v + w,
+    ):
+        return Stop(Cause.NOT_A_NUMBER, "a measurement or command is no number")
+    if seen.fault:
+        return Stop(Cause.DEVICE, seen.fault)
+    force, resultant = seen.force, seen.resultant
+    if abs(force) > limits.force_limit_n:
+        return Stop(Cause.FORCE, f"contact force {force:.1f} N is beyond {limits.force_limit_n:g} N")
+    if resultant > limits.resultant_limit_n:
+        text = f"resultant force {resultant:.1f} N is beyond {limits.resultant_limit_n:g} N"
+        return Stop(Cause.RESULTANT_FORCE, text)
+    if seen.saturated:
+        return Stop(Cause.SATURATED, "the force sensor is at the end of its range")
+    age_ms = (seen.now - seen.sensor_at) * 1e3
+    if not 0.0 <= age_ms <= limits.stale_after_ms:
+        text = f"the newest force is {age_ms:.0f} ms old, allowed are {limits.stale_after_ms:g} ms"
+        return Stop(Cause.STALE, text)
+    if seen.repeated_frames >= limits.frozen_after_frames:
+        text = f"the force sensor repeated the same counts {seen.repeated_frames} times"
+        return Stop(Cause.FROZEN, text)
+    if still_cycles >= limits.still_after_cycles:
+        return Stop(Cause.FROZEN, f"no new force for {still_cycles} cycles")
+    if seen.dead_axis:
+        return Stop(Cause.FROZEN, seen.dead_axis)
+    if pressed is not None and (deeper_mm := (seen.depth - pressed[1]) * 1e3) > limits.unanswered_mm:
+        text = f"the force stayed at {force:.2f} N while the tool went {deeper_mm:.1f} mm deeper"
+        return Stop(Cause.FROZEN, text)
+    before = state.sensor_sequence
+    if before is not None and seen.sensor_sequence < before:
+        text = f"the sensor's frame counter went back from {before} to {seen.sensor_sequence}"
+        return Stop(Cause.SEQUENCE, text)
+    slip = abs(a * (u - x) + b * (v - y) + c * (w - z) - (request.depth - state.depth))
+    if slip > _CONSISTENT or abs(math.hypot(a, b, c) - 1.0) > 1e-6:
+        text = (
+            f"requested depth and position differ by {slip * 1e3:.3f} mm, or the direction is no unit vector"
+        )
+        return Stop(Cause.INCONSISTENT, text)
+    return None
 
 
 def _clamp(limits: Limits, state: SupervisorState, request: Request) -> Allow | Clamp:

@@ -101,22 +101,18 @@ class Facing:
     def contact_wrench(self, measured: Sequence[float]) -> tuple[float, ...]:
         """As `Wrist.contact_wrench` at this orientation: N and N·m, six values."""
         fx, fy, fz, mx, my, mz = measured
-        return tuple(
-            [
-                a * fx + b * fy + c * fz + d * mx + e * my + f * mz + rest
-                for (a, b, c, d, e, f), rest in zip(self.matrix, self.offset, strict=True)
-            ]
-        )
+        moments = [
+            a * fx + b * fy + c * fz + d * mx + e * my + f * mz + rest
+            for (a, b, c, d, e, f), rest in zip(self.matrix[3:], self.offset[3:], strict=True)
+        ]
+        return (*self.contact_force(measured), *moments)
 
-    def contact_force(self, measured: Sequence[float]) -> tuple[float, ...]:
-        """The force of `contact_wrench` alone: N, three values."""
-        fx, fy, fz, mx, my, mz = measured
-        return tuple(
-            [
-                a * fx + b * fy + c * fz + d * mx + e * my + f * mz + rest
-                for (a, b, c, d, e, f), rest in zip(self.matrix[:3], self.offset, strict=False)
-            ]
-        )
+    def contact_force(self, measured: Sequence[float]) -> tuple[float, float, float]:
+        """The force of `contact_wrench` alone: N, three values. No moment goes into them."""
+        fx, fy, fz, _, _, _ = measured
+        (a, b, c, _, _, _), (d, e, f, _, _, _), (g, h, i, _, _, _) = self.matrix[:3]
+        x, y, z = self.offset[:3]
+        return a * fx + b * fy + c * fz + x, d * fx + e * fy + f * fz + y, g * fx + h * fy + i * fz + z
 
     def force_along(self, number: int, wrench: Sequence[float]) -> float:
         """As `force_along` in one of the directions asked for, N, positive while the tool presses that way."""

@@ -67,7 +67,7 @@ def steps_us(config: Config, cycles: tuple[CycleRecord, ...]) -> list[float]:
             wrench = facing.contact_wrench(sample.wrench)
             facing.force_along(0, wrench)
             facing.force_along(1, wrench)
-            facing.force_along(0, facing.contact_wrench(sample.wrench))
+            facing.force_along(0, facing.contact_force(sample.wrench))
             state, _ = loop.step(state, sample)
             times.append((time.perf_counter_ns() - began) * MICRO)
     return times
