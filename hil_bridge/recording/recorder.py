@@ -1,6 +1,7 @@
 """The record of a run: an MCAP file written beside the control path, never on it."""
 
 import contextlib
+import ctypes
 import json
 import math
 import threading
@@ -28,6 +29,10 @@ BATCH_RECORDS = 512
 WAKE_SECONDS = 0.05
 """The writer thread wakes by itself, so that putting a record never has to wake it."""
 JOIN_SECONDS = 10.0
+MAPPED_FROM = 1 << 16
+"""Buffers from this size on, bytes, have pages of their own. Chosen: chunks do, what stays does not."""
+_M_MMAP_THRESHOLD = -3
+"""Source: glibc, malloc.h."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,10 +50,20 @@ class Chunks:
 
 CHUNKS = Chunks(seconds=1.0, size=1 << 20)
 """In real time: a killed process loses at most a second. Chosen."""
-VIRTUAL_CHUNKS = Chunks(seconds=math.inf, size=1 << 17)
-"""In virtual time: a killed run can be had again. Chosen: small and all of one size, so that a long run soon has had
-the memory that it takes.
+VIRTUAL_CHUNKS = Chunks(seconds=math.inf, size=1 << 18)
+"""In virtual time: a killed run can be had again. Chosen: all of one size, so that a long run soon has had the memory
+that it takes.
 """
+
+
+def map_buffers() -> None:
+    """Let the buffers of chunks go back to the system one by one, where the C library can be told to (glibc).
+
+    By itself it raises the threshold to the largest one freed, after which chunks of changing sizes leave holes in the
+    heap between what stays. Reference: mallopt(3).
+    """
+    if (mallopt := getattr(ctypes.CDLL(None), "mallopt", None)) is not None:
+        mallopt(_M_MMAP_THRESHOLD, MAPPED_FROM)
 
 
 class Recorder:
@@ -85,6 +100,7 @@ class Recorder:
         self._chunk_began: float | None = None
         self._newest = 0.0
         self._closed = False
+        map_buffers()
         try:
             self._file: BinaryIO = path.open("wb")
         except OSError as error:

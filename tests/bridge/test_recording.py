@@ -5,6 +5,7 @@ import math
 import struct
 import threading
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import given, settings
@@ -208,6 +209,23 @@ def test_chunks_of_a_virtual_run_are_of_one_size_however_slowly_records_come(tmp
     assert len(full) >= 3
     assert last <= VIRTUAL_CHUNKS.size
     assert all(VIRTUAL_CHUNKS.size < size < VIRTUAL_CHUNKS.size + 200 for size in full)
+
+
+def test_the_c_library_is_asked_for_buffers_with_pages_of_their_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[tuple[int, int]] = []
+    library = SimpleNamespace(mallopt=lambda *wish: asked.append(wish))
+    monkeypatch.setattr(recorder_module.ctypes, "CDLL", lambda name: library)
+    write(tmp_path / "run.mcap", stream(1.0))
+    assert asked == [(-3, 65_536)]  # M_MMAP_THRESHOLD of glibc
+
+
+def test_where_the_c_library_takes_no_such_wish_it_records_all_the_same(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(recorder_module.ctypes, "CDLL", lambda name: object())
+    assert read(write(tmp_path / "run.mcap", stream(1.0))).cycles
 
 
 def test_every_cut_is_truncated_or_refused(tmp_path: Path) -> None:
