@@ -331,6 +331,8 @@ class Link:
         return self._begin()
 
     def _begin(self) -> State:
+        if self._is_overdue():
+            return self._bid_again()  # held up on this side: the other no longer waits for a block
         self._announced = False
         if self._queue:
             return self._put_block()
@@ -338,7 +340,11 @@ class Link:
         return _HOLDING
 
     def _send_held(self) -> State:
-        return self._put_block()
+        return self._release() if self._is_overdue() else self._put_block()
+
+    def _is_overdue(self) -> bool:
+        """The time-out of this state has passed and was not handled: whoever is above took longer than that."""
+        return self._state_deadline is not None and self._now > self._state_deadline
 
     def _release(self) -> State:
         self._notice(NoticeKind.RELEASED, "no message came for the bid")

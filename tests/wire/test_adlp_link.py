@@ -9,6 +9,7 @@ from protocol.adlp import (
     ROUTINE,
     Link,
     LinkFailed,
+    LinkFailure,
     LinkNotice,
     LinkProfile,
     MessageReceived,
@@ -92,6 +93,42 @@ def test_bids_and_acknowledgements_are_counted_always_and_told_when_asked_for():
         NoticeKind.ACK_SENT,
         MessageReceived((REPLY,)),
     ]
+
+
+@pytest.mark.parametrize("acknowledged", [b"\x06", b"\x0f"], ids=["ACK", "RVI"])
+def test_who_was_held_up_for_longer_than_the_other_side_waits_bids_anew(acknowledged):
+    """The process was stopped while its bid was out: the other side has given up waiting for the block."""
+    link, late = Link(HOST, LinkProfile()), EPOCH + 2.5
+    link.announce()
+    assert link.data_to_send(EPOCH) == b"\x05"
+    link.send([ASK])
+    link.receive(acknowledged, late)
+    assert link.data_to_send(late) == b"\x05"
+    link.receive(b"\x06", late)
+    assert link.data_to_send(late) == B_ASK
+
+
+def test_who_is_held_up_for_good_gives_up_after_as_many_bids_as_any():
+    link, now = Link(HOST, LinkProfile()), EPOCH
+    link.send([ASK])
+    for _ in range(3):
+        assert link.data_to_send(now) == b"\x05"
+        now += 2.5
+        link.receive(b"\x06", now)
+    assert link.data_to_send(now) == b""
+    assert [event.reason for event in told(link) if isinstance(event, LinkFailed)] == [LinkFailure.NO_ANSWER]
+
+
+def test_a_message_that_is_given_after_the_line_was_held_too_long_bids_anew():
+    link, late = Link(HOST, LinkProfile()), EPOCH + 1.5
+    link.announce()
+    link.data_to_send(EPOCH)
+    link.receive(b"\x06", EPOCH)
+    link.send([ASK])  # before anybody has handled the time-out
+    assert link.data_to_send(late) == b"\x04"
+    assert link.data_to_send(late) == b"\x05"
+    link.receive(b"\x06", late)
+    assert link.data_to_send(late) == B_ASK
 
 
 def test_every_kind_of_notice_has_a_counter():
