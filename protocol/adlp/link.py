@@ -349,7 +349,14 @@ class Link:
     def _release(self) -> State:
         self._notice(NoticeKind.RELEASED, "no message came for the bid")
         self._out.append(_EOT)
-        return _IDLE
+        return self._leave()
+
+    def _leave(self) -> State:
+        """Behind our EOT: idle, unless the other side asked for the line."""
+        if not self._sending.reversed:
+            return _IDLE
+        self._arm(self._profile.answer_timeout_s)
+        return State.LISTENING
 
     def _encode(self) -> None:
         profile = self._profile
@@ -382,10 +389,7 @@ class Link:
         self._out.append(_EOT)
         self._drop_oldest()
         self._journal.tell(_MESSAGE_SENT, Count.MESSAGES_SENT)
-        if not sending.reversed:
-            return _IDLE
-        self._arm(self._profile.answer_timeout_s)
-        return State.LISTENING
+        return self._leave()
 
     def _send_next_reversed(self) -> State:
         # One EOT ends all blocks of a message, so "as soon as it can" is after the last block of this one.

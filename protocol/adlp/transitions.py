@@ -110,8 +110,8 @@ TRANSITIONS: dict[tuple[State, Stimulus], Transition] = {
     (_S.BIDDING, _X.ENQ): _to(_A.COLLIDE, _S.AWAITING_BLOCK, _S.BIDDING),
     (_S.BIDDING, _X.TIME_OUT): _to(_A.BID_AGAIN, _S.BIDDING, _S.IDLE),
     #
-    (_S.HOLDING, _X.SEND): _to(_A.SEND_HELD, _S.AWAITING_ACK, _S.IDLE),
-    (_S.HOLDING, _X.TIME_OUT): _to(_A.RELEASE, _S.IDLE),
+    (_S.HOLDING, _X.SEND): _to(_A.SEND_HELD, _S.AWAITING_ACK, _S.IDLE, _S.LISTENING),
+    (_S.HOLDING, _X.TIME_OUT): _to(_A.RELEASE, _S.IDLE, _S.LISTENING),
     (_S.HOLDING, _X.EOT): _to(_A.RESUME, _S.IDLE),
     (_S.HOLDING, _X.ENQ): _to(_A.ACCEPT_BID, _S.AWAITING_BLOCK),
     #
