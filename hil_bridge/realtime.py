@@ -49,6 +49,11 @@ class RealTime:
 
     def __post_init__(self) -> None:
         check_settings(self)
+        if self.fifo_priority and self.busy_poll_ms:
+            raise ValueError(
+                "fifo_priority and busy_poll_ms exclude each other: a thread that comes first and never sleeps is "
+                "stopped by the kernel for 50 ms of every second"
+            )
 
 
 @contextmanager

@@ -166,7 +166,8 @@ class RobotLink:
         """Send one order, of one block or several, and wait for its answer; errors as `order`.
 
         With `announce` the bid for the next order goes out with the end of the answer, so that the controller
-        acknowledges it while the caller still makes up its mind. The caller must give an order then, and soon.
+        acknowledges it while the caller still makes up its mind, unless the profile's `bid_ahead` is off. The caller
+        must give an order then, and soon.
         """
         loop = self._clock.loop
         while self._answer is not None:  # a cancelled caller may have left its order under way
@@ -176,7 +177,7 @@ class RobotLink:
         if self._failure is not None:
             raise self._failure
         self._host.order(*telegrams)
-        self._announce = announce
+        self._announce = announce and self.profile.bid_ahead
         self.begun_at = self._clock.now() if self._host.link.ahead else math.nan
         self.transmitted_at = math.nan
         answer: asyncio.Future[Telegram] = loop.create_future()

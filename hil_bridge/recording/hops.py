@@ -75,7 +75,7 @@ MIDDLE = (
     ),
     Hop("controller", "status_at", "proposed_at", Owner.SOFTWARE, "controller"),
     Hop("supervisor", "proposed_at", "controlled_at", Owner.SOFTWARE, "supervisor"),
-    Hop("hand_over", "controlled_at", "sent_at", Owner.SOFTWARE, "hand-over of the move to the port"),
+    Hop("hand_over", "controlled_at", "sent_at", Owner.SOFTWARE, "hand-over of the move to the link"),
     Hop("line", "sent_at", "transmitted_at", Owner.LINE, "line time of the move"),
 )
 STATUS = (

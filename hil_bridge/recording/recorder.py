@@ -29,8 +29,8 @@ BATCH_RECORDS = 512
 WAKE_SECONDS = 0.05
 """The writer thread wakes by itself, so that putting a record never has to wake it."""
 JOIN_SECONDS = 10.0
-MAPPED_FROM = 1 << 16
-"""Buffers from this size on, bytes, have pages of their own. Chosen: chunks do, what stays does not."""
+MAPPED_FROM = 1 << 17
+"""Buffers from this size on, bytes, have pages of their own. Standard: what glibc begins with."""
 _M_MMAP_THRESHOLD = -3
 """Source: glibc, malloc.h."""
 

@@ -24,7 +24,7 @@ class CycleRecord:
     controlled_at: float
     """Controller and supervisor are done."""
     sent_at: float
-    """The first byte of the move order is handed to the port."""
+    """The move order is handed to the link, or the first byte of its bid to the port if that is not out yet."""
     answered_at: float
     """The move order's answer is complete: the cycle ends."""
     # --- inputs

@@ -236,7 +236,7 @@ CYCLE = Topic(
         ("status_at", NUMBER, "s, the status answer is complete"),
         ("sensor_at", NUMBER, "s, arrival of the sensor frame used"),
         ("controlled_at", NUMBER, "s, controller and supervisor are done"),
-        ("sent_at", NUMBER, "s, the move order is handed to the port; its bid may be ahead of it"),
+        ("sent_at", NUMBER, "s, the move order is handed to the link, whose bid may be out already"),
         ("answered_at", NUMBER, "s, the move order's answer is complete"),
         ("sensor_sequence", INTEGER, "frame counter of the sensor frame used"),
         ("force", NUMBER, "N along the approach direction, positive while pressing"),

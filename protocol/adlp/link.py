@@ -146,6 +146,7 @@ class Link:
         for telegram in telegrams:
             check_telegram(telegram, self._profile.max_telegram)
         self._queue.append(tuple(telegrams))
+        self._announced = False
 
     def announce(self) -> None:
         """Bid for a message that `send` is about to be given: the other side's ACK comes while it is still being made.
@@ -333,9 +334,9 @@ class Link:
     def _begin(self) -> State:
         if self._is_overdue():
             return self._bid_again()  # held up on this side: the other no longer waits for a block
-        self._announced = False
         if self._queue:
             return self._put_block()
+        self._announced = False
         self._arm(HOLDING_SHARE * self._profile.answer_timeout_s)
         return _HOLDING
 
@@ -347,7 +348,7 @@ class Link:
         return self._state_deadline is not None and self._now > self._state_deadline
 
     def _release(self) -> State:
-        self._notice(NoticeKind.RELEASED, "no message came for the bid")
+        self._notice(NoticeKind.RELEASED, "no message came for the bid in time")
         self._out.append(_EOT)
         return self._leave()
 
@@ -440,9 +441,10 @@ class Link:
         return self._accept_bid()
 
     def _drop_oldest(self) -> None:
-        self._announced = False
-        if self._queue:  # a bid may have failed before its message was there
+        if self._queue:
             self._queue.popleft()
+        else:  # the bid has failed before its message was there
+            self._announced = False
         self._blocks = []
 
     def _give_up(self, reason: LinkFailure, text: str) -> State:

@@ -42,6 +42,12 @@ class LinkProfile:
         above=0.0,
     )
     bid_limit: int = setting(3, Mark.ASSUMED, "ENQ sent for one message before it is given up", minimum=1)
+    bid_ahead: bool = setting(
+        True,
+        Mark.ASSUMED,
+        "bid for the next order while it is decided: the controller takes a bid at once behind its EOT and waits for "
+        "the block; for the PC",
+    )
     repeat_limit: int = setting(3, Mark.ASSUMED, "repeats of one block before it is given up", minimum=0)
     wack_limit: int = setting(
         10, Mark.STANDARD, "WACK taken for one message before it is given up", minimum=0

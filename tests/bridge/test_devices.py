@@ -328,6 +328,17 @@ def test_an_announced_order_finds_the_line_won() -> None:
     with_robot(script)
 
 
+def test_where_a_controller_takes_no_bid_ahead_none_goes_out() -> None:
+    async def script(robot: RobotLink, clock: Clock) -> None:
+        robot.profile = LinkProfile(bid_ahead=False)
+        await robot.read_status(announce=True)
+        await clock.sleep_until(clock.now() + 0.1)
+        assert robot.counters["bid sent"] == 1
+        assert not (await robot.read_status()).emergency_stop
+
+    with_robot(script)
+
+
 def test_what_has_not_been_answered_to_its_caller_is_followed_by_no_bid() -> None:
     async def script(robot: RobotLink, clock: Clock) -> None:
         with pytest.raises(OrderRefused):

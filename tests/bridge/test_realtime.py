@@ -23,6 +23,14 @@ def may_be_first() -> bool:
     return os.geteuid() == 0 or resource.getrlimit(resource.RLIMIT_RTPRIO)[0] > 0
 
 
+def test_a_thread_that_never_sleeps_may_not_come_first() -> None:
+    assert RealTime(busy_poll_ms=1000.0).busy_poll_ms == 1000.0
+    with pytest.raises(ValueError, match="fifo_priority and busy_poll_ms exclude each other"):
+        RealTime(fifo_priority=1, busy_poll_ms=0.1)
+    with pytest.raises(ValueError, match="busy_poll_ms must be at most 1000"):
+        RealTime(busy_poll_ms=1001.0)
+
+
 def test_nothing_changes_where_nothing_is_wanted() -> None:
     before = os.sched_getaffinity(0), os.sched_getscheduler(0), locked_kilobytes()
     with scheduled(RealTime()) as executor:

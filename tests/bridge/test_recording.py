@@ -218,7 +218,7 @@ def test_the_c_library_is_asked_for_buffers_with_pages_of_their_own(
     library = SimpleNamespace(mallopt=lambda *wish: asked.append(wish))
     monkeypatch.setattr(recorder_module.ctypes, "CDLL", lambda name: library)
     write(tmp_path / "run.mcap", stream(1.0))
-    assert asked == [(-3, 65_536)]  # M_MMAP_THRESHOLD of glibc
+    assert asked == [(-3, 131_072)]  # M_MMAP_THRESHOLD of glibc
 
 
 def test_where_the_c_library_takes_no_such_wish_it_records_all_the_same(

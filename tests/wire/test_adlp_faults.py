@@ -146,6 +146,7 @@ class LinkUnderFaults(RuleBasedStateMachine):
         self.lines = {role: Line(self.profile.character_time) for role in Role}  # by who sends
         self.now = EPOCH
         self.numbers = count(1)
+        self.announced = 0
         self.sent = {role: [] for role in Role}
         self.outcomes = {role: [] for role in Role}
         self.received = {role: [] for role in Role}
@@ -160,6 +161,16 @@ class LinkUnderFaults(RuleBasedStateMachine):
         self.ends[role].send(message)
         self.sent[role].append((self.now, message))
         self.hand_out()
+
+    @precondition(lambda self: self.announced < 6)
+    @rule(role=roles)
+    def announce(self, role):
+        if len(self.outcomes[role]) == len(
+            self.sent[role]
+        ):  # as a host does: nothing of its own is outstanding
+            self.announced += 1
+            self.ends[role].announce()
+            self.hand_out()
 
     def has_bytes_under_way(self):
         return any(line.under_way for line in self.lines.values())
@@ -234,16 +245,21 @@ class LinkUnderFaults(RuleBasedStateMachine):
                         self.settle(role, False)
 
     def settle(self, role, done):
-        """The oldest message without an outcome has one."""
+        """The oldest message without an outcome has one; a bid ahead may fail before there is one."""
+        if len(self.outcomes[role]) == len(self.sent[role]):
+            assert not done
+            return
         queued, _ = self.sent[role][len(self.outcomes[role])]
         self.outcomes[role].append(done)
         assert self.now <= queued + self.bound(), "the outcome comes in time"
 
     def bound(self):
-        """For all messages of both sides; each may be kept waiting while the other side's end, its bids begun anew."""
+        """For all messages of both sides; each may be kept waiting while the other side's end, its bids begun anew,
+        and by every bid that no message has followed.
+        """
         p = self.profile
         waits = p.bid_limit * (p.answer_timeout_s + p.character_time) + p.answer_timeout_s + p.gap_timeout_s
-        return sum(
+        return self.announced * (waits + p.answer_timeout_s + 2 * LATE) + sum(
             longest(p, map(len, message)) + waits + 2 * LATE
             for sent in self.sent.values()
             for _, message in sent

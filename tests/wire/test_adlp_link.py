@@ -119,6 +119,17 @@ def test_who_is_held_up_for_good_gives_up_after_as_many_bids_as_any():
     assert [event.reason for event in told(link) if isinstance(event, LinkFailed)] == [LinkFailure.NO_ANSWER]
 
 
+def test_what_is_announced_while_a_message_is_on_its_way_is_bid_for_behind_it():
+    link = Link(HOST, LinkProfile())
+    link.send([ASK])
+    link.data_to_send(EPOCH)
+    link.announce()
+    link.receive(b"\x06", EPOCH)
+    assert link.data_to_send(EPOCH) == B_ASK
+    link.receive(b"\x06", EPOCH)
+    assert link.data_to_send(EPOCH) == b"\x04\x05"
+
+
 def test_a_message_that_is_given_after_the_line_was_held_too_long_bids_anew():
     link, late = Link(HOST, LinkProfile()), EPOCH + 1.5
     link.announce()
