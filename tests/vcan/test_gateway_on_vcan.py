@@ -3,7 +3,7 @@
 import asyncio
 import subprocess
 from collections.abc import Awaitable, Callable, Sequence
-from contextlib import AsyncExitStack
+from contextlib import AsyncExitStack, suppress
 from itertools import pairwise
 from typing import Any
 
@@ -25,6 +25,8 @@ PATIENCE = 60.0
 """For anything to happen on a busy machine, s."""
 ANSWER_S = 2.0
 """Acknowledge time-out of the clients: on a busy machine the gateway is late."""
+STANDS_STILL_S = 0.05
+"""Without a frame of a stream of 1 kHz: fifty times its period."""
 SCALES = SensorProfile().full_scales_n + SensorProfile().full_scales_nm
 FULL_SCALE = np.array(SCALES)
 COUNT = FULL_SCALE / 16384
@@ -81,6 +83,10 @@ class Bus:
             while sensor.received < enough:
                 await self.clock.sleep_until(self.clock.now() + 0.01)
                 sensor.check()
+
+
+class StoodStill(Exception):
+    """Nothing came for so long that no emulated device can have been running."""
 
 
 def on_bus(url: str, script: Callable[[Bus], Awaitable[None]]) -> None:
@@ -141,24 +147,33 @@ def test_two_gateways_on_one_bus_keep_apart(vcan: Any) -> None:
 
 
 def test_a_stream_of_1_khz_loses_nothing(vcan: Any, stream_seconds: float) -> None:
-    """HIL_BRIDGE_VCAN_SECONDS says for how long; a minute is what a site is promised."""
-    times: list[float] = []
+    """HIL_BRIDGE_VCAN_SECONDS says for how long; a minute is what a site is promised.
+
+    While the computer stands still nobody sends: then it is tried again, twice at most.
+    """
+    tries = iter((True, True, False))
 
     async def script(bus: Bus) -> None:
+        times: list[float] = []
         await bus.gateway(1, np.zeros(6))
         sensor = await bus.client(1, period_ms=1.0, on_frame=lambda frame: times.append(frame.at))
         received, began = sensor.received, bus.clock.now()
         await bus.clock.sleep_until(began + stream_seconds)
         sensor.check()
         seconds = bus.clock.now() - began
+        gap = max(later - earlier for earlier, later in pairwise(times))
+        if gap > STANDS_STILL_S and next(tries):
+            raise StoodStill
         assert sensor.received - received == pytest.approx(1000 * seconds, abs=100)
         assert (sensor.lost, bus.notices) == (0, [])
-        gap = max(later - earlier for earlier, later in pairwise(times))
         print(
             f"{sensor.received - received} frames in {seconds:.1f} s, none lost, longest gap {gap * 1e3:.1f} ms"
         )
 
-    on_bus(vcan.url, script)
+    while True:
+        with suppress(StoodStill):
+            on_bus(vcan.url, script)
+            return
 
 
 def test_the_stream_goes_on_beside_a_flood_of_others(vcan: Any, command: Callable[[str], str]) -> None:
