@@ -149,8 +149,8 @@ def test_two_gateways_on_one_bus_keep_apart(vcan: Any) -> None:
 def test_a_stream_of_1_khz_loses_nothing(vcan: Any, stream_seconds: float) -> None:
     """HIL_BRIDGE_VCAN_SECONDS says for how long; a minute is what a site is promised.
 
-    A gap as of a computer that stands still is no verdict: it is tried again, twice at most. That this process itself was
-    busy for so long looks the same.
+    A gap as of a computer that stands still is no verdict: it is tried again, twice at most. That this process itself
+    was busy for so long looks the same.
     """
     tries = iter((True, True, False))
 
