@@ -7,10 +7,10 @@ commanded before it, since that is what the measurements belong to.
 import json
 import tomllib
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from msgspec.structs import replace
 from pydantic import ValidationError
 
 from hil_bridge.config import Config, explain

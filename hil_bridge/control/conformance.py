@@ -18,6 +18,7 @@ import itertools
 import math
 from typing import Any
 
+import msgspec
 import pytest
 from pydantic import TypeAdapter
 
@@ -96,7 +97,7 @@ def test_measurement_that_is_not_a_number_moves_nothing(
     for k, force in enumerate((0.0, 4.0, 8.0, 9.0)):
         good = Measurement(k * CYCLE, force, k * 1e-3, 3e-3)
         changed: Any = {field: value}
-        bad = dataclasses.replace(good, **changed)
+        bad = msgspec.structs.replace(good, **changed)
         after, command = controller.step(state, bad, 10.0)
         assert command.position == good.commanded, f"{field} {value} is answered by {command}"
         _, beside = controller.step(state, good, 10.0)

@@ -12,16 +12,16 @@ but late. Hence φ is learnt slowly from both, over the same window, and taken o
 """
 
 import math
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
+from msgspec import Struct
 
 from hil_bridge.control.checks import require_above_zero
-from protocol.values import dataclass
 
 
-@dataclass(frozen=True, slots=True)
-class ContourState:
+class ContourState(Struct, frozen=True):
     """What the estimate remembers."""
 
     points: tuple[tuple[float, float, float], ...] = ()

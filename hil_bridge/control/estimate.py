@@ -13,8 +13,9 @@ half of its value, which is enough for a limit cycle.
 """
 
 import math
+from dataclasses import dataclass
 
-from protocol.values import dataclass
+from msgspec import Struct
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,8 +36,7 @@ class Gates:
     """Samples over which moves add up while there is no estimate. Chosen."""
 
 
-@dataclass(frozen=True, slots=True)
-class StiffnessEstimate:
+class StiffnessEstimate(Struct, frozen=True):
     """Estimate so far and the older sample of the next pair."""
 
     stiffness: float | None = None

@@ -12,9 +12,10 @@ from bisect import bisect_left, bisect_right
 from enum import StrEnum
 from functools import cache
 
+from msgspec import Struct
+
 from hil_bridge.control.rules import PAPER_RULES, RuleBase, Table, Term
 from hil_bridge.control.tables import LEVELS
-from protocol.values import dataclass
 
 Terms = list[list[tuple[str, float, float]]]
 """For each level the terms that hold somewhere between it and the next, with their degrees at both."""
@@ -37,8 +38,7 @@ class Surface(StrEnum):
     """The rules without quantisation of inputs and output."""
 
 
-@dataclass(frozen=True, slots=True)
-class Inference:
+class Inference(Struct, frozen=True):
     """One evaluation of a surface; levels of the rule base but on the continuous surface."""
 
     level_error: float

@@ -5,32 +5,32 @@ Eq. (1), (2): error f_e(k) = f_a(k) − f_d and change f_ce(k) = f_e(k) − f_e(
 """
 
 import math
-from dataclasses import field, replace
+from dataclasses import dataclass, field
 from typing import ClassVar
+
+from msgspec import Struct
+from msgspec.structs import replace
 
 from hil_bridge.control.checks import FORBID_EXTRA, check_reference, require_above_zero, require_not_negative
 from hil_bridge.control.estimate import Gates, StiffnessEstimate, contact_lost, update
 from hil_bridge.control.fuzzy import InferenceSystem, Surface, paper_system
 from hil_bridge.control.rules import read_rules
 from hil_bridge.control.types import Command, Measurement
-from protocol.values import dataclass
 
 
-@dataclass(frozen=True, slots=True)
-class FuzzyState:
+class FuzzyState(Struct, frozen=True):
     """What the fuzzy PI remembers."""
 
     error: float | None = None
     """Force error of the sample before, N; None before the first one, whose change counts as 0."""
 
 
-@dataclass(frozen=True, slots=True)
-class AdaptiveState:
+class AdaptiveState(Struct, frozen=True):
     """What the adaptive controllers remember."""
 
     error: float | None = None
     """Force error of the sample before, N."""
-    estimate: StiffnessEstimate = field(default_factory=StiffnessEstimate)
+    estimate: StiffnessEstimate = StiffnessEstimate()
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,25 +6,24 @@ by the estimated stiffness.
 """
 
 import math
-from dataclasses import field
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
+from msgspec import Struct
 
 from hil_bridge.control.checks import FORBID_EXTRA, check_reference, require_above_zero, require_not_negative
 from hil_bridge.control.frames import Array
 from hil_bridge.control.stiffness import Pairing, Stiffness, observe
 from hil_bridge.control.types import Command, Measurement
-from protocol.values import dataclass
 
 
-@dataclass(frozen=True, slots=True)
-class PiState:
+class PiState(Struct, frozen=True):
     """What the PI remembers."""
 
     error: float | None = None
     """f_d − f of the sample before, N; None before the first one, whose change counts as 0."""
-    estimate: Stiffness = field(default_factory=Stiffness)
+    estimate: Stiffness = Stiffness()
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,8 +82,7 @@ class Pi:
         return PiState(error, estimate), _answer(measurement, correction, estimate, gain)
 
 
-@dataclass(frozen=True, slots=True)
-class AdmittanceState:
+class AdmittanceState(Struct, frozen=True):
     """Where the virtual body is."""
 
     time: float | None = None
@@ -95,7 +93,7 @@ class AdmittanceState:
     """Of the virtual body, m/s."""
     anchor: float = 0.0
     """Commanded position at which contact began, m: the spring is relaxed there."""
-    estimate: Stiffness = field(default_factory=Stiffness)
+    estimate: Stiffness = Stiffness()
 
 
 @dataclass(frozen=True, slots=True)

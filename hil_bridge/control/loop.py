@@ -4,8 +4,11 @@ The same functions make the decisions of a run and of its replay; a run looks at
 """
 
 import math
-from dataclasses import field, replace
+from dataclasses import dataclass
 from typing import TypeAlias
+
+from msgspec import Struct
+from msgspec.structs import replace
 
 from hil_bridge.control.contour import Contour, ContourState, normal_force
 from hil_bridge.control.oscillation import Advice, OscillationDetector, OscillationState
@@ -22,7 +25,6 @@ from hil_bridge.control.supervisor import (
 )
 from hil_bridge.control.task import Phase, Target, Task, TaskOutput, TaskState
 from hil_bridge.control.types import Measurement
-from protocol.values import dataclass
 
 Vector: TypeAlias = tuple[float, float, float]
 
@@ -31,8 +33,7 @@ _APPROACH, _TRACK, _RETRACT, _END = Phase.APPROACH, Phase.TRACK, Phase.RETRACT, 
 _NO_CONTOUR, _NO_OSCILLATION = ContourState(), OscillationState()
 
 
-@dataclass(frozen=True, slots=True)
-class Sample:
+class Sample(Struct, frozen=True):
     """What one cycle has measured."""
 
     now: float
@@ -65,20 +66,18 @@ class Sample:
     """Contact force along the approach direction at that moment, N; None where none is known."""
 
 
-@dataclass(frozen=True, slots=True)
-class LoopState:
+class LoopState(Struct, frozen=True):
     """Everything that one decision leaves to the next."""
 
     start: Vector
     """Reported position at the start point, base frame, m."""
     task: TaskState
     supervisor: SupervisorState
-    oscillation: OscillationState = field(default_factory=OscillationState)
-    contour: ContourState = field(default_factory=ContourState)
+    oscillation: OscillationState = OscillationState()
+    contour: ContourState = ContourState()
 
 
-@dataclass(frozen=True, slots=True)
-class Proposal:
+class Proposal(Struct, frozen=True):
     """What task and controller would like to command, for the supervisor to judge."""
 
     depth: float
@@ -95,8 +94,7 @@ class Proposal:
     contour: ContourState
 
 
-@dataclass(frozen=True, slots=True)
-class Decision:
+class Decision(Struct, frozen=True):
     """What the cycle is to command, and why."""
 
     depth: float

@@ -1,9 +1,9 @@
 """Figures of merit of a tracked force, from the arrays of a run's TRACK phase."""
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-
-from protocol.values import dataclass
 
 Array = NDArray[np.float64]
 

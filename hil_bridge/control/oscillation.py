@@ -17,11 +17,13 @@ away.
 """
 
 import math
+from dataclasses import dataclass
 from enum import StrEnum
 from typing import ClassVar
 
+from msgspec import Struct
+
 from hil_bridge.control.checks import require_above_zero, require_not_negative
-from protocol.values import dataclass
 
 
 class Finding(StrEnum):
@@ -38,8 +40,7 @@ class Finding(StrEnum):
 _CALM = Finding.CALM  # of every cycle: until Python 3.12 an enum's own name costs ten times that
 
 
-@dataclass(frozen=True, slots=True)
-class Advice:
+class Advice(Struct, frozen=True):
     """The detector's answer for one sample."""
 
     finding: Finding
@@ -53,8 +54,7 @@ class Advice:
     """Mean samples from a peak to the next but one; 0 while calm."""
 
 
-@dataclass(frozen=True, slots=True)
-class OscillationState:
+class OscillationState(Struct, frozen=True):
     """What the detector remembers."""
 
     sample: int = 0

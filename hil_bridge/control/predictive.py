@@ -8,13 +8,14 @@ sent with.
 """
 
 import math
-from dataclasses import field
+from dataclasses import dataclass, field
 from typing import ClassVar, NamedTuple
+
+from msgspec import Struct
 
 from hil_bridge.control.checks import FORBID_EXTRA, check_reference, require_above_zero, require_not_negative
 from hil_bridge.control.stiffness import Pairing, Stiffness, observe
 from hil_bridge.control.types import Command, Measurement
-from protocol.values import dataclass
 
 _PROBE_RANGE = 50.0
 """The stiffest surface over the softest that is believed while probing. Chosen: with the default, 2 kN/m."""
@@ -33,11 +34,10 @@ class Pair(NamedTuple):
     """N"""
 
 
-@dataclass(frozen=True, slots=True)
-class PredictiveState:
+class PredictiveState(Struct, frozen=True):
     """What the predictive controller remembers."""
 
-    estimate: Stiffness = field(default_factory=Stiffness)
+    estimate: Stiffness = Stiffness()
     pairs: tuple[Pair, ...] = ()
     """Newest last, all of the present contact."""
     slope: float = 0.0
@@ -48,8 +48,7 @@ class PredictiveState:
     """Factor on the stiffness while the error swings from side to side; below 1 it is none."""
 
 
-@dataclass(frozen=True, slots=True)
-class Line:
+class Line(Struct, frozen=True):
     """A straight line through values along the travel."""
 
     value: float

@@ -10,13 +10,13 @@ import math
 import re
 import tomllib
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from hil_bridge.control import tables
 from hil_bridge.errors import ConfigError
-from protocol.values import dataclass
 
 Table = tuple[tuple[float, ...], ...]
 

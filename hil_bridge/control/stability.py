@@ -21,6 +21,7 @@ The admittance is the mass M with the damper B, exact for a force held over a pe
 import math
 from collections import deque
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
@@ -28,7 +29,6 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from hil_bridge.control.checks import require_above_zero, require_not_negative
-from protocol.values import dataclass
 
 Floats: TypeAlias = NDArray[np.float64]
 Complexes: TypeAlias = NDArray[np.complex128]

@@ -10,12 +10,14 @@ Source: textbook recursive least squares in information form, bias-compensated; 
 """
 
 import math
+from dataclasses import dataclass
 from typing import ClassVar
 
+from msgspec import Struct
+from msgspec.structs import replace
+
 from hil_bridge.control.checks import require_above_zero
-from hil_bridge.control.evolve import evolve
 from hil_bridge.control.types import Measurement
-from protocol.values import dataclass
 
 _SLOPE_GAIN = 0.3
 """Share of a newly seen slope that is believed. Chosen: a position off by one step is a third of it."""
@@ -68,8 +70,7 @@ class Pairing:
         return (self.resolution_mm * 1e-3) ** 2 / 6
 
 
-@dataclass(frozen=True, slots=True)
-class Stiffness:
+class Stiffness(Struct, frozen=True):
     """Sums of the least squares and the older half of the next difference."""
 
     moved: float = 0.0
@@ -111,13 +112,13 @@ def observe(
     the robot's dead band.
     """
     if not measurement.in_contact:
-        return evolve(estimate, force=None)
+        return replace(estimate, force=None)
     force, position, travel = measurement.force_at_position, measurement.position, measurement.travel
     slope = estimate.slope if slope is None else slope
     if measurement.saturated or not math.isfinite(force + position + travel + slope):
         return estimate
     if estimate.force is None:
-        return evolve(estimate, force=force, position=position, travel=travel, age=0)
+        return replace(estimate, force=force, position=position, travel=travel, age=0)
     travelled = travel - estimate.travel
     moved = position - estimate.position - slope * travelled
     pressed = force - estimate.force
@@ -132,12 +133,12 @@ def observe(
         # Until there is an estimate, small moves of a cautious beginning add up, though not for ever: a
         # surface that moves sideways under the tool would enter the quotient without bound.
         older = known is None and estimate.age + 1 < _FIRST_SPAN
-        return evolve(estimate, age=estimate.age + 1) if older else newer
+        return replace(estimate, age=estimate.age + 1) if older else newer
     possible = moved and pairing.stiffness_min <= pressed / moved <= pairing.stiffness_max
     if not possible or abs(pressed) < 2 * pairing.force_uncertainty_n:
         return newer
     kept = pairing.forgetting
-    return evolve(
+    return replace(
         newer,
         moved=kept * estimate.moved + moved**2 - min(pairing.step_variance, moved**2 / 2),
         pressed=kept * estimate.pressed + moved * pressed,

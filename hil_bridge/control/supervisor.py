@@ -8,13 +8,15 @@ decision, ends it.
 """
 
 import math
+from dataclasses import dataclass
 from enum import StrEnum
 from typing import ClassVar, TypeAlias
 
+from msgspec import Struct
+from msgspec.structs import replace
+
 from hil_bridge.control.checks import require_above_zero
-from hil_bridge.control.evolve import evolve
 from hil_bridge.errors import ConfigError
-from protocol.values import dataclass
 
 Vector: TypeAlias = tuple[float, float, float]
 
@@ -88,8 +90,7 @@ class Limits:
                 raise ValueError("workspace_min_m must be below workspace_max_m on every axis")
 
 
-@dataclass(frozen=True, slots=True)
-class Observation:
+class Observation(Struct, frozen=True):
     """What is known of the cell in this cycle."""
 
     now: float
@@ -116,8 +117,7 @@ class Observation:
     """What is wrong with a device, in words; empty while nothing is."""
 
 
-@dataclass(frozen=True, slots=True)
-class Request:
+class Request(Struct, frozen=True):
     """Where the task wants the tool."""
 
     depth: float
@@ -128,8 +128,7 @@ class Request:
     """Approach direction: unit vector into the surface, base frame."""
 
 
-@dataclass(frozen=True, slots=True)
-class Allow:
+class Allow(Struct, frozen=True):
     """Send the request as it is."""
 
     kind: ClassVar[str] = "allow"
@@ -137,8 +136,7 @@ class Allow:
     position: Vector
 
 
-@dataclass(frozen=True, slots=True)
-class Clamp:
+class Clamp(Struct, frozen=True):
     """Send this instead of the request."""
 
     kind: ClassVar[str] = "clamp"
@@ -147,8 +145,7 @@ class Clamp:
     reasons: tuple[str, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class Stop:
+class Stop(Struct, frozen=True):
     """Send nothing more: end the motion."""
 
     kind: ClassVar[str] = "stop"
@@ -159,8 +156,7 @@ class Stop:
 Verdict: TypeAlias = Allow | Clamp | Stop
 
 
-@dataclass(frozen=True, slots=True)
-class SupervisorState:
+class SupervisorState(Struct, frozen=True):
     """Where the last allowed command was, what the sensor counted, and the stop if there was one."""
 
     depth: float
@@ -201,7 +197,7 @@ class Supervisor:
         pressed = _pressed(state.pressed, observation)
         stop = _first_fault(self.limits, state, observation, request, still, pressed)
         if stop is not None:
-            return evolve(state, still_cycles=still, pressed=pressed, stopped=stop), stop
+            return replace(state, still_cycles=still, pressed=pressed, stopped=stop), stop
         verdict = _clamp(self.limits, state, request)
         return (
             SupervisorState(verdict.depth, verdict.position, observation.sensor_sequence, still, pressed),
@@ -211,7 +207,7 @@ class Supervisor:
     def stop(self, state: SupervisorState, cause: Cause, text: str) -> tuple[SupervisorState, Stop]:
         """End the motion for a reason that was found elsewhere. The first stop stays."""
         stop = state.stopped or Stop(cause, text)
-        return evolve(state, stopped=stop), stop
+        return replace(state, stopped=stop), stop
 
     def limit(self, state: SupervisorState, request: Request) -> tuple[SupervisorState, Allow | Clamp]:
         """One cycle of pulling back, which a stop does not end: only the limits of motion hold.
@@ -219,7 +215,7 @@ class Supervisor:
         The request must be finite. A stop stays latched.
         """
         verdict = _clamp(self.limits, state, request)
-        return evolve(state, depth=verdict.depth, position=verdict.position), verdict
+        return replace(state, depth=verdict.depth, position=verdict.position), verdict
 
 
 def _pressed(before: tuple[float, float] | None, observation: Observation) -> tuple[float, float] | None:

@@ -5,13 +5,15 @@ the stiffness that it has learnt is kept; it is told of the loss by `in_contact`
 """
 
 import math
+from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, ClassVar
 
+from msgspec import Struct
+from msgspec.structs import replace
+
 from hil_bridge.control.checks import require_above_zero, require_not_negative
-from hil_bridge.control.evolve import evolve
 from hil_bridge.control.types import Command, Controller, Measurement
-from protocol.values import dataclass
 
 
 class Phase(StrEnum):
@@ -97,8 +99,7 @@ class TaskParameters:
             raise ValueError("contact_threshold_n must be below force_n")
 
 
-@dataclass(frozen=True, slots=True)
-class Target:
+class Target(Struct, frozen=True):
     """Where the tool is wanted, from the start point."""
 
     depth: float
@@ -107,8 +108,7 @@ class Target:
     """Along the surface, m."""
 
 
-@dataclass(frozen=True, slots=True)
-class TaskState:
+class TaskState(Struct, frozen=True):
     """Where the run is."""
 
     phase: Phase = Phase.APPROACH
@@ -137,8 +137,7 @@ class TaskState:
     """The cause is a failure, not the end of the work."""
 
 
-@dataclass(frozen=True, slots=True)
-class TaskOutput:
+class TaskOutput(Struct, frozen=True):
     """The task's answer for one sample."""
 
     phase: Phase
@@ -172,13 +171,13 @@ class Task:
         """Retract from the next sample on, for a reason from outside: time is up, a person wants it."""
         if state.phase in (Phase.RETRACT, Phase.END):
             return state
-        return evolve(state, phase=Phase.RETRACT, turn=None, cause=cause)
+        return replace(state, phase=Phase.RETRACT, turn=None, cause=cause)
 
     def fail(self, state: TaskState, cause: str) -> TaskState:
         """Retract from the next sample on, because something is wrong."""
         if state.phase in (Phase.RETRACT, Phase.END):
             return state
-        return evolve(self.finish(state, cause), failed=True)
+        return replace(self.finish(state, cause), failed=True)
 
     def hold(self, state: TaskState, measurement: Measurement) -> TaskOutput:
         """The answer that changes nothing."""
@@ -198,7 +197,7 @@ class Task:
         touching = measurement.force > threshold
         free = state.free if touching else measurement.position
         if touching != state.in_contact or free != state.free:
-            state = evolve(state, in_contact=touching, free=free)
+            state = replace(state, in_contact=touching, free=free)
         phase = state.phase
         if phase is _TRACK:
             return self._track(state, measurement)
@@ -211,7 +210,7 @@ class Task:
     def _approach(self, state: TaskState, measurement: Measurement) -> tuple[TaskState, TaskOutput]:
         if state.in_contact:
             memory = self.controller.initial() if state.controller is None else state.controller
-            state = evolve(
+            state = replace(
                 state, phase=Phase.TRACK, turn=None, samples_lost=0, settled=False, controller=memory
             )
             return self._track(state, measurement)
@@ -221,7 +220,7 @@ class Task:
         if depth - turn > limit_mm * 1e-3 + _ROUNDING:
             cause = f"no contact found within {limit_mm:g} mm"
             return self._retract(self.fail(state, cause), measurement)
-        state = evolve(state, turn=turn)
+        state = replace(state, turn=turn)
         if self._beyond_edge(state, depth):
             return self._retract(self.fail(state, self._edge), measurement)
         return state, _output(state, depth, Phase.APPROACH)
@@ -287,7 +286,7 @@ class Task:
             return state, output
         first = state.samples_lost == 0
         lost_at = measurement.commanded if first and state.lost_at is None else state.lost_at
-        state = evolve(
+        state = replace(
             state,
             settled=settled,
             controller=memory,
@@ -301,18 +300,18 @@ class Task:
         if state.losses >= self.parameters.loss_limit:
             state = self.fail(state, f"contact lost {state.losses} times")
         elif state.samples_lost >= self.parameters.loss_samples:
-            state = evolve(state, phase=Phase.APPROACH, turn=None)
+            state = replace(state, phase=Phase.APPROACH, turn=None)
         return state, output
 
     def _retract(self, state: TaskState, measurement: Measurement) -> tuple[TaskState, TaskOutput]:
         turn = measurement.commanded if state.turn is None else state.turn
         goal = turn - self.parameters.retract_mm * 1e-3
         depth = max(measurement.commanded - self.parameters.retract_step_mm * 1e-3, goal)
-        state = evolve(state, turn=turn)
+        state = replace(state, turn=turn)
         output = _output(state, depth, Phase.RETRACT)
         # A command that the supervisor held back at the workspace's border does not count as arrived.
         if measurement.commanded <= goal + _ROUNDING:
-            state = evolve(state, phase=Phase.END)
+            state = replace(state, phase=Phase.END)
         return state, output
 
 

@@ -10,13 +10,13 @@ difference open: u has to change in two directions.
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from hil_bridge.control.frames import GRAVITY_BASE, STANDARD_GRAVITY, Array, Vector, rotation_matrix
 from hil_bridge.control.wrist import NO_WRENCH, Wrist
 from hil_bridge.errors import ConfigError
-from protocol.values import dataclass
 
 POSES_MIN = 3
 """Derived: three directions of the weight are the fewest that change in two directions."""

@@ -5,14 +5,12 @@ surface, forces are positive while the tool presses.
 """
 
 import math
-from dataclasses import field
 from typing import Protocol, TypeVar
 
-from protocol.values import dataclass
+from msgspec import Struct
 
 
-@dataclass(frozen=True, slots=True)
-class Measurement:
+class Measurement(Struct, frozen=True):
     """One sample of the force-controlled direction."""
 
     time: float
@@ -52,8 +50,7 @@ class Measurement:
         return self.force if self.paired_force is None else self.paired_force
 
 
-@dataclass(frozen=True, slots=True)
-class Command:
+class Command(Struct, frozen=True):
     """A controller's answer for one sample."""
 
     position: float
@@ -66,7 +63,7 @@ class Command:
     """Factor that an adaptation applied to the feedback law's output."""
     held: bool = False
     """True when the controller chose not to move because no reachable position is nearer."""
-    explanation: dict[str, float] = field(default_factory=dict)
+    explanation: dict[str, float] = {}
     """What else explains the answer (quantised levels, …), by name, for the record."""
 
 

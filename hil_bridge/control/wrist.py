@@ -5,6 +5,7 @@ taken off; the tool frame, about whose origin the contact wrench is told.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,7 +17,6 @@ from hil_bridge.control.frames import (
     tool_gravity_wrench,
     transform_wrench,
 )
-from protocol.values import dataclass
 
 NO_WRENCH = (0.0,) * 6
 

@@ -1,14 +1,13 @@
 """What is kept of a run: one record a cycle, the sensor's whole stream, and what happened beside."""
 
 import math
-from dataclasses import field
+
+from msgspec import Struct
 
 from hil_bridge.control.loop import Sample
-from protocol.values import dataclass
 
 
-@dataclass(frozen=True, slots=True)
-class CycleRecord:
+class CycleRecord(Struct, frozen=True):
     """One control cycle: inputs, estimates, output, verdict, times. Times are seconds on the run's clock."""
 
     cycle: int
@@ -58,7 +57,7 @@ class CycleRecord:
     """allow, clamp or stop."""
     reasons: tuple[str, ...] = ()
     """Why the supervisor clamped or stopped."""
-    explanation: dict[str, float] = field(default_factory=dict)
+    explanation: dict[str, float] = {}
     # --- what it takes to decide again
     target: tuple[float, ...] = (0.0, 0.0, 0.0)
     """Tool position that the supervisor allowed, robot base frame, m; ordered in whole device steps."""
@@ -81,8 +80,7 @@ class CycleRecord:
     """Counter of the sensor frame used, as the device sent it."""
 
 
-@dataclass(frozen=True, slots=True)
-class SensorRecord:
+class SensorRecord(Struct, frozen=True):
     """One complete frame of the sensor's stream, as counts and as it arrived."""
 
     at: float
@@ -91,8 +89,7 @@ class SensorRecord:
     """fx fy fz mx my mz, full scale = 16384."""
 
 
-@dataclass(frozen=True, slots=True)
-class LinkRecord:
+class LinkRecord(Struct, frozen=True):
     """A stretch of the computer link's log: raw traffic and link events."""
 
     at: float
@@ -101,8 +98,7 @@ class LinkRecord:
     """Each: seconds since `at`, `tx` or `rx` as the PC sees it and hexadecimal bytes, or `--` and a link event."""
 
 
-@dataclass(frozen=True, slots=True)
-class TruthRecord:
+class TruthRecord(Struct, frozen=True):
     """What an emulated cell knows of a cycle and no device tells. Times are seconds on the run's clock, NaN for what
     never happened or is not emulated.
     """
@@ -124,8 +120,7 @@ class TruthRecord:
     """Axes 1 to 6, °."""
 
 
-@dataclass(frozen=True, slots=True)
-class EventRecord:
+class EventRecord(Struct, frozen=True):
     """Something that happened: a phase begins, a device answers late, the supervisor stops the run."""
 
     at: float

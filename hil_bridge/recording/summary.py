@@ -1,6 +1,5 @@
 """What a run comes down to, from its record alone: figures of merit, durations, times and counters."""
 
-import dataclasses
 import json
 import math
 import statistics
@@ -9,6 +8,8 @@ from dataclasses import field
 from enum import StrEnum
 from pathlib import Path
 
+import msgspec
+
 from hil_bridge.control.merit import STEADY_SAMPLES, figures_of_merit
 from hil_bridge.recording.files import write_whole
 from hil_bridge.recording.latency import latency_of
@@ -16,7 +17,7 @@ from hil_bridge.recording.reader import Recording
 from hil_bridge.recording.recorder import DROPPED_PREFIX
 from hil_bridge.recording.records import CycleRecord
 from hil_bridge.recording.times import Times, times_of
-from hil_bridge.recording.topics import SENSOR, TOPICS, finite
+from hil_bridge.recording.topics import SENSOR, TOPICS
 from protocol.values import dataclass
 
 PHASE_EVENT = "phase"
@@ -113,9 +114,7 @@ class Summary:
 
     def as_json(self) -> str:
         """The same as JSON, strict and in the order of the fields."""
-        return (
-            json.dumps(finite(dataclasses.asdict(self)), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-        )
+        return msgspec.json.format(msgspec.json.encode(self), indent=2).decode() + "\n"
 
     def write_json(self, path: Path) -> None:
         """Replace the file at once, so that a reader never sees half of it. Raises ConfigError."""

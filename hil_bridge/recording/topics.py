@@ -4,15 +4,15 @@ Messages are JSON with a JSON schema, so that Foxglove and PlotJuggler open a re
 that is not finite is written as null and read back as NaN: JSON knows neither NaN nor infinity.
 """
 
-import dataclasses
 import inspect
-import json
 import math
 import operator
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple, TypeAlias
+
+import msgspec
 
 from hil_bridge.control.loop import Sample
 from hil_bridge.recording.records import CycleRecord, EventRecord, LinkRecord, SensorRecord, TruthRecord
@@ -67,8 +67,6 @@ class Kind(NamedTuple):
     """JSON schema of the column."""
     decode: Callable[[object], Any]
     """Parsed JSON to the record's value; raises ValueError."""
-    encode: Callable[[Any], object] | None = None
-    """The record's value as one that JSON knows, where it is none by itself."""
 
 
 def _list_of(item: Kind, count: int | None = None) -> Kind:
@@ -80,14 +78,8 @@ def _list_of(item: Kind, count: int | None = None) -> Kind:
     return Kind({"type": "array", "items": item.schema}, decode)
 
 
-def _annotation(field: "dataclasses.Field[Any]") -> str:
-    """The type as it is written: a record keeps every field of a dataclass, also those to come."""
-    return field.type if isinstance(field.type, str) else inspect.formatannotation(field.type)
-
-
 def _object_of(record: type[Any], kinds: Mapping[str, Kind]) -> Kind:
-    """A whole dataclass, or null for None."""
-    values = operator.attrgetter(*kinds)
+    """A whole value of its own, or null for None. Every field is kept, also those to come."""
 
     def decode(value: object) -> Any:
         if value is None:
@@ -98,11 +90,8 @@ def _object_of(record: type[Any], kinds: Mapping[str, Kind]) -> Kind:
             raise ValueError(f"lacks {', '.join(sorted(missing))}")
         return record(**{name: kind.decode(value[name]) for name, kind in kinds.items()})
 
-    def encode(value: Any) -> object:
-        return None if value is None else dict(zip(kinds, values(value), strict=True))
-
     schema = {"type": "object", "properties": {name: kind.schema for name, kind in kinds.items()}}
-    return Kind(schema, decode, encode)
+    return Kind(schema, decode)
 
 
 NUMBER = Kind({"type": "number"}, _number)
@@ -127,7 +116,9 @@ _KINDS = {
     "tuple[int, ...]": _list_of(INTEGER),
     "float | None": OPTIONAL_NUMBER,
 }
-SAMPLE = _object_of(Sample, {field.name: _KINDS[_annotation(field)] for field in dataclasses.fields(Sample)})
+SAMPLE = _object_of(
+    Sample, {name: _KINDS[inspect.formatannotation(kind)] for name, kind in Sample.__annotations__.items()}
+)
 
 
 @dataclass(frozen=True)
@@ -152,38 +143,20 @@ class Topic:
         return {"title": self.schema_name, "type": "object", "properties": properties}
 
     @cached_property
-    def _names(self) -> tuple[str, ...]:
-        return tuple(name for name, _, _ in self.columns)
-
-    @cached_property
-    def _values(self) -> Callable[[Any], tuple[object, ...]]:
-        return operator.attrgetter(*self._names)
-
-    @cached_property
     def time_of(self) -> Callable[[Any], float]:
         """Time of a record on the run's clock, s."""
         return operator.attrgetter(self.time)
 
-    @cached_property
-    def _encoders(self) -> tuple[tuple[str, Callable[[Any], object]], ...]:
-        return tuple((name, kind.encode) for name, kind, _ in self.columns if kind.encode is not None)
-
     def encode(self, record: Record) -> bytes:
         """A record as compact strict JSON."""
-        message = dict(zip(self._names, self._values(record), strict=True))
-        for name, encode in self._encoders:
-            message[name] = encode(message[name])
-        try:
-            return _to_json(message).encode()
-        except ValueError:
-            return _to_json(finite(message)).encode()
+        return _to_json(record)
 
     def decode(self, data: bytes) -> Record:
         """The record of a message; columns that are unknown are ignored.
 
         Raises ValueError naming the column that is missing or wrong.
         """
-        message = _from_json(data.decode())
+        message = msgspec.json.decode(data)
         if not isinstance(message, dict):
             raise ValueError("the message is not an object")
         values = {}
@@ -197,32 +170,12 @@ class Topic:
         return self.record(**values)
 
 
-def _refuse_constant(word: str) -> float:
-    raise ValueError(f"{word} is not JSON")
-
-
-_from_json = json.JSONDecoder(parse_constant=_refuse_constant).decode
-
-
 def _plain(value: Any) -> object:
     """Array scalars that are no Python numbers, and arrays."""
     return value.tolist()
 
 
-_to_json = json.JSONEncoder(separators=(",", ":"), allow_nan=False, default=_plain).encode
-
-
-def finite(value: Any) -> Any:
-    """The same for JSON, with None for every number that is not finite."""
-    match value:
-        case float():
-            return value if math.isfinite(value) else None
-        case dict():
-            return {key: finite(item) for key, item in value.items()}
-        case list() | tuple():
-            return [finite(item) for item in value]
-        case _:
-            return value
+_to_json = msgspec.json.Encoder(enc_hook=_plain).encode
 
 
 CYCLE = Topic(

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from msgspec import structs
 
 from emulators.quantiles import draw
 from hil_bridge.cli import cli
@@ -121,7 +122,7 @@ def medians(found: Any) -> dict[str, float]:
 def test_every_hop_is_a_row_of_one_table() -> None:
     assert len({hop.name for hop in HOPS}) == len(HOPS)
     assert {hop.owner for hop in HOPS} == set(Owner)
-    known = {field.name for kind in (CycleRecord, TruthRecord) for field in dataclasses.fields(kind)}
+    known = {field.name for kind in (CycleRecord, TruthRecord) for field in structs.fields(kind)}
     derived = {"earliest_at", "replied_at", "status_replied_at"}
     assert {name for hop in HOPS for name in (hop.begin, hop.end)} <= known | derived
 
@@ -158,8 +159,8 @@ def test_each_hop_begins_where_the_one_before_it_ends(truths: tuple[TruthRecord,
 def test_without_the_truth_the_chain_ends_with_the_answer_and_knows_only_jitter() -> None:
     """Frames arrive 4 ms after their time at least, every fourth one 2 ms later: nobody knows of the 4."""
     frames = tuple(SensorRecord(of.sensor_at, of.sensor_sequence, (0,) * 6) for of in CYCLES)
-    late = tuple(dataclasses.replace(f, at=f.at + 0.002 * (f.sequence % 4 == 3)) for f in frames)
-    cycles = tuple(dataclasses.replace(c, sensor_at=f.at) for c, f in zip(CYCLES, late, strict=True))
+    late = tuple(structs.replace(f, at=f.at + 0.002 * (f.sequence % 4 == 3)) for f in frames)
+    cycles = tuple(structs.replace(c, sensor_at=f.at) for c, f in zip(CYCLES, late, strict=True))
     found = latency_of(recording(cycles, sensors=late))
     assert found is not None
     assert found.name == "sample's earliest arrival to answer"
@@ -225,7 +226,7 @@ def test_the_line_is_taken_as_it_was_and_not_as_configured() -> None:
         Recording(CYCLES, metadata={"config": '{"robot": []}'}),
         Recording(CYCLES, metadata={"config": '{"robot": {"link": {"foo": 1}}}'}),
         Recording(CYCLES, metadata={"config": dump(Config())}, end={"line_floor_s": "{"}),
-        recording(tuple(dataclasses.replace(c, decoded_at=math.nan) for c in CYCLES)),
+        recording(tuple(structs.replace(c, decoded_at=math.nan) for c in CYCLES)),
     ],
 )
 def test_what_was_not_stamped_has_no_latency(broken: Recording) -> None:
@@ -361,7 +362,7 @@ def evenly(quantiles: list[float]) -> "np.ndarray[tuple[int], np.dtype[np.float6
 def test_rare_late_frames_stay_rare() -> None:
     """One straggler among a thousand frames is no more than that in the emulation drawn from them."""
     early = [SensorRecord(CYCLES[0].started_at + 0.01 * k, k, (k % 7, 0, 0, 0, 0, 0)) for k in range(1000)]
-    late = dataclasses.replace(early[500], at=early[500].at + 0.009)
+    late = structs.replace(early[500], at=early[500].at + 0.009)
     frames = tuple(late if frame is early[500] else frame for frame in early)
     site = dataclasses.replace(recording(CYCLES), sensors=frames)
     quantiles = tomllib.loads(site_settings(site, LinkProfile(), "gateway"))["cell"]["gateway"]["delay_ms"]

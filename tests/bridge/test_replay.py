@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from msgspec import structs
 
 import hil_bridge.cli
 from hil_bridge.config import Config
@@ -40,7 +41,7 @@ def changed(recording: Recording, number: int, **sample: object) -> Recording:
     cycles = list(recording.cycles)
     before = cycles[number].sample
     assert before is not None
-    cycles[number] = replace(cycles[number], sample=replace(before, **sample))  # type: ignore[arg-type]
+    cycles[number] = structs.replace(cycles[number], sample=structs.replace(before, **sample))  # type: ignore[arg-type]
     return replace(recording, cycles=tuple(cycles))
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from msgspec import structs
 
 from hil_bridge.errors import ConfigError
 from hil_bridge.recording import CycleRecord, EventRecord, Recording, SensorRecord
@@ -87,7 +88,7 @@ def test_the_page_escapes_everything_and_loads_nothing(tmp_path: Path) -> None:
 
 def test_little_of_a_run_still_gives_a_picture() -> None:
     """One cycle, no stream, no estimate, no number known, not even a floor."""
-    only = dataclasses.replace(run().cycles[0], force=math.nan, answered_at=math.nan)
+    only = structs.replace(run().cycles[0], force=math.nan, answered_at=math.nan)
     recording = Recording((only,), truncated=True)
     assert draw(recording, summarise(recording)).startswith(b"\x89PNG")
 
@@ -107,7 +108,7 @@ def test_the_stream_is_scaled_by_what_the_cycles_say() -> None:
 def test_a_stream_that_the_cycles_do_not_follow_is_not_drawn() -> None:
     recording = run()
     turned = tuple(
-        dataclasses.replace(cycle, force=-cycle.force if cycle.cycle % 2 else cycle.force)
+        structs.replace(cycle, force=-cycle.force if cycle.cycle % 2 else cycle.force)
         for cycle in recording.cycles
     )
     assert stream_force(dataclasses.replace(recording, cycles=turned)) is None

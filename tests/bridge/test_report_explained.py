@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from msgspec import structs
 
 from hil_bridge.control.stability import SampledPlant, admittance_response, limit_cycle, margins, pi_response
 from hil_bridge.recording import CycleRecord, Recording
@@ -201,9 +202,9 @@ def test_a_run_that_rests_is_told_apart_from_one_that_swings() -> None:
     ratio = 0.6 / swung.predicted.peak_to_peak
     assert f"swung by 0.60 N, {ratio:.1f} times that" in cycle_sentence(swung)
     assert "the limit cycle that the resolution leaves" in cycle_sentence(swung)
-    wild = [dataclasses.replace(square(k), force=10.0 + 5.0 * (-1) ** (k // 5)) for k in range(60)]
+    wild = [structs.replace(square(k), force=10.0 + 5.0 * (-1) ** (k // 5)) for k in range(60)]
     assert "does not explain that" in cycle_sentence(analysis(record(wild)))
-    slight = [dataclasses.replace(square(k), force=10.0 + 0.1 * (-1) ** (k // 5)) for k in range(60)]
+    slight = [structs.replace(square(k), force=10.0 + 0.1 * (-1) ** (k // 5)) for k in range(60)]
     assert "did not add up" in cycle_sentence(analysis(record(slight)))
     assert "no steady state" in cycle_sentence(analysis(record([cycle(k) for k in range(20)])))
 
@@ -219,7 +220,7 @@ def test_the_predicted_limit_cycle_counts_the_dead_band_of_the_servo() -> None:
 
 
 def test_an_unstable_loop_has_no_phase_margin_and_is_told_what_it_did() -> None:
-    recording = record([dataclasses.replace(square(k), stiffness=200_000.0) for k in range(60)])
+    recording = record([structs.replace(square(k), stiffness=200_000.0) for k in range(60)])
     assert '<td>phase margin</td><td class="value">none</td>' in section(recording)
     assert "the force within 0.60 N, 0.0 steps" in cycle_sentence(analysis(recording))
 

@@ -1,8 +1,8 @@
-import dataclasses
 import io
 import math
 
 import pytest
+from msgspec import structs
 from rich.console import Console
 
 from hil_bridge.recording import CycleRecord
@@ -102,7 +102,7 @@ def test_the_panel_names_what_went_wrong_on_the_link() -> None:
     assert len(lines) == len(quiet.splitlines())
 
 
-STAMPED = dataclasses.replace(
+STAMPED = structs.replace(
     CYCLE,
     sensor_at=110.064,
     decoded_at=110.064,
@@ -126,21 +126,17 @@ def test_the_panel_says_where_the_time_goes() -> None:
 
 @pytest.mark.parametrize("width", [80, 60])
 def test_the_panel_fits_whatever_it_shows(width: int) -> None:
-    stop = dataclasses.replace(
-        CYCLE, force=-1e4, verdict="stop", reasons=("a long cause " * 9,), stiffness=9e6
-    )
-    odd = dataclasses.replace(
-        CYCLE, force=math.nan, answered_at=math.nan, stiffness=None, held=True, phase="odd"
-    )
+    stop = structs.replace(CYCLE, force=-1e4, verdict="stop", reasons=("a long cause " * 9,), stiffness=9e6)
+    odd = structs.replace(CYCLE, force=math.nan, answered_at=math.nan, stiffness=None, held=True, phase="odd")
     shown = [
         model(),
         model(total_s=None),
         model(*[CYCLE] * 100),
         model(*[STAMPED] * 100),
-        model(dataclasses.replace(STAMPED, answered_at=1e6)),
+        model(structs.replace(STAMPED, answered_at=1e6)),
         model(stop),
         model(odd),
-        model(dataclasses.replace(CYCLE, force_reference=0.0, force=0.0)),
+        model(structs.replace(CYCLE, force_reference=0.0, force=0.0)),
     ]
     counters = {str(kind): 10**6 for kind in (*Count, *NoticeKind)}
     for made in shown:
@@ -150,7 +146,7 @@ def test_the_panel_fits_whatever_it_shows(width: int) -> None:
 
 
 def test_the_chart_draws_columns_up_to_the_target() -> None:
-    rising = [dataclasses.replace(CYCLE, force=force) for force in (0.0, 25.0, 50.0)]
+    rising = [structs.replace(CYCLE, force=force) for force in (0.0, 25.0, 50.0)]
     rows = text_of(model(*rising).snapshot(110.0, Health())).splitlines()[2:10]
     last_three = [[row[column] for row in rows] for column in (68, 69, 70)]
     assert [column.count("█") for column in last_three] == [0, 2, 5]  # 8 rows for 75 N

@@ -1,10 +1,10 @@
 """The controller that looks ahead along the travel."""
 
 import math
-from dataclasses import replace
 from random import Random
 
 import pytest
+from msgspec.structs import replace
 
 from hil_bridge.control import Measurement, Predictive
 

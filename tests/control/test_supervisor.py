@@ -1,11 +1,11 @@
 """The last word before the wire."""
 
 import math
-from dataclasses import replace
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from hil_bridge.control import Allow, Cause, Clamp, Limits, Observation, Request, Stop, Supervisor
 from hil_bridge.errors import ConfigError
