@@ -220,6 +220,9 @@ class _Session:
 
     def _traffic(self, direction: Direction, data: bytes) -> None:
         self._link_log.take(self._clock.now(), direction, data)
+        if direction is Direction.SENT and len(data) > 1:
+            # a block is on the line, and nothing can answer it before its last character
+            self._recorder.pause(len(data) * self._link.character_time)
 
     def _link_event(self, text: str) -> None:
         self._link_log.note(self._clock.now(), text)

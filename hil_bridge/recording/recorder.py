@@ -5,6 +5,7 @@ import ctypes
 import json
 import math
 import threading
+import time
 from collections import deque
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -28,6 +29,8 @@ BATCH_RECORDS = 512
 """Records taken at once where writing happens in the caller's thread."""
 WAKE_SECONDS = 0.05
 """The writer thread wakes by itself, so that putting a record never has to wake it."""
+PATIENCE_SECONDS = 0.5
+"""For so long the writer waits for the next pause of a loop that tells its pauses. Chosen: a cycle of a slow line."""
 JOIN_SECONDS = 10.0
 MAPPED_FROM = 1 << 17
 """Buffers from this size on, bytes, have pages of their own. Standard: what glibc begins with."""
@@ -69,7 +72,7 @@ def map_buffers() -> None:
 class Recorder:
     """Takes records without blocking and writes them to one file.
 
-    `put` and `close` belong to one thread, that of the event loop. A failing disk does not stop a run: the
+    `put`, `pause` and `close` belong to one thread, that of the event loop. A failing disk does not stop a run: the
     error is kept in `error`, later records are counted as dropped, and `close` raises it.
     """
 
@@ -109,7 +112,12 @@ class Recorder:
         self._flush: Callable[[], None] = self._writer.flush
         self._channels: dict[type, int] = {}
         self._guarded(lambda: self._begin(metadata))
-        self._stop = threading.Event()
+        self._stopping = False
+        self._pause_ends = 0.0
+        """Of the system's monotonic clock, which the writer reads."""
+        self._wake = threading.Lock()
+        """Held while the writer has no reason to wake; only the loop's thread releases it."""
+        self._wake.acquire()
         self._thread: threading.Thread | None = None
         if threaded:
             self._thread = threading.Thread(target=self._work, name="recorder", daemon=True)
@@ -146,6 +154,17 @@ class Recorder:
         if self._thread is None and len(self._queue) >= BATCH_RECORDS:
             self._drain()
 
+    def pause(self, seconds: float) -> None:
+        """Tell that the loop awaits nothing for so long: the writer thread works then, and from one pause to the next
+        lets the loop have the interpreter to itself, unless half the queue is full or no other pause comes.
+        """
+        self._pause_ends = time.monotonic() + seconds
+        self._let_write()
+
+    def _let_write(self) -> None:
+        if self._wake.locked():
+            self._wake.release()
+
     def close(self, end: Mapping[str, str] | None = None) -> None:
         """Write what waits, the counts of dropped records and `end` (see `RunEnd.as_metadata`).
 
@@ -155,7 +174,8 @@ class Recorder:
             return
         self._closed = True
         if self._thread is not None:
-            self._stop.set()
+            self._stopping = True
+            self._let_write()
             self._thread.join(JOIN_SECONDS)
             if self._thread.is_alive():
                 raise BridgeError(f"the recording {self._path} is incomplete: the disk does not take it")
@@ -182,16 +202,21 @@ class Recorder:
 
     def _work(self) -> None:
         """The writer thread: drains in bursts, and finishes a chunk when nothing comes any more."""
-        idle = 0.0
-        while not self._stop.wait(WAKE_SECONDS):
-            idle = 0.0 if self._queue else idle + WAKE_SECONDS
-            self._drain()
+        idle, wait = 0.0, WAKE_SECONDS
+        while True:
+            paused = self._wake.acquire(timeout=wait)
+            if self._stopping:
+                return
+            idle = 0.0 if self._queue or paused else idle + wait
+            wait = PATIENCE_SECONDS if paused else WAKE_SECONDS
+            self._drain(self._pause_ends if paused else math.inf)
             if idle >= self._chunk_seconds and self._chunk_began is not None:
                 self._guarded(self._end_chunk)
 
-    def _drain(self) -> None:
+    def _drain(self, ends: float = math.inf) -> None:
+        """Write what waits, until this time of the system's monotonic clock."""
         if self._error is None:
-            self._guarded(self._write_queue)
+            self._guarded(lambda: self._write_queue(ends))
 
     def _guarded(self, step: Callable[[], None]) -> None:
         """Keep any error for the end: nothing that happens to a file may stop a robot's control loop."""
@@ -207,9 +232,10 @@ class Recorder:
         with contextlib.suppress(OSError):  # the same full disk again; the first error is the one that tells
             self._file.close()
 
-    def _write_queue(self) -> None:
-        while self._queue:
-            self._write(self._queue.popleft())
+    def _write_queue(self, ends: float) -> None:
+        queue, pressing = self._queue, self._capacity // 2
+        while queue and (ends == math.inf or len(queue) > pressing or time.monotonic() < ends):
+            self._write(queue.popleft())
 
     def _write(self, record: Record) -> None:
         topic = self._topics[type(record)]

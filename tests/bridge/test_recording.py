@@ -4,6 +4,7 @@ import json
 import math
 import struct
 import threading
+import time
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -15,6 +16,7 @@ from mcap.reader import make_reader
 from hil_bridge.errors import BridgeError, ConfigError
 from hil_bridge.recording import VIRTUAL_CHUNKS, CycleRecord, EventRecord, Recorder, SensorRecord, read
 from hil_bridge.recording import recorder as recorder_module
+from hil_bridge.recording.recorder import Chunks
 from hil_bridge.recording.topics import CYCLE, SENSOR, TOPICS, Record
 
 METADATA = {"seed": "7", "controller": "fuzzy-pi", "configuration": '{"force_n": 50.0}'}
@@ -102,6 +104,58 @@ def test_a_thread_writes_the_same_records(tmp_path: Path) -> None:
     assert repr(by_thread.cycles) == repr(by_caller.cycles)
     assert len(by_thread.cycles) == len(by_caller.cycles) > 0
     assert not any(thread.name == "recorder" for thread in threading.enumerate())
+
+
+def test_from_pause_to_pause_the_writer_lets_the_loop_be(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(recorder_module, "PATIENCE_SECONDS", 60.0)
+    path, frames = tmp_path / "run.mcap", stream(0.1)[1:]
+    # every record at once to the disk, where it is seen
+    recorder = Recorder(path, wall_ns, threaded=True, metadata={}, chunks=Chunks(seconds=0.0, size=1))
+
+    def grown(within_s: float) -> bool:
+        """Whether the file grows in this time."""
+        before, ends = path.stat().st_size, time.monotonic() + within_s
+        while path.stat().st_size == before:
+            if time.monotonic() > ends:
+                return False
+            time.sleep(0.005)
+        return True
+
+    def put() -> None:
+        for frame in frames:
+            recorder.put(frame)
+
+    recorder.put(cycle(0, 100.0))
+    put()
+    assert grown(10.0), "who tells no pauses is written all the same"
+    recorder.pause(0.0)  # over before the writer has woken; from now on it waits for another
+    time.sleep(0.2)  # what had been put may be written in this time
+    put()
+    assert not grown(0.4)
+    recorder.pause(10.0)
+    assert grown(10.0)
+    recorder.pause(0.0)
+    time.sleep(0.2)
+    put()
+    assert not grown(0.2)
+    recorder.close()
+    assert len(read(path).sensors) == 3 * len(frames)
+
+
+def test_half_a_queue_is_written_without_a_pause(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(recorder_module, "PATIENCE_SECONDS", 60.0)
+    recorder = Recorder(tmp_path / "run.mcap", wall_ns, threaded=True, metadata={}, queue_records=100)
+    recorder.put(cycle(0, 100.0))
+    for burst in range(15):  # each of a fifth of the queue
+        for k in range(20):
+            recorder.put(SensorRecord(101.0 + burst, 20 * burst + k, (0,) * 6))
+        recorder.pause(0.0)
+        time.sleep(0.05)
+    recorder.close()
+    assert not any(recorder.dropped.values())
+    assert [sensor.sequence for sensor in read(tmp_path / "run.mcap").sensors] == list(range(300))
 
 
 def test_foreign_readers_find_topics_schemas_and_times(tmp_path: Path) -> None:
