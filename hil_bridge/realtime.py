@@ -1,4 +1,4 @@
-"""What makes one thread of a Linux process keep its times: priority, processor, memory, garbage, other threads.
+"""What makes one thread of a Linux process keep its times: priority, processor, sleep, memory, garbage, other threads.
 
 Nothing of this is needed for a loop of a few hertz; a 1 kHz sensor on a busy machine is what it is for.
 """
@@ -6,6 +6,7 @@ Nothing of this is needed for a loop of a few hertz; a 1 kHz sensor on a busy ma
 import ctypes
 import gc
 import os
+import struct
 import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -21,6 +22,11 @@ GIVE_WAY_S = 1e-4
 that is 5 ms, and the recorder's writer would hold up the loop for all that it has to encode at once.
 """
 
+LATENCY_FILE = "/dev/cpu_dma_latency"
+"""Takes for how long at most a processor may need to wake up, µs, and heeds it while it is open. Source: Linux,
+Documentation/power/pm_qos_interface.rst.
+"""
+_NO_LATENCY = struct.pack("=i", 0)
 _MCL_CURRENT, _MCL_FUTURE = 1, 2
 """Flags of mlockall. Source: Linux, sys/mman.h."""
 
@@ -38,7 +44,9 @@ class RealTime:
     cpus: tuple[int, ...] = setting(
         (), Mark.CHOSEN, "processors that the loop's thread may run on, empty = all", minimum=0
     )
-
+    keep_awake: bool = setting(
+        False, Mark.CHOSEN, "let no processor of this machine sleep while idle: woken sooner, and more power"
+    )
     busy_poll_ms: float = setting(
         0.0,
         Mark.CHOSEN,
@@ -72,6 +80,9 @@ def scheduled(wanted: RealTime) -> Iterator[ThreadPoolExecutor | None]:
             undo.append(lambda: os.sched_setaffinity(0, before))
             executor = ThreadPoolExecutor(initializer=os.sched_setaffinity, initargs=(0, before))
             undo.append(executor.shutdown)
+        if wanted.keep_awake:
+            latency = _keep_awake()
+            undo.append(lambda: os.close(latency))
         if wanted.lock_memory:
             _lock_memory()
             undo.append(_unlock_memory)
@@ -134,6 +145,22 @@ def _prefer(priority: int) -> None:
             f"realtime.fifo_priority: SCHED_FIFO {priority} is not permitted; set an rtprio limit of at least "
             f"{priority} for this user in /etc/security/limits.d, or leave it 0"
         ) from error
+
+
+def _keep_awake() -> int:
+    """The descriptor that keeps the processors awake until it is closed."""
+    try:
+        latency = os.open(LATENCY_FILE, os.O_WRONLY | os.O_CLOEXEC)
+    except OSError as error:
+        remedy = (
+            "permit this user to write to it by a udev rule" if isinstance(error, PermissionError) else ""
+        )
+        remedy = remedy or "this kernel does not offer it"
+        raise ConfigError(
+            f"realtime.keep_awake: {LATENCY_FILE}: {error.strerror}; {remedy}, or leave it false"
+        ) from error
+    os.write(latency, _NO_LATENCY)
+    return latency
 
 
 def _lock_memory() -> None:

@@ -174,7 +174,9 @@ def judged(late: Sequence[float]) -> Fact:
     )
     if p99 > LATE_S:
         return warn(
-            "wake-ups", text, "the machine is busy, or gives this process little time: end other programs"
+            "wake-ups",
+            text,
+            "the machine is busy, or its processors sleep deeply: end other programs, try `realtime.keep_awake`",
         )
     return ok("wake-ups", text)
 

@@ -1,6 +1,7 @@
 """Priority, processor, memory and garbage of the loop's thread: as wanted inside, as before outside."""
 
 import ctypes
+import errno
 import gc
 import os
 import resource
@@ -10,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from hil_bridge import realtime
 from hil_bridge.errors import ConfigError
 from hil_bridge.realtime import GIVE_WAY_S, RealTime, collect_young, prompt_threads, quiet_garbage, scheduled
 
@@ -102,6 +104,42 @@ def test_memory_is_locked_while_inside() -> None:
     with scheduled(RealTime(lock_memory=True)):
         assert locked_kilobytes() > before + 1000
     assert locked_kilobytes() <= before
+
+
+def test_processors_are_kept_awake_as_long_as_the_file_is_open(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stand_in = tmp_path / "cpu_dma_latency"
+    stand_in.touch()
+    monkeypatch.setattr(realtime, "LATENCY_FILE", str(stand_in))
+
+    def held() -> bool:
+        return any(Path(f"/proc/self/fd/{fd}").resolve() == stand_in for fd in os.listdir("/proc/self/fd"))
+
+    with scheduled(RealTime()):
+        assert not held()
+    with scheduled(RealTime(keep_awake=True)):
+        assert held()
+    assert not held()
+    assert stand_in.read_bytes() == bytes(4)  # no latency at all
+
+
+@pytest.mark.parametrize(
+    ("error", "remedy"), [(errno.EACCES, "by a udev rule"), (errno.ENOENT, "this kernel does not offer it")]
+)
+def test_a_machine_that_may_not_be_kept_awake_says_so_in_one_line(
+    monkeypatch: pytest.MonkeyPatch, error: int, remedy: str
+) -> None:
+    def refuse(*arguments: object) -> int:
+        raise OSError(error, os.strerror(error))
+
+    monkeypatch.setattr(os, "open", refuse)
+    with pytest.raises(ConfigError) as caught, scheduled(RealTime(keep_awake=True)):
+        pass
+    line = str(caught.value)
+    assert line.startswith("realtime.keep_awake: /dev/cpu_dma_latency: ")
+    assert remedy in line
+    assert "\n" not in line
 
 
 def test_garbage_waits_until_it_is_asked_for() -> None:
