@@ -13,13 +13,11 @@ half of its value, which is enough for a limit cycle.
 """
 
 import math
-from dataclasses import dataclass
 
 from msgspec import Struct
 
 
-@dataclass(frozen=True, slots=True)
-class Gates:
+class Gates(Struct, frozen=True):
     """What makes a pair of samples count."""
 
     position_change: float

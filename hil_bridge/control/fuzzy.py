@@ -54,11 +54,15 @@ class InferenceSystem:
         self.surface = surface
         self._error_terms = _between_levels(base.error.terms)
         self._change_terms = _between_levels(base.change.terms)
-        self._shapes = {term.name: term.degrees for term in base.output.terms}
-        self._rules = {
-            (rule.error, rule.change): (f"{rule.error}∧{rule.change}→{rule.output}", rule.output)
-            for rule in base.rules
+        self._shapes = {
+            term.name: [(place, degree) for place, degree in enumerate(term.degrees) if degree > 0.0]
+            for term in base.output.terms
         }
+        """Where among the output's levels each term holds, and to what degree."""
+        self._rules: dict[str, dict[str, tuple[str, str]]] = {term.name: {} for term in base.error.terms}
+        for rule in base.rules:
+            name = f"{rule.error}∧{rule.change}→{rule.output}"
+            self._rules[rule.error][rule.change] = name, rule.output
         self._explanations: dict[tuple[int, int], dict[str, float]] = {}
         # Computed here and not when first needed: that would be within a control cycle.
         self._table: Table | None = None
@@ -107,8 +111,10 @@ class InferenceSystem:
         levels = self.base.output.levels
         heights = [0.0] * len(levels)
         for output, strength in strengths.items():
-            cut = [degree if degree < strength else strength for degree in self._shapes[output]]
-            heights = [one if one > other else other for one, other in zip(heights, cut, strict=True)]
+            for place, degree in self._shapes[output]:
+                height = degree if degree < strength else strength
+                if height > heights[place]:
+                    heights[place] = height
         moment = area = 0.0
         for height, level in zip(heights, levels, strict=True):
             moment += height * level
@@ -127,11 +133,12 @@ class InferenceSystem:
     def _fired(self, row: float, column: float) -> Fired:
         """Name and output term of each rule that holds to some degree, with that degree."""
         changes = _memberships(column, self._change_terms)
-        return [
-            (self._rules[error, change], min(error_degree, change_degree))
-            for error, error_degree in _memberships(row, self._error_terms)
-            for change, change_degree in changes
-        ]
+        fired = []
+        for error, error_degree in _memberships(row, self._error_terms):
+            rules = self._rules[error]
+            for change, degree in changes:
+                fired.append((rules[change], degree if degree < error_degree else error_degree))
+        return fired
 
 
 @cache
@@ -185,10 +192,11 @@ def _index(percent: float, edges: tuple[float, ...]) -> int:
 def _position(percent: float, edges: tuple[float, ...]) -> float:
     if math.isnan(percent):
         raise ValueError("cannot grade a value that is not a number")
-    segment = min(max(bisect_right(edges, percent) - 1, 0), len(edges) - 2)
+    segment, last = bisect_right(edges, percent) - 1, len(edges) - 1
+    segment = 0 if segment < 0 else segment if segment < last else last - 1
     left, right = edges[segment], edges[segment + 1]
     position = segment + 0.5 + (percent - left) / (right - left)
-    return min(max(position, 0.0), float(len(edges)))
+    return 0.0 if position < 0.0 else position if position <= last + 1 else last + 1.0
 
 
 def _level_at(position: float, levels: tuple[float, ...]) -> float:
@@ -213,8 +221,11 @@ def _memberships(position: float, terms: Terms) -> list[tuple[str, float]]:
     """Terms that hold to some degree, interpolated between levels."""
     left = int(position)
     share = position - left
-    graded = [(name, low * (1 - share) + high * share) for name, low, high in terms[left]]
-    return [(name, degree) for name, degree in graded if degree > 0.0]
+    rest, held = 1 - share, []
+    for name, low, high in terms[left]:
+        if (degree := low * rest + high * share) > 0.0:
+            held.append((name, degree))
+    return held
 
 
 def _explained(fired: Fired) -> dict[str, float]:

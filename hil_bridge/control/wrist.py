@@ -101,17 +101,20 @@ class Facing:
     def contact_wrench(self, measured: Sequence[float]) -> tuple[float, ...]:
         """As `Wrist.contact_wrench` at this orientation: N and N·m, six values."""
         fx, fy, fz, mx, my, mz = measured
-        moments = [
-            a * fx + b * fy + c * fz + d * mx + e * my + f * mz + rest
-            for (a, b, c, d, e, f), rest in zip(self.matrix[3:], self.offset[3:], strict=True)
-        ]
-        return (*self.contact_force(measured), *moments)
+        _, _, _, (a, b, c, d, e, f), (g, h, i, j, k, m), (n, o, p, q, r, s) = self.matrix
+        _, _, _, x, y, z = self.offset
+        return (
+            *self.contact_force(measured),
+            a * fx + b * fy + c * fz + d * mx + e * my + f * mz + x,
+            g * fx + h * fy + i * fz + j * mx + k * my + m * mz + y,
+            n * fx + o * fy + p * fz + q * mx + r * my + s * mz + z,
+        )
 
     def contact_force(self, measured: Sequence[float]) -> tuple[float, float, float]:
         """The force of `contact_wrench` alone: N, three values. No moment goes into them."""
         fx, fy, fz, _, _, _ = measured
-        (a, b, c, _, _, _), (d, e, f, _, _, _), (g, h, i, _, _, _) = self.matrix[:3]
-        x, y, z = self.offset[:3]
+        (a, b, c, _, _, _), (d, e, f, _, _, _), (g, h, i, _, _, _), _, _, _ = self.matrix
+        x, y, z, _, _, _ = self.offset
         return a * fx + b * fy + c * fz + x, d * fx + e * fy + f * fz + y, g * fx + h * fy + i * fz + z
 
     def force_along(self, number: int, wrench: Sequence[float]) -> float:

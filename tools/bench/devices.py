@@ -133,6 +133,8 @@ class CanSensor:
 class Turn:
     """One turnaround, s: from the write of a sensor sample, the end of the status answer right after it."""
 
+    began: float
+    """Of the monotonic clock."""
     bid: float
     """Until the bid for the next order, its first byte, was read."""
     order: float
@@ -171,7 +173,7 @@ class Cell:
                 self._write(Control.ACK)
                 order = self._order()
                 if began:
-                    self.turns.append(Turn(bid - began, self._read_at - began, began - before))
+                    self.turns.append(Turn(began, bid - began, self._read_at - began, began - before))
                     before, began = began, 0.0
                     if enough(len(self.turns)):
                         timed = self.moving = False

@@ -73,11 +73,11 @@ class Figure:
 
 @dataclass(frozen=True, slots=True)
 class Cost:
-    """Where processor time goes."""
+    """Where time goes."""
 
     where: str
     share: float
-    """Of all samples, 0 … 1."""
+    """Of all of it, 0 … 1."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +88,7 @@ class Report:
     left_out: tuple[str, ...] = ()
     """What could not be measured here, and why: a sentence each."""
     profiles: Mapping[str, tuple[Cost, ...]] = field(default_factory=dict)
-    """Where the processor time of something that is measured goes, by its name, the largest share first."""
+    """What the time of something goes to, under a title that says of what and by what, the largest share first."""
 
     def as_json(self) -> dict[str, Any]:
         """For the file of results; ratio and judgement are written out for readers of that file."""

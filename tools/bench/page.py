@@ -27,7 +27,7 @@ def benchmark_part(report: Report, load: float) -> str:
     """Figures, what was left out, and how busy the machine was."""
     parts = [figures_table(report.figures), *(f"Left out: {text}" for text in report.left_out)]
     for name, costs in report.profiles.items():
-        parts += [f"Profile, {name}, by module:", costs_table(costs)]
+        parts += [f"{name}:", costs_table(costs)]
     parts.append(
         f"Processes that wanted a processor when it began, average of a minute: {load:.1f}.{BUSY * (load > QUIET)}"
     )
@@ -40,8 +40,12 @@ def figures_table(figures: Iterable[Figure]) -> str:
 
 
 def costs_table(costs: Iterable[Cost]) -> str:
-    """A profile."""
-    return _table(("where", "share"), ((f"`{cost.where}`", f"{cost.share:.1%}") for cost in costs))
+    """A profile; what is a name in the code is written like one."""
+
+    def where(cost: Cost) -> str:
+        return cost.where if " " in cost.where else f"`{cost.where}`"
+
+    return _table(("where", "share"), ((where(cost), f"{cost.share:.1%}") for cost in costs))
 
 
 def _placed(text: str, name: str, content: str) -> str:

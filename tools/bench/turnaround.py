@@ -13,12 +13,14 @@ import subprocess
 import sys
 import tempfile
 import tty
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, MutableSequence, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 
+from hil_bridge.errors import ConfigError
+from hil_bridge.realtime import RealTime, scheduled
 from protocol.adlp import BLOCK_OVERHEAD, HEADER_SIZE, encode_block
 from protocol.arap import STATUS, Move, MoveKind, read_status
 from tools.bench import machine
@@ -34,6 +36,7 @@ from tools.bench.devices import (
     UartSensor,
 )
 from tools.bench.figures import Cost, Figure, Report, Spread, Target
+from tools.bench.kernel_trace import Span, State, explained, traced
 from tools.bench.sampler import costs
 
 HERE = Path(__file__).parent
@@ -46,8 +49,11 @@ NO_SIGNALS: Mapping[int, signal.Signals] = MappingProxyType({})
 INTERRUPTED = 130
 """Exit code of a command that Ctrl-C ended."""
 MICRO = 1e6
+TIMED = (("first byte", "bid"), ("whole order", "order"))
+"""What is timed, and which member of a Turn that is."""
 BUSY_POLL_MS = 100.0
 """Longer than any wait of a cycle, so that the bridge never sleeps."""
+AWAKE = ", processors kept awake"
 P50, P99 = Target("ratio", 2.0, aim=1.5), Target("ratio", 3.0, aim=2.0)
 CONFIG = f"""\
 [run]
@@ -169,17 +175,20 @@ def turns_of(
     session: bool,
     cycles: int = CYCLES,
     signals: Mapping[int, signal.Signals] = NO_SIGNALS,
+    threads: MutableSequence[int] | None = None,
 ) -> list[Turn]:
     """Start the other side, let it make its cycles, and end it. Raises PeerSilent with what it said.
 
     With a `session` it brings the devices up first, and is interrupted as by a person when it has done enough.
-    `signals` are sent to it after so many cycles.
+    `signals` are sent to it after so many cycles; `threads` is given its threads' numbers, the loop's first.
     """
     ending = signal.SIGINT if session else signal.SIGTERM
     good_ends = (0, INTERRUPTED) if session else (0, -signal.SIGTERM)
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as process:
 
         def enough(count: int) -> bool:
+            if count == WARM_UP and threads is not None:
+                threads[:] = sorted(map(int, os.listdir(f"/proc/{process.pid}/task")))
             if (number := ending if count == cycles else signals.get(count)) is not None:
                 process.send_signal(number)
             return count >= cycles
@@ -232,10 +241,8 @@ def measured(name: str, place: Path, say: Callable[[str], None]) -> tuple[Figure
     plain = ask(lambda wires: [sys.executable, HERE / "asyncio_host.py", *plain_arguments(wires)])
     c += in_c()
     figures = []
-    for what, member in (("first byte", "bid"), ("whole order", "order")):
-        ours, polled, theirs, bare = (
-            Spread([getattr(turn, member) * MICRO for turn in turns]) for turns in (bridge, polling, c, plain)
-        )
+    for what, member in TIMED:
+        ours, polled, theirs, bare = (spread(turns, member) for turns in (bridge, polling, c, plain))
         for percentile, target in (("p50", P50), ("p99", P99)):
             title = f"{name}, {what}, {percentile}"
             base = getattr(theirs, percentile) if c else None
@@ -246,6 +253,66 @@ def measured(name: str, place: Path, say: Callable[[str], None]) -> tuple[Figure
             base = getattr(bare, percentile)
             figures.append(Figure(title, getattr(ours, percentile), "µs", base, "asyncio alone"))
     return tuple(figures)
+
+
+def spread(turns: Sequence[Turn], member: str) -> Spread:
+    """Of one of the times, µs."""
+    return Spread([getattr(turn, member) * MICRO for turn in turns])
+
+
+def kept_awake(place: Path, say: Callable[[str], None]) -> tuple[Figure, ...]:
+    """Over TCP with processors that do not sleep: what is left is computing. Raises ConfigError where the machine does
+    not let itself be kept awake.
+    """
+    with scheduled(RealTime(keep_awake=True)):
+        say(f"TCP{AWAKE}")
+        with tcp() as wires:
+            ours = turns_of(wires, bridge_command(wires, place), session=True)
+        host = machine.compiled("host")
+        theirs = []
+        if host is not None:
+            with tcp() as wires:
+                theirs = turns_of(wires, [host, *plain_arguments(wires)], session=False)
+    return tuple(
+        Figure(
+            f"TCP, {what}, {percentile}{AWAKE}",
+            getattr(spread(ours, member), percentile),
+            "µs",
+            getattr(spread(theirs, member), percentile) if theirs else None,
+            "C",
+        )
+        for what, member in TIMED
+        for percentile in ("p50", "p99")
+    )
+
+
+def doing(states: Sequence[State]) -> str:
+    """What happens while the bridge's loop, this process and the bridge's other threads are in such states."""
+    loop, here, *others = states
+    if loop is State.RUNNING:
+        return "the bridge's loop runs"
+    if loop is State.WOKEN:
+        return "the bridge is woken, its idle processor does not run it yet"
+    if loop is not State.ASLEEP:
+        return "the bridge waits for a processor that runs another"
+    if State.RUNNING in others:
+        return "the bridge waits while its recorder's thread runs"
+    if here is State.RUNNING:
+        return "the devices' side runs"
+    if here is State.WOKEN:
+        return "the devices' side is woken, its idle processor does not run it yet"
+    return "both wait"
+
+
+def traced_orders(place: Path) -> dict[str, tuple[Cost, ...]]:
+    """What whole orders over TCP spend their time on, the bridge asleep between messages. Raises OSError without a
+    trace.
+    """
+    threads: list[int] = []
+    with traced() as trace, tcp() as wires:
+        turns = turns_of(wires, bridge_command(wires, place), session=True, threads=threads)
+    spans: list[Span] = [(turn.began, turn.began + turn.order) for turn in turns]
+    return explained(trace, "Whole orders over TCP", spans, [threads[0], os.getpid(), *threads[1:]], doing)
 
 
 def profile(place: Path) -> tuple[Cost, ...]:
@@ -269,6 +336,14 @@ def measure(say: Callable[[str], None]) -> Report:
                 figures += measured(wire, place, say)
             except OSError as error:
                 left_out.append(f"{wire}: {error}")
-        say("profile of the bridge over TCP")
-        profiles = {"the bridge over TCP": profile(place)}
+        try:
+            figures += kept_awake(place, say)
+        except ConfigError as error:
+            left_out.append(str(error))
+        say("profile and trace of the bridge over TCP")
+        profiles = {"Profile, the bridge over TCP, by module": profile(place)}
+        try:
+            profiles |= traced_orders(place)
+        except OSError as error:
+            left_out.append(str(error))
     return Report(tuple(figures), tuple(left_out), profiles)

@@ -105,8 +105,8 @@ def measure(say: Callable[[str], None]) -> Report:
     board = speed(board_config, BOARD)
     say("profiles")
     profiles = {
-        "the default cell": profile(default_config, CAN),
-        "the 1 kHz sensor on the DSP board": profile(board_config, BOARD),
+        "Profile, the default cell, by module": profile(default_config, CAN),
+        "Profile, the 1 kHz sensor on the DSP board, by module": profile(board_config, BOARD),
     }
     say("the command")
     with tempfile.TemporaryDirectory(prefix="hil-bridge-bench-") as name:

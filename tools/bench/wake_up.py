@@ -4,13 +4,18 @@ They take turns, so that what else the machine does meets all of them.
 """
 
 import asyncio
+import os
 import subprocess
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 
 from hil_bridge.clock import Clock, run_real
+from hil_bridge.errors import ConfigError
+from hil_bridge.realtime import RealTime, scheduled
 from tools.bench import machine
-from tools.bench.figures import Figure, Report, Spread, Target
+from tools.bench.figures import Cost, Figure, Report, Spread, Target
+from tools.bench.kernel_trace import Span, State, explained, traced
 
 RATES_HZ = (100, 1000)
 TURNS = 3
@@ -21,19 +26,33 @@ QUARTER = Target("ratio", 0.25)
 BUSY_POLL_S = 0.1
 """Longer than any wait here."""
 OURS, POLLING, ASYNCIO, C = "ours", "ours, busy polling", "asyncio's sleep", "C, clock_nanosleep"
+AWAKE = ", processors kept awake"
+TRACED_HZ = 1000
+WHERE = {
+    State.ASLEEP: "the timer's interrupt had not come yet",
+    State.WOKEN: "woken, its idle processor did not run it yet",
+    State.QUEUED: "woken, its processor ran another",
+    State.PREEMPTED: "interrupted by another",
+    State.RUNNING: "running: from the kernel through the loop to the coroutine",
+}
+
+
+async def spans(period: float, count: int) -> list[Span]:
+    """When each wait on the bridge's clock was to end, and when it did, s."""
+    clock = Clock.running()
+    try:
+        anchor, waits = clock.now(), []
+        for beat in range(1, count + 1):
+            await clock.sleep_until(anchor + beat * period)
+            waits.append((anchor + beat * period, time.monotonic()))
+    finally:
+        clock.close()
+    return waits
 
 
 async def ours(period: float, count: int) -> list[float]:
-    """Lateness of waits on the bridge's clock, s."""
-    clock = Clock.running()
-    try:
-        anchor, late = clock.now(), []
-        for beat in range(1, count + 1):
-            await clock.sleep_until(anchor + beat * period)
-            late.append(time.monotonic() - (anchor + beat * period))
-    finally:
-        clock.close()
-    return late
+    """Lateness of such waits, s."""
+    return [ended - due for due, ended in await spans(period, count)]
 
 
 async def plain(period: float, count: int) -> list[float]:
@@ -56,24 +75,62 @@ def in_c(period: float, count: int) -> list[float]:
     return [int(line) * NANO for line in text.split()]
 
 
-def measure(say: Callable[[str], None]) -> Report:
-    """Both rates."""
-    figures: list[Figure] = []
-    for rate in RATES_HZ:
-        say(f"{rate} Hz")
-        period, count = 1.0 / rate, round(TURN_S * rate)
-        late: dict[str, list[float]] = {name: [] for name in (OURS, POLLING, ASYNCIO, C)}
+def taking_turns(rate: int) -> dict[str, Spread]:
+    """Lateness of each at this rate, µs."""
+    period, count = 1.0 / rate, round(TURN_S * rate)
+    late: dict[str, list[float]] = {name: [] for name in (OURS, POLLING, ASYNCIO, C)}
+    for _ in range(TURNS):
+        late[OURS] += run_real(ours(period, count))
+        late[POLLING] += run_real(ours(period, count), BUSY_POLL_S)
+        late[ASYNCIO] += run_real(plain(period, count))
+        late[C] += in_c(period, count)
+    return {name: Spread([each * MICRO for each in values]) for name, values in late.items() if values}
+
+
+def figures_of(rate: int, spreads: dict[str, Spread], how: str) -> list[Figure]:
+    """Ours beside the others, as the machine is or `how` it has been told to be."""
+    figures = []
+    for percentile in ("p50", "p99"):
+        for kind, manner in ((OURS, ""), (POLLING, ", busy polling")):
+            for name in [name for name in (ASYNCIO, C) if name in spreads]:
+                wanted = rate == 1000 and percentile == "p99" and name == ASYNCIO
+                value, base = getattr(spreads[kind], percentile), getattr(spreads[name], percentile)
+                title = f"lateness at {rate} Hz, {percentile}{manner}{how}"
+                figures.append(Figure(title, value, "µs", base, name, QUARTER if wanted else None))
+    return figures
+
+
+def profiles(how: str) -> dict[str, tuple[Cost, ...]]:
+    """What the time between a beat and the coroutine's return went to, asleep. Raises OSError without a trace."""
+    waits: list[Span] = []
+    with traced() as trace:
         for _ in range(TURNS):
-            late[OURS] += run_real(ours(period, count))
-            late[POLLING] += run_real(ours(period, count), BUSY_POLL_S)
-            late[ASYNCIO] += run_real(plain(period, count))
-            late[C] += in_c(period, count)
-        spreads = {name: Spread([each * MICRO for each in values]) for name, values in late.items() if values}
-        for percentile in ("p50", "p99"):
-            for kind, manner in ((OURS, ""), (POLLING, ", busy polling")):
-                for name in [name for name in (ASYNCIO, C) if name in spreads]:
-                    wanted = rate == 1000 and percentile == "p99" and name == ASYNCIO
-                    value, base = getattr(spreads[kind], percentile), getattr(spreads[name], percentile)
-                    title = f"lateness at {rate} Hz, {percentile}{manner}"
-                    figures.append(Figure(title, value, "µs", base, name, QUARTER if wanted else None))
-    return Report(tuple(figures), () if machine.compiled("sleeper") else (machine.NO_COMPILER,))
+            waits += run_real(spans(1.0 / TRACED_HZ, round(TURN_S * TRACED_HZ)))
+
+    def name(states: Sequence[State]) -> str:
+        return WHERE[states[0]]
+
+    return explained(trace, f"Wake-ups at {TRACED_HZ} Hz{how}", waits, [os.getpid()], name)
+
+
+def measure(say: Callable[[str], None]) -> Report:
+    """Both rates on the machine as it is, and the higher with its processors kept awake."""
+    figures: list[Figure] = []
+    found: dict[str, tuple[Cost, ...]] = {}
+    left_out = [] if machine.compiled("sleeper") else [machine.NO_COMPILER]
+    for how in ("", AWAKE):
+        with ExitStack() as stack:
+            try:
+                stack.enter_context(scheduled(RealTime(keep_awake=bool(how))))
+            except ConfigError as error:
+                left_out.append(str(error))
+                continue
+            for rate in (TRACED_HZ,) if how else RATES_HZ:
+                say(f"{rate} Hz{how}")
+                figures += figures_of(rate, taking_turns(rate), how)
+            say(f"trace of the wake-ups{how}")
+            try:
+                found |= profiles(how)
+            except OSError as error:
+                left_out.append(str(error))
+    return Report(tuple(figures), tuple(dict.fromkeys(left_out)), found)

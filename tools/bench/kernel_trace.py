@@ -1,0 +1,179 @@
+"""What processes did while something was slow, from the kernel's trace of its scheduler: needs root and tracefs.
+
+Times of the trace are of CLOCK_MONOTONIC, as `time.monotonic` and `time.perf_counter` are on Linux.
+"""
+
+import os
+import re
+import subprocess
+import tempfile
+from bisect import bisect_right
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from enum import StrEnum
+from pathlib import Path
+
+from tools.bench.figures import Cost
+
+NOT_HERE = "what the slowest spent their time on: the kernel's trace needs root and tracefs"
+BUFFER_KB = 32768
+"""For each processor: a switch takes some 70 bytes."""
+SLOWEST = 0.01
+MICRO = 1e6
+
+Span = tuple[float, float]
+"""Begin and end, s."""
+
+
+class State(StrEnum):
+    """Of one thread."""
+
+    ASLEEP = "asleep"
+    WOKEN = "woken"
+    """Something has woken it; the processor that it is to run on has nothing to do, and does not run it yet."""
+    QUEUED = "queued"
+    """Something has woken it; the processor that it is to run on runs another."""
+    RUNNING = "running"
+    PREEMPTED = "preempted"
+    """It would go on if it had a processor."""
+
+
+_LINE = re.compile(
+    r"\[(?P<cpu>\d+)\].*?\s(?P<at>\d+\.\d+): (?P<event>sched_waking|sched_switch): (?P<what>.*)$"
+)
+_WAKING = re.compile(r"\bpid=(\d+) prio=-?\d+ target_cpu=(\d+)")
+_JUST_WOKEN = (State.WOKEN, State.QUEUED)
+_SWITCH = re.compile(r"prev_pid=(\d+) prev_prio=-?\d+ prev_state=(\S+) ==> .*next_pid=(\d+)")
+
+
+class Trace:
+    """Which thread was in which state when, as far as it was traced."""
+
+    def __init__(self) -> None:
+        self._lines: list[str] = []
+
+    def read(self, path: Path) -> None:
+        """Take what the kernel has written down."""
+        self._lines = path.read_text(errors="replace").splitlines()
+
+    def parts(
+        self,
+        spans: Sequence[Span],
+        threads: Sequence[int],
+        name: Callable[[Sequence[State]], str],
+    ) -> Counter[str]:
+        """What the time in these spans went to, s: `name` says what it is called while these threads, in their order,
+        are in such states.
+        """
+        times, names = self._course(threads, name)
+        parts: Counter[str] = Counter()
+        for begun, ended in spans:
+            at, k = begun, bisect_right(times, begun) - 1
+            while at < ended:
+                until = min(ended, times[k + 1]) if k + 1 < len(times) else ended
+                parts[names[k] if k >= 0 else "before the trace"] += until - at
+                at, k = until, k + 1
+        return parts
+
+    def _course(
+        self, threads: Sequence[int], name: Callable[[Sequence[State]], str]
+    ) -> tuple[list[float], list[str]]:
+        states = dict.fromkeys(threads, State.ASLEEP)
+        times, names = [], []
+        running: dict[int, int] = {}
+        for line in self._lines:
+            if (found := _LINE.search(line)) is None:
+                continue
+            for thread, state in _changes(found, running):
+                if thread in states and not (state in _JUST_WOKEN and states[thread] is not State.ASLEEP):
+                    states[thread] = state
+                    times.append(float(found["at"]))
+                    names.append(name(list(states.values())))
+        return times, names
+
+
+def _changes(line: re.Match[str], running: dict[int, int]) -> Iterator[tuple[int, State]]:
+    """The threads whose state changes with this line; `running` holds the thread on each processor."""
+    if line["event"] == "sched_waking":
+        if (woken := _WAKING.search(line["what"])) is not None:
+            yield int(woken[1]), State.QUEUED if running.get(int(woken[2])) else State.WOKEN
+    elif (switch := _SWITCH.search(line["what"])) is not None:
+        running[int(line["cpu"])] = int(switch[3])
+        yield int(switch[1]), State.PREEMPTED if switch[2].startswith("R") else State.ASLEEP
+        yield int(switch[3]), State.RUNNING
+
+
+@contextmanager
+def traced() -> Iterator[Trace]:
+    """Trace what happens inside; the trace can be asked afterwards. Raises OSError where the kernel gives none."""
+    trace = Trace()
+    with ExitStack() as stack:
+        here = _instance(stack)
+        (here / "options/overwrite").write_text("0")
+        (here / "buffer_size_kb").write_text(str(BUFFER_KB))
+        (here / "trace_clock").write_text("mono")
+        for event in ("sched_waking", "sched_switch"):
+            (here / "events/sched" / event / "enable").write_text("1")
+        yield trace
+        (here / "tracing_on").write_text("0")
+        trace.read(here / "trace")
+
+
+def _instance(stack: ExitStack) -> Path:
+    """A trace of our own, which leaves others' alone."""
+    root = Path("/sys/kernel/tracing")
+    if not (root / "instances").is_dir():
+        root = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+        mounted = subprocess.run(
+            ["mount", "-t", "tracefs", "nodev", root], capture_output=True, text=True, check=False
+        )
+        if mounted.returncode:
+            raise OSError(NOT_HERE)
+        stack.callback(subprocess.run, ["umount", root], check=False)
+    here = root / "instances" / f"hil-bridge-{os.getpid()}"
+    here.mkdir()
+    stack.callback(here.rmdir)
+    return here
+
+
+def explained(
+    trace: Trace,
+    what: str,
+    spans: Sequence[Span],
+    threads: Sequence[int],
+    name: Callable[[Sequence[State]], str],
+) -> dict[str, tuple[Cost, ...]]:
+    """What the slowest hundredth and the tenth around the median spent their time on, as profiles with their titles."""
+    return {
+        f"{what}, {which} of {len(spans)}, {mean_us(some):.0f} µs on average": costs_of(
+            trace.parts(some, threads, name)
+        )
+        for which, some in (
+            ("the slowest hundredth", slowest(spans)),
+            ("the tenth around the median", middle(spans)),
+        )
+    }
+
+
+def costs_of(parts: Mapping[str, float]) -> tuple[Cost, ...]:
+    """As shares of all, the largest first."""
+    total = sum(parts.values())
+    return tuple(Cost(name, part / total) for name, part in Counter(parts).most_common())
+
+
+def slowest(spans: Sequence[Span]) -> list[Span]:
+    """The slowest hundredth of them."""
+    ordered = sorted(spans, key=lambda span: span[1] - span[0])
+    return ordered[-max(1, round(len(ordered) * SLOWEST)) :]
+
+
+def middle(spans: Sequence[Span]) -> list[Span]:
+    """The tenth of them around the median."""
+    ordered = sorted(spans, key=lambda span: span[1] - span[0])
+    return ordered[round(len(ordered) * 0.45) : round(len(ordered) * 0.55)]
+
+
+def mean_us(spans: Sequence[Span]) -> float:
+    """How long they took on average, µs."""
+    return sum(ended - begun for begun, ended in spans) / len(spans) * MICRO
