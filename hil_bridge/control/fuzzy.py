@@ -108,15 +108,15 @@ class InferenceSystem:
         for (_, output), strength in fired:
             if strength > strengths.get(output, 0.0):
                 strengths[output] = strength
-        levels = self.base.output.levels
+        levels, shapes = self.base.output.levels, self._shapes
         heights = [0.0] * len(levels)
         for output, strength in strengths.items():
-            for place, degree in self._shapes[output]:
+            for place, degree in shapes[output]:
                 height = degree if degree < strength else strength
                 if height > heights[place]:
                     heights[place] = height
         moment = area = 0.0
-        for height, level in zip(heights, levels, strict=True):
+        for level, height in zip(levels, heights):  # noqa: B905 – one height a level
             moment += height * level
             area += height
         return moment / area
@@ -200,7 +200,8 @@ def _position(percent: float, edges: tuple[float, ...]) -> float:
 
 
 def _level_at(position: float, levels: tuple[float, ...]) -> float:
-    left = min(int(position), len(levels) - 2)
+    left, last = int(position), len(levels) - 2
+    left = left if left < last else last
     return levels[left] + (position - left) * (levels[left + 1] - levels[left])
 
 
