@@ -54,6 +54,7 @@ TIMED = (("first byte", "bid"), ("whole order", "order"))
 BUSY_POLL_MS = 100.0
 """Longer than any wait of a cycle, so that the bridge never sleeps."""
 AWAKE = ", processors kept awake"
+STOLEN = "processor time that the host kept for itself while the bridge ran"
 P50, P99 = Target("ratio", 2.0, aim=1.5), Target("ratio", 3.0, aim=2.0)
 CONFIG = f"""\
 [run]
@@ -234,7 +235,9 @@ def measured(name: str, place: Path, say: Callable[[str], None]) -> tuple[Figure
     say(f"{name}: C")
     c = in_c()
     say(f"{name}: bridge")
+    stolen = machine.stolen_s()
     bridge = ask(lambda wires: bridge_command(wires, place), session=True)
+    stolen = machine.stolen_s() - stolen
     say(f"{name}: bridge, busy polling")
     polling = ask(lambda wires: bridge_command(wires, place, busy_poll_ms=BUSY_POLL_MS), session=True)
     say(f"{name}: asyncio alone, C again")
@@ -252,6 +255,7 @@ def measured(name: str, place: Path, say: Callable[[str], None]) -> tuple[Figure
             )
             base = getattr(bare, percentile)
             figures.append(Figure(title, getattr(ours, percentile), "µs", base, "asyncio alone"))
+    figures.append(Figure(f"{name}, {STOLEN}", stolen, "s"))
     return tuple(figures)
 
 
@@ -266,14 +270,16 @@ def kept_awake(place: Path, say: Callable[[str], None]) -> tuple[Figure, ...]:
     """
     with scheduled(RealTime(keep_awake=True)):
         say(f"TCP{AWAKE}")
+        stolen = machine.stolen_s()
         with tcp() as wires:
             ours = turns_of(wires, bridge_command(wires, place), session=True)
+        stolen = machine.stolen_s() - stolen
         host = machine.compiled("host")
         theirs = []
         if host is not None:
             with tcp() as wires:
                 theirs = turns_of(wires, [host, *plain_arguments(wires)], session=False)
-    return tuple(
+    figures = [
         Figure(
             f"TCP, {what}, {percentile}{AWAKE}",
             getattr(spread(ours, member), percentile),
@@ -283,7 +289,8 @@ def kept_awake(place: Path, say: Callable[[str], None]) -> tuple[Figure, ...]:
         )
         for what, member in TIMED
         for percentile in ("p50", "p99")
-    )
+    ]
+    return (*figures, Figure(f"TCP, {STOLEN}{AWAKE}", stolen, "s"))
 
 
 def doing(states: Sequence[State]) -> str:
