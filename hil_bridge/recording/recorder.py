@@ -158,8 +158,9 @@ class Recorder:
         """Tell that the loop awaits nothing for so long: the writer thread works then, and from one pause to the next
         lets the loop have the interpreter to itself, unless half the queue is full or no other pause comes.
         """
-        self._pause_ends = time.monotonic() + seconds
-        self._let_write()
+        if self._thread is not None:
+            self._pause_ends = time.monotonic() + seconds
+            self._let_write()
 
     def _let_write(self) -> None:
         if self._wake.locked():

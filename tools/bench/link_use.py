@@ -8,27 +8,40 @@ import json
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
+from typing import Any
 
 from hil_bridge.config import Config
+from hil_bridge.errors import ConfigError
 from hil_bridge.experiments.chain import run_cell
 from hil_bridge.line_time import line_floor
+from hil_bridge.realtime import RealTime, scheduled
 from hil_bridge.recording import CycleRecord, read
 from protocol.adlp import LinkProfile
 from tools.bench.figures import Figure, Report, Target
+from tools.bench.machine import stolen_s
 
 BAUDRATES = (9600, 19200)
 TRACK_S = 10.0
 MILLI = 1e3
-BUSY_POLL_MS = 100.0
+AS_IT_IS: Mapping[str, Any] = MappingProxyType({})
+POLLING: Mapping[str, Any] = MappingProxyType({"busy_poll_ms": 100.0})
 """Longer than any wait of a cycle, so that the bridge never sleeps."""
+AWAKE: Mapping[str, Any] = MappingProxyType({"keep_awake": True})
+WAYS = {
+    "real time": AS_IT_IS,
+    "real time, busy polling": POLLING,
+    "real time, processors kept awake": AWAKE,
+}
+"""What `[realtime]` says on both sides."""
 USE = Target("ratio", 1.0 / 0.97)
 """Cycle time by floor: at least 97 % of a cycle are characters."""
 HIL_BRIDGE = (sys.executable, "-m", "hil_bridge")
 
 
-def settings(baudrate: int, busy_poll_ms: float = 0.0) -> dict[str, object]:
+def settings(baudrate: int, realtime: Mapping[str, object] = AS_IT_IS) -> dict[str, object]:
     """Of both sides: this rate, a controller without turnaround, and short ways."""
     link = {"baudrate": baudrate}
     robot = {"turnaround_ms": 0.0, "turnaround_spread_ms": 0.0}
@@ -36,7 +49,7 @@ def settings(baudrate: int, busy_poll_ms: float = 0.0) -> dict[str, object]:
         "run": {"duration_s": TRACK_S},
         "robot": {"link": link},
         "task": {"retract_mm": 1.0},
-        "realtime": {"busy_poll_ms": busy_poll_ms},
+        "realtime": dict(realtime),
         "cell": {"link": link, "robot": robot, "start_position_mm": (900.0, -100.0, 591.0)},
     }
 
@@ -47,11 +60,10 @@ def cycle_time(cycles: Sequence[CycleRecord]) -> float:
     return (begins[-1] - begins[0]) / (len(begins) - 1)
 
 
-def real(baudrate: int, place: Path, busy_poll_ms: float = 0.0) -> float:
+def real(baudrate: int, place: Path, realtime: Mapping[str, object]) -> float:
     """Cycle time of bridge and emulated cell as two processes, a paced pseudo-terminal between them, s."""
-    name = f"{baudrate}-{busy_poll_ms:g}"
-    config, record = place / f"{name}.toml", place / f"{name}.mcap"
-    config.write_text(_toml(settings(baudrate, busy_poll_ms)), encoding="utf-8")
+    config, record = place / "cell.toml", place / "run.mcap"
+    config.write_text(_toml(settings(baudrate, realtime)), encoding="utf-8")
     with subprocess.Popen([*HIL_BRIDGE, "emulate", "cell", config, "--json"], stdout=subprocess.PIPE) as cell:
         try:
             assert cell.stdout is not None
@@ -79,21 +91,29 @@ def _toml(sections: object, key: str = "") -> str:
 
 def measure(say: Callable[[str], None]) -> Report:
     """Both rates, both kinds of time."""
-    figures = []
+    figures, ways, left_out = [], dict(WAYS), []
+    try:
+        with scheduled(RealTime(**AWAKE)):
+            pass
+    except ConfigError as error:
+        left_out.append(str(error))
+        ways = {way: realtime for way, realtime in ways.items() if realtime is not AWAKE}
     with tempfile.TemporaryDirectory(prefix="hil-bridge-bench-") as name:
         for baudrate in BAUDRATES:
             floor = line_floor(LinkProfile(baudrate=baudrate)) * MILLI
             say(f"{baudrate} baud, virtual time")
             virtual = cycle_time(run_cell(Config.model_validate(settings(baudrate))).cycles) * MILLI
-            say(f"{baudrate} baud, real time")
-            paced = real(baudrate, Path(name)) * MILLI
-            say(f"{baudrate} baud, real time, busy polling")
-            polled = real(baudrate, Path(name), BUSY_POLL_MS) * MILLI
-            for kind, value in (
-                ("virtual time", virtual),
-                ("real time", paced),
-                ("real time, busy polling", polled),
-            ):
-                title = f"cycle at {baudrate} baud, {kind}"
+            times = {"virtual time": virtual}
+            stolen = {}
+            for way, realtime in ways.items():
+                say(f"{baudrate} baud, {way}")
+                before = stolen_s()
+                times[way] = real(baudrate, Path(name), realtime) * MILLI
+                stolen[way] = stolen_s() - before
+            for way, value in times.items():
+                title = f"cycle at {baudrate} baud, {way}"
                 figures.append(Figure(title, value, "ms", floor, "floor of the line", USE))
-    return Report(tuple(figures))
+            for way, value in stolen.items():
+                title = f"processor time that the host kept for itself, {baudrate} baud, {way}"
+                figures.append(Figure(title, value, "s"))
+    return Report(tuple(figures), tuple(left_out))
