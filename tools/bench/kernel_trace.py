@@ -39,12 +39,17 @@ class State(StrEnum):
     """It would go on if it had a processor."""
 
 
+_RETURNS = ("epoll_wait", "futex", "poll", "clock_nanosleep", "read")
+"""Calls in which the traced threads sleep. Their ends are traced too, for not every kernel traces the switch from an
+idle processor: then it is by them that a thread is seen to run.
+"""
 _LINE = re.compile(
-    r"\[(?P<cpu>\d+)\].*?\s(?P<at>\d+\.\d+): (?P<event>sched_waking|sched_switch): (?P<what>.*)$"
+    r"-(?P<task>\d+)\s+\[(?P<cpu>\d+)\].*?\s(?P<at>\d+\.\d+): (?P<event>[\w ]+?)(?:: | ->)(?P<what>.*)$"
 )
 _WAKING = re.compile(r"\bpid=(\d+) prio=-?\d+ target_cpu=(\d+)")
-_JUST_WOKEN = (State.WOKEN, State.QUEUED)
 _SWITCH = re.compile(r"prev_pid=(\d+) prev_prio=-?\d+ prev_state=(\S+) ==> .*next_pid=(\d+)")
+_WORKER = re.compile(r"\bnext_comm=kworker/\S+ next_pid=(\d+)")
+_JUST_WOKEN = (State.WOKEN, State.QUEUED)
 
 
 class Trace:
@@ -56,6 +61,12 @@ class Trace:
     def read(self, path: Path) -> None:
         """Take what the kernel has written down."""
         self._lines = path.read_text(errors="replace").splitlines()
+
+    def workers(self) -> list[int]:
+        """The kernel's own threads that carry, among other things, the bytes of pseudo-terminals."""
+        return sorted(
+            {int(worker[1]) for line in self._lines if (worker := _WORKER.search(line)) is not None}
+        )
 
     def parts(
         self,
@@ -86,7 +97,8 @@ class Trace:
             if (found := _LINE.search(line)) is None:
                 continue
             for thread, state in _changes(found, running):
-                if thread in states and not (state in _JUST_WOKEN and states[thread] is not State.ASLEEP):
+                before = states.get(thread)
+                if before not in (None, state) and not (state in _JUST_WOKEN and before is not State.ASLEEP):
                     states[thread] = state
                     times.append(float(found["at"]))
                     names.append(name(list(states.values())))
@@ -95,11 +107,14 @@ class Trace:
 
 def _changes(line: re.Match[str], running: dict[int, int]) -> Iterator[tuple[int, State]]:
     """The threads whose state changes with this line; `running` holds the thread on each processor."""
+    cpu, task = int(line["cpu"]), int(line["task"])
+    running[cpu] = task
+    yield task, State.RUNNING
     if line["event"] == "sched_waking":
         if (woken := _WAKING.search(line["what"])) is not None:
             yield int(woken[1]), State.QUEUED if running.get(int(woken[2])) else State.WOKEN
-    elif (switch := _SWITCH.search(line["what"])) is not None:
-        running[int(line["cpu"])] = int(switch[3])
+    elif line["event"] == "sched_switch" and (switch := _SWITCH.search(line["what"])) is not None:
+        running[cpu] = int(switch[3])
         yield int(switch[1]), State.PREEMPTED if switch[2].startswith("R") else State.ASLEEP
         yield int(switch[3]), State.RUNNING
 
@@ -115,6 +130,10 @@ def traced() -> Iterator[Trace]:
         (here / "trace_clock").write_text("mono")
         for event in ("sched_waking", "sched_switch"):
             (here / "events/sched" / event / "enable").write_text("1")
+        for call in _RETURNS:
+            event_of_call = here / "events/syscalls" / f"sys_exit_{call}"
+            (event_of_call / "filter").write_text("ret != 0" if "poll" in call else "ret >= 0")
+            (event_of_call / "enable").write_text("1")
         yield trace
         (here / "tracing_on").write_text("0")
         trace.read(here / "trace")

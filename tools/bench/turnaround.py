@@ -55,6 +55,7 @@ BUSY_POLL_MS = 100.0
 """Longer than any wait of a cycle, so that the bridge never sleeps."""
 AWAKE = ", processors kept awake"
 STOLEN = "processor time that the host kept for itself while the bridge ran"
+TRACED = (("TCP", 0.0), ("pseudo-terminals", 0.0), ("pseudo-terminals", BUSY_POLL_MS))
 P50, P99 = Target("ratio", 2.0, aim=1.5), Target("ratio", 3.0, aim=2.0)
 CONFIG = f"""\
 [run]
@@ -293,9 +294,15 @@ def kept_awake(place: Path, say: Callable[[str], None]) -> tuple[Figure, ...]:
     return (*figures, Figure(f"TCP, {STOLEN}{AWAKE}", stolen, "s"))
 
 
-def doing(states: Sequence[State]) -> str:
-    """What happens while the bridge's loop, this process and the bridge's other threads are in such states."""
-    loop, here, *others = states
+def awake(states: Sequence[State]) -> bool:
+    """Whether any of these threads runs or wants to."""
+    return any(state is not State.ASLEEP for state in states)
+
+
+def asleep_between(loop: State, here: State, others: Sequence[State], workers: Sequence[State]) -> str:
+    """What happens while the bridge's loop, this process, the bridge's other threads and the kernel's workers are in
+    such states.
+    """
     if loop is State.RUNNING:
         return "the bridge's loop runs"
     if loop is State.WOKEN:
@@ -304,22 +311,39 @@ def doing(states: Sequence[State]) -> str:
         return "the bridge waits for a processor that runs another"
     if State.RUNNING in others:
         return "the bridge waits while its recorder's thread runs"
+    return _of_the_others(here, workers) or "all wait"
+
+
+def polling_all_the_time(loop: State, here: State, others: Sequence[State], workers: Sequence[State]) -> str:
+    """The same of a bridge whose loop polls, which a trace does not tell from work."""
+    if loop is not State.RUNNING:
+        return "the bridge's loop waits for a processor, or for another of its threads"
+    return _of_the_others(here, workers) or "the bridge's loop runs, or polls, and all others wait"
+
+
+def _of_the_others(here: State, workers: Sequence[State]) -> str:
     if here is State.RUNNING:
         return "the devices' side runs"
-    if here is State.WOKEN:
-        return "the devices' side is woken, its idle processor does not run it yet"
-    return "both wait"
+    if here is not State.ASLEEP:
+        return "the devices' side is woken and does not run yet"
+    return "a worker of the kernel has the bytes" if awake(workers) else ""
 
 
-def traced_orders(place: Path) -> dict[str, tuple[Cost, ...]]:
-    """What whole orders over TCP spend their time on, the bridge asleep between messages. Raises OSError without a
-    trace.
-    """
+def traced_orders(name: str, place: Path, busy_poll_ms: float = 0.0) -> dict[str, tuple[Cost, ...]]:
+    """What whole orders over one kind of wire spend their time on. Raises OSError without a trace."""
     threads: list[int] = []
-    with traced() as trace, tcp() as wires:
-        turns = turns_of(wires, bridge_command(wires, place), session=True, threads=threads)
+    with traced() as trace, WIRES[name]() as wires:
+        command = bridge_command(wires, place, busy_poll_ms=busy_poll_ms)
+        turns = turns_of(wires, command, session=True, threads=threads)
     spans: list[Span] = [(turn.began, turn.began + turn.order) for turn in turns]
-    return explained(trace, "Whole orders over TCP", spans, [threads[0], os.getpid(), *threads[1:]], doing)
+    loop, *others = threads
+    told = polling_all_the_time if busy_poll_ms else asleep_between
+
+    def doing(states: Sequence[State]) -> str:
+        return told(states[0], states[1], states[2 : 2 + len(others)], states[2 + len(others) :])
+
+    title = f"Whole orders, {name}{', busy polling' if busy_poll_ms else ''}"
+    return explained(trace, title, spans, [loop, os.getpid(), *others, *trace.workers()], doing)
 
 
 def profile(place: Path) -> tuple[Cost, ...]:
@@ -347,10 +371,12 @@ def measure(say: Callable[[str], None]) -> Report:
             figures += kept_awake(place, say)
         except ConfigError as error:
             left_out.append(str(error))
-        say("profile and trace of the bridge over TCP")
+        say("profile of the bridge over TCP")
         profiles = {"Profile, the bridge over TCP, by module": profile(place)}
         try:
-            profiles |= traced_orders(place)
+            for wire, busy_poll_ms in TRACED:
+                say(f"trace of orders, {wire}")
+                profiles |= traced_orders(wire, place, busy_poll_ms)
         except OSError as error:
             left_out.append(str(error))
     return Report(tuple(figures), tuple(left_out), profiles)
