@@ -52,7 +52,7 @@ class Chunks:
 
 
 CHUNKS = Chunks(seconds=1.0, size=1 << 20)
-"""In real time: a killed process loses at most a second. Chosen."""
+"""In real time: a killed process loses at most a second, and what waits for a pause. Chosen."""
 VIRTUAL_CHUNKS = Chunks(seconds=math.inf, size=1 << 18)
 """In virtual time: a killed run can be had again. Chosen: all of one size, so that a long run soon has had the memory
 that it takes.
