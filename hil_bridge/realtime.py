@@ -151,15 +151,20 @@ def _keep_awake() -> int:
     """The descriptor that keeps the processors awake until it is closed."""
     try:
         latency = os.open(LATENCY_FILE, os.O_WRONLY | os.O_CLOEXEC)
+        try:
+            os.write(latency, _NO_LATENCY)
+        except OSError:
+            os.close(latency)
+            raise
     except OSError as error:
-        remedy = (
-            "permit this user to write to it by a udev rule" if isinstance(error, PermissionError) else ""
-        )
-        remedy = remedy or "this kernel does not offer it"
-        raise ConfigError(
-            f"realtime.keep_awake: {LATENCY_FILE}: {error.strerror}; {remedy}, or leave it false"
-        ) from error
-    os.write(latency, _NO_LATENCY)
+        match error:
+            case PermissionError():
+                remedy = "permit this user to write to it by a udev rule, or leave it false"
+            case FileNotFoundError():
+                remedy = "this kernel does not offer it: leave it false"
+            case _:
+                remedy = "leave it false"
+        raise ConfigError(f"realtime.keep_awake: {LATENCY_FILE}: {error.strerror}; {remedy}") from error
     return latency
 
 

@@ -374,8 +374,10 @@ class _Session:
             await asyncio.to_thread(view.refresh, self._clock.now(), self._health())
             await asyncio.sleep(REFRESH_SECONDS)
             self._may_draw.clear()
+            # not wait_for, which swallows a cancellation that comes together with the event before Python 3.12
             with suppress(TimeoutError):
-                await asyncio.wait_for(self._may_draw.wait(), REFRESH_SECONDS)
+                async with asyncio.timeout(REFRESH_SECONDS):
+                    await self._may_draw.wait()
 
     def _health(self) -> Health:
         assert self._robot is not None

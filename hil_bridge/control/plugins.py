@@ -6,7 +6,8 @@ A package offers one in its pyproject.toml:
     my-controller = "my_package.control:MyController"
 
 where MyController is a dataclass, its fields the parameters, that satisfies `control.types.Controller` and
-bears the entry point's name as `name`. Nothing of a package is imported before its controller is chosen.
+bears the entry point's name as `name`. Measurements and commands are msgspec structs: `msgspec.structs.replace` makes
+changed ones. Nothing of a package is imported before its controller is chosen.
 """
 
 import dataclasses

@@ -30,7 +30,9 @@ BATCH_RECORDS = 512
 WAKE_SECONDS = 0.05
 """The writer thread wakes by itself, so that putting a record never has to wake it."""
 PATIENCE_SECONDS = 0.5
-"""For so long the writer waits for the next pause of a loop that tells its pauses. Chosen: a cycle of a slow line."""
+"""For so long the writer waits for the next pause of a loop that tells its pauses, and for pauses to empty the queue.
+Chosen: a cycle of a slow line.
+"""
 JOIN_SECONDS = 10.0
 MAPPED_FROM = 1 << 17
 """Buffers from this size on, bytes, have pages of their own. Standard: what glibc begins with."""
@@ -52,7 +54,7 @@ class Chunks:
 
 
 CHUNKS = Chunks(seconds=1.0, size=1 << 20)
-"""In real time: a killed process loses at most a second, and what waits for a pause. Chosen."""
+"""In real time: a killed process loses a second, and what waits for a pause. Chosen."""
 VIRTUAL_CHUNKS = Chunks(seconds=math.inf, size=1 << 18)
 """In virtual time: a killed run can be had again. Chosen: all of one size, so that a long run soon has had the memory
 that it takes.
@@ -156,7 +158,7 @@ class Recorder:
 
     def pause(self, seconds: float) -> None:
         """Tell that the loop awaits nothing for so long: the writer thread works then, and from one pause to the next
-        lets the loop have the interpreter to itself, unless half the queue is full or no other pause comes.
+        lets the loop have the interpreter to itself, unless the pauses do not suffice or no other comes.
         """
         if self._thread is not None:
             self._pause_ends = time.monotonic() + seconds
@@ -203,14 +205,19 @@ class Recorder:
 
     def _work(self) -> None:
         """The writer thread: drains in bursts, and finishes a chunk when nothing comes any more."""
-        idle, wait = 0.0, WAKE_SECONDS
+        idle, wait, emptied = 0.0, WAKE_SECONDS, time.monotonic()
         while True:
             paused = self._wake.acquire(timeout=wait)
             if self._stopping:
                 return
+            now = time.monotonic()
+            if not self._queue:
+                emptied = now
             idle = 0.0 if self._queue or paused else idle + wait
             wait = PATIENCE_SECONDS if paused else WAKE_SECONDS
-            self._drain(self._pause_ends if paused else math.inf)
+            self._drain(self._pause_ends if paused and now - emptied < PATIENCE_SECONDS else math.inf)
+            if not self._queue:
+                emptied = time.monotonic()
             if idle >= self._chunk_seconds and self._chunk_began is not None:
                 self._guarded(self._end_chunk)
 
@@ -234,8 +241,8 @@ class Recorder:
             self._file.close()
 
     def _write_queue(self, ends: float) -> None:
-        queue, pressing = self._queue, self._capacity // 2
-        while queue and (ends == math.inf or len(queue) > pressing or time.monotonic() < ends):
+        queue = self._queue
+        while queue and (ends == math.inf or time.monotonic() < ends):
             self._write(queue.popleft())
 
     def _write(self, record: Record) -> None:

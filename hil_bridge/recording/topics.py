@@ -149,7 +149,10 @@ class Topic:
 
     def encode(self, record: Record) -> bytes:
         """A record as compact strict JSON."""
-        return _to_json(record)
+        try:
+            return _to_json(record)
+        except UnicodeEncodeError:
+            return _to_json(_whole(msgspec.to_builtins(record, enc_hook=_plain)))
 
     def decode(self, data: bytes) -> Record:
         """The record of a message; columns that are unknown are ignored.
@@ -173,6 +176,19 @@ class Topic:
 def _plain(value: Any) -> object:
     """Array scalars that are no Python numbers, and arrays."""
     return value.tolist()
+
+
+def _whole(value: Any) -> object:
+    """The same with half characters, as undecodable bytes of a path leave them, written out."""
+    match value:
+        case str():
+            return value.encode(errors="backslashreplace").decode()
+        case dict():
+            return {key: _whole(item) for key, item in value.items()}
+        case list() | tuple():
+            return [_whole(item) for item in value]
+        case _:
+            return value
 
 
 _to_json = msgspec.json.Encoder(enc_hook=_plain).encode

@@ -144,18 +144,27 @@ def test_from_pause_to_pause_the_writer_lets_the_loop_be(
     assert len(read(path).sensors) == 3 * len(frames)
 
 
-def test_half_a_queue_is_written_without_a_pause(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(recorder_module, "PATIENCE_SECONDS", 60.0)
+def test_what_pauses_do_not_suffice_for_is_written_without_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(recorder_module, "PATIENCE_SECONDS", 0.1)
     recorder = Recorder(tmp_path / "run.mcap", wall_ns, threaded=True, metadata={}, queue_records=100)
     recorder.put(cycle(0, 100.0))
-    for burst in range(15):  # each of a fifth of the queue
-        for k in range(20):
-            recorder.put(SensorRecord(101.0 + burst, 20 * burst + k, (0,) * 6))
+    for k in range(300):  # three times the queue
+        recorder.put(SensorRecord(101.0 + k, k, (0,) * 6))
         recorder.pause(0.0)
-        time.sleep(0.05)
+        time.sleep(0.01)
     recorder.close()
     assert not any(recorder.dropped.values())
     assert [sensor.sequence for sensor in read(tmp_path / "run.mcap").sensors] == list(range(300))
+
+
+def test_half_a_character_is_written_out(tmp_path: Path) -> None:
+    odd = EventRecord(math.nan, "phase", "no such file: caf\udce9")
+    recording = read(
+        write(tmp_path / "run.mcap", [cycle(0, 100.0), odd, EventRecord(101.0, "phase", "track")])
+    )
+    assert [event.text for event in recording.events] == ["no such file: caf\\udce9", "track"]
 
 
 def test_foreign_readers_find_topics_schemas_and_times(tmp_path: Path) -> None:

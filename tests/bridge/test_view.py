@@ -1,12 +1,19 @@
+import asyncio
 import io
 import math
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, Literal
 
 import pytest
 from msgspec import structs
 from rich.console import Console
 
+from hil_bridge.clock import Clock
+from hil_bridge.config import Config
 from hil_bridge.recording import CycleRecord
 from hil_bridge.recording.latency import AnswerTimes
+from hil_bridge.session import _Session
 from hil_bridge.view import Health, Snapshot, ViewModel
 from hil_bridge.view.live import LiveView
 from hil_bridge.view.panel import panel
@@ -202,3 +209,33 @@ def test_a_terminal_that_goes_away_does_not_end_the_run(
         view.refresh(101.0 + tick, Health())
     view.close()
     assert view._gone
+
+
+class Pauses(asyncio.Event):
+    """Tells when somebody waits for one."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.waited = asyncio.Event()
+
+    async def wait(self) -> Literal[True]:
+        self.waited.set()
+        return await super().wait()
+
+
+async def test_a_pause_that_comes_as_the_run_ends_does_not_keep_the_view(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    session = _Session(Config(), tmp_path / "run.mcap", view=True)
+    session._clock = Clock.running()
+    monkeypatch.setattr(session, "_health", lambda: None)
+    view: Any = SimpleNamespace(refresh=lambda now, health: None)
+    session._may_draw = pauses = Pauses()
+    drawing = asyncio.create_task(session._refresh(view))
+    await pauses.waited.wait()
+    pauses.set()
+    await asyncio.sleep(0)
+    drawing.cancel()
+    done, _ = await asyncio.wait({drawing}, timeout=5.0)
+    session._clock.close()
+    assert done

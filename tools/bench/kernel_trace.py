@@ -15,8 +15,9 @@ from enum import StrEnum
 from pathlib import Path
 
 from tools.bench.figures import Cost
+from tools.bench.machine import stolen_s
 
-NOT_HERE = "what the slowest spent their time on: the kernel's trace needs root and tracefs"
+NOT_HERE = "what the slowest spent their time on, for the kernel gives no trace: that needs root and tracefs"
 BUFFER_KB = 32768
 """For each processor: a switch takes some 70 bytes."""
 SLOWEST = 0.01
@@ -57,6 +58,8 @@ class Trace:
 
     def __init__(self) -> None:
         self._lines: list[str] = []
+        self.stolen_s = 0.0
+        """What the host kept meanwhile; see `machine.stolen_s`."""
 
     def read(self, path: Path) -> None:
         """Take what the kernel has written down."""
@@ -134,8 +137,13 @@ def traced() -> Iterator[Trace]:
             event_of_call = here / "events/syscalls" / f"sys_exit_{call}"
             (event_of_call / "filter").write_text("ret != 0" if "poll" in call else "ret >= 0")
             (event_of_call / "enable").write_text("1")
+        stolen = stolen_s()
         yield trace
+        trace.stolen_s = stolen_s() - stolen
         (here / "tracing_on").write_text("0")
+        for statistics in here.glob("per_cpu/cpu*/stats"):
+            if re.search(r"^(overrun|dropped events): [1-9]", statistics.read_text(), re.MULTILINE):
+                raise OSError(f"{NOT_HERE}; its buffer was too small")
         trace.read(here / "trace")
 
 
@@ -151,7 +159,10 @@ def _instance(stack: ExitStack) -> Path:
             raise OSError(NOT_HERE)
         stack.callback(subprocess.run, ["umount", root], check=False)
     here = root / "instances" / f"hil-bridge-{os.getpid()}"
-    here.mkdir()
+    try:
+        here.mkdir()
+    except OSError as error:
+        raise OSError(NOT_HERE) from error
     stack.callback(here.rmdir)
     return here
 
@@ -164,14 +175,12 @@ def explained(
     name: Callable[[Sequence[State]], str],
 ) -> dict[str, tuple[Cost, ...]]:
     """What the slowest hundredth and the tenth around the median spent their time on, as profiles with their titles."""
+    slow, usual = slowest(spans), middle(spans)
+    p99 = f"p99 {(slow[0][1] - slow[0][0]) * MICRO:.0f} µs"
+    run = f"{what}, {len(spans)} traced ({p99}, the host kept {trace.stolen_s:.2f} s)"
     return {
-        f"{what}, {which} of {len(spans)}, {mean_us(some):.0f} µs on average": costs_of(
-            trace.parts(some, threads, name)
-        )
-        for which, some in (
-            ("the slowest hundredth", slowest(spans)),
-            ("the tenth around the median", middle(spans)),
-        )
+        f"{run}: {which}, {mean_us(some):.0f} µs on average": costs_of(trace.parts(some, threads, name))
+        for which, some in (("the slowest hundredth", slow), ("the tenth around the median", usual))
     }
 
 

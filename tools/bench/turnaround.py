@@ -309,9 +309,9 @@ def asleep_between(loop: State, here: State, others: Sequence[State], workers: S
         return "the bridge is woken, its idle processor does not run it yet"
     if loop is not State.ASLEEP:
         return "the bridge waits for a processor that runs another"
-    if State.RUNNING in others:
-        return "the bridge waits while its recorder's thread runs"
-    return _of_the_others(here, workers) or "all wait"
+    if (of_others := _of_the_others(here, workers)) or State.RUNNING not in others:
+        return of_others or "all wait"
+    return "the bridge waits, and of all only its recorder's thread runs"
 
 
 def polling_all_the_time(loop: State, here: State, others: Sequence[State], workers: Sequence[State]) -> str:
