@@ -1,6 +1,6 @@
 """`dataclass` as in the standard library; a frozen, slotted one is made three times as quickly.
 
-Every telegram, measurement, command and verdict is such a value, and a control cycle makes dozens. The standard library
+Every telegram, frame and event is such a value, and a control cycle makes dozens. The standard library
 freezes a class by a `__setattr__` that raises, which its own `__init__` then has to go around, one function call a
 field. Here `__new__` fills a *draft*, a class of the same layout that is not frozen, and turns it into the value by its
 `__class__`. Nothing else differs: equality, hash, `replace`, `fields`, matching, copying and pickling are the standard
