@@ -1,17 +1,21 @@
 """An hour in virtual time with its recorder: memory minute by minute, processor time; and the recorder alone.
 
-The hour runs in a process of its own, so that its memory is its own.
+The hour runs in a process of its own, so that its memory is its own; so does a shorter run that tells whose objects
+grow in number or size.
 """
 
 import asyncio
+import gc
 import json
 import os
 import subprocess
 import sys
 import tempfile
 import time
+import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -21,16 +25,36 @@ from hil_bridge.recording import VIRTUAL_CHUNKS, Recorder, SensorRecord
 from tools.bench.cells import CellRun
 from tools.bench.figures import Figure, Report, Target
 
-HOUR_S = 3600.0
 MINUTE_S = 60.0
+HOUR_MINUTES = 60
+TRACED_MINUTES = 20
+"""Of the run whose every allocation is watched, which takes four times as long."""
+SETTLED_MINUTES = 1
+"""What is made in them may stay."""
+CHUNK_LOOK_S = 0.1
+"""Between two looks at whether the recorder has finished a chunk; it does so every 20 s or so."""
 STEP_MM = 0.01
 """Travel a cycle: an hour stays on the surface."""
 RECORDS = 100_000
+KIB = 2.0**10
 MIB = 2.0**20
+WORTH_SAYING = 64.0
+"""Bytes a minute; what changes less is the noise of what happens to live at a look."""
 NO_GROWTH = Target("value", 1.0, aim=0.0)
 """Percent of the memory after the first minute by which it may have grown at the end: what an allocator's pages make
 of the same amount of data.
 """
+
+
+def module_of(filename: str) -> str:
+    """The name of the module in this file, or the file's where there is none."""
+    files = {getattr(module, "__file__", None): name for name, module in sys.modules.items()}
+    return files.get(filename, filename)
+
+
+def size_of(file: Path) -> int:
+    """Bytes of it that the system has been given."""
+    return file.stat().st_size
 
 
 def resident() -> int:
@@ -39,9 +63,12 @@ def resident() -> int:
     return pages * os.sysconf("SC_PAGE_SIZE")
 
 
-async def hour(record: Path) -> dict[str, object]:
-    """Run for an hour and look at the memory every minute."""
-    config = Config.model_validate({"run": {"duration_s": HOUR_S}, "task": {"step_mm": STEP_MM}})
+async def track(record: Path, minutes: int, look: Callable[[], object]) -> dict[str, object]:
+    """Track for so long and a minute, and look after every minute but the last, as soon as the recorder has finished a
+    chunk: then what it holds of the next one is always as little.
+    """
+    duration_s = (minutes + 1) * MINUTE_S
+    config = Config.model_validate({"run": {"duration_s": duration_s}, "task": {"step_mm": STEP_MM}})
     clock = Clock.running()
     recorder = Recorder(record, clock.wall_ns, threaded=False, metadata={}, chunks=VIRTUAL_CHUNKS)
     run = CellRun(
@@ -50,29 +77,57 @@ async def hour(record: Path) -> dict[str, object]:
         on_event=recorder.put,
         on_frame=lambda frame: recorder.put(SensorRecord(frame.at, frame.sequence, frame.counts)),
     )
-    memory: list[int] = []
 
-    async def look() -> None:
+    async def looking() -> None:
         began = clock.now()
-        while True:
-            await clock.sleep_until(began + (len(memory) + 1) * MINUTE_S)
-            memory.append(resident())
+        for minute in range(1, minutes + 1):
+            await clock.sleep_until(began + minute * MINUTE_S)
+            size = size_of(record)
+            while size_of(record) == size:
+                await clock.sleep_until(clock.now() + CHUNK_LOOK_S)
+            look()
 
     began = time.process_time()
-    looking = asyncio.create_task(look())
-    try:
+    async with asyncio.TaskGroup() as group:
+        group.create_task(looking())
         await run.main()
-    finally:
-        looking.cancel()
     used = time.process_time() - began
     recorder.close()
     return {
-        "memory": memory,
         "cpu_s": used,
         "simulated_s": run.simulated,
         "frames": run.frames,
-        "cycles": run.cycles,
         "dropped": sum(recorder.dropped.values()),
+    }
+
+
+def hour(record: Path) -> dict[str, object]:
+    """An hour, and the memory of this process after every minute, bytes."""
+    memory: list[int] = []
+    told = run_virtual(lambda: track(record, HOUR_MINUTES, lambda: memory.append(resident())))
+    return told | {"memory": memory}
+
+
+def growth(record: Path) -> dict[str, float]:
+    """By how much the objects that live grow, by the module that made them, bytes a minute: of a shorter run, which
+    watches every allocation but the watching's own.
+    """
+    sizes: list[dict[str, int]] = []
+    ours = [tracemalloc.Filter(False, file) for file in (__file__, tracemalloc.__file__)]
+
+    def look() -> None:
+        gc.collect()
+        statistics = tracemalloc.take_snapshot().filter_traces(ours).statistics("filename")
+        sizes.append({module_of(one.traceback[0].filename): one.size for one in statistics})
+
+    tracemalloc.start()
+    run_virtual(lambda: track(record, TRACED_MINUTES, look))
+    after = sizes[SETTLED_MINUTES:]
+    minutes = np.arange(len(after))
+    modules = {module for one in after for module in one}
+    return {
+        module: float(np.polyfit(minutes, [one.get(module, 0) for one in after], 1)[0])
+        for module in sorted(modules)
     }
 
 
@@ -93,32 +148,47 @@ def recorder_speed(place: Path) -> tuple[float, float, float]:
             line = {"at": record.at, "sequence": record.sequence, "counts": record.counts}
             file.write(json.dumps(line, separators=(",", ":")) + "\n")
     plain = time.process_time() - began
-    size = (place / "speed.jsonl").stat().st_size
-    return RECORDS / ours, RECORDS / plain, size / ours
+    return RECORDS / ours, RECORDS / plain, size_of(place / "speed.jsonl") / ours
+
+
+def asked(what: str, record: Path) -> dict[str, Any]:
+    """What a process of its own tells of `hour` or `growth`."""
+    child = [sys.executable, "-m", "tools.bench.long_run", what, str(record)]
+    told: dict[str, Any] = json.loads(
+        subprocess.run(child, check=True, stdout=subprocess.PIPE, text=True).stdout
+    )
+    return told
 
 
 def measure(say: Callable[[str], None]) -> Report:
-    """The hour, then the recorder."""
+    """The hour, whose objects grow, then the recorder."""
     with tempfile.TemporaryDirectory(prefix="hil-bridge-bench-") as name:
         place = Path(name)
         say("an hour in virtual time")
-        child = [sys.executable, "-m", "tools.bench.long_run", str(place / "hour.mcap")]
-        told = json.loads(subprocess.run(child, check=True, stdout=subprocess.PIPE, text=True).stdout)
-        size = (place / "hour.mcap").stat().st_size
+        told = asked("hour", place / "hour.mcap")
+        size = size_of(place / "hour.mcap")
+        say(f"{TRACED_MINUTES} minutes of it with every allocation watched")
+        grown = asked("growth", place / "growth.mcap")
         say("recorder")
         ours, plain, rate = recorder_speed(place)
     if told["dropped"]:
         raise RuntimeError(f"the recorder dropped {told['dropped']} records")
-    memory = np.array(told["memory"][:60]) / MIB
+    memory = np.array(told["memory"]) / MIB
     minutes = np.arange(1, len(memory) + 1)
-    slope = float(np.polyfit(minutes[1:], memory[1:], 1)[0])
+    slope_mib = float(np.polyfit(minutes[1:], memory[1:], 1)[0])
     first, last = float(memory[0]), float(memory[-1])
-    growth = 100.0 * (last / first - 1.0)
+    growth_percent = 100.0 * (last / first - 1.0)
+    live = {"all modules": sum(grown.values())} | grown
     return Report(
         (
             Figure("memory after an hour", last, "MiB", first, "after the first minute"),
-            Figure("growth of memory after the first minute", growth, "%", target=NO_GROWTH),
-            Figure("slope of memory after the first minute", slope * 1024.0, "KiB/min"),
+            Figure("growth of memory after the first minute", growth_percent, "%", target=NO_GROWTH),
+            Figure("slope of memory after the first minute", slope_mib * KIB, "KiB/min"),
+            *(
+                Figure(f"slope of the objects that live, {module}", slope / KIB, "KiB/min")
+                for module, slope in sorted(live.items(), key=lambda item: -item[1])
+                if slope >= WORTH_SAYING
+            ),
             Figure("processor time of the hour", told["cpu_s"], "s", told["simulated_s"], "simulated"),
             Figure("recording of the hour", size / MIB, "MiB"),
             Figure("sensor frames recorded in the hour", float(told["frames"]), ""),
@@ -129,4 +199,4 @@ def measure(say: Callable[[str], None]) -> Report:
 
 
 if __name__ == "__main__":
-    json.dump(run_virtual(lambda: hour(Path(sys.argv[1]))), sys.stdout)
+    json.dump({"hour": hour, "growth": growth}[sys.argv[1]](Path(sys.argv[2])), sys.stdout)

@@ -55,7 +55,12 @@ BUSY_POLL_MS = 100.0
 """Longer than any wait of a cycle, so that the bridge never sleeps."""
 AWAKE = ", processors kept awake"
 STOLEN = "processor time that the host kept for itself while the bridge ran"
-TRACED = (("TCP", 0.0), ("pseudo-terminals", 0.0), ("pseudo-terminals", BUSY_POLL_MS))
+TRACED = (
+    ("TCP", 0.0),
+    ("TCP", BUSY_POLL_MS),
+    ("pseudo-terminals", 0.0),
+    ("pseudo-terminals", BUSY_POLL_MS),
+)
 P50, P99 = Target("ratio", 2.0, aim=1.5), Target("ratio", 3.0, aim=2.0)
 CONFIG = f"""\
 [run]
@@ -330,20 +335,24 @@ def _of_the_others(here: State, workers: Sequence[State]) -> str:
 
 
 def traced_orders(name: str, place: Path, busy_poll_ms: float = 0.0) -> dict[str, tuple[Cost, ...]]:
-    """What whole orders over one kind of wire spend their time on. Raises OSError without a trace."""
+    """What first bytes and whole orders over one kind of wire spend their time on. Raises OSError without a trace."""
     threads: list[int] = []
     with traced() as trace, WIRES[name]() as wires:
         command = bridge_command(wires, place, busy_poll_ms=busy_poll_ms)
         turns = turns_of(wires, command, session=True, threads=threads)
-    spans: list[Span] = [(turn.began, turn.began + turn.order) for turn in turns]
     loop, *others = threads
     told = polling_all_the_time if busy_poll_ms else asleep_between
 
     def doing(states: Sequence[State]) -> str:
         return told(states[0], states[1], states[2 : 2 + len(others)], states[2 + len(others) :])
 
-    title = f"Whole orders, {name}{', busy polling' if busy_poll_ms else ''}"
-    return explained(trace, title, spans, [loop, os.getpid(), *others, *trace.workers()], doing)
+    watched = [loop, os.getpid(), *others, *trace.workers()]
+    how = f"{name}{', busy polling' if busy_poll_ms else ''}"
+    profiles: dict[str, tuple[Cost, ...]] = {}
+    for what, member in TIMED:
+        spans: list[Span] = [(turn.began, turn.began + getattr(turn, member)) for turn in turns]
+        profiles |= explained(trace, f"{what.capitalize()}, {how}", spans, watched, doing)
+    return profiles
 
 
 def profile(place: Path) -> tuple[Cost, ...]:
@@ -375,7 +384,7 @@ def measure(say: Callable[[str], None]) -> Report:
         profiles = {"Profile, the bridge over TCP, by module": profile(place)}
         try:
             for wire, busy_poll_ms in TRACED:
-                say(f"trace of orders, {wire}")
+                say(f"trace of orders, {wire}{', busy polling' if busy_poll_ms else ''}")
                 profiles |= traced_orders(wire, place, busy_poll_ms)
         except OSError as error:
             left_out.append(str(error))
