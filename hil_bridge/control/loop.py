@@ -24,7 +24,7 @@ from hil_bridge.control.supervisor import (
     Verdict,
 )
 from hil_bridge.control.task import Phase, Target, Task, TaskOutput, TaskState
-from hil_bridge.control.types import Measurement
+from hil_bridge.control.types import Command, Measurement
 
 Vector: TypeAlias = tuple[float, float, float]
 
@@ -221,18 +221,17 @@ class ControlLoop:
     def _decide(self, state: TaskState, measurement: Measurement) -> tuple[TaskState, TaskOutput, str]:
         """The task's step, and what is wrong with its controller; empty while nothing is.
 
-        A controller may be anybody's: whatever it raises, and a command that is no number, is its failure.
+        A controller may be anybody's: whatever it raises, and an answer that is not of numbers, is its failure.
         """
-        name = self.task.controller.name
         try:
             task, output = self.task.step(state, measurement)
+            command = output.command
+            if command is None or _is_sound(command):
+                return task, output, ""
+            failed = f"it commands {command.position} m"
         except Exception as error:
-            text = f"controller {name} failed: {type(error).__name__}: {error}"
-            return state, self.task.hold(state, measurement), text
-        command = output.command
-        if command is None or (math.isfinite(command.position) and math.isfinite(command.correction)):
-            return task, output, ""
-        text = f"controller {name} failed: it commands {command.position} m"
+            failed = f"{type(error).__name__}: {error}"
+        text = f"controller {self.task.controller.name} failed: {failed}"
         return state, self.task.hold(state, measurement), text
 
     def _face(
@@ -270,6 +269,12 @@ class ControlLoop:
         (x, y, z), (a, b, c), (u, v, w) = state.start, self.approach, self.travel
         target = x + depth * a + travel * u, y + depth * b + travel * v, z + depth * c + travel * w
         return Request(depth, target, self.approach)
+
+
+def _is_sound(command: Command) -> bool:
+    """Whether the robot can be told so. Raises what comes of adding up what are no numbers in the rest of it."""
+    float(sum(command.explanation.values(), command.gain + (command.stiffness or 0.0)))
+    return math.isfinite(command.position) and math.isfinite(command.correction)
 
 
 def _calmed(output: TaskOutput, measurement: Measurement, advice: Advice) -> TaskOutput:

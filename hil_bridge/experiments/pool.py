@@ -3,11 +3,13 @@
 import multiprocessing
 import os
 import signal
+import sys
+import threading
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 from multiprocessing import get_context
-from typing import Any
+from typing import Any, NoReturn
 
 from hil_bridge.experiments.results import Job
 
@@ -38,6 +40,7 @@ def run_jobs(
     # Ctrl-C reaches every process of a terminal; only this one is to answer it.
     with (
         _one_thread_each(),
+        _ended_by_sigterm(),
         ProcessPoolExecutor(
             workers, get_context("spawn"), signal.signal, (signal.SIGINT, signal.SIG_IGN)
         ) as pool,
@@ -72,6 +75,23 @@ def _one_thread_each() -> Iterator[None]:
                 del os.environ[name]
             else:
                 os.environ[name] = value
+
+
+@contextmanager
+def _ended_by_sigterm() -> Iterator[None]:
+    """SIGTERM ends this process the way Ctrl-C does, with its workers; by itself it would leave them behind."""
+    if threading.current_thread() is not threading.main_thread():  # only there may handlers be set
+        yield
+        return
+
+    def end(number: int, frame: object) -> NoReturn:
+        sys.exit(128 + number)
+
+    before = signal.signal(signal.SIGTERM, end)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def _run(jobs: list[Job]) -> list[Any]:

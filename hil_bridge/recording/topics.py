@@ -53,7 +53,10 @@ def _flag(value: object) -> bool:
 def _numbers_by_name(value: object) -> dict[str, float]:
     if not isinstance(value, dict):
         raise ValueError("is not an object")
-    return {str(name): _number(number) for name, number in value.items()}
+    # what explains an answer may be whether something holds
+    return {
+        str(name): _number(+number if isinstance(number, bool) else number) for name, number in value.items()
+    }
 
 
 class Kind(NamedTuple):

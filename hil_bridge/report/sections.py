@@ -142,7 +142,11 @@ def _loop_rows(analysis: Analysis) -> list[Row]:
     plant = analysis.plant
     return [
         Row("sample time", quantity(plant.period, 1e3, ".1f", "ms"), "measured, median from cycle to cycle"),
-        Row("delay", quantity(plant.delay, 1e3, ".1f", "ms"), "from the force to the servo, in total"),
+        Row(
+            "delay",
+            quantity(plant.delay, 1e3, ".1f", "ms"),
+            "from the force to the whole set point at the servo; a latency ends when the motion begins",
+        ),
         *(Row(f"– {p.label}", quantity(p.seconds, 1e3, ".1f", "ms"), p.source) for p in analysis.delay),
         Row(
             "servo",

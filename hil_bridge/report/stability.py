@@ -23,6 +23,7 @@ from hil_bridge.control.stability import (
     margins,
     pi_response,
 )
+from hil_bridge.recording.latency import AnswerTimes, answer_times
 from hil_bridge.recording.reader import Recording
 from hil_bridge.recording.records import CycleRecord
 from hil_bridge.recording.summary import TRACK, Summary, end_of
@@ -122,7 +123,7 @@ def analyse(recording: Recording, summary: Summary) -> Analysis | None:
     resolution_mm = _number(config, "cell.servo.resolution_mm")
     dead_band = _number(config, "cell.servo.dead_band_steps") or 0.0
     stiffness = _stiffness(steady, config, emulated)
-    timed = _plant(track, config, emulated, end_of(recording).sensor_delay_s)
+    timed = _plant(track, config, emulated, end_of(recording).sensor_delay_s, answer_times(recording))
     if stiffness is None or timed is None or resolution_mm is None or resolution_mm <= 0.0:
         return None
     (k, stiffness_source), (plant, parts) = stiffness, timed
@@ -183,7 +184,11 @@ def _stiffness(
 
 
 def _plant(
-    track: Sequence[CycleRecord], config: Mapping[str, Any], emulated: bool, told: float | None
+    track: Sequence[CycleRecord],
+    config: Mapping[str, Any],
+    emulated: bool,
+    told: float | None,
+    answers: AnswerTimes | None,
 ) -> tuple[SampledPlant, tuple[Part, ...]] | None:
     periods = [b.started_at - a.started_at for a, b in pairwise(track)]
     waits = [cycle.answered_at - cycle.sensor_at for cycle in track]
@@ -196,13 +201,26 @@ def _plant(
     if not (periods and waits and interpolation_ms and frequency and damping) or transport_ms is None:
         return None
     source = _source(emulated)
-    parts = [
-        Part(
+    taken = statistics.median(waits)
+    if answers is None:
+        taking = Part(
             "force sample to the move's answer",
-            statistics.median(waits),
+            taken,
             "measured, median; the move is accepted a little before its answer is complete",
+        )
+    else:
+        taking = Part(
+            "force sample to the move's acceptance",
+            taken - answers.move,
+            "measured, median: as its answer begins",
+        )
+    parts = [
+        taking,
+        Part(
+            "interpolation",
+            _INTERPOLATION_TICKS * interpolation_ms * 1e-3,
+            f"half a tick until one begins, one to be passed on, {source}",
         ),
-        Part("interpolation", _INTERPOLATION_TICKS * interpolation_ms * 1e-3, f"1.5 ticks, {source}"),
         Part("servo's transport delay", transport_ms * 1e-3, source),
     ]
     if (lag := _filter_lag(config) if told is None else told) > 0.0:

@@ -46,24 +46,27 @@ def doctor(config_file: Path | None, root: Path = Path("/")) -> bool:
         for fact in wires(config, root, details):
             can_work &= fact.level is not Level.FAIL
             click.echo(fact)
-    for fact in computer(root, details):
+    for fact in computer(root, details, RealTime() if config is None else config.realtime):
         click.echo(fact)
     return can_work
 
 
-def computer(root: Path, details: Mapping[str, Mapping[str, Any]] | None) -> Iterator[Fact]:
-    """Everything about this computer, wires first."""
+def computer(
+    root: Path, details: Mapping[str, Mapping[str, Any]] | None, realtime: RealTime
+) -> Iterator[Fact]:
+    """Everything about this computer, wires first; wake-ups as a thread has them that is run so."""
     yield from facts.serial_ports(root)
     yield from facts.can_interfaces(root, details)
     yield socketcan()
     yield facts.vcan(root, platform.release())
     yield facts.clock_source(root)
     yield facts.timer_slack(root)
-    yield wake_ups()
+    yield wake_ups(realtime)
+    yield keeping_awake()
     yield facts.governors(root)
     yield facts.processors(sorted(os.sched_getaffinity(0)))
     yield priority()
-    yield locked_memory(resource.getrlimit(resource.RLIMIT_MEMLOCK)[0])
+    yield locked_memory(resource.getrlimit(resource.RLIMIT_MEMLOCK)[0], facts.may_lock_memory(root))
     yield versions()
 
 
@@ -160,25 +163,33 @@ def socketcan() -> Fact:
     return ok("SocketCAN", "available")
 
 
-def wake_ups() -> Fact:
-    """How late this process wakes, measured."""
-    return judged(run_real(_lateness))
+def wake_ups(realtime: RealTime) -> Fact:
+    """How late this process wakes, measured as it would be run; as any other where the machine refuses that."""
+    try:
+        with scheduled(realtime):
+            return judged(run_real(_lateness), realtime.keep_awake)
+    except ConfigError:
+        return judged(run_real(_lateness), False)
 
 
-def judged(late: Sequence[float]) -> Fact:
-    """What these latenesses, s, the least first, say of the machine."""
+def judged(late: Sequence[float], kept_awake: bool) -> Fact:
+    """What these latenesses, s, the least first, say of the machine, and what is left to be done."""
     mean, p99 = sum(late) / len(late), late[int(0.99 * len(late))]
     text = (
         f"{mean * 1e6:.0f} µs late on average, 99 % within {p99 * 1e6:.0f} µs, at most {late[-1] * 1e6:.0f} µs "
-        f"({len(late)} at {1 / PERIOD_S:.0f} Hz)"
+        f"({len(late)} at {1 / PERIOD_S:.0f} Hz{', processors kept awake' if kept_awake else ''})"
     )
-    if p99 > LATE_S:
+    if p99 <= LATE_S:
+        return ok("wake-ups", text)
+    if kept_awake:
         return warn(
-            "wake-ups",
-            text,
-            "the machine is busy, or its processors sleep deeply: end other programs, try `realtime.keep_awake`",
+            "wake-ups", text, "the machine, or the host of a virtual one, is busy: end other programs"
         )
-    return ok("wake-ups", text)
+    return warn(
+        "wake-ups",
+        text,
+        "the machine is busy, or its processors sleep deeply: end other programs, try `realtime.keep_awake`",
+    )
 
 
 async def _lateness() -> list[float]:
@@ -196,6 +207,16 @@ async def _lateness() -> list[float]:
         clock.close()
 
 
+def keeping_awake() -> Fact:
+    """Whether we may keep the processors from sleeping."""
+    try:
+        with scheduled(RealTime(keep_awake=True)):
+            return ok("processors' sleep", "may be prevented; `realtime.keep_awake` asks for it")
+    except ConfigError as error:
+        reason = str(error).removeprefix("realtime.keep_awake: ")
+        return warn("processors' sleep", "may not be prevented; needed only where wake-ups are late", reason)
+
+
 def priority() -> Fact:
     """Whether we may take real-time priority."""
     try:
@@ -210,9 +231,9 @@ def priority() -> Fact:
         )
 
 
-def locked_memory(limit: int) -> Fact:
-    """Whether we may keep our memory from being swapped out."""
-    if limit == resource.RLIM_INFINITY or limit >= LOCKED_BYTES:
+def locked_memory(limit: int, capable: bool) -> Fact:
+    """Whether we may keep our memory from being swapped out, with such a limit unless we are above it."""
+    if capable or limit == resource.RLIM_INFINITY or limit >= LOCKED_BYTES:
         return ok("locked memory", "permitted; `realtime.lock_memory` asks for it")
     return warn(
         "locked memory",

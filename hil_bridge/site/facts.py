@@ -8,6 +8,7 @@ drivers/usb/serial/ftdi_sio.c for the latency timer.
 import grp
 import json
 import os
+import re
 import stat
 from collections.abc import Iterator, Mapping, Sequence
 from enum import StrEnum
@@ -22,6 +23,8 @@ _ARPHRD_CAN = 280
 _IFF_UP = 1
 _SLOW_LATENCY_MS = 1
 """A latency timer above this adds to every answer. Standard: the least that an FTDI adapter can be set to."""
+_CAP_IPC_LOCK = 14
+"""The capability to lock memory. Source: Linux, linux/capability.h."""
 _BAD_CLOCKS = ("hpet", "acpi_pm", "jiffies", "refined-jiffies", "pit")
 """Clock sources that are slow to read or coarse."""
 
@@ -297,6 +300,12 @@ def timer_slack(root: Path) -> Fact:
     """By how much the kernel may delay ordinary waits; timerfd waits, which the bridge uses, are exempt."""
     text = _read(root / "proc/self/timerslack_ns")
     return ok("timer slack", f"{int(text) / 1e3:g} µs" if text.isdigit() else "not told by this kernel")
+
+
+def may_lock_memory(root: Path) -> bool:
+    """Whether this process may lock memory without limit, as root may."""
+    found = re.search(r"^CapEff:\s*([0-9a-f]+)$", _read(root / "proc/self/status"), re.MULTILINE)
+    return found is not None and bool(int(found[1], 16) >> _CAP_IPC_LOCK & 1)
 
 
 def governors(root: Path) -> Fact:

@@ -1,13 +1,17 @@
 """The doctor on computers laid out in a folder: what it says of them, and what to do."""
 
 import json
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
 
+from hil_bridge import realtime as realtime_module
 from hil_bridge.cli import cli
 from hil_bridge.config import Config, RobotConfig, SensorConfig
+from hil_bridge.errors import ConfigError
 from hil_bridge.realtime import RealTime
 from hil_bridge.site import doctor, facts
 from hil_bridge.site.facts import Fact, Level
@@ -177,15 +181,57 @@ def test_clock_scheduler_and_processors(tmp_path: Path) -> None:
         ).level
         is Level.OK
     )
-    assert doctor.locked_memory(8 << 20).level is Level.WARN
-    assert doctor.locked_memory(-1).level is Level.OK
+    assert doctor.locked_memory(8 << 20, capable=False).level is Level.WARN
+    assert doctor.locked_memory(-1, capable=False).level is Level.OK
+    assert doctor.locked_memory(8 << 20, capable=True).level is Level.OK
+
+
+@pytest.mark.parametrize(
+    ("status", "may"),
+    [
+        ("Name:\tpython\nCapPrm:\t0000000000004000\nCapEff:\t0000000000004000\n", True),
+        ("CapPrm:\t0000000000004000\nCapEff:\t000001ffffffbfff\n", False),
+        ("Name:\tpython\n", False),
+    ],
+)
+def test_who_may_lock_memory_whatever_the_limit(tmp_path: Path, status: str, may: bool) -> None:
+    assert facts.may_lock_memory(put(tmp_path, {"proc/self/status": status})) is may
 
 
 def test_wake_ups_are_judged_by_their_99th_percentile() -> None:
-    assert doctor.judged([1e-4] * 995 + [5e-3] * 5).level is Level.OK
-    late = doctor.judged([1e-4] * 980 + [5e-3] * 20)
-    assert late.level is Level.WARN
-    assert "99 % within 5000 µs" in late.text
+    assert doctor.judged([1e-4] * 995 + [5e-3] * 5, kept_awake=False).level is Level.OK
+    late = [1e-4] * 980 + [5e-3] * 20
+    asleep, awake = doctor.judged(late, kept_awake=False), doctor.judged(late, kept_awake=True)
+    assert asleep.level is awake.level is Level.WARN
+    assert "99 % within 5000 µs" in asleep.text
+    assert "keep_awake" in asleep.remedy
+    assert "keep_awake" not in awake.remedy
+
+
+def test_wake_ups_are_measured_as_the_thread_would_be_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    wanted = []
+
+    @contextmanager
+    def scheduled(realtime: RealTime) -> Iterator[None]:
+        wanted.append(realtime)
+        if realtime.cpus:
+            raise ConfigError("refused")
+        yield
+
+    monkeypatch.setattr(doctor, "scheduled", scheduled)
+    monkeypatch.setattr(doctor, "CYCLES", 5)
+    assert "kept awake" in doctor.wake_ups(RealTime(keep_awake=True)).text
+    assert "kept awake" not in doctor.wake_ups(RealTime(keep_awake=True, cpus=(4096,))).text
+    assert [realtime.keep_awake for realtime in wanted] == [True, True]
+
+
+def test_whether_processors_may_be_kept_awake(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(realtime_module, "LATENCY_FILE", str(tmp_path / "latency"))
+    refused = doctor.keeping_awake()
+    assert refused.level is Level.WARN
+    assert str(tmp_path / "latency") in refused.remedy
+    (tmp_path / "latency").touch()
+    assert doctor.keeping_awake().level is Level.OK
 
 
 def findings(config: Config, root: Path, details=None) -> dict[str, Fact]:
@@ -238,7 +284,7 @@ def test_a_thread_that_the_machine_refuses_is_told(tmp_path: Path) -> None:
 def test_the_command_ends_with_3_only_for_what_a_configuration_names(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(doctor, "wake_ups", lambda: facts.ok("wake-ups", "on time"))
+    monkeypatch.setattr(doctor, "wake_ups", lambda realtime: facts.ok("wake-ups", "on time"))
     assert CliRunner().invoke(cli, ["doctor"]).exit_code == 0
     file = tmp_path / "site.toml"
     file.write_text('[robot]\nurl = "serial:///dev/ttyUSB99"\n')

@@ -8,6 +8,7 @@ import time
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -86,6 +87,14 @@ def test_what_was_put_is_read_back(tmp_path: Path) -> None:
     assert recording.metadata == METADATA
     assert recording.end["outcome"] == "completed"
     assert not recording.truncated
+
+
+def test_what_explains_an_answer_may_be_whether_something_holds(tmp_path: Path) -> None:
+    explanation = {"found": True, "level": np.float64(-1.5), "inverse": math.inf}
+    recording = read(write(tmp_path / "run.mcap", [cycle(0, 100.0, explanation=explanation)]))
+    told = recording.cycles[0].explanation
+    assert (told["found"], told["level"]) == (1.0, -1.5)
+    assert math.isnan(told["inverse"])
 
 
 def test_two_runs_of_one_input_give_the_same_bytes(tmp_path: Path) -> None:

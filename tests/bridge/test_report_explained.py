@@ -112,6 +112,16 @@ def test_sample_time_and_delay_are_those_of_the_record() -> None:
     assert slower.plant.delay - found.plant.delay == pytest.approx(1 / (2 * math.pi * 10.0))
 
 
+def test_a_move_is_accepted_when_its_answer_begins() -> None:
+    settings = config()
+    late = analysis(record([cycle(k) for k in range(60)], settings))
+    settings["robot"]["link"] = {"baudrate": 9600}
+    found = analysis(record([cycle(k) for k in range(60)], settings))
+    # ENQ, ACK, a telegram of 8 in a block of 13, ACK, EOT: 11 bits each
+    assert late.plant.delay - found.plant.delay == pytest.approx(17 * 11 / 9600)
+    assert found.delay[0].label == "force sample to the move's acceptance"
+
+
 def test_the_filter_is_that_of_the_sensor_that_was_used() -> None:
     settings = config()
     settings["sensor"]["gateway"]["cutoff_hz"] = 10.0

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
+import numpy as np
 import pytest
 
 from hil_bridge.control import (
@@ -71,6 +72,10 @@ def drive(controller, cycles=60, force=8.0, **more):
         (lambda m: Command(math.inf, 0.0), "it commands inf m"),
         (lambda m: Command(m.commanded, math.nan), "it commands"),
         (lambda m: None, "AttributeError"),
+        (lambda m: Command("deeper", 0.0), "TypeError"),
+        (lambda m: Command(m.commanded, 0.0, stiffness="hard"), "TypeError"),
+        (lambda m: Command(m.commanded, 0.0, explanation={"why": "soft"}), "TypeError"),
+        (lambda m: Command(m.commanded, 0.0, explanation={"why": None}), "TypeError"),
     ],
 )
 def test_a_controller_that_fails_ends_in_a_retraction_that_names_it(act, why):
@@ -90,6 +95,12 @@ def test_a_controller_that_fails_ends_in_a_retraction_that_names_it(act, why):
     assert state.task.cause == verdict.text
     assert state.supervisor.stopped == verdict
     assert all(math.isfinite(value) for d in decisions for value in d.position)
+
+
+def test_what_explains_a_command_may_be_any_number():
+    explanation = {"found": True, "level": np.float32(0.5), "inverse": math.inf, "unknown": math.nan}
+    _, decisions = drive(Broken(lambda m: Command(m.commanded, 0.0, explanation=explanation)), cycles=20)
+    assert not any(isinstance(decision.verdict, Stop) for decision in decisions)
 
 
 def test_a_controller_that_fails_in_its_first_step_or_its_initial_state_is_no_different():
