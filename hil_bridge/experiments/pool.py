@@ -45,16 +45,15 @@ def run_jobs(
             workers, get_context("spawn"), signal.signal, (signal.SIGINT, signal.SIG_IGN)
         ) as pool,
     ):
-        futures = {pool.submit(_run, chunk): chunk for chunk in chunks}
         try:
+            futures = {pool.submit(_run, chunk): chunk for chunk in chunks}
             for future in as_completed(futures):
                 results.update(zip(futures[future], future.result(), strict=True))
                 advance(len(futures[future]))
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
-            for (
-                worker
-            ) in multiprocessing.active_children():  # else leaving the pool waits for what they do now
+            # else leaving the pool waits for what they do now
+            for worker in multiprocessing.active_children():
                 worker.terminate()
             raise
     return results

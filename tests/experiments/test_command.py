@@ -1,5 +1,11 @@
 """The command `hil-bridge experiment` from the outside."""
 
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
 import pytest
 from click.testing import CliRunner
 
@@ -53,3 +59,33 @@ def test_unwritable_places_are_refused_in_one_line_before_any_work(tmp_path, opt
     assert result.exception.exit_code == 2
     assert len(str(result.exception).splitlines()) == 1
     assert str(blocked) in str(result.exception)
+
+
+def children_of(pid: int) -> list[int]:
+    """Processes that it has begun and that live."""
+    try:
+        return [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+    except FileNotFoundError:
+        return []
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="asks Linux for the workers")
+def test_sigterm_ends_the_command_with_its_workers(tmp_path):
+    command = [sys.executable, "-m", "hil_bridge", "experiment", "fig11", "--workers", "2", "--out", tmp_path]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL) as process:
+        try:
+            ends = time.monotonic() + 60.0
+            while (
+                len(workers := children_of(process.pid)) < 3
+            ):  # two, and the one that looks after their semaphores
+                assert process.poll() is None
+                assert time.monotonic() < ends
+                time.sleep(0.05)
+            process.terminate()
+            assert process.wait(timeout=30.0) == 128 + signal.SIGTERM
+        finally:
+            process.kill()
+    ends = time.monotonic() + 30.0
+    while any(Path(f"/proc/{worker}").exists() for worker in workers):
+        assert time.monotonic() < ends, "workers are left behind"
+        time.sleep(0.05)
