@@ -63,13 +63,26 @@ class Ports:
     """Of the emulated controller, for people."""
 
 
-def real_ports(link: LinkProfile) -> Ports:
-    """Where the cell listens in real time: a line as the real robot has it, and an slcan adapter."""
-    return Ports(with_line("pty:", _line(link)), f"{SLCAN}pty:")
+_REAL_SENSORS = {
+    "gateway": f"{SLCAN}pty:",
+    "uart": f"pty:?{_UART_GATEWAY}",
+    "board": f"{BOARD}tcp-listen://127.0.0.1:0",
+}
+_VIRTUAL_SENSORS = {
+    "gateway": "can+memory:sensor",
+    "uart": f"memory:sensor?{_UART_GATEWAY}",
+    "board": f"{BOARD}memory:sensor",
+}
+"""Where the emulated sensor listens, by `sensor.emulated`."""
 
 
-VIRTUAL_PORTS = Ports("memory:robot", "can+memory:sensor")
-"""Where the cell listens in virtual time."""
+def cell_ports(config: Config, virtual: bool) -> Ports:
+    """Where the cell of a configuration listens, with no panel. In real time the robot has a line as the real one's,
+    and a CAN gateway an slcan adapter.
+    """
+    if virtual:
+        return Ports("memory:robot", _VIRTUAL_SENSORS[config.sensor.emulated])
+    return Ports(with_line("pty:", _line(config.cell.link)), _REAL_SENSORS[config.sensor.emulated])
 
 
 def robot_wire(url: str, link: LinkProfile) -> tuple[str, LinkProfile]:
@@ -201,7 +214,7 @@ async def opened_devices(
     site = robot_site(config)
     async with AsyncExitStack() as stack:
         if not (robot_url and sensor_url):
-            ports = VIRTUAL_PORTS if clock.is_virtual else real_ports(config.cell.link)
+            ports = cell_ports(config, clock.is_virtual)
             served = await stack.enter_async_context(
                 emulated_cell(
                     config.cell,

@@ -11,7 +11,7 @@ import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from pydantic import (
     BaseModel,
@@ -87,6 +87,10 @@ class SensorConfig(_Section):
     url: str = ""
     """can+socketcan://can0 or can+slcan:///dev/ttyACM0 for a CAN gateway, serial:///dev/ttyACM0?gateway=jr3 for a
     UART gateway, jr3+tcp://host:1762?filter=2 for a receiver board; empty starts the emulated sensor.
+    """
+    emulated: Literal["gateway", "uart", "board"] = "gateway"
+    """What stands before the emulated sensor, by the name of its section here: a CAN gateway, a UART gateway or a
+    receiver board.
     """
     mounting_deg: float = 0.0
     """Rotation of the sensor about the tool's z axis: angle from the tool's x axis to the sensor's."""

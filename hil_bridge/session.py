@@ -235,7 +235,7 @@ class _Session:
         self._link_log.note(self._clock.now(), text)
 
     def _emulated(self, cell: Cell) -> None:
-        self._truths = Truths(cell, not self._config.sensor.url, self._recorder.put)
+        self._truths = Truths(cell, self._config.sensor, self._recorder.put)
 
     # --- the run
 

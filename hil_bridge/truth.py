@@ -3,8 +3,10 @@
 import math
 from collections import deque
 from collections.abc import Callable
+from functools import partial
 
 from emulators.cell import Cell, TrueState
+from hil_bridge.config import SensorConfig
 from hil_bridge.recording import CycleRecord, TruthRecord
 from protocol.values import dataclass
 
@@ -27,15 +29,28 @@ class _Cycle:
     """The number that the robot gave to the point that the cycle ordered."""
 
 
+def _sample_times(cell: Cell, sensor: SensorConfig) -> Callable[[int], float | None]:
+    """When the cell's sensor measured the sample with a device's counter, s; None where nobody knows."""
+    if sensor.url:
+        return lambda counter: None
+    match sensor.emulated:
+        case "gateway":
+            return cell.gateway.sampled_at
+        case "uart":
+            return cell.uart_gateway.sampled_at
+        case "board":
+            return partial(cell.board.sampled_at, sensor.board.filter)
+
+
 class Truths:
     """Asks the cell for some cycles at a time, once it is known when the motion of the last of them began.
 
-    `sensor` says whether the run's sensor is the cell's too.
+    `sensor` is the run's, which may be another than the cell's.
     """
 
-    def __init__(self, cell: Cell, sensor: bool, put: Callable[[TruthRecord], object]) -> None:
+    def __init__(self, cell: Cell, sensor: SensorConfig, put: Callable[[TruthRecord], object]) -> None:
         self._cell = cell
-        self._sensor = sensor
+        self._sampled_at = _sample_times(cell, sensor)
         self._put = put
         self._cycles: list[_Cycle] = []
         self._waiting: deque[tuple[_Cycle, TrueState]] = deque()
@@ -44,7 +59,7 @@ class Truths:
         """A cycle has just ended, and no further order is under way."""
         cell, cycles = self._cell, self._cycles
         cell.robot.motion.advance(record.answered_at)
-        sampled_at = cell.gateway.sampled_at(record.sensor_counter) if self._sensor else None
+        sampled_at = self._sampled_at(record.sensor_counter)
         cycles.append(
             _Cycle(
                 record.cycle,

@@ -14,7 +14,7 @@ import click
 @click.option(
     "--sensor-port",
     metavar="URL",
-    help="Where the sensor's gateway or board is.  [default: CAN, slcan on a pseudo-terminal]",
+    help="Where the sensor's gateway or board is.  [default: by sensor.emulated, a CAN gateway behind slcan]",
 )
 @click.option("--panel", metavar="URL", help="Where `hil-bridge panel` reaches it: tcp-listen://127.0.0.1:0.")
 @click.option("--seed", type=int, help="Seed of every random draw in the devices.")
@@ -40,14 +40,14 @@ def emulate(
                            tcp-listen://127.0.0.1:0?gateway=jr3
         receiver board     jr3+tcp-listen://127.0.0.1:0
     """
-    from hil_bridge.compose import Ports, real_ports
+    from hil_bridge.compose import Ports, cell_ports
     from hil_bridge.config import load_config
     from hil_bridge.serve import serve
 
     config = load_config(config_file, {"run.seed": seed, "run.panel_url": panel})
     if what == "sensor" and panel:
         raise click.UsageError("--panel is the robot controller's; leave it out where there is none")
-    usual = real_ports(config.cell.link)
+    usual = cell_ports(config, virtual=False)
     ports = Ports(
         None if what == "sensor" else robot_port or usual.robot,
         None if what == "robot" else sensor_port or usual.sensor,

@@ -13,11 +13,8 @@ if TYPE_CHECKING:
     from protocol.adlp import LinkProfile
 
 _FILE = click.Path(path_type=Path)
-_UNHEARD = {
-    None: "; the delay of a receiver board's samples is not emulated",
-    "uart_gateway": "; the delay of its frames is drawn by `hil-bridge emulate`, `run` emulates a CAN gateway",
-}
-"""What of a site's latency a run of the emulated cell leaves out, by the section of its gateway."""
+_UNHEARD = {"board": "; the delay of a receiver board's samples is not emulated"}
+"""What of a site's latency a run of the emulated cell leaves out, by what stands before the sensor."""
 
 
 @click.command(short_help="Tell where the time from force to motion goes.")
@@ -29,8 +26,7 @@ def latency(recording: Path, output: Path | None) -> None:
     """Tell where the time between a force and the motion that answers it went in a recorded run.
 
     With -o the site's turnaround and the jitter of its sensor become a configuration: `hil-bridge run SITE.toml`
-    then draws them anew, by the seed, in the emulated cell; the jitter of a UART gateway is drawn by `hil-bridge
-    emulate`, for the cell that `run` emulates has a CAN gateway.
+    then draws them anew, by the seed, in an emulated cell with the same gateway or board.
     """
     from hil_bridge.errors import ConfigError
     from hil_bridge.recording import read
@@ -48,9 +44,9 @@ def latency(recording: Path, output: Path | None) -> None:
         lines.append("the recording is cut short or damaged: this is what came before")
     if output is not None:  # before anything is said: whoever reads it may have gone
         config = recorded_config(record, {})
-        gateway = _gateway(config)
-        write_new(output, site_settings(record, _line(config), gateway))
-        lines.append(f"wrote {output}{_UNHEARD.get(gateway, '')}")
+        sensor = _before_sensor(config)
+        write_new(output, site_settings(record, _line(config), sensor))
+        lines.append(f"wrote {output}{_UNHEARD.get(sensor, '')}")
     for line in lines:
         click.echo(line)
 
@@ -88,13 +84,15 @@ def _line(config: "Config") -> "LinkProfile":
     return robot_wire(url, link)[1] if url else link
 
 
-def _gateway(config: "Config") -> str | None:
-    """The section of the emulated gateway that stands for the run's sensor."""
+def _before_sensor(config: "Config") -> str:
+    """What stood before the run's sensor, as `sensor.emulated` names it."""
     from hil_bridge.compose import uart_wire
     from hil_bridge.registers import BOARD
     from hil_bridge.transports.urls import CONNECT_BYTES
 
     url = config.sensor.url
+    if not url:
+        return config.sensor.emulated
     if url.startswith(BOARD):
-        return None
-    return "gateway" if not url or uart_wire(url, CONNECT_BYTES) is None else "uart_gateway"
+        return "board"
+    return "gateway" if uart_wire(url, CONNECT_BYTES) is None else "uart"

@@ -20,11 +20,15 @@ _DIGITS = 4
 """Of a value in ms: a tenth of a microsecond."""
 
 
-def site_settings(recording: Recording, link: LinkProfile, gateway: str | None) -> str:
+_GATEWAYS = {"gateway": "cell.gateway", "uart": "cell.uart_gateway"}
+"""Sections of the emulated gateways, by what stands before the sensor. A board's samples come when they are read."""
+
+
+def site_settings(recording: Recording, link: LinkProfile, sensor: str) -> str:
     """A configuration file whose emulated cell is as late as the recorded one.
 
-    `link` is the line as it was. `gateway` is the section of the emulated gateway that stands for the site's sensor,
-    None where there is none. Raises ConfigError for a recording that is too short or was not stamped.
+    `link` is the line as it was. `sensor` is what stood before the sensor, as `sensor.emulated` names it. Raises
+    ConfigError for a recording that is too short or was not stamped.
     """
     answers = answer_times(recording)
     if answers is None:
@@ -39,10 +43,12 @@ def site_settings(recording: Recording, link: LinkProfile, gateway: str | None) 
         **{section: _line_settings(link) for section in ("robot.link", "cell.link")},
         "cell.robot": {**robot},
     }
-    if gateway is not None:
+    if sensor != "gateway":
+        sections["sensor"] = {"emulated": sensor}
+    if (gateway := _GATEWAYS.get(sensor)) is not None:
         earliest = earliest_arrivals(recording.sensors)
         jitter = [frame.at - earliest.get(frame.sequence, math.nan) for frame in recording.sensors]
-        sections[f"cell.{gateway}"] = {"delay_ms": _quantiles_ms(jitter, "sensor frames")}
+        sections[gateway] = {"delay_ms": _quantiles_ms(jitter, "sensor frames")}
     lines = [
         "# Latency of a recorded run, as evenly spaced quantiles each: turnaround is answer time less",
         "# line time (of a controller that answers a point only when it is reached, the motion too); the delay of",

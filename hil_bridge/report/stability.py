@@ -239,8 +239,9 @@ def _filter_lag(config: Mapping[str, Any]) -> float:
     """Of the CAN gateway's filter, for a record that was cut off before it told its sensor's; 0 for other devices,
     whose URLs only the composition root reads.
     """
-    url = _at(config, "sensor.url")
-    if isinstance(url, str) and url and not url.startswith("can+"):
+    url, emulated = _at(config, "sensor.url"), _at(config, "sensor.emulated")
+    on_can = url.startswith("can+") if isinstance(url, str) and url else emulated in (None, "gateway")
+    if not on_can:
         return 0.0
     cutoff = _number(config, "sensor.gateway.cutoff_hz")
     return 1.0 / (math.tau * cutoff) if cutoff else 0.0

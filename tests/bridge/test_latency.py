@@ -324,29 +324,35 @@ def test_an_emulated_run_measures_what_its_profile_says(tmp_path: Path) -> None:
     assert [t.cycle for t in recorded.truths] == [c.cycle for c in recorded.cycles]
 
 
-def test_the_truth_of_a_cycle_is_what_its_devices_tell(tmp_path: Path) -> None:
-    recorded = run(tmp_path / "run.mcap", run={"duration_s": 5.0})
+@pytest.mark.parametrize(("sensor", "within_s"), [("gateway", 1e-3), ("uart", 2e-3), ("board", 1e-3)])
+def test_the_truth_of_a_cycle_is_what_its_devices_tell(tmp_path: Path, sensor: str, within_s: float) -> None:
+    recorded = run(tmp_path / "run.mcap", run={"duration_s": 5.0}, sensor={"emulated": sensor})
     for cycle_, truth_ in zip(recorded.cycles, recorded.truths, strict=True):
-        assert truth_.sampled_at <= cycle_.sensor_at <= truth_.sampled_at + 1e-3
+        assert truth_.sampled_at <= cycle_.sensor_at <= truth_.sampled_at + within_s
         assert cycle_.transmitted_at < truth_.motion_at < cycle_.transmitted_at + 0.06
         assert np.abs(np.subtract(truth_.position, cycle_.position)).max() < 2e-3
     steady = list(zip(recorded.cycles, recorded.truths, strict=True))[-20:-10]
     assert all(t.force[2] == pytest.approx(c.force, abs=1.0) for c, t in steady if c.phase == "track")
 
 
-def test_a_sites_latency_comes_back_from_its_emulation(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("sensor", "gateway"), [("gateway", "gateway"), ("uart", "uart_gateway")])
+def test_a_sites_latency_comes_back_from_its_emulation(tmp_path: Path, sensor: str, gateway: str) -> None:
     """Run with an odd distribution, measure, emulate, run, measure: the same quantiles."""
-    robot = {"status_turnaround_ms": ODD_STATUS, "move_turnaround_ms": ODD_MOVE}
-    site = run(tmp_path / "site.mcap", cell={"robot": robot, "gateway": {"delay_ms": ODD_DELAY}})
-    settings = tomllib.loads(site_settings(site, LinkProfile(), "gateway"))
+    cell = {
+        "robot": {"status_turnaround_ms": ODD_STATUS, "move_turnaround_ms": ODD_MOVE},
+        gateway: {"delay_ms": ODD_DELAY},
+    }
+    site = run(tmp_path / "site.mcap", cell=cell, sensor={"emulated": sensor})
+    settings = tomllib.loads(site_settings(site, LinkProfile(), sensor))
     measured = settings["cell"]
-    assert settings.keys() == {"cell"}, "the line is the usual one"
+    assert settings.get("sensor", {"emulated": "gateway"}) == {"emulated": sensor}
+    assert "robot" not in settings, "the line is the usual one"
     again = run(tmp_path / "again.mcap", **settings, run={"duration_s": 20.0, "seed": 5})
-    emulated = tomllib.loads(site_settings(again, LinkProfile(), "gateway"))["cell"]
+    emulated = tomllib.loads(site_settings(again, LinkProfile(), sensor))["cell"]
     for section, name, odd, apart_ms in (
         ("robot", "status_turnaround_ms", ODD_STATUS, 8.0),
         ("robot", "move_turnaround_ms", ODD_MOVE, 8.0),
-        ("gateway", "delay_ms", ODD_DELAY, 0.4),
+        (gateway, "delay_ms", ODD_DELAY, 0.4),
     ):
         first, second = (evenly(cell[section][name]) for cell in (measured, emulated))
         assert np.abs(first[::5] - odd).max() < apart_ms, name
@@ -375,15 +381,15 @@ def test_rare_late_frames_stay_rare() -> None:
 
 def test_a_short_run_has_no_distribution() -> None:
     with pytest.raises(ConfigError, match="20 stamped cycles, a distribution needs 21: record a longer run"):
-        site_settings(recording(CYCLES[:20]), LinkProfile(), None)
+        site_settings(recording(CYCLES[:20]), LinkProfile(), "board")
     with pytest.raises(ConfigError, match="0 stamped sensor frames"):
         site_settings(recording(CYCLES), LinkProfile(), "gateway")
     with pytest.raises(ConfigError, match="link's settings"):
-        site_settings(Recording(CYCLES), LinkProfile(), None)
+        site_settings(Recording(CYCLES), LinkProfile(), "board")
 
 
 def test_another_line_is_emulated_too() -> None:
-    text = site_settings(recording(CYCLES), LinkProfile(baudrate=19200, dle_stuffing="double"), None)
+    text = site_settings(recording(CYCLES), LinkProfile(baudrate=19200, dle_stuffing="double"), "board")
     assert text.count('baudrate = 19200\ndle_stuffing = "double"') == 2
     config = Config.model_validate(tomllib.loads(text))
     assert config.cell.link == config.robot.link == LinkProfile(baudrate=19200, dle_stuffing="double")

@@ -1,5 +1,6 @@
 """The board as a host sees it: power-up, words, commands, full scales, offsets, plug, ISA ports."""
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -230,6 +231,20 @@ def test_counters_tick_at_the_filters_rates_and_wrap() -> None:
     after = [get(board, f"count{n}", STEADY + 16.384)[0] for n in range(1, 7)]
     ticks = [(b - a) % 65536 for a, b in zip(before, after, strict=True)]
     assert ticks == [131072 % 65536, 32768, 8192, 2048, 512, 128]
+
+
+@pytest.mark.parametrize("n", range(7))
+def test_the_truth_is_when_a_hosts_count_was_new(n: int) -> None:
+    board, number = board_of(), max(n, 1)
+    begin, step = math.ceil(STEADY * 8000), 4 ** (number - 1)
+    new: dict[int, float] = {}
+    for sample in range(begin, begin + 3 * step):
+        count = get(board, f"count{number}", (sample + 0.1) / 8000)[0]
+        new.setdefault(count, sample / 8000)
+    told = [board.sampled_at(n, count) for count in new]
+    assert told[1:] == pytest.approx(list(new.values())[1:], abs=1e-9)
+    assert len(new) >= 3
+    assert board.sampled_at(n, (count + 1) % 65536) is None, "nobody has seen this count since the reset"
 
 
 # --- commands

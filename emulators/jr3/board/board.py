@@ -9,13 +9,13 @@ import math
 from collections.abc import Callable, Sequence
 from enum import Enum, auto
 
-from emulators.jr3.board.filters import low_pass
+from emulators.jr3.board.filters import FILTER_STEPS, low_pass
 from emulators.jr3.board.memory import Use
 from emulators.jr3.board.processor import Order, Processor
 from emulators.jr3.board.profile import BoardProfile
 from emulators.jr3.board.sampling import RawSamples
 from emulators.jr3.sensor import SENSOR_RATE_HZ, Jr3Sensor
-from protocol.jr3.board import REGISTERS, Errors, check_range, from_signed
+from protocol.jr3.board import REGISTERS, WORD_MODULUS, Errors, check_range, from_signed
 
 _EPSILON = 1e-6
 """Of a sample period: what a time may lack of its sample's by rounding."""
@@ -113,6 +113,19 @@ class Board:
         self._advance(now)
         self._processor.sampling.cut()
         self._start(self._now)
+
+    # --- the truth, which no wire tells
+
+    def sampled_at(self, filter_number: int, count: int) -> float | None:
+        """When the sensor measured the newest sample of a filter, 0 … 6, that a host has seen with this count, s; None
+        where there is none since the reset. Filter 0 has the count of filter 1.
+        """
+        number = max(filter_number, 1)
+        step, sampling = FILTER_STEPS[number], self._processor.sampling
+        (newest,) = self._processor.read(REGISTERS[f"count{number}"].address, 1)
+        behind = (newest - count) % WORD_MODULUS
+        sample = sampling.sample - sampling.sample % step - behind * step
+        return (self._origin + sample) / SENSOR_RATE_HZ if sample >= 0 else None
 
     # --- the sensor's plug
 
