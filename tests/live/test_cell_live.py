@@ -1,6 +1,7 @@
 """Bridge and emulator as two processes, over pseudo-terminals and TCP in real time."""
 
 import json
+import math
 import os
 import pty
 import signal
@@ -92,6 +93,22 @@ def test_two_processes_hold_ten_newtons(tmp_path: Path, short: str) -> None:
         figures = json.loads(summary.read_text())
         assert figures["force_mean_steady_n"] == pytest.approx(10.0, abs=0.6)
         assert figures["sensor_frames_lost"] == 0
+
+
+def test_a_run_emulates_the_sensor_that_it_is_told_to(tmp_path: Path) -> None:
+    config, record = tmp_path / "c.toml", tmp_path / "run.mcap"
+    config.write_text(
+        '[task]\nretract_mm = 3.0\n[sensor]\nemulated = "uart"\n'
+        "[sensor.uart]\npause_s = 0.3\nack_timeout_s = 0.5\n[cell.uart_gateway]\nboot_s = 0.2\ndeaf_s = 0.2\n"
+    )
+    code, lines, errors = finish(
+        start("run", str(config), "--duration", "4", "--no-view", "--record", str(record))
+    )
+    assert (code, errors) == (0, "")
+    assert lines[0] == "completed"
+    truths = read(record).truths
+    # when the sample was taken only the cell knows
+    assert sum(math.isfinite(truth.sampled_at) for truth in truths) > 0.9 * len(truths) > 0.0
 
 
 def test_a_killed_emulator_ends_the_run_at_once_with_its_cause_and_a_whole_record(tmp_path: Path) -> None:
