@@ -24,7 +24,7 @@ from hil_bridge.control.supervisor import (
     Verdict,
 )
 from hil_bridge.control.task import Phase, Target, Task, TaskOutput, TaskState
-from hil_bridge.control.types import Command, Measurement
+from hil_bridge.control.types import Measurement
 
 Vector: TypeAlias = tuple[float, float, float]
 
@@ -226,7 +226,12 @@ class ControlLoop:
         try:
             task, output = self.task.step(state, measurement)
             command = output.command
-            if command is None or _is_sound(command):
+            if command is None:
+                return task, output, ""
+            (
+                command.gain + (command.stiffness or 0.0) + len(command.explanation)
+            )  # raises for what is none of these
+            if math.isfinite(command.position) and math.isfinite(command.correction):
                 return task, output, ""
             failed = f"it commands {command.position} m"
         except Exception as error:
@@ -269,12 +274,6 @@ class ControlLoop:
         (x, y, z), (a, b, c), (u, v, w) = state.start, self.approach, self.travel
         target = x + depth * a + travel * u, y + depth * b + travel * v, z + depth * c + travel * w
         return Request(depth, target, self.approach)
-
-
-def _is_sound(command: Command) -> bool:
-    """Whether the robot can be told so. Raises what comes of adding up what are no numbers in the rest of it."""
-    float(sum(command.explanation.values(), command.gain + (command.stiffness or 0.0)))
-    return math.isfinite(command.position) and math.isfinite(command.correction)
 
 
 def _calmed(output: TaskOutput, measurement: Measurement, advice: Advice) -> TaskOutput:

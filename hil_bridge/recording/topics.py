@@ -51,11 +51,12 @@ def _flag(value: object) -> bool:
 
 
 def _numbers_by_name(value: object) -> dict[str, float]:
+    """Anybody's controller may have put anything there: whether something holds is a number, all else is not known."""
     if not isinstance(value, dict):
         raise ValueError("is not an object")
-    # what explains an answer may be whether something holds
     return {
-        str(name): _number(+number if isinstance(number, bool) else number) for name, number in value.items()
+        str(name): float(number) if isinstance(number, (int, float)) else math.nan
+        for name, number in value.items()
     }
 
 
@@ -177,8 +178,8 @@ class Topic:
 
 
 def _plain(value: Any) -> object:
-    """Array scalars that are no Python numbers, and arrays."""
-    return value.tolist()
+    """Array scalars that are no Python numbers, and arrays; of anything else what it is."""
+    return value.tolist() if hasattr(value, "tolist") else f"<{type(value).__name__}>"
 
 
 def _whole(value: Any) -> object:

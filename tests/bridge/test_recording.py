@@ -89,12 +89,24 @@ def test_what_was_put_is_read_back(tmp_path: Path) -> None:
     assert not recording.truncated
 
 
-def test_what_explains_an_answer_may_be_whether_something_holds(tmp_path: Path) -> None:
-    explanation = {"found": True, "level": np.float64(-1.5), "inverse": math.inf}
-    recording = read(write(tmp_path / "run.mcap", [cycle(0, 100.0, explanation=explanation)]))
+def test_what_explains_an_answer_may_be_anything(tmp_path: Path) -> None:
+    unknown = {
+        "inverse": math.inf,
+        "why": "soft",
+        "by": object(),
+        "seen": np.ones(2),
+        "nothing": None,
+        (1, 2): {3},
+    }
+    explanation = {"found": True, "level": np.float64(-1.5), **unknown}
+    recording = read(
+        write(tmp_path / "run.mcap", [cycle(0, 100.0, explanation=explanation), cycle(1, 101.0)])
+    )
     told = recording.cycles[0].explanation
-    assert (told["found"], told["level"]) == (1.0, -1.5)
-    assert math.isnan(told["inverse"])
+    assert (told.pop("found"), told.pop("level")) == (1.0, -1.5)
+    assert len(told) == len(unknown)
+    assert all(map(math.isnan, told.values()))
+    assert len(recording.cycles) == 2
 
 
 def test_two_runs_of_one_input_give_the_same_bytes(tmp_path: Path) -> None:
