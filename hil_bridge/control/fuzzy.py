@@ -19,8 +19,8 @@ from hil_bridge.control.tables import LEVELS
 
 Terms = list[list[tuple[str, float, float]]]
 """For each level the terms that hold somewhere between it and the next, with their degrees at both."""
-Fired = list[tuple[tuple[str, str], float]]
-"""Name and output term of each rule that holds to some degree, with that degree."""
+Strengths = dict[str, float]
+"""To what degree something holds, by name; what does not hold is left out."""
 
 TOP_LEVEL = LEVELS[-1]
 
@@ -85,14 +85,14 @@ class InferenceSystem:
         if self._table is None:
             row = _position(error_percent, error.edges_percent)
             column = _position(change_percent, change.edges_percent)
-            fired = self._fired(row, column)
+            rules, outputs = self._fire(row, column)
             levels = _level_at(row, error.levels), _level_at(column, change.levels)
-            return Inference(*levels, self._centre(fired)), _explained(fired)
+            return Inference(*levels, self._centre(outputs)), rules
         i = _index(error_percent, error.edges_percent)
         j = _index(change_percent, change.edges_percent)
         found = self._explanations.get((i, j))
         if found is None:
-            found = self._explanations[i, j] = _explained(self._fired(i, j))
+            found = self._explanations[i, j] = self._fire(i, j)[0]
         return Inference(error.levels[i], change.levels[j], self._table[i][j]), found.copy()
 
     def infer(self, row: float, column: float) -> float:
@@ -100,17 +100,13 @@ class InferenceSystem:
 
         A place is a level's number counted from 0, or lies between two.
         """
-        return self._centre(self._fired(row, column))
+        return self._centre(self._fire(row, column)[1])
 
-    def _centre(self, fired: Fired) -> float:
+    def _centre(self, outputs: Strengths) -> float:
         """Implication by the minimum, aggregation by the maximum, centre of gravity."""
-        strengths: dict[str, float] = {}
-        for (_, output), strength in fired:
-            if strength > strengths.get(output, 0.0):
-                strengths[output] = strength
         levels, shapes = self.base.output.levels, self._shapes
         heights = [0.0] * len(levels)
-        for output, strength in strengths.items():
+        for output, strength in outputs.items():
             for place, degree in shapes[output]:
                 height = degree if degree < strength else strength
                 if height > heights[place]:
@@ -130,15 +126,20 @@ class InferenceSystem:
             for row in range(len(self.base.error.levels))
         )
 
-    def _fired(self, row: float, column: float) -> Fired:
-        """Name and output term of each rule that holds to some degree, with that degree."""
+    def _fire(self, row: float, column: float) -> tuple[Strengths, Strengths]:
+        """The rules that hold, and the output terms, each as far as the strongest rule that names it."""
         changes = _memberships(column, self._change_terms)
-        fired = []
+        fired: Strengths = {}
+        outputs: Strengths = {}
         for error, error_degree in _memberships(row, self._error_terms):
             rules = self._rules[error]
             for change, degree in changes:
-                fired.append((rules[change], degree if degree < error_degree else error_degree))
-        return fired
+                strength = degree if degree < error_degree else error_degree
+                name, output = rules[change]
+                fired[name] = strength
+                if output not in outputs or strength > outputs[output]:
+                    outputs[output] = strength
+        return fired, outputs
 
 
 @cache
@@ -227,10 +228,6 @@ def _memberships(position: float, terms: Terms) -> list[tuple[str, float]]:
         if (degree := low * rest + high * share) > 0.0:
             held.append((name, degree))
     return held
-
-
-def _explained(fired: Fired) -> dict[str, float]:
-    return {name: strength for (name, _), strength in fired}
 
 
 def _nearest(value: float, levels: tuple[float, ...]) -> float:
