@@ -167,21 +167,22 @@ def wake_ups(realtime: RealTime) -> Fact:
     """How late this process wakes, measured as it would be run; as any other where the machine refuses that."""
     try:
         with scheduled(realtime):
-            return judged(run_real(_lateness), realtime.keep_awake)
+            return judged(run_real(_lateness, realtime.busy_poll_ms * 1e-3), realtime)
     except ConfigError:
-        return judged(run_real(_lateness), False)
+        return judged(run_real(_lateness), RealTime())
 
 
-def judged(late: Sequence[float], kept_awake: bool) -> Fact:
-    """What these latenesses, s, the least first, say of the machine, and what is left to be done."""
+def judged(late: Sequence[float], realtime: RealTime) -> Fact:
+    """What these latenesses of a thread run so, s, the least first, say of the machine, and what is left to be done."""
     mean, p99 = sum(late) / len(late), late[int(0.99 * len(late))]
+    awake = ", processors kept awake" * realtime.keep_awake + ", busy polling" * bool(realtime.busy_poll_ms)
     text = (
         f"{mean * 1e6:.0f} µs late on average, 99 % within {p99 * 1e6:.0f} µs, at most {late[-1] * 1e6:.0f} µs "
-        f"({len(late)} at {1 / PERIOD_S:.0f} Hz{', processors kept awake' if kept_awake else ''})"
+        f"({len(late)} at {1 / PERIOD_S:.0f} Hz{awake})"
     )
     if p99 <= LATE_S:
         return ok("wake-ups", text)
-    if kept_awake:
+    if awake:
         return warn(
             "wake-ups", text, "the machine, or the host of a virtual one, is busy: end other programs"
         )

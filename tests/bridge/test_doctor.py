@@ -199,13 +199,20 @@ def test_who_may_lock_memory_whatever_the_limit(tmp_path: Path, status: str, may
 
 
 def test_wake_ups_are_judged_by_their_99th_percentile() -> None:
-    assert doctor.judged([1e-4] * 995 + [5e-3] * 5, kept_awake=False).level is Level.OK
+    assert doctor.judged([1e-4] * 995 + [5e-3] * 5, RealTime()).level is Level.OK
     late = [1e-4] * 980 + [5e-3] * 20
-    asleep, awake = doctor.judged(late, kept_awake=False), doctor.judged(late, kept_awake=True)
-    assert asleep.level is awake.level is Level.WARN
+    asleep = doctor.judged(late, RealTime())
+    assert asleep.level is Level.WARN
     assert "99 % within 5000 µs" in asleep.text
     assert "keep_awake" in asleep.remedy
-    assert "keep_awake" not in awake.remedy
+    for realtime, how in (
+        (RealTime(keep_awake=True), "kept awake"),
+        (RealTime(busy_poll_ms=1.0), "busy polling"),
+    ):
+        awake = doctor.judged(late, realtime)
+        assert awake.level is Level.WARN
+        assert how in awake.text
+        assert "keep_awake" not in awake.remedy
 
 
 def test_wake_ups_are_measured_as_the_thread_would_be_run(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -220,7 +227,7 @@ def test_wake_ups_are_measured_as_the_thread_would_be_run(monkeypatch: pytest.Mo
 
     monkeypatch.setattr(doctor, "scheduled", scheduled)
     monkeypatch.setattr(doctor, "CYCLES", 5)
-    assert "kept awake" in doctor.wake_ups(RealTime(keep_awake=True)).text
+    assert "kept awake, busy polling" in doctor.wake_ups(RealTime(keep_awake=True, busy_poll_ms=1.0)).text
     assert "kept awake" not in doctor.wake_ups(RealTime(keep_awake=True, cpus=(4096,))).text
     assert [realtime.keep_awake for realtime in wanted] == [True, True]
 
