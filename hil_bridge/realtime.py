@@ -26,6 +26,8 @@ LATENCY_FILE = "/dev/cpu_dma_latency"
 """Takes for how long at most a processor may need to wake up, µs, and heeds it while it is open. Source: Linux,
 Documentation/power/pm_qos_interface.rst.
 """
+UDEV_RULE = 'KERNEL=="cpu_dma_latency", GROUP="dialout", MODE="0660"'
+"""Lets those who may open serial ports write to it."""
 _NO_LATENCY = struct.pack("=i", 0)
 _MCL_CURRENT, _MCL_FUTURE = 1, 2
 """Flags of mlockall. Source: Linux, sys/mman.h."""
@@ -159,7 +161,7 @@ def _keep_awake() -> int:
     except OSError as error:
         match error:
             case PermissionError():
-                remedy = "permit this user to write to it by a udev rule, or leave it false"
+                remedy = f"permit this user to write to it by a udev rule, for example {UDEV_RULE}, or leave it false"
             case FileNotFoundError():
                 remedy = "this kernel does not offer it: leave it false"
             case _:

@@ -20,6 +20,7 @@ from hil_bridge.control import (
     Supervisor,
     Task,
     Wrist,
+    in_numbers,
     make_controller,
     quaternion_about,
     quaternion_product,
@@ -310,7 +311,7 @@ class Run:
             verdict=decision.verdict.kind,
             reasons=decision.reasons,
             explanation={
-                **command.explanation,
+                **in_numbers(command.explanation),
                 "feedback_m": command.correction,
                 **({"surface_deg": math.degrees(decision.angle)} if decision.angle else {}),
             },

@@ -55,7 +55,7 @@ from hil_bridge.control.supervisor import (
 )
 from hil_bridge.control.task import Phase, Target, Task, TaskOutput, TaskParameters, TaskState
 from hil_bridge.control.tool_identification import ToolEstimate, ToolPose, identify_tool
-from hil_bridge.control.types import Command, Controller, Measurement
+from hil_bridge.control.types import Command, Controller, Measurement, in_numbers
 from hil_bridge.control.wrist import Facing, Wrist
 
 __all__ = [
@@ -119,6 +119,7 @@ __all__ = [
     "figures_of_merit",
     "force_along",
     "identify_tool",
+    "in_numbers",
     "infer",
     "make_controller",
     "normal_force",

@@ -226,16 +226,11 @@ class ControlLoop:
         try:
             task, output = self.task.step(state, measurement)
             command = output.command
-            if command is None:
-                return task, output, ""
-            (
-                command.gain + (command.stiffness or 0.0) + len(command.explanation)
-            )  # raises for what is none of these
-            if math.isfinite(command.position) and math.isfinite(command.correction):
+            if command is None or (math.isfinite(command.position) and math.isfinite(command.correction)):
                 return task, output, ""
             failed = f"it commands {command.position} m"
-        except Exception as error:
-            failed = f"{type(error).__name__}: {error}"
+        except (Exception, SystemExit) as error:
+            failed = _one_line(f"{type(error).__name__}: {error}")
         text = f"controller {self.task.controller.name} failed: {failed}"
         return state, self.task.hold(state, measurement), text
 
@@ -274,6 +269,11 @@ class ControlLoop:
         (x, y, z), (a, b, c), (u, v, w) = state.start, self.approach, self.travel
         target = x + depth * a + travel * u, y + depth * b + travel * v, z + depth * c + travel * w
         return Request(depth, target, self.approach)
+
+
+def _one_line(text: str) -> str:
+    """The first line of somebody's text, with half characters written out."""
+    return text.splitlines()[0].encode(errors="backslashreplace").decode()
 
 
 def _calmed(output: TaskOutput, measurement: Measurement, advice: Advice) -> TaskOutput:

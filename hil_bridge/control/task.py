@@ -13,7 +13,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from hil_bridge.control.checks import require_above_zero, require_not_negative
-from hil_bridge.control.types import Command, Controller, Measurement
+from hil_bridge.control.types import Command, Controller, Measurement, plain
 
 
 class Phase(StrEnum):
@@ -264,7 +264,8 @@ class Task:
             measurement.advance,
             measurement.saturated,
         )
-        memory, command = self.controller.step(state.controller, seen, self.parameters.force_n)
+        memory, answer = self.controller.step(state.controller, seen, self.parameters.force_n)
+        command = plain(answer)
         if state.in_contact:
             state = TaskState(
                 state.phase,

@@ -5,7 +5,8 @@ surface, forces are positive while the tool presses.
 """
 
 import math
-from typing import Protocol, TypeVar
+from collections.abc import Mapping
+from typing import Any, Protocol, TypeVar
 
 from msgspec import Struct
 
@@ -65,6 +66,54 @@ class Command(Struct, frozen=True):
     """True when the controller chose not to move because no reachable position is nearer."""
     explanation: dict[str, float] = {}
     """What else explains the answer (quantised levels, …), by name, for the record."""
+
+
+def plain(answer: Any) -> Command:
+    """What should be a command in the types that it says, for anybody's may be of others that only behave so. Raises
+    whatever comes of turning it into them; what is in the explanation stays.
+    """
+    if (
+        type(answer.position) is float
+        and type(answer.correction) is float
+        and type(answer.gain) is float
+        and (answer.stiffness is None or type(answer.stiffness) is float)
+        and type(answer.held) is bool
+        and type(answer.explanation) is dict
+    ):
+        command: Command = answer
+        return command
+    return Command(
+        float(answer.position),
+        float(answer.correction),
+        None if answer.stiffness is None else float(answer.stiffness),
+        float(answer.gain),
+        bool(answer.held),
+        dict(answer.explanation),
+    )
+
+
+def in_numbers(explanation: Mapping[Any, Any]) -> dict[str, float]:
+    """An explanation for the record. Anybody's controller may have put anything there, and it moves nothing: what is
+    no number is NaN.
+    """
+    return {
+        name if type(name) is str else _name(name): value if type(value) is float else _number(value)
+        for name, value in explanation.items()
+    }
+
+
+def _name(value: Any) -> str:
+    try:
+        return str(value)
+    except Exception:  # whatever that object of somebody else's raises
+        return f"<{type(value).__name__}>"
+
+
+def _number(value: Any) -> float:
+    try:
+        return float(value)
+    except Exception:  # likewise
+        return math.nan
 
 
 State = TypeVar("State")

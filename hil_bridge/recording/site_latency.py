@@ -51,8 +51,11 @@ def site_settings(recording: Recording, link: LinkProfile, sensor: str) -> str:
         sections[gateway] = {"delay_ms": _quantiles_ms(jitter, "sensor frames")}
     lines = [
         "# Latency of a recorded run, as evenly spaced quantiles each: turnaround is answer time less",
-        "# line time (of a controller that answers a point only when it is reached, the motion too); the delay of",
-        "# the sensor's frames is that above the smallest one.",
+        "# line time (of a controller that answers a point only when it is reached, the motion too);",
+        "# the delay of the sensor's frames is that above the smallest one."
+        if gateway
+        else "# the delay of a receiver board's samples is not emulated.",
+        "# In a file that has a section already, its lines go there.",
     ]
     for section, values in sections.items():
         if values:

@@ -51,13 +51,9 @@ def _flag(value: object) -> bool:
 
 
 def _numbers_by_name(value: object) -> dict[str, float]:
-    """Anybody's controller may have put anything there: whether something holds is a number, all else is not known."""
     if not isinstance(value, dict):
         raise ValueError("is not an object")
-    return {
-        str(name): float(number) if isinstance(number, (int, float)) else math.nan
-        for name, number in value.items()
-    }
+    return {str(name): _number(number) for name, number in value.items()}
 
 
 class Kind(NamedTuple):
@@ -178,8 +174,8 @@ class Topic:
 
 
 def _plain(value: Any) -> object:
-    """Array scalars that are no Python numbers, and arrays; of anything else what it is."""
-    return value.tolist() if hasattr(value, "tolist") else f"<{type(value).__name__}>"
+    """Array scalars that are no Python numbers, and arrays."""
+    return value.tolist()
 
 
 def _whole(value: Any) -> object:
@@ -188,7 +184,7 @@ def _whole(value: Any) -> object:
         case str():
             return value.encode(errors="backslashreplace").decode()
         case dict():
-            return {key: _whole(item) for key, item in value.items()}
+            return {_whole(key): _whole(item) for key, item in value.items()}
         case list() | tuple():
             return [_whole(item) for item in value]
         case _:

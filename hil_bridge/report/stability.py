@@ -204,13 +204,13 @@ def _plant(
     taken = statistics.median(waits)
     if answers is None:
         taking = Part(
-            "force sample to the move's answer",
+            "frame's arrival to the move's answer",
             taken,
             "measured, median; the move is accepted a little before its answer is complete",
         )
     else:
         taking = Part(
-            "force sample to the move's acceptance",
+            "frame's arrival to the move's acceptance",
             taken - answers.move,
             "measured, median: as its answer begins",
         )

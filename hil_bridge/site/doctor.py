@@ -6,6 +6,7 @@ import resource
 import socket
 import subprocess
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -55,14 +56,15 @@ def computer(
     root: Path, details: Mapping[str, Mapping[str, Any]] | None, realtime: RealTime
 ) -> Iterator[Fact]:
     """Everything about this computer, wires first; wake-ups as a thread has them that is run so."""
-    yield from facts.serial_ports(root)
+    for port in facts.serial_ports(root):  # perhaps nobody wants it: only a configuration's can fail
+        yield replace(port, level=Level.WARN) if port.level is Level.FAIL else port
     yield from facts.can_interfaces(root, details)
     yield socketcan()
     yield facts.vcan(root, platform.release())
     yield facts.clock_source(root)
     yield facts.timer_slack(root)
     yield wake_ups(realtime)
-    yield keeping_awake()
+    yield keeping_awake(realtime.keep_awake)
     yield facts.governors(root)
     yield facts.processors(sorted(os.sched_getaffinity(0)))
     yield priority()
@@ -208,11 +210,12 @@ async def _lateness() -> list[float]:
         clock.close()
 
 
-def keeping_awake() -> Fact:
+def keeping_awake(wanted: bool) -> Fact:
     """Whether we may keep the processors from sleeping."""
     try:
         with scheduled(RealTime(keep_awake=True)):
-            return ok("processors' sleep", "may be prevented; `realtime.keep_awake` asks for it")
+            asks = "asks" if wanted else "would ask"
+            return ok("processors' sleep", f"may be prevented; `realtime.keep_awake` {asks} for it")
     except ConfigError as error:
         reason = str(error).removeprefix("realtime.keep_awake: ")
         return warn("processors' sleep", "may not be prevented; needed only where wake-ups are late", reason)

@@ -234,11 +234,20 @@ def test_wake_ups_are_measured_as_the_thread_would_be_run(monkeypatch: pytest.Mo
 
 def test_whether_processors_may_be_kept_awake(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(realtime_module, "LATENCY_FILE", str(tmp_path / "latency"))
-    refused = doctor.keeping_awake()
+    refused = doctor.keeping_awake(wanted=False)
     assert refused.level is Level.WARN
     assert str(tmp_path / "latency") in refused.remedy
     (tmp_path / "latency").touch()
-    assert doctor.keeping_awake().level is Level.OK
+    assert "would ask" in doctor.keeping_awake(wanted=False).text
+    assert "` asks" in doctor.keeping_awake(wanted=True).text
+
+
+def test_a_port_that_nobody_named_may_be_forbidden(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(
+        facts, "serial_ports", lambda root: iter([facts.fail("serial port", "no permission", "ask")])
+    )
+    first = next(doctor.computer(tmp_path, None, RealTime()))
+    assert (first.level, first.text) == (Level.WARN, "no permission")
 
 
 def findings(config: Config, root: Path, details=None) -> dict[str, Fact]:

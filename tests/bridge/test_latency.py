@@ -17,10 +17,11 @@ import pytest
 from click.testing import CliRunner
 from msgspec import structs
 
+from emulators.cell import Cell, CellProfile
 from emulators.quantiles import draw
 from hil_bridge.cli import cli
 from hil_bridge.clock import Clock, run_virtual
-from hil_bridge.config import Config, dump
+from hil_bridge.config import Config, SensorConfig, dump
 from hil_bridge.devices import RobotLink
 from hil_bridge.errors import ConfigError
 from hil_bridge.line_time import line_floor
@@ -39,6 +40,7 @@ from hil_bridge.report.latency_plot import LATENCY_SIZE_PX, by_owner, draw_laten
 from hil_bridge.report.page import page
 from hil_bridge.session import Outputs, execute
 from hil_bridge.transports import connect_bytes, listen_bytes
+from hil_bridge.truth import Truths
 from protocol.adlp import LinkProfile
 
 CHARACTER = 11 / 9600
@@ -335,6 +337,15 @@ def test_the_truth_of_a_cycle_is_what_its_devices_tell(tmp_path: Path, sensor: s
     assert all(t.force[2] == pytest.approx(c.force, abs=1.0) for c, t in steady if c.phase == "track")
 
 
+def test_nobody_knows_when_a_real_sensor_took_its_sample() -> None:
+    told: list[TruthRecord] = []
+    cell = Cell(CellProfile(), 0.0, 1)
+    truths = Truths(cell, SensorConfig(url="can+socketcan://can0"), told.append)
+    truths.cycle(CYCLES[0])
+    truths.close()
+    assert math.isnan(told[0].sampled_at)
+
+
 @pytest.mark.parametrize(("sensor", "gateway"), [("gateway", "gateway"), ("uart", "uart_gateway")])
 def test_a_sites_latency_comes_back_from_its_emulation(tmp_path: Path, sensor: str, gateway: str) -> None:
     """Run with an odd distribution, measure, emulate, run, measure: the same quantiles."""
@@ -345,7 +356,7 @@ def test_a_sites_latency_comes_back_from_its_emulation(tmp_path: Path, sensor: s
     site = run(tmp_path / "site.mcap", cell=cell, sensor={"emulated": sensor})
     settings = tomllib.loads(site_settings(site, LinkProfile(), sensor))
     measured = settings["cell"]
-    assert settings.get("sensor", {"emulated": "gateway"}) == {"emulated": sensor}
+    assert settings.get("sensor") == (None if sensor == "gateway" else {"emulated": sensor})
     assert "robot" not in settings, "the line is the usual one"
     again = run(tmp_path / "again.mcap", **settings, run={"duration_s": 20.0, "seed": 5})
     emulated = tomllib.loads(site_settings(again, LinkProfile(), sensor))["cell"]
@@ -392,6 +403,7 @@ def test_another_line_is_emulated_too() -> None:
     text = site_settings(recording(CYCLES), LinkProfile(baudrate=19200, dle_stuffing="double"), "board")
     assert text.count('baudrate = 19200\ndle_stuffing = "double"') == 2
     config = Config.model_validate(tomllib.loads(text))
+    assert config.sensor.emulated == "board"
     assert config.cell.link == config.robot.link == LinkProfile(baudrate=19200, dle_stuffing="double")
     assert config.cell.robot.move_turnaround_ms == pytest.approx([12.0] * len(CYCLES))
     assert config.cell.robot.status_turnaround_ms == pytest.approx([10.0] * len(CYCLES))

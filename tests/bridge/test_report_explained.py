@@ -119,7 +119,7 @@ def test_a_move_is_accepted_when_its_answer_begins() -> None:
     found = analysis(record([cycle(k) for k in range(60)], settings))
     # ENQ, ACK, a telegram of 8 in a block of 13, ACK, EOT: 11 bits each
     assert late.plant.delay - found.plant.delay == pytest.approx(17 * 11 / 9600)
-    assert found.delay[0].label == "force sample to the move's acceptance"
+    assert found.delay[0].label == "frame's arrival to the move's acceptance"
 
 
 def test_the_filter_is_that_of_the_sensor_that_was_used() -> None:

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from fractions import Fraction
 from itertools import pairwise
 from typing import Any
 
@@ -20,6 +21,7 @@ from hil_bridge.control import (
     Supervisor,
     Task,
     TaskParameters,
+    in_numbers,
 )
 
 START = (0.9, 0.0, 0.6)
@@ -64,6 +66,10 @@ def drive(controller, cycles=60, force=8.0, **more):
     return state, decisions
 
 
+def leave(measurement):
+    raise SystemExit(7)
+
+
 @pytest.mark.parametrize(
     ("act", "why"),
     [
@@ -72,9 +78,12 @@ def drive(controller, cycles=60, force=8.0, **more):
         (lambda m: Command(math.inf, 0.0), "it commands inf m"),
         (lambda m: Command(m.commanded, math.nan), "it commands"),
         (lambda m: None, "AttributeError"),
-        (lambda m: Command("deeper", 0.0), "TypeError"),
-        (lambda m: Command(m.commanded, 0.0, stiffness="hard"), "TypeError"),
+        (lambda m: Command("deeper", 0.0), "ValueError"),
+        (lambda m: Command(m.commanded, 0.0, stiffness=1j), "TypeError"),
+        (lambda m: Command(m.commanded, 0.0, gain="more"), "ValueError"),
         (lambda m: Command(m.commanded, 0.0, explanation=None), "TypeError"),
+        (lambda m: Command(m.commanded, 0.0, explanation="soft"), "ValueError"),
+        (leave, "SystemExit: 7"),
     ],
 )
 def test_a_controller_that_fails_ends_in_a_retraction_that_names_it(act, why):
@@ -100,6 +109,46 @@ def test_what_explains_a_command_moves_nothing_and_may_be_anything():
     explanation = {"found": True, "level": np.float32(0.5), "inverse": math.inf, "why": "soft", 3: object()}
     _, decisions = drive(Broken(lambda m: Command(m.commanded, 0.0, explanation=explanation)), cycles=20)
     assert not any(isinstance(decision.verdict, Stop) for decision in decisions)
+
+
+def test_an_answer_that_only_behaves_like_numbers_becomes_numbers():
+    def act(measurement):
+        return Command(Fraction(measurement.commanded), np.float32(0.0), True, np.int64(1), 1, {"level": 2})
+
+    _, decisions = drive(Broken(act), cycles=20)
+    assert not any(isinstance(decision.verdict, Stop) for decision in decisions)
+    command = decisions[-1].output.command
+    kinds = [type(getattr(command, name)) for name in ("position", "correction", "stiffness", "gain", "held")]
+    assert kinds == [float, float, float, float, bool]
+    assert type(decisions[-1].target.depth) is float
+
+
+def test_what_explains_a_command_is_recorded_as_numbers():
+    class Nameless:
+        def __str__(self):
+            raise RuntimeError("no name")
+
+    told = in_numbers(
+        {
+            "found": True,
+            "level": np.float32(0.5),
+            "why": "soft",
+            "big": 10**400,
+            3: object(),
+            Nameless(): None,
+        }
+    )
+    assert (told.pop("found"), told.pop("level")) == (1.0, 0.5)
+    assert list(told) == ["why", "big", "3", "<Nameless>"]
+    assert all(map(math.isnan, told.values()))
+
+
+def test_the_text_of_a_failure_is_one_line_of_whole_characters():
+    def act(measurement):
+        raise ValueError("half \udc80\nand more")
+
+    state, _ = drive(Broken(act))
+    assert state.task.cause == "controller broken failed: ValueError: half \\udc80"
 
 
 def test_a_controller_that_fails_in_its_first_step_or_its_initial_state_is_no_different():
