@@ -52,6 +52,13 @@ class Figure:
             return None
         return got >= self.target.limit if self.target.least else got <= self.target.limit
 
+    @property
+    def _digits(self) -> int:
+        """Of the ratio: more where three would not tell on which side of its target it is."""
+        target, ratio = self.target, self.ratio
+        close = target is not None and target.of == "ratio" and ratio is not None
+        return 4 if close and number(ratio) == number(target.limit) else 3
+
     def cells(self) -> tuple[str, ...]:
         """Name, value, baseline, ratio, target and whether it was met, as texts."""
         baseline = "" if self.baseline is None else f"{number(self.baseline)} {self.unit} ({self.against})"
@@ -59,7 +66,7 @@ class Figure:
             self.name,
             f"{number(self.value)} {self.unit}",
             baseline,
-            "" if self.ratio is None else f"{number(self.ratio)} ×",
+            "" if self.ratio is None else f"{number(self.ratio, self._digits)} ×",
             "" if self.target is None else str(self.target),
             {True: "yes", False: "no", None: ""}[self.met],
         )
@@ -147,11 +154,11 @@ class Spread:
         return ordered[min(len(ordered) - 1, math.ceil(0.99 * len(ordered)) - 1)]
 
 
-def number(value: float) -> str:
-    """Three significant digits, without an exponent for what people read daily."""
+def number(value: float, significant: int = 3) -> str:
+    """So many significant digits, without an exponent for what people read daily."""
     if value == 0.0 or not math.isfinite(value):
         return f"{value:g}"
-    digits = max(0, 2 - math.floor(math.log10(abs(value))))
+    digits = max(0, significant - 1 - math.floor(math.log10(abs(value))))
     return f"{value:,.{min(digits, 6)}f}".replace(",", "\u202f")
 
 

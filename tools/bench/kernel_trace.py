@@ -18,6 +18,7 @@ from tools.bench.figures import Cost
 from tools.bench.machine import stolen_s
 
 NOT_HERE = "what the slowest spent their time on, for the kernel gives no trace: that needs root and tracefs"
+FULL = "what the slowest of a run spent their time on, for more happened in it than the trace's buffer holds"
 BUFFER_KB = 32768
 """For each processor: a switch takes some 70 bytes."""
 SLOWEST = 0.01
@@ -143,7 +144,7 @@ def traced() -> Iterator[Trace]:
         (here / "tracing_on").write_text("0")
         for statistics in here.glob("per_cpu/cpu*/stats"):
             if re.search(r"^(overrun|dropped events): [1-9]", statistics.read_text(), re.MULTILINE):
-                raise OSError(f"{NOT_HERE}; its buffer was too small")
+                raise OSError(FULL)
         trace.read(here / "trace")
 
 
@@ -177,7 +178,7 @@ def explained(
     """What the slowest hundredth and the tenth around the median spent their time on, as profiles with their titles."""
     slow, usual = slowest(spans), middle(spans)
     p99 = f"p99 {(slow[0][1] - slow[0][0]) * MICRO:.0f} µs"
-    run = f"{what}, {len(spans)} traced ({p99}, the host kept {trace.stolen_s:.2f} s)"
+    run = f"{what}, {len(spans)} traced ({p99}, the host kept {trace.stolen_s:.2f} s of it all)"
     return {
         f"{run}: {which}, {mean_us(some):.0f} µs on average": costs_of(trace.parts(some, threads, name))
         for which, some in (("the slowest hundredth", slow), ("the tenth around the median", usual))

@@ -195,7 +195,8 @@ def turns_of(
 
         def enough(count: int) -> bool:
             if count == WARM_UP and threads is not None:
-                threads[:] = sorted(map(int, os.listdir(f"/proc/{process.pid}/task")))
+                found = map(int, os.listdir(f"/proc/{process.pid}/task"))
+                threads[:] = [process.pid, *(thread for thread in found if thread != process.pid)]
             if (number := ending if count == cycles else signals.get(count)) is not None:
                 process.send_signal(number)
             return count >= cycles
@@ -274,17 +275,22 @@ def kept_awake(place: Path, say: Callable[[str], None]) -> tuple[Figure, ...]:
     """Over TCP with processors that do not sleep: what is left is computing. Raises ConfigError where the machine does
     not let itself be kept awake.
     """
+    host = machine.compiled("host")
+
+    def in_c() -> list[Turn]:
+        if host is None:
+            return []
+        with tcp() as wires:
+            return turns_of(wires, [host, *plain_arguments(wires)], session=False)
+
     with scheduled(RealTime(keep_awake=True)):
         say(f"TCP{AWAKE}")
+        theirs = in_c()
         stolen = machine.stolen_s()
         with tcp() as wires:
             ours = turns_of(wires, bridge_command(wires, place), session=True)
         stolen = machine.stolen_s() - stolen
-        host = machine.compiled("host")
-        theirs = []
-        if host is not None:
-            with tcp() as wires:
-                theirs = turns_of(wires, [host, *plain_arguments(wires)], session=False)
+        theirs += in_c()
     figures = [
         Figure(
             f"TCP, {what}, {percentile}{AWAKE}",
@@ -382,10 +388,11 @@ def measure(say: Callable[[str], None]) -> Report:
             left_out.append(str(error))
         say("profile of the bridge over TCP")
         profiles = {"Profile, the bridge over TCP, by module": profile(place)}
-        try:
-            for wire, busy_poll_ms in TRACED:
-                say(f"trace of orders, {wire}{', busy polling' if busy_poll_ms else ''}")
+        for wire, busy_poll_ms in TRACED:
+            say(f"trace of orders, {wire}{', busy polling' if busy_poll_ms else ''}")
+            try:
                 profiles |= traced_orders(wire, place, busy_poll_ms)
-        except OSError as error:
-            left_out.append(str(error))
+            except OSError as error:
+                left_out.append(str(error))
+    left_out = list(dict.fromkeys(left_out))
     return Report(tuple(figures), tuple(left_out), profiles)
