@@ -44,7 +44,7 @@ _M_MMAP_THRESHOLD = -3
 class Chunks:
     """When a chunk of the file is finished: what is not in a finished one is lost with a killed process.
 
-    Every chunk stays in the index at the file's end, and so in memory until then: about half a KiB each.
+    Every chunk stays in the index at the file's end, and so in memory until then: some 0.7 KiB each.
     """
 
     seconds: float
