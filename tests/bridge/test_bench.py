@@ -26,6 +26,12 @@ def test_a_figure_is_judged_by_its_value_or_by_its_ratio():
     assert late.line() == "lateness: 30.0 µs; 100 µs (asyncio), ratio 0.300 ×; ≤ 0.25 ×: NOT met"
 
 
+def test_a_ratio_beside_its_target_is_told_to_the_digit_that_decides():
+    target = Target("ratio", 1.03)
+    ratios = [Figure("f", value, "ms", 1.0, "floor", target).cells()[3] for value in (1.028, 1.032, 1.06)]
+    assert ratios == ["1.028 ×", "1.032 ×", "1.06 ×"]
+
+
 def test_a_target_without_its_baseline_is_not_judged():
     assert Figure("lateness", 30.0, "µs", target=Target("ratio", 0.25)).met is None
 

@@ -7,13 +7,18 @@ import threading
 import time
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
+from msgspec import structs
 
+from hil_bridge.config import Config
+from hil_bridge.control import Predictive
 from hil_bridge.errors import BridgeError, ConfigError
+from hil_bridge.experiments import run_cell
 from hil_bridge.recording import VIRTUAL_CHUNKS, CycleRecord, EventRecord, Recorder, SensorRecord, read
 from hil_bridge.recording import recorder as recorder_module
 from hil_bridge.recording.recorder import Chunks
@@ -384,3 +389,17 @@ def test_arbitrary_messages_raise_value_error_or_nothing(data: bytes) -> None:
 def test_wrong_columns_are_refused(message: bytes) -> None:
     with pytest.raises(ValueError, match=r".+"):
         SENSOR.decode(message)
+
+
+def test_what_a_controller_explains_is_recorded_as_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
+    step = Predictive.step
+
+    def talkative(self: Predictive, *given: Any) -> Any:
+        state, command = step(self, *given)
+        return state, structs.replace(command, explanation={"why": "soft", "found": True})  # type: ignore[dict-item]
+
+    monkeypatch.setattr(Predictive, "step", talkative)
+    cycles = run_cell(Config.model_validate({"run": {"duration_s": 2.0}})).cycles
+    told = [cycle.explanation for cycle in cycles if cycle.phase == "track"]
+    assert told
+    assert all(math.isnan(one["why"]) and one["found"] == 1.0 for one in told)

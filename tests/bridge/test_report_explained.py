@@ -138,6 +138,8 @@ def test_the_filter_is_that_of_the_sensor_that_was_used() -> None:
     # A record that was cut off: the configuration tells of CAN gateways alone.
     assert lags(board, {}) == lags("serial:///dev/ttyACM0?gateway=jr3", {}) == []
     assert lags("can+socketcan://can0", {}) == lags("", {}) == [pytest.approx(1 / (2 * math.pi * 10.0))]
+    settings["sensor"]["emulated"] = "uart"
+    assert lags("", {}) == []
 
 
 def test_margins_are_those_of_the_controller_in_the_configuration() -> None:
