@@ -102,6 +102,10 @@ class SensorConfig(_Section):
     """Sensor's origin in the tool frame; contact moments are told about the tool frame's origin."""
     flip_fx_mx: bool = False
     """Set it when the sensor counts left-handed as seen from the tool: negates Fx and Mx."""
+    unchecked: bool = False
+    """Run on a real sensor although the tool's weight is not known: a person takes on that axes, signs and scales of
+    the sensor are right.
+    """
     tare: bool = True
     """Take what the sensor reads before the movement for zero, whatever it is; otherwise only the bias given here
     and the tool's weight are taken off, so that a force that is there already is seen.
@@ -130,9 +134,9 @@ class SensorConfig(_Section):
 class ToolConfig(_Section):
     """What hangs below the sensor."""
 
-    mass_kg: float = Field(default=0.0, ge=0)
-    """Mass below the sensor; with a constant orientation the tare removes its weight by itself. `identify-tool`
-    measures it.
+    mass_kg: float | None = Field(default=None, ge=0)
+    """Mass below the sensor, which `identify-tool` measures; the sensor must read its weight before a run moves.
+    Nothing where it is not known: an emulated cell then tells its own.
     """
     centre_of_gravity_mm: Vector = (0.0, 0.0, 0.0)
     """From the sensor's origin, along the tool frame's axes."""

@@ -1,38 +1,48 @@
-"""One run of the closed loop: connect, tare, then cycle by cycle status → force → decision → move → record.
+"""One run of the closed loop: connect, check, zero, then cycle by cycle status → force → decision → move → record.
 
 The shell around the pure `ControlLoop`: it stamps the hops, hands data one way along them, and waits for
 nothing but the robot's answers.
 """
 
 import math
+import traceback
 from collections.abc import AsyncIterator
 from typing import Any, Protocol
 
-from hil_bridge.clock import Clock
+from msgspec.structs import replace
+
+from hil_bridge.clock import Clock, Heartbeat
 from hil_bridge.config import Config
 from hil_bridge.control import (
     Command,
     ControlLoop,
     Decision,
     Facing,
+    LoopState,
+    Peaks,
     Phase,
     Sample,
     Supervisor,
     Task,
-    Wrist,
     in_numbers,
     make_controller,
-    quaternion_about,
-    quaternion_product,
+    one_line,
+    turn_between,
 )
 from hil_bridge.devices import ForceSensor, Motion, RobotLink
-from hil_bridge.errors import BridgeError, DeviceError
+from hil_bridge.errors import BridgeError
+from hil_bridge.leaving import ARRIVED_M, Left, WayOut
 from hil_bridge.line_time import answer_time
 from hil_bridge.recording import PHASE_EVENT, STOP_EVENT, CycleRecord, EventRecord, Outcome
+from hil_bridge.zeroing import Zeroing, bring_up, wrist
 from protocol.arap import Quaternion, Status, Vector
-from protocol.jr3 import AXES, SensorFrame
+from protocol.jr3 import AXES, FULL_SCALE_COUNTS, SensorFrame
 from protocol.values import dataclass
 
+THEN_EVENT = "then"
+"""Kind of the events whose text is what followed the cause of a stop."""
+BUG_EVENT = "bug"
+"""Kind of the event whose text is the traceback of a bug."""
 TIME_IS_UP = "time is up"
 """Why a run ends that went as it was meant to."""
 MAIN_SHARE = 0.5
@@ -59,6 +69,11 @@ class RunResult:
 
     outcome: Outcome
     cause: str = ""
+    """The first one."""
+    left: str = ""
+    """Where the tool was left, in words; empty where it never moved."""
+    followed: tuple[str, ...] = ()
+    """What happened after the first cause."""
 
 
 def control_loop(config: Config) -> ControlLoop:
@@ -66,7 +81,7 @@ def control_loop(config: Config) -> ControlLoop:
     controller = make_controller(config.controller.name, **config.controller.parameters)
     return ControlLoop(
         Task(config.task, controller, config.limits.force_limit_n),
-        Supervisor(config.limits),
+        Supervisor(config.limits, config.robot.velocity_mm_s * 1e-3),
         config.frame.approach,
         config.frame.travel,
         config.oscillation if config.limits.oscillation_guard else None,
@@ -74,39 +89,11 @@ def control_loop(config: Config) -> ControlLoop:
     )
 
 
-def wrist(config: Config) -> Wrist:
-    """How this configuration says that the sensor sits, and what hangs below it."""
-    sensor, tool = config.sensor, config.tool
-    mounting = quaternion_about((0.0, 0.0, 1.0), math.radians(sensor.mounting_deg))
-    return Wrist(
-        quaternion_product(sensor.quaternion, mounting),
-        _metres(sensor.position_mm),
-        sensor.flip_fx_mx,
-        (*sensor.bias_n, *sensor.bias_nm),
-        tool.mass_kg,
-        _metres(tool.centre_of_gravity_mm),
-    )
-
-
-def _metres(vector_mm: Vector) -> Vector:
-    x, y, z = vector_mm
-    return x * 1e-3, y * 1e-3, z * 1e-3
-
-
-async def bring_up(robot: RobotLink, sensor: ForceSensor) -> None:
-    """Robot in operation, sensor streaming. Raises DeviceError with what stands against it."""
-    status = await robot.read_status()
-    if status.emergency_stop:
-        raise DeviceError(f"robot on {robot.name} is in emergency stop; release it at the controller's panel")
-    if not status.operation:
-        await robot.to_operation()
-    await sensor.ready()
-
-
 class Run:
     """A run over a robot link and a force sensor that have been started; call it once."""
 
     def __init__(self, config: Config, clock: Clock, robot: RobotLink, sensor: ForceSensor, log: Log) -> None:
+        """Raises ConfigError for what cannot be run."""
         self._config = config
         self._clock = clock
         self._robot = robot
@@ -114,12 +101,23 @@ class Run:
         self._log = log
         self._wrist = wrist(config)
         self._loop = control_loop(config)
+        self._zeroing = Zeroing(config, clock, robot, sensor, lambda text: self._event("sensor", text))
+        self._way_out = WayOut(config, clock, robot, sensor)
+        self._heart = Heartbeat(clock)
         self._answer_time = answer_time(robot.profile)
         self._filter_delay = sensor.delay
+        self._start: Status
+        self._orientation: Quaternion
+        """Of the start: every order keeps it."""
         self._quaternion_tare: Quaternion | None = None
+        self._state: LoopState | None = None
+        """After the last order that the robot took; None before the first cycle."""
         self._faced: tuple[tuple[int, ...], Facing] | None = None
         self._interrupted = False
         self._phase = ""
+        self._outcome, self._cause = Outcome.COMPLETED, ""
+        self._followed: list[str] = []
+        self._pause = 0.0
         self.moving = False
         """A movement sequence is under way: only `interrupt` may end it, not cancellation."""
 
@@ -127,33 +125,93 @@ class Run:
         """Retract from the next cycle on, and end."""
         self._interrupted = True
 
+    def stand_still(self, seconds: float) -> None:
+        """Let the next decision last so much longer, s: a computer that stands still, in virtual time."""
+        self._pause = seconds
+
     async def __call__(self) -> RunResult:
-        """The whole run. Raises BridgeError when a device fails before the movement has begun."""
+        """The whole run. Raises BridgeError when a device fails before the movement has begun.
+
+        Once the tool moves, every end but this task's own cancellation is a result, and each of them tries to retract.
+        """
         self._enter("connect")
-        await bring_up(self._robot, self._sensor)
-        tare = self._config.sensor.tare
-        if tare:
-            self._enter("tare")
-            await self._sensor.tare()
-        start = await self._robot.read_status()
-        await self._sensor.frame()
-        self._quaternion_tare = start.quaternion if tare else None
-        self.moving = True
+        start = await bring_up(self._robot, self._sensor)
+        self._loop.initial(start.position)  # refuses a start outside the workspace
+        self._enter("tare")
+        await self._zeroing.weigh(start)
+        self._orientation = start.quaternion
+        self.moving, moved = True, False
+        commanded = start.position
+        self._heart.start()
         try:
             async with self._robot.motion(self._config.robot.velocity_mm_s * 1e-3) as motion:
-                result = await self._cycles(motion, start)
+                try:
+                    await self._guarded(motion, start)
+                finally:
+                    moved, commanded = motion.ordered, motion.commanded or commanded
         except BridgeError as error:
-            result = self._stopped(str(error))
-        self.moving = False
+            self._blame(str(error))
+        finally:
+            self._heart.stop()
+            self.moving = False
+        left = await self._left(start, commanded) if moved else ""
         self._enter("end")
-        return result
+        return RunResult(self._outcome, self._cause, left, tuple(self._followed))
 
-    async def _cycles(self, motion: Motion, start: Status) -> RunResult:
-        """The cycles between the start and the end of the movement sequence."""
-        state = self._loop.initial(start.position)
-        result = RunResult(Outcome.COMPLETED)
+    async def _guarded(self, motion: Motion, start: Status) -> None:
+        """All between the start and the end of the movement sequence. Whatever ends it, the tool is retracted as far
+        as the robot takes orders.
+        """
+        try:
+            zero = await self._zeroing.take(motion, start, lambda: self._interrupted)
+            self._start = zero.start
+            self._quaternion_tare = self._orientation if self._config.sensor.tare else None
+            facing = self._facing(zero.start)
+            scales = tuple(scale / FULL_SCALE_COUNTS for scale in self._sensor.full_scales)
+            self._sensor.peaks = Peaks(facing, scales, zero.contact)
+            self._state = self._loop.initial(zero.start.position)
+            await self._cycles(motion)
+        except BridgeError as error:
+            self._blame(str(error))
+            await self._retract(motion)
+        except Exception as error:
+            self._event(BUG_EVENT, "".join(traceback.format_exception(error)))
+            self._blame(f"a bug ended the run: {type(error).__name__}: {one_line(str(error))}")
+            await self._retract(motion)
+        except BaseException:
+            self._blame("the run was cancelled")
+            await self._retract(motion)
+            raise
+
+    async def _retract(self, motion: Motion) -> None:
+        """Back to the depth of the start by orders alone."""
+        if self._state is None or motion.halted:
+            return
+        self._enter(Phase.RETRACT)
+        await self._way_out.retract(motion, self._state, self._orientation, self._blame)
+
+    async def _left(self, start: Status, commanded: Vector) -> str:
+        """Where the tool was left, in words; a tool that is left pressing has not completed."""
+        origin = start.position if self._state is None else self._start.position
+        depth, force = await self._way_out.rest(origin, commanded)
+        limits = self._config.limits
+        away = depth <= ARRIVED_M
+        pressing = not force <= limits.weight_tolerance_n
+        if self._state is None:  # it never left the place that was found free, or not free
+            away, pressing = not self._cause or self._outcome is Outcome.INTERRUPTED, False
+        told = f"{force:.1f} N" if math.isfinite(force) else "a force that is not known"
+        if self._outcome is Outcome.COMPLETED and not (away and not pressing):
+            self._blame(f"the tool is left pressing with {told}")
+        because = self._followed[-1] if self._followed else self._cause
+        return Left(away and not pressing, depth, force, because).text
+
+    async def _cycles(self, motion: Motion) -> None:
+        """The cycles from the start point to the end of the retraction."""
+        state = self._state
+        assert state is not None
         track_ends = math.inf
         unpaced = not self._config.run.period_ms  # then an order is always followed by another at once
+        asked = ""
         async for cycle, started_at in self._beats():
             commanded_before = state.supervisor.depth
             status = await self._robot.read_status(announce=True)
@@ -161,23 +219,30 @@ class Run:
             frame, decoded_at = self._frame(), self._sensor.decoded_at
             sample = self._sample(status, frame)
             asked = ""
-            if self._interrupted and result.outcome is Outcome.COMPLETED:
-                result = RunResult(Outcome.INTERRUPTED)
+            if self._interrupted and self._outcome is Outcome.COMPLETED:
+                self._outcome = Outcome.INTERRUPTED
                 asked = "interrupted"
             elif sample.now >= track_ends:
                 asked = TIME_IS_UP
-            if asked:
-                state = self._loop.finish(state, asked)
-            proposal = self._loop.propose(state, sample)
+            before = self._loop.finish(state, asked) if asked else state
+            proposal = self._loop.propose(before, sample)
+            if self._pause:
+                pause, self._pause = self._pause, 0.0
+                await self._clock.sleep_until(self._clock.now() + pause)
             proposed_at = self._clock.now()
-            state, decision = self._loop.judge(state, sample, proposal)
+            gap = max(self._heart.take(), proposed_at - sample.now)
+            if gap * 1e3 > self._config.limits.cycle_deadline_ms:
+                sample = replace(sample, gap=gap)
+                self._event("gap", f"the computer stood still, or decided, for {gap * 1e3:.0f} ms")
+            after, decision = self._loop.judge(before, sample, proposal)
             controlled_at = self._clock.now()
             self._enter(decision.output.phase)
             if decision.output.phase is Phase.TRACK and track_ends == math.inf:
                 track_ends = sample.now + self._config.run.duration_s
-            if decision.output.failed and result.outcome is not Outcome.STOPPED:
-                result = self._stopped(decision.output.cause)
-            await motion.to(decision.position, status.quaternion, announce=unpaced)
+            if decision.output.failed:
+                self._blame(decision.output.cause)
+            await motion.to(decision.position, self._orientation, announce=unpaced)
+            state = self._state = after
             self._log.cycle(
                 self._record(
                     status,
@@ -192,16 +257,15 @@ class Run:
                     sent_at=self._robot.begun_at,
                     transmitted_at=self._robot.transmitted_at,
                     sensor_counter=frame.counter,
-                    start=start.position,
+                    start=self._start.position,
                     asked=asked,
                     correction=decision.target.depth - commanded_before,
                 )
             )
             if decision.ended:
                 break
-        if result.outcome is Outcome.COMPLETED and state.task.cause != TIME_IS_UP:
-            return RunResult(Outcome.COMPLETED, state.task.cause)
-        return result
+        if self._outcome is Outcome.COMPLETED and state.task.cause != TIME_IS_UP:
+            self._cause = state.task.cause
 
     async def _beats(self) -> AsyncIterator[tuple[int, float]]:
         """Number and begin of each cycle: as fast as the link answers, or on the period's absolute beats.
@@ -224,13 +288,17 @@ class Run:
     def _sample(self, status: Status, frame: SensorFrame) -> Sample:
         """The newest of everything, now that the robot has answered."""
         sensor = self._sensor
-        fault = ""
+        fault = self._robot.fault(status)
         try:
             sensor.check()
         except BridgeError as error:
-            fault = str(error)
-        if status.emergency_stop:
-            fault = f"robot on {self._robot.name} is in emergency stop"
+            fault = fault or str(error)
+        assert sensor.peaks is not None
+        peak_force, peak_resultant, peak_moment, saturated = sensor.peaks.take()
+        quaternion = status.quaternion
+        _, tilt = (
+            (None, 0.0) if quaternion == self._orientation else turn_between(self._orientation, quaternion)
+        )
         now = self._clock.now()
         composed_at = now - self._answer_time
         facing = self._facing(status)
@@ -245,13 +313,17 @@ class Run:
             frame.at,
             frame.sequence,
             sensor.repeated,
-            bool(sensor.saturated),
+            saturated or bool(sensor.saturated),
             self._dead_axis(status),
             fault,
             facing.force_along(_TRAVEL, wrench),
             wrench,
             composed_at,
             None if paired is None else facing.force_along(_APPROACH, facing.contact_force(paired)),
+            peak_force,
+            peak_resultant,
+            peak_moment,
+            tilt,
         )
 
     def _frame(self) -> SensorFrame:
@@ -319,9 +391,14 @@ class Run:
             sample=sample,
         )
 
-    def _stopped(self, cause: str) -> RunResult:
-        self._event(STOP_EVENT, cause)
-        return RunResult(Outcome.STOPPED, cause)
+    def _blame(self, cause: str) -> None:
+        """Stop for this cause, or note what followed the first one."""
+        if self._outcome is not Outcome.STOPPED:
+            self._outcome, self._cause = Outcome.STOPPED, cause
+            self._event(STOP_EVENT, cause)
+        elif cause != self._cause and cause not in self._followed:
+            self._followed.append(cause)
+            self._event(THEN_EVENT, cause)
 
     def _enter(self, phase: str) -> None:
         if phase != self._phase:

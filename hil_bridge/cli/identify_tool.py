@@ -92,8 +92,8 @@ def identify_tool(
     from hil_bridge.control import identify_tool as identified
     from hil_bridge.errors import ConfigError
     from hil_bridge.recording.files import write_whole
-    from hil_bridge.run import wrist
     from hil_bridge.tool_files import poses_as_csv, read_poses, tool_as_toml
+    from hil_bridge.zeroing import wrist
 
     for option, file in (("-o", out), ("--save", save)):
         if file is None:

@@ -2,6 +2,7 @@
 
 from hil_bridge.clock.clock import Clock, Timer
 from hil_bridge.clock.devices import device_clock
+from hil_bridge.clock.heartbeat import Heartbeat
 from hil_bridge.clock.run import LeakedTasks, run_real, run_virtual
 from hil_bridge.clock.virtual import (
     VIRTUAL_EPOCH,
@@ -15,6 +16,7 @@ __all__ = [
     "VIRTUAL_EPOCH",
     "VIRTUAL_WALL_NS",
     "Clock",
+    "Heartbeat",
     "LeakedTasks",
     "Timer",
     "VirtualDeadlock",

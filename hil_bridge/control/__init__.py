@@ -33,10 +33,12 @@ from hil_bridge.control.fuzzy_control import (
     ResolutionAware,
     scheduled_gain,
 )
+from hil_bridge.control.limits import Limits
 from hil_bridge.control.linear import Admittance, AdmittanceState, Pi, PiState
-from hil_bridge.control.loop import ControlLoop, Decision, LoopState, Proposal, Sample
+from hil_bridge.control.loop import ControlLoop, Decision, LoopState, Proposal, Sample, one_line
 from hil_bridge.control.merit import FiguresOfMerit, figures_of_merit
 from hil_bridge.control.oscillation import OscillationDetector, OscillationState
+from hil_bridge.control.peaks import Peaks
 from hil_bridge.control.plugins import plugin_names
 from hil_bridge.control.predictive import Predictive, PredictiveState
 from hil_bridge.control.rules import PAPER_RULES, RuleBase, parse_rules, read_rules, rules_as_toml
@@ -45,7 +47,6 @@ from hil_bridge.control.supervisor import (
     Allow,
     Cause,
     Clamp,
-    Limits,
     Observation,
     Request,
     Stop,
@@ -88,6 +89,7 @@ __all__ = [
     "OscillationDetector",
     "OscillationState",
     "Pairing",
+    "Peaks",
     "Phase",
     "Pi",
     "PiState",
@@ -123,6 +125,7 @@ __all__ = [
     "infer",
     "make_controller",
     "normal_force",
+    "one_line",
     "parse_rules",
     "plugin_names",
     "quantise",

@@ -13,7 +13,6 @@ from msgspec.structs import replace
 from hil_bridge.control.contour import Contour, ContourState, normal_force
 from hil_bridge.control.oscillation import Advice, OscillationDetector, OscillationState
 from hil_bridge.control.supervisor import (
-    Allow,
     Cause,
     Clamp,
     Observation,
@@ -64,6 +63,18 @@ class Sample(Struct, frozen=True):
     """When `position` was true, s on the run's clock; None where that is not known."""
     paired_force: float | None = None
     """Contact force along the approach direction at that moment, N; None where none is known."""
+    peak_force: float = 0.0
+    """Force along the approach direction farthest from 0 of all frames since the decision before, N: from the zero, or
+    from what the sensor read before it, whichever is more.
+    """
+    peak_resultant: float = 0.0
+    """Largest length of the force vector of these frames, likewise, N."""
+    peak_moment: float = 0.0
+    """Largest length of the moment vector of these frames, N·m."""
+    tilt: float | None = None
+    """Turn of the reported orientation from that of the start, rad; None where the pose is not judged."""
+    gap: float = 0.0
+    """Longest time for which the computer stood still since the decision before, or this one lasted, s."""
 
 
 class LoopState(Struct, frozen=True):
@@ -178,45 +189,63 @@ class ControlLoop:
 
     def judge(self, state: LoopState, sample: Sample, proposal: Proposal) -> tuple[LoopState, Decision]:
         """The supervisor's word on what was proposed for this sample. A stop turns it into a retraction; while
-        retracting only the limits of motion apply, for pulling back is what a stop is for.
+        retracting only the limits of motion apply, and the force that the retraction itself makes.
         """
         task, output, advice = proposal.task, proposal.output, proposal.advice
+        seen = _observe(sample, proposal.depth, output)
         verdict: Verdict
-        way: Allow | Clamp
         if output.phase is _RETRACT or output.phase is _END:
-            supervisor, verdict = self.supervisor.limit(state.supervisor, self._request(state, output))
+            request = self._request(state, output)
+            supervisor, verdict = self.supervisor.retreat(state.supervisor, seen, request)
+            if isinstance(verdict, Stop):
+                output = replace(output, cause=verdict.text, failed=True)
         elif proposal.failure:
             supervisor, verdict = self.supervisor.stop(state.supervisor, Cause.CONTROLLER, proposal.failure)
         elif advice is not None and advice.retract:
             text = f"the force goes on swinging by ±{advice.amplitude:.1f} N at the lowest gain"
             supervisor, verdict = self.supervisor.stop(state.supervisor, Cause.OSCILLATION, text)
         else:
-            supervisor, verdict = self.supervisor.step(
-                state.supervisor, _observe(sample, proposal.depth, output), self._request(state, output)
-            )
+            request = self._request(state, output, self._barrier(proposal))
+            supervisor, verdict = self.supervisor.step(state.supervisor, seen, request)
         cause = _cause(state, output, verdict)
-        if isinstance(verdict, Stop) or cause:
+        way: Verdict = verdict
+        if cause and output.phase is not _RETRACT:
             # From the state before this sample: what the controller made of it no longer matters.
             task, output = self.task.step(self.task.fail(state.task, cause), proposal.measurement)
-            supervisor, way = self.supervisor.limit(supervisor, self._request(state, output))
-        else:
-            if advice is not None and advice.factor < 1.0:
-                lowered = f"the force swings: gain lowered to {advice.factor:g}"
-                reasons = verdict.reasons if isinstance(verdict, Clamp) else ()
-                verdict = Clamp(verdict.depth, verdict.position, (*reasons, lowered))
-            way = verdict
+            supervisor, way = self.supervisor.retreat(supervisor, seen, self._request(state, output))
+        elif advice is not None and advice.factor < 1.0 and not isinstance(verdict, Stop):
+            lowered = f"the force swings: gain lowered to {advice.factor:g}"
+            reasons = verdict.reasons if isinstance(verdict, Clamp) else ()
+            way = verdict = Clamp(verdict.depth, verdict.position, (*reasons, lowered))
+        before = state.supervisor
+        stands = isinstance(way, Stop)
+        depth, position = (
+            (before.depth, before.position) if isinstance(way, Stop) else (way.depth, way.position)
+        )
         # Held back at the border of the workspace, a retraction has come as far as it can.
-        held = output.phase is _RETRACT and way.depth >= state.supervisor.depth
+        held = output.phase is _RETRACT and depth >= before.depth
         return LoopState(state.start, task, supervisor, proposal.oscillation, proposal.contour), Decision(
             proposal.depth,
             proposal.measurement.force,
             proposal.contour.angle,
-            Target(way.depth, output.target.travel),
-            way.position,
+            Target(depth, output.target.travel),
+            position,
             output,
             verdict,
-            ended=task.phase is _END or held,
+            ended=task.phase is _END or held or stands,
         )
+
+    def _barrier(self, proposal: Proposal) -> float:
+        """Depth, m, at which the force limit less its margin is predicted: by the stiffness in hand, from the reported
+        position and the force that belongs to it. What the robot has yet to do of its orders lies before it.
+        """
+        limits, measurement, command = self.supervisor.limits, proposal.measurement, proposal.output.command
+        stiffness = self.task.parameters.expected_stiffness_n_m
+        if command is not None and command.stiffness is not None:
+            stiffness = max(stiffness, command.stiffness)
+        left = limits.force_limit_n * (1.0 - limits.force_margin_share) - measurement.force_at_position
+        barrier = measurement.position + left / stiffness
+        return barrier if math.isfinite(barrier) else measurement.position
 
     def _decide(self, state: TaskState, measurement: Measurement) -> tuple[TaskState, TaskOutput, str]:
         """The task's step, and what is wrong with its controller; empty while nothing is.
@@ -230,7 +259,7 @@ class ControlLoop:
                 return task, output, ""
             failed = f"it commands {command.position} m"
         except (Exception, SystemExit) as error:
-            failed = _one_line(f"{type(error).__name__}: {error}")
+            failed = one_line(f"{type(error).__name__}: {error}")
         text = f"controller {self.task.controller.name} failed: {failed}"
         return state, self.task.hold(state, measurement), text
 
@@ -264,14 +293,14 @@ class ControlLoop:
         error = measurement.force - self.task.parameters.force_n
         return self.detector.step(state, error, output.command.stiffness)
 
-    def _request(self, state: LoopState, output: TaskOutput) -> Request:
+    def _request(self, state: LoopState, output: TaskOutput, barrier: float = math.inf) -> Request:
         depth, travel = output.target.depth, output.target.travel
         (x, y, z), (a, b, c), (u, v, w) = state.start, self.approach, self.travel
         target = x + depth * a + travel * u, y + depth * b + travel * v, z + depth * c + travel * w
-        return Request(depth, target, self.approach)
+        return Request(depth, target, self.approach, barrier)
 
 
-def _one_line(text: str) -> str:
+def one_line(text: str) -> str:
     """The first line of somebody's text, with half characters written out."""
     return text.splitlines()[0].encode(errors="backslashreplace").decode()
 
@@ -299,6 +328,7 @@ def _cause(state: LoopState, output: TaskOutput, verdict: Verdict) -> str:
 
 
 def _observe(sample: Sample, depth: float, output: TaskOutput) -> Observation:
+    # by place, in the order of the fields: by name every one costs as much as to read it
     return Observation(
         sample.now,
         sample.force,
@@ -311,4 +341,10 @@ def _observe(sample: Sample, depth: float, output: TaskOutput) -> Observation:
         output.in_contact,
         depth,
         sample.fault,
+        sample.peak_force,
+        sample.peak_resultant,
+        sample.peak_moment,
+        None if sample.tilt is None else sample.position,
+        sample.tilt or 0.0,
+        sample.gap,
     )

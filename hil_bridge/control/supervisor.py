@@ -1,10 +1,11 @@
 """The last word before the wire: what may be sent, what is clamped, what ends the run. Pure.
 
-Which side is safe: away from the surface. Depth may grow by no more than a little a cycle and no farther
-than a total; a move that pulls back is never shortened by these, only by the workspace. A request that
-leaves the workspace is cut where the straight way from the last allowed position meets its border, so the
-cut position is never deeper than both ends. A stop is latched: only a new state, made by a person's
-decision, ends it.
+Which side is safe: away from the surface. Depth may grow by no more than a little a cycle, no farther than a
+total, and no farther than where the stiffness in hand predicts the force limit; a move that pulls back is never
+shortened by these, only by the workspace. A request that leaves the workspace is cut where the straight way from
+the last allowed position meets its border, so the cut position is never deeper than both ends. A stop is latched:
+only a new state, made by a person's decision, ends it. A stop asks for a retraction, and the retraction is
+supervised too: where it makes the force rise, the tool stands still.
 """
 
 import math
@@ -15,79 +16,28 @@ from typing import ClassVar, TypeAlias
 from msgspec import Struct
 from msgspec.structs import replace
 
-from hil_bridge.control.checks import require_above_zero
+from hil_bridge.control.limits import Limits, Vector
 from hil_bridge.errors import ConfigError
-
-Vector: TypeAlias = tuple[float, float, float]
 
 
 class Cause(StrEnum):
     """Why a run was stopped."""
 
     NOT_A_NUMBER = "not-a-number"
+    DEVICE = "device"
     FORCE = "force"
     RESULTANT_FORCE = "resultant-force"
+    MOMENT = "moment"
     SATURATED = "saturated"
     STALE = "stale"
     FROZEN = "frozen"
     SEQUENCE = "sequence"
-    DEVICE = "device"
+    POSE = "pose"
+    DEADLINE = "deadline"
     INCONSISTENT = "inconsistent"
     CONTROLLER = "controller"
     OSCILLATION = "oscillation"
-
-
-@dataclass(frozen=True, slots=True)
-class Limits:
-    """What is allowed. Every default is chosen, not a fact about a device: set them for the cell at hand."""
-
-    __pydantic_config__: ClassVar = {"extra": "forbid"}
-
-    force_limit_n: float = 50.0
-    """Contact force along the approach direction, either sign, above which the run stops."""
-    resultant_limit_n: float = 100.0
-    """Length of the force vector above which the run stops: a collision from the side."""
-    correction_per_cycle_mm: float = 2.0
-    """Farthest that the command may go deeper in a cycle."""
-    correction_total_mm: float = 100.0
-    """Farthest that the command may be deeper than the start point."""
-    travel_per_cycle_mm: float = 5.0
-    """Farthest that the command may move across the approach direction in a cycle."""
-    workspace_min_m: Vector = (-3.0, -3.0, -3.0)
-    """Lowest corner of the box that the tool may be in, base frame."""
-    workspace_max_m: Vector = (3.0, 3.0, 3.0)
-    """Highest corner of that box, base frame."""
-    stale_after_ms: float = 200.0
-    """Age of the newest sensor frame above which the run stops."""
-    frozen_after_frames: int = 400
-    """Frames in a row with identical counts on all axes after which the run stops. A filtered quiet signal
-    repeats itself for some frames, a dead converter for ever.
-    """
-    unanswered_mm: float = 2.0
-    """How far a pressing tool may go deeper without the force changing by one count: more, and the axis that
-    measures it is dead, while the controller presses ever harder.
-    """
-    oscillation_guard: bool = True
-    """Lower the gain of a loop whose force swings for long, and end the run when that does not help."""
-    still_after_cycles: int = 3
-    """Cycles in a row without a new sensor frame after which the run stops."""
-
-    def __post_init__(self) -> None:
-        require_above_zero(
-            self,
-            "force_limit_n",
-            "resultant_limit_n",
-            "correction_per_cycle_mm",
-            "correction_total_mm",
-            "travel_per_cycle_mm",
-            "stale_after_ms",
-            "frozen_after_frames",
-            "unanswered_mm",
-            "still_after_cycles",
-        )
-        for low, high in zip(self.workspace_min_m, self.workspace_max_m, strict=True):
-            if not (math.isfinite(low) and math.isfinite(high) and low < high):
-                raise ValueError("workspace_min_m must be below workspace_max_m on every axis")
+    RETRACTION = "retraction"
 
 
 class Observation(Struct, frozen=True):
@@ -106,7 +56,7 @@ class Observation(Struct, frozen=True):
     repeated_frames: int = 0
     """How many of the newest frames in a row carried identical counts on all axes."""
     saturated: bool = False
-    """True when an axis is at the end of its range, so that the force may be anything above."""
+    """True when an axis was at the end of its range, so that the force may be anything above."""
     dead_axis: str = ""
     """Which axis of the controlled force does not live, in words; empty while all do."""
     pressing: bool = False
@@ -115,6 +65,20 @@ class Observation(Struct, frozen=True):
     """Reported position along the approach direction from the start point, m."""
     fault: str = ""
     """What is wrong with a device, in words; empty while nothing is."""
+    peak_force: float = 0.0
+    """Force along the approach direction farthest from 0 of all frames since the decision before, N, from the zero or
+    without it.
+    """
+    peak_resultant: float = 0.0
+    """Largest length of the force vector of these frames, N."""
+    peak_moment: float = 0.0
+    """Largest length of the moment vector of these frames, N·m."""
+    position: Vector | None = None
+    """Reported position, base frame, m; None where it is not to be judged."""
+    tilt: float = 0.0
+    """Turn of the reported orientation from that of the start, rad."""
+    gap: float = 0.0
+    """Longest time for which the computer stood still since the decision before, or this one lasted, s."""
 
 
 class Request(Struct, frozen=True):
@@ -126,6 +90,8 @@ class Request(Struct, frozen=True):
     """The same target as a point in the base frame, m."""
     direction: Vector
     """Approach direction: unit vector into the surface, base frame."""
+    barrier: float = math.inf
+    """Depth at which the force limit less its margin is predicted, m."""
 
 
 class Allow(Struct, frozen=True):
@@ -133,7 +99,9 @@ class Allow(Struct, frozen=True):
 
     kind: ClassVar[str] = "allow"
     depth: float
+    """Of the command from the start point, m."""
     position: Vector
+    """The same as a point in the base frame, m."""
 
 
 class Clamp(Struct, frozen=True):
@@ -141,7 +109,9 @@ class Clamp(Struct, frozen=True):
 
     kind: ClassVar[str] = "clamp"
     depth: float
+    """Of the command from the start point, m."""
     position: Vector
+    """The same as a point in the base frame, m."""
     reasons: tuple[str, ...]
 
 
@@ -156,8 +126,21 @@ class Stop(Struct, frozen=True):
 Verdict: TypeAlias = Allow | Clamp | Stop
 
 
+class Retreat(Struct, frozen=True):
+    """What a retraction has met so far."""
+
+    began_at: float
+    """s on the run's clock."""
+    from_contact: bool
+    """The tool pressed when it began."""
+    lowest: float
+    """Resultant force that it has come down to, N."""
+    depth: float
+    """Reported depth at which the force last came down, m."""
+
+
 class SupervisorState(Struct, frozen=True):
-    """Where the last allowed command was, what the sensor counted, and the stop if there was one."""
+    """Where the last allowed command was, what the devices told, and the stop if there was one."""
 
     depth: float
     """Depth allowed last, m; at the beginning that of the reported position, so 0 at the start point."""
@@ -169,6 +152,10 @@ class SupervisorState(Struct, frozen=True):
     pressed: tuple[float, float] | None = None
     """Contact force that has not changed since, N, and the reported depth when it was new, m; None without contact."""
     stopped: Stop | None = None
+    reported: tuple[float, Vector] | None = None
+    """When a position was judged last, s, and that position, base frame, m; None before the first."""
+    retreat: Retreat | None = None
+    """None while the run goes on."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,14 +163,15 @@ class Supervisor:
     """Checks every cycle's observation and request against the limits."""
 
     limits: Limits
+    speed: float = math.inf
+    """Path velocity that the robot is given, m/s: a reported position that moves faster is not true."""
 
     def initial(self, position: Vector, depth: float = 0.0) -> SupervisorState:
         """State for a robot that stands at this position in the base frame and at this depth, m.
 
         Raises ConfigError when that is outside the workspace.
         """
-        box = zip(self.limits.workspace_min_m, position, self.limits.workspace_max_m, strict=True)
-        if not all(low <= value <= high for low, value, high in box):
+        if not _inside(self.limits, position):
             raise ConfigError(f"the robot stands at {position} m, outside the box of limits.workspace_…_m")
         return SupervisorState(depth, position)
 
@@ -195,12 +183,21 @@ class Supervisor:
             return state, state.stopped
         still = state.still_cycles + 1 if observation.sensor_sequence == state.sensor_sequence else 0
         pressed = _pressed(state.pressed, observation)
-        stop = _first_fault(self.limits, state, observation, request, still, pressed)
+        stop = self._first_fault(state, observation, request, still, pressed)
         if stop is not None:
             return replace(state, still_cycles=still, pressed=pressed, stopped=stop), stop
         verdict = _clamp(self.limits, state, request)
+        position = observation.position
         return (
-            SupervisorState(verdict.depth, verdict.position, observation.sensor_sequence, still, pressed),
+            SupervisorState(
+                verdict.depth,
+                verdict.position,
+                observation.sensor_sequence,
+                still,
+                pressed,
+                None,
+                None if position is None else (observation.now, position),
+            ),
             verdict,
         )
 
@@ -209,13 +206,165 @@ class Supervisor:
         stop = state.stopped or Stop(cause, text)
         return replace(state, stopped=stop), stop
 
-    def limit(self, state: SupervisorState, request: Request) -> tuple[SupervisorState, Allow | Clamp]:
-        """One cycle of pulling back, which a stop does not end: only the limits of motion hold.
+    def retreat(
+        self, state: SupervisorState, observation: Observation, request: Request
+    ) -> tuple[SupervisorState, Verdict]:
+        """One cycle of pulling back, which no stop ends but one: a force that rises, or stays over its limit, while
+        the tool moves away. The tool stands still then.
 
-        The request must be finite. A stop stays latched.
+        Where the force cannot be known the tool goes back to the depth of the start, where it has been, and no
+        farther. The request must be finite. A stop stays latched.
         """
+        before, seen = state.retreat, observation
+        after = before
+        if not math.isfinite(seen.force + seen.resultant + seen.peak_resultant):
+            known = False
+        else:
+            known = not (seen.fault or seen.saturated or seen.dead_axis) and self._fresh(seen)
+        if known:
+            if before is None:
+                before = Retreat(seen.now, seen.pressing, seen.resultant, seen.depth)
+            after = self._retreated(before, seen)
+            text = self._no_way_back(before, after, seen)
+            if text:
+                stop = Stop(Cause.RETRACTION, text)
+                return replace(state, retreat=after, stopped=state.stopped or stop), stop
         verdict = _clamp(self.limits, state, request)
-        return replace(state, depth=verdict.depth, position=verdict.position), verdict
+        if not known and verdict.depth < 0.0 and verdict.depth < state.depth:
+            request = _at_depth(request, min(state.depth, 0.0))
+            verdict = _clamp(self.limits, state, request)
+            reason = "without a force to go by no farther back than the start"
+            verdict = Clamp(verdict.depth, verdict.position, (reason,))
+        return replace(state, depth=verdict.depth, position=verdict.position, retreat=after), verdict
+
+    def _retreated(self, before: Retreat, seen: Observation) -> Retreat:
+        """The lowest force so far; while the retraction has not taken effect yet, the newest."""
+        resultant = seen.resultant
+        if before.from_contact and (seen.now - before.began_at) * 1e3 <= self.limits.retract_grace_ms:
+            lowest = max(before.lowest, resultant)
+            return Retreat(before.began_at, True, lowest, seen.depth)
+        lowest = min(before.lowest, resultant)
+        fell = resultant < before.lowest - _FELL_N
+        return Retreat(before.began_at, before.from_contact, lowest, seen.depth if fell else before.depth)
+
+    def _no_way_back(self, before: Retreat, after: Retreat, seen: Observation) -> str:
+        """Why the tool must stand still, in words; empty while it need not."""
+        limits, force = self.limits, seen.resultant
+        if force > after.lowest + limits.retract_rise_n:
+            return f"the force rose from {after.lowest:.1f} N to {force:.1f} N while the tool retracted"
+        over = abs(seen.force) > limits.force_limit_n or force > limits.resultant_limit_n
+        if over and (before.depth - seen.depth) * 1e3 > limits.unanswered_mm:
+            back = (before.depth - seen.depth) * 1e3
+            return f"the force stayed at {force:.1f} N while the tool retracted by {back:.1f} mm"
+        return ""
+
+    def _fresh(self, seen: Observation) -> bool:
+        return 0.0 <= (seen.now - seen.sensor_at) * 1e3 <= self.limits.stale_after_ms
+
+    def _first_fault(
+        self,
+        state: SupervisorState,
+        seen: Observation,
+        request: Request,
+        still_cycles: int,
+        pressed: tuple[float, float] | None,
+    ) -> Stop | None:
+        """The first reason to end the run, None while there is none. One straight line: this runs in every cycle."""
+        limits = self.limits
+        (x, y, z), (a, b, c), (u, v, w) = state.position, request.direction, request.position
+        # A sum is a number only if all its parts are, and no part is infinite.
+        of_scalars = seen.now + seen.force + seen.resultant + seen.sensor_at + seen.depth
+        of_peaks = seen.peak_force + seen.peak_resultant + seen.peak_moment + seen.tilt + seen.gap
+        if not math.isfinite(
+            of_scalars + of_peaks + request.depth + state.depth + x + y + z + a + b + c + u + v + w,
+        ):
+            return Stop(Cause.NOT_A_NUMBER, "a measurement or command is no number")
+        if seen.fault:
+            return Stop(Cause.DEVICE, seen.fault)
+        force = seen.force if abs(seen.force) >= abs(seen.peak_force) else seen.peak_force
+        if abs(force) > limits.force_limit_n:
+            return Stop(Cause.FORCE, f"contact force {force:.1f} N is beyond {limits.force_limit_n:g} N")
+        resultant = max(seen.resultant, seen.peak_resultant)
+        if resultant > limits.resultant_limit_n:
+            text = f"resultant force {resultant:.1f} N is beyond {limits.resultant_limit_n:g} N"
+            return Stop(Cause.RESULTANT_FORCE, text)
+        if seen.peak_moment > limits.moment_limit_nm:
+            text = f"moment {seen.peak_moment:.2f} N·m is beyond {limits.moment_limit_nm:g} N·m"
+            return Stop(Cause.MOMENT, text)
+        if seen.saturated:
+            return Stop(Cause.SATURATED, "the force sensor is at the end of its range")
+        if not self._fresh(seen):
+            age_ms = (seen.now - seen.sensor_at) * 1e3
+            text = f"the newest force is {age_ms:.0f} ms old, allowed are {limits.stale_after_ms:g} ms"
+            return Stop(Cause.STALE, text)
+        if seen.repeated_frames >= limits.frozen_after_frames:
+            text = f"the force sensor repeated the same counts {seen.repeated_frames} times"
+            return Stop(Cause.FROZEN, text)
+        if still_cycles >= limits.still_after_cycles:
+            return Stop(Cause.FROZEN, f"no new force for {still_cycles} cycles")
+        if seen.dead_axis:
+            return Stop(Cause.FROZEN, seen.dead_axis)
+        if pressed is not None and (deeper_mm := (seen.depth - pressed[1]) * 1e3) > limits.unanswered_mm:
+            text = f"the force stayed at {seen.force:.2f} N while the tool went {deeper_mm:.1f} mm deeper"
+            return Stop(Cause.FROZEN, text)
+        before = state.sensor_sequence
+        if before is not None and seen.sensor_sequence < before:
+            text = f"the sensor's frame counter went back from {before} to {seen.sensor_sequence}"
+            return Stop(Cause.SEQUENCE, text)
+        if seen.position is not None and (text := self._untrue_pose(state, seen, seen.position)):
+            return Stop(Cause.POSE, text)
+        if seen.gap * 1e3 > limits.cycle_deadline_ms:
+            text = (
+                f"the computer stood still, or decided, for {seen.gap * 1e3:.0f} ms, "
+                f"allowed are {limits.cycle_deadline_ms:g} ms"
+            )
+            return Stop(Cause.DEADLINE, text)
+        slip = abs(a * (u - x) + b * (v - y) + c * (w - z) - (request.depth - state.depth))
+        if slip > _CONSISTENT or abs(math.hypot(a, b, c) - 1.0) > 1e-6:
+            text = (
+                f"requested depth and position differ by {slip * 1e3:.3f} mm, "
+                "or the direction is no unit vector"
+            )
+            return Stop(Cause.INCONSISTENT, text)
+        return None
+
+    def _untrue_pose(self, state: SupervisorState, seen: Observation, position: Vector) -> str:
+        """Why the reported pose cannot be true, or is not where it was ordered to be; empty while it may be."""
+        limits = self.limits
+        if state.reported is not None:
+            at, before = state.reported
+            moved = math.dist(before, position)
+            if moved > (seen.now - at) * self.speed * _FASTER + _STANDS:
+                return (
+                    f"the reported position jumped by {moved * 1e3:.1f} mm in {(seen.now - at) * 1e3:.0f} ms, "
+                    f"the robot moves at {self.speed * 1e3:g} mm/s"
+                )
+        apart = math.dist(position, state.position)
+        if apart * 1e3 > limits.following_error_mm:
+            return (
+                f"the reported position is {apart * 1e3:.1f} mm from the commanded one, "
+                f"allowed are {limits.following_error_mm:g} mm"
+            )
+        tilt_deg = math.degrees(seen.tilt)
+        if tilt_deg > limits.tilt_deg:
+            return (
+                f"the robot reports a tool turned by {tilt_deg:.1f}° from the start, "
+                f"allowed are {limits.tilt_deg:g}°"
+            )
+        if not _inside(limits, position, _STANDS):
+            return f"the robot reports {position} m, outside the box of limits.workspace_…_m"
+        return ""
+
+
+def _inside(limits: Limits, position: Vector, slack: float = 0.0) -> bool:
+    (a, b, c), (x, y, z), (d, e, f) = limits.workspace_min_m, position, limits.workspace_max_m
+    return a - slack <= x <= d + slack and b - slack <= y <= e + slack and c - slack <= z <= f + slack
+
+
+def _at_depth(request: Request, depth: float) -> Request:
+    """The same request at another depth."""
+    (x, y, z), (a, b, c), by = request.position, request.direction, depth - request.depth
+    return Request(depth, (x + a * by, y + b * by, z + c * by), request.direction, request.barrier)
 
 
 def _pressed(before: tuple[float, float] | None, observation: Observation) -> tuple[float, float] | None:
@@ -227,59 +376,6 @@ def _pressed(before: tuple[float, float] | None, observation: Observation) -> tu
     return before[0], min(before[1], observation.depth)
 
 
-def _first_fault(
-    limits: Limits,
-    state: SupervisorState,
-    seen: Observation,
-    request: Request,
-    still_cycles: int,
-    pressed: tuple[float, float] | None,
-) -> Stop | None:
-    """The first reason to end the run, None while there is none. One straight line: this runs in every cycle."""
-    (x, y, z), (a, b, c), (u, v, w) = state.position, request.direction, request.position
-    # A sum is a number only if all its parts are, and no part is infinite.
-    of_scalars = seen.now + seen.force + seen.resultant + seen.sensor_at + seen.depth
-    if not math.isfinite(
-        of_scalars + request.depth + state.depth + x + y + z + a + b + c + u + v + w,
-    ):
-        return Stop(Cause.NOT_A_NUMBER, "a measurement or command is no number")
-    if seen.fault:
-        return Stop(Cause.DEVICE, seen.fault)
-    force, resultant = seen.force, seen.resultant
-    if abs(force) > limits.force_limit_n:
-        return Stop(Cause.FORCE, f"contact force {force:.1f} N is beyond {limits.force_limit_n:g} N")
-    if resultant > limits.resultant_limit_n:
-        text = f"resultant force {resultant:.1f} N is beyond {limits.resultant_limit_n:g} N"
-        return Stop(Cause.RESULTANT_FORCE, text)
-    if seen.saturated:
-        return Stop(Cause.SATURATED, "the force sensor is at the end of its range")
-    age_ms = (seen.now - seen.sensor_at) * 1e3
-    if not 0.0 <= age_ms <= limits.stale_after_ms:
-        text = f"the newest force is {age_ms:.0f} ms old, allowed are {limits.stale_after_ms:g} ms"
-        return Stop(Cause.STALE, text)
-    if seen.repeated_frames >= limits.frozen_after_frames:
-        text = f"the force sensor repeated the same counts {seen.repeated_frames} times"
-        return Stop(Cause.FROZEN, text)
-    if still_cycles >= limits.still_after_cycles:
-        return Stop(Cause.FROZEN, f"no new force for {still_cycles} cycles")
-    if seen.dead_axis:
-        return Stop(Cause.FROZEN, seen.dead_axis)
-    if pressed is not None and (deeper_mm := (seen.depth - pressed[1]) * 1e3) > limits.unanswered_mm:
-        text = f"the force stayed at {force:.2f} N while the tool went {deeper_mm:.1f} mm deeper"
-        return Stop(Cause.FROZEN, text)
-    before = state.sensor_sequence
-    if before is not None and seen.sensor_sequence < before:
-        text = f"the sensor's frame counter went back from {before} to {seen.sensor_sequence}"
-        return Stop(Cause.SEQUENCE, text)
-    slip = abs(a * (u - x) + b * (v - y) + c * (w - z) - (request.depth - state.depth))
-    if slip > _CONSISTENT or abs(math.hypot(a, b, c) - 1.0) > 1e-6:
-        text = (
-            f"requested depth and position differ by {slip * 1e3:.3f} mm, or the direction is no unit vector"
-        )
-        return Stop(Cause.INCONSISTENT, text)
-    return None
-
-
 def _clamp(limits: Limits, state: SupervisorState, request: Request) -> Allow | Clamp:
     """The request within the limits of motion. Written in single numbers: this runs in every cycle, and arrays of
     three would cost ten times as much.
@@ -289,15 +385,18 @@ def _clamp(limits: Limits, state: SupervisorState, request: Request) -> Allow | 
     (bx, by, bz), (nx, ny, nz) = state.position, request.direction
 
     deepest_now = state.depth + limits.correction_per_cycle_mm * 1e-3
-    deepest = max(limits.correction_total_mm * 1e-3, state.depth)
-    if depth > min(deepest_now, deepest):
-        if deepest_now < deepest:
+    deepest_total = max(limits.correction_total_mm * 1e-3, state.depth)
+    deepest = min(deepest_now, deepest_total, request.barrier)
+    if depth > deepest:
+        if deepest == request.barrier:
+            reasons.append("deeper than where the force limit is predicted")
+        elif deepest_now < deepest_total:
             reasons.append(f"deeper by more than {limits.correction_per_cycle_mm:g} mm in a cycle")
         else:
             reasons.append(f"deeper than {limits.correction_total_mm:g} mm in total")
-        excess = depth - min(deepest_now, deepest)
+        excess = depth - deepest
         tx, ty, tz = tx - nx * excess, ty - ny * excess, tz - nz * excess
-        depth = min(deepest_now, deepest)
+        depth = deepest
 
     mx, my, mz = tx - bx, ty - by, tz - bz
     along = mx * nx + my * ny + mz * nz
@@ -338,3 +437,12 @@ _ROUNDING = 1e-9
 
 _CONSISTENT = 1e-5
 """Largest difference between a request's depth and its position, m. Chosen: below any robot's resolution."""
+
+_STANDS = 1e-3
+"""How far a reported position may be off without being untrue, m. Chosen: some steps of a coarse robot."""
+
+_FASTER = 1.5
+"""Chosen: how many times the path velocity a reported position may move at, for two answers are not evenly spaced."""
+
+_FELL_N = 0.25
+"""Chosen: a force that came down by this much has answered the retraction."""

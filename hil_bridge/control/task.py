@@ -74,7 +74,19 @@ class TaskParameters:
     retract_step_mm: float = 1.0
     """Depth taken back per cycle while retracting."""
     retract_mm: float = 20.0
-    """Depth taken back in all, from where tracking ended."""
+    """Depth taken back in all, from where tracking ended; at least back to the depth of the start."""
+    zero_lift_mm: float = 0.5
+    """How far the tool moves away from the surface before the zero is taken: the force must not change on the way.
+    0 takes the zero where the tool stands.
+    """
+    zero_step_mm: float = 0.125
+    """One step of that way: so small that it does no harm where it leads the wrong way. Chosen: the resolution of
+    the robot's position.
+    """
+    zero_change_n: float = 0.5
+    """Change of the force on that way, or while the tool stands, above which no zero is taken. Source: the paper's
+    uncertainty of its sensor.
+    """
 
     def __post_init__(self) -> None:
         require_above_zero(
@@ -89,8 +101,12 @@ class TaskParameters:
             "loss_limit",
             "travel_limit_mm",
             "retract_step_mm",
+            "zero_step_mm",
+            "zero_change_n",
         )
-        require_not_negative(self, "loss_threshold_n", "step_mm", "travel_from_share", "retract_mm")
+        require_not_negative(
+            self, "loss_threshold_n", "step_mm", "travel_from_share", "retract_mm", "zero_lift_mm"
+        )
         if self.loss_threshold_n > self.contact_threshold_n:
             raise ValueError("loss_threshold_n must not be above contact_threshold_n")
         if self.travel_from_share > 1:
@@ -215,7 +231,7 @@ class Task:
             )
             return self._track(state, measurement)
         turn = measurement.commanded if state.turn is None else state.turn
-        depth = measurement.commanded + self._approach_step(measurement)
+        depth = measurement.commanded + self._careful_step(measurement.commanded - measurement.position)
         limit_mm = self.parameters.approach_depth_limit_mm
         if depth - turn > limit_mm * 1e-3 + _ROUNDING:
             cause = f"no contact found within {limit_mm:g} mm"
@@ -225,17 +241,18 @@ class Task:
             return self._retract(self.fail(state, self._edge), measurement)
         return state, _output(state, depth, Phase.APPROACH)
 
-    def _approach_step(self, measurement: Measurement) -> float:
-        """Depth to add, m, so that a touch anywhere from here on ends within the force allowed.
+    def _careful_step(self, ahead: float) -> float:
+        """How far to go where the tool has not been, m, so that a touch ends within the force allowed.
 
         Derived: there is no contact at the reported position, so however late a touch shows, it ends no
-        deeper below the surface than the command is ahead of that position. What is already under way is the
-        delay as it is measured; half of what is allowed at once keeps the steps even.
+        deeper below the surface than the command is `ahead` of that position. What is already under way is the
+        delay as it is measured; half of what is allowed at once keeps the steps even. A position that is no number
+        counts as no lead: a retraction goes on without it.
         """
         parameters = self.parameters
         allowed = min(parameters.force_n, self.force_limit_n / 2) / parameters.expected_stiffness_n_m
-        ahead = max(measurement.commanded - measurement.position, 0.0)
-        return max(min(parameters.approach_step_mm * 1e-3, allowed / 2, allowed - ahead), _SLOWEST)
+        lead = max(ahead, 0.0) if math.isfinite(ahead) else 0.0
+        return max(min(parameters.approach_step_mm * 1e-3, allowed / 2, allowed - lead), _SLOWEST)
 
     def _beyond_edge(self, state: TaskState, depth: float) -> bool:
         limit = self.parameters.search_depth_limit_mm * 1e-3
@@ -305,13 +322,22 @@ class Task:
         return state, output
 
     def _retract(self, state: TaskState, measurement: Measurement) -> tuple[TaskState, TaskOutput]:
-        turn = measurement.commanded if state.turn is None else state.turn
-        goal = turn - self.parameters.retract_mm * 1e-3
-        depth = max(measurement.commanded - self.parameters.retract_step_mm * 1e-3, goal)
+        """Back by what is asked for, and at least to the depth of the start. Up to there the tool has been before;
+        beyond it something may be in the way, and the steps are those of an approach.
+        """
+        parameters, commanded = self.parameters, measurement.commanded
+        turn = commanded if state.turn is None else state.turn
+        goal = min(turn - parameters.retract_mm * 1e-3, 0.0)
+        step = parameters.retract_step_mm * 1e-3
+        if commanded > _ROUNDING:
+            depth = max(commanded - step, 0.0)
+        else:
+            behind = measurement.position - commanded
+            depth = max(commanded - min(step, self._careful_step(behind)), goal)
         state = replace(state, turn=turn)
         output = _output(state, depth, Phase.RETRACT)
         # A command that the supervisor held back at the workspace's border does not count as arrived.
-        if measurement.commanded <= goal + _ROUNDING:
+        if commanded <= goal + _ROUNDING:
             state = replace(state, phase=Phase.END)
         return state, output
 

@@ -8,6 +8,7 @@ from contextlib import suppress
 from typing import Any
 
 from hil_bridge.clock import Clock
+from hil_bridge.control.peaks import Peaks
 from hil_bridge.devices.axis_watch import AxisWatch
 from hil_bridge.errors import BridgeError, DeviceError, TransportClosed
 from hil_bridge.pump import Pump
@@ -53,6 +54,8 @@ class ForceSensor:
         """Complete frames so far."""
         self.repeated = 0
         """How many of the newest frames in a row carried identical counts on all axes."""
+        self.peaks: Peaks | None = None
+        """Shown every frame; None while nothing judges them."""
         self._watch = AxisWatch()
         self._history: deque[SensorFrame] = deque(maxlen=_HISTORY)
         self._transport = transport
@@ -61,6 +64,8 @@ class ForceSensor:
         self._on_notice = on_notice
         self._client = client
         self._pump: Pump[Any, SensorEvent] = Pump(client, transport, clock, self._take, self._ended)
+        self.model = ""
+        """What the device says of the sensor; empty where it says nothing."""
         self._full_scales: tuple[float, ...] | None = None
         self._converted: SensorFrame | None = None
         """The frame whose wrench was asked for last."""
@@ -120,6 +125,16 @@ class ForceSensor:
             await self._until(SensorFrame)
         assert self.newest is not None
         return self.newest
+
+    @property
+    def full_scales(self) -> tuple[float, ...]:
+        """What the device told: fx fy fz in N, mx my mz in N·m; known once it is ready."""
+        assert self._full_scales is not None, "the device is ready first"
+        return self._full_scales
+
+    def window(self, since: float) -> list[tuple[float, ...]]:
+        """Wrenches as `wrench` gives them of the frames kept that arrived after this time, s, oldest first."""
+        return [self.wrench(frame) for frame in self._history if frame.at > since]
 
     def check(self) -> None:
         """Raise what ended the sensor, if anything did: for the cycle, before it trusts the newest frame."""
@@ -182,10 +197,14 @@ class ForceSensor:
                 self._history.append(event)
                 for text in self._watch.frame(event.counts):
                     self._on_notice("sensor", text)
+                if (peaks := self.peaks) is not None:
+                    peaks.frame(event.counts)
+                    if self._watch.saturated:
+                        peaks.saturated = True
                 self.received += 1
                 self._on_frame(event)
-            case SensorReady(full_scales=full_scales):
-                self._full_scales, self._converted = full_scales, None
+            case SensorReady(full_scales=full_scales, model=model):
+                self._full_scales, self._converted, self.model = full_scales, None, model
             case Zeroed():
                 self._watch.zeroed(None if self.newest is None else self.newest.counts)
                 self.newest = None

@@ -4,7 +4,7 @@ import asyncio
 import math
 from collections import deque
 from collections.abc import AsyncIterator, Callable, Mapping
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from typing import TypeVar, overload
 
 from hil_bridge.clock import Clock
@@ -26,6 +26,7 @@ from protocol.arap import (
     ProgramAnswer,
     Quaternion,
     Refusal,
+    RefusalCode,
     Refused,
     SpontaneousReceived,
     Status,
@@ -36,6 +37,7 @@ from protocol.arap import (
     read_status,
     receive_program,
     refusal_remedy,
+    stop_program,
     write_mode,
 )
 from protocol.endpoint import RemoteProtocolError
@@ -45,6 +47,12 @@ _Meaning = TypeVar("_Meaning")
 
 _ENQ, _EOT = int(Control.ENQ), int(Control.EOT)
 _POINT = MoveKind.POINT
+_NO_START_POINT = RefusalCode.OUTSIDE_WORK_AREA
+"""What refuses a move for want of a sequence, or of a start point. Source: project specification, section 3."""
+_UNIT_TOLERANCE = 0.01
+"""Chosen: how far a quaternion's norm may be from 1; words of 1/16384 alone make up 0.0001."""
+_SLOWEST_M_S = 1e-3
+"""Chosen: velocity of an order that is not to move anything, m/s."""
 _ZEROS: Vector = (0.0, 0.0, 0.0)
 """What a start, and an end without any point before it, carry as coordinates."""
 
@@ -192,6 +200,33 @@ class RobotLink:
         except RemoteProtocolError as error:
             raise DeviceError(f"robot on {self.name} gave an answer that cannot be read: {error}") from error
 
+    def fault(self, status: Status) -> str:
+        """What in a status forbids to move, in words; empty while nothing does."""
+        if status.emergency_stop:
+            return f"robot on {self.name} is in emergency stop; release it at the controller's panel"
+        if not status.operation:
+            return f"robot on {self.name} is not in operation mode"
+        if self.profile.check_flags and not status.key_auto:
+            return f"robot on {self.name}: the key does not stand in AUTO; turn it (or see robot.link.check_flags)"
+        if self.profile.check_flags and status.local:
+            return (
+                f"robot on {self.name}: the link control is not given at the teach pendant; give it "
+                "(or see robot.link.check_flags)"
+            )
+        length = math.hypot(*status.quaternion)
+        if abs(length - 1.0) > _UNIT_TOLERANCE:
+            return f"robot on {self.name} reports the orientation {status.quaternion}, which is none"
+        return ""
+
+    async def close_sequence(self, status: Status) -> None:
+        """End a movement sequence that an earlier run left open, where the robot reports to be; a controller that has
+        none open refuses, which is well.
+        """
+        end = Motion(self, _SLOWEST_M_S).telegram(MoveKind.END, status.position, status.quaternion)
+        with suppress(OrderRefused):
+            await self.exchange(end)
+            self._on_notice("motion", "a movement sequence that was left open has been closed")
+
     async def to_operation(self) -> None:
         """Ask for the operation mode, in which the controller moves."""
         await self.exchange(write_mode(Mode.OPERATION))
@@ -203,7 +238,14 @@ class RobotLink:
         `velocity` is the speed along the path, m/s.
         """
         motion = Motion(self, velocity)
-        await self.order(motion.telegram(MoveKind.START))
+        try:
+            await self.order(motion.telegram(MoveKind.START))
+        except OrderRefused as refused:
+            if refused.code != _NO_START_POINT:
+                raise
+            # Assumed: a controller whose sequence is still open refuses to begin another.
+            await self.close_sequence(await self.read_status())
+            await self.order(motion.telegram(MoveKind.START))
         try:
             yield motion
         except BaseException:
@@ -296,14 +338,27 @@ class Motion:
 
     def __init__(self, link: RobotLink, velocity: float) -> None:
         self._link = link
-        self._velocity = velocity
+        self.velocity = velocity
+        """Speed along the path for the orders to come, m/s."""
         self._last: tuple[Vector, Quaternion] | None = None
+        self.halted = False
+        """It was ordered to stand still: nothing more can be ordered."""
+
+    @property
+    def ordered(self) -> bool:
+        """Whether a point has been ordered in this sequence."""
+        return self._last is not None
+
+    @property
+    def commanded(self) -> Vector | None:
+        """The last point ordered, base frame, m; None before the first."""
+        return None if self._last is None else self._last[0]
 
     def telegram(
         self, kind: MoveKind, position: Vector = _ZEROS, quaternion: Quaternion = (*_ZEROS, 0.0)
     ) -> Telegram:
         """The order for one step of the sequence; position in m, quaternion w x y z, tool in base."""
-        return Move(kind, position, quaternion, self._velocity).to_telegram(self._link.profile.move_length)
+        return Move(kind, position, quaternion, self.velocity).to_telegram(self._link.profile.move_length)
 
     async def to(self, position: Vector, quaternion: Quaternion, *, announce: bool = False) -> None:
         """Order the next point; returns when the controller has taken it, not when it is reached. `announce` as in
@@ -312,6 +367,14 @@ class Motion:
         self._last = position, quaternion
         await self._link.exchange(self.telegram(_POINT, position, quaternion), announce=announce)
 
+    async def halt(self) -> None:
+        """Stand still at once and forget all points, for a robot that does not go where it was ordered to. Nothing can
+        be ordered afterwards.
+        """
+        self.halted = True
+        await self._link.order(stop_program())
+
     async def end(self) -> None:
-        """End the sequence at the last point ordered."""
-        await self._link.order(self.telegram(MoveKind.END, *(self._last or ())))
+        """End the sequence at the last point ordered, unless it was halted."""
+        if not self.halted:
+            await self._link.order(self.telegram(MoveKind.END, *(self._last or ())))

@@ -13,6 +13,7 @@ from functools import cached_property
 from typing import Any, NamedTuple, TypeAlias
 
 import msgspec
+import msgspec.structs
 
 from hil_bridge.control.loop import Sample
 from hil_bridge.recording.records import CycleRecord, EventRecord, LinkRecord, SensorRecord, TruthRecord
@@ -79,16 +80,19 @@ def _list_of(item: Kind, count: int | None = None) -> Kind:
 
 
 def _object_of(record: type[Any], kinds: Mapping[str, Kind]) -> Kind:
-    """A whole value of its own, or null for None. Every field is kept, also those to come."""
+    """A whole value of its own, or null for None. Every field is kept, also those to come; what an older recording
+    does not hold stands at its default.
+    """
+    optional = {field.name for field in msgspec.structs.fields(record) if not field.required}
 
     def decode(value: object) -> Any:
         if value is None:
             return None
         if not isinstance(value, dict):
             raise ValueError("is not an object")
-        if missing := kinds.keys() - value.keys():
+        if missing := kinds.keys() - value.keys() - optional:
             raise ValueError(f"lacks {', '.join(sorted(missing))}")
-        return record(**{name: kind.decode(value[name]) for name, kind in kinds.items()})
+        return record(**{name: kind.decode(value[name]) for name, kind in kinds.items() if name in value})
 
     schema = {"type": "object", "properties": {name: kind.schema for name, kind in kinds.items()}}
     return Kind(schema, decode)

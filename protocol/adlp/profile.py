@@ -70,6 +70,11 @@ class LinkProfile:
     move_length: int = setting(
         52, Mark.DERIVED, "length of a move telegram, header included", unit="byte", minimum=32
     )
+    check_flags: bool = setting(
+        True,
+        Mark.ASSUMED,
+        "whether a run goes by bits 0 and 3 of status byte 16, link control and key; off where they tell other things",
+    )
     order_timeout_s: float = setting(
         10.0,
         Mark.ASSUMED,

@@ -14,6 +14,8 @@ class SensorReady:
 
     full_scales: tuple[float, ...]
     """fx fy fz mx my mz, N and N·m."""
+    model: str = ""
+    """What the device says of the sensor: model and serial number; empty where it says nothing."""
 
 
 @dataclass(frozen=True, slots=True)

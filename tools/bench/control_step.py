@@ -17,7 +17,8 @@ from hil_bridge.control.fuzzy import infer
 from hil_bridge.control.rules import PAPER_RULES
 from hil_bridge.experiments.chain import run_cell
 from hil_bridge.recording import CycleRecord
-from hil_bridge.run import control_loop, wrist
+from hil_bridge.run import control_loop
+from hil_bridge.zeroing import wrist
 from tools.bench.figures import Figure, Report, Spread, Target
 from tools.bench.machine import CACHE
 from tools.bench.sampler import costs, sampled

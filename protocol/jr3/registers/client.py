@@ -107,6 +107,7 @@ class BoardClient:
         self._zero_wanted = False
         self._settled_at: float | None = None
         self._full_scales: tuple[float, ...] = ()
+        self._model = ""
 
         self._data_tag: int | None = None
         self._delivery_head: bytes | None = None
@@ -309,9 +310,8 @@ class BoardClient:
         if result is not None:
             self._full_scales = result.full_scales
             self._phase = BoardPhase.SETTLING
-            self._events.append(
-                SensorNotice(f"board: sensor model {result.model_no}, serial number {result.serial_no}")
-            )
+            self._model = f"sensor model {result.model_no}, serial number {result.serial_no}"
+            self._events.append(SensorNotice(f"board: {self._model}"))
         self._settled_at = now + self._profile.settling
 
     def _on_settled(self, now: float) -> None:
@@ -323,7 +323,7 @@ class BoardClient:
         self._asked_at = self._sampled_at = self._heard_at = now
         self._polls = 0
         self._data_by = now + self._data_timeout
-        self._events.append(SensorReady(self._full_scales))
+        self._events.append(SensorReady(self._full_scales, self._model))
         if not self._by_poll:
             period_us = round(self._profile.period * 1e6)
             self._ask(Op.STREAM, period_us, self._profile.bursts)

@@ -1,0 +1,118 @@
+"""What must be true of a sensor before its reading is taken for zero, and before anything moves. Pure.
+
+A reading is the mean of some frames in the sensor frame, fx fy fz in N and mx my mz in N·m, shape (6,).
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hil_bridge.control.frames import Quaternion, tool_gravity_wrench
+from hil_bridge.control.wrist import Wrist
+
+AXES = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
+"""Names of the sensor's axes, in the order of a reading."""
+
+_MOMENT_ARM = 0.1
+"""Chosen: N·m of unrest for each N that is allowed, m, the order of a tool's length."""
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """Some frames of a sensor that was left alone."""
+
+    mean: tuple[float, ...]
+    """N and N·m in the sensor frame, (6,)."""
+    drift: tuple[float, ...]
+    """Mean of the newer half less that of the older one, N and N·m, (6,)."""
+
+    def unsteady(self, change_n: float) -> str:
+        """Which axis drifts by more than this, in words; empty for a reading at rest."""
+        for axis, drift, limit, unit in zip(AXES, self.drift, _limits(change_n), _UNITS, strict=True):
+            if abs(drift) > limit:
+                return f"{axis} drifts by {drift:+.2f} {unit}"
+        return ""
+
+
+_UNITS = ("N",) * 3 + ("N·m",) * 3
+
+
+def _limits(change_n: float) -> tuple[float, ...]:
+    return (change_n,) * 3 + (change_n * _MOMENT_ARM,) * 3
+
+
+def reading(wrenches: Sequence[Sequence[float]]) -> Reading:
+    """What these frames say together; at least two of them, oldest first."""
+    table = np.asarray(wrenches, dtype=float)
+    half = len(table) // 2
+    drift = table[half:].mean(axis=0) - table[:half].mean(axis=0)
+    return Reading(tuple(table.mean(axis=0).tolist()), tuple(drift.tolist()))
+
+
+def weight_reading(wrist: Wrist, quaternion: Quaternion) -> tuple[float, ...]:
+    """What the sensor reads of this tool and its own bias at this orientation, with no contact, (6,)."""
+    weight = tool_gravity_wrench(quaternion, wrist.mass, wrist.centre_of_gravity)
+    to_sensor = wrist.alignment().T
+    seen = np.concatenate([to_sensor @ weight[:3], to_sensor @ weight[3:]]) + np.asarray(wrist.bias)
+    return tuple(seen.tolist())
+
+
+def weight_fault(
+    read: Sequence[float], expected: Sequence[float], tolerance_n: float, tolerance_nm: float
+) -> str:
+    """Why a reading is not that of the tool alone, axis by axis and with what it looks like; empty while it is."""
+    tolerances = (tolerance_n,) * 3 + (tolerance_nm,) * 3
+    wrong = [k for k in range(len(AXES)) if not abs(read[k] - expected[k]) <= tolerances[k]]
+    if not wrong:
+        return ""
+    told = ", ".join(
+        f"{AXES[k]} reads {read[k]:.2f} {_UNITS[k]} where the tool's weight is {expected[k]:.2f} {_UNITS[k]}"
+        for k in wrong
+    )
+    return f"{told}: {_likeness(read, expected, tolerances)}"
+
+
+def _likeness(read: Sequence[float], expected: Sequence[float], tolerances: Sequence[float]) -> str:
+    """Which fault would explain a reading best, in words, or that the tool touches something."""
+    forces = range(3)
+    main = max(forces, key=lambda k: abs(expected[k]))
+    if abs(expected[main]) > tolerances[main]:
+        others = [k for k in forces if k != main]
+        quiet = all(abs(read[k] - expected[k]) <= tolerances[k] for k in others)
+        value, weight, tolerance = read[main], expected[main], tolerances[main]
+        for k in others:
+            if abs(abs(read[k]) - abs(weight)) <= tolerance and abs(value) <= tolerance:
+                return f"{AXES[main]} and {AXES[k]} look swapped"
+        if quiet and abs(value + weight) <= tolerance:
+            return f"{AXES[main]} looks mirrored (sensor.quaternion, sensor.flip_fx_mx)"
+        if quiet and abs(value) <= tolerance:
+            return f"{AXES[main]} looks dead, or scaled wrongly, or the tool is gone"
+    return (
+        "the tool touches something, the tool or the sensor's bias is another (identify-tool), "
+        "or an axis is scaled wrongly"
+    )
+
+
+def lift_fault(along: float, across: float, change_n: float, moved_mm: float) -> str:
+    """Why the force that changed on the way from the surface forbids a zero; empty while it may be taken.
+
+    `along` is the change of the contact force in the approach direction, N, `across` that of all the rest.
+    """
+    if math.hypot(along, across) <= change_n:
+        return ""
+    if along < -change_n:
+        return (
+            f"the tool was touching: the force fell by {-along:.1f} N while it moved {moved_mm:.3f} mm away; "
+            "free it (hil-bridge free), then start again"
+        )
+    if along > change_n:
+        return (
+            f"away is not away: the force rose by {along:.1f} N while the tool moved {moved_mm:.3f} mm against "
+            "frame.approach; correct frame.approach, or look what is behind the tool"
+        )
+    return (
+        f"the force changed by {across:.1f} N across while the tool moved {moved_mm:.3f} mm away: "
+        "it touches something"
+    )
