@@ -84,12 +84,16 @@ class CellJob:
                 "run": {"duration_s": self.duration, "seed": self.seed},
                 "robot": {"link": link},
                 "controller": {"name": self.controller, "parameters": dict(self.parameters)},
+                # a zero is whole counts, and where a reference lies between two words one count decides
+                "sensor": {"tare": False},
+                "tool": {"mass_kg": 0.5, "centre_of_gravity_mm": (0.0, 0.0, 80.0)},
                 "frame": {"follow_normal": self.follow_normal},
                 "task": {
                     "force_n": self.reference,
                     "step_mm": self.step_mm,
                     "approach_step_mm": self.approach_step_mm,
                     "retract_mm": 1.0,
+                    "zero_lift_mm": 0.0,  # the start is free, and the approach as long as it says
                     "loss_limit": 1000,
                     "travel_limit_mm": 1000.0,
                 },

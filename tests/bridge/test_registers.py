@@ -471,7 +471,9 @@ def closed_loop(**board: object) -> tuple[list[CycleRecord], list[str], list[Sen
 
     async def main() -> None:
         clock = Clock.running()
-        config = Config.model_validate({"run": {"duration_s": 5.0}, "sensor": {"board": board}})
+        config = Config.model_validate(
+            {"run": {"duration_s": 5.0}, "sensor": {"board": board}, "tool": {"mass_kg": 0.5}}
+        )
         ports = Ports("memory:robot", "jr3+memory:sensor")
         async with emulated_cell(config.cell, 1, clock, ports, lambda cause: None) as at:
             sections = {

@@ -64,7 +64,11 @@ def test_one_other_input_changes_the_commands_from_its_cycle_on(recording: Path)
 def test_a_run_that_was_stopped_is_replayed_with_its_stop(
     bench: Callable[..., object], recording: Path
 ) -> None:
-    run = bench(run={"duration_s": 5.0}, limits={"force_limit_n": 9.5})
+    run = bench(
+        run={"duration_s": 5.0},
+        task={"expected_stiffness_n_m": 500.0, "approach_step_mm": 2.0},
+        cell={"surface": {"stiffness_n_m": 5e4}},
+    )
     assert run.result is not None
     assert run.result.outcome is Outcome.STOPPED
     cycles: tuple[CycleRecord, ...] = tuple(run.cycles)  # type: ignore[attr-defined]

@@ -85,9 +85,10 @@ def test_looking_ahead_follows_a_curved_contour(bench: RunBench, seed: int) -> N
 def test_one_tuning_holds_over_more_than_two_decades_of_stiffness(bench: RunBench, stiffness: float) -> None:
     for seed in (1, 2):
         run = bench(
-            run={"duration_s": 20.0, "seed": seed},
+            # where a hard surface is expected, the barrier lets a soft one be pressed in slowly only
+            run={"duration_s": 20.0 if stiffness > 1e3 else 60.0, "seed": seed},
             controller={"name": "predictive"},
-            task={"force_n": 50.0, "expected_stiffness_n_m": 1e5},
+            task={"force_n": 50.0, "expected_stiffness_n_m": 1e5, "zero_lift_mm": 0.0},
             limits={"force_limit_n": 150.0, "resultant_limit_n": 300.0, "correction_total_mm": 200.0},
             cell={
                 "surface": {"stiffness_n_m": stiffness},
@@ -111,7 +112,12 @@ def test_waiting_for_the_force_spares_a_hard_contour_the_first_blow(bench: RunBe
         run = bench(
             run={"duration_s": 10.0},
             controller={"name": "predictive"},
-            task={"force_n": 50.0, "expected_stiffness_n_m": 1e5, "travel_from_share": share},
+            task={
+                "force_n": 50.0,
+                "expected_stiffness_n_m": 1e5,
+                "travel_from_share": share,
+                "zero_lift_mm": 0.0,
+            },
             limits={"force_limit_n": 150.0, "resultant_limit_n": 300.0},
             cell={
                 "surface": surface,
@@ -121,7 +127,7 @@ def test_waiting_for_the_force_spares_a_hard_contour_the_first_blow(bench: RunBe
         )
         assert run.result.outcome is Outcome.COMPLETED
         most.append(max(record.force for record in run.cycles))
-    assert most[1] <= 70.0 < most[0]
+    assert most[1] <= 60.0 < most[0]
 
 
 class Listening:
@@ -151,7 +157,8 @@ def test_force_and_position_of_a_pair_are_of_the_same_moment(
     listening = Listening()
     monkeypatch.setattr("hil_bridge.run.make_controller", lambda *_, **__: listening)
     bench(
-        task={"loss_samples": 1000, "approach_step_mm": 1.0, "step_mm": 0.0}, limits={"force_limit_n": 90.0}
+        task={"loss_samples": 1000, "approach_step_mm": 1.0, "step_mm": 0.0, "zero_lift_mm": 0.0},
+        limits={"force_limit_n": 90.0},
     )
     moving = listening.given[4:]
     assert all(m.paired_force is not None for m in moving)
@@ -278,9 +285,12 @@ def test_contact_is_kept_on_every_surface(bench: RunBench, surface: dict[str, An
 
 
 def test_too_much_force_stops_retracts_and_keeps_the_cause(bench: RunBench) -> None:
-    run = bench(limits={"force_limit_n": 6.0})
+    run = bench(
+        task={"expected_stiffness_n_m": 500.0, "approach_step_mm": 2.0},
+        cell={"surface": {"stiffness_n_m": 5e4}},
+    )
     assert run.result.outcome is Outcome.STOPPED
-    assert "beyond 6 N" in run.result.cause
+    assert "beyond 50 N" in run.result.cause
     assert run.texts("stop") == [run.result.cause]
     stop = next(record for record in run.cycles if record.verdict == "stop")
     assert stop.phase == "retract"
@@ -292,8 +302,13 @@ def test_too_much_force_stops_retracts_and_keeps_the_cause(bench: RunBench) -> N
 def test_an_emergency_stop_in_mid_track_ends_the_run_with_its_name(bench: RunBench) -> None:
     run = bench(after(5, lambda bench: bench.cell.robot.press_emergency_stop(bench.clock.now())))
     assert run.result.outcome is Outcome.STOPPED
-    assert "13 stop or emergency stop" in run.result.cause
-    assert run.ended_at - run.cycles[-1].answered_at < 1.0
+    assert (
+        run.result.cause == "robot on memory:robot is in emergency stop; release it at the controller's panel"
+    )
+    assert "13 stop or emergency stop" in run.result.followed[0]
+    assert run.result.left.startswith("NOT retracted: left at ")
+    assert run.true_force > 5.0, "the robot took no order to pull back"
+    assert run.ended_at - run.cycles[-1].answered_at < 10.0
 
 
 def test_a_silent_sensor_is_stale_and_the_tool_retracts(bench: RunBench) -> None:

@@ -580,7 +580,8 @@ def test_client_starts_up_and_streams() -> None:
     assert board.resets == 1
     assert board.commands == [0x0500, 0x0A00, 0x0600, 0x0700]
     assert notice == SensorNotice("board: sensor model 67, serial number 4711")
-    assert ready == SensorReady((400.0, 400.0, 800.0, 25.0, 25.0, 26.0))
+    assert ready.full_scales == (400.0, 400.0, 800.0, 25.0, 25.0, 26.0)
+    assert ready.model == "sensor model 67, serial number 4711"
     # start-up 10.125 s, settling 15 × 6.598 ms, then a sample every 10 ms
     assert [frame.at - EPOCH for frame in frames if isinstance(frame, SensorFrame)] == pytest.approx(
         [10.22397 + 0.01 * k for k in range(1, 11)]
