@@ -25,7 +25,8 @@ from hil_bridge.control import (
 )
 from hil_bridge.devices import ForceSensor, Motion, RobotLink
 from hil_bridge.errors import ConfigError, DeviceError, SafetyStop
-from hil_bridge.zeroing import bring_up, wrist
+from hil_bridge.small_steps import bring_up
+from hil_bridge.zeroing import wrist
 from protocol.arap import Quaternion, Status, Vector, round_position
 from protocol.jr3 import SensorFrame
 from protocol.values import dataclass

@@ -34,7 +34,8 @@ from hil_bridge.errors import BridgeError
 from hil_bridge.leaving import ARRIVED_M, Left, WayOut
 from hil_bridge.line_time import answer_time
 from hil_bridge.recording import PHASE_EVENT, STOP_EVENT, CycleRecord, EventRecord, Outcome
-from hil_bridge.zeroing import Zeroing, bring_up, wrist
+from hil_bridge.small_steps import bring_up
+from hil_bridge.zeroing import Zeroing, wrist
 from protocol.arap import Quaternion, Status, Vector
 from protocol.jr3 import AXES, FULL_SCALE_COUNTS, SensorFrame
 from protocol.values import dataclass

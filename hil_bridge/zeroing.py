@@ -5,39 +5,27 @@ surface, in small slow steps, and the zero is taken only if the force does not c
 position follows.
 """
 
-import asyncio
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 
 from hil_bridge.clock import Clock
 from hil_bridge.config import Config
-from hil_bridge.control import Wrist, quaternion_about, quaternion_product
-from hil_bridge.control.frames import force_along
-from hil_bridge.control.zero import Reading, lift_fault, reading, weight_fault, weight_reading
+from hil_bridge.control import (
+    Reading,
+    Wrist,
+    force_along,
+    lift_fault,
+    quaternion_about,
+    quaternion_product,
+    weight_fault,
+    weight_reading,
+)
 from hil_bridge.devices import ForceSensor, Motion, RobotLink
 from hil_bridge.errors import ConfigError, DeviceError, SafetyStop
-from protocol.arap import Quaternion, Status, Vector
+from hil_bridge.small_steps import LIFT_SPEED_M_S, SmallSteps, numbers, unit
+from protocol.arap import Status, Vector
 from protocol.values import dataclass
-
-STREAM_PATIENCE_S = 5.0
-"""Chosen: how long a sensor that is ready may send no whole frame."""
-STEADY_PATIENCE_S = 10.0
-"""Chosen: how long the reading may take to come to rest, beside the time of the sensor's filter."""
-WINDOW_S = 0.3
-"""Chosen: frames of so long make a reading."""
-FRAMES_MIN = 4
-"""Chosen: fewest frames of a reading."""
-TIME_CONSTANTS = 7.0
-"""Of the sensor's filter, waited for after a step. Derived: after as many less than 0.1 % is left."""
-LIFT_SPEED_M_S = 2e-3
-"""Chosen: path velocity of the way to the zero; a robot that goes elsewhere is halted before it has gone far."""
-STEP_PATIENCE_S = 2.0
-"""Chosen: how long one step of that way may take until the robot reports to be there."""
-FOLLOWS_M = 0.13e-3
-"""Chosen: how near the reported position must come to each step, one resolution step of a coarse robot, m."""
-STRAY_M = 0.5e-3
-"""Chosen: distance from the ordered way at which the robot is halted, m."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,26 +83,6 @@ def _metres(vector_mm: Vector) -> Vector:
     return x * 1e-3, y * 1e-3, z * 1e-3
 
 
-async def bring_up(robot: RobotLink, sensor: ForceSensor) -> Status:
-    """Robot in operation, sensor streaming; where the robot stands. Raises DeviceError with what stands against it."""
-    status = await robot.read_status()
-    if not status.operation and not status.emergency_stop:
-        await robot.to_operation()
-        status = await robot.read_status()
-    if fault := robot.fault(status):
-        raise DeviceError(fault)
-    await sensor.ready()
-    try:
-        async with asyncio.timeout(STREAM_PATIENCE_S):
-            await sensor.frame()
-    except TimeoutError:
-        raise DeviceError(
-            f"force sensor on {sensor.name} is ready but sent no whole frame in {STREAM_PATIENCE_S:g} s; "
-            "look at its stream with hil-bridge probe sensor"
-        ) from None
-    return status
-
-
 class Zeroing:
     """The checks of one run over devices that have been brought up; `say` is told what is worth an event."""
 
@@ -130,6 +98,8 @@ class Zeroing:
         self._say = say
         self._known = known_wrist(config)
         self._wrist = wrist(config)
+        self._steps = SmallSteps(clock, robot, sensor)
+        self._first: Reading
         self._before: Reading
 
     async def weigh(self, start: Status) -> None:
@@ -137,8 +107,8 @@ class Zeroing:
 
         Raises DeviceError with the axis and what it looks like.
         """
-        self._say(f"full scales {_numbers(self._sensor.full_scales)} N, N·m{self._told_model()}")
-        self._before = await self._steady()
+        self._say(f"full scales {numbers(self._sensor.full_scales)} N, N·m{self._told_model()}")
+        self._first = self._before = await self._steps.steady(self._config.task.zero_change_n)
         if self._known is None:
             self._say("sensor unchecked: the tool's weight is not known")
             return
@@ -161,7 +131,7 @@ class Zeroing:
         """
         lifted = await self._lift(motion, start, interrupted)
         before = self._before
-        quaternion = _unit(start.quaternion)
+        quaternion = unit(start.quaternion)
         contact = (0.0,) * 6
         if self._config.sensor.tare:
             reference = self._known or self._wrist
@@ -174,7 +144,7 @@ class Zeroing:
                 )
             await self._sensor.tare()
             await self._sensor.frame()
-            self._say(f"zero taken: {_numbers(before.mean)} N, N·m; {zero.force:.2f} N beside what is known")
+            self._say(f"zero taken: {numbers(before.mean)} N, N·m; {zero.force:.2f} N beside what is known")
         return Zero(lifted, contact)
 
     async def _lift(self, motion: Motion, start: Status, interrupted: Callable[[], bool]) -> Status:
@@ -188,36 +158,16 @@ class Zeroing:
                 break
             away = min(number * task.zero_step_mm, task.zero_lift_mm) * 1e-3
             x, y, z = (s - away * n for s, n in zip(start.position, approach, strict=True))
-            await motion.to((x, y, z), orientation)
-            status = await self._arrived(motion, (x, y, z))
-            after = await self._quiet()
+            status = await self._steps.to(motion, (x, y, z), orientation, task.zero_step_mm * 1e-3)
+            after = await self._steps.quiet()
             self._judge(after, start, away)
             self._before = after
         motion.velocity = velocity
         return status
 
-    async def _arrived(self, motion: Motion, target: Vector) -> Status:
-        """Wait until the robot reports to be there. Raises SafetyStop when it does not come, and halts it when it goes
-        elsewhere.
-        """
-        patience = self._clock.now() + STEP_PATIENCE_S
-        while True:
-            status = await self._robot.read_status()
-            if fault := self._robot.fault(status):
-                raise SafetyStop(fault)
-            apart = math.dist(status.position, target)
-            if apart <= FOLLOWS_M:
-                return status
-            if apart > STRAY_M + self._config.task.zero_step_mm * 1e-3 or self._clock.now() > patience:
-                await motion.halt()
-                raise SafetyStop(
-                    f"the reported position does not follow: ordered {_mm(target)} mm, reported {_mm(status.position)} "
-                    "mm; look at the robot's position before anything else moves it"
-                )
-
     def _judge(self, after: Reading, start: Status, away: float) -> None:
         """Raise SafetyStop when the force has changed on the way."""
-        wrist, quaternion = self._wrist, _unit(start.quaternion)
+        wrist, quaternion = self._wrist, unit(start.quaternion)
         change = [b - a for a, b in zip(self._first.mean, after.mean, strict=True)]
         turned = wrist.contact_wrench(change, quaternion, quaternion)
         along = force_along(self._config.frame.approach, quaternion, turned)
@@ -225,53 +175,3 @@ class Zeroing:
         across = math.sqrt(max(length * length - along * along, 0.0))
         if text := lift_fault(along, across, self._config.task.zero_change_n, away * 1e3):
             raise SafetyStop(text)
-
-    async def _quiet(self) -> Reading:
-        """What the sensor reads once its filter has settled."""
-        since = self._clock.now() + TIME_CONSTANTS * self._sensor.delay
-        await self._clock.sleep_until(since)
-        return await self._reading(since, FRAMES_MIN)
-
-    async def _steady(self) -> Reading:
-        """What the sensor reads at rest. Raises DeviceError when it does not come to rest."""
-        sensor, change = self._sensor, self._config.task.zero_change_n
-        patience = self._clock.now() + STEADY_PATIENCE_S + TIME_CONSTANTS * sensor.delay
-        while True:
-            since = self._clock.now()
-            await self._clock.sleep_until(since + WINDOW_S)
-            found = await self._reading(since, FRAMES_MIN)
-            unrest = found.unsteady(change)
-            if not unrest:
-                self._first = found
-                return found
-            if self._clock.now() > patience:
-                raise DeviceError(
-                    f"force sensor on {sensor.name} does not come to rest: {unrest}; let nothing touch the tool"
-                )
-
-    async def _reading(self, since: float, count: int) -> Reading:
-        """At least so many frames from this time on. Raises DeviceError when they do not come."""
-        sensor, patience = self._sensor, self._clock.now() + STREAM_PATIENCE_S
-        while len(frames := sensor.window(since)) < count:
-            sensor.check()
-            if self._clock.now() > patience:
-                raise DeviceError(
-                    f"force sensor on {sensor.name} sent {len(frames)} frames in {STREAM_PATIENCE_S:g} s, "
-                    f"{count} are the least to take a zero from"
-                )
-            await self._clock.sleep_until(self._clock.now() + WINDOW_S / 10)
-        return reading(frames)
-
-
-def _unit(quaternion: Quaternion) -> Quaternion:
-    length = math.hypot(*quaternion)
-    w, x, y, z = (part / length for part in quaternion)
-    return w, x, y, z
-
-
-def _numbers(values: Sequence[float]) -> str:
-    return " ".join(f"{value:.2f}" for value in values)
-
-
-def _mm(position: Vector) -> str:
-    return " ".join(f"{part * 1e3:.3f}" for part in position)

@@ -10,6 +10,7 @@ from hil_bridge.cli.doctor import doctor
 from hil_bridge.cli.emulate import emulate
 from hil_bridge.cli.experiment import experiment
 from hil_bridge.cli.files import config, profile, report
+from hil_bridge.cli.free import free
 from hil_bridge.cli.identify_tool import identify_tool
 from hil_bridge.cli.latency import latency
 from hil_bridge.cli.monitor import monitor
@@ -44,6 +45,7 @@ for command in (
     run,
     emulate,
     serve_jr3,
+    free,
     identify_tool,
     experiment,
     decode,

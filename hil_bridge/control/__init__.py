@@ -58,6 +58,7 @@ from hil_bridge.control.task import Phase, Target, Task, TaskOutput, TaskParamet
 from hil_bridge.control.tool_identification import ToolEstimate, ToolPose, identify_tool
 from hil_bridge.control.types import Command, Controller, Measurement, in_numbers
 from hil_bridge.control.wrist import Facing, Wrist
+from hil_bridge.control.zero import Reading, lift_fault, reading, weight_fault, weight_reading
 
 __all__ = [
     "CONTROLLERS",
@@ -96,6 +97,7 @@ __all__ = [
     "Predictive",
     "PredictiveState",
     "Proposal",
+    "Reading",
     "Request",
     "ResolutionAware",
     "RuleBase",
@@ -123,6 +125,7 @@ __all__ = [
     "identify_tool",
     "in_numbers",
     "infer",
+    "lift_fault",
     "make_controller",
     "normal_force",
     "one_line",
@@ -132,6 +135,7 @@ __all__ = [
     "quaternion_about",
     "quaternion_product",
     "read_rules",
+    "reading",
     "rotate",
     "rotation_matrix",
     "rules_as_toml",
@@ -140,4 +144,6 @@ __all__ = [
     "transform_twist",
     "transform_wrench",
     "turn_between",
+    "weight_fault",
+    "weight_reading",
 ]

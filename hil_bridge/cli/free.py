@@ -1,0 +1,33 @@
+"""`hil-bridge free`: lift a tool off that a stop left in contact."""
+
+from pathlib import Path
+
+import click
+
+
+@click.command(short_help="Lift a tool off that was left in contact.")
+@click.argument("config_file", metavar="[CONFIG.toml]", required=False, type=click.Path(path_type=Path))
+@click.option("--robot", metavar="URL", help="Robot's computer link, as for `hil-bridge run`.")
+@click.option("--sensor", metavar="URL", help="Sensor's gateway or board, as for `hil-bridge run`.")
+@click.option(
+    "--distance-mm",
+    type=click.FloatRange(0.1, 500.0),
+    metavar="D",
+    help="How far to move away.  [default: task.retract_mm]",
+)
+def free(config_file: Path | None, robot: str | None, sensor: str | None, distance_mm: float | None) -> None:
+    """Lift a tool off from whatever state a stop left it in; stand at the cell while it moves.
+
+    The tool moves against frame.approach in small slow steps, and stands still if the force rises. A movement
+    sequence that was left open is closed first. No zero is taken, and no program is run.
+    """
+    from hil_bridge.config import load_config
+    from hil_bridge.errors import ConfigError
+    from hil_bridge.free import free as free_tool
+
+    config = load_config(config_file, {"robot.url": robot, "sensor.url": sensor})
+    if not (config.robot.url and config.sensor.url):
+        raise ConfigError(
+            "name the robot and the sensor of the tool: --robot and --sensor, or robot.url and sensor.url"
+        )
+    click.echo(free_tool(config, False, distance_mm or max(config.task.retract_mm, 1.0)).text)
