@@ -7,20 +7,21 @@ from typing import TYPE_CHECKING
 
 import click
 
+from hil_bridge.cli.paths import FILE
+
 if TYPE_CHECKING:
     from hil_bridge.replay import ReplayedCycle
 
-_FILE = click.Path(path_type=Path)
 EXIT_DIFFERENT = 1
 """The replay of an unchanged run decided otherwise."""
 
 
 @click.command(short_help="Decide a recorded run again, and compare.")
-@click.argument("recording", type=_FILE)
-@click.argument("config_file", metavar="[CHANGES.toml]", required=False, type=_FILE)
+@click.argument("recording", type=FILE)
+@click.argument("config_file", metavar="[CHANGES.toml]", required=False, type=FILE)
 @click.option("--controller", metavar="NAME", help="Ask another controller.")
 @click.option(
-    "--csv", "table", type=_FILE, metavar="FILE", help="Write recorded and replayed commands of every cycle."
+    "--csv", "table", type=FILE, metavar="FILE", help="Write recorded and replayed commands of every cycle."
 )
 def replay(recording: Path, config_file: Path | None, controller: str | None, table: Path | None) -> None:
     """Feed a recording's inputs to controller and supervisor and compare every command.

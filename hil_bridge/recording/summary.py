@@ -18,6 +18,7 @@ from hil_bridge.recording.recorder import DROPPED_PREFIX
 from hil_bridge.recording.records import CycleRecord
 from hil_bridge.recording.times import Times, times_of
 from hil_bridge.recording.topics import SENSOR, TOPICS
+from hil_bridge.text_files import parse_json
 from protocol.values import dataclass
 
 PHASE_EVENT = "phase"
@@ -235,6 +236,6 @@ def _dropped(recording: Recording) -> dict[str, int]:
 
 def _json(text: str | None) -> object:
     try:
-        return json.loads(text) if text else None
-    except (ValueError, RecursionError):
+        return parse_json(text) if text else None
+    except ValueError:
         return None
