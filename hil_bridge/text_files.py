@@ -7,7 +7,7 @@ import json
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from hil_bridge.errors import ConfigError
 
@@ -22,12 +22,14 @@ INTEGER_LIMIT = 1 << 63
 SHOWN_CHARACTERS = 80
 """Of a wrong value in a message at most. Chosen: a line of a terminal."""
 
+_PIECE_BYTES = 1 << 20
+
 
 def read_text(path: Path, limit: int = TEXT_LIMIT_BYTES, encoding: str = "utf-8") -> str:
     """The text of a file of at most `limit` bytes. Raises ConfigError naming the file."""
     try:
         with path.open("rb") as file:
-            data = file.read(limit + 1)
+            data = read_up_to(file, limit + 1)
         if len(data) > limit:
             raise ConfigError(f"{named(path)} is longer than {limit} bytes: it is not what is wanted here")
         return data.decode(encoding).replace("\r\n", "\n")
@@ -37,6 +39,14 @@ def read_text(path: Path, limit: int = TEXT_LIMIT_BYTES, encoding: str = "utf-8"
         raise ConfigError(f"{named(path)} is no text in {encoding}: {error.reason}") from error
     except ValueError as error:  # a NUL in the path
         raise ConfigError(f"cannot read {named(path)}: {error}") from error
+
+
+def read_up_to(file: BinaryIO, limit: int) -> bytes:
+    """The next bytes of a file, `limit` at most, without the memory for more than there are."""
+    data = bytearray()
+    while piece := file.read(min(_PIECE_BYTES, limit - len(data))):
+        data += piece
+    return bytes(data)
 
 
 def read_toml(path: Path) -> dict[str, Any]:
