@@ -107,8 +107,8 @@ def identify_tool(
     if table is not None:
         poses = read_poses(table)
     else:
+        from hil_bridge.checks import check_wires
         from hil_bridge.identify import Sweep, measure
-        from hil_bridge.session import check_wires
 
         check_wires(config, virtual)
         sweep = Sweep(angle_deg, lift_mm, settle_s, average_s)
