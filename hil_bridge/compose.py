@@ -14,7 +14,7 @@ from hil_bridge.config import Config, SensorConfig
 from hil_bridge.devices import ForceSensor, RobotLink
 from hil_bridge.errors import ConfigError, TransportClosed, TransportError
 from hil_bridge.orders_file import read_orders
-from hil_bridge.panel import PanelServer
+from hil_bridge.panel import PanelServer, panel_address
 from hil_bridge.program_folder import read_programs
 from hil_bridge.pump import Pump
 from hil_bridge.registers import BOARD, ListenerProfile, connect_board, serve_board
@@ -188,6 +188,18 @@ async def connect_sensor(
     return ForceSensor(wire, GatewayClient(sensor.gateway, clock.now()), clock, on_frame, on_notice)
 
 
+def check_panel(config: Config, virtual: bool) -> None:
+    """Raise ConfigError for a panel where there is none, and for a URL that can be none."""
+    if not config.run.panel_url:
+        return
+    if config.robot.url or virtual:
+        raise ConfigError(
+            "run.panel_url (--panel) is the emulated controller's panel; leave it out "
+            f"{'with a real robot' if config.robot.url else 'in virtual time, where nobody could press in time'}"
+        )
+    panel_address(config.run.panel_url)
+
+
 @asynccontextmanager
 async def opened_devices(
     config: Config,
@@ -205,12 +217,8 @@ async def opened_devices(
 
     Raises ConfigError for a URL, TransportUnavailable for a wire.
     """
+    check_panel(config, clock.is_virtual)
     robot_url, sensor_url, panel_url = config.robot.url, config.sensor.url, config.run.panel_url
-    if panel_url and (robot_url or clock.is_virtual):
-        raise ConfigError(
-            "run.panel_url (--panel) is the emulated controller's panel; leave it out "
-            f"{'with a real robot' if robot_url else 'in virtual time, where nobody could press in time'}"
-        )
     site = robot_site(config)
     async with AsyncExitStack() as stack:
         if not (robot_url and sensor_url):

@@ -7,7 +7,6 @@ import inspect
 import json
 import math
 import textwrap
-import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
@@ -29,6 +28,7 @@ from hil_bridge.control import Contour, Limits, OscillationDetector, TaskParamet
 from hil_bridge.control.controllers import controller_kind
 from hil_bridge.errors import ConfigError
 from hil_bridge.realtime import RealTime
+from hil_bridge.text_files import read_toml, shown
 from protocol.adlp import LinkProfile
 from protocol.jr3 import GatewayClientProfile, UartGatewayClientProfile
 from protocol.jr3.registers import BoardClientProfile
@@ -232,12 +232,7 @@ def load_config(path: Path | None, overrides: Mapping[str, object]) -> Config:
     """
     values: dict[str, Any] = {}
     if path is not None:
-        try:
-            values = tomllib.loads(path.read_text(encoding="utf-8"))
-        except OSError as error:
-            raise ConfigError(f"cannot read {path}: {error.strerror}") from error
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-            raise ConfigError(f"{path} is no TOML: {error}") from error
+        values = read_toml(path)
         _resolve_files(values, path.parent)
     given = set()
     for key, value in overrides.items():
@@ -375,7 +370,7 @@ def _toml(value: object) -> str:
 def explain(error: ValidationError, path: Path | None, given: set[str]) -> str:
     """The first thing that is wrong as one line: where, what, what to do."""
     first = error.errors()[0]
-    location, got = [str(part) for part in first["loc"]], f", got {first['input']!r}"
+    location, got = [str(part) for part in first["loc"]], f", got {shown(first['input'])}"
     match first["type"]:
         case "extra_forbidden" | "unexpected_keyword_argument":
             text = f" is no setting{_instead(location)}"

@@ -23,13 +23,13 @@ Types are u8 s8 u16 s16 u32 s32 f32, big-endian, and `bytes` for the last field:
 telegram's form: computer-link specification, section 3.
 """
 
-import tomllib
 from pathlib import Path
 from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from hil_bridge.errors import ConfigError
+from hil_bridge.text_files import TOML_LIMIT_BYTES, parse_toml, read_text, shown
 from hil_bridge.toml_lines import KeyPath, key_lines
 from protocol import fields
 from protocol.adlp import HEADER_SIZE
@@ -44,6 +44,9 @@ from protocol.arap import (
     field_size,
 )
 from protocol.marks import Mark
+
+SUFFIX_DIGITS = 5
+"""Of a function suffix at most. Standard: it is a word of 16 bits (computer-link specification, section 3)."""
 
 _MarkName = Literal["observed", "derived", "standard", "assumed", "chosen"]
 _TypeName = Literal["u8", "s8", "u16", "s16", "u32", "s32", "f32", "bytes"]
@@ -91,13 +94,7 @@ class _OrderTable(_Table):
 
 def read_orders(path: Path, max_telegram: int) -> OrderBook:
     """The known orders and those in a file. Raises ConfigError that names file, line and entry."""
-    try:
-        text = path.read_text(encoding="utf-8")
-    except OSError as error:
-        raise ConfigError(f"cannot read {path}: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise ConfigError(f"{path} is no text: {error}") from error
-    return parse_orders(text, max_telegram, str(path))
+    return parse_orders(read_text(path, TOML_LIMIT_BYTES), max_telegram, str(path))
 
 
 def parse_orders(text: str, max_telegram: int, source: str = "orders") -> OrderBook:
@@ -105,10 +102,7 @@ def parse_orders(text: str, max_telegram: int, source: str = "orders") -> OrderB
 
     No field may lie beyond `max_telegram` bytes.
     """
-    try:
-        values = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise ConfigError(f"{source} is no TOML: {error}") from error
+    values = parse_toml(text, source)
     try:
         return OrderBook([_definition(name, value) for name, value in values.items()], max_telegram)
     except DefinitionError as error:
@@ -135,7 +129,7 @@ def _definition(name: str, value: object) -> OrderDefinition:
     except ValidationError as error:
         raise _explained(name, error) from error
     for suffix in table.suffixes:
-        if not suffix.isdecimal():
+        if not (suffix.isdecimal() and len(suffix) <= SUFFIX_DIGITS):
             raise DefinitionError("a suffix is a whole number", name, "suffixes", suffix)
     initial = dict(table.emulator.initial)
     return OrderDefinition(
@@ -186,7 +180,7 @@ def _payload(name: str, part: str, items: list[_FieldTable], length: int | None,
 def _explained(name: str, error: ValidationError) -> DefinitionError:
     """The first thing that has the wrong form, in words."""
     first: Any = error.errors()[0]
-    got = f", got {first['input']!r}"
+    got = f", got {shown(first['input'])}"
     match first["type"]:
         case "extra_forbidden":
             table = _EmulatorTable if "emulator" in first["loc"] else _FieldTable

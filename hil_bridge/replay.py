@@ -4,8 +4,6 @@ With another controller or other limits, what would have been commanded: each cy
 commanded before it, since that is what the measurements belong to.
 """
 
-import json
-import tomllib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -18,6 +16,7 @@ from hil_bridge.control import Decision
 from hil_bridge.errors import ConfigError
 from hil_bridge.recording import CycleRecord, Recording
 from hil_bridge.run import control_loop
+from hil_bridge.text_files import parse_json, read_toml
 from protocol.arap import Vector
 from protocol.values import dataclass
 
@@ -50,11 +49,11 @@ def recorded_config(recording: Recording, changes: Mapping[str, Any]) -> Config:
     Raises ConfigError when the recording holds none of this version, or for a change that is wrong.
     """
     try:
-        values = json.loads(recording.metadata.get("config", ""))
+        recorded = parse_json(recording.metadata.get("config", ""))
     except ValueError as error:
         raise ConfigError("the recording holds no configuration: it cannot be replayed") from error
     try:
-        values = Config.model_validate(values).model_dump(mode="json")
+        values = Config.model_validate(recorded).model_dump(mode="json")
     except ValidationError as error:
         raise ConfigError(
             f"the recording's configuration is not one of this version: {explain(error, None, set())}"
@@ -72,12 +71,7 @@ def changes_of(path: Path | None, controller: str | None) -> dict[str, Any]:
     """What a TOML file and an option want to have different from the recorded run. Raises ConfigError."""
     changes: dict[str, Any] = {}
     if path is not None:
-        try:
-            changes = tomllib.loads(path.read_text(encoding="utf-8"))
-        except OSError as error:
-            raise ConfigError(f"cannot read {path}: {error.strerror}") from error
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-            raise ConfigError(f"{path} is no TOML: {error}") from error
+        changes = read_toml(path)
     if controller is not None:
         wanted = changes.get("controller", {})
         changes["controller"] = {**wanted, "name": controller} if isinstance(wanted, dict) else wanted

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import click
 
 from emulators.cell import Cell
+from hil_bridge.checks import check
 from hil_bridge.clock import Clock, run_real, run_virtual
 from hil_bridge.compose import opened_devices
 from hil_bridge.config import Config, dump
@@ -80,15 +81,7 @@ def execute(
 
     Raises BridgeError when a device fails before the movement has begun, or a file cannot be written.
     """
-    check_wires(config, virtual)
-    if config.task.force_n >= config.limits.force_limit_n:
-        raise ConfigError(
-            f"task.force_n (--force-n) of {config.task.force_n:g} N must be below limits.force_limit_n of "
-            f"{config.limits.force_limit_n:g} N, or every run would be stopped"
-        )
-    if not virtual:
-        with scheduled(config.realtime):
-            pass  # what the machine refuses it refuses here, before an earlier recording is replaced
+    check(config, virtual)  # before an earlier recording is replaced
     _prepare(outputs, config_file)
     with _record_path(outputs) as path:
         session = _Session(config, path, view)
@@ -105,17 +98,6 @@ def execute(
     if result.outcome is Outcome.STOPPED:
         click.echo(f"hil-bridge: stopped: {result.cause}", err=True)
     return EXIT_CODES[result.outcome]
-
-
-def check_wires(config: Config, virtual: bool) -> None:
-    """Raise ConfigError for URLs that make no cell together, or that virtual time cannot wait for."""
-    if virtual and (config.robot.url or config.sensor.url):
-        raise ConfigError("--virtual runs against the emulated cell alone; leave it out to use real ports")
-    if config.robot.url and not config.sensor.url:
-        raise ConfigError(
-            "a robot without a sensor: the emulated sensor cannot feel what that robot touches; "
-            "give --sensor (sensor.url) too"
-        )
 
 
 def _prepare(outputs: Outputs, config_file: Path | None) -> None:

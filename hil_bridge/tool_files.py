@@ -8,6 +8,7 @@ from pathlib import Path
 
 from hil_bridge.control import ToolEstimate, ToolPose
 from hil_bridge.errors import ConfigError
+from hil_bridge.text_files import read_text
 
 _AXES = ("fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm")
 ORIENTATION_COLUMNS = ("qw", "qx", "qy", "qz")
@@ -23,12 +24,7 @@ def read_poses(path: Path) -> list[ToolPose]:
 
     Raises ConfigError with file, line and column.
     """
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise ConfigError(f"cannot read {path}: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise ConfigError(f"{path} is no text in UTF-8; save the table as CSV") from error
+    text = read_text(path, encoding="utf-8-sig")
     lines = csv.DictReader(io.StringIO(text), skipinitialspace=True)
     names = lines.fieldnames or ()
     if missing := [name for name in (*ORIENTATION_COLUMNS, *WRENCH_COLUMNS) if name not in names]:

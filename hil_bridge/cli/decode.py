@@ -6,6 +6,8 @@ from pathlib import Path
 
 import click
 
+from hil_bridge.cli.paths import FILE
+
 
 @click.group(no_args_is_help=False, short_help="Decode pasted bytes or frames to JSON.")
 def decode() -> None:
@@ -41,7 +43,7 @@ def _bytes(hex_bytes: tuple[str, ...]) -> bytes:
 @click.option(
     "--orders",
     "orders_file",
-    type=click.Path(path_type=Path),
+    type=FILE,
     metavar="FILE",
     help="TOML file of orders that the site knows beside the usual ones.",
 )

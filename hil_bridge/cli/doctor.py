@@ -5,12 +5,14 @@ from pathlib import Path
 
 import click
 
+from hil_bridge.cli.paths import FILE
+
 EXIT_UNFIT = 3
 """What the configuration names cannot work on this computer."""
 
 
 @click.command(short_help="Check ports, CAN interfaces, clock, scheduler.")
-@click.argument("config_file", metavar="[CONFIG.toml]", required=False, type=click.Path(path_type=Path))
+@click.argument("config_file", metavar="[CONFIG.toml]", required=False, type=FILE)
 def doctor(config_file: Path | None) -> None:
     """Tell of ports, CAN interfaces, clock and scheduler what is good, what is not, and what to do: one line each.
 

@@ -4,10 +4,12 @@ from pathlib import Path
 
 import click
 
+from hil_bridge.cli.paths import FILE
+
 
 @click.command(short_help="Serve the emulated cell, its robot or its sensor.")
 @click.argument("what", type=click.Choice(["cell", "robot", "sensor"]))
-@click.argument("config_file", metavar="[CONFIG.toml]", required=False, type=click.Path(path_type=Path))
+@click.argument("config_file", metavar="[CONFIG.toml]", required=False, type=FILE)
 @click.option(
     "--robot-port", metavar="URL", help="Where the robot listens.  [default: a paced pseudo-terminal]"
 )

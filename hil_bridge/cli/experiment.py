@@ -4,6 +4,7 @@ from pathlib import Path
 
 import click
 
+from hil_bridge.cli.paths import FILE
 from hil_bridge.errors import ConfigError
 
 ALL = "all"
@@ -14,7 +15,7 @@ ALL = "all"
 @click.option(
     "--out",
     "folder",
-    type=click.Path(path_type=Path),
+    type=FILE,
     default=Path("experiments"),
     show_default=True,
     metavar="DIR",
@@ -30,7 +31,7 @@ ALL = "all"
 )
 @click.option(
     "--page",
-    type=click.Path(path_type=Path),
+    type=FILE,
     metavar="FILE",
     help="Write the page over all of them here.  [default: index.md in DIR, with `all`]",
 )

@@ -5,12 +5,12 @@ from pathlib import Path
 
 import click
 
-_FILE = click.Path(path_type=Path)
+from hil_bridge.cli.paths import FILE
 
 
 @click.command()
-@click.argument("recording", type=_FILE)
-@click.option("--out", type=_FILE, metavar="DIR", help="Where to put it.  [default: beside the recording]")
+@click.argument("recording", type=FILE)
+@click.option("--out", type=FILE, metavar="DIR", help="Where to put it.  [default: beside the recording]")
 def report(recording: Path, out: Path | None) -> None:
     """Make report.png and report.html from a recording."""
     from hil_bridge.recording import read, summarise
@@ -27,7 +27,7 @@ def config() -> None:
 
 
 @config.command()
-@click.argument("path", type=_FILE, default=Path("hil-bridge.toml"))
+@click.argument("path", type=FILE, default=Path("hil-bridge.toml"))
 def init(path: Path) -> None:
     """Write a commented file with every setting at its default.  [default: hil-bridge.toml]"""
     from hil_bridge.config import commented_defaults
@@ -51,7 +51,7 @@ def profile() -> None:
 
 
 @profile.command(short_help="Print every assumed value in use, and its mark.")
-@click.argument("config_file", metavar="[CONFIG.toml]", required=False, type=_FILE)
+@click.argument("config_file", metavar="[CONFIG.toml]", required=False, type=FILE)
 @click.option("--all", "everything", is_flag=True, help="Also what is observed, derived, standard or chosen.")
 def show(config_file: Path | None, everything: bool) -> None:
     """Print every assumed value in use with its mark; correct them in the configuration."""

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from hil_bridge.cli.paths import FILE
 from hil_bridge.cli.run import not_empty
 
 if TYPE_CHECKING:
@@ -13,7 +14,6 @@ if TYPE_CHECKING:
 
     from hil_bridge.control import ToolEstimate, ToolPose
 
-_FILE = click.Path(path_type=Path)
 LARGE_RESIDUAL = 0.03
 """Share of the weight above which residuals say that something is wrong. Chosen: a sensor mounted 2° off."""
 LEAST_ANGLE_DEG = 15.0
@@ -21,7 +21,7 @@ LEAST_ANGLE_DEG = 15.0
 
 
 @click.command("identify-tool", short_help="Find the tool's mass and centre of gravity.")
-@click.argument("config_file", metavar="[CONFIG.toml]", required=False, type=_FILE)
+@click.argument("config_file", metavar="[CONFIG.toml]", required=False, type=FILE)
 @click.option("--robot", metavar="URL", callback=not_empty, help="Robot's computer link.")
 @click.option("--sensor", metavar="URL", callback=not_empty, help="Force sensor, as for `run`.")
 @click.option("--virtual", is_flag=True, help="Emulated cell in virtual time.")
@@ -60,12 +60,12 @@ LEAST_ANGLE_DEG = 15.0
 @click.option(
     "--from",
     "table",
-    type=_FILE,
+    type=FILE,
     metavar="POSES.csv",
     help="Compute from this table; no device is opened, nothing moves.",
 )
-@click.option("--save", type=_FILE, metavar="POSES.csv", help="Keep the poses and readings.")
-@click.option("-o", "--out", type=_FILE, metavar="FILE.toml", help="Write [tool] and the sensor's bias.")
+@click.option("--save", type=FILE, metavar="POSES.csv", help="Keep the poses and readings.")
+@click.option("-o", "--out", type=FILE, metavar="FILE.toml", help="Write [tool] and the sensor's bias.")
 def identify_tool(
     config_file: Path | None,
     robot: str | None,
@@ -107,8 +107,8 @@ def identify_tool(
     if table is not None:
         poses = read_poses(table)
     else:
+        from hil_bridge.checks import check_wires
         from hil_bridge.identify import Sweep, measure
-        from hil_bridge.session import check_wires
 
         check_wires(config, virtual)
         sweep = Sweep(angle_deg, lift_mm, settle_s, average_s)

@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+from hil_bridge.cli.paths import FILE
+
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
@@ -12,15 +14,14 @@ if TYPE_CHECKING:
     from hil_bridge.recording.latency import Latency, Part
     from protocol.adlp import LinkProfile
 
-_FILE = click.Path(path_type=Path)
 _UNHEARD = {"board": "; the delay of a receiver board's samples is not emulated"}
 """What of a site's latency a run of the emulated cell leaves out, by what stands before the sensor."""
 
 
 @click.command(short_help="Tell where the time from force to motion goes.")
-@click.argument("recording", type=_FILE)
+@click.argument("recording", type=FILE)
 @click.option(
-    "-o", "--output", type=_FILE, metavar="SITE.toml", help="Write settings for an emulation that is as late."
+    "-o", "--output", type=FILE, metavar="SITE.toml", help="Write settings for an emulation that is as late."
 )
 def latency(recording: Path, output: Path | None) -> None:
     """Tell where the time between a force and the motion that answers it went in a recorded run.

@@ -4,18 +4,18 @@ from pathlib import Path
 
 import click
 
-_FILE = click.Path(path_type=Path)
+from hil_bridge.cli.paths import FILE
 
 
 @click.command(short_help="Show a link, one line for each block.")
 @click.argument("sources", metavar="FILE|URL [URL]", nargs=-1, required=True)
 @click.option("--raw", is_flag=True, help="Also the bytes, hexadecimal.")
-@click.option("--save", type=_FILE, metavar="FILE", help="Keep what is heard as a text capture.")
+@click.option("--save", type=FILE, metavar="FILE", help="Keep what is heard as a text capture.")
 @click.option(
-    "--config", "config_file", type=_FILE, metavar="FILE", help="Configuration whose [robot.link] holds."
+    "--config", "config_file", type=FILE, metavar="FILE", help="Configuration whose [robot.link] holds."
 )
 @click.option(
-    "--orders", "orders_file", type=_FILE, metavar="FILE", help="TOML file of orders that the site knows."
+    "--orders", "orders_file", type=FILE, metavar="FILE", help="TOML file of orders that the site knows."
 )
 def monitor(
     sources: tuple[str, ...], raw: bool, save: Path | None, config_file: Path | None, orders_file: Path | None

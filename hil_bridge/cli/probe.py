@@ -4,6 +4,8 @@ from pathlib import Path
 
 import click
 
+from hil_bridge.cli.paths import FILE
+
 
 @click.group(no_args_is_help=False)
 def probe() -> None:
@@ -15,7 +17,7 @@ def probe() -> None:
 @click.option(
     "-o",
     "--out",
-    type=click.Path(path_type=Path),
+    type=FILE,
     metavar="FILE",
     help="Write a configuration with the settings that work.",
 )

@@ -7,20 +7,24 @@ from typing import TYPE_CHECKING
 
 import click
 
+from hil_bridge.cli.output import tell
+from hil_bridge.cli.paths import FILE
+
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from hil_bridge.replay import ReplayedCycle
 
-_FILE = click.Path(path_type=Path)
 EXIT_DIFFERENT = 1
 """The replay of an unchanged run decided otherwise."""
 
 
 @click.command(short_help="Decide a recorded run again, and compare.")
-@click.argument("recording", type=_FILE)
-@click.argument("config_file", metavar="[CHANGES.toml]", required=False, type=_FILE)
+@click.argument("recording", type=FILE)
+@click.argument("config_file", metavar="[CHANGES.toml]", required=False, type=FILE)
 @click.option("--controller", metavar="NAME", help="Ask another controller.")
 @click.option(
-    "--csv", "table", type=_FILE, metavar="FILE", help="Write recorded and replayed commands of every cycle."
+    "--csv", "table", type=FILE, metavar="FILE", help="Write recorded and replayed commands of every cycle."
 )
 def replay(recording: Path, config_file: Path | None, controller: str | None, table: Path | None) -> None:
     """Feed a recording's inputs to controller and supervisor and compare every command.
@@ -40,44 +44,43 @@ def replay(recording: Path, config_file: Path | None, controller: str | None, ta
     if table is not None:
         _write_table(table, cycles)
     if changes:
-        _tell_changes(cycles, config.controller.name)
+        tell(_changes(cycles, config.controller.name))
         return
-    for cycle in cycles:
-        if cycle.differences:
-            click.echo(f"cycle {cycle.record.cycle} of {len(cycles)} differs:")
-            for name, (before, now) in cycle.differences.items():
-                click.echo(f"  {name}: recorded {before}, replayed {now}")
-            sys.exit(EXIT_DIFFERENT)
+    different = next((cycle for cycle in cycles if cycle.differences), None)
+    if different is not None:
+        tell(
+            [
+                f"cycle {different.record.cycle} of {len(cycles)} differs:",
+                *(f"  {name}: recorded {a}, replayed {b}" for name, (a, b) in different.differences.items()),
+            ]
+        )
+        sys.exit(EXIT_DIFFERENT)
     note = "; the recording is cut short or damaged behind them" if record.truncated else ""
-    click.echo(f"{len(cycles)} cycles replayed, every command identical{note}")
+    tell([f"{len(cycles)} cycles replayed, every command identical{note}"])
 
 
-def _tell_changes(cycles: "list[ReplayedCycle]", controller: str) -> None:
-    """What would have been commanded instead, by phase."""
-    click.echo(f"what {controller} and these limits would have commanded in the recorded situations:")
-    click.echo(
-        f"{'phase':<10}{'cycles':>8}{'other':>8}{'rms':>10}{'largest':>10}  of the difference in depth, mm"
-    )
+def _changes(cycles: "list[ReplayedCycle]", controller: str) -> "Iterator[str]":
+    """What would have been commanded instead, by phase, line by line."""
+    yield f"what {controller} and these limits would have commanded in the recorded situations:"
+    yield f"{'phase':<10}{'cycles':>8}{'other':>8}{'rms':>10}{'largest':>10}  of the difference in depth, mm"
     for phase in dict.fromkeys(cycle.record.phase for cycle in cycles):
         chosen = [cycle for cycle in cycles if cycle.record.phase == phase]
         away = [abs(c.decision.target.depth - c.record.depth_commanded) * 1e3 for c in chosen]
         other = sum(bool(cycle.differences) for cycle in chosen)
         rms = math.sqrt(sum(a * a for a in away) / len(away))
-        click.echo(f"{phase:<10}{len(chosen):>8}{other:>8}{rms:>10.4f}{max(away):>10.4f}")
+        yield f"{phase:<10}{len(chosen):>8}{other:>8}{rms:>10.4f}{max(away):>10.4f}"
     for verdict, told in (("stop", "stopped the run"), ("clamp", "held the command back")):
         new = [c for c in cycles if c.decision.verdict.kind == verdict != c.record.verdict]
         if new:
             why = ", ".join(new[0].decision.reasons)
-            click.echo(
-                f"the supervisor would have {told} in {len(new)} more; first in {new[0].record.cycle}: {why}"
-            )
+            yield f"the supervisor would have {told} in {len(new)} more; first in {new[0].record.cycle}: {why}"
     first = next((cycle for cycle in cycles if cycle.differences), None)
     if first is None:
-        click.echo("every command would have been the same")
+        yield "every command would have been the same"
         return
-    click.echo(f"first difference: cycle {first.record.cycle}, phase {first.record.phase}")
+    yield f"first difference: cycle {first.record.cycle}, phase {first.record.phase}"
     for name, (before, now) in first.differences.items():
-        click.echo(f"  {name}: recorded {before}, now {now}")
+        yield f"  {name}: recorded {before}, now {now}"
 
 
 def _write_table(path: Path, cycles: "list[ReplayedCycle]") -> None:

@@ -4,6 +4,8 @@ from pathlib import Path
 
 import click
 
+from hil_bridge.cli.paths import FILE
+
 
 def _number(context: click.Context, parameter: click.Parameter, text: str) -> int:
     try:
@@ -32,13 +34,11 @@ def _number(context: click.Context, parameter: click.Parameter, text: str) -> in
 @click.option("--channel", type=int, default=0, show_default=True, help="Which of the board's sensors.")
 @click.option(
     "--program",
-    type=click.Path(path_type=Path),
+    type=FILE,
     metavar="FILE",
     help="JR3's jr3pci.idm: allows clients to reset the board, which loses its program.",
 )
-@click.option(
-    "--sysfs", type=click.Path(path_type=Path), metavar="DIR", help="Where the PCI devices are shown."
-)
+@click.option("--sysfs", type=FILE, metavar="DIR", help="Where the PCI devices are shown.")
 def serve_jr3(
     address: str, listen: str, offset: int, channel: int, program: Path | None, sysfs: Path | None
 ) -> None:

@@ -8,7 +8,6 @@ names the output's term for a pair of input terms. The output's levels are facto
 import json
 import math
 import re
-import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -17,6 +16,7 @@ from typing import Any, NamedTuple
 
 from hil_bridge.control import tables
 from hil_bridge.errors import ConfigError
+from hil_bridge.text_files import TOML_LIMIT_BYTES, parse_toml, read_text, shown
 
 Table = tuple[tuple[float, ...], ...]
 
@@ -127,24 +127,16 @@ def parse_rules(text: str, source: str = "rules") -> RuleBase:
 
     `levels` and `[terms]` at the top hold for every variable that has none of its own.
     """
+    values = parse_toml(text, source)
     try:
-        values = tomllib.loads(text)
         return _base(values)
-    except tomllib.TOMLDecodeError as error:
-        raise ConfigError(f"{source} is no TOML: {error}") from error
     except ValueError as error:
         raise ConfigError(f"{source}: {error}") from error
 
 
 def read_rules(path: str | Path) -> RuleBase:
     """The rule base in a TOML file. Raises ConfigError that names the file and the entry."""
-    try:
-        text = Path(path).read_text(encoding="utf-8")
-    except OSError as error:
-        raise ConfigError(f"cannot read {path}: {error.strerror}") from error
-    except ValueError as error:
-        raise ConfigError(f"{path} is no text: {error}") from error
-    return parse_rules(text, str(path))
+    return parse_rules(read_text(Path(path), TOML_LIMIT_BYTES), str(path))
 
 
 def rules_as_toml(base: RuleBase) -> str:
@@ -262,7 +254,7 @@ def _numbers(where: str, value: object) -> tuple[float, ...]:
     numbers = _list(where, value)
     for number in numbers:
         if isinstance(number, bool) or not isinstance(number, (int, float)):
-            raise ValueError(f"{where} must be numbers, got {number!r}")
+            raise ValueError(f"{where} must be numbers, got {shown(number)}")
     return tuple(numbers)
 
 
@@ -270,7 +262,7 @@ def _rule(number: int, value: object) -> Rule:
     if not (isinstance(value, list) and len(value) == 3 and all(isinstance(name, str) for name in value)):
         raise ValueError(
             f"inference.rules, number {number} must be three names of terms [error, change, output], "
-            f"got {value!r}"
+            f"got {shown(value)}"
         )
     return Rule(*value)
 

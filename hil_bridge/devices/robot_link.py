@@ -2,7 +2,7 @@
 
 import asyncio
 import math
-from collections import deque
+from collections import Counter, deque
 from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import asynccontextmanager, suppress
 from typing import TypeVar, overload
@@ -17,6 +17,7 @@ from protocol.arap import (
     Answered,
     ArapEvent,
     ArapHost,
+    FunctionCode,
     Mode,
     Move,
     MoveKind,
@@ -53,8 +54,24 @@ _UNIT_TOLERANCE = 0.01
 """Chosen: how far a quaternion's norm may be from 1; words of 1/16384 alone make up 0.0001."""
 _SLOWEST_M_S = 1e-3
 """Chosen: velocity of an order that is not to move anything, m/s."""
+_READ_STATUS = FunctionCode.READ_STATUS
 _ZEROS: Vector = (0.0, 0.0, 0.0)
 """What a start, and an end without any point before it, carry as coordinates."""
+STATUS_S = 1.0
+"""For how long a status is waited for that may tell why an order failed. Chosen: a robot that answers does so in a
+tenth of it.
+"""
+SAID_S = 15.0
+"""How long ago the robot may have said something that is told with a failure. Chosen: the longest wait for an answer,
+and its start-up.
+"""
+_STATES = (
+    ("emergency_stop", True, "emergency stop"),
+    ("key_auto", False, "key not in AUTO"),
+    ("local", True, "link control taken back"),
+    ("operation", False, "in standby"),
+)
+"""What of a status keeps the robot from moving: flag, value, words."""
 
 
 class _SentWatch:
@@ -115,6 +132,16 @@ class RobotLink:
         self._waiting: deque[asyncio.Future[None]] = deque()
         """Those who wait for the order under way to end."""
         self._failure: BridgeError | None = None
+        self._status: Status | None = None
+        """The newest."""
+        self._fit: Status | None = None
+        """As the robot was when the movement began."""
+        self._said: deque[tuple[float, str]] = deque(maxlen=3)
+        """What the robot said unasked, and when, s on the run's clock."""
+        self._troubles: Counter[str] = Counter()
+        """What went wrong on the link since the newest order began."""
+        self._explaining = False
+        """The order under way is to tell why another one failed."""
 
     @property
     def counters(self) -> Mapping[str, int]:
@@ -157,7 +184,9 @@ class RobotLink:
 
     async def read_status(self, *, announce: bool = False) -> Status:
         """Mode, flags, reported position and orientation, from the controller; `announce` as in `exchange`."""
-        return self._understood(Status.from_telegram, await self.exchange(read_status(), announce=announce))
+        answer = await self.exchange(read_status(), announce=announce)
+        self._status = self._understood(Status.from_telegram, answer)
+        return self._status
 
     async def receive_program(self, number: int) -> bytes:
         """The contents of a program, from the controller; errors as `order`, DeviceError also for one that it has
@@ -176,6 +205,9 @@ class RobotLink:
         With `announce` the bid for the next order goes out with the end of the answer, so that the controller
         acknowledges it while the caller still makes up its mind, unless the profile's `bid_ahead` is off. The caller
         must give an order then, and soon.
+
+        The error of an order that was refused, or not answered, also tells what the robot said shortly before and what
+        its status shows, if it still answers.
         """
         loop = self._clock.loop
         while self._answer is not None:  # a cancelled caller may have left its order under way
@@ -185,13 +217,43 @@ class RobotLink:
         if self._failure is not None:
             raise self._failure
         self._host.order(*telegrams)
+        if self._troubles:
+            self._troubles.clear()
         self._announce = announce and self.profile.bid_ahead
         self.begun_at = self._clock.now() if self._host.link.ahead else math.nan
         self.transmitted_at = math.nan
         answer: asyncio.Future[Telegram] = loop.create_future()
         self._answer = answer
         self._pump.kick()
-        return await answer
+        try:
+            return await answer
+        except DeviceError as error:
+            if not self._explaining:
+                await self._tell_more(error, telegrams[0])
+            raise
+
+    async def _tell_more(self, error: DeviceError, order: Telegram) -> None:
+        """Add to an error what else is known of its cause."""
+        failed_at, refused, facts = self._clock.now(), isinstance(error, OrderRefused), []
+        if self._status is not None and not (refused and order.function == _READ_STATUS):
+            self._explaining = True
+            try:
+                async with asyncio.timeout(STATUS_S):
+                    hindrance = _hindrance(await self.read_status(), self._fit)
+                if hindrance:
+                    facts.append(f"its status now shows: {hindrance}")
+                elif not refused:
+                    facts.append("now it answers again, and its status shows no stop")
+            except (BridgeError, TimeoutError):
+                pass  # the link does not answer any more
+            finally:
+                self._explaining = False
+        facts += [
+            f"it had said {failed_at - at:.1f} s before: {text}"
+            for at, text in self._said
+            if 0.0 <= failed_at - at <= SAID_S
+        ]
+        error.args = ("; ".join((str(error), *facts)),)
 
     def _understood(self, read: Callable[[_Raw], _Meaning], raw: _Raw) -> _Meaning:
         """What an answer means. Raises DeviceError when it cannot be read."""
@@ -238,6 +300,7 @@ class RobotLink:
         `velocity` is the speed along the path, m/s.
         """
         motion = Motion(self, velocity)
+        self._fit = self._status
         try:
             await self.order(motion.telegram(MoveKind.START))
         except OrderRefused as refused:
@@ -278,8 +341,11 @@ class RobotLink:
             case OrderFailed(reason=reason, text=text):
                 self._resolve(DeviceError(self._explain(reason, text)))
             case SpontaneousReceived(spontaneous=spontaneous):
+                self._said.append((self._clock.now(), spontaneous.text))
                 self._on_notice("robot", spontaneous.text)
             case LinkNotice(kind=kind, text=text):
+                if kind not in ROUTINE:
+                    self._troubles[kind] += 1
                 self._tell_link_event(kind + ": " + text, routine=kind in ROUTINE)
             case LinkFailed(reason=reason, text=text):
                 self._tell_link_event(f"{reason}: {text}")
@@ -326,11 +392,29 @@ class RobotLink:
     def _explain(self, reason: LinkFailure | OrderFailure, text: str) -> str:
         line = f"{self.profile.baudrate} 8{self.profile.parity}{self.profile.stop_bits}"
         match reason:
+            case LinkFailure.NO_ANSWER | LinkFailure.ONLY_NOISE if self._status is not None:
+                text = text.partition(":")[0]
+                advice = "it has answered before, so the line is set right: is it off, or a cable out?"
             case LinkFailure.NO_ANSWER | LinkFailure.ONLY_NOISE:
                 advice = f"this end is set to {line}"
+            case _ if self._troubles:
+                counts = ", ".join(f"{kind} {count}" for kind, count in self._troubles.items())
+                advice = f"on the link meanwhile: {counts}"
             case _:
                 advice = "see the record for what went over the link"
         return f"robot on {self.name}: {text}; {advice}"
+
+
+def _hindrance(status: Status, fit: Status | None) -> str:
+    """What in a status keeps the robot from moving, in words, but for what held already when it was `fit` to move."""
+    new = [
+        words
+        for name, value, words in _STATES
+        if getattr(status, name) is value and (fit is None or getattr(fit, name) is not value)
+    ]
+    if new == ["in standby"] and fit is not None:
+        return "in standby, as after a restart or by hand"
+    return ", ".join(new)
 
 
 class Motion:

@@ -1,7 +1,8 @@
 """The panel's server on loopback: several clients, one request of one client a turn of the event loop.
 
-There is no password, so it listens on this computer alone: whoever is elsewhere brings a tunnel. Whoever says
-something that is no request is sent away, a browser that was lured here among them.
+There is no password, so it listens on this computer alone: from elsewhere one needs a tunnel. A client that says
+something that is no request is sent away, a browser that was lured here among them. No client holds a place for ever:
+where all places are taken, a new client gets that of the one that has been silent longest.
 """
 
 import asyncio
@@ -16,9 +17,9 @@ from hil_bridge.transports import reasons
 from hil_bridge.transports.urls import LISTEN_BYTES, parse_url
 
 CLIENT_LIMIT = 8
-"""Clients at a time; the next is told so. Mark: chosen."""
+"""Clients at a time. Mark: chosen."""
 _HIGH_BYTES = 65536
-"""Chosen: with so much unread by a client, nothing more is read from it."""
+"""Chosen: with so much unread by a client, nothing more is answered to it."""
 
 _SCHEMES = {"tcp-listen": LISTEN_BYTES["tcp-listen"]}
 
@@ -44,19 +45,21 @@ def _is_loopback(host: str) -> bool:
 
 
 class PanelServer:
-    """Gives requests to `perform` and what it returns back; a ValueError of it is told to who asked."""
+    """Gives requests to `perform` and what it returns back; a ValueError of it is told to the client that asked."""
 
     def __init__(self, perform: Callable[[Mapping[str, Any]], Mapping[str, Any]], clock: Clock) -> None:
         self._perform = perform
         self._clock = clock
         self._server: asyncio.Server | None = None
-        self._clients: set[_Client] = set()
+        self._closed = False
+        self._clients: dict[asyncio.StreamWriter, asyncio.Task[None]] = {}
+        """Those that are there, the one that has been silent longest first."""
 
     async def listen(self, url: str) -> str:
         """Begin; the URL that a client asks. Raises ConfigError for the URL, TransportUnavailable for the port."""
         host, port = panel_address(url)
         try:
-            self._server = await self._clock.loop.create_server(lambda: _Client(self), host, port)
+            self._server = await asyncio.start_server(self._serve, host, port, limit=REQUEST_LIMIT)
         except OSError as error:
             raise reasons.unavailable("tcp-listen", url, f"{host}:{port}", error) from error
         at, number = self._server.sockets[0].getsockname()[:2]
@@ -64,25 +67,46 @@ class PanelServer:
 
     async def aclose(self) -> None:
         """Stop listening and send everybody away. Harmless when called again."""
+        self._closed = True
         if self._server is not None:
             self._server.close()
-        clients = tuple(self._clients)
-        for client in clients:
-            client.abort()
-        await asyncio.gather(*(client.gone.wait() for client in clients))
+        clients = dict(self._clients)
+        for writer in clients:
+            writer.transport.abort()
+        await asyncio.gather(*clients.values(), return_exceptions=True)
 
-    def admit(self, client: "_Client") -> bool:
-        """Whether there is room for one more."""
+    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        """One connection, from its beginning to its end."""
+        task = asyncio.current_task()
+        assert task is not None
+        if self._closed:  # it came in the same turn
+            writer.transport.abort()
+            return
+        writer.transport.set_write_buffer_limits(high=_HIGH_BYTES)
         if len(self._clients) >= CLIENT_LIMIT:
-            return False
-        self._clients.add(client)
-        return True
+            silent = next(iter(self._clients))
+            del self._clients[silent]
+            _dismiss(silent, f"another client took the place; this one was silent longest of {CLIENT_LIMIT}")
+        self._clients[writer] = task
+        try:
+            understood = True
+            while understood:
+                line = await reader.readuntil(b"\n")
+                if writer in self._clients:  # heard just now: behind all others
+                    self._clients[writer] = self._clients.pop(writer)
+                answer, understood = self._answer(line)
+                writer.write(answer)
+                await writer.drain()
+                await asyncio.sleep(0)  # before its next request it is everybody else's turn
+        except asyncio.LimitOverrunError:
+            _dismiss(writer, f"a request has at most {REQUEST_LIMIT} bytes")
+        except (asyncio.IncompleteReadError, ConnectionError):
+            pass  # it has left
+        finally:
+            self._clients.pop(writer, None)
+            _dismiss(writer)
 
-    def forget(self, client: "_Client") -> None:
-        """A client has left."""
-        self._clients.discard(client)
-
-    def answer(self, line: bytes) -> tuple[bytes, bool]:
+    def _answer(self, line: bytes) -> tuple[bytes, bool]:
         """The answer to a line, and whether it was a request at all."""
         try:
             request = decode(line)
@@ -94,68 +118,10 @@ class PanelServer:
             return encode({"error": str(error)}), True
 
 
-class _Client(asyncio.BufferedProtocol):
-    """One connection."""
-
-    def __init__(self, server: PanelServer) -> None:
-        self.gone = asyncio.Event()
-        self._server = server
-        self._buffer = bytearray(REQUEST_LIMIT)
-        self._pending = b""
-        self._full = False
-        """It does not read what it asked for."""
-
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        assert isinstance(transport, asyncio.Transport)
-        self._transport = transport
-        transport.set_write_buffer_limits(high=_HIGH_BYTES)
-        if not self._server.admit(self):
-            self._refuse(f"{CLIENT_LIMIT} clients are here already")
-
-    def get_buffer(self, sizehint: int) -> bytearray:
-        return self._buffer
-
-    def buffer_updated(self, nbytes: int) -> None:
-        self._pending += self._buffer[:nbytes]
-        self._turn()
-
-    def pause_writing(self) -> None:
-        self._full = True
-
-    def resume_writing(self) -> None:
-        self._full = False
-        self._turn()
-
-    def connection_lost(self, exc: Exception | None) -> None:
-        self._server.forget(self)
-        self.gone.set()
-
-    def abort(self) -> None:
-        """Close without handing anything over."""
-        self._transport.abort()
-
-    def _turn(self) -> None:
-        """Answer one request; more of them wait until the loop has looked after everything else."""
-        if self._transport.is_closing():
-            return
-        line, end, rest = self._pending.partition(b"\n")
-        if not end or len(line) > REQUEST_LIMIT:
-            if len(self._pending) > REQUEST_LIMIT:
-                self._refuse(f"a request has at most {REQUEST_LIMIT} bytes")
-            else:
-                self._transport.resume_reading()
-            return
-        self._transport.pause_reading()
-        if self._full:
-            return
-        self._pending = rest
-        answer, understood = self._server.answer(line)
-        self._transport.write(answer)
-        if understood:
-            asyncio.get_running_loop().call_soon(self._turn)
-        else:
-            self._transport.close()
-
-    def _refuse(self, text: str) -> None:
-        self._transport.write(encode({"error": text}))
-        self._transport.close()
+def _dismiss(writer: asyncio.StreamWriter, why: str = "") -> None:
+    """Close a connection and say why; at once where the client has not read what it was told before."""
+    if why and not writer.is_closing():
+        writer.write(encode({"error": why}))
+    writer.close()
+    if writer.transport.get_write_buffer_size():
+        writer.transport.abort()

@@ -1,6 +1,5 @@
 """Where the time between a force and the motion that answers it goes, hop by hop, from a record alone."""
 
-import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -24,6 +23,7 @@ from hil_bridge.recording.hops import (
 from hil_bridge.recording.reader import Recording
 from hil_bridge.recording.records import CycleRecord, SensorRecord, TruthRecord
 from hil_bridge.recording.times import Times, times_of
+from hil_bridge.text_files import parse_json
 from protocol.adlp import LinkProfile
 from protocol.values import dataclass
 
@@ -167,8 +167,8 @@ def answer_times(recording: Recording) -> AnswerTimes | None:
         return None
     try:
         profile = LinkProfile(**link)
-        told = json.loads(recording.end.get("line_floor_s", "null"))
-    except (TypeError, ValueError, RecursionError):
+        told = parse_json(recording.end.get("line_floor_s", "null"))
+    except (TypeError, ValueError):
         return None
     answers = AnswerTimes.on(profile)
     # A URL may have set the line; the floor is that of the line as it was.
@@ -203,8 +203,8 @@ def earliest_arrivals(frames: Sequence[SensorRecord]) -> dict[int, float]:
 def recorded_configuration(recording: Recording) -> Mapping[str, Any]:
     """The configuration that the run has recorded; empty when there is none that can be read."""
     try:
-        found = json.loads(recording.metadata.get("config", ""))
-    except (ValueError, RecursionError):
+        found = parse_json(recording.metadata.get("config", ""))
+    except ValueError:
         return {}
     return found if isinstance(found, dict) else {}
 
@@ -255,8 +255,8 @@ def _constants(recording: Recording, config: Mapping[str, Any], found: Latency) 
     """What lies before the sample and behind the motion."""
     constants = []
     try:
-        delay = json.loads(recording.end.get("sensor_delay_s", "null"))
-    except (ValueError, RecursionError):
+        delay = parse_json(recording.end.get("sensor_delay_s", "null"))
+    except ValueError:
         delay = None
     if isinstance(delay, (int, float)) and not isinstance(delay, bool) and delay > 0:
         constants.append(Constant("the sensor's filter", float(delay), "from its cut-off frequency"))

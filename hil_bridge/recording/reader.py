@@ -1,21 +1,37 @@
-"""Reading a record back. Nothing in a file is trusted: it may be cut off, garbled or something else."""
+"""Reading a record back. Nothing in a file is trusted: it may be cut off, garbled, a bomb or something else."""
 
 import io
+import struct
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import field
+from dataclasses import field, replace
 from pathlib import Path
 from typing import Any
 
-from mcap.records import Channel, McapRecord, Message, Metadata
-from mcap.stream_reader import StreamReader
+import lz4.frame
+import zstandard
+from mcap.opcode import Opcode
+from mcap.records import Channel, Chunk, McapRecord, Message, Metadata
+from mcap.stream_reader import StreamReader, breakup_chunk
 
 from hil_bridge.errors import ConfigError
 from hil_bridge.recording.recorder import END_NAME, METADATA_NAME
 from hil_bridge.recording.records import CycleRecord, EventRecord, LinkRecord, SensorRecord, TruthRecord
 from hil_bridge.recording.topics import CYCLE, EVENT, LINK, SENSOR, TRUTH, Record, Topic
+from hil_bridge.text_files import named, read_up_to
 from protocol.values import dataclass
 
+CHUNK_LIMIT_BYTES = 1 << 24
+"""Of one chunk, unpacked. Chosen: 16 times the largest that a run writes, 4 times what other programs write."""
+UNPACKED_LIMIT_BYTES = 1 << 31
+"""Of all chunks of a recording, unpacked, and of the file as it is. Chosen: half a day of the default run, and what
+reads it needs some times that in memory.
+"""
+
 _MAGIC = b"\x89MCAP0\r\n"
+_RECORD = struct.Struct("<BQ")
+"""Opcode and length before every record. Source: MCAP specification, version 0."""
+_CHUNK = struct.Struct("<QQQ")
+"""Begin of a chunk: the times of its first and last message, and its size unpacked. Source: as above."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,14 +85,13 @@ def _contents(
     path: Path, topics: Sequence[Topic]
 ) -> tuple[dict[str, list[Any]], dict[str, dict[str, str]], bool]:
     """Records by topic, metadata by name, and whether the file is whole. Raises ConfigError."""
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise ConfigError(f"cannot read the recording {path}: {error.strerror or error}") from error
+    data = _bytes(path)
     if not data:
         raise ConfigError(f"{path} is empty: the run was ended before anything was recorded; record it again")
     if not data.startswith(_MAGIC):
         raise ConfigError(f"{path} is not an MCAP file: name the recording that a run has written")
+    if (size := max(len(data), sum(_claims(data)))) > UNPACKED_LIMIT_BYTES:
+        raise _too_long(path, f"{size} bytes unpacked")
     records: dict[str, list[Any]] = {topic.name: [] for topic in topics}
     metadata: dict[str, dict[str, str]] = {METADATA_NAME: {}, END_NAME: {}}
     try:
@@ -91,13 +106,38 @@ def _contents(
         raise ConfigError(
             f"{path} is not a recording of this version: {error}; record the run again"
         ) from error
+    except _TooMuch as error:
+        raise _too_long(path, str(error)) from error
     except _Damage:
         finished = False
     return records, metadata, finished
 
 
+def _bytes(path: Path) -> bytes:
+    """A file as it is, and of one that is too long, or is none at all, no more than shows that. Raises ConfigError."""
+    try:
+        with path.open("rb") as file:
+            head = file.read(len(_MAGIC))
+            return head + read_up_to(file, UNPACKED_LIMIT_BYTES) if head == _MAGIC else head
+    except OSError as error:
+        raise ConfigError(f"cannot read the recording {named(path)}: {error.strerror or error}") from error
+    except ValueError as error:  # a NUL in the path
+        raise ConfigError(f"cannot read the recording {named(path)}: {error}") from error
+
+
+def _too_long(path: Path, what: str) -> ConfigError:
+    return ConfigError(
+        f"{named(path)} is refused: it says that it holds {what}, but at most {UNPACKED_LIMIT_BYTES} are read, "
+        f"{CHUNK_LIMIT_BYTES} of them in a chunk; is it damaged, or no recording of a run?"
+    )
+
+
 class _ForeignMessage(Exception):
     """A whole message that is not what its topic says."""
+
+
+class _TooMuch(Exception):
+    """The file unpacks to more than is read."""
 
 
 class _Damage(Exception):
@@ -105,7 +145,7 @@ class _Damage(Exception):
 
 
 def _items(data: bytes, wanted: Sequence[Topic]) -> Iterator[Metadata | tuple[str, Record]]:
-    """The metadata and the records of a file in order. Raises _Damage where the file ends or is garbled."""
+    """The metadata and the records of a file in order. Raises _Damage where the file ends or is garbled, _TooMuch."""
     topics = {topic.name: topic for topic in wanted}
     channels: dict[int, str] = {}
     for item in _mcap_records(data):
@@ -123,8 +163,49 @@ def _items(data: bytes, wanted: Sequence[Topic]) -> Iterator[Metadata | tuple[st
 
 
 def _mcap_records(data: bytes) -> Iterator[McapRecord]:
-    """Every record up to the closing magic. Raises _Damage."""
+    """Every record up to the closing magic, those in chunks too. Raises _Damage, _TooMuch."""
+    unpacked = 0
     try:
-        yield from StreamReader(io.BytesIO(data), validate_crcs=True, record_size_limit=len(data)).records
+        for item in StreamReader(
+            io.BytesIO(data), emit_chunks=True, validate_crcs=True, record_size_limit=len(data)
+        ).records:
+            if not isinstance(item, Chunk):
+                yield item
+                continue
+            unpacked += item.uncompressed_size
+            if item.uncompressed_size > CHUNK_LIMIT_BYTES or unpacked > UNPACKED_LIMIT_BYTES:
+                raise _TooMuch(f"a chunk of {item.uncompressed_size} bytes unpacked")
+            yield from breakup_chunk(replace(item, compression="", data=_unpacked(item)), validate_crc=True)
+    except _TooMuch:
+        raise
     except Exception as error:  # the library lets everything through: struct, zstd, lz4, Unicode, memory
         raise _Damage from error
+
+
+def _claims(data: bytes) -> Iterator[int]:
+    """What each chunk says of its size unpacked, as far as the file can be followed."""
+    at = len(_MAGIC)
+    while at + _RECORD.size <= len(data):
+        opcode, length = _RECORD.unpack_from(data, at)
+        at += _RECORD.size
+        if opcode == Opcode.CHUNK and _CHUNK.size <= length <= len(data) - at:
+            yield _CHUNK.unpack_from(data, at)[2]
+        at += length
+
+
+def _unpacked(chunk: Chunk) -> bytes:
+    """A chunk's records. No more memory is taken than the chunk claims, whatever its data unpack to: a frame's own
+    header is not asked. Raises ValueError when that is not what it claims, and what the libraries raise.
+    """
+    size = chunk.uncompressed_size
+    match chunk.compression:
+        case "zstd":
+            bounded = zstandard.ZstdDecompressor(max_window_size=CHUNK_LIMIT_BYTES)
+            data: bytes = bounded.stream_reader(chunk.data).read(size + 1)
+        case "lz4":
+            data = lz4.frame.LZ4FrameDecompressor().decompress(chunk.data, max_length=size + 1)
+        case _:
+            data = chunk.data
+    if len(data) != size:
+        raise ValueError(f"a chunk says {size} bytes and holds {'more' if len(data) > size else len(data)}")
+    return data

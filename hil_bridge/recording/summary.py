@@ -10,7 +10,7 @@ from pathlib import Path
 
 import msgspec
 
-from hil_bridge.control.merit import STEADY_SAMPLES, figures_of_merit
+from hil_bridge.control.merit import STEADY_SAMPLES, FiguresOfMerit, figures_of_merit
 from hil_bridge.recording.files import write_whole
 from hil_bridge.recording.latency import latency_of
 from hil_bridge.recording.reader import Recording
@@ -18,6 +18,7 @@ from hil_bridge.recording.recorder import DROPPED_PREFIX
 from hil_bridge.recording.records import CycleRecord
 from hil_bridge.recording.times import Times, times_of
 from hil_bridge.recording.topics import SENSOR, TOPICS
+from hil_bridge.text_files import parse_json
 from protocol.values import dataclass
 
 PHASE_EVENT = "phase"
@@ -26,6 +27,8 @@ STOP_EVENT = "stop"
 """Kind of the event whose text is the cause of a stop."""
 TRACK = "track"
 """The phase in which the force is controlled."""
+RETRACT = "retract"
+"""The phase in which the tool is pulled back."""
 
 
 class Outcome(StrEnum):
@@ -88,7 +91,9 @@ class Summary:
     force_mean_steady_n: float | None
     """Mean force over the last 40 samples of tracking; None when there are fewer since the rise."""
     figures: Mapping[str, float | None]
-    """Figures of merit of the tracking phase, units in the names."""
+    """Figures of merit of the tracking phase, units in the names; the sample that stopped it counts for the largest
+    force and the overshoot.
+    """
     phases_s: Mapping[str, float]
     """Duration by phase, in order of first appearance."""
     cycles: int
@@ -127,7 +132,7 @@ def summarise(recording: Recording, end: RunEnd | None = None) -> Summary:
     cycles = recording.cycles
     track = [cycle for cycle in cycles if cycle.phase == TRACK and math.isfinite(cycle.force)]
     dropped = _dropped(recording)
-    figures = _figures(track)
+    figures = _figures(track, _stopping(cycles) if end.outcome is Outcome.STOPPED else None)
     steady = figures.get("steady_mean_error_n") is not None
     references = [cycle.force_reference for cycle in track or cycles]
     spans = phases(recording)
@@ -196,28 +201,44 @@ def phases(recording: Recording) -> tuple[PhaseSpan, ...]:
     )
 
 
-def _figures(track: Sequence[CycleRecord]) -> dict[str, float | None]:
-    """Figures of merit by name with unit; empty when nothing was tracked."""
+def _stopping(cycles: Sequence[CycleRecord]) -> CycleRecord | None:
+    """The cycle whose sample ended the tracking by itself: its answer was to retract already."""
+    last = max((place for place, cycle in enumerate(cycles) if cycle.phase == TRACK), default=len(cycles))
+    if last + 1 >= len(cycles):
+        return None
+    after = cycles[last + 1]
+    return after if after.phase == RETRACT and not after.asked and math.isfinite(after.force) else None
+
+
+def _figures(track: Sequence[CycleRecord], stopping: CycleRecord | None) -> dict[str, float | None]:
+    """Figures of merit by name with unit; empty when nothing was tracked. The largest force and the overshoot count
+    the sample that stopped the run, the others what was tracked.
+    """
     if not track:
         return {}
-    figures = figures_of_merit(
-        time=[cycle.controlled_at for cycle in track],
-        force=[cycle.force for cycle in track],
-        reference=[cycle.force_reference for cycle in track],
-        commanded=[cycle.depth_commanded for cycle in track],
-        in_contact=[cycle.in_contact for cycle in track],
-    )
+    figures = _merit(track)
+    largest = figures if stopping is None else _merit([*track, stopping])
     return {
         "rise_samples": figures.rise_samples,
         "rise_s": figures.rise_seconds,
-        "overshoot_percent": figures.overshoot_percent,
+        "overshoot_percent": largest.overshoot_percent,
         "steady_mean_error_n": figures.steady_mean_error,
         "steady_peak_to_peak_n": figures.steady_peak_to_peak,
         "rms_error_n": figures.rms_error,
         "contact_losses": figures.contact_losses,
         "steps_per_s": figures.steps_per_second,
-        "largest_force_n": figures.largest_force,
+        "largest_force_n": largest.largest_force,
     }
+
+
+def _merit(cycles: Sequence[CycleRecord]) -> FiguresOfMerit:
+    return figures_of_merit(
+        time=[cycle.controlled_at for cycle in cycles],
+        force=[cycle.force for cycle in cycles],
+        reference=[cycle.force_reference for cycle in cycles],
+        commanded=[cycle.depth_commanded for cycle in cycles],
+        in_contact=[cycle.in_contact for cycle in cycles],
+    )
 
 
 def _rate(cycles: Sequence[CycleRecord]) -> float | None:
@@ -235,6 +256,6 @@ def _dropped(recording: Recording) -> dict[str, int]:
 
 def _json(text: str | None) -> object:
     try:
-        return json.loads(text) if text else None
-    except (ValueError, RecursionError):
+        return parse_json(text) if text else None
+    except ValueError:
         return None

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Final
 
 from hil_bridge.errors import ConfigError, DeviceError, TransportUnavailable
+from hil_bridge.text_files import read_text
 from protocol.endpoint import RemoteProtocolError
 from protocol.jr3.board import MEMORY_WORDS, REGISTERS, check_range, pack_words
 from protocol.jr3.registers import ResetRefused
@@ -145,12 +146,7 @@ def read_program(path: Path) -> tuple[ProgramWord, ...]:
 
     Raises ConfigError.
     """
-    try:
-        text = path.read_text(encoding="ascii")
-    except OSError as error:
-        raise ConfigError(f"cannot read {path}: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise ConfigError(f"{path} is no board program: it is not text") from error
+    text = read_text(path, encoding="ascii")
     numbers = iter([int(word, 16) for word in re.findall(r"[0-9a-fA-F]+", text)])
     program: list[ProgramWord] = []
     try:

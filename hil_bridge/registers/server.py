@@ -1,4 +1,9 @@
-"""The register server on TCP: several clients at one board, none of which can hurt the others or the board."""
+"""The register server on TCP: several clients at one board, none of which can hurt the others or the board.
+
+No client holds a place for ever. One whose computer or cable is gone is found by TCP's own questions. Where all
+places are taken, a client that has not sent a single byte makes room for the next, and one that has asked something
+and neither asks nor streams any more is dropped after `idle_timeout_s`. One that does not read is cut off.
+"""
 
 import asyncio
 from collections.abc import Callable, Sequence
@@ -10,6 +15,7 @@ from hil_bridge.clock import Clock
 from hil_bridge.errors import TransportBroken, TransportClosed, TransportEnded, TransportError
 from hil_bridge.pump import Pump
 from hil_bridge.transports import reasons
+from hil_bridge.transports.tcp import keep_alive
 from protocol.jr3.board import Registers
 from protocol.jr3.registers import (
     ConnectionOver,
@@ -83,7 +89,8 @@ class RegisterListener:
         self._clock = clock
         self._on_log = on_log
         self._server: asyncio.Server | None = None
-        self._wires: set[_ClientWire] = set()
+        self._wires: dict[_ClientWire, None] = {}
+        """In the order in which they came."""
         self._full_told = False
         """A client was sent away since the last one was let in: one line says it for all of them."""
 
@@ -96,7 +103,7 @@ class RegisterListener:
         """Begin; the address and port that it really has. Raises TransportUnavailable naming `name`."""
         try:
             self._server = await self._clock.loop.create_server(
-                lambda: _ClientWire(self._arrived, self._wires.discard), host, port
+                lambda: _ClientWire(self._arrived, self._gone), host, port
             )
         except OSError as error:
             raise reasons.unavailable("tcp-listen", name, f"{host}:{port}", error) from error
@@ -109,7 +116,21 @@ class RegisterListener:
             self._server.close()
         await asyncio.gather(*(wire.aclose() for wire in self._wires))
 
+    def _gone(self, wire: "_ClientWire") -> None:
+        self._wires.pop(wire, None)
+
+    def _make_room(self) -> None:
+        """Send the first client away that has not said anything, if there is one."""
+        silent = next((wire for wire in self._wires if not wire.heard), None)
+        if silent is not None:
+            self._on_log(f"{silent.name}: sent away for another client: it had not said anything")
+            self._gone(silent)
+            silent.send(farewell(Status.TOO_MANY_CLIENTS))
+            silent.close()
+
     def _arrived(self, wire: "_ClientWire") -> None:
+        if len(self._wires) >= self._profile.clients:
+            self._make_room()
         if len(self._wires) >= self._profile.clients:
             if not self._full_told:
                 self._full_told = True
@@ -118,7 +139,7 @@ class RegisterListener:
             wire.send(farewell(Status.TOO_MANY_CLIENTS))
             wire.close()
             return
-        self._wires.add(wire)
+        self._wires[wire] = None
         self._full_told = False
         now = self._clock.now()
         pump: Pump[bytes, ConnectionOver] = Pump(
@@ -153,6 +174,8 @@ class _ClientWire(asyncio.BufferedProtocol):
         self, on_arrival: Callable[["_ClientWire"], None], on_gone: Callable[["_ClientWire"], None]
     ) -> None:
         self.name = ""
+        self.heard = False
+        """Anything at all has come from it."""
         self._buffer = bytearray(_READ_BYTES)
         self._on_arrival = on_arrival
         self._on_gone = on_gone
@@ -168,6 +191,7 @@ class _ClientWire(asyncio.BufferedProtocol):
         assert isinstance(transport, asyncio.Transport)
         self._transport = transport
         transport.set_write_buffer_limits(high=_HIGH_BYTES)
+        keep_alive(transport.get_extra_info("socket"))
         host, port = (transport.get_extra_info("peername") or ("client", 0))[:2]
         self.name = f"{host}:{port}"
         self._on_arrival(self)
@@ -176,6 +200,7 @@ class _ClientWire(asyncio.BufferedProtocol):
         return self._buffer
 
     def buffer_updated(self, nbytes: int) -> None:
+        self.heard = True
         self._on_data(bytes(self._buffer[:nbytes]))
 
     def pause_writing(self) -> None:

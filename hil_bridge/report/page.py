@@ -14,6 +14,7 @@ from hil_bridge.report.latency_section import latency_section
 from hil_bridge.report.markup import pairs, rows, table
 from hil_bridge.report.plots import draw, size_px
 from hil_bridge.report.sections import beginning, controller_section, stability_section
+from hil_bridge.text_files import parse_json
 
 PICTURE = "report.png"
 PAGE = "report.html"
@@ -108,6 +109,6 @@ def _metadata(recording: Recording) -> str:
 def _readable(text: str) -> str:
     """JSON indented, anything else as it is."""
     try:
-        return json.dumps(json.loads(text), indent=2, ensure_ascii=False)
-    except (ValueError, RecursionError):
+        return json.dumps(parse_json(text), indent=2, ensure_ascii=False)
+    except ValueError:
         return text

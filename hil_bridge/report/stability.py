@@ -2,7 +2,6 @@
 positions leave in it: predicted beside measured.
 """
 
-import json
 import math
 import statistics
 from collections.abc import Mapping, Sequence
@@ -27,6 +26,7 @@ from hil_bridge.recording.latency import AnswerTimes, answer_times
 from hil_bridge.recording.reader import Recording
 from hil_bridge.recording.records import CycleRecord
 from hil_bridge.recording.summary import TRACK, Summary, end_of
+from hil_bridge.text_files import parse_json
 from protocol.values import dataclass
 
 PHASE_MARGIN_DEG = 45.0
@@ -322,8 +322,8 @@ def _source(emulated: bool) -> str:
 def _configuration(recording: Recording) -> Mapping[str, Any]:
     """The configuration that the run has recorded; empty when there is none that can be read."""
     try:
-        found = json.loads(recording.metadata.get("config", ""))
-    except (ValueError, RecursionError):
+        found = parse_json(recording.metadata.get("config", ""))
+    except ValueError:
         return {}
     return found if isinstance(found, dict) else {}
 

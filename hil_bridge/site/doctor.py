@@ -13,13 +13,13 @@ from typing import Any
 
 import click
 
+from hil_bridge.checks import problems
 from hil_bridge.clock import Clock, run_real
 from hil_bridge.compose import uart_wire
 from hil_bridge.config import Config, load_config
 from hil_bridge.errors import ConfigError
 from hil_bridge.realtime import RealTime, scheduled
 from hil_bridge.registers import BOARD, board_wire
-from hil_bridge.session import check_wires
 from hil_bridge.site import facts
 from hil_bridge.site.facts import Fact, Level, fail, ok, warn
 from hil_bridge.transports.urls import CONNECT_BYTES, CONNECT_CAN, WireUrl, parse_url
@@ -76,11 +76,9 @@ def computer(
 
 
 def wires(config: Config, root: Path, details: Mapping[str, Mapping[str, Any]] | None) -> Iterator[Fact]:
-    """Whether the URLs of a configuration, and the thread that it wants, can work here."""
-    try:
-        check_wires(config, virtual=False)
-    except ConfigError as error:
-        yield warn("configuration", str(error))
+    """Whether a run with this configuration would begin here: its URLs, and all that `run` looks at by itself."""
+    for name, error in problems(config, virtual=False):
+        yield fail(name, str(error))
     for key, url, is_sensor in (
         ("robot.url", config.robot.url, False),
         ("sensor.url", config.sensor.url, True),
@@ -93,11 +91,6 @@ def wires(config: Config, root: Path, details: Mapping[str, Mapping[str, Any]] |
         except ConfigError as error:
             found = fail(key, str(error))
         yield Fact(found.level, key, f"{found.subject}: {found.text}", found.remedy)
-    try:
-        with scheduled(config.realtime):
-            pass
-    except ConfigError as error:
-        yield fail("realtime", str(error))
 
 
 def _parsed(url: str, is_sensor: bool, config: Config) -> WireUrl:

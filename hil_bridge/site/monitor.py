@@ -1,7 +1,6 @@
 """`hil-bridge monitor`: a link put into words, from a file or while it runs. It only listens."""
 
 import asyncio
-import json
 import signal
 from collections.abc import Callable, Sequence
 from contextlib import AsyncExitStack, ExitStack, suppress
@@ -19,6 +18,7 @@ from hil_bridge.site.capture import Piece, Sender, parse_capture, recorded_piece
 from hil_bridge.site.link_monitor import Counts, LinkMonitor
 from hil_bridge.site.printing import Printer, counts_text
 from hil_bridge.site.wording import frame_text
+from hil_bridge.text_files import named, parse_json, read_text
 from hil_bridge.transports import Frames, connect_bytes, connect_can
 from protocol.adlp import LinkProfile
 from protocol.arap import OrderBook
@@ -181,17 +181,15 @@ def _pieces(path: Path) -> tuple[list[Piece], LinkProfile]:
         if head == MCAP_MAGIC:
             records, metadata = read_link(path)
             return list(recorded_pieces(records, str(path))), _recorded_link(metadata.get("config", ""))
-        return list(parse_capture(path.read_text(encoding="utf-8"), str(path))), LinkProfile()
+        return list(parse_capture(read_text(path), str(path))), LinkProfile()
     except OSError as error:
-        raise ConfigError(f"cannot read {path}: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise ConfigError(f"{path} is neither a recording nor a text capture") from error
+        raise ConfigError(f"cannot read {named(path)}: {error.strerror}") from error
 
 
 def _recorded_link(config: str) -> LinkProfile:
     """The settings of the robot's link in a recorded configuration; the usual ones where it tells none."""
     try:
-        robot = json.loads(config)["robot"]
+        robot = parse_json(config)["robot"]
         link = TypeAdapter(LinkProfile).validate_python(robot["link"])
         return robot_wire(robot["url"], link)[1] if robot["url"] else link
     except (ValueError, TypeError, KeyError, ConfigError):

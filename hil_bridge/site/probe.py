@@ -23,6 +23,34 @@ PATIENCE_S = 0.7
 """For how long an ACK is waited for. Chosen: what answers at all answers within some tens of milliseconds."""
 ANSWER_PATIENCE_S = 3.0
 """For how long the answer to an acknowledged query is waited for. Chosen."""
+TO_FILL_IN = """
+[sensor]
+# where the force sensor is: can+slcan:///dev/ttyACM0, serial:///dev/ttyACM0?gateway=jr3, jr3+tcp://host:1762?filter=2
+#= url = "can+socketcan://can0"
+# how it sits in the tool frame; `hil-bridge probe sensor URL` names its axes from a push by hand
+#= mounting_deg = 0.0
+#= flip_fx_mx = false
+
+[tool]
+# what hangs below the sensor; `hil-bridge identify-tool` measures it
+#= mass_kg = 0.0
+#= centre_of_gravity_mm = [0.0, 0.0, 0.0]
+
+[frame]
+# into the surface and along it, in the robot's base frame
+#= approach = [0.0, 0.0, -1.0]
+#= travel = [0.0, 1.0, 0.0]
+
+[task]
+#= force_n = 10.0
+
+[limits]
+#= force_limit_n = 50.0
+# corners of the box that the tool may be in, in the robot's base frame
+#= workspace_min_m = [-3.0, -3.0, -3.0]
+#= workspace_max_m = [3.0, 3.0, 3.0]
+"""
+"""What only a person knows, with the defaults."""
 
 
 def probe_robot(url: str, out: Path | None, patience: float) -> None:
@@ -173,13 +201,14 @@ def finding_rows(url: str, finding: Finding) -> list[tuple[str, str]]:
 
 
 def site_toml(url: str, finding: Finding) -> str:
-    """A configuration file with the settings that work."""
+    """A configuration file with the settings that work, and as comments those that a person must know."""
     line, evidence = finding.line, finding.stuffing_evidence
     rows = [
-        "# Found by `hil-bridge probe robot`; what is not here has its default.",
+        "# Found by `hil-bridge probe robot`; what is not here has its default. The lines that begin with #= are what",
+        "# no probe can find: take #= away and set them. Then `hil-bridge doctor` tells whether a run would begin.",
         "",
         "[robot]",
-        f"url = {json.dumps(url if line is None else url_with_line(url, line))}",
+        f"url = {json.dumps(url if line is None else url_with_line(url, line), ensure_ascii=False)}",
         "",
         "[robot.link]",
     ]
@@ -194,7 +223,7 @@ def site_toml(url: str, finding: Finding) -> str:
         f"# {evidence or 'not decided: a query with 10h was refused either way'}",
         f'dle_stuffing = "{finding.dle_stuffing}"',
     ]
-    return "\n".join(rows) + "\n"
+    return "\n".join(rows) + "\n" + TO_FILL_IN
 
 
 def failure_text(url: str, log: list[tuple[Try, Outcome]]) -> str:

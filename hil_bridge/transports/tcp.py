@@ -1,11 +1,16 @@
-"""Bytes over TCP: a client, and a server for one client at a time."""
+"""Bytes over TCP: a client, and a server for one client at a time.
+
+No client holds the server's port for ever. One whose computer or cable is gone is found by TCP's own questions
+(`KEEPALIVE`). One that has not sent a single byte for `SILENT_S` makes room as soon as another comes. One that has
+spoken may be silent for as long as it likes: a robot's link has its pauses.
+"""
 
 import asyncio
 import socket
 from collections.abc import Callable
 from contextlib import suppress
 
-from hil_bridge.clock import Clock
+from hil_bridge.clock import Clock, Timer
 from hil_bridge.errors import TransportEnded, TransportError
 from hil_bridge.transports import reasons
 from hil_bridge.transports.base import Transport
@@ -19,6 +24,17 @@ KEEPALIVE = {"TCP_KEEPIDLE": 5, "TCP_KEEPINTVL": 1, "TCP_KEEPCNT": 4}
 """A peer that has said nothing for 5 s is asked, once a second, and is gone after four questions. Chosen: a pulled
 cable is noticed within 10 s even on a wire that only listens.
 """
+
+SILENT_S = 5.0
+"""For how long a client that has not said anything has the port to itself. Chosen: what uses a link speaks at once."""
+
+
+def keep_alive(connection: socket.socket) -> None:
+    """Let the system find out that the peer is gone, as `KEEPALIVE` says."""
+    connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+    for option, value in KEEPALIVE.items():
+        if hasattr(socket, option):  # not every system lets a program choose
+            connection.setsockopt(socket.IPPROTO_TCP, getattr(socket, option), value)
 
 
 async def connect_tcp(host: str, port: int, clock: Clock, name: str) -> Transport[bytes]:
@@ -50,7 +66,8 @@ async def listen_tcp(
     name: str,
     around: Callable[[Transport[bytes]], Transport[bytes]] = _as_it_is,
 ) -> tuple[Transport[bytes], str, int]:
-    """Wait for clients, one at a time: who comes while another is there waits until that one has left.
+    """Wait for clients, one at a time: a client that comes while another is there waits until that one has left, or
+    takes its place where that one has been silent since it came.
 
     `around` makes the transport of a client out of its connection. Gives the transport, and the address and port
     that it really has. Raises TransportUnavailable.
@@ -87,10 +104,14 @@ class _Server:
         self._around = around
         self._clock = clock
         self._name = name
+        self._silent: socket.socket | None = None
+        """The client that is there, as long as it has not said anything."""
+        self._timer: Timer | None = None
         self.exchange = Exchange(name, self._wait, self._stop)
         self._wait()
 
     def _wait(self) -> None:
+        self._settle()
         self._clock.loop.add_reader(self._server.fileno(), self._accept)
 
     def _accept(self) -> None:
@@ -100,12 +121,55 @@ class _Server:
             return  # it has gone again before we came to it
         self._clock.loop.remove_reader(self._server.fileno())
         connection.setblocking(False)
+        self._silent = connection
+        self._timer = self._clock.call_at(self._clock.now() + SILENT_S, self._yield)
         wire = FileWire(self._name, _Connection(connection, f"{address[0]}:{address[1]}"), self._clock)
-        self.exchange.attach(self._around(wire))
+        self.exchange.attach(self._around(_FirstByteWatch(wire, self._settle)))
+
+    def _settle(self) -> None:
+        """The port is the client's, or there is none any more."""
+        self._silent = None
+        if (listening := self._server.fileno()) >= 0:
+            self._clock.loop.remove_reader(listening)
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+
+    def _yield(self) -> None:
+        """From now on the next that comes takes the place of the silent client."""
+        self._clock.loop.add_reader(self._server.fileno(), self._make_room)
+
+    def _make_room(self) -> None:
+        self._clock.loop.remove_reader(self._server.fileno())
+        if self._silent is not None:
+            with suppress(OSError):
+                self._silent.shutdown(socket.SHUT_RDWR)  # its wire sees the end of the stream, and leaves
 
     def _stop(self) -> None:
-        self._clock.loop.remove_reader(self._server.fileno())
+        self._settle()
         self._server.close()
+
+
+class _FirstByteWatch:
+    """A client's wire as it is, but that `on_first` is told of the first data."""
+
+    __slots__ = ("_inner", "_on_first", "aclose", "name", "send")
+
+    def __init__(self, wire: Transport[bytes], on_first: Callable[[], None]) -> None:
+        self._inner = wire
+        self.name, self.send, self.aclose = wire.name, wire.send, wire.aclose
+        self._on_first: Callable[[], None] | None = on_first
+
+    def start(self, on_data: Callable[[bytes], None], on_end: Callable[[TransportError], None]) -> None:
+        """As the wire does."""
+
+        def heard(data: bytes) -> None:
+            if self._on_first is not None:
+                first, self._on_first = self._on_first, None
+                first()
+            on_data(data)
+
+        self._inner.start(heard, on_end)
 
 
 class _Connection:
@@ -113,10 +177,7 @@ class _Connection:
 
     def __init__(self, connection: socket.socket, name: str) -> None:
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
-        for option, value in KEEPALIVE.items():
-            if hasattr(socket, option):  # not every system lets a program choose
-                connection.setsockopt(socket.IPPROTO_TCP, getattr(socket, option), value)
+        keep_alive(connection)
         self._connection = connection
         self._name = name
         self.fd = connection.fileno()

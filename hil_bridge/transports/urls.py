@@ -72,8 +72,12 @@ class WireUrl:
         return host.strip("[]"), int(port)
 
 
+_DIGITS = 9
+"""Of a whole number in a URL at most. Chosen: more than any rate or port has."""
+
+
 def _whole(text: str) -> int:
-    if not (text.isascii() and text.isdigit() and int(text) > 0):
+    if not (text.isascii() and text.isdigit() and len(text) <= _DIGITS and int(text) > 0):
         raise ValueError("a whole number above 0")
     return int(text)
 
@@ -167,6 +171,8 @@ _HOST_PORT = {"tcp": 1, "rfc2217": 1, "tcp-listen": 0, "rfc2217-listen": 0}
 
 def parse_url(url: str, schemes: Mapping[str, _Scheme]) -> WireUrl:
     """Check a URL against one of the tables above. Raises ConfigError naming the part that is wrong."""
+    if not unquote(url).isprintable():
+        raise ConfigError(f"{url!r}: a URL holds no characters that cannot be printed")
     try:
         parts = urlsplit(url)
     except ValueError as error:
@@ -217,5 +223,6 @@ def with_line(url: str, line: LineSettings) -> str:
 
 def _check_host_port(url: str, target: str, lowest: int) -> None:
     host, _, port = target.rpartition(":")
-    if not host or not (port.isascii() and port.isdigit() and lowest <= int(port) <= 65535):
+    numeric = port.isascii() and port.isdigit() and len(port) <= _DIGITS
+    if not host or not (numeric and lowest <= int(port) <= 65535):
         raise ConfigError(f"{url!r}: host and port must be like 127.0.0.1:4000, got {target!r}")

@@ -158,7 +158,9 @@ _REFUSAL_REMEDIES = {
     RefusalCode.WRONG_FUNCTION_CODE: "this controller does not know the order, or lacks the option for it",
     RefusalCode.DISC_ERROR: "check the disc in the controller's drive",
     RefusalCode.STOPPED: "release the stop at the controller's panel, then start again",
-    RefusalCode.OUTSIDE_WORK_AREA: "check the workspace and the start point of the movement",
+    RefusalCode.OUTSIDE_WORK_AREA: (
+        "check the workspace, and whether something has ended the movement in between: a stop, the key, a restart"
+    ),
     RefusalCode.WORK_STOP: "release the work stop, then start again",
     RefusalCode.LOCATION_NOT_READABLE: "activate a TCP below 20",
     RefusalCode.NO_MOVE_WITH_TCP: "activate a TCP below 20",

@@ -63,7 +63,7 @@ def test_a_file_that_cannot_be_read_is_named(tmp_path: Path) -> None:
     for path, why in (
         (tmp_path, "Is a directory"),
         (tmp_path / "nothing.toml", "No such file"),
-        (tmp_path / "latin.toml", "is no TOML"),
+        (tmp_path / "latin.toml", "is no text in utf-8"),
     ):
         with pytest.raises(ConfigError, match=why) as caught:
             load_config(path, {})

@@ -10,9 +10,10 @@ from click.testing import CliRunner
 
 from hil_bridge import realtime as realtime_module
 from hil_bridge.cli import cli
-from hil_bridge.config import Config, RobotConfig, SensorConfig
+from hil_bridge.config import Config, RobotConfig, SensorConfig, load_config
 from hil_bridge.errors import ConfigError
 from hil_bridge.realtime import RealTime
+from hil_bridge.session import Outputs, execute
 from hil_bridge.site import doctor, facts
 from hil_bridge.site.facts import Fact, Level
 
@@ -295,6 +296,40 @@ def test_wires_that_cannot_work_are_named(tmp_path: Path, robot, sensor, key, wo
 def test_a_thread_that_the_machine_refuses_is_told(tmp_path: Path) -> None:
     found = findings(Config(realtime=RealTime(cpus=(4096,))), tmp_path)
     assert found["realtime"].level is Level.FAIL
+
+
+REFUSED = {
+    "force": "[task]\nforce_n = 60.0\n",
+    "wires": '[robot]\nurl = "serial:///dev/ttyUSB0"\n',
+    "panel": '[run]\npanel_url = "tcp-listen://127.0.0.1:0"\n'
+    '[robot]\nurl = "tcp://127.0.0.1:1"\n[sensor]\nurl = "can+socketcan://can0"\n',
+    "cell": "[cell]\nstart_position_mm = [3000.0, 0.0, 0.0]\n",
+    "cell: orders": '[robot]\norders_file = "none.toml"\n',
+    "realtime": "[realtime]\ncpus = [4096]\n",
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_run_refuses_the_doctor_does_not_pass(tmp_path: Path, case: str) -> None:
+    file = tmp_path / "site.toml"
+    file.write_text(REFUSED[case])
+    config = load_config(file, {})
+    with pytest.raises(ConfigError) as refused:
+        execute(config, False, Outputs(), False)
+    found = findings(config, tmp_path)[case.partition(":")[0]]
+    assert (found.level, found.text) == (Level.FAIL, str(refused.value))
+
+
+def test_a_controller_that_cannot_be_made_is_refused_alike(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def unfit(config: Config) -> None:
+        raise ConfigError("predictive: window does not fit")
+
+    monkeypatch.setattr("hil_bridge.checks.control_loop", unfit)
+    with pytest.raises(ConfigError, match="window does not fit"):
+        execute(Config(), True, Outputs(), False)
+    assert findings(Config(), tmp_path)["controller"].level is Level.FAIL
 
 
 def test_the_command_ends_with_3_only_for_what_a_configuration_names(

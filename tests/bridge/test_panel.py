@@ -132,19 +132,47 @@ def test_what_cannot_be_done_is_told_and_the_connection_goes_on() -> None:
     on_a_server(use, perform)
 
 
-def test_one_client_too_many_is_told_so() -> None:
+def test_silent_clients_do_not_keep_the_next_one_out() -> None:
+    async def use(url: str) -> None:
+        silent = [await opened(url) for _ in range(3 * CLIENT_LIMIT)]
+        assert await said_to(url, encode({})) == [{"said": {}}]
+        for number, (reader, writer) in enumerate(silent):
+            if number < 2 * CLIENT_LIMIT:
+                assert "silent longest" in json.loads(await reader.readline())["error"]
+                assert await reader.read() == b""
+            writer.close()
+
+    on_a_server(use)
+
+
+def test_the_client_that_was_silent_longest_makes_room() -> None:
     async def use(url: str) -> None:
         there = [await opened(url) for _ in range(CLIENT_LIMIT)]
-        for reader, writer in there:
+        for reader, writer in there[::-1]:  # the last that came is heard first
             writer.write(encode({}))
-            await reader.readline()
-        assert await said_to(url, encode({})) == [{"error": f"{CLIENT_LIMIT} clients are here already"}]
-        there[0][1].close()
-        await there[0][1].wait_closed()
-        while (answer := (await said_to(url, encode({})))[0]) != {"said": {}}:
-            assert "error" in answer
+            assert await reader.readline() == b'{"said":{}}\n'
+        assert await said_to(url, encode({})) == [{"said": {}}]
+        assert "silent longest" in json.loads(await there[-1][0].readline())["error"]
+        for reader, writer in there[:-1]:
+            writer.write(encode({"still": "here"}))
+            assert await reader.readline() == b'{"said":{"still":"here"}}\n'
         for _, writer in there:
             writer.close()
+
+    on_a_server(use)
+
+
+def test_clients_that_read_nothing_do_not_keep_the_next_one_out() -> None:
+    async def use(url: str) -> None:
+        deaf = [await opened(url) for _ in range(CLIENT_LIMIT)]
+        for reader, writer in deaf:
+            reader._transport.pause_reading()  # type: ignore[attr-defined]
+            writer.write(encode({"much": "x" * 900}) * 20_000)
+        for _ in range(500):
+            await asyncio.sleep(0)
+        assert await said_to(url, encode({})) == [{"said": {}}]
+        for _, writer in deaf:
+            writer.transport.abort()
 
     on_a_server(use)
 

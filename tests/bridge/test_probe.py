@@ -4,14 +4,19 @@ import itertools
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from emulators.cell import Cell, CellProfile
+from hil_bridge.checks import problems
 from hil_bridge.clock import Clock, run_virtual
-from hil_bridge.config import load_config
+from hil_bridge.compose import Ports, emulated_cell, opened_devices
+from hil_bridge.config import Config, load_config
 from hil_bridge.errors import ConfigError, TransportUnavailable
 from hil_bridge.pump import Pump
+from hil_bridge.recording import Outcome as RunOutcome
+from hil_bridge.run import Run, RunResult
 from hil_bridge.site.probe import failure_text, probe, site_toml, try_text, url_with_line
 from hil_bridge.site.prober import Prober, Said, profile_of
 from hil_bridge.site.search import Finding, Outcome, Query, Reply, Search, Try, likely_lines
@@ -100,6 +105,41 @@ def test_each_combination_is_found_and_makes_a_configuration(parity, stuffing, s
     robot = load_config(file, {}).robot
     assert (robot.link.parity, robot.link.dle_stuffing, robot.link.length_style) == (parity, stuffing, style)
     assert f"parity={parity.value}" in robot.url
+
+
+def test_what_the_probe_writes_is_run_once_the_hints_are_filled_in(tmp_path: Path) -> None:
+    """In virtual time, against a controller that wants other settings than the usual ones."""
+    link = LinkProfile(parity="N", dle_stuffing="double", accepted_lengths="data")
+    finding = probed(link).finding
+    assert finding is not None
+    file = tmp_path / "site.toml"
+    file.write_text(site_toml("memory:robot", finding))
+    assert [name for name, _ in problems(load_config(file, {}), virtual=False)] == ["wires"]
+    assert load_config(file, {"sensor.url": "can+memory:sensor"}).tool == Config().tool
+    file.write_text(file.read_text().replace("#= ", "").replace("can+socketcan://can0", "can+memory:sensor"))
+    config = load_config(file, {"run.duration_s": 1.0})
+    assert config.task == Config().task, "the hints are the defaults"
+    assert config.limits == Config().limits
+    assert config.frame == Config().frame
+    assert list(problems(config, virtual=False)) == []
+    log = SimpleNamespace(cycle=lambda record: None, event=lambda record: None)
+
+    async def main() -> RunResult:
+        clock = Clock.running()
+        listen = f"memory:robot?baudrate={link.baudrate}&parity={link.parity}"
+        async with (
+            emulated_cell(
+                replace(CellProfile(), link=link),
+                1,
+                clock,
+                Ports(listen, "can+memory:sensor"),
+                lambda cause: pytest.fail(repr(cause)),
+            ),
+            opened_devices(config, clock, lambda frame: None, lambda kind, text: None) as devices,
+        ):
+            return await Run(config, clock, *devices, log)()
+
+    assert run_virtual(main) == RunResult(RunOutcome.COMPLETED)
 
 
 @pytest.mark.parametrize("line", [LineSettings(19200, Parity.NONE), LineSettings(300, Parity.EVEN)])

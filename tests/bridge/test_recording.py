@@ -5,11 +5,14 @@ import math
 import struct
 import threading
 import time
+import tracemalloc
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import lz4.frame
 import pytest
+import zstandard
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
@@ -20,6 +23,7 @@ from hil_bridge.control import Predictive
 from hil_bridge.errors import BridgeError, ConfigError
 from hil_bridge.experiments import run_cell
 from hil_bridge.recording import VIRTUAL_CHUNKS, CycleRecord, EventRecord, Recorder, SensorRecord, read
+from hil_bridge.recording import reader as reader_module
 from hil_bridge.recording import recorder as recorder_module
 from hil_bridge.recording.recorder import Chunks
 from hil_bridge.recording.topics import CYCLE, SENSOR, TOPICS, Record
@@ -325,6 +329,111 @@ def test_garbage_in_the_middle_keeps_what_came_before(tmp_path: Path, offset: in
     recording = read(tmp_path / "bad.mcap")
     assert recording.truncated
     assert 100.9 < recording.cycles[-1].started_at < 102.1
+
+
+# --- bombs
+
+
+def zstd_bomb(size: int, *, told: bool) -> bytes:
+    """Zeros, packed; `told`: the frame's header holds their number."""
+    packer = zstandard.ZstdCompressor(write_content_size=told).compressobj(size if told else -1)
+    zeros = bytes(1 << 20)
+    return b"".join(packer.compress(zeros) for _ in range(size >> 20)) + packer.flush()
+
+
+def lz4_bomb(size: int) -> bytes:
+    packer = lz4.frame.LZ4FrameCompressor()
+    zeros = bytes(1 << 20)
+    return packer.begin() + b"".join(packer.compress(zeros) for _ in range(size >> 20)) + packer.flush()
+
+
+def with_chunk(path: Path, claim: int, compression: str, packed: bytes) -> Path:
+    """A recording with one more chunk behind its last, and nothing after that."""
+    data, at = write(path, stream(1.0)).read_bytes(), 8
+    while data[at] != 15:  # the record that ends the data
+        at += 9 + int.from_bytes(data[at + 1 : at + 9], "little")
+    head, name = data[:at], compression.encode()
+    body = struct.pack("<QQQII", 0, 0, claim, 0, len(name)) + name + struct.pack("<Q", len(packed)) + packed
+    path.write_bytes(head + struct.pack("<BQ", 6, len(body)) + body)
+    return path
+
+
+def peak_bytes(path: Path) -> tuple[str, int]:
+    """What reading comes to, and the most memory that Python and the unpackers took for it."""
+    tracemalloc.start()
+    try:
+        said = "truncated" if read(path).truncated else "whole"
+    except ConfigError as error:
+        said = str(error)
+    finally:
+        peak = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+    return said, peak
+
+
+BOMB = 256 << 20
+"""Large enough that taking it is seen, small enough that a reader which does take it survives."""
+PACKERS = {
+    "zstd": lambda: zstd_bomb(BOMB, told=False),
+    "zstd whose header tells": lambda: zstd_bomb(BOMB, told=True),
+    "lz4": lambda: lz4_bomb(BOMB),
+}
+
+
+@pytest.mark.parametrize("name", PACKERS)
+@pytest.mark.parametrize("claim", [BOMB, 1 << 40, 1 << 63])
+def test_a_chunk_that_claims_too_much_is_refused_before_it_is_unpacked(
+    tmp_path: Path, name: str, claim: int
+) -> None:
+    path = with_chunk(tmp_path / "bomb.mcap", claim, name.partition(" ")[0], PACKERS[name]())
+    said, peak = peak_bytes(path)
+    assert "bomb.mcap is refused: it says that it holds" in said
+    assert "\n" not in said
+    assert peak < BOMB / 4
+
+
+@pytest.mark.parametrize("name", PACKERS)
+def test_a_chunk_that_holds_more_than_it_claims_is_damage(tmp_path: Path, name: str) -> None:
+    path = with_chunk(tmp_path / "bomb.mcap", 1000, name.partition(" ")[0], PACKERS[name]())
+    said, peak = peak_bytes(path)
+    assert said == "truncated"
+    assert peak < BOMB / 4
+
+
+def test_many_chunks_of_ordinary_size_are_refused_together(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = write(tmp_path / "run.mcap", stream(10.0))
+    monkeypatch.setattr(reader_module, "UNPACKED_LIMIT_BYTES", 100_000)
+    assert path.stat().st_size < 100_000
+    with pytest.raises(ConfigError, match=r"it holds [0-9]+ bytes unpacked, but at most 100000"):
+        read(path)
+
+
+def test_what_hides_its_chunks_from_the_first_look_is_stopped_on_the_way(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = write(tmp_path / "run.mcap", stream(10.0))
+    monkeypatch.setattr(reader_module, "UNPACKED_LIMIT_BYTES", 100_000)
+    monkeypatch.setattr(reader_module, "_claims", lambda data: ())
+    with pytest.raises(ConfigError, match=r"a chunk of [0-9]+ bytes unpacked"):
+        read(path)
+
+
+def test_a_file_without_an_end_or_with_an_impossible_name_is_no_recording() -> None:
+    with pytest.raises(ConfigError, match="is not an MCAP file"):
+        read(Path("/dev/zero"))
+    with pytest.raises(ConfigError, match="null byte"):
+        read(Path("a\0b"))
+
+
+@pytest.mark.parametrize("compression", ["lz4", ""])
+def test_chunks_packed_by_other_programs_are_read(tmp_path: Path, compression: str) -> None:
+    plain = struct.pack("<BQHIQQ", 5, 24, 999, 0, 0, 0) + b"{}"
+    packed = lz4.frame.compress(plain) if compression else plain
+    path = with_chunk(tmp_path / "run.mcap", len(plain), compression, packed)
+    path.write_bytes(path.read_bytes() + struct.pack("<BQQQI", 2, 20, 0, 0, 0) + b"\x89MCAP0\r\n")
+    assert not read(path).truncated
 
 
 @pytest.mark.parametrize(

@@ -2,12 +2,14 @@ import json
 import math
 import os
 import random
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from msgspec import structs
 
 from hil_bridge.errors import ConfigError
 from hil_bridge.recording import CycleRecord, EventRecord, Recorder, Recording, SensorRecord, read
@@ -87,6 +89,34 @@ def test_only_tracking_counts_for_the_figures() -> None:
     assert summary.figures["largest_force_n"] == 60.0
     assert summarise(Recording(approach), END).figures == {}
     assert summarise(Recording(cycles([50.0] * 39)), END).force_mean_steady_n is None
+
+
+def test_the_sample_that_stopped_the_run_counts_for_the_largest_force() -> None:
+    """From 45 N to 235 N between two samples: what stopped the run is the overshoot."""
+    tracked = cycles([0.0, 20.0, 45.0, *[45.0] * 40])
+    (stopped,) = cycles([235.0], "retract", first=43)
+    behind = cycles([400.0], "retract", first=44)
+    figures = summarise(Recording((*tracked, stopped, *behind)), END).figures
+    assert figures["largest_force_n"] == 235.0
+    assert figures["overshoot_percent"] == pytest.approx(370.0)
+    assert figures["steady_peak_to_peak_n"] == 0.0, "the others tell how it was tracked"
+    assert figures["rms_error_n"] == summarise(Recording(tracked), END).figures["rms_error_n"]
+    asked = structs.replace(stopped, asked="time is up")
+    for ended in (
+        summarise(Recording((*tracked, stopped)), replace(END, outcome=Outcome.COMPLETED)),
+        summarise(Recording((*tracked, asked)), END),
+        summarise(Recording((*tracked, *cycles([235.0], "approach", first=43))), END),
+        summarise(Recording((*tracked, *cycles([math.nan], "retract", first=43))), END),
+    ):
+        assert ended.figures["largest_force_n"] == 45.0
+
+
+def test_a_run_stopped_for_force_shows_the_force(bench: Callable[..., Any]) -> None:
+    run = bench(limits={"force_limit_n": 9.5})
+    limit = next(cycle for cycle in run.cycles if cycle.verdict == "stop")
+    assert limit.force > 9.5 > max(cycle.force for cycle in run.tracked())
+    summary = summarise(Recording(tuple(run.cycles)), replace(END, outcome=run.result.outcome))
+    assert summary.figures["largest_force_n"] == limit.force
 
 
 def test_lost_frames_are_what_the_client_counted_and_recorder_drops_count_as_received() -> None:

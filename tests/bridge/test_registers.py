@@ -299,7 +299,7 @@ def test_a_program_file(tmp_path: Path) -> None:
         ("0004 3fff 1 2 3 4 ffff", "4 words for 0x3fff"),
         ("0002 0000 12345 0 ffff", "2 words for 0x0000"),
         ("ffff", "it is empty"),
-        ("µ", "it is not text"),
+        ("µ", "is no text in ascii"),
     ],
 )
 def test_what_is_no_program(tmp_path: Path, text: str, says: str) -> None:

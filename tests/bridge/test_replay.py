@@ -1,6 +1,8 @@
 """Deciding a recorded run again: the same commands to the bit, or the first that differs."""
 
+import os
 import re
+import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import replace
@@ -139,23 +141,44 @@ def command(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
     return int(ended.value.code or 0)
 
 
+def changed_file(recording: Path, folder: Path) -> Path:
+    """The recording with another force in its cycle 30."""
+    record, path = read(recording), folder / "broken.mcap"
+    sample = record.cycles[30].sample
+    assert sample is not None
+    recorder = Recorder(path, lambda at: round(at * 1e9), threaded=False, metadata=record.metadata)
+    for cycle in changed(record, 30, force=sample.force + 2.0).cycles:
+        recorder.put(cycle)
+    recorder.close()
+    return path
+
+
 def test_the_command_tells_the_first_difference_and_ends_with_1(
     recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     record = read(recording)
     assert command(monkeypatch, str(recording)) == 0
     assert f"{len(record.cycles)} cycles replayed, every command identical" in capsys.readouterr().out
-    sample = record.cycles[30].sample
-    assert sample is not None
-    broken = tmp_path / "broken.mcap"
-    recorder = Recorder(broken, lambda at: round(at * 1e9), threaded=False, metadata=record.metadata)
-    for cycle in changed(record, 30, force=sample.force + 2.0).cycles:
-        recorder.put(cycle)
-    recorder.close()
-    assert command(monkeypatch, str(broken)) == 1
+    assert command(monkeypatch, str(changed_file(recording, tmp_path))) == 1
     told = capsys.readouterr().out
     assert "cycle 30 of" in told
     assert "depth_commanded: recorded" in told
+
+
+@pytest.mark.parametrize(("arguments", "code"), [((), 0), (("--controller", "fuzzy"), 0), (("differs",), 1)])
+def test_a_reader_that_has_left_does_not_change_the_exit_code(
+    recording: Path, tmp_path: Path, arguments: tuple[str, ...], code: int
+) -> None:
+    """As `| head -1`: 1 means that a command differs, and nothing else."""
+    path = recording
+    if arguments == ("differs",):
+        arguments, path = (), changed_file(recording, tmp_path)
+    reading, writing = os.pipe()
+    os.close(reading)
+    program = [sys.executable, "-m", "hil_bridge", "replay", str(path), *arguments]
+    done = subprocess.run(program, stdout=writing, stderr=subprocess.PIPE, text=True, check=False)
+    os.close(writing)
+    assert (done.returncode, done.stderr) == (code, "")
 
 
 def test_the_command_says_that_other_limits_would_have_stopped_the_run(

@@ -152,6 +152,21 @@ def test_ten_clients_of_whom_eight_are_served() -> None:
     on_tcp(test)
 
 
+def test_clients_that_never_asked_make_room_for_the_next() -> None:
+    async def test(connect: Connect, logged: list[str]) -> None:
+        silent = [await connect() for _ in range(8)]
+        assert await serves(await connect())
+        told = await silent[0].response()
+        assert told is not None
+        assert (told.op, told.status) == (Op.CONNECTION, Status.TOO_MANY_CLIENTS)
+        assert await silent[0].response() is None
+        assert await serves(silent[1])
+        assert logged == [text for text in logged if "had not said anything" in text]
+        assert len(logged) == 1
+
+    on_tcp(test)
+
+
 def test_idle_clients_are_dropped_and_streams_are_not() -> None:
     async def test(connect: Connect, logged: list[str]) -> None:
         idle, streaming = await connect(), await connect()

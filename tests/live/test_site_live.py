@@ -101,7 +101,8 @@ def test_a_controller_behind_a_device_server_is_probed(tmp_path: Path) -> None:
             [*HIL, "doctor", str(site)], capture_output=True, text=True, timeout=PATIENCE, check=False
         )
         assert "ok    robot.url: 127.0.0.1 port" in doctor.stdout
-        assert doctor.returncode == 0
+        assert "fail  wires: a robot without a sensor" in doctor.stdout
+        assert doctor.returncode == 3, "`run` would refuse it too, until a sensor is named"
     finally:
         emulator.terminate()
         emulator.communicate(timeout=PATIENCE)

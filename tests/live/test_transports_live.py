@@ -188,6 +188,44 @@ async def test_clients_of_a_tcp_listener_come_and_go_one_at_a_time() -> None:
             await connect_bytes(listening.address, clock)
 
 
+@pytest.mark.parametrize("scheme", ["tcp", "rfc2217"])
+async def test_a_client_that_never_spoke_makes_room(monkeypatch: pytest.MonkeyPatch, scheme: str) -> None:
+    monkeypatch.setattr("hil_bridge.transports.tcp.SILENT_S", 0.05)
+    with closing(Clock.running()) as clock:
+        listening = await listen_bytes(f"{scheme}-listen://127.0.0.1:0", clock)
+        ear = Ear(BYTES, listening.transport)
+        host, port = listening.address.partition("?")[0].rpartition("/")[2].split(":")
+        silent = [await asyncio.open_connection(host, int(port)) for _ in range(2)]
+        wire = await connect_bytes(listening.address, clock)
+        wire.send(b"here")
+        await ear.until(lambda: ear.data == b"here")
+        for reader, writer in silent:
+            with suppress(ConnectionError):
+                await reader.read()
+            writer.close()
+        assert ear.ends == []
+        await wire.aclose()
+        await listening.transport.aclose()
+
+
+async def test_a_client_that_has_spoken_may_be_silent(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("hil_bridge.transports.tcp.SILENT_S", 0.05)
+    with closing(Clock.running()) as clock:
+        listening = await listen_bytes("tcp-listen://127.0.0.1:0", clock)
+        ear = Ear(BYTES, listening.transport)
+        first, second = [await connect_bytes(listening.address, clock) for _ in range(2)]
+        first.send(b"one ")
+        second.send(b"two")
+        await ear.until(lambda: ear.data == b"one ")
+        await clock.sleep_until(clock.now() + 0.3)
+        first.send(b"more ")
+        await ear.until(lambda: ear.data == b"one more ")
+        await first.aclose()
+        await ear.until(lambda: ear.data == b"one more two")
+        await second.aclose()
+        await listening.transport.aclose()
+
+
 async def test_a_reset_connection_is_broken() -> None:
     with closing(Clock.running()) as clock, socket.create_server(("127.0.0.1", 0)) as server:
         wire = await connect_bytes(f"tcp://127.0.0.1:{server.getsockname()[1]}", clock)

@@ -1,0 +1,118 @@
+"""Text and TOML that a person or a recording hands us, read without trusting it.
+
+Whatever is in a file, reading it ends in values of ordinary size or in one line that says what is wrong.
+"""
+
+import json
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, BinaryIO
+
+from hil_bridge.errors import ConfigError
+
+TEXT_LIMIT_BYTES = 1 << 28
+"""Longest text file that is read. Chosen: a day and a half of a busy computer link as a text capture."""
+TOML_LIMIT_BYTES = 1 << 20
+"""Longest TOML file. Chosen: our largest, with every setting and its comment, is 40 times shorter."""
+DEPTH_LIMIT = 32
+"""Tables and arrays within each other at most. Chosen: our deepest settings lie 5 deep."""
+INTEGER_LIMIT = 1 << 63
+"""Whole numbers lie below this, and not below its negative. Standard: TOML 1.0 asks for 64 bits and allows no more."""
+SHOWN_CHARACTERS = 80
+"""Of a wrong value in a message at most. Chosen: a line of a terminal."""
+
+_PIECE_BYTES = 1 << 20
+
+
+def read_text(path: Path, limit: int = TEXT_LIMIT_BYTES, encoding: str = "utf-8") -> str:
+    """The text of a file of at most `limit` bytes. Raises ConfigError naming the file."""
+    try:
+        with path.open("rb") as file:
+            data = read_up_to(file, limit + 1)
+        if len(data) > limit:
+            raise ConfigError(f"{named(path)} is longer than {limit} bytes: it is not what is wanted here")
+        return data.decode(encoding).replace("\r\n", "\n")
+    except OSError as error:
+        raise ConfigError(f"cannot read {named(path)}: {error.strerror or error}") from error
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"{named(path)} is no text in {encoding}: {error.reason}") from error
+    except ValueError as error:  # a NUL in the path
+        raise ConfigError(f"cannot read {named(path)}: {error}") from error
+
+
+def read_up_to(file: BinaryIO, limit: int) -> bytes:
+    """The next bytes of a file, `limit` at most, without the memory for more than there are."""
+    data = bytearray()
+    while piece := file.read(min(_PIECE_BYTES, limit - len(data))):
+        data += piece
+    return bytes(data)
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """The values of a TOML file. Raises ConfigError as `read_text` and `parse_toml` do."""
+    return parse_toml(read_text(path, TOML_LIMIT_BYTES), named(path))
+
+
+def parse_toml(text: str, source: str) -> dict[str, Any]:
+    """The values of a TOML text. Raises ConfigError that names `source`."""
+    try:
+        values = tomllib.loads(text)
+    except RecursionError as error:
+        raise ConfigError(f"{source} is no TOML of ours: {_TOO_DEEP}") from error
+    except ValueError as error:  # TOMLDecodeError is one; a number of 5000 digits is a plain one
+        raise ConfigError(f"{source} is no TOML: {str(error).partition(';')[0]}") from error
+    for problem in _problems(values):
+        raise ConfigError(f"{source}: {problem}")
+    return values
+
+
+def parse_json(text: str) -> Any:
+    """What a JSON text of a recording says. Raises ValueError with the reason."""
+    try:
+        value = json.loads(text)
+    except RecursionError as error:
+        raise ValueError(_TOO_DEEP) from error
+    for problem in _problems(value):
+        raise ValueError(problem)
+    return value
+
+
+def shown(value: object) -> str:
+    """A value for a message, cut where it is long."""
+    text = repr(value)
+    return text if len(text) <= SHOWN_CHARACTERS else f"{text[:SHOWN_CHARACTERS]}…"
+
+
+def named(path: Path) -> str:
+    """A path for a message, which stays one line."""
+    text = str(path)
+    return text if text.isprintable() else repr(text)
+
+
+_TOO_DEEP = f"tables and arrays lie more than {DEPTH_LIMIT} deep in each other"
+
+
+def _problems(value: object) -> Iterator[str]:
+    """What no value of ours is like, found without recursion."""
+    waiting: list[tuple[str, int, object]] = [("", 0, value)]
+    while waiting:
+        key, depth, found = waiting.pop()
+        match found:
+            case dict() | list() if depth >= DEPTH_LIMIT:
+                yield _TOO_DEEP
+            case dict():
+                for name, item in found.items():
+                    if not name.isprintable():
+                        yield f"the key {shown(name)} holds a character that cannot be printed"
+                    waiting.append((f"{key}.{name}" if key else name, depth + 1, item))
+            case list():
+                waiting += ((key, depth + 1, item) for item in found)
+            case str() if "\0" in found:
+                yield f"{_cut(key)}: a text must not hold a NUL character, got {shown(found)}"
+            case int() if not -INTEGER_LIMIT <= found < INTEGER_LIMIT:
+                yield f"{_cut(key)}: a whole number must fit 64 bits"
+
+
+def _cut(key: str) -> str:
+    return key if len(key) <= SHOWN_CHARACTERS else f"{key[:SHOWN_CHARACTERS]}…"

@@ -1,0 +1,80 @@
+"""Whatever is done to the robot in mid-track: the cause told is the cause that was."""
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from hil_bridge.recording import CycleRecord, Outcome
+
+Bench = Any
+
+HANDS: dict[str, tuple[Callable[[Any, float], object], str]] = {
+    "power cycle": (
+        lambda robot, now: robot.inject("power-cycle", now),
+        "its status now shows: in standby, as after a restart",
+    ),
+    "power cycle in mid-message": (
+        lambda robot, now: robot.inject("power-cycle", now, after_bytes=20),
+        "its status now shows: in standby, as after a restart",
+    ),
+    "work stop": (lambda robot, now: robot.set_work_stop(True, now), "16 work stop"),
+    "work stop that is over": (
+        lambda robot, now: (robot.set_work_stop(True, now), robot.set_work_stop(False, now)),
+        "whether something has ended the movement in between: a stop",
+    ),
+    "emergency stop": (
+        lambda robot, now: robot.press_emergency_stop(now),
+        "its status now shows: emergency stop, in standby; it had said 0.",
+    ),
+    "emergency stop that is over": (
+        lambda robot, now: (robot.press_emergency_stop(now), robot.release_emergency_stop(now)),
+        "in standby, as after a restart or by hand; it had said 0.",
+    ),
+    "key": (lambda robot, now: robot.set_key(False, now), "its status now shows: key not in AUTO"),
+    "link control": (
+        lambda robot, now: robot.set_link_control(False, now),
+        "its status now shows: link control taken back",
+    ),
+    "damaged answers": (
+        lambda robot, now: robot.inject("corrupt-block", now, count=20),
+        "on the link meanwhile: bad checksum 4, NAK sent 3",
+    ),
+    "a break of the line": (
+        lambda robot, now: robot.inject("line-break", now, seconds=5.0),
+        "now it answers again, and its status shows no stop",
+    ),
+}
+
+
+@pytest.mark.parametrize("offset_ms", [0, 20, 50, 80, 110])
+@pytest.mark.parametrize("hand", HANDS)
+def test_the_cause_names_what_happened_to_the_robot(
+    bench: Callable[..., Bench], hand: str, offset_ms: int
+) -> None:
+    """At several places of a cycle of 156 ms."""
+    act, words = HANDS[hand]
+    done: list[float] = []
+
+    def meddle(run: Bench, record: CycleRecord) -> None:
+        if record.phase == "track" and not done:
+            done.append(run.clock.now() + 1.0 + offset_ms * 1e-3)
+            run.clock.call_at(done[0], lambda: act(run.cell.robot, run.clock.now()))
+
+    run = bench(meddle)
+    assert run.result is not None
+    assert run.result.outcome is Outcome.STOPPED
+    assert words in run.result.cause
+    assert "\n" not in run.result.cause
+
+
+def test_a_robot_that_fell_silent_is_not_told_to_have_a_wrong_line(bench: Callable[..., Bench]) -> None:
+    """With each order waiting for its period, the bid is what is not answered."""
+
+    def silence(run: Bench, record: CycleRecord) -> None:
+        if len(run.tracked()) == 3:
+            run.cell.robot.inject("silence", run.clock.now(), seconds=60.0)
+
+    cause = bench(silence, run={"period_ms": 250.0}).result.cause
+    assert "nothing came after 3 bids (ENQ); it has answered before, so the line is set right" in cause
+    assert "9600 8E1" not in cause

@@ -1,0 +1,249 @@
+"""What no sane file holds, at every place that reads one: one line and exit code 2, no traceback."""
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import hil_bridge.cli
+from hil_bridge.config import Config, dump, load_config
+from hil_bridge.control.rules import parse_rules, read_rules
+from hil_bridge.errors import ConfigError
+from hil_bridge.orders_file import parse_orders, read_orders
+from hil_bridge.recording import Recording
+from hil_bridge.replay import changes_of, recorded_config
+from hil_bridge.text_files import TOML_LIMIT_BYTES, parse_json, read_text
+from hil_bridge.tool_files import read_poses
+from hil_bridge.transports.urls import CONNECT_BYTES, CONNECT_CAN, LISTEN_BYTES, parse_url
+
+DEEP = 10_000
+HOSTILE = {
+    "nested arrays": "x = " + "[" * DEEP + "]" * DEEP,
+    "nested tables": "x = " + "{a=" * DEEP + "1" + "}" * DEEP,
+    "dotted key": ".".join("a" * DEEP) + " = 1",
+    "dotted header": f"[{'.'.join('a' * DEEP)}]\nx = 1",
+    "array in an array": "x = " + "[" * 40 + "]" * 40,
+    "decimal digits": f"x = {'9' * 5000}",
+    "hexadecimal digits": f"x = 0x{'f' * 20_000}",
+    "65 bits": f"[run]\nseed = {1 << 64}",
+    "NUL in a text": '[robot]\nx = "a\\u0000b"',
+    "NUL in a path": '[robot]\norders_file = "a\\u0000b"',
+    "line break in a key": '[run]\n"a\\nb" = 1',
+}
+READERS: dict[str, Callable[[Path], object]] = {
+    "configuration": lambda path: load_config(path, {}),
+    "changes": lambda path: changes_of(path, None),
+    "orders": lambda path: read_orders(path, 240),
+    "rules": read_rules,
+}
+
+
+def one_line(error: ConfigError) -> str:
+    text = str(error)
+    assert "\n" not in text
+    assert len(text) < 1000
+    return text
+
+
+@pytest.mark.parametrize("reader", READERS.values(), ids=READERS)
+@pytest.mark.parametrize("text", HOSTILE.values(), ids=HOSTILE)
+def test_a_hostile_toml_file_is_one_line(tmp_path: Path, reader: Callable[[Path], object], text: str) -> None:
+    path = tmp_path / "h.toml"
+    path.write_text(text)
+    with pytest.raises(ConfigError) as caught:
+        reader(path)
+    assert "h.toml" in one_line(caught.value)
+
+
+@pytest.mark.parametrize("reader", [*READERS.values(), read_poses], ids=[*READERS, "poses"])
+def test_a_path_that_cannot_be_and_a_file_that_is_no_text_are_one_line(
+    tmp_path: Path, reader: Callable[[Path], object]
+) -> None:
+    (tmp_path / "bytes").write_bytes(b"\xff\xfe")
+    for path, why in (
+        (Path("a\0b"), "null byte"),
+        (Path("a\nb"), "No such file"),
+        (Path("x" * 5000), "too long"),
+        (tmp_path / "bytes", "is no text"),
+        (tmp_path, "Is a directory"),
+    ):
+        with pytest.raises(ConfigError, match=why) as caught:
+            reader(path)
+        assert "\n" not in str(caught.value)
+
+
+def test_a_file_without_an_end_is_not_read_to_it() -> None:
+    with pytest.raises(ConfigError, match="/dev/zero is longer than 1048576 bytes"):
+        load_config(Path("/dev/zero"), {})
+    with pytest.raises(ConfigError, match="longer"):
+        read_text(Path("/dev/zero"), TOML_LIMIT_BYTES)
+
+
+@pytest.mark.parametrize("text", ["[" * DEEP, "[" * 40 + "]" * 40, "9" * 5000, str(1 << 64), '"\\u0000"'])
+def test_a_hostile_configuration_in_a_recording_is_one_line(text: str) -> None:
+    with pytest.raises(ValueError, match=r"deep|digits|64 bits|NUL"):
+        parse_json(text)
+    with pytest.raises(ConfigError) as caught:
+        recorded_config(Recording((), metadata={"config": text}), {})
+    one_line(caught.value)
+
+
+def test_a_long_wrong_value_is_cut_in_its_message(tmp_path: Path) -> None:
+    path = tmp_path / "c.toml"
+    path.write_text(f'[run]\nduration_s = "{"x" * 100_000}"')
+    with pytest.raises(ConfigError, match=r"must be a valid number, .*got .xxx") as caught:
+        load_config(path, {})
+    one_line(caught.value)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("replay", "a\0b"),
+        ("replay", "r.mcap", "a\0b"),
+        ("report", "a\0b"),
+        ("report", "r.mcap", "--out", "a\0b"),
+        ("latency", "a\0b"),
+        ("monitor", "a\0b"),
+        ("monitor", "r.mcap", "--config", "a\0b"),
+        ("config", "init", "a\0b"),
+        ("profile", "show", "a\0b"),
+        ("doctor", "a\0b"),
+        ("decode", "computer-link", "10", "--orders", "a\0b"),
+        ("probe", "robot", "serial:///dev/tty%00"),
+        ("probe", "robot", "serial:///dev/tty", "-o", "a\0b"),
+        ("probe", "robot", f"tcp://127.0.0.1:{'9' * 5000}"),
+        ("emulate", "cell", "a\0b"),
+        ("emulate", "robot", "--robot-port", "pty:?link=/tmp/a%00b"),
+        ("identify-tool", "--from", "a\0b"),
+        ("experiment", "rules", "--out", "a\0b"),
+        ("serve-jr3", "--pci", "0000:03:00.0", "--program", "a\0b"),
+        ("doctor", "deep.toml"),
+        ("profile", "show", "deep.toml"),
+        ("emulate", "cell", "deep.toml"),
+        ("decode", "computer-link", "10", "--orders", "deep.toml"),
+    ],
+)
+def test_the_command_line_says_it_in_one_line(
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+    tmp_path: Path,
+    arguments: tuple[str, ...],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("deep.toml").write_text(HOSTILE["nested arrays"])
+    monkeypatch.setattr(sys, "argv", ["hil-bridge", *arguments])
+    with pytest.raises(SystemExit) as ended:
+        hil_bridge.cli.main()
+    errors = capfd.readouterr().err
+    assert (ended.value.code, errors.count("\n")) == (2, 1), errors
+
+
+# --- whatever a generator comes upon
+
+SCALARS = st.one_of(
+    st.integers().map(str),
+    st.sampled_from(
+        ["nan", "inf", "-inf", "1e999", "true", "1979-05-27", "07:32:00", "1979-05-27T07:32:00Z"]
+    ),
+    st.floats().map(repr),
+    st.text(st.characters(exclude_characters='"\\', exclude_categories=("Cc", "Cs")), max_size=5).map(
+        '"{}"'.format
+    ),
+    st.sampled_from(['""', '"a\\u0000b"', '"\\n"', '"\\uFFFF"']),
+)
+VALUES = st.recursive(
+    SCALARS,
+    lambda inner: st.one_of(
+        st.lists(inner, max_size=7).map(lambda items: f"[{', '.join(items)}]"),
+        st.tuples(st.sampled_from(["name", "byte", "x", "url", "0"]), inner).map(
+            lambda p: f"{{ {p[0]} = {p[1]} }}"
+        ),
+    ),
+    max_leaves=8,
+)
+
+
+def setting_names(prefix: str, value: object) -> list[str]:
+    if isinstance(value, dict):
+        return [
+            name
+            for key, item in value.items()
+            for name in (f"{prefix}{key}", *setting_names(f"{prefix}{key}.", item))
+        ]
+    return []
+
+
+NAMES = setting_names("", Config().model_dump())
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.lists(st.tuples(st.sampled_from(NAMES), VALUES), max_size=3))
+def test_any_value_for_any_setting_is_taken_or_one_line(
+    tmp_path_factory: pytest.TempPathFactory, pairs: list[tuple[str, str]]
+) -> None:
+    path = tmp_path_factory.getbasetemp() / "fuzzed.toml"
+    path.write_text("\n".join(f"{name} = {value}" for name, value in pairs), encoding="utf-8")
+    try:
+        config = load_config(path, {})
+    except ConfigError as error:
+        one_line(error)
+    else:
+        dump(config)
+
+
+ORDER_KEYS = [
+    "function",
+    "meaning",
+    "mark",
+    "suffixes",
+    "order_length",
+    "answer_length",
+    "order",
+    "answer",
+    "emulator",
+]
+RULE_KEYS = [
+    "levels",
+    "terms",
+    "error",
+    "error.terms",
+    "change.levels",
+    "output",
+    "inference",
+    "inference.rules",
+]
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.lists(st.tuples(st.sampled_from(ORDER_KEYS), VALUES), max_size=4))
+def test_any_orders_file_is_taken_or_one_line(pairs: list[tuple[str, str]]) -> None:
+    try:
+        parse_orders("[o]\n" + "\n".join(f"{name} = {value}" for name, value in pairs), 240)
+    except ConfigError as error:
+        one_line(error)
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.lists(st.tuples(st.sampled_from(RULE_KEYS), VALUES), max_size=4))
+def test_any_rules_file_is_taken_or_one_line(pairs: list[tuple[str, str]]) -> None:
+    try:
+        parse_rules("\n".join(f"{name} = {value}" for name, value in pairs))
+    except ConfigError as error:
+        one_line(error)
+
+
+@settings(max_examples=150, deadline=None)
+@given(
+    st.sampled_from(["serial", "tcp", "rfc2217", "memory", "can+slcan", "pty", "tcp-listen"]),
+    st.text(st.sampled_from("/:@[]?&=%0019#a\0\n٣²"), max_size=20),
+)
+def test_any_url_is_taken_or_one_line(scheme: str, rest: str) -> None:
+    for schemes in (CONNECT_BYTES, CONNECT_CAN, LISTEN_BYTES):
+        try:
+            parse_url(f"{scheme}:{rest}", schemes)
+        except ConfigError as error:
+            one_line(error)
