@@ -7,9 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from emulators.cell import Cell, CellProfile
+from emulators.cell_faults import CELL_FAULTS
+from emulators.faults import Ledger
 from emulators.robot import EMPTY_SITE, Panel, S3Site
 from emulators.slcan_adapter import SlcanAdapter, SlcanProfile
-from hil_bridge.clock import Clock, device_clock
+from hil_bridge.clock import Clock, Timer, device_clock
 from hil_bridge.config import Config, SensorConfig
 from hil_bridge.devices import ForceSensor, RobotLink
 from hil_bridge.errors import ConfigError, TransportClosed, TransportError
@@ -311,6 +313,11 @@ async def emulated_cell(
     if on_cell is not None:
         on_cell(cell)
     async with AsyncExitStack() as stack:
+        changes = cell.ledger.on_change
+        stack.callback(changes.clear)
+        end = _FaultEnd(cell.ledger, clock)
+        stack.callback(end.cancel)
+        changes.append(end.arm)
 
         def ended(cause: BaseException) -> None:
             if not isinstance(cause, TransportClosed):
@@ -320,6 +327,7 @@ async def emulated_cell(
             stack.push_async_callback(transport.aclose)
             pump = Pump(endpoint, transport, clock, _nothing, ended)
             pump.start()
+            changes.append(pump.kick)
             return pump
 
         robot = sensor = panel = None
@@ -359,6 +367,27 @@ async def emulated_cell(
         yield Ports(robot, sensor, panel)
 
 
+class _FaultEnd:
+    """Ends the faults of a cell at their times."""
+
+    def __init__(self, ledger: Ledger, clock: Clock) -> None:
+        self._ledger = ledger
+        self._clock = clock
+        self._timer: Timer | None = None
+
+    def arm(self) -> None:
+        """Wait for the next end."""
+        self.cancel()
+        if (at := self._ledger.next_deadline()) is not None:
+            self._timer = self._clock.call_at(at, lambda: self._ledger.handle_deadline(at))
+
+    def cancel(self) -> None:
+        """Wait for nothing."""
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+
+
 def slcan_address(port: str) -> str:
     """The CAN URL of an emulated adapter on a pseudo-terminal, with the rate of its line if it has one."""
     found = parse_url(port, CONNECT_BYTES)
@@ -369,7 +398,7 @@ def slcan_address(port: str) -> str:
 @asynccontextmanager
 async def _panel(cell: Cell, url: str, clock: Clock, kick: Callable[[], None]) -> AsyncIterator[str]:
     """The panel of the cell's controller on a listening URL; where it is asked. `kick` wakes the controller."""
-    board = Panel(cell.robot)
+    board = Panel(cell.robot, cell.ledger, CELL_FAULTS)
 
     def perform(request: Mapping[str, Any]) -> Mapping[str, Any]:
         try:
