@@ -3,16 +3,18 @@
 import operator
 import re
 from collections.abc import Callable, Mapping
-from typing import Any, Literal, Self
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from emulators.cell_faults import CELL_FAULTS, FELT_BY_SENSOR, RECEIVERS
 from emulators.faults import find
-from hil_bridge.recording import CycleRecord
 from protocol.values import dataclass
 
-_QUANTITIES: Mapping[str, Callable[[CycleRecord], float]] = {
+if TYPE_CHECKING:
+    from hil_bridge.recording import CycleRecord
+
+_QUANTITIES: Mapping[str, Callable[["CycleRecord"], float]] = {
     "force": lambda record: record.force,
     "depth_mm": lambda record: record.depth * 1e3,
     "travel_mm": lambda record: record.travel_commanded * 1e3,
@@ -41,7 +43,7 @@ class Condition:
             )
         return cls(found[1], found[2], float(found[3]))
 
-    def holds(self, record: CycleRecord) -> bool:
+    def holds(self, record: "CycleRecord") -> bool:
         """Whether it is so in this cycle."""
         return _COMPARISONS[self.comparison](_QUANTITIES[self.quantity](record), self.number)
 
