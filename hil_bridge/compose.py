@@ -11,6 +11,7 @@ from emulators.cell_faults import CELL_FAULTS
 from emulators.faults import Ledger
 from emulators.robot import EMPTY_SITE, Panel, S3Site
 from emulators.slcan_adapter import SlcanAdapter, SlcanProfile
+from hil_bridge.bus_faults import BusFaults
 from hil_bridge.clock import Clock, Timer, device_clock
 from hil_bridge.config import Config, SensorConfig
 from hil_bridge.devices import ForceSensor, RobotLink
@@ -32,6 +33,7 @@ from hil_bridge.transports import (
     listen_bytes,
     listen_can,
 )
+from hil_bridge.transports.memory_can import memory_can_bus
 from hil_bridge.transports.urls import CONNECT_BYTES, LISTEN_BYTES, SERIAL_PORTS, parse_url, with_line
 from protocol.adlp import LinkProfile
 from protocol.arap import KNOWN, OrderBook
@@ -47,6 +49,7 @@ from protocol.jr3 import (
 from protocol.jr3.registers import BoardClient
 from protocol.values import dataclass
 
+_MEMORY_CAN = "can+memory:"
 SLCAN = "can+slcan+"
 """Before a listening byte URL: an emulated slcan adapter on that wire."""
 
@@ -364,6 +367,10 @@ async def emulated_cell(
             frames_at = await listen_can(ports.sensor, clock, heard_by_gateway(profile.gateway.node))
             attach(cell.gateway, frames_at.transport)
             sensor = frames_at.address
+            if sensor.startswith(_MEMORY_CAN):
+                bus = BusFaults(memory_can_bus(sensor.removeprefix(_MEMORY_CAN), clock), clock, seed)
+                cell.ledger.attach("bus", bus.handlers)
+                stack.callback(bus.close)
         yield Ports(robot, sensor, panel)
 
 

@@ -2,13 +2,14 @@
 
 import operator
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from emulators.cell_faults import CELL_FAULTS, FELT_BY_SENSOR, RECEIVERS
 from emulators.faults import find
+from hil_bridge.errors import ConfigError
 from protocol.values import dataclass
 
 if TYPE_CHECKING:
@@ -90,3 +91,12 @@ class FaultConfig(BaseModel):
         able = RECEIVERS.get((self.on, self.fault))
         if able is not None and receiver not in able:
             raise ValueError(f"{name} needs sensor.emulated = {' or '.join(able)}, not {receiver}")
+
+
+def refuse_faults(faults: Sequence[FaultConfig], command: str) -> None:
+    """Raise ConfigError where faults are planned and nothing would inject them."""
+    if faults:
+        raise ConfigError(
+            f"faults.0: {command} knows no phases of a run, so it would ignore it; delete [[faults]], "
+            "or inject with `hil-bridge panel`"
+        )

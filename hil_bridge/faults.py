@@ -42,6 +42,10 @@ class FaultSchedule:
         for number, fault in enumerate(faults):
             if fault.on == "computer" and on_pause is None:
                 raise ConfigError(f"faults.{number}: this run cannot pause its own computer")
+            if fault.on == "bus" and not clock.is_virtual:
+                raise ConfigError(
+                    f"faults.{number}: in real time the emulated gateway has no CAN bus; use --virtual"
+                )
 
     def event(self, record: EventRecord) -> None:
         """Something happened in the run: a phase begins, perhaps."""

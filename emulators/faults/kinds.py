@@ -71,6 +71,10 @@ class Fault:
     parameters: Mapping[str, Parameter] = field(default_factory=dict)
     lasts_s: float | None = None
     """For how long unless told otherwise; None for one that strikes now, or at its next opportunities."""
+    amounts: tuple[str, ...] = ()
+    """Parameters that must not all be 0: it would be no fault."""
+    distinct: tuple[str, ...] = ()
+    """Parameters that must differ."""
 
     @property
     def all_parameters(self) -> Mapping[str, Parameter]:
@@ -100,5 +104,9 @@ class Fault:
                 values[key] = parameter.check(given[key]) if key in given else parameter.default
             except ValueError as error:
                 raise ValueError(f"{name}: {key} {error}") from None
+        if self.amounts and not any(values[key] for key in self.amounts):
+            raise ValueError(f"{name}: give {' or '.join(self.amounts)}; all are 0")
+        if len({values[key] for key in self.distinct}) < len(self.distinct):
+            raise ValueError(f"{name}: {' and '.join(self.distinct)} must differ")
         duration = values.pop(_DURATION, None)
         return values, None if duration is None else float(duration)

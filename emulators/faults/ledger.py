@@ -121,6 +121,14 @@ class Ledger:
         """Names of those under way at a time, in the order in which they began."""
         return tuple(injection.name for injection in self.injections if injection.holds(now))
 
+    def lasting(self, now: float) -> tuple[str, ...]:
+        """Names of those under way at a time that last, and do not only wait for their moment."""
+        return tuple(
+            injection.name
+            for injection in self.injections
+            if injection.ends_at is not None and injection.holds(now)
+        )
+
     def next_deadline(self) -> float | None:
         """When the next one ends, s."""
         ends = [

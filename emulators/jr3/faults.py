@@ -38,6 +38,7 @@ SIGNAL_FAULTS: Mapping[str, Fault] = {
             "other": Parameter("fx", "the other", choices=AXES),
         },
         FOREVER,
+        distinct=("axis", "other"),
     ),
     "turned": Fault(
         "force and moment are turned about the sensor's z axis",

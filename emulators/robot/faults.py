@@ -59,11 +59,13 @@ POSE_FAULTS: Mapping[str, Fault] = {
         "the position that the controller measures jumps, and it drives the arm as far the other way",
         {f"{axis}_mm": _millimetres(axis, 0.0, 100.0) for axis in _AXIS},
         FOREVER,
+        amounts=tuple(f"{axis}_mm" for axis in _AXIS),
     ),
     "offset": Fault(
         "the reported position is off; the arm stays where it is",
         {f"{axis}_mm": _millimetres(axis, 0.0, 2000.0) for axis in _AXIS},
         FOREVER,
+        amounts=tuple(f"{axis}_mm" for axis in _AXIS),
     ),
     "drift": Fault(
         "the reported position goes astray; the arm stays where it is",
@@ -72,6 +74,7 @@ POSE_FAULTS: Mapping[str, Fault] = {
             for axis in _AXIS
         },
         FOREVER,
+        amounts=tuple(f"{axis}_mm_s" for axis in _AXIS),
     ),
     "frozen": Fault("the reported pose stays as it is", {}, FOREVER),
     "late": Fault(

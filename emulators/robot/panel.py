@@ -62,6 +62,8 @@ class PanelState:
     last_refusal: str
     armed: dict[str, int]
     """Faults that wait for their moment, and how often they will strike."""
+    lasting: tuple[str, ...]
+    """Faults that last, as target and name."""
 
 
 _ACTS: Mapping[str, Mapping[str, Callable[[S3Controller, float], None]]] = {
@@ -130,6 +132,7 @@ class Panel:
             if not isinstance(to, str) or to not in acts:
                 raise ValueError(f"{action} goes to {' or '.join(acts)}, not {to!r}")
             acts[to](controller, now)
+            self._faults.on_fault(f"robot: {action} {to} at the panel")
         elif action != "show":
             known = ", ".join(("show", *_ACTS, "inject", "disarm", "mend", "faults"))
             raise ValueError(f"no action is called {action!r}; known: {known}")
@@ -156,6 +159,7 @@ class Panel:
             lost=tally.lost,
             last_refusal=tally.last_refusal,
             armed=dict(controller.armed),
+            lasting=self._faults.lasting(now),
         )
 
 

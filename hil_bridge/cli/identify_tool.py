@@ -107,9 +107,11 @@ def identify_tool(
     if table is not None:
         poses = read_poses(table)
     else:
+        from hil_bridge.fault_settings import refuse_faults
         from hil_bridge.identify import Sweep, measure
         from hil_bridge.session import check_wires
 
+        refuse_faults(config.faults, "hil-bridge identify-tool")
         check_wires(config, virtual)
         sweep = Sweep(angle_deg, lift_mm, settle_s, average_s)
         poses = measure(config, virtual, sweep, lambda text: click.echo(text, err=True))

@@ -87,18 +87,21 @@ def interrupt(context: click.Context, to: str) -> None:
 
 
 @panel.command()
-@click.argument("fault")
-@click.argument("parameters", nargs=-1, metavar="[PARAM=VALUE]...")
+@click.argument("words", nargs=-1, required=True, metavar="[TARGET] FAULT [PARAM=VALUE]...")
 @click.pass_context
-def inject(context: click.Context, fault: str, parameters: tuple[str, ...]) -> None:
-    """Let one fault happen; `faults` lists them."""
+def inject(context: click.Context, words: tuple[str, ...]) -> None:
+    """Let one fault happen; `faults` lists them. A fault of the controller needs no target."""
+    names = [word for word in words if "=" not in word]
     given: dict[str, str] = {}
-    for item in parameters:
+    for item in words[len(names) :]:
         name, sign, value = item.partition("=")
         if not (name and sign) or name in given:
             raise click.BadParameter(f"each parameter once, as NAME=VALUE, got {item!r}")
         given[name] = value
-    _do(context, {"do": "inject", "fault": fault, "with": given})
+    if len(names) not in (1, 2) or any("=" in word for word in words[: len(names)]):
+        raise click.BadParameter("first a fault, or its target and the fault, then parameters as NAME=VALUE")
+    target = {"target": names[0]} if len(names) == 2 else {}
+    _do(context, {"do": "inject", **target, "fault": names[-1], "with": given})
 
 
 @panel.command()
@@ -106,6 +109,13 @@ def inject(context: click.Context, fault: str, parameters: tuple[str, ...]) -> N
 def disarm(context: click.Context) -> None:
     """Forget the faults that wait for their moment."""
     _do(context, {"do": "disarm"})
+
+
+@panel.command()
+@click.pass_context
+def mend(context: click.Context) -> None:
+    """End the faults that last."""
+    _do(context, {"do": "mend"})
 
 
 @panel.command(short_help="List the faults that can be injected.")

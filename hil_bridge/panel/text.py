@@ -21,7 +21,7 @@ def state_text(state: Mapping[str, Any]) -> str:
     known = flags if isinstance(flags, dict) else {}
     said = [texts[0] if known[name] else texts[1] for name, texts in _FLAG_TEXTS.items() if name in known]
     activity = state.get("activity", "none")
-    armed = state.get("armed")
+    armed, lasting = state.get("armed"), state.get("lasting")
     rows = {
         "mode": f"{state.get('mode', '–')}{'' if activity == 'none' else f', {activity}'}",
         "state": ", ".join(filter(None, said)) or "–",
@@ -36,6 +36,7 @@ def state_text(state: Mapping[str, Any]) -> str:
         "faults": ", ".join(f"{name} ({count})" for name, count in armed.items())
         if isinstance(armed, dict) and armed
         else "none waiting",
+        "lasting": ", ".join(map(str, lasting)) if isinstance(lasting, list) and lasting else "none",
     }
     return "\n".join(f"{name:<14}{text}" for name, text in rows.items())
 
