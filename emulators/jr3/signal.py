@@ -92,11 +92,6 @@ class Signal:
     def _begin(self, injection: Injection) -> None:
         if injection.fault == _NOISE and not self._noise:
             raise ValueError("signal: noise: this sensor has no noise; set cell.sensor.noise_counts")
-        if (
-            injection.values.get("other") is not None
-            and injection.values["axis"] == injection.values["other"]
-        ):
-            raise ValueError("signal: swapped: axis and other must be two axes")
         self._faults.append(injection)
         self._on_change(self._number(injection.injected_at))
 

@@ -342,7 +342,7 @@ class S3Controller:
             raise ValueError(
                 f"encoder-offset: all offsets together must stay within ±{_OFFSET_LIMIT * 1e3:g} mm"
             )
-        injection.struck += any((x, y, z))
+        injection.struck += 1
         self.motion.offset_encoders((x, y, z), injection.injected_at)
 
     def _mend_encoders(self, injection: Injection, now: float) -> None:

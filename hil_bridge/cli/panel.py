@@ -91,17 +91,18 @@ def interrupt(context: click.Context, to: str) -> None:
 @click.pass_context
 def inject(context: click.Context, words: tuple[str, ...]) -> None:
     """Let one fault happen; `faults` lists them. A fault of the controller needs no target."""
-    names = [word for word in words if "=" not in word]
+    from emulators.cell_faults import CELL_FAULTS
+
+    target, rest = ({"target": words[0]}, words[1:]) if words[0] in CELL_FAULTS else ({}, words)
+    if not rest:
+        raise click.BadParameter(f"{words[0]} is a target; name one of its faults too")
     given: dict[str, str] = {}
-    for item in words[len(names) :]:
+    for item in rest[1:]:
         name, sign, value = item.partition("=")
         if not (name and sign) or name in given:
             raise click.BadParameter(f"each parameter once, as NAME=VALUE, got {item!r}")
         given[name] = value
-    if len(names) not in (1, 2) or any("=" in word for word in words[: len(names)]):
-        raise click.BadParameter("first a fault, or its target and the fault, then parameters as NAME=VALUE")
-    target = {"target": names[0]} if len(names) == 2 else {}
-    _do(context, {"do": "inject", **target, "fault": names[-1], "with": given})
+    _do(context, {"do": "inject", **target, "fault": rest[0], "with": given})
 
 
 @panel.command()
