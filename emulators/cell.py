@@ -5,21 +5,23 @@ quaternion (0, 1, 0, 0); the sensor frame has the tool frame's orientation and l
 reads the wrench that surface and gravity exert on the tool: pressing down on the surface gives a negative Fz.
 """
 
-import copy
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import field
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from emulators.cell_faults import CELL_FAULTS
 from emulators.contact import Contact, SurfaceProfile
+from emulators.faults import Handler, Injection, Ledger
 from emulators.jr3 import Gateway, GatewayProfile, Jr3Sensor, SensorProfile, UartGateway, UartGatewayProfile
 from emulators.jr3.board import Board, BoardProfile
 from emulators.jr3.sensor import SENSOR_RATE_HZ
 from emulators.robot import EMPTY_SITE, Joints, S3Controller, S3Profile, S3Site, ServoProfile
+from emulators.surface_faults import ObstacleProfile, Obstacles
 from protocol.adlp import LinkProfile
 from protocol.arap import Quaternion, Vector
 from protocol.marks import Mark, check_settings, setting
@@ -29,6 +31,8 @@ Floats = NDArray[np.float64]
 
 _GRAVITY = np.array([0.0, 0.0, -9.80665])
 """Standard gravity in the base frame, m/s²."""
+_UP = np.array([0.0, 0.0, 1.0])
+"""Base z."""
 _PAST_S = 10.0
 """How much of what nobody measured a material is shown: as much as the motion keeps."""
 
@@ -64,6 +68,7 @@ class CellProfile:
     link: LinkProfile = field(default_factory=LinkProfile)
     tool: ToolProfile = field(default_factory=ToolProfile)
     surface: SurfaceProfile = field(default_factory=SurfaceProfile)
+    obstacle: ObstacleProfile = field(default_factory=ObstacleProfile)
     sensor: SensorProfile = field(default_factory=SensorProfile)
     gateway: GatewayProfile = field(default_factory=GatewayProfile)
     uart_gateway: UartGatewayProfile = field(default_factory=UartGatewayProfile)
@@ -95,9 +100,20 @@ class TrueState:
     quaternion: Quaternion
     """Tool frame in the base frame, w x y z."""
     contact_force: Vector
-    """Force of the surface on the tool tip in the base frame, N."""
+    """Force of the surface, and of what hangs above, on the tool tip in the base frame, N."""
     joints: Joints
     """Axes 1 to 6, rad; zero position as assumed in `emulators.robot.kinematics`."""
+
+
+class _Faulty(Protocol):
+    """A receiver of the sensor that can go wrong."""
+
+    @property
+    def handlers(self) -> Mapping[str, Mapping[str, Handler]]:
+        """By target."""
+
+
+_Receiver = TypeVar("_Receiver", bound=_Faulty)
 
 
 class Cell:
@@ -125,13 +141,22 @@ class Cell:
         self._powered_at = now
         self._seed = seed
         self._motion = self.robot.motion
-        self._contact = Contact(profile.surface)
+        self._contact = Contact(profile.surface, self._changed)
+        self._obstacles = Obstacles(profile.obstacle, z, self._tip_height, self._changed)
         motion = self._motion
         # A material that remembers cannot unlearn what came otherwise.
         foreseen_until = None if self.remembers else motion.foreseen_until
         self.sensor = Jr3Sensor(profile.sensor, self.wrench, seed, motion.certain_until, foreseen_until)
         """What every receiver of the sensor reads. A sensor has one plug: use one receiver of a cell."""
         motion.on_change = self.sensor.forget
+        self.sensor.on_change = self._contact.rewind
+        self.ledger = Ledger(CELL_FAULTS)
+        """What goes wrong on purpose."""
+        for target, handlers in self.robot.handlers.items():
+            self.ledger.attach(target, handlers)
+        self.ledger.attach("signal", self.sensor.signal.handlers)
+        self.ledger.attach("surface", self._contact.faults.handlers)
+        self.ledger.attach("obstacle", self._obstacles.handlers)
         self._tip = np.array([0.0, 0.0, length])
         self._centre_of_gravity = np.array(profile.tool.centre_of_gravity_mm) / 1000.0
         self._weight = profile.tool.mass_kg * _GRAVITY
@@ -140,17 +165,43 @@ class Cell:
     @cached_property
     def gateway(self) -> Gateway:
         """The sensor's CAN gateway, powered with the cell."""
-        return Gateway(self._profile.gateway, self.sensor, self._powered_at, self._seed)
+        return self._with_faults(Gateway(self._profile.gateway, self.sensor, self._powered_at, self._seed))
 
     @cached_property
     def uart_gateway(self) -> UartGateway:
         """The sensor's UART gateway, powered with the cell."""
-        return UartGateway(self._profile.uart_gateway, self.sensor, self._powered_at, self._seed)
+        return self._with_faults(
+            UartGateway(self._profile.uart_gateway, self.sensor, self._powered_at, self._seed)
+        )
 
     @cached_property
     def board(self) -> Board:
         """The sensor's receiver board, powered with the cell."""
-        return Board(self._profile.board, self.sensor, self._powered_at)
+        return self._with_faults(Board(self._profile.board, self.sensor, self._powered_at))
+
+    def inject(self, target: str, fault: str, now: float, **parameters: object) -> Injection:
+        """Let a fault of `CELL_FAULTS` happen from now on, or at its next opportunity; `for_s` is a parameter too.
+
+        Raises ValueError, in one line, for one that this cell cannot have and for a wrong parameter.
+        """
+        return self.ledger.inject(target, fault, now, parameters)
+
+    @property
+    def faults(self) -> Sequence[Injection]:
+        """All that were injected so far: target, fault, begin, end, and how often each had an effect."""
+        return self.ledger.injections
+
+    def _with_faults(self, receiver: _Receiver) -> _Receiver:
+        for target, handlers in receiver.handlers.items():
+            self.ledger.attach(target, handlers)
+        return receiver
+
+    def _changed(self, time: float) -> None:
+        """What the tool touches is another from this time on, s."""
+        self.sensor.change(math.ceil(time * SENSOR_RATE_HZ - 1e-6))
+
+    def _tip_height(self, time: float) -> float:
+        return float(self._motion.trajectory(np.array([time]))[0][0, 2])
 
     def wrench(self, times: Floats) -> Floats:
         """Wrench (n, 6) on the tool about the sensor's origin in the sensor frame, N and N·m.
@@ -184,7 +235,7 @@ class Cell:
         at = np.array(times)
         positions, velocities = self._motion.trajectory(at)
         # A copy: whoever asks for the truth must not change what the sensor will read.
-        forces = self._contact_force(copy.copy(self._contact), at)
+        forces = self._contact_force(self._contact.aside(), at, count=False)
         quaternions = [q for part, q in self._motion.orientations(at) for _ in range(part.start, part.stop)]
         states = []
         for k, time in enumerate(times):
@@ -205,8 +256,8 @@ class Cell:
         """Whether the force depends on more than the present motion, so that truths have to be asked for in time."""
         return self._contact.remembered_until is not None
 
-    def _contact_force(self, contact: Contact, times: Floats) -> Floats:
-        """Force of the surface (n, 3) at ascending `times` (n,), base frame, N.
+    def _contact_force(self, contact: Contact, times: Floats, count: bool = True) -> Floats:
+        """Force of the surface, and of what hangs above the tool, (n, 3) at ascending `times` (n,), base frame, N.
 
         A material that remembers is first shown the samples that nobody read, so that its force is one of
         the motion and not of who looked when. It cannot go back: for times before what it was shown, it
@@ -220,7 +271,11 @@ class Cell:
             if len(missed):
                 past = missed / SENSOR_RATE_HZ
                 contact.force(*self._motion.trajectory(past), past)
-        return contact.force(*self._motion.trajectory(times), times)
+        positions, velocities = self._motion.trajectory(times)
+        force = contact.force(positions, velocities, times)
+        if self._obstacles.any:
+            force = force + np.outer(self._obstacles.force(positions[:, 2], times, count), _UP)
+        return force
 
 
 def rotation_matrix(quaternion: Floats) -> Floats:

@@ -6,7 +6,10 @@ path, and the surface may end. Friction is Coulomb's, smoothed near zero velocit
 Source of the default stiffness: project specification of the force control, section 5.
 """
 
+import copy
 import math
+from collections import deque
+from collections.abc import Callable
 from dataclasses import field
 from enum import StrEnum
 from itertools import pairwise
@@ -16,10 +19,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emulators.materials import MaterialProfile, Memory
+from emulators.surface_faults import SurfaceFaults
 from protocol.marks import Mark, check_settings, setting
 from protocol.values import dataclass
 
 Floats = NDArray[np.float64]
+
+_REMEMBERED = 64
+"""Chosen: more blocks of samples than lie between what is certain of the robot's path and the present."""
+_UP = np.array([0.0, 0.0, 1.0])
+"""Base z."""
+
+
+def _nobody(time: float) -> None:
+    """Nothing was computed ahead."""
 
 
 class SurfaceKind(StrEnum):
@@ -173,12 +186,18 @@ class SurfaceProfile:
 
 
 class Contact:
-    """The force that a surface exerts on the tool tip. A copy goes on from the same memory on its own."""
+    """The force that a surface exerts on the tool tip."""
 
-    def __init__(self, profile: SurfaceProfile) -> None:
+    def __init__(self, profile: SurfaceProfile, on_change: Callable[[float], object] = _nobody) -> None:
+        """`on_change` is told since when the surface is another, s."""
         self._surface = profile.shape()
         self._material = profile.material.law(profile.stiffness_n_m, profile.damping_ns_m)
         self._memory = Memory()
+        self._memories: deque[Memory] = deque(maxlen=_REMEMBERED)
+        """Those of the last times, oldest first."""
+        self._counts = True
+        self.faults = SurfaceFaults(on_change)
+        """What has become of the surface."""
         places = [(place / 1000.0, factor) for place, factor in profile.stiffness_profile]
         self._factors = np.array(places or [(0.0, 1.0)]).T
         self._uniform = not places
@@ -206,6 +225,19 @@ class Contact:
         depth, normal = self._depth_and_normal(positions.T)
         return depth, np.broadcast_to(normal.T, positions.shape)
 
+    def aside(self) -> "Contact":
+        """A copy for questions that must not change what is remembered or counted here."""
+        twin = copy.copy(self)
+        twin._memories, twin._counts = deque(maxlen=1), False
+        return twin
+
+    def rewind(self, time: float) -> None:
+        """Forget what came from this time on, s: it is shown again, for something is other than it was."""
+        if not self._material.remembers:
+            return
+        while self._memories and self._memory.time >= time:
+            self._memory = self._memories.pop()
+
     @property
     def remembered_until(self) -> float | None:
         """Time of the newest sample of a material with a memory, s; None for one that has none."""
@@ -216,6 +248,10 @@ class Contact:
 
         A material with a memory needs the `times` (n,) too, ascending, s, and goes on from the call before.
         """
+        hardness: Floats | float = 1.0
+        if self.faults.faulty and times is not None:
+            positions, velocities = self._as_seen(positions, velocities, times)
+            hardness = self.faults.stiffness(times)
         # One row an axis: numpy is quickest along the last dimension, and three is too short for it.
         depth, normal = self._depth_and_normal(positions.T)
         material = self._material
@@ -223,12 +259,24 @@ class Contact:
             return np.zeros_like(positions)
         velocity = velocities.T
         leaving = np.einsum("ij,ij->j", velocity, normal)
-        factor = 1.0 if self._uniform else self._factor(positions)
+        factor = hardness if self._uniform else self._factor(positions) * hardness
+        if material.remembers:
+            self._memories.append(self._memory)
         pressing, self._memory = material.press(depth, -leaving, factor, times, self._memory)
         sliding = velocity - leaving * normal
         speed = np.sqrt(np.einsum("ij,ij->j", sliding, sliding) + self._smoothing**2)
         force: Floats = pressing * normal - (self._friction * pressing / speed) * sliding
         return force.T
+
+    def _as_seen(self, positions: Floats, velocities: Floats, times: Floats) -> tuple[Floats, Floats]:
+        """Positions and velocities (n, 3) against a surface that its faults have moved."""
+        height, speed = self.faults.rise(times)
+        seen = positions - np.outer(height, _UP)
+        if self._counts:
+            touched = self._depth_and_normal(positions.T)[0] > 0.0
+            touched |= self._depth_and_normal(seen.T)[0] > 0.0
+            self.faults.count(times, touched)
+        return seen, velocities - np.outer(speed, _UP)
 
     def _factor(self, positions: Floats) -> Floats:
         """Factor (n,) on the stiffness under the tip."""

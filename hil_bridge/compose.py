@@ -7,9 +7,12 @@ from pathlib import Path
 from typing import Any
 
 from emulators.cell import Cell, CellProfile
+from emulators.cell_faults import CELL_FAULTS
+from emulators.faults import Ledger
 from emulators.robot import EMPTY_SITE, Panel, S3Site
 from emulators.slcan_adapter import SlcanAdapter, SlcanProfile
-from hil_bridge.clock import Clock, device_clock
+from hil_bridge.bus_faults import BusFaults
+from hil_bridge.clock import Clock, Timer, device_clock
 from hil_bridge.config import Config, SensorConfig
 from hil_bridge.devices import ForceSensor, RobotLink
 from hil_bridge.errors import ConfigError, TransportClosed, TransportError
@@ -30,6 +33,7 @@ from hil_bridge.transports import (
     listen_bytes,
     listen_can,
 )
+from hil_bridge.transports.memory_can import memory_can_bus
 from hil_bridge.transports.urls import CONNECT_BYTES, LISTEN_BYTES, SERIAL_PORTS, parse_url, with_line
 from protocol.adlp import LinkProfile
 from protocol.arap import KNOWN, OrderBook
@@ -45,6 +49,7 @@ from protocol.jr3 import (
 from protocol.jr3.registers import BoardClient
 from protocol.values import dataclass
 
+_MEMORY_CAN = "can+memory:"
 SLCAN = "can+slcan+"
 """Before a listening byte URL: an emulated slcan adapter on that wire."""
 
@@ -319,6 +324,11 @@ async def emulated_cell(
     if on_cell is not None:
         on_cell(cell)
     async with AsyncExitStack() as stack:
+        changes = cell.ledger.on_change
+        stack.callback(changes.clear)
+        end = _FaultEnd(cell.ledger, clock)
+        stack.callback(end.cancel)
+        changes.append(end.arm)
 
         def ended(cause: BaseException) -> None:
             if not isinstance(cause, TransportClosed):
@@ -328,6 +338,7 @@ async def emulated_cell(
             stack.push_async_callback(transport.aclose)
             pump = Pump(endpoint, transport, clock, _nothing, ended)
             pump.start()
+            changes.append(pump.kick)
             return pump
 
         robot = sensor = panel = None
@@ -364,7 +375,32 @@ async def emulated_cell(
             frames_at = await listen_can(ports.sensor, clock, heard_by_gateway(profile.gateway.node))
             attach(cell.gateway, frames_at.transport)
             sensor = frames_at.address
+            if sensor.startswith(_MEMORY_CAN):
+                bus = BusFaults(memory_can_bus(sensor.removeprefix(_MEMORY_CAN), clock), clock, seed)
+                cell.ledger.attach("bus", bus.handlers)
+                stack.callback(bus.close)
         yield Ports(robot, sensor, panel)
+
+
+class _FaultEnd:
+    """Ends the faults of a cell at their times."""
+
+    def __init__(self, ledger: Ledger, clock: Clock) -> None:
+        self._ledger = ledger
+        self._clock = clock
+        self._timer: Timer | None = None
+
+    def arm(self) -> None:
+        """Wait for the next end."""
+        self.cancel()
+        if (at := self._ledger.next_deadline()) is not None:
+            self._timer = self._clock.call_at(at, lambda: self._ledger.handle_deadline(at))
+
+    def cancel(self) -> None:
+        """Wait for nothing."""
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
 
 
 def slcan_address(port: str) -> str:
@@ -377,7 +413,7 @@ def slcan_address(port: str) -> str:
 @asynccontextmanager
 async def _panel(cell: Cell, url: str, clock: Clock, kick: Callable[[], None]) -> AsyncIterator[str]:
     """The panel of the cell's controller on a listening URL; where it is asked. `kick` wakes the controller."""
-    board = Panel(cell.robot)
+    board = Panel(cell.robot, cell.ledger, CELL_FAULTS)
 
     def perform(request: Mapping[str, Any]) -> Mapping[str, Any]:
         try:

@@ -27,6 +27,7 @@ from emulators.cell import CellProfile
 from hil_bridge.control import Contour, Limits, OscillationDetector, TaskParameters
 from hil_bridge.control.controllers import controller_kind
 from hil_bridge.errors import ConfigError
+from hil_bridge.fault_settings import FaultConfig
 from hil_bridge.realtime import RealTime
 from hil_bridge.text_files import read_toml, shown
 from protocol.adlp import LinkProfile
@@ -46,6 +47,9 @@ OPTIONS = {
     "task.force_n": "--force-n",
 }
 """Command-line options by the key that they override."""
+
+_TABLES = ("faults",)
+"""Settings that are written as tables of their own, so that an empty list would stand in their way."""
 
 FILE_KEYS = ("robot.orders_file", "cell.robot.program_folder", "controller.parameters.rules_file")
 """Keys that name a file; one that is not absolute is looked for beside the configuration that names it."""
@@ -223,6 +227,20 @@ class Config(_Section):
     """How the loop's thread is run; of no meaning in virtual time."""
     cell: CellProfile = CellProfile()
     """The emulated cell: used by `emulate`, and by `run` for what has no URL."""
+    faults: tuple[FaultConfig, ...] = ()
+    """What goes wrong on purpose in the emulated cell, a table [[faults]] each; `hil-bridge faults` lists it all."""
+
+    @field_validator("faults")
+    @classmethod
+    def _possible(cls, faults: tuple[FaultConfig, ...], info: ValidationInfo) -> tuple[FaultConfig, ...]:
+        robot, sensor = info.data.get("robot"), info.data.get("sensor")
+        if robot is not None and sensor is not None:
+            for number, fault in enumerate(faults):
+                try:
+                    fault.check_cell(robot.url, sensor.url, sensor.emulated)
+                except ValueError as error:
+                    raise ValueError(f"{number}: {error}") from error
+        return faults
 
 
 def load_config(path: Path | None, overrides: Mapping[str, object]) -> Config:
@@ -280,15 +298,15 @@ def commented_defaults() -> str:
     lines = [
         "# Configuration of hil-bridge. Every setting stands at its default; delete what you do not change."
     ]
-    for key, section in _sections("", Config()):
+    for key, section in (("", Config()), *_sections("", Config())):
         comments = _comments(section.__class__)
         plain = [(name, value) for name, value in _items(section) if not _is_section(value)]
         if not plain:
             continue
-        lines += ["", f"[{key}]"]
+        lines += ["", f"[{key}]"] if key else [""]
         for name, value in plain:
             lines += textwrap.wrap(comments.get(name, ""), 108, initial_indent="# ", subsequent_indent="# ")
-            lines.append(f"{name} = {_toml(value)}" if value is not None else f"# {name} =")
+            lines.append(f"# {name} =" if value is None or name in _TABLES else f"{name} = {_toml(value)}")
     return "\n".join(lines) + "\n"
 
 
@@ -376,6 +394,9 @@ def explain(error: ValidationError, path: Path | None, given: set[str]) -> str:
             text = f" is no setting{_instead(location)}"
         case "value_error":
             cause = str(first["ctx"]["error"])
+            if location == ["faults"]:  # which of them, comes first
+                number, _, cause = cause.partition(": ")
+                location.append(number)
             text = f": {cause}"
             # a check of a whole section begins with the setting that it blames
             blamed, _, rest = cause.partition(" ")
@@ -385,7 +406,7 @@ def explain(error: ValidationError, path: Path | None, given: set[str]) -> str:
         case "missing":  # only a vector can lack something
             location.pop()
             text = f": a value is missing{got}"
-        case kind if kind == "dict_type" or _is_section(_at(location)):
+        case kind if kind in ("dict_type", "model_type") or _is_section(_at(location)):
             text = f" must be a table of settings{got}"
         case _:
             text = f": {first['msg'].replace('Input should', 'must', 1)}{got}"

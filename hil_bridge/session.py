@@ -21,6 +21,7 @@ from hil_bridge.compose import opened_devices
 from hil_bridge.config import Config, dump
 from hil_bridge.devices import ForceSensor, RobotLink
 from hil_bridge.errors import BridgeError, ConfigError
+from hil_bridge.faults import FaultSchedule
 from hil_bridge.line_time import line_floor
 from hil_bridge.realtime import collect_young, prompt_threads, quiet_garbage, scheduled
 from hil_bridge.recording import (
@@ -166,6 +167,7 @@ class _Session:
         self._recorder: Recorder
         self._link_log: LinkLog
         self._truths: Truths | None = None
+        self._faults: FaultSchedule | None = None
         self._view: LiveView | None = None
         self._robot: RobotLink | None = None
         self._sensor: ForceSensor | None = None
@@ -182,6 +184,8 @@ class _Session:
         self._recorder.put(record)
         if self._truths is not None:
             self._truths.cycle(record)
+        if self._faults is not None:
+            self._faults.cycle(record)
         if self._view is not None:
             self._view.update(record)
         if self.cycles % _COLLECT_EVERY:
@@ -197,6 +201,8 @@ class _Session:
         self._recorder.put(record)
         if self._view is not None and record.kind == "phase":
             self._view.enter(record.text)
+        if self._faults is not None:
+            self._faults.event(record)
 
     def _frame(self, frame: SensorFrame) -> None:
         self._recorder.put(SensorRecord(frame.at, frame.sequence, frame.counts))
@@ -218,6 +224,7 @@ class _Session:
 
     def _emulated(self, cell: Cell) -> None:
         self._truths = Truths(cell, self._config.sensor, self._recorder.put)
+        self._faults = FaultSchedule(self._config.faults, cell, self._clock, self._notice)
 
     # --- the run
 
@@ -255,6 +262,8 @@ class _Session:
             return result
         finally:
             self._link_log.flush()
+            if self._faults is not None:
+                self._faults.close()
             if self._truths is not None:
                 self._truths.close()
             self._recorder.close(end.as_metadata())

@@ -103,5 +103,6 @@ class Truths:
                     position=state.position,
                     force=state.contact_force,
                     joints_deg=tuple(map(math.degrees, state.joints)),
+                    faults=self._cell.ledger.active(cycle.at),
                 )
             )

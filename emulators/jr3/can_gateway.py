@@ -4,10 +4,12 @@ Behaves as the firmware roboticslab-uc3m/jr3-mbed-firmware-can does, which was r
 """
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+from emulators.faults.ledger import Handler
+from emulators.faults.wire import FRAMES, FaultyWire
 from emulators.jr3.firmware import Firmware, Sample
 from emulators.jr3.late import LateSamples
 from emulators.jr3.sensor import Jr3Sensor
@@ -72,17 +74,30 @@ class Gateway:
         self._late = LateSamples(profile.delay_ms, seed) if profile.delay_ms else None
         self._firmware = Firmware(sensor, profile.sample_period_us, profile.shortest_period_us)
         self._hears_from = powered_at + profile.boot_s
+        self._wire: FaultyWire[Sequence[CanFrame]] = FaultyWire(FRAMES, f"{seed} frames")
         self._out: list[CanFrame] = []
         self._waiting: deque[Command] = deque()
         connected = sensor.profile.connected
         self._busy_with: Op | None = Op.BOOT_UP if connected else None
         self._busy_until = self._hears_from + profile.calibration_s
 
+    @property
+    def handlers(self) -> Mapping[str, Mapping[str, Handler]]:
+        """What can go wrong here, by target, for a ledger."""
+        own = self._firmware.handlers
+        return {**own, "frames": {**self._wire.handlers, **own["frames"]}}
+
     # --- endpoint
 
     def receive(self, data: Sequence[CanFrame], now: float) -> None:
         """Take frames; those of other nodes, unknown ops and anything during boot get no answer."""
+        if self._wire.bad:
+            data = self._wire.incoming(data, now)
         self.handle_deadline(now)
+        self._take(data, now)
+
+    def _take(self, data: Sequence[CanFrame], now: float) -> None:
+        """Take frames that have come through the wire."""
         if now < self._hears_from:
             return
         for frame in data:
@@ -107,15 +122,19 @@ class Gateway:
     def data_to_send(self, now: float) -> Sequence[CanFrame]:
         """Frames whose time has come."""
         frames, self._out = self._out, []
-        return frames
+        return self._wire.outgoing(frames, now) if self._wire.bad else frames
 
     def next_deadline(self) -> float | None:
         """End of reading the calibration, the next frame of the stream, or the next block of samples."""
         due = self._firmware.next_deadline() if self._busy_with is None else self._busy_until
-        return due if self._late is None else self._late.next_deadline(due)
+        if self._late is not None:
+            due = self._late.next_deadline(due)
+        return self._wire.next_deadline(due) if self._wire.bad else due
 
     def handle_deadline(self, now: float) -> None:
         """Emit every frame that is due up to and including now."""
+        if self._wire.bad and (frames := self._wire.arrived(now)):
+            self._take(frames, now)
         if self._busy_with is not None and now >= self._busy_until:
             self._on_calibration_read(self._busy_with)
         self._send_due(now)

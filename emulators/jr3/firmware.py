@@ -5,13 +5,15 @@ it adds its wire, and when it listens.
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import field
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
+from emulators.faults.ledger import Handler, Injection
+from emulators.jr3.scales import WrongScales
 from emulators.jr3.sensor import SENSOR_RATE_HZ, Jr3Sensor
 from protocol.jr3 import COUNTER_MODULUS, GatewayState
 from protocol.values import dataclass
@@ -73,6 +75,9 @@ class Firmware:
         """Whether the sensor's calibration has been read."""
         self._sensor = sensor
         sensor.on_forget.append(self._forget)
+        self._scales = WrongScales()
+        self._frozen_counters: list[Injection] = []
+        self._frozen_at: dict[Injection, int] = {}
         self._sample_period = sample_period_us * 1e-6
         self._shortest_period = shortest_period_us * 1e-6
         self._smoothing = 1.0
@@ -91,7 +96,18 @@ class Firmware:
     @property
     def full_scales(self) -> tuple[int, ...]:
         """The six words. Without a calibration the firmware sends whatever lies in its memory. Assumed: zeros."""
-        return self._sensor.profile.full_scale_words if self.initialised else (0,) * 6
+        if not self.initialised:
+            return (0,) * 6
+        words = self._sensor.profile.full_scale_words
+        return self._scales.told(words) if self._scales.faulty else words
+
+    @property
+    def handlers(self) -> Mapping[str, Mapping[str, Handler]]:
+        """What can go wrong here, by target, for a ledger."""
+        return {
+            "scales": self._scales.handlers,
+            "frames": {"frozen-counter": Handler(self._frozen_counters.append)},
+        }
 
     # --- commands
 
@@ -182,7 +198,13 @@ class Firmware:
         # Floor and wrap: the firmware shifts a fixed-point number right and sends its low 16 bits.
         zeroed = (self._filtered - self._offset).tolist()
         counts = [(math.floor(value) + 0x8000 & 0xFFFF) - 0x8000 for value in zeroed]
-        return Sample(counts, sampling.taken % COUNTER_MODULUS)
+        counter = sampling.taken % COUNTER_MODULUS
+        for injection in self._frozen_counters:
+            if injection.holds(at):
+                told = self._frozen_at.setdefault(injection, counter)
+                injection.struck += told != counter
+                counter = told
+        return Sample(counts, counter)
 
     def _begin_sampling(self, now: float) -> None:
         if self._sampling is None:

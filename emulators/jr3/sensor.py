@@ -12,6 +12,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from emulators.jr3.signal import Signal
 from protocol.jr3 import FULL_SCALE_COUNTS
 from protocol.marks import Mark, check_settings, setting
 
@@ -26,6 +27,10 @@ _CHUNK = 1024
 """Samples of noise drawn at once; part of what a seed means, so not to be changed."""
 _CHUNKS = 4
 """Chosen: as many as what may be forgotten and asked for again lies in."""
+
+
+def _nobody(time: float) -> None:
+    """The wrench has no memory."""
 
 
 @dataclass(frozen=True)
@@ -113,6 +118,8 @@ class Jr3Sensor:
         self.profile = profile
         self.on_forget: list[Callable[[int], object]] = []
         """Told the number of the first sample that may be another than was read ahead of what is certain."""
+        self.on_change: Callable[[float], object] = _nobody
+        """Told the time, s, from which on samples are computed anew, for the wrench at these times is asked again."""
         self._wrench_at = wrench_at
         self._certain_until = certain_until
         self._foreseen_until = foreseen_until
@@ -131,6 +138,8 @@ class Jr3Sensor:
         self._ready_from = 0
         self._chunks: dict[int, NDArray[np.float64]] = {}
         """Noise that was drawn last, by its number."""
+        self.signal = Signal(SENSOR_RATE_HZ, profile.noise_counts, self.change)
+        """What can go wrong before the converter."""
 
     def counts(self, indices: NDArray[np.int64]) -> NDArray[np.int64]:
         """Six counts (n, 6) of the samples with these numbers k, which do not fall.
@@ -159,21 +168,35 @@ class Jr3Sensor:
 
     def forget(self, certain_until: float) -> None:
         """What was foreseen comes otherwise from this time on, s."""
-        certain = math.floor(certain_until * SENSOR_RATE_HZ)
+        self._forget_from(math.floor(certain_until * SENSOR_RATE_HZ))
+
+    def change(self, number: int) -> None:
+        """Samples from this number on are others, whatever was certain or foreseen of them."""
+        self.on_change(number / SENSOR_RATE_HZ)
+        self._forget_from(number)
+
+    def _forget_from(self, certain: int) -> None:
+        """The same by the number of the first sample that is not certain."""
         self._ready = self._ready[: max(certain - self._ready_from, 0)]
         for tell in self.on_forget:
             tell(certain)
 
     def _counts(self, first: int, stop: int) -> NDArray[np.float64]:
         """Six counts (n, 6) of the samples from number `first` to before `stop`."""
-        times = np.arange(first, stop) / SENSOR_RATE_HZ
         # One row an axis: numpy is quickest along the last dimension, and six is too short for it.
-        counts = self._wrench_at(times).T * self._counts_per_unit[:, np.newaxis]
+        counts = self._wrench(first, stop) * self._counts_per_unit[:, np.newaxis]
         self._add_noise(counts, first)
         # Assumed: rounded to nearest.
         np.rint(counts, out=counts)
         counts.clip(-32768.0, self._saturation_counts, out=counts)
+        if self.signal.faulty:
+            self.signal.output(counts, first)
         return counts.T
+
+    def _wrench(self, first: int, stop: int) -> NDArray[np.float64]:
+        """Wrench (6, n) before the converter of the samples from number `first` to before `stop`, N and N·m."""
+        wrench = self._wrench_at(np.arange(first, stop) / SENSOR_RATE_HZ).T
+        return self.signal.wrench(wrench, first) if self.signal.faulty else wrench
 
     def certain_until(self, now: float) -> float:
         """Time up to which samples may be read ahead, at least `now`, s."""
@@ -192,7 +215,7 @@ class Jr3Sensor:
         axis is the converter's range, and the noise of an axis is that of its channel before conversion.
         """
         step = 1 << (16 - self.profile.adc_bits)
-        channels = self._raw_per_wrench.T @ self._wrench_at(np.arange(first, stop) / SENSOR_RATE_HZ).T
+        channels = self._raw_per_wrench.T @ self._wrench(first, stop)
         self._add_noise(channels, first)
         if step > 1:
             channels /= step
@@ -200,6 +223,8 @@ class Jr3Sensor:
         if step > 1:
             channels *= step
         channels.clip(-32768.0, self._saturation_counts, out=channels)
+        if self.signal.faulty:
+            self.signal.output(channels, first)
         return channels.T.astype(np.int64)
 
     def _add_noise(self, counts: NDArray[np.float64], first: int) -> None:
@@ -210,7 +235,10 @@ class Jr3Sensor:
         for number in range(first // _CHUNK, (stop - 1) // _CHUNK + 1):
             begin = number * _CHUNK
             here, end = max(first, begin), min(stop, begin + _CHUNK)
-            counts[:, here - first : end - first] += self._noise_chunk(number)[:, here - begin : end - begin]
+            noise = self._noise_chunk(number)[:, here - begin : end - begin]
+            counts[:, here - first : end - first] += (
+                self.signal.noise(noise, here) if self.signal.faulty else noise
+            )
 
     def _noise_chunk(self, number: int) -> NDArray[np.float64]:
         chunk = self._chunks.get(number)

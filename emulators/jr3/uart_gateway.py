@@ -5,10 +5,13 @@ what it receives in its own ways, and a client has to live with that: it reads w
 over what it read before, takes the first frame in it and sleeps for a second, whatever that frame was.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
 from typing import Any, ClassVar
 
+from emulators.faults.ledger import Handler
+from emulators.faults.wire import BYTES, FaultyWire
 from emulators.jr3.firmware import Firmware
 from emulators.jr3.late import LateSamples
 from emulators.jr3.sensor import Jr3Sensor
@@ -92,6 +95,7 @@ class UartGateway:
         self._late = LateSamples(profile.delay_ms, seed) if profile.delay_ms else None
         self._connected = sensor.profile.connected
         self._firmware = Firmware(sensor, profile.sample_period_us, profile.shortest_period_us)
+        self._wire: FaultyWire[bytes] = FaultyWire(BYTES, f"{seed} frames")
         self._out = bytearray()
         self._kept = bytearray()
         self._read_over = bytearray(_READ_SIZE)
@@ -99,11 +103,25 @@ class UartGateway:
         self._state = _State.BOOTING
         self._until = powered_at + profile.boot_s
 
+    @property
+    def handlers(self) -> Mapping[str, Mapping[str, Handler]]:
+        """What can go wrong here, by target, for a ledger."""
+        own = self._firmware.handlers
+        return {**own, "frames": {**self._wire.handlers, **own["frames"]}}
+
     # --- endpoint
 
     def receive(self, data: bytes, now: float) -> None:
         """Take bytes; what arrives while it is deaf is lost, or waits as far as there is room."""
+        if self._wire.bad:
+            data = self._wire.incoming(data, now)
         self.handle_deadline(now)
+        self._take(data, now)
+
+    def _take(self, data: bytes, now: float) -> None:
+        """Take bytes that have come through the wire."""
+        if not data:
+            return
         if self._state is _State.LISTENING:
             self._read(data[:_READ_SIZE], now)
             data = data[_READ_SIZE:]
@@ -116,19 +134,23 @@ class UartGateway:
     def data_to_send(self, now: float) -> bytes:
         """Frames whose time has come."""
         data, self._out = bytes(self._out), bytearray()
-        return data
+        return self._wire.outgoing(data, now) if self._wire.bad else data
 
     def next_deadline(self) -> float | None:
         """The end of what it does now, the next frame of the stream, or the next block of samples."""
         due = self._firmware.next_deadline()
         if self._late is not None:
             due = self._late.next_deadline(due)
+        if self._wire.bad:
+            due = self._wire.next_deadline(due)
         if self._state is _State.LISTENING:
             return due
         return self._until if due is None else min(self._until, due)
 
     def handle_deadline(self, now: float) -> None:
         """Emit every frame that is due up to and including now."""
+        if self._wire.bad and (data := self._wire.arrived(now)):
+            self._take(data, now)
         while self._state is not _State.LISTENING and now >= self._until:
             self._send_due(self._until)
             self._go_on(self._until)

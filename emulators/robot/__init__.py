@@ -1,7 +1,7 @@
 """The emulated robot: an IRB 2000 moved by its S3 controller."""
 
 from emulators.robot.controller import S3Controller
-from emulators.robot.faults import FAULTS, Fault, Parameter, fault_values
+from emulators.robot.faults import S3_FAULTS
 from emulators.robot.kinematics import Arm, Joints, Route
 from emulators.robot.motion import Motion
 from emulators.robot.panel import Panel, PanelState
@@ -15,18 +15,16 @@ from emulators.robot.work_area import OutsideWorkArea, WorkArea
 __all__ = [
     "CHANGES",
     "EMPTY_SITE",
-    "FAULTS",
     "REFUSALS",
+    "S3_FAULTS",
     "Activity",
     "Arm",
-    "Fault",
     "Joints",
     "Motion",
     "MoveStep",
     "OutsideWorkArea",
     "Panel",
     "PanelState",
-    "Parameter",
     "Route",
     "S3Controller",
     "S3Profile",
@@ -39,7 +37,6 @@ __all__ = [
     "WaitStep",
     "Waypoint",
     "WorkArea",
-    "fault_values",
     "read_steps",
     "refusal",
 ]

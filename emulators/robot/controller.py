@@ -9,9 +9,11 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
+from emulators.faults.ledger import Handler, Injection, Ledger
+from emulators.faults.wire import BYTES, FaultyWire
 from emulators.quantiles import draw
 from emulators.robot.executive import Executive, Order
-from emulators.robot.faults import FaultValue, fault_values
+from emulators.robot.faults import S3_FAULTS, target_of
 from emulators.robot.kinematics import Joints
 from emulators.robot.line import FaultyLine, Strike
 from emulators.robot.profile import S3Profile
@@ -90,25 +92,27 @@ class S3Controller:
         self._orders: deque[Order] = deque()
         self._ready_at: float | None = None
         """When a controller that is starting will be ready, s."""
-        self._late = 0.0
-        """By how much the next order is answered late, s."""
-        self._refuse: tuple[int, int] | None = None
-        """Code for the next order, and the function code that it must have, 0 for any."""
-        self._faults: dict[str, Callable[..., None]] = {
-            "drop-ack": self._drop_ack,
-            "nak-block": lambda now, count: self._line.arm(Strike.DAMAGE_BLOCK, count),
-            "corrupt-block": lambda now, count: self._line.arm(Strike.CORRUPT_BLOCK, count),
-            "lose-eot": lambda now, count: self._line.arm(Strike.LOSE_EOT, count),
-            "babble": lambda now, count: self._line.babble(count),
-            "silence": lambda now, seconds: self._line.switch_off(now + seconds),
-            "line-break": lambda now, seconds: self._line.hold_in_break(now + seconds),
-            "late-answer": self._answer_late,
-            "refuse": self._refuse_next,
-            "spontaneous": lambda now, kind, x, y: self._say(Spontaneous(kind, x, y).to_telegram()),
-            "power-cycle": self._power_cycle,
-            "freeze": lambda now, seconds: self.motion.freeze(now, now + seconds),
-            "encoder-offset": self._offset_encoders,
+        self._wire = FaultyWire(BYTES, f"{seed} link")
+        self._late: Injection | None = None
+        """The next order is answered late."""
+        self._refuse: Injection | None = None
+        """The next orders are refused."""
+        self._frozen: list[Injection] = []
+        self._restarts: Injection | None = None
+        """The power is to fail in mid-message."""
+        self.handlers: Mapping[str, Mapping[str, Handler]] = {
+            "robot": self._robot_handlers(),
+            "pose": {
+                "encoder-offset": Handler(self._offset_encoders, self._mend_encoders),
+                **self._executive.reporting.handlers,
+            },
+            "link": {**self._wire.handlers, **self._link_handlers()},
         }
+        """What can go wrong, by target, for a ledger."""
+        self.faults = Ledger(S3_FAULTS)
+        """Of a controller without a cell."""
+        for target, handlers in self.handlers.items():
+            self.faults.attach(target, handlers)
 
     @property
     def state(self) -> State:
@@ -124,10 +128,10 @@ class S3Controller:
     def armed(self) -> Mapping[str, int]:
         """Faults that wait for their moment, by name, and how often they will strike."""
         waiting = {**self._line.armed}
-        if self._late:
+        if self._late is not None:
             waiting["late-answer"] = 1
         if self._refuse is not None:
-            waiting["refuse"] = 1
+            waiting["refuse"] = int(self._refuse.number("count")) - self._refuse.struck
         return waiting
 
     def joints(self, now: float) -> Joints:
@@ -144,6 +148,8 @@ class S3Controller:
 
     def receive(self, data: bytes, now: float) -> None:
         """Take bytes off the line."""
+        if self._wire.bad:
+            data = self._wire.incoming(data, now)
         self._line.receive(data, now)
         self._take_messages(now)
 
@@ -152,7 +158,8 @@ class S3Controller:
 
     def data_to_send(self, now: float) -> bytes:
         """Bytes for the line."""
-        return self._line.data_to_send(now)
+        data = self._line.data_to_send(now)
+        return self._wire.outgoing(data, now) if self._wire.bad else data
 
     def next_deadline(self) -> float | None:
         """The link's next time-out, when the oldest order or the program is next looked at, or the start-up ends."""
@@ -161,13 +168,15 @@ class S3Controller:
         for at in (order, self._executive.next_deadline(), self._ready_at):
             if at is not None and (due is None or at < due):
                 due = at
-        return due
+        return self._wire.next_deadline(due) if self._wire.bad else due
 
     def handle_deadline(self, now: float) -> None:
         """Act on the link's time-outs, carry on what runs and answer what is due."""
         if self._ready_at is not None and self._ready_at <= now:
             self._ready_at = None
             self._executive.happen(Stimulus.READY, now)
+        if self._wire.bad and (data := self._wire.arrived(now)):
+            self._line.receive(data, now)
         self._line.handle_deadline(now)
         self._take_messages(now)
         if (error := self._executive.handle_deadline(now)) is not None:
@@ -217,32 +226,103 @@ class S3Controller:
             Stimulus.INTERRUPT_PERMITTED if permitted else Stimulus.INTERRUPT_FORBIDDEN, now
         )
 
-    def inject(self, fault: str, now: float, **parameters: object) -> None:
-        """Let one fault of `FAULTS` happen now, or at its next opportunity. Raises ValueError for a wrong one."""
-        values: Mapping[str, FaultValue] = fault_values(fault, parameters)
-        self._faults[fault](now, **values)
+    def inject(self, fault: str, now: float, **parameters: object) -> Injection:
+        """Let one fault of `S3_FAULTS` happen now, or at its next opportunity. Raises ValueError for a wrong one."""
+        return self.faults.inject(target_of(fault), fault, now, parameters)
 
     def disarm(self) -> None:
         """Let none of the faults happen that wait for their moment; those under way go on."""
         self._line.disarm()
-        self._late, self._refuse = 0.0, None
+        self._late = self._refuse = self._restarts = None
 
-    # --- faults of more than a call
+    # --- what faults do
 
-    def _drop_ack(self, now: float, of: str, count: int) -> None:
-        self._line.arm(Strike.DROP_BLOCK_ACK if of == "block" else Strike.DROP_BID_ACK, count)
+    def _robot_handlers(self) -> dict[str, Handler]:
+        return {
+            "emergency-stop": self._lever(
+                S3Controller.press_emergency_stop, S3Controller.release_emergency_stop
+            ),
+            "work-stop": self._lever(
+                lambda robot, now: robot.set_work_stop(True, now),
+                lambda robot, now: robot.set_work_stop(False, now),
+            ),
+            "key-manual": self._lever(
+                lambda robot, now: robot.set_key(False, now), lambda robot, now: robot.set_key(True, now)
+            ),
+            "link-control-taken": self._lever(
+                lambda robot, now: robot.set_link_control(False, now),
+                lambda robot, now: robot.set_link_control(True, now),
+            ),
+            "standby": self._lever(lambda robot, now: robot._executive.happen(Stimulus.STANDBY, now)),
+            "silence": Handler(self._line.switch_off, self._line.switch_on),
+            "late-answer": Handler(self._answer_late),
+            "refuse": Handler(self._refuse_next),
+            "spontaneous": Handler(self._tell_unasked),
+            "power-cycle": Handler(self._power_cycle),
+            "freeze": Handler(self._freeze, lambda injection, now: self.motion.freeze(now, now)),
+        }
 
-    def _answer_late(self, now: float, seconds: float) -> None:
-        self._late = seconds
+    def _link_handlers(self) -> dict[str, Handler]:
+        line = self._line
+        return {
+            "drop-ack": Handler(self._drop_ack),
+            "nak-block": Handler(lambda injection: line.arm(Strike.DAMAGE_BLOCK, injection)),
+            "corrupt-block": Handler(lambda injection: line.arm(Strike.CORRUPT_BLOCK, injection)),
+            "lose-eot": Handler(lambda injection: line.arm(Strike.LOSE_EOT, injection)),
+            "babble": Handler(self._babble),
+            "line-break": Handler(line.hold_in_break, line.switch_on),
+        }
 
-    def _refuse_next(self, now: float, code: int, function: int) -> None:
-        self._refuse = code, function
+    def _lever(
+        self,
+        press: Callable[["S3Controller", float], object],
+        release: Callable[["S3Controller", float], object] | None = None,
+    ) -> Handler:
+        """What a person does at the panel; it has an effect where it changes the state."""
 
-    def _power_cycle(self, now: float, after_bytes: int) -> None:
-        if after_bytes:
+        def begin(injection: Injection) -> None:
+            before, now = self.state, injection.injected_at
+            press(self, now)
+            injection.struck += self.state != before
+            if release is None:
+                injection.finish(now)
+
+        return Handler(begin, None if release is None else lambda injection, now: release(self, now))
+
+    def _drop_ack(self, injection: Injection) -> None:
+        block = injection.values["of"] == "block"
+        self._line.arm(Strike.DROP_BLOCK_ACK if block else Strike.DROP_BID_ACK, injection)
+
+    def _babble(self, injection: Injection) -> None:
+        injection.struck = int(injection.number("count"))
+        self._line.babble(injection.struck)
+        injection.finish(injection.injected_at)
+
+    def _answer_late(self, injection: Injection) -> None:
+        self._late = injection
+
+    def _refuse_next(self, injection: Injection) -> None:
+        self._refuse = injection
+
+    def _tell_unasked(self, injection: Injection) -> None:
+        kind, x, y = (int(injection.number(key)) for key in ("kind", "x", "y"))
+        injection.struck += not self.state.starting
+        self._say(Spontaneous(kind, x, y).to_telegram())
+        injection.finish(injection.injected_at)
+
+    def _freeze(self, injection: Injection) -> None:
+        assert injection.ends_at is not None
+        now = injection.injected_at
+        injection.struck += self.motion.waiting(now) > 0
+        self._frozen.append(injection)
+        self.motion.freeze(now, injection.ends_at)
+
+    def _power_cycle(self, injection: Injection) -> None:
+        self._restarts = injection
+        if after_bytes := int(injection.number("after_bytes")):
             self._line.reset_after(after_bytes)
         else:
-            self._restart(now)
+            self._restart(injection.injected_at)
 
     def _restart(self, now: float) -> None:
         """Begin anew, silent at first; what stands on the controller's disc and in its arm stays."""
@@ -250,15 +330,24 @@ class S3Controller:
         self._orders.clear()
         self._ready_at = now + self.profile.start_up_s
         self._line.restart(self._ready_at)
+        if (injection := self._restarts) is not None:
+            self._restarts = None
+            injection.struck += 1
+            injection.finish(now)
 
-    def _offset_encoders(self, now: float, x_mm: float, y_mm: float, z_mm: float) -> None:
-        offset = x_mm / 1000.0, y_mm / 1000.0, z_mm / 1000.0
-        total = [before + by for before, by in zip(self.motion.encoder_offset, offset, strict=True)]
+    def _offset_encoders(self, injection: Injection) -> None:
+        x, y, z = (injection.number(f"{axis}_mm") / 1000.0 for axis in "xyz")
+        total = [before + by for before, by in zip(self.motion.encoder_offset, (x, y, z), strict=True)]
         if max(map(abs, total)) > _OFFSET_LIMIT:
             raise ValueError(
                 f"encoder-offset: all offsets together must stay within ±{_OFFSET_LIMIT * 1e3:g} mm"
             )
-        self.motion.offset_encoders(offset, now)
+        injection.struck += 1
+        self.motion.offset_encoders((x, y, z), injection.injected_at)
+
+    def _mend_encoders(self, injection: Injection, now: float) -> None:
+        x, y, z = (-injection.number(f"{axis}_mm") / 1000.0 for axis in "xyz")
+        self.motion.offset_encoders((x, y, z), now)
 
     # --- orders and answers
 
@@ -278,8 +367,12 @@ class S3Controller:
         except RemoteProtocolError:
             raw = telegrams[0]
             telegram, function = None, raw[4] if len(raw) > 4 else 0
-        due = now + self._turnaround_ms(function) / 1000.0 + self._late
-        self._late = 0.0
+        due = now + self._turnaround_ms(function) / 1000.0
+        if (late := self._late) is not None:
+            self._late = None
+            due += late.number("seconds")
+            late.struck += 1
+            late.finish(now)
         self._orders.append(Order(telegram, function, due, len(telegrams)))
 
     def _turnaround_ms(self, function: int) -> float:
@@ -299,12 +392,19 @@ class S3Controller:
     def _answer(self, order: Order, now: float) -> Telegram | None:
         """What to say to an order, or None while its time has not come."""
         answer: Telegram | int | None
-        if self._refuse is not None and self._refuse[1] in (0, order.function):
-            answer, self._refuse = self._refuse[0], None
+        refuse = self._refuse
+        if refuse is not None and refuse.number("function") in (0, order.function):
+            answer = int(refuse.number("code"))
+            refuse.struck += 1
+            if refuse.struck >= refuse.number("count"):
+                self._refuse = None
+                refuse.finish(now)
         else:
             answer = self._executive.judge(order, now)
         if answer is None:
             return None
+        for frozen in self._frozen:
+            frozen.struck += frozen.holds(now) and order.function == FunctionCode.MOVE
         self.tally.answered += 1
         if isinstance(answer, Telegram):
             return answer

@@ -16,6 +16,7 @@ from emulators.robot.motion import Motion
 from emulators.robot.profile import S3Profile
 from emulators.robot.programs import MoveStep, ProgramRun, Step, WaitStep, read_steps
 from emulators.robot.quaternions import normalised
+from emulators.robot.reporting import Reporting
 from emulators.robot.servo import ServoProfile, Waypoint
 from emulators.robot.site import S3Site, SiteOrders
 from emulators.robot.state import (
@@ -105,6 +106,8 @@ class Executive:
             ) from None
         self.motion = Motion(servo_profile, start_position, start_quaternion, powered_at, joints)
         """True and reported place of the tool centre point."""
+        self.reporting = Reporting(self.motion)
+        """What may be wrong with what is told of them."""
         self.state = initial(profile)
         """Everything that decides which orders are taken."""
         self.run: ProgramRun | None = None
@@ -146,13 +149,14 @@ class Executive:
     def status(self, now: float) -> Status:
         """What read status is answered."""
         run = self.run
-        return Status(
+        status = Status(
             position_words(self.motion.reported(now)),
             quaternion_words(self.motion.orientation(now)),
             program=run.number if run is not None else 0,
             instruction=run.instruction if run is not None else 0,
             **status_flags(self.state, self.motion.waiting(now) > 0),
         )
+        return self.reporting.falsified(status, now) if self.reporting.wrong else status
 
     # --- programs
 

@@ -17,6 +17,7 @@ from itertools import accumulate
 from typing import TypeAlias
 
 from emulators.robot.profile import S3Profile
+from emulators.robot.quaternions import product
 from protocol.arap import Quaternion, Vector
 from protocol.values import dataclass
 
@@ -103,7 +104,7 @@ class Arm:
             math.sin(b) * math.cos(a - c),
             math.sin(b) * math.sin(a - c),
         )
-        quaternion = _product(_product(_forearm_frame(turn, pitch), wrist), _TOOL_AT_ZERO)
+        quaternion = product(product(_forearm_frame(turn, pitch), wrist), _TOOL_AT_ZERO)
         along = _tool_axis(quaternion)
         x, y, z = radius * math.cos(turn), radius * math.sin(turn), self._axis_2_height + height
         reach = self._wrist_to_tip
@@ -127,7 +128,7 @@ class Arm:
         cosine = (upper * upper + square - fore * fore) / (2.0 * upper * distance)
         opening = math.acos(max(-1.0, min(1.0, cosine)))
         front = near[0] if radius < _ON_AXIS_1_M else math.atan2(y, x)
-        tool = _product(quaternion, _conjugate(_TOOL_AT_ZERO))
+        tool = product(quaternion, _conjugate(_TOOL_AT_ZERO))
         found: list[Joints] = []
         for turned, forward in ((front, radius), (front + math.pi, -radius)):
             turn = self._wound(0, turned, near)
@@ -144,7 +145,7 @@ class Arm:
                 third = self._wound(2, pitch - lean if self._rides else pitch, near)
                 if third is None:
                     continue
-                wrist = _product(_conjugate(_forearm_frame(turn, pitch)), tool)
+                wrist = product(_conjugate(_forearm_frame(turn, pitch)), tool)
                 for angles in _wrist_angles(wrist, near[3]):
                     a, b, c = (self._wound(3 + k, angle, near) for k, angle in enumerate(angles))
                     if a is not None and b is not None and c is not None:
@@ -208,17 +209,6 @@ def _tool_axis(quaternion: Quaternion) -> Vector:
     """The tool's z axis, out of the flange, in the base frame."""
     w, x, y, z = quaternion
     return 2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)
-
-
-def _product(p: Quaternion, q: Quaternion) -> Quaternion:
-    a, b, c, d = p
-    w, x, y, z = q
-    return (
-        a * w - b * x - c * y - d * z,
-        a * x + b * w + c * z - d * y,
-        a * y - b * z + c * w + d * x,
-        a * z + b * y - c * x + d * w,
-    )
 
 
 def _conjugate(q: Quaternion) -> Quaternion:

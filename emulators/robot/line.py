@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from enum import StrEnum
 from typing import Literal
 
+from emulators.faults.ledger import Injection
 from protocol.adlp import (
     LENGTH_STYLES,
     Block,
@@ -59,8 +60,10 @@ class FaultyLine:
         self._link = Link(Role.ROBOT, profile)
         self._off_until = float("-inf")
         self._extra = bytearray()
-        self._armed: dict[Strike, int] = {}
-        """How often each will strike yet."""
+        self._offs: list[Injection] = []
+        """Faults in which nothing gets through."""
+        self._armed: dict[Strike, Injection] = {}
+        """Each with its `count` of how often it will strike."""
         self._watch: BlockScanner | None = None
         """Follows what comes in while a block is to be damaged."""
         self._reset_after: int | None = None
@@ -70,7 +73,10 @@ class FaultyLine:
     @property
     def armed(self) -> dict[str, int]:
         """Faults that wait for their moment, and how often they will strike."""
-        waiting = {str(strike): count for strike, count in self._armed.items()}
+        waiting = {
+            str(strike): int(injection.number("count")) - injection.struck
+            for strike, injection in self._armed.items()
+        }
         return waiting if self._reset_after is None else {**waiting, "power-cycle": 1}
 
     def send(self, blocks: Sequence[bytes]) -> None:
@@ -82,8 +88,9 @@ class FaultyLine:
     def receive(self, data: bytes, now: float) -> None:
         """Take bytes off the line."""
         if now < self._off_until:
+            self._lose(data, now)
             return
-        self._link.receive(self._damaged(data) if Strike.DAMAGE_BLOCK in self._armed else data, now)
+        self._link.receive(self._damaged(data, now) if Strike.DAMAGE_BLOCK in self._armed else data, now)
 
     def next_event(self) -> LinkEvent | None:
         """The link's oldest event not yet taken, or None."""
@@ -93,8 +100,9 @@ class FaultyLine:
         """Bytes for the line."""
         data = self._link.data_to_send(now)
         if data and (self._armed or self._spontaneous_eot != "always"):
-            data = self._spoiled(data)
+            data = self._spoiled(data, now)
         if now < self._off_until:
+            self._lose(data, now)
             data = b""
         if self._extra:
             data = bytes(self._extra) + data
@@ -117,9 +125,9 @@ class FaultyLine:
 
     # --- what goes wrong
 
-    def arm(self, strike: Strike, count: int) -> None:
-        """Let it happen the next `count` times."""
-        self._armed[strike] = count
+    def arm(self, strike: Strike, injection: Injection) -> None:
+        """Let it happen the next times, as many as the fault's `count`."""
+        self._armed[strike] = injection
 
     def disarm(self) -> None:
         """Let nothing of what was armed happen, nor a reset that was asked for."""
@@ -130,14 +138,24 @@ class FaultyLine:
         """Say random bytes."""
         self._extra += self._random.randbytes(size)
 
-    def switch_off(self, until: float) -> None:
-        """Neither hear nor say anything before `until`, s."""
-        self._off_until = max(self._off_until, until)
+    def switch_off(self, injection: Injection) -> None:
+        """Neither hear nor say anything before the fault ends."""
+        assert injection.ends_at is not None
+        self._off_until = max(self._off_until, injection.ends_at)
+        self._offs.append(injection)
 
-    def hold_in_break(self, until: float) -> None:
-        """A break on the line until then, s."""
+    def switch_on(self, injection: Injection, now: float) -> None:
+        """A fault in which nothing got through is over; others may last."""
+        self._offs = [other for other in self._offs if other.holds(now)]
+        if self._off_until == injection.ends_at:
+            ends = (other.ends_at for other in self._offs if other.ends_at is not None)
+            self._off_until = max(ends, default=now)
+
+    def hold_in_break(self, injection: Injection) -> None:
+        """A break on the line until the fault ends."""
         self._extra += _BREAK
-        self.switch_off(until)
+        injection.struck += len(_BREAK)
+        self.switch_off(injection)
 
     def reset_after(self, size: int) -> None:
         """Call for a reset when so many more bytes have gone out."""
@@ -149,15 +167,23 @@ class FaultyLine:
         self._watch = None
         self._off_until = until
 
-    def _strikes(self, strike: Strike) -> bool:
-        if strike not in self._armed:
+    def _lose(self, data: bytes, now: float) -> None:
+        """Count bytes that do not get through."""
+        self._offs = [injection for injection in self._offs if injection.holds(now)]
+        for injection in self._offs:
+            injection.struck += len(data)
+
+    def _strikes(self, strike: Strike, now: float) -> bool:
+        injection = self._armed.get(strike)
+        if injection is None:
             return False
-        self._armed[strike] -= 1
-        if not self._armed[strike]:
+        injection.struck += 1
+        if injection.struck >= injection.number("count"):
             del self._armed[strike]
+            injection.finish(now)
         return True
 
-    def _damaged(self, data: bytes) -> bytes:
+    def _damaged(self, data: bytes, now: float) -> bytes:
         """Incoming bytes with the check character of a block made wrong."""
         if self._watch is None:
             if self._link.state is not State.IDLE:
@@ -168,13 +194,13 @@ class FaultyLine:
         spoiled = bytearray(data)
         for at, byte in enumerate(data):
             for token in self._watch.feed(bytes((byte,))):
-                if isinstance(token, Block) and self._strikes(Strike.DAMAGE_BLOCK):
+                if isinstance(token, Block) and self._strikes(Strike.DAMAGE_BLOCK, now):
                     spoiled[at] ^= 0xFF
         if Strike.DAMAGE_BLOCK not in self._armed:
             self._watch = None
         return bytes(spoiled)
 
-    def _spoiled(self, data: bytes) -> bytes:
+    def _spoiled(self, data: bytes, now: float) -> bytes:
         """Outgoing bytes, which are whole blocks and control bytes, with what was asked for taken out or changed."""
         scanner = BlockScanner(
             BlockFormat(self._profile.dle_stuffing, LENGTH_STYLES[:1], self._profile.max_telegram)
@@ -189,16 +215,16 @@ class FaultyLine:
             at += size
             if isinstance(token, Block):
                 self._spontaneous = token.telegram[_FUNCTION_BYTE] == FunctionCode.SPONTANEOUS
-                if self._strikes(Strike.CORRUPT_BLOCK):
+                if self._strikes(Strike.CORRUPT_BLOCK, now):
                     part[-1] ^= 0xFF
-            lost = (token is Control.ACK and self._strikes(acknowledges)) or (
-                token is Control.EOT and self._eot_is_lost()
+            lost = (token is Control.ACK and self._strikes(acknowledges, now)) or (
+                token is Control.EOT and self._eot_is_lost(now)
             )
             if not lost:
                 out += part
         return bytes(out)
 
-    def _eot_is_lost(self) -> bool:
+    def _eot_is_lost(self, now: float) -> bool:
         if self._spontaneous and self._spontaneous_eot != "always":
             return self._spontaneous_eot == "never" or self._random.random() < 0.5
-        return self._strikes(Strike.LOSE_EOT)
+        return self._strikes(Strike.LOSE_EOT, now)

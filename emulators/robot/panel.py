@@ -11,8 +11,9 @@ A request is a table as JSON has it, from somebody who is not trusted:
 | work-stop | `to`: on, off | |
 | programming-unit | `to`: connect, remove | |
 | interrupt | `to`: permit, forbid | |
-| inject | `fault`, `with`: table of parameters | one fault of `FAULTS` |
+| inject | `target`, `fault`, `with`: table of parameters | one fault; without a target one of the controller's |
 | disarm | | forgets the faults that wait for their moment |
+| mend | | ends the faults that last |
 | faults | | answers the table of faults |
 
 All but the last are answered with the state afterwards.
@@ -25,8 +26,9 @@ from typing import Any
 
 import numpy as np
 
+from emulators.faults import FOREVER, Fault, Ledger
 from emulators.robot.controller import S3Controller
-from emulators.robot.faults import FAULTS
+from emulators.robot.faults import S3_FAULTS, target_of
 from emulators.robot.state import status_flags
 from protocol.values import dataclass
 
@@ -60,6 +62,8 @@ class PanelState:
     last_refusal: str
     armed: dict[str, int]
     """Faults that wait for their moment, and how often they will strike."""
+    lasting: tuple[str, ...]
+    """Faults that last, as target and name."""
 
 
 _ACTS: Mapping[str, Mapping[str, Callable[[S3Controller, float], None]]] = {
@@ -93,29 +97,44 @@ _ACTS: Mapping[str, Mapping[str, Callable[[S3Controller, float], None]]] = {
 class Panel:
     """The panel of one controller. Times are those of the controller's endpoint, s."""
 
-    def __init__(self, controller: S3Controller) -> None:
+    def __init__(
+        self,
+        controller: S3Controller,
+        faults: Ledger | None = None,
+        table: Mapping[str, Mapping[str, Fault]] = S3_FAULTS,
+    ) -> None:
+        """`faults` and `table` are those of the cell, where there is more than the controller."""
         self._controller = controller
+        self._faults = faults or controller.faults
+        self._table = table
 
     def perform(self, request: Mapping[str, object], now: float) -> dict[str, Any]:
         """Do what is asked. Raises ValueError, in one line, for what cannot be asked."""
         action = request.get("do")
         controller = self._controller
         if action == "faults":
-            return {"faults": fault_table()}
+            return {"faults": fault_table(self._table)}
         if action == "inject":
             fault, parameters = request.get("fault"), request.get("with", {})
             if not isinstance(fault, str) or not isinstance(parameters, dict):
                 raise ValueError("inject needs the name of a fault and a table of parameters")
-            controller.inject(fault, now, **parameters)
+            target = request.get("target") or target_of(fault)
+            if not isinstance(target, str):
+                raise ValueError("inject needs a target's name, or none")
+            self._faults.inject(target, fault, now, parameters)
         elif action == "disarm":
             controller.disarm()
+            self._faults.disarm(now)
+        elif action == "mend":
+            self._faults.mend(now)
         elif isinstance(action, str) and action in _ACTS:
             acts, to = _ACTS[action], request.get("to")
             if not isinstance(to, str) or to not in acts:
                 raise ValueError(f"{action} goes to {' or '.join(acts)}, not {to!r}")
             acts[to](controller, now)
+            self._faults.on_fault(f"robot: {action} {to} at the panel")
         elif action != "show":
-            known = ", ".join(("show", *_ACTS, "inject", "disarm", "faults"))
+            known = ", ".join(("show", *_ACTS, "inject", "disarm", "mend", "faults"))
             raise ValueError(f"no action is called {action!r}; known: {known}")
         return {"state": asdict(self.state(now))}
 
@@ -140,24 +159,29 @@ class Panel:
             lost=tally.lost,
             last_refusal=tally.last_refusal,
             armed=dict(controller.armed),
+            lasting=self._faults.lasting(now),
         )
 
 
-def fault_table() -> dict[str, Any]:
-    """Every fault with its meaning and its parameters' meanings, ranges and defaults, for people to read."""
+def fault_table(table: Mapping[str, Mapping[str, Fault]]) -> dict[str, Any]:
+    """Every fault by target, with its meaning and its parameters' meanings, ranges and defaults, as JSON has it."""
     return {
-        name: {
-            "meaning": fault.meaning,
-            "parameters": {
-                key: {
-                    "meaning": parameter.meaning,
-                    "range": parameter.range_text,
-                    "default": parameter.default,
-                }
-                for key, parameter in fault.parameters.items()
-            },
+        target: {
+            name: {
+                "meaning": fault.meaning,
+                "parameters": {
+                    key: {
+                        "meaning": parameter.meaning,
+                        "range": parameter.range_text,
+                        "unit": parameter.unit,
+                        "default": None if parameter.default == FOREVER else parameter.default,
+                    }
+                    for key, parameter in fault.all_parameters.items()
+                },
+            }
+            for name, fault in faults.items()
         }
-        for name, fault in FAULTS.items()
+        for target, faults in table.items()
     }
 
 

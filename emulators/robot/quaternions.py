@@ -34,5 +34,17 @@ def slerp(a: Quaternion, b: Quaternion, part: float) -> Quaternion:
     return w, x, y, z
 
 
+def product(p: Quaternion, q: Quaternion) -> Quaternion:
+    """The turn by `q`, then by `p`."""
+    a, b, c, d = p
+    w, x, y, z = q
+    return (
+        a * w - b * x - c * y - d * z,
+        a * x + b * w + c * z - d * y,
+        a * y - b * z + c * w + d * x,
+        a * z + b * y - c * x + d * w,
+    )
+
+
 def _dot(a: Quaternion, b: Quaternion) -> float:
     return sum(p * q for p, q in zip(a, b, strict=True))

@@ -9,6 +9,7 @@ from hil_bridge.cli.decode import decode
 from hil_bridge.cli.doctor import doctor
 from hil_bridge.cli.emulate import emulate
 from hil_bridge.cli.experiment import experiment
+from hil_bridge.cli.faults import faults
 from hil_bridge.cli.files import config, profile, report
 from hil_bridge.cli.free import free
 from hil_bridge.cli.identify_tool import identify_tool
@@ -58,6 +59,7 @@ for command in (
     monitor,
     doctor,
     panel,
+    faults,
 ):
     cli.add_command(command)
 

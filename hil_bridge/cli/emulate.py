@@ -44,11 +44,13 @@ def emulate(
     """
     from hil_bridge.compose import Ports, cell_ports
     from hil_bridge.config import load_config
+    from hil_bridge.fault_settings import refuse_faults
     from hil_bridge.serve import serve
 
     config = load_config(config_file, {"run.seed": seed, "run.panel_url": panel})
     if what == "sensor" and panel:
         raise click.UsageError("--panel is the robot controller's; leave it out where there is none")
+    refuse_faults(config.faults, "hil-bridge emulate")
     usual = cell_ports(config, virtual=False)
     ports = Ports(
         None if what == "sensor" else robot_port or usual.robot,

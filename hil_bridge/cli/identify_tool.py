@@ -108,8 +108,10 @@ def identify_tool(
         poses = read_poses(table)
     else:
         from hil_bridge.checks import check_wires
+        from hil_bridge.fault_settings import refuse_faults
         from hil_bridge.identify import Sweep, measure
 
+        refuse_faults(config.faults, "hil-bridge identify-tool")
         check_wires(config, virtual)
         sweep = Sweep(angle_deg, lift_mm, settle_s, average_s)
         poses = measure(config, virtual, sweep, lambda text: click.echo(text, err=True))

@@ -87,18 +87,22 @@ def interrupt(context: click.Context, to: str) -> None:
 
 
 @panel.command()
-@click.argument("fault")
-@click.argument("parameters", nargs=-1, metavar="[PARAM=VALUE]...")
+@click.argument("words", nargs=-1, required=True, metavar="[TARGET] FAULT [PARAM=VALUE]...")
 @click.pass_context
-def inject(context: click.Context, fault: str, parameters: tuple[str, ...]) -> None:
-    """Let one fault happen; `faults` lists them."""
+def inject(context: click.Context, words: tuple[str, ...]) -> None:
+    """Let one fault happen; `faults` lists them. A fault of the controller needs no target."""
+    from emulators.cell_faults import CELL_FAULTS
+
+    target, rest = ({"target": words[0]}, words[1:]) if words[0] in CELL_FAULTS else ({}, words)
+    if not rest:
+        raise click.BadParameter(f"{words[0]} is a target; name one of its faults too")
     given: dict[str, str] = {}
-    for item in parameters:
+    for item in rest[1:]:
         name, sign, value = item.partition("=")
         if not (name and sign) or name in given:
             raise click.BadParameter(f"each parameter once, as NAME=VALUE, got {item!r}")
         given[name] = value
-    _do(context, {"do": "inject", "fault": fault, "with": given})
+    _do(context, {"do": "inject", **target, "fault": rest[0], "with": given})
 
 
 @panel.command()
@@ -106,6 +110,13 @@ def inject(context: click.Context, fault: str, parameters: tuple[str, ...]) -> N
 def disarm(context: click.Context) -> None:
     """Forget the faults that wait for their moment."""
     _do(context, {"do": "disarm"})
+
+
+@panel.command()
+@click.pass_context
+def mend(context: click.Context) -> None:
+    """End the faults that last."""
+    _do(context, {"do": "mend"})
 
 
 @panel.command(short_help="List the faults that can be injected.")

@@ -6,10 +6,12 @@ Paced wires, the emulated cell, and the bridge's own devices and run, joined by 
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
+from emulators.cell import Cell
 from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.compose import opened_devices
 from hil_bridge.config import Config
 from hil_bridge.errors import ConfigError
+from hil_bridge.faults import FaultSchedule
 from hil_bridge.recording import CycleRecord, EventRecord
 from hil_bridge.run import Run, RunResult
 
@@ -40,14 +42,19 @@ class _Bench:
     config: Config
     cycles: list[CycleRecord] = field(default_factory=list)
     events: list[EventRecord] = field(default_factory=list)
+    faults: FaultSchedule | None = None
 
     def cycle(self, record: CycleRecord) -> None:
         """A cycle has ended."""
         self.cycles.append(record)
+        if self.faults is not None:
+            self.faults.cycle(record)
 
     def event(self, record: EventRecord) -> None:
         """Something happened beside the cycles."""
         self.events.append(record)
+        if self.faults is not None:
+            self.faults.event(record)
 
     async def main(self) -> CellRun:
         clock, config = Clock.running(), self.config
@@ -55,9 +62,17 @@ class _Bench:
         def notice(kind: str, text: str) -> None:
             self.event(EventRecord(clock.now(), kind, text))
 
+        def emulated(cell: Cell) -> None:
+            self.faults = FaultSchedule(config.faults, cell, clock, notice)
+
         try:
-            async with opened_devices(config, clock, lambda frame: None, notice) as (robot, sensor):
+            async with opened_devices(config, clock, lambda frame: None, notice, on_cell=emulated) as (
+                robot,
+                sensor,
+            ):
                 result = await Run(config, clock, robot, sensor, self)()
         finally:
+            if self.faults is not None:
+                self.faults.close()
             clock.close()
         return CellRun(tuple(self.cycles), tuple(self.events), result)

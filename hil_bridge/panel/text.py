@@ -21,7 +21,7 @@ def state_text(state: Mapping[str, Any]) -> str:
     known = flags if isinstance(flags, dict) else {}
     said = [texts[0] if known[name] else texts[1] for name, texts in _FLAG_TEXTS.items() if name in known]
     activity = state.get("activity", "none")
-    armed = state.get("armed")
+    armed, lasting = state.get("armed"), state.get("lasting")
     rows = {
         "mode": f"{state.get('mode', '–')}{'' if activity == 'none' else f', {activity}'}",
         "state": ", ".join(filter(None, said)) or "–",
@@ -36,20 +36,28 @@ def state_text(state: Mapping[str, Any]) -> str:
         "faults": ", ".join(f"{name} ({count})" for name, count in armed.items())
         if isinstance(armed, dict) and armed
         else "none waiting",
+        "lasting": ", ".join(map(str, lasting)) if isinstance(lasting, list) and lasting else "none",
     }
     return "\n".join(f"{name:<14}{text}" for name, text in rows.items())
 
 
-def faults_text(faults: Mapping[str, Any]) -> str:
-    """Every fault with its parameters, ranges and defaults."""
+def faults_text(targets: Mapping[str, Any]) -> str:
+    """Every fault of every target with its parameters, defaults and ranges."""
     lines = []
-    for name, fault in faults.items():
-        lines.append(f"{name:<16}{fault.get('meaning', '')}")
-        lines += [
-            f"{'':<16}  {key}={item.get('default')}: {item.get('meaning')}, {item.get('range')}"
-            for key, item in fault.get("parameters", {}).items()
-        ]
+    for target, faults in targets.items():
+        lines.append(target)
+        for name, fault in faults.items():
+            lines.append(f"  {name:<20}{fault.get('meaning', '')}")
+            lines += [
+                f"{'':<24}{key}{_default(item)}: {item.get('meaning')}, {item.get('range')}"
+                for key, item in fault.get("parameters", {}).items()
+            ]
     return "\n".join(lines)
+
+
+def _default(parameter: Mapping[str, Any]) -> str:
+    default = parameter.get("default")
+    return "" if default is None else f"={default}"
 
 
 def _numbers(values: object) -> str:

@@ -118,6 +118,8 @@ class TruthRecord(Struct, frozen=True):
     """Force of the surface on the tool tip in the robot base frame, N."""
     joints_deg: tuple[float, ...]
     """Axes 1 to 6, °."""
+    faults: tuple[str, ...] = ()
+    """Injected faults that were under way, each as target and name."""
 
 
 class EventRecord(Struct, frozen=True):

@@ -135,6 +135,8 @@ class Topic:
     """The column that places a message on the time axis."""
     columns: tuple[tuple[str, Kind, str], ...]
     """Name as in the record, kind, meaning with unit."""
+    added: tuple[str, ...] = ()
+    """Columns that older records lack; they have the record's defaults."""
 
     @property
     def schema_name(self) -> str:
@@ -169,6 +171,8 @@ class Topic:
         values = {}
         for name, kind, _ in self.columns:
             if name not in message:
+                if name in self.added:
+                    continue
                 raise ValueError(f"{name} is missing")
             try:
                 values[name] = kind.decode(message[name])
@@ -278,7 +282,9 @@ TRUTH = Topic(
         ("position", VECTOR, "m, true tool position in the robot base frame"),
         ("force", VECTOR, "N, force of the surface on the tool tip in the robot base frame"),
         ("joints_deg", JOINTS, "°, axes 1 to 6"),
+        ("faults", TEXTS, "injected faults that were under way"),
     ),
+    added=("faults",),
 )
 EVENT = Topic(
     "/event",

@@ -96,7 +96,7 @@ def test_the_defaults_file_has_every_setting_with_a_comment() -> None:
             found.add(f"{section}.{line.partition(' = ')[0]}")
         elif line.endswith(" ="):  # not set by default
             assert comment, f"{line} has no comment"
-            found.add(f"{section}.{line[2:-2]}")
+            found.add(f"{section}.{line[2:-2]}".lstrip("."))
         comment = line.startswith("# ")
     assert found == keys("", Config())
     assert tomllib.loads(commented_defaults())["cell"]["surface"]

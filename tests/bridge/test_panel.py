@@ -12,7 +12,8 @@ import pytest
 from click.testing import CliRunner
 
 from emulators.cell import Cell
-from emulators.robot import FAULTS, Panel
+from emulators.cell_faults import CELL_FAULTS
+from emulators.robot import Panel
 from hil_bridge import session
 from hil_bridge.cli import cli
 from hil_bridge.clock import Clock, run_real, run_virtual
@@ -323,7 +324,9 @@ def test_every_command_reaches_the_controller() -> None:
         assert "standby" in (await do("show")).splitlines()[0]
         assert "none waiting" in await do("disarm")
         listed = await do("faults")
-        assert all(f"\n{name} " in f"\n{listed}" for name in FAULTS)
+        for target, faults in CELL_FAULTS.items():
+            assert f"\n{target}\n" in f"\n{listed}"
+            assert all(f"\n  {name} " in listed for name in faults)
         for arguments, text in (
             (("inject", "drop-ack", "off=bid"), "drop-ack has no parameter 'off'"),
             (("inject", "flood"), "no fault is called 'flood'"),

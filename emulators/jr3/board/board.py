@@ -6,21 +6,26 @@ whose samples will be others.
 """
 
 import math
-from collections.abc import Callable, Sequence
+import struct
+from collections.abc import Callable, Mapping, Sequence
 from enum import Enum, auto
 
+from emulators.faults.ledger import Handler, Injection
 from emulators.jr3.board.filters import FILTER_STEPS, low_pass
 from emulators.jr3.board.memory import Use
 from emulators.jr3.board.processor import Order, Processor
 from emulators.jr3.board.profile import BoardProfile
 from emulators.jr3.board.sampling import RawSamples
+from emulators.jr3.scales import WrongScales
 from emulators.jr3.sensor import SENSOR_RATE_HZ, Jr3Sensor
+from protocol.jr3 import AXES
 from protocol.jr3.board import REGISTERS, WORD_MODULUS, Errors, check_range, from_signed
 
 _EPSILON = 1e-6
 """Of a sample period: what a time may lack of its sample's by rounding."""
 _AHEAD_S = 1.0
 """More than is ever computed ahead, for a source that is certain for ever."""
+_FULL_SCALES = REGISTERS["full_scale"].address
 _COMMAND_WORDS = REGISTERS["command_word2"].address
 
 
@@ -59,6 +64,7 @@ class Board:
         self._sensor = sensor
         sensor.on_forget.append(self._forget)
         self._raw = RawSamples(sensor)
+        self._scales = WrongScales()
         self._plugged = sensor.profile.connected
         self._now = powered_at
         self._phase = Phase.BOOT
@@ -80,13 +86,39 @@ class Board:
         """Raw words 0…65535 of one moment. Raises RemoteProtocolError outside the memory."""
         check_range(address, count)
         self._advance(now)
-        return tuple(self._processor.read(address, count))
+        words = self._processor.read(address, count)
+        return tuple(self._told(address, words) if self._scales.faulty else words)
 
     def burst(self, address: int, count: int, now: float) -> bytes:
         """The same words as a wire carries them. Raises RemoteProtocolError outside the memory."""
         check_range(address, count)
         self._advance(now)
+        if self._scales.faulty:
+            return struct.pack(f">{count}H", *self._told(address, self._processor.read(address, count)))
         return self._processor.burst(address, count)
+
+    def _told(self, address: int, words: Sequence[int]) -> Sequence[int]:
+        """Words in which the full scales that a host reads are falsified."""
+        at = _FULL_SCALES - address
+        if not 0 <= at <= len(words) - len(AXES):
+            return words
+        end = at + len(AXES)
+        return (*words[:at], *self._scales.told(words[at:end]), *words[end:])
+
+    @property
+    def handlers(self) -> Mapping[str, Mapping[str, Handler]]:
+        """What can go wrong here, by target, for a ledger."""
+        return {
+            "scales": self._scales.handlers,
+            "frames": {"unplugged": Handler(self._pulled, self._put_back)},
+        }
+
+    def _pulled(self, injection: Injection) -> None:
+        injection.struck += self._plugged
+        self.unplug(injection.injected_at)
+
+    def _put_back(self, injection: Injection, now: float) -> None:
+        self.plug_in(now)
 
     def write(self, address: int, words: Sequence[int], now: float) -> None:
         """Write words in order of address. Raises RemoteProtocolError outside the memory."""

@@ -1,0 +1,37 @@
+"""Every fault that a cell can have, by target: one table, collected from the devices."""
+
+from collections.abc import Mapping
+
+from emulators.faults import Fault, Parameter
+from emulators.faults.bus import BUS_FAULTS
+from emulators.jr3.faults import BOARD_FRAMES_FAULTS, FRAMES_FAULTS, JR3_FAULTS
+from emulators.robot.faults import S3_FAULTS
+from emulators.surface_faults import OBSTACLE_FAULTS, SURFACE_FAULTS
+
+COMPUTER_FAULTS: Mapping[str, Fault] = {
+    "pause": Fault(
+        "the bridge's process stands still", {"seconds": Parameter(0.5, "how long", 0.0, 60.0, "s")}
+    )
+}
+
+CELL_FAULTS: Mapping[str, Mapping[str, Fault]] = {
+    **S3_FAULTS,
+    **JR3_FAULTS,
+    "bus": BUS_FAULTS,
+    "surface": SURFACE_FAULTS,
+    "obstacle": OBSTACLE_FAULTS,
+    "computer": COMPUTER_FAULTS,
+}
+"""By target."""
+
+FELT_BY_SENSOR = ("signal", "scales", "frames", "bus", "surface", "obstacle")
+"""Targets that have no effect but through the emulated sensor."""
+
+RECEIVERS: Mapping[tuple[str, str], tuple[str, ...]] = {
+    **{
+        ("frames", name): ("board",) if name in BOARD_FRAMES_FAULTS else ("gateway", "uart")
+        for name in FRAMES_FAULTS
+    },
+    **{("bus", name): ("gateway",) for name in BUS_FAULTS},
+}
+"""Which receivers of the sensor can have a fault, where not all can."""

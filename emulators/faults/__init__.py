@@ -1,0 +1,9 @@
+"""What can go wrong on purpose with emulated devices: the words for it, and the ledger of what was injected.
+
+Facts of one device stand with that device; `emulators.cell_faults` collects them.
+"""
+
+from emulators.faults.kinds import FOREVER, Fault, FaultValue, Parameter
+from emulators.faults.ledger import Handler, Injection, Ledger, find
+
+__all__ = ["FOREVER", "Fault", "FaultValue", "Handler", "Injection", "Ledger", "Parameter", "find"]

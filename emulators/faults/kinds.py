@@ -1,0 +1,112 @@
+"""The words for a fault: its meaning, its parameters with range, unit and default, and for how long it lasts."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import field
+from typing import TypeAlias
+
+from protocol.values import dataclass
+
+FaultValue: TypeAlias = float | str
+
+FOREVER = math.inf
+"""A fault that lasts until the end of the run, unless `for_s` says otherwise."""
+_LONGEST_S = 3600.0
+"""Chosen: longer than any run."""
+_DURATION = "for_s"
+_ONCE_CALLED = {"seconds": _DURATION}
+"""Names of the duration that panels knew before there was one for all."""
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """A number, or one of some words."""
+
+    default: float | str
+    """A whole number asks for whole numbers."""
+    meaning: str
+    minimum: float = 0.0
+    maximum: float = 0.0
+    unit: str = ""
+    choices: tuple[str, ...] = ()
+
+    @property
+    def range_text(self) -> str:
+        """What may be given, for people to read."""
+        if self.choices:
+            return " or ".join(self.choices)
+        return f"{self.minimum:g} … {self.maximum:g}{f' {self.unit}' if self.unit else ''}"
+
+    def check(self, given: object) -> FaultValue:
+        """The value. Raises ValueError."""
+        if self.choices:
+            if given not in self.choices:
+                raise ValueError(f"must be {self.range_text}, got {given!r}")
+            return str(given)
+        number = _number(given)
+        if not self.minimum <= number <= self.maximum:
+            raise ValueError(f"must be a number of {self.range_text}, got {given!r}")
+        if isinstance(self.default, int):
+            if number != int(number):
+                raise ValueError(f"must be a whole number, got {given!r}")
+            return int(number)
+        return number
+
+
+def _number(given: object) -> float:
+    """NaN for anything else. A truth value is no number here, a text may be one."""
+    if isinstance(given, bool) or not isinstance(given, (int, float, str)):
+        return math.nan
+    try:
+        return float(given)
+    except (ValueError, OverflowError):
+        return math.nan
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """Something that goes wrong."""
+
+    meaning: str
+    parameters: Mapping[str, Parameter] = field(default_factory=dict)
+    lasts_s: float | None = None
+    """For how long unless told otherwise; None for one that strikes now, or at its next opportunities."""
+    amounts: tuple[str, ...] = ()
+    """Parameters that must not all be 0: it would be no fault."""
+    distinct: tuple[str, ...] = ()
+    """Parameters that must differ."""
+
+    @property
+    def all_parameters(self) -> Mapping[str, Parameter]:
+        """Those of its own, and the duration of one that lasts."""
+        if self.lasts_s is None:
+            return self.parameters
+        until = "how long; otherwise until the end" if self.lasts_s == FOREVER else "how long"
+        return {**self.parameters, _DURATION: Parameter(self.lasts_s, until, 0.0, _LONGEST_S, "s")}
+
+    def values(self, name: str, given: Mapping[str, object]) -> tuple[dict[str, FaultValue], float | None]:
+        """All parameters, with defaults for those not given, and the duration in s, None where it has none.
+
+        `name` is the fault's, for what is said. Raises ValueError in one line.
+        """
+        known = self.all_parameters
+        if self.lasts_s is not None:
+            given = {_ONCE_CALLED.get(key, key): value for key, value in given.items()}
+        if unknown := [key for key in given if key not in known]:
+            raise ValueError(
+                f"{name} has no parameter {unknown[0]!r}; known: {', '.join(known)}"
+                if known
+                else f"{name} has no parameters, got {unknown[0]!r}"
+            )
+        values: dict[str, FaultValue] = {}
+        for key, parameter in known.items():
+            try:
+                values[key] = parameter.check(given[key]) if key in given else parameter.default
+            except ValueError as error:
+                raise ValueError(f"{name}: {key} {error}") from None
+        if self.amounts and not any(values[key] for key in self.amounts):
+            raise ValueError(f"{name}: give {' or '.join(self.amounts)}; all are 0")
+        if len({values[key] for key in self.distinct}) < len(self.distinct):
+            raise ValueError(f"{name}: {' and '.join(self.distinct)} must differ")
+        duration = values.pop(_DURATION, None)
+        return values, None if duration is None else float(duration)

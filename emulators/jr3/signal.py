@@ -1,0 +1,159 @@
+"""A sensor's signal with faults: what becomes of the wrench before the converter, and of the converter's output.
+
+A fault holds for the samples whose time lies in it, its begin included and its end excluded, whenever they are
+computed.
+"""
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emulators.faults.ledger import Handler, Injection
+from emulators.jr3.faults import ALL, SIGNAL_FAULTS
+from protocol.jr3 import AXES
+
+Floats = NDArray[np.float64]
+
+_EPSILON = 1e-6
+"""Of a sample period: what a time may lack of its sample's by rounding."""
+_STUCK, _NOISE = "stuck", "noise"
+
+
+class Signal:
+    """Wrenches (6, n) of samples by number, at `rate` samples a second, as a sensor with faults gives them.
+
+    `on_change` is told the number of the first sample that is another from now on.
+    """
+
+    def __init__(self, rate: float, noise: float, on_change: Callable[[int], object]) -> None:
+        """`noise` is that of every axis, counts."""
+        self._rate = rate
+        self._noise = noise
+        self._on_change = on_change
+        self._faults: list[Injection] = []
+        self._held: dict[Injection, Floats] = {}
+        """Counts (6,) at which a signal is stuck."""
+        self.handlers: Mapping[str, Handler] = {
+            name: Handler(self._begin, self._end) for name in SIGNAL_FAULTS
+        }
+        """For a ledger."""
+
+    @property
+    def faulty(self) -> bool:
+        """Whether any sample may be another than it should be."""
+        return bool(self._faults)
+
+    def wrench(self, wrench: Floats, first: int) -> Floats:
+        """What is told of a wrench (6, n) of the samples from number `first` on."""
+        wrench = wrench.copy()
+        for injection, part in self._parts(first, wrench.shape[1]):
+            if injection.fault in _CHANGES:
+                before = wrench[:, part].copy()
+                # Times are since the begin of the fault.
+                since = (
+                    np.arange(part.start, part.stop) + first - self._number(injection.injected_at)
+                ) / self._rate
+                _CHANGES[injection.fault](injection, wrench[:, part], since)
+                injection.struck += int(np.any(wrench[:, part] != before, axis=0).sum())
+        return wrench
+
+    def noise(self, noise: Floats, first: int) -> Floats:
+        """The noise (6, n) of the samples from number `first` on."""
+        noise = noise.copy()
+        for injection, part in self._parts(first, noise.shape[1]):
+            if injection.fault == _NOISE:
+                noise[:, part] *= injection.number("factor")
+                injection.struck += part.stop - part.start
+        return noise
+
+    def output(self, counts: Floats, first: int) -> None:
+        """What comes out in place of counts (6, n) of the samples from number `first` on."""
+        for injection, part in self._parts(first, counts.shape[1]):
+            if injection.fault == _STUCK:
+                held = self._held.setdefault(injection, counts[:, part.start].copy())[:, None]
+                injection.struck += int(np.any(counts[:, part] != held, axis=0).sum())
+                counts[:, part] = held
+
+    def _parts(self, first: int, count: int) -> Iterator[tuple[Injection, slice]]:
+        """Each fault with those of the samples that it holds for, where there are any."""
+        for injection in self._faults:
+            end = injection.ends_at if injection.ended_at is None else injection.ended_at
+            stop = first + count if end is None or end == math.inf else self._number(end)
+            begin = max(self._number(injection.injected_at), first)
+            if begin < min(stop, first + count):
+                yield injection, slice(begin - first, min(stop, first + count) - first)
+
+    def _number(self, time: float) -> int:
+        """The first sample at or after a time."""
+        return math.ceil(time * self._rate - _EPSILON)
+
+    def _begin(self, injection: Injection) -> None:
+        if injection.fault == _NOISE and not self._noise:
+            raise ValueError("signal: noise: this sensor has no noise; set cell.sensor.noise_counts")
+        self._faults.append(injection)
+        self._on_change(self._number(injection.injected_at))
+
+    def _end(self, injection: Injection, now: float) -> None:
+        assert injection.ended_at is not None
+        if injection.ends_at != injection.ended_at:  # earlier than could be foreseen
+            self._on_change(self._number(injection.ended_at))
+
+
+def _rows(injection: Injection) -> slice:
+    """The rows of the axes that a fault concerns."""
+    axis = str(injection.values["axis"])
+    return slice(0, len(AXES)) if axis == ALL else slice(AXES.index(axis), AXES.index(axis) + 1)
+
+
+def _dead(injection: Injection, wrench: Floats, since: Floats) -> None:
+    wrench[_rows(injection)] = 0.0
+
+
+def _scale(injection: Injection, wrench: Floats, since: Floats) -> None:
+    wrench[_rows(injection)] *= injection.number("factor")
+
+
+def _offset(injection: Injection, wrench: Floats, since: Floats) -> None:
+    wrench[_rows(injection)] += injection.number("amount")
+
+
+def _drift(injection: Injection, wrench: Floats, since: Floats) -> None:
+    wrench[_rows(injection)] += injection.number("per_s") * since
+
+
+def _sign(injection: Injection, wrench: Floats, since: Floats) -> None:
+    wrench[_rows(injection)] *= -1.0
+
+
+def _swapped(injection: Injection, wrench: Floats, since: Floats) -> None:
+    rows = [AXES.index(str(injection.values[key])) for key in ("axis", "other")]
+    wrench[rows] = wrench[rows[::-1]]
+
+
+def _turned(injection: Injection, wrench: Floats, since: Floats) -> None:
+    angle = math.radians(injection.number("degrees"))
+    c, s = math.cos(angle), math.sin(angle)
+    for x in (0, 3):
+        wrench[x : x + 2] = np.array([[c, -s], [s, c]]) @ wrench[x : x + 2]
+
+
+def _intermittent(injection: Injection, wrench: Floats, since: Floats) -> None:
+    period = injection.number("period_s")
+    lost = since % period < (1.0 - injection.number("duty")) * period
+    wrench[_rows(injection), lost] = 0.0
+
+
+_CHANGES: Mapping[str, Callable[[Injection, Floats, Floats], None]] = {
+    "dead": _dead,
+    "scale": _scale,
+    "offset": _offset,
+    "drift": _drift,
+    "sign": _sign,
+    "swapped": _swapped,
+    "turned": _turned,
+    "spike": _offset,
+    "intermittent": _intermittent,
+}
+"""What each does to a wrench (6, n) in place, given the times (n,) since its begin, s."""
