@@ -59,6 +59,10 @@ class RunResult:
 
     outcome: Outcome
     cause: str = ""
+    left: str = ""
+    """Where the tool was left, in words; empty when it never moved."""
+    followed: tuple[str, ...] = ()
+    """What happened after the cause, in order."""
 
 
 def control_loop(config: Config) -> ControlLoop:

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import click
 
+from hil_bridge.cli.options import tell
+
 
 @click.group(no_args_is_help=False, short_help="Decode pasted bytes or frames to JSON.")
 def decode() -> None:
@@ -13,7 +15,7 @@ def decode() -> None:
 
 
 def _print(items: list[dict[str, object]]) -> None:
-    click.echo(json.dumps(items, indent=1, ensure_ascii=False))
+    tell([json.dumps(items, indent=1, ensure_ascii=False)])
     if any(item.get("problem") or item.get("problems") or item.get("kind") == "noise" for item in items):
         sys.exit(2)
 

@@ -7,7 +7,11 @@ from typing import TYPE_CHECKING
 
 import click
 
+from hil_bridge.cli.options import overwrite_option, tell
+
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from hil_bridge.replay import ReplayedCycle
 
 _FILE = click.Path(path_type=Path)
@@ -22,7 +26,10 @@ EXIT_DIFFERENT = 1
 @click.option(
     "--csv", "table", type=_FILE, metavar="FILE", help="Write recorded and replayed commands of every cycle."
 )
-def replay(recording: Path, config_file: Path | None, controller: str | None, table: Path | None) -> None:
+@overwrite_option
+def replay(
+    recording: Path, config_file: Path | None, controller: str | None, table: Path | None, overwrite: bool
+) -> None:
     """Feed a recording's inputs to controller and supervisor and compare every command.
 
     Unchanged, every command must be the same: otherwise the first difference is told and the exit code is 1.
@@ -30,57 +37,60 @@ def replay(recording: Path, config_file: Path | None, controller: str | None, ta
     configuration) it shows what would have been commanded in every situation that the run came into.
     """
     from hil_bridge.recording import read
+    from hil_bridge.recording.files import check_place
     from hil_bridge.replay import changes_of, recorded_config
     from hil_bridge.replay import replay as replayed
 
+    if table is not None:
+        check_place(table, overwrite)
     record = read(recording)
     changes = changes_of(config_file, controller)
     config = recorded_config(record, changes)
     cycles = list(replayed(record, config, forced=bool(changes)))
     if table is not None:
-        _write_table(table, cycles)
+        _write_table(table, cycles, overwrite)
     if changes:
-        _tell_changes(cycles, config.controller.name)
+        tell(_changes(cycles, config.controller.name))
         return
     for cycle in cycles:
         if cycle.differences:
-            click.echo(f"cycle {cycle.record.cycle} of {len(cycles)} differs:")
-            for name, (before, now) in cycle.differences.items():
-                click.echo(f"  {name}: recorded {before}, replayed {now}")
+            tell(_differences(cycle, len(cycles)))
             sys.exit(EXIT_DIFFERENT)
     note = "; the recording is cut short or damaged behind them" if record.truncated else ""
-    click.echo(f"{len(cycles)} cycles replayed, every command identical{note}")
+    tell([f"{len(cycles)} cycles replayed, every command identical{note}"])
 
 
-def _tell_changes(cycles: "list[ReplayedCycle]", controller: str) -> None:
+def _differences(cycle: "ReplayedCycle", count: int) -> "Iterator[str]":
+    yield f"cycle {cycle.record.cycle} of {count} differs:"
+    for name, (before, now) in cycle.differences.items():
+        yield f"  {name}: recorded {before}, replayed {now}"
+
+
+def _changes(cycles: "list[ReplayedCycle]", controller: str) -> "Iterator[str]":
     """What would have been commanded instead, by phase."""
-    click.echo(f"what {controller} and these limits would have commanded in the recorded situations:")
-    click.echo(
-        f"{'phase':<10}{'cycles':>8}{'other':>8}{'rms':>10}{'largest':>10}  of the difference in depth, mm"
-    )
+    yield f"what {controller} and these limits would have commanded in the recorded situations:"
+    yield f"{'phase':<10}{'cycles':>8}{'other':>8}{'rms':>10}{'largest':>10}  of the difference in depth, mm"
     for phase in dict.fromkeys(cycle.record.phase for cycle in cycles):
         chosen = [cycle for cycle in cycles if cycle.record.phase == phase]
         away = [abs(c.decision.target.depth - c.record.depth_commanded) * 1e3 for c in chosen]
         other = sum(bool(cycle.differences) for cycle in chosen)
         rms = math.sqrt(sum(a * a for a in away) / len(away))
-        click.echo(f"{phase:<10}{len(chosen):>8}{other:>8}{rms:>10.4f}{max(away):>10.4f}")
+        yield f"{phase:<10}{len(chosen):>8}{other:>8}{rms:>10.4f}{max(away):>10.4f}"
     for verdict, told in (("stop", "stopped the run"), ("clamp", "held the command back")):
         new = [c for c in cycles if c.decision.verdict.kind == verdict != c.record.verdict]
         if new:
             why = ", ".join(new[0].decision.reasons)
-            click.echo(
-                f"the supervisor would have {told} in {len(new)} more; first in {new[0].record.cycle}: {why}"
-            )
+            yield f"the supervisor would have {told} in {len(new)} more; first in {new[0].record.cycle}: {why}"
     first = next((cycle for cycle in cycles if cycle.differences), None)
     if first is None:
-        click.echo("every command would have been the same")
+        yield "every command would have been the same"
         return
-    click.echo(f"first difference: cycle {first.record.cycle}, phase {first.record.phase}")
+    yield f"first difference: cycle {first.record.cycle}, phase {first.record.phase}"
     for name, (before, now) in first.differences.items():
-        click.echo(f"  {name}: recorded {before}, now {now}")
+        yield f"  {name}: recorded {before}, now {now}"
 
 
-def _write_table(path: Path, cycles: "list[ReplayedCycle]") -> None:
+def _write_table(path: Path, cycles: "list[ReplayedCycle]", overwrite: bool) -> None:
     from hil_bridge.recording.files import write_whole
 
     lines = ["cycle,phase,force_n,depth_recorded_m,depth_replayed_m,verdict_recorded,verdict_replayed"]
@@ -90,4 +100,4 @@ def _write_table(path: Path, cycles: "list[ReplayedCycle]") -> None:
             f"{record.cycle},{record.phase},{record.force!r},{record.depth_commanded!r},{decision.target.depth!r},"
             f"{record.verdict},{decision.verdict.kind}"
         )
-    write_whole(path, ("\n".join(lines) + "\n").encode())
+    write_whole(path, ("\n".join(lines) + "\n").encode(), overwrite)
