@@ -8,7 +8,7 @@ STAMP := $(VENV)/.installed
 
 run: $(STAMP)
 	$(BIN)/hil-bridge run --duration 30 --panel tcp-listen://127.0.0.1:0 \
-		--report runs/latest --record runs/latest/run.mcap --summary runs/latest/summary.json
+		--report runs/latest --record runs/latest/run.mcap --summary runs/latest/summary.json --overwrite
 
 test: $(STAMP)
 	$(BIN)/python tools/check.py

@@ -1,28 +1,26 @@
-"""One run from the outside: event loop, wires, recorder, view, Ctrl-C, and what is left on the disk."""
+"""One run from the outside: event loop, wires, recorder, view, signals, and how it ended."""
 
 import asyncio
-import os
 import signal
-import sys
-import tempfile
-import threading
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager, contextmanager, suppress
+from dataclasses import replace
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING
-
-import click
 
 from emulators.cell import Cell
 from hil_bridge.checks import check
 from hil_bridge.clock import Clock, run_real, run_virtual
 from hil_bridge.compose import opened_devices
 from hil_bridge.config import Config, dump
+from hil_bridge.debugging import told_bug
 from hil_bridge.devices import ForceSensor, RobotLink
-from hil_bridge.errors import BridgeError, ConfigError
+from hil_bridge.errors import BridgeError
 from hil_bridge.faults import FaultSchedule
 from hil_bridge.line_time import line_floor
+from hil_bridge.outputs import Outputs, record_path, settled, write_outputs
 from hil_bridge.realtime import collect_young, prompt_threads, quiet_garbage, scheduled
 from hil_bridge.recording import (
     CHUNKS,
@@ -34,17 +32,15 @@ from hil_bridge.recording import (
     Recorder,
     RunEnd,
     SensorRecord,
-    Summary,
-    read,
-    summarise,
 )
 from hil_bridge.recording.latency import AnswerTimes
-from hil_bridge.run import Run, RunResult
+from hil_bridge.run import BUG_EVENT, Run, RunResult
+from hil_bridge.screen import LEAVE_SECONDS, Terminal
+from hil_bridge.signals import Signals, unless_hung_up
 from hil_bridge.transports import Direction
 from hil_bridge.truth import Truths
 from hil_bridge.view import REFRESH_SECONDS, Health
 from protocol.jr3 import SensorFrame
-from protocol.values import dataclass
 
 if TYPE_CHECKING:
     from hil_bridge.view.live import LiveView
@@ -52,6 +48,8 @@ if TYPE_CHECKING:
 EXIT_CODES = {Outcome.COMPLETED: 0, Outcome.STOPPED: 3, Outcome.INTERRUPTED: 130}
 """130 is what a shell expects of a command that Ctrl-C ended."""
 
+TELL_SECONDS = 5.0
+"""For so long a blocked output is waited for when a signal that comes from no keyboard ended the run. Chosen."""
 _DRAWING_S = 0.015
 """What drawing the view takes: 8 ms as a rule, 12 ms at most in a run of 20 s. Chosen."""
 _UNDER_WAY_S = 0.005
@@ -66,15 +64,6 @@ TROUBLE = ("block repeated", "bid repeated", "time-out", "bad block", "bad check
 """Counters of the link that the view adds up as link errors."""
 
 
-@dataclass(frozen=True, slots=True)
-class Outputs:
-    """Files that a run leaves; None for what is not wanted."""
-
-    record: Path | None = None
-    summary: Path | None = None
-    report: Path | None = None
-
-
 def execute(
     config: Config, virtual: bool, outputs: Outputs, view: bool, config_file: Path | None = None
 ) -> int:
@@ -83,85 +72,78 @@ def execute(
     Raises BridgeError when a device fails before the movement has begun, or a file cannot be written.
     """
     check(config, virtual)  # before an earlier recording is replaced
-    _prepare(outputs, config_file)
-    with _record_path(outputs) as path:
-        session = _Session(config, path, view)
-        awake_s = config.realtime.busy_poll_ms * 1e-3
-        result = run_virtual(session.main) if virtual else run_real(session.main, awake_s)
-        ended = f": {result.cause}" if result.cause and result.outcome is not Outcome.STOPPED else ""
-        lines = [f"{result.outcome}{ended}"]
-        if session.cycles:
-            lines += _leave(outputs, path)
-        elif outputs.record is not None:
-            lines.append(f"record: {outputs.record}")
-        for line in lines:
-            click.echo(line)
-    if result.outcome is Outcome.STOPPED:
-        click.echo(f"hil-bridge: stopped: {result.cause}", err=True)
-    return EXIT_CODES[result.outcome]
+    signals = Signals()
+    with signals.heard():
+        outputs = settled(outputs, config_file)
+        with record_path(outputs) as path, Terminal() as terminal:
+            if outputs.own_folder and not virtual:
+                terminal.out.say(f"recording into {path.parent}")
+            session = _Session(config, replace(outputs, record=path), view, terminal, signals)
+            awake_s = config.realtime.busy_poll_ms * 1e-3
+            try:
+                result = run_virtual(session.main) if virtual else run_real(session.main, awake_s)
+            except BridgeError:
+                raise
+            except Exception as error:
+                if outputs.record is not None:
+                    error.add_note(f"record: {outputs.record}")
+                raise
+            return _end(session, result, outputs, path)
 
 
-def _prepare(outputs: Outputs, config_file: Path | None) -> None:
-    """Find out before the robot moves what cannot be written afterwards. Raises ConfigError."""
-    files = [file for file in (outputs.record, outputs.summary) if file is not None]
-    for folder in (*(file.parent for file in files), *filter(None, (outputs.report,))):
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise ConfigError(
-                f"cannot make the folder {folder}: {error.strerror}; name another place"
-            ) from error
-        if not os.access(folder, os.W_OK):
-            raise ConfigError(f"cannot write into {folder}: no permission; name another place")
-    for file in files:
-        if file.is_dir():
-            raise ConfigError(f"cannot write {file}: it is a folder; name a file in it")
-    taken = {} if config_file is None else {config_file.resolve(): "the configuration"}
-    for option, wanted in (("--record", outputs.record), ("--summary", outputs.summary)):
-        if wanted is None:
-            continue
-        place = wanted.resolve()
-        if place in taken:
-            raise ConfigError(f"{option} {wanted} would overwrite {taken[place]}; name another file")
-        taken[place] = option
+def _end(session: "_Session", result: RunResult, outputs: Outputs, path: Path) -> int:
+    """Write what is wanted of the record at `path`, then say how the run ended; its exit code.
 
-
-def _leave(outputs: Outputs, path: Path) -> list[str]:
-    """Leave what is wanted of the record at `path`, before anything is said: whoever reads it may have gone. The lines
-    to print.
+    Everything is written before anything is said, since the reader of the output may have gone. A signal keeps the
+    run from its report, and a second one from waiting for a terminal that takes no more.
     """
-    recording = read(path)
-    summary = summarise(recording)
-    lines = _figures(summary)
-    if outputs.record is not None:
-        lines.append(f"record: {outputs.record}")
-    if outputs.summary is not None:
-        summary.write_json(outputs.summary)
-        lines.append(f"summary: {outputs.summary}")
-    if outputs.report is not None:
-        from hil_bridge.report import write_report
-
-        lines.append(f"report: {write_report(recording, summary, outputs.report)}")
-    return lines
-
-
-@contextmanager
-def _record_path(outputs: Outputs) -> Iterator[Path]:
-    """Where the run is recorded; in a temporary folder when nobody wants to keep it, for the figures come from it."""
-    if outputs.record is not None:
-        yield outputs.record
-        return
-    with tempfile.TemporaryDirectory(prefix="hil-bridge-") as folder:
-        yield Path(folder) / "run.mcap"
+    signals, terminal = session.signals, session.terminal
+    code = EXIT_CODES[result.outcome]
+    ended = f": {result.cause}" if result.cause and result.outcome is not Outcome.STOPPED else ""
+    lines = [f"{result.outcome}{ended}", *(f"then: {text}" for text in result.followed)]
+    errors = [f"stopped: {result.cause}"] if result.outcome is Outcome.STOPPED else []
+    if session.record_error is not None:
+        errors.append(str(session.record_error))
+        code = code or session.record_error.exit_code
+    by_hand = signals.first in (None, signal.SIGINT, signal.SIGTSTP)
+    patience = None if by_hand else TELL_SECONDS
+    record = [] if outputs.record is None else [f"record: {outputs.record}"]
+    if session.hurried:
+        lines += record
+        patience = LEAVE_SECONDS
+    elif session.cycles:
+        try:
+            with signals.leading_to(unless_hung_up):
+                more, troubles = write_outputs(outputs, path, session.end)
+            lines += more or record
+            errors += map(str, troubles)
+            code = code or max((trouble.exit_code for trouble in troubles), default=0)
+        except KeyboardInterrupt:
+            lines += [*record, "interrupted before all that was wanted had been written"]
+            code, patience = EXIT_CODES[Outcome.INTERRUPTED], LEAVE_SECONDS
+    else:
+        lines += record
+    if result.left:
+        lines.append(f"left: {result.left}")
+    bugs = [told_bug("; ".join([text.strip().rpartition("\n")[2], *record]), text) for text in session.bugs]
+    terminal.say_last([*bugs, *(f"hil-bridge: {text}" for text in errors)], lines, patience)
+    return code
 
 
 class _Session:
     """Everything around one `Run`, inside its event loop. Also its log."""
 
-    def __init__(self, config: Config, record: Path, view: bool) -> None:
+    def __init__(
+        self, config: Config, outputs: Outputs, view: bool, terminal: Terminal, signals: Signals
+    ) -> None:
+        """`outputs` names a record, wanted or not."""
+        assert outputs.record is not None
         self._config = config
-        self._record_path = record
+        self._record_path = outputs.record
+        self._overwrite = outputs.overwrite
         self._view_wanted = view
+        self.terminal = terminal
+        self.signals = signals
         self._link = config.robot.link
         self._clock: Clock
         self._recorder: Recorder
@@ -171,10 +153,22 @@ class _Session:
         self._view: LiveView | None = None
         self._robot: RobotLink | None = None
         self._sensor: ForceSensor | None = None
+        self._run: Run | None = None
+        self._result: RunResult | None = None
+        self._cancelled = False
+        self._trouble_told = False
         self._may_draw = asyncio.Event()
         """Set when a pause of the loop is long enough for it."""
         self.cycles = 0
         """Cycles so far; a record without any has no figures."""
+        self.end = RunEnd(Outcome.STOPPED)
+        """What the record tells of the end."""
+        self.record_error: BridgeError | None = None
+        """Why the record is incomplete."""
+        self.bugs: list[str] = []
+        """Tracebacks that the run told."""
+        self.hurried = False
+        """A signal came when the movement had ended already: the process shall end at once."""
 
     # --- what the run and the devices tell
 
@@ -182,6 +176,8 @@ class _Session:
         """A cycle has ended."""
         self.cycles += 1
         self._recorder.put(record)
+        if self._recorder.trouble and not self._trouble_told:
+            self._tell_trouble(self._recorder.trouble)
         if self._truths is not None:
             self._truths.cycle(record)
         if self._faults is not None:
@@ -199,10 +195,20 @@ class _Session:
     def event(self, record: EventRecord) -> None:
         """Something happened beside the cycles."""
         self._recorder.put(record)
+        if record.kind == BUG_EVENT:
+            self.bugs.append(record.text)
         if self._view is not None and record.kind == "phase":
             self._view.enter(record.text)
         if self._faults is not None:
             self._faults.event(record)
+
+    def _tell_trouble(self, text: str) -> None:
+        """Of the recorder, at once; the run goes on, since nothing in it depends on its record."""
+        self._trouble_told = True
+        self._notice("recorder", text)
+        self.terminal.err.say(f"hil-bridge: {text}; the run goes on")
+        if self._view is not None:
+            self._view.warn(text)
 
     def _frame(self, frame: SensorFrame) -> None:
         self._recorder.put(SensorRecord(frame.at, frame.sequence, frame.counts))
@@ -237,6 +243,7 @@ class _Session:
             clock.wall_ns,
             threaded=not clock.is_virtual,
             chunks=VIRTUAL_CHUNKS if clock.is_virtual else CHUNKS,
+            overwrite=self._overwrite,
             metadata={
                 "config": dump(config),
                 "controller": config.controller.name,
@@ -245,29 +252,35 @@ class _Session:
             },
         )
         self._link_log = LinkLog(self._recorder.put)
-        end = RunEnd(Outcome.STOPPED)
         try:
-            with self._scheduled():
-                result = await self._with_devices()
-            end = self._end(result)
+            if self._recorder.error is not None:
+                raise self._recorder.error
+            with self._interruptible(), self._scheduled():
+                try:
+                    result = await self._with_devices()
+                except asyncio.CancelledError:  # by a signal: everything has been closed on the way here
+                    result = self._result or RunResult(Outcome.INTERRUPTED, "before the movement began")
+                self.end = self._end(result)
+                self._close_record()
             return result
         except BridgeError as error:
-            end = self._end(RunResult(Outcome.STOPPED, str(error)))
+            self.end = self._end(RunResult(Outcome.STOPPED, str(error)))
             raise
-        except (
-            asyncio.CancelledError
-        ):  # Ctrl-C before the movement: everything has been closed on the way here
-            result = RunResult(Outcome.INTERRUPTED, "before the movement began")
-            end = self._end(result)
-            return result
         finally:
-            self._link_log.flush()
-            if self._faults is not None:
-                self._faults.close()
-            if self._truths is not None:
-                self._truths.close()
-            self._recorder.close(end.as_metadata())
+            self._close_record()
             clock.close()
+
+    def _close_record(self) -> None:
+        """Finish the record. Harmless when called again."""
+        self._link_log.flush()
+        if self._faults is not None:
+            self._faults.close()
+        if self._truths is not None:
+            self._truths.close()
+        try:
+            self._recorder.close(self.end.as_metadata())
+        except BridgeError as error:
+            self.record_error = error
 
     @contextmanager
     def _scheduled(self) -> Iterator[None]:
@@ -289,6 +302,8 @@ class _Session:
             dict(self._robot.counters) if self._robot else {},
             self._sensor.lost if self._sensor else None,
             self._sensor.delay if self._sensor else None,
+            result.left,
+            result.followed,
         )
 
     async def _with_devices(self) -> RunResult:
@@ -300,69 +315,78 @@ class _Session:
             self._notice,
             self._traffic,
             self._emulated,
-            _tell_panel,
+            lambda url: self.terminal.out.say(f"panel: {url}"),
             self._link_event,
         ) as (robot, sensor):
             self._robot, self._sensor, self._link = robot, sensor, robot.profile
-            run = Run(config, clock, robot, sensor, self)
-            async with self._shown(), self._interruptible(run):
-                return await run()
+            run = self._run = Run(config, clock, robot, sensor, self)
+            async with self._shown():
+                self._result = await run()
+            return self._result
 
-    @asynccontextmanager
-    async def _interruptible(self, run: Run) -> AsyncIterator[None]:
-        """Ctrl-C retracts while the robot moves, and ends at once before that.
-
-        Python's own signal handlers, since a loop in virtual time has none: they run between two callbacks'
-        instructions, so they only set a flag or ask for the cancellation.
+    @contextmanager
+    def _interruptible(self) -> Iterator[None]:
+        """A signal retracts while the robot moves, and ends at once before that; when the movement has ended, the
+        record is finished first.
         """
         loop, task = asyncio.get_running_loop(), asyncio.current_task()
         assert task is not None
 
-        def interrupted(number: int, frame: object) -> None:
-            if run.moving:
-                run.interrupt()
-            else:
-                loop.call_soon_threadsafe(task.cancel)
+        def ended() -> None:
+            if self._result is None and not self._moving and not self._cancelled:
+                self._cancelled = True  # once: what is being closed is closed in order
+                task.cancel()
 
-        if threading.current_thread() is not threading.main_thread():  # only there may handlers be set
+        def interrupted(number: signal.Signals) -> None:
+            if self._result is not None:
+                self.hurried = number is not signal.SIGHUP  # a shell that closes sends it a second time
+                return
+            if self._run is not None and self._moving:
+                self._run.interrupt()
+            loop.call_soon_threadsafe(self._notice, "signal", number.name)
+            loop.call_soon_threadsafe(ended)
+
+        with self.signals.leading_to(interrupted):
             yield
-            return
-        before = {number: signal.signal(number, interrupted) for number in (signal.SIGINT, signal.SIGTERM)}
-        try:
-            yield
-        finally:
-            for number, handler in before.items():
-                signal.signal(number, handler)
+
+    @property
+    def _moving(self) -> bool:
+        return self._run is not None and self._run.moving
 
     @asynccontextmanager
     async def _shown(self) -> AsyncIterator[None]:
-        """The live view in a task of its own; in virtual time there is nobody to watch."""
-        if not self._view_wanted or self._clock.is_virtual:
+        """The live view, drawn by the screen's thread; in virtual time there is no person to watch.
+
+        No part of it waits for the terminal: the loop goes on when that is paused or gone.
+        """
+        screen = self.terminal.out
+        if not self._view_wanted or self._clock.is_virtual or screen.stream is None:
             yield
             return
         from hil_bridge.view.live import LiveView
 
         config = self._config
-        self._view = LiveView(
+        view = self._view = LiveView(
             config.run.duration_s,
             config.task.force_n,
-            sys.stdout,
+            screen.stream,
             line_floor(self._link),
             AnswerTimes.on(self._link),
         )
-        task = asyncio.create_task(self._refresh(self._view), name="view")
+        task = asyncio.create_task(self._refresh(view), name="view")
         try:
-            with self._view:
-                yield
+            yield
         finally:
             task.cancel()
             with suppress(asyncio.CancelledError):
                 await task
+            screen.do(view.close)
 
     async def _refresh(self, view: "LiveView") -> None:
         """Draw now and then, in a pause of the loop where one comes: a thread that draws holds it up."""
         while True:
-            await asyncio.to_thread(view.refresh, self._clock.now(), self._health())
+            if not self.terminal.out.busy:
+                self.terminal.out.do(partial(view.refresh, self._clock.now(), self._health()))
             await asyncio.sleep(REFRESH_SECONDS)
             self._may_draw.clear()
             # not wait_for, which swallows a cancellation that comes together with the event before Python 3.12
@@ -380,35 +404,3 @@ class _Session:
             sensor_at=None if newest is None else newest.at,
             link=dict(counters),
         )
-
-
-def _tell_panel(url: str) -> None:
-    click.echo(f"panel: {url}")
-
-
-def _figures(summary: Summary) -> list[str]:
-    """The figures that a person wants to see at once, a line each."""
-    tracked, figures = summary.phases_s.get("track", 0.0), summary.figures
-    if summary.force_reference_n is None or not figures:
-        return []
-    rows = [("tracked", f"{tracked:.1f} s at {summary.force_reference_n:g} N with {summary.controller}")]
-    if summary.force_mean_steady_n is not None:
-        rows.append(
-            (
-                "steady force",
-                f"{summary.force_mean_steady_n:.2f} N mean, {figures['steady_peak_to_peak_n']:.2f} N peak to peak",
-            )
-        )
-    rise = figures["rise_samples"]
-    rows += [
-        ("rise to 90 %", "not reached" if rise is None else f"{rise:.0f} samples, {figures['rise_s']:.2f} s"),
-        ("overshoot", f"{figures['overshoot_percent']:.1f} %"),
-        ("RMS error", f"{figures['rms_error_n']:.2f} N"),
-        ("contact losses", f"{figures['contact_losses']:.0f}"),
-    ]
-    if summary.cycle_time is not None:
-        floor = f", {summary.line_floor_s * 1e3:.1f} ms of it the line" if summary.line_floor_s else ""
-        rows.append(("cycle time", f"{summary.cycle_time.mean_s * 1e3:.1f} ms mean{floor}"))
-    if summary.latency_sentence:
-        rows.append(("latency", summary.latency_sentence))
-    return [f"  {name:<15}{text}" for name, text in rows]

@@ -2,6 +2,8 @@
 
 import io
 import sys
+import traceback
+from typing import Any
 
 import click
 
@@ -20,23 +22,60 @@ from hil_bridge.cli.probe import probe
 from hil_bridge.cli.replay import replay
 from hil_bridge.cli.run import run
 from hil_bridge.cli.serve_jr3 import serve_jr3
+from hil_bridge.debugging import debug_option, told_bug
 from hil_bridge.errors import BridgeError
+from hil_bridge.screen import leave
 
 EXIT_INTERRUPTED = 130
 """What a shell expects of a command that Ctrl-C ended."""
+EXIT_BUG = 70
+"""Apart from what a command tells by its own. Source: EX_SOFTWARE of sysexits(3)."""
+
+
+class ReaderLeft(Exception):
+    """The reader of the output's pipe has left. Not an OSError, of which click makes exit code 1."""
+
+
+class Bug(Exception):
+    """An exception that no person was meant to read; the text is what the screen shows of it."""
+
+
+class _Commands(click.Group):
+    """The commands, with the ends of each told apart."""
+
+    def make_context(self, *arguments: Any, **options: Any) -> click.Context:
+        """Parse the command line, which may print help. Raises ReaderLeft."""
+        try:
+            return super().make_context(*arguments, **options)
+        except BrokenPipeError as error:
+            raise ReaderLeft from error
+
+    def invoke(self, context: click.Context) -> Any:
+        """Run a command. Raises ReaderLeft, Bug, and what click and the commands raise for a person."""
+        try:
+            return super().invoke(context)
+        except (BridgeError, click.ClickException, click.exceptions.Exit, click.Abort):
+            raise
+        except BrokenPipeError as error:
+            raise ReaderLeft from error
+        except Exception as error:
+            what = "; ".join([f"{type(error).__name__}: {error}", *getattr(error, "__notes__", ())])
+            raise Bug(told_bug(what, "".join(traceback.format_exception(error)), context)) from error
 
 
 @click.group(
+    cls=_Commands,
     invoke_without_command=True,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
 @click.version_option(package_name="hil-bridge", prog_name="hil-bridge")
+@debug_option
 @click.pass_context
 def cli(context: click.Context) -> None:
     """Force control of a position-controlled robot, over its real wires or the same wires emulated.
 
     Exit codes: 0 done, 1 a replay that differs, 2 configuration or input, 3 device, link or safety stop,
-    130 interrupted.
+    70 a bug, 130 interrupted.
     """
     if context.invoked_subcommand is None:
         click.echo(context.get_help())
@@ -69,20 +108,33 @@ def main() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # a terminal without "→" must not end a command
+    code: int | str | None
     try:
-        code = cli.main(prog_name="hil-bridge", standalone_mode=False)
+        code = _run()
+    except SystemExit as ended:
+        code = ended.code
+    except (click.Abort, KeyboardInterrupt):
+        code = EXIT_INTERRUPTED
+    except OSError:  # nothing takes what is said, not even why it ends
+        code = EXIT_BUG
+    leave(code)
+
+
+def _run() -> int | str | None:
+    """Run the command; its exit code, with one line for what ended it."""
+    try:
+        code: int | str | None = cli.main(prog_name="hil-bridge", standalone_mode=False)
+        return code
+    except ReaderLeft:  # `| head`: nothing more can be said
+        return 0
     except BridgeError as error:
         click.echo(f"hil-bridge: {error}", err=True)
-        code = error.exit_code
+        return error.exit_code
     except click.ClickException as error:
         context = getattr(error, "ctx", None)
         see = f"; see `{context.command_path} --help`" if context else ""
         click.echo(f"hil-bridge: {' '.join(error.format_message().split()).rstrip('.')}{see}", err=True)
-        code = error.exit_code
-    except (click.Abort, KeyboardInterrupt):
-        code = EXIT_INTERRUPTED
-    except BrokenPipeError:
-        # Whoever read our output has left (`| head`); nothing more can be said, also not while exiting.
-        sys.stderr.close()
-        code = 0
-    sys.exit(code)
+        return error.exit_code
+    except Bug as bug:
+        click.echo(bug, err=True)
+        return EXIT_BUG

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from hil_bridge.cli.options import tell
 from hil_bridge.cli.paths import FILE
 
 
@@ -15,7 +16,7 @@ def decode() -> None:
 
 
 def _print(items: list[dict[str, object]]) -> None:
-    click.echo(json.dumps(items, indent=1, ensure_ascii=False))
+    tell([json.dumps(items, indent=1, ensure_ascii=False)])
     if any(item.get("problem") or item.get("problems") or item.get("kind") == "noise" for item in items):
         sys.exit(2)
 

@@ -38,8 +38,14 @@ ALL = "all"
 @click.option(
     "--workers", type=click.IntRange(min=1), metavar="N", help="Processes.  [default: one for each core]"
 )
+@click.option("--overwrite", is_flag=True, help="Replace the FILE of --page; the files in DIR always are.")
 def experiment(
-    names: tuple[str, ...], folder: Path, seeds: int, page: Path | None, workers: int | None
+    names: tuple[str, ...],
+    folder: Path,
+    seeds: int,
+    page: Path | None,
+    workers: int | None,
+    overwrite: bool,
 ) -> None:
     """Repeat figures and tables of the paper, and say where they differ.
 
@@ -51,6 +57,7 @@ def experiment(
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
     from hil_bridge.experiments import EXPERIMENTS, run_jobs, write_findings, write_page
+    from hil_bridge.recording.files import check_place
 
     wanted = list(dict.fromkeys(EXPERIMENTS if ALL in names else names))
     if unknown := [name for name in wanted if name not in EXPERIMENTS]:
@@ -60,6 +67,8 @@ def experiment(
     # Before minutes of work, not after them.
     for directory in (folder, *([page.parent] if page else [])):
         _make(directory)
+    if page is not None:
+        check_place(page, overwrite)
     chosen = [EXPERIMENTS[name] for name in wanted]
     jobs = {item.name: item.jobs(seeds) for item in chosen}
     everything = list(dict.fromkeys(job for each in jobs.values() for job in each))

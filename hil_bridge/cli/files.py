@@ -5,19 +5,21 @@ from pathlib import Path
 
 import click
 
+from hil_bridge.cli.options import overwrite_option
 from hil_bridge.cli.paths import FILE
 
 
 @click.command()
 @click.argument("recording", type=FILE)
 @click.option("--out", type=FILE, metavar="DIR", help="Where to put it.  [default: beside the recording]")
-def report(recording: Path, out: Path | None) -> None:
+@overwrite_option
+def report(recording: Path, out: Path | None, overwrite: bool) -> None:
     """Make report.png and report.html from a recording."""
     from hil_bridge.recording import read, summarise
     from hil_bridge.report import write_report
 
     record = read(recording)
-    page = write_report(record, summarise(record), out or recording.parent)
+    page = write_report(record, summarise(record), out or recording.parent, overwrite)
     click.echo(page)
 
 
@@ -28,12 +30,13 @@ def config() -> None:
 
 @config.command()
 @click.argument("path", type=FILE, default=Path("hil-bridge.toml"))
-def init(path: Path) -> None:
+@overwrite_option
+def init(path: Path, overwrite: bool) -> None:
     """Write a commented file with every setting at its default.  [default: hil-bridge.toml]"""
     from hil_bridge.config import commented_defaults
-    from hil_bridge.recording.files import write_new
+    from hil_bridge.recording.files import write_whole
 
-    write_new(path, commented_defaults())
+    write_whole(path, commented_defaults().encode(), overwrite)
     click.echo(f"wrote {path}")
 
 

@@ -1,11 +1,13 @@
 """`hil-bridge identify-tool`: mass and centre of gravity of what hangs below the sensor."""
 
 import math
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
+from hil_bridge.cli.options import overwrite_option
 from hil_bridge.cli.paths import FILE
 from hil_bridge.cli.run import not_empty
 
@@ -66,6 +68,7 @@ LEAST_ANGLE_DEG = 15.0
 )
 @click.option("--save", type=FILE, metavar="POSES.csv", help="Keep the poses and readings.")
 @click.option("-o", "--out", type=FILE, metavar="FILE.toml", help="Write [tool] and the sensor's bias.")
+@overwrite_option
 def identify_tool(
     config_file: Path | None,
     robot: str | None,
@@ -78,6 +81,7 @@ def identify_tool(
     table: Path | None,
     save: Path | None,
     out: Path | None,
+    overwrite: bool,
 ) -> None:
     """Find mass and centre of gravity of the tool, and the sensor's bias.
 
@@ -91,7 +95,7 @@ def identify_tool(
     from hil_bridge.config import load_config
     from hil_bridge.control import identify_tool as identified
     from hil_bridge.errors import ConfigError
-    from hil_bridge.recording.files import write_whole
+    from hil_bridge.recording.files import check_place, write_whole
     from hil_bridge.tool_files import poses_as_csv, read_poses, tool_as_toml
     from hil_bridge.zeroing import wrist
 
@@ -103,6 +107,7 @@ def identify_tool(
                 raise ConfigError(f"{option} {file} would overwrite {other}; name another file")
         if not file.resolve().parent.is_dir():
             raise ConfigError(f"{option} {file}: there is no such folder; make it or name another place")
+        check_place(file, overwrite)
     config = load_config(config_file, {"robot.url": robot, "sensor.url": sensor})
     if table is not None:
         poses = read_poses(table)
@@ -110,18 +115,21 @@ def identify_tool(
         from hil_bridge.checks import check_wires
         from hil_bridge.fault_settings import refuse_faults
         from hil_bridge.identify import Sweep, measure
+        from hil_bridge.screen import Screen
+        from hil_bridge.signals import as_ctrl_c
 
         refuse_faults(config.faults, "hil-bridge identify-tool")
         check_wires(config, virtual)
         sweep = Sweep(angle_deg, lift_mm, settle_s, average_s)
-        poses = measure(config, virtual, sweep, lambda text: click.echo(text, err=True))
+        with as_ctrl_c(), Screen(sys.stderr) as screen:
+            poses = measure(config, virtual, sweep, screen.say)
     if save is not None:
-        write_whole(save, poses_as_csv(poses).encode())
+        write_whole(save, poses_as_csv(poses).encode(), overwrite)
         click.echo(f"poses: {save}")
     estimate = identified(poses, wrist(config))
     _tell(poses, estimate)
     if out is not None:
-        write_whole(out, tool_as_toml(estimate).encode())
+        write_whole(out, tool_as_toml(estimate).encode(), overwrite)
         click.echo(f"tool: {out}")
 
 

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from hil_bridge.cli.options import overwrite_option
 from hil_bridge.cli.paths import FILE
 
 if TYPE_CHECKING:
@@ -23,7 +24,8 @@ _UNHEARD = {"board": "; the delay of a receiver board's samples is not emulated"
 @click.option(
     "-o", "--output", type=FILE, metavar="SITE.toml", help="Write settings for an emulation that is as late."
 )
-def latency(recording: Path, output: Path | None) -> None:
+@overwrite_option
+def latency(recording: Path, output: Path | None, overwrite: bool) -> None:
     """Tell where the time between a force and the motion that answers it went in a recorded run.
 
     With -o the site's turnaround and the jitter of its sensor become a configuration: `hil-bridge run SITE.toml`
@@ -31,7 +33,7 @@ def latency(recording: Path, output: Path | None) -> None:
     """
     from hil_bridge.errors import ConfigError
     from hil_bridge.recording import read
-    from hil_bridge.recording.files import write_new
+    from hil_bridge.recording.files import write_whole
     from hil_bridge.recording.latency import latency_of
     from hil_bridge.recording.site_latency import site_settings
     from hil_bridge.replay import recorded_config
@@ -46,7 +48,7 @@ def latency(recording: Path, output: Path | None) -> None:
     if output is not None:  # before anything is said: whoever reads it may have gone
         config = recorded_config(record, {})
         sensor = _before_sensor(config)
-        write_new(output, site_settings(record, _line(config), sensor))
+        write_whole(output, site_settings(record, _line(config), sensor).encode(), overwrite)
         lines.append(f"wrote {output}{_UNHEARD.get(sensor, '')}")
     for line in lines:
         click.echo(line)

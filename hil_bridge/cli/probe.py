@@ -4,6 +4,7 @@ from pathlib import Path
 
 import click
 
+from hil_bridge.cli.options import overwrite_option
 from hil_bridge.cli.paths import FILE
 
 
@@ -30,7 +31,8 @@ def probe() -> None:
     metavar="S",
     help="Longest wait for an ACK.",
 )
-def robot(url: str, out: Path | None, patience_s: float) -> None:
+@overwrite_option
+def robot(url: str, out: Path | None, patience_s: float, overwrite: bool) -> None:
     """Find rate, parity, length style and doubling of DLE on a controller's link.
 
     Nothing but read status is sent, so that nothing moves or changes. What the URL says of the line is tried first.
@@ -38,4 +40,4 @@ def robot(url: str, out: Path | None, patience_s: float) -> None:
     """
     from hil_bridge.site.probe import probe_robot
 
-    probe_robot(url, out, patience_s)
+    probe_robot(url, out, patience_s, overwrite)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from hil_bridge.cli.output import tell
+from hil_bridge.cli.options import overwrite_option, tell
 from hil_bridge.cli.paths import FILE
 
 if TYPE_CHECKING:
@@ -26,7 +26,10 @@ EXIT_DIFFERENT = 1
 @click.option(
     "--csv", "table", type=FILE, metavar="FILE", help="Write recorded and replayed commands of every cycle."
 )
-def replay(recording: Path, config_file: Path | None, controller: str | None, table: Path | None) -> None:
+@overwrite_option
+def replay(
+    recording: Path, config_file: Path | None, controller: str | None, table: Path | None, overwrite: bool
+) -> None:
     """Feed a recording's inputs to controller and supervisor and compare every command.
 
     Unchanged, every command must be the same: otherwise the first difference is told and the exit code is 1.
@@ -34,33 +37,37 @@ def replay(recording: Path, config_file: Path | None, controller: str | None, ta
     configuration) it shows what would have been commanded in every situation that the run came into.
     """
     from hil_bridge.recording import read
+    from hil_bridge.recording.files import check_place
     from hil_bridge.replay import changes_of, recorded_config
     from hil_bridge.replay import replay as replayed
 
+    if table is not None:
+        check_place(table, overwrite)
     record = read(recording)
     changes = changes_of(config_file, controller)
     config = recorded_config(record, changes)
     cycles = list(replayed(record, config, forced=bool(changes)))
     if table is not None:
-        _write_table(table, cycles)
+        _write_table(table, cycles, overwrite)
     if changes:
         tell(_changes(cycles, config.controller.name))
         return
-    different = next((cycle for cycle in cycles if cycle.differences), None)
-    if different is not None:
-        tell(
-            [
-                f"cycle {different.record.cycle} of {len(cycles)} differs:",
-                *(f"  {name}: recorded {a}, replayed {b}" for name, (a, b) in different.differences.items()),
-            ]
-        )
-        sys.exit(EXIT_DIFFERENT)
+    for cycle in cycles:
+        if cycle.differences:
+            tell(_differences(cycle, len(cycles)))
+            sys.exit(EXIT_DIFFERENT)
     note = "; the recording is cut short or damaged behind them" if record.truncated else ""
     tell([f"{len(cycles)} cycles replayed, every command identical{note}"])
 
 
+def _differences(cycle: "ReplayedCycle", count: int) -> "Iterator[str]":
+    yield f"cycle {cycle.record.cycle} of {count} differs:"
+    for name, (before, now) in cycle.differences.items():
+        yield f"  {name}: recorded {before}, replayed {now}"
+
+
 def _changes(cycles: "list[ReplayedCycle]", controller: str) -> "Iterator[str]":
-    """What would have been commanded instead, by phase, line by line."""
+    """What would have been commanded instead, by phase."""
     yield f"what {controller} and these limits would have commanded in the recorded situations:"
     yield f"{'phase':<10}{'cycles':>8}{'other':>8}{'rms':>10}{'largest':>10}  of the difference in depth, mm"
     for phase in dict.fromkeys(cycle.record.phase for cycle in cycles):
@@ -83,7 +90,7 @@ def _changes(cycles: "list[ReplayedCycle]", controller: str) -> "Iterator[str]":
         yield f"  {name}: recorded {before}, now {now}"
 
 
-def _write_table(path: Path, cycles: "list[ReplayedCycle]") -> None:
+def _write_table(path: Path, cycles: "list[ReplayedCycle]", overwrite: bool) -> None:
     from hil_bridge.recording.files import write_whole
 
     lines = ["cycle,phase,force_n,depth_recorded_m,depth_replayed_m,verdict_recorded,verdict_replayed"]
@@ -93,4 +100,4 @@ def _write_table(path: Path, cycles: "list[ReplayedCycle]") -> None:
             f"{record.cycle},{record.phase},{record.force!r},{record.depth_commanded!r},{decision.target.depth!r},"
             f"{record.verdict},{decision.verdict.kind}"
         )
-    write_whole(path, ("\n".join(lines) + "\n").encode())
+    write_whole(path, ("\n".join(lines) + "\n").encode(), overwrite)

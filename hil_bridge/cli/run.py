@@ -5,9 +5,14 @@ from pathlib import Path
 
 import click
 
+from hil_bridge.cli.options import overwrite_option
+from hil_bridge.debugging import debug_option
+
 CONTROLLERS = "fuzzy, fuzzy-adaptive, resolution-aware, pi, admittance, predictive"
 """Ours, for the help text alone: the configuration also knows those of installed packages."""
 _FILE = click.Path(path_type=Path)
+_BESIDE = Path()
+"""Stands for the recording's folder where --report names none."""
 
 
 def not_empty(context: click.Context, parameter: click.Parameter, url: str | None) -> str | None:
@@ -37,13 +42,28 @@ def not_empty(context: click.Context, parameter: click.Parameter, url: str | Non
 @click.option("--duration", "duration_s", type=float, metavar="S", help="How long to track the surface, s.")
 @click.option("--virtual", is_flag=True, help="Virtual time: as fast as it computes, and exactly repeatable.")
 @click.option("--seed", type=int, metavar="N", help="Seed of every random draw in the emulated cell.")
-@click.option("--record", type=_FILE, metavar="FILE", help="Record the run as MCAP.")
-@click.option("--summary", type=_FILE, metavar="FILE", help="Write the figures as JSON.")
-@click.option("--report", type=_FILE, metavar="DIR", help="Write report.png and report.html.")
+@click.option(
+    "--record",
+    type=_FILE,
+    metavar="FILE",
+    help="Record the run as MCAP there.  [default: run.mcap and summary.json in a new folder under runs/]",
+)
+@click.option("--no-record", is_flag=True, help="Keep no record.")
+@click.option("--summary", type=_FILE, metavar="FILE", help="Write the figures as JSON there.")
+@click.option(
+    "--report",
+    type=_FILE,
+    metavar="[DIR]",
+    is_flag=False,
+    flag_value=str(_BESIDE),
+    help="Write report.png and report.html.  [without DIR: beside the recording]",
+)
+@overwrite_option
 @click.option(
     "--panel", metavar="URL", help="Where the emulated controller's panel listens: tcp-listen://127.0.0.1:0."
 )
 @click.option("--no-view", is_flag=True, help="No live view.")
+@debug_option
 def run(
     config_file: Path | None,
     robot: str | None,
@@ -54,19 +74,27 @@ def run(
     virtual: bool,
     seed: int | None,
     record: Path | None,
+    no_record: bool,
     summary: Path | None,
     report: Path | None,
+    overwrite: bool,
     panel: str | None,
     no_view: bool,
 ) -> None:
     """Approach the surface, hold the force while moving along it, retract.
 
     Without --robot and --sensor it starts the emulated cell itself: over a 9600 baud pseudo-terminal and an
-    emulated slcan adapter, or with --virtual over in-memory wires. Ctrl-C retracts and ends with a whole record.
+    emulated slcan adapter, or with --virtual over in-memory wires. Ctrl-C retracts and ends with a whole record, and
+    so do a closed terminal and the signals of `kill`.
+
+    What is there already is overwritten only with --overwrite.
     """
     from hil_bridge.config import load_config
-    from hil_bridge.session import Outputs, execute
+    from hil_bridge.outputs import Outputs
+    from hil_bridge.session import execute
 
+    if record is not None and no_record:
+        raise click.UsageError("--record and --no-record exclude each other", click.get_current_context())
     config = load_config(
         config_file,
         {
@@ -79,4 +107,13 @@ def run(
             "run.panel_url": panel,
         },
     )
-    sys.exit(execute(config, virtual, Outputs(record, summary, report), not no_view, config_file))
+    beside = report == _BESIDE
+    outputs = Outputs(
+        record,
+        summary,
+        None if beside else report,
+        overwrite=overwrite,
+        own_folder=record is None and not no_record,
+        report_beside=beside,
+    )
+    sys.exit(execute(config, virtual, outputs, not no_view, config_file))

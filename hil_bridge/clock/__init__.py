@@ -1,6 +1,6 @@
 """Time: the one place that reads a clock, and an event loop in virtual time."""
 
-from hil_bridge.clock.clock import Clock, Timer
+from hil_bridge.clock.clock import Clock, Timer, wall_time
 from hil_bridge.clock.devices import device_clock
 from hil_bridge.clock.heartbeat import Heartbeat
 from hil_bridge.clock.run import LeakedTasks, run_real, run_virtual
@@ -25,4 +25,5 @@ __all__ = [
     "device_clock",
     "run_real",
     "run_virtual",
+    "wall_time",
 ]

@@ -4,12 +4,18 @@ import asyncio
 import sys
 import time
 from collections.abc import Callable
+from datetime import datetime
 from typing import Protocol
 
 from hil_bridge.clock.virtual import VIRTUAL_EPOCH, VIRTUAL_WALL_NS, VirtualLoop
 
 if sys.platform == "linux":
     from hil_bridge.clock.timerfd import PreciseTimers
+
+
+def wall_time() -> datetime:
+    """Date and time of day here, for names that a person reads."""
+    return datetime.now().astimezone()
 
 
 class Timer(Protocol):

@@ -13,7 +13,8 @@ from typing import BinaryIO
 
 from mcap.writer import CompressionType, Writer
 
-from hil_bridge.errors import BridgeError, ConfigError
+from hil_bridge.errors import BridgeError
+from hil_bridge.recording.files import open_record
 from hil_bridge.recording.records import EventRecord
 from hil_bridge.recording.topics import TOPICS, Record, Topic
 from protocol.values import dataclass
@@ -75,7 +76,7 @@ class Recorder:
     """Takes records without blocking and writes them to one file.
 
     `put`, `pause` and `close` belong to one thread, that of the event loop. A failing disk does not stop a run: the
-    error is kept in `error`, later records are counted as dropped, and `close` raises it.
+    error is kept in `error` and told in `trouble`, later records are counted as dropped, and `close` raises it.
     """
 
     def __init__(
@@ -86,12 +87,14 @@ class Recorder:
         metadata: Mapping[str, str],
         queue_records: int = QUEUE_RECORDS,
         chunks: Chunks = CHUNKS,
+        overwrite: bool = False,
     ) -> None:
         """Open the file and write what is known before the run.
 
         `wall_ns` turns a time of the run's clock into ns since the Unix epoch. `threaded` writes in a thread
         of its own; without it the caller's `put` writes a batch now and then, and the file depends on the
-        records alone. Raises ConfigError when the file cannot be opened.
+        records alone. A file that is there already is emptied only with `overwrite`. Raises ConfigError when the
+        file cannot be opened.
         """
         self._path = path
         self._wall_ns = wall_ns
@@ -101,15 +104,14 @@ class Recorder:
         self._dropped = dict.fromkeys((topic.name for topic in TOPICS), 0)
         self._written = dict.fromkeys((topic.name for topic in TOPICS), 0)
         self._error: BridgeError | None = None
+        self.trouble = ""
+        """Why the file will not hold everything, in words, from the moment on at which that is known."""
         self._chunk_seconds = chunks.seconds
         self._chunk_began: float | None = None
         self._newest = 0.0
         self._closed = False
         map_buffers()
-        try:
-            self._file: BinaryIO = path.open("wb")
-        except OSError as error:
-            raise ConfigError(f"cannot write the recording {path}: {error.strerror or error}") from error
+        self._file: BinaryIO = open_record(path, overwrite)
         self._writer = Writer(self._file, chunk_size=chunks.size, compression=CompressionType.ZSTD)
         self._flush: Callable[[], None] = self._writer.flush
         self._channels: dict[type, int] = {}
@@ -151,6 +153,7 @@ class Recorder:
         """Take a record. The newest is dropped and counted when the queue is full or writing has failed."""
         if len(self._queue) >= self._capacity or self._error is not None or self._closed:
             self._dropped[self._topics[type(record)].name] += 1
+            self.trouble = self.trouble or f"the recording {self._path} has gaps: the disk does not keep up"
             return
         self._queue.append(record)
         if self._thread is None and len(self._queue) >= BATCH_RECORDS:
@@ -237,6 +240,7 @@ class Recorder:
         cause = (error.strerror if isinstance(error, OSError) else None) or f"{type(error).__name__}: {error}"
         self._error = BridgeError(f"the recording {self._path} is incomplete: {cause}")
         self._error.__cause__ = error
+        self.trouble = str(self._error)
         with contextlib.suppress(OSError):  # the same full disk again; the first error is the one that tells
             self._file.close()
 

@@ -55,6 +55,10 @@ class RunEnd:
     """Sensor frames that were sent and never came, as the client of the gateway counts them."""
     sensor_delay_s: float | None = None
     """How much later than the force itself the sensor's filter tells of it."""
+    left: str = ""
+    """Where the tool was left, in words; empty when it never moved."""
+    followed: tuple[str, ...] = ()
+    """What happened after the cause, in order."""
 
     def as_metadata(self) -> dict[str, str]:
         """For `Recorder.close`, so that a record tells its end by itself."""
@@ -65,6 +69,8 @@ class RunEnd:
             "link": json.dumps(dict(self.link), sort_keys=True),
             "sensor_lost": json.dumps(self.sensor_lost),
             "sensor_delay_s": json.dumps(self.sensor_delay_s),
+            "left": self.left,
+            "followed": json.dumps(self.followed),
         }
 
 
@@ -83,6 +89,10 @@ class Summary:
 
     outcome: str
     cause: str
+    followed: tuple[str, ...]
+    """What happened after the cause, in order."""
+    left: str
+    """Where the tool was left, in words; empty when it never moved or the record was cut off before."""
     truncated: bool
     """The record ends early: the figures cover what is there."""
     controller: str
@@ -121,9 +131,9 @@ class Summary:
         """The same as JSON, strict and in the order of the fields."""
         return msgspec.json.format(msgspec.json.encode(self), indent=2).decode() + "\n"
 
-    def write_json(self, path: Path) -> None:
-        """Replace the file at once, so that a reader never sees half of it. Raises ConfigError."""
-        write_whole(path, self.as_json().encode())
+    def write_json(self, path: Path, overwrite: bool = False) -> None:
+        """Write the file at once, so that a reader never sees half of it. Raises ConfigError as `write_whole`."""
+        write_whole(path, self.as_json().encode(), overwrite)
 
 
 def summarise(recording: Recording, end: RunEnd | None = None) -> Summary:
@@ -140,6 +150,8 @@ def summarise(recording: Recording, end: RunEnd | None = None) -> Summary:
     return Summary(
         outcome=end.outcome.value,
         cause=end.cause,
+        followed=end.followed,
+        left=end.left,
         truncated=recording.truncated,
         controller=recording.metadata.get("controller", ""),
         seed=recording.metadata.get("seed", ""),
@@ -174,6 +186,7 @@ def end_of(recording: Recording) -> RunEnd:
     outcome = told.get("outcome", "")
     floor, link = _json(told.get("line_floor_s")), _json(told.get("link"))
     lost, delay = _json(told.get("sensor_lost")), _json(told.get("sensor_delay_s"))
+    followed = _json(told.get("followed"))
     return RunEnd(
         Outcome(outcome) if outcome in set(Outcome) else Outcome.INTERRUPTED,
         told.get("cause", "") if told else "the recording ends before the run does",
@@ -181,6 +194,8 @@ def end_of(recording: Recording) -> RunEnd:
         {str(k): v for k, v in link.items() if isinstance(v, (int, float))} if isinstance(link, dict) else {},
         lost if isinstance(lost, int) else None,
         float(delay) if isinstance(delay, (int, float)) else None,
+        told.get("left", ""),
+        tuple(map(str, followed)) if isinstance(followed, list) else (),
     )
 
 

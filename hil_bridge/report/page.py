@@ -6,7 +6,7 @@ from html import escape
 from pathlib import Path
 
 from hil_bridge.errors import ConfigError
-from hil_bridge.recording.files import write_whole
+from hil_bridge.recording.files import check_place, write_whole
 from hil_bridge.recording.reader import Recording
 from hil_bridge.recording.summary import Summary
 from hil_bridge.report.figures import merit_rows, quantity, run_rows
@@ -18,6 +18,7 @@ from hil_bridge.text_files import parse_json
 
 PICTURE = "report.png"
 PAGE = "report.html"
+FILES = (PICTURE, PAGE)
 EVENTS_SHOWN = 500
 
 _CSS = """
@@ -43,18 +44,20 @@ pre { background: #f5f5f5; padding: .8rem; overflow: auto; max-height: 30rem; fo
 """
 
 
-def write_report(recording: Recording, summary: Summary, directory: Path) -> Path:
+def write_report(recording: Recording, summary: Summary, directory: Path, overwrite: bool = False) -> Path:
     """Write the picture and the page into a directory, which is made if need be; the answer is the page.
 
-    Raises ConfigError when the directory cannot be written.
+    Raises ConfigError when the directory cannot be written, or without `overwrite` holds such files already.
     """
     try:
         directory.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ConfigError(f"cannot make the directory {directory}: {error.strerror or error}") from error
+    for name in FILES:
+        check_place(directory / name, overwrite)
     picture = draw(recording, summary)
-    write_whole(directory / PICTURE, picture)
-    write_whole(directory / PAGE, page(recording, summary, picture).encode())
+    write_whole(directory / PICTURE, picture, overwrite)
+    write_whole(directory / PAGE, page(recording, summary, picture).encode(), overwrite)
     return directory / PAGE
 
 
@@ -62,6 +65,8 @@ def page(recording: Recording, summary: Summary, picture: bytes) -> str:
     """The page as HTML with the picture (PNG) inside."""
     title = f"{summary.controller or 'run'}: {summary.outcome}"
     cause = f" {escape(summary.cause)}" if summary.cause else ""
+    then = "".join(f"<p>then: {escape(text)}</p>" for text in summary.followed)
+    left = f"<p>left: <strong>{escape(summary.left)}</strong></p>" if summary.left else ""
     cut = (
         "<p>The recording ends early; everything here covers what is there.</p>" if summary.truncated else ""
     )
@@ -71,7 +76,7 @@ def page(recording: Recording, summary: Summary, picture: bytes) -> str:
 <html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>
 <meta name="viewport" content="width=device-width, initial-scale=1"><style>{_CSS}</style></head><body>
 <h1>Force control run: {escape(summary.controller or "no controller named")}</h1>
-<p><span class="outcome {escape(summary.outcome)}">{escape(summary.outcome)}</span>{cause}</p>{cut}
+<p><span class="outcome {escape(summary.outcome)}">{escape(summary.outcome)}</span>{cause}</p>{then}{left}{cut}
 <div class="columns"><section><h2>Figures of merit</h2>{rows(merit_rows(summary))}
 <h2>Phases</h2>{pairs((name, quantity(value, 1, ".2f", "s")) for name, value in summary.phases_s.items())}
 </section><section><h2>Run</h2>{rows(run_rows(summary))}</section></div>

@@ -11,8 +11,9 @@ import click
 
 from hil_bridge.clock import Clock, run_real
 from hil_bridge.compose import robot_wire
-from hil_bridge.errors import ConfigError, DeviceError, TransportUnavailable
+from hil_bridge.errors import DeviceError, TransportUnavailable
 from hil_bridge.pump import Pump
+from hil_bridge.recording.files import check_place, write_whole
 from hil_bridge.site.prober import ProbeEvent, Prober, Said, profile_of
 from hil_bridge.site.search import LINE_WRONG, Finding, Outcome, Reply, Search, Try, likely_lines
 from hil_bridge.transports import LineSettings, Parity, Transport, connect_bytes
@@ -53,13 +54,13 @@ TO_FILL_IN = """
 """What only a person knows, with the defaults."""
 
 
-def probe_robot(url: str, out: Path | None, patience: float) -> None:
-    """Probe in real time, one line a try; write what works to `out`.
+def probe_robot(url: str, out: Path | None, patience: float, overwrite: bool = False) -> None:
+    """Probe in real time, one line a try; write what works to `out`, over a file there only with `overwrite`.
 
     Raises ConfigError for the URL or the file, TransportUnavailable for the wire, DeviceError when nothing works.
     """
-    if out is not None and out.exists():
-        raise ConfigError(f"{out} is there already; name another file or remove it")
+    if out is not None:
+        check_place(out, overwrite)
     log: list[tuple[Try, Outcome]] = []
 
     def tell(attempt: Try, outcome: Outcome) -> None:
@@ -76,12 +77,10 @@ def probe_robot(url: str, out: Path | None, patience: float) -> None:
     finding = run_real(main)
     if finding is None:
         raise DeviceError(failure_text(url, log))
+    if out is not None:  # before more is said: the reader may have gone
+        write_whole(out, site_toml(url, finding).encode(), overwrite)
     click.echo("\n" + "\n".join(f"{name:<14} {value}" for name, value in finding_rows(url, finding)))
     if out is not None:
-        try:
-            out.write_text(site_toml(url, finding), encoding="utf-8")
-        except OSError as error:
-            raise ConfigError(f"cannot write {out}: {error.strerror}") from error
         click.echo(f"\nwrote {out}")
 
 

@@ -19,8 +19,8 @@ class LiveView:
     """Shows a run while it goes on.
 
     `update` and `enter` only store and belong to the control path. `refresh` draws, which takes milliseconds
-    and may wait for a slow terminal: call it from a task of its own, best through a thread. A terminal that
-    goes away ends the view, not the run.
+    and waits for a slow terminal, for ever for one that is paused: call it, and `close`, in a thread of the view's
+    own. A terminal that goes away ends the view, not the run.
     """
 
     def __init__(
@@ -37,7 +37,14 @@ class LiveView:
         redrawable = console.is_terminal and not console.is_dumb_terminal
         self._live: Live | None = None
         if redrawable and console.encoding.startswith("utf"):
-            self._live = Live(console=console, auto_refresh=False, transient=False)
+            # not redirected: who writes to a stream elsewhere would wait for the thread that draws
+            self._live = Live(
+                console=console,
+                auto_refresh=False,
+                transient=False,
+                redirect_stdout=False,
+                redirect_stderr=False,
+            )
         self._gone = False
         self._line_phase: str | None = None
         self._line_due = -math.inf
@@ -49,6 +56,10 @@ class LiveView:
     def enter(self, phase: str) -> None:
         """A phase begins."""
         self._model.enter(phase)
+
+    def warn(self, text: str) -> None:
+        """Show a line until the end."""
+        self._model.warn(text)
 
     def refresh(self, now: float, health: Health) -> None:
         """Show the state at `now`, s on the run's clock."""
@@ -105,4 +116,6 @@ def line(snapshot: Snapshot) -> str:
     parts.append(f"frames lost {snapshot.frames_lost}")
     if snapshot.remaining_s is not None:
         parts.append(f"{snapshot.remaining_s:.0f} s to track")
+    if snapshot.warning:
+        parts.append(f"WARNING: {snapshot.warning}".encode("ascii", "backslashreplace").decode())
     return "  ".join(parts)

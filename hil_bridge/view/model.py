@@ -61,6 +61,8 @@ class Snapshot:
     frames_lost: int
     link: Mapping[str, int]
     """Counters of the robot link by name."""
+    warning: str = ""
+    """What a person should know at once, beside what the run itself does."""
 
     @property
     def remaining_s(self) -> float | None:
@@ -97,6 +99,7 @@ class ViewModel:
         self._track_since: float | None = None
         self._track_until: float | None = None
         self._phase = "connect"
+        self._warning = ""
         self._newest: CycleRecord | None = None
         self._cycles: deque[CycleRecord] = deque(maxlen=HISTORY_CYCLES)
 
@@ -112,6 +115,10 @@ class ViewModel:
     def enter(self, phase: str) -> None:
         """A phase begins; some phases have no cycles."""
         self._phase = phase
+
+    def warn(self, text: str) -> None:
+        """Show a line until the end."""
+        self._warning = text
 
     def snapshot(self, now: float, health: Health) -> Snapshot:
         """The state at `now` (s on the run's clock). The first call begins the elapsed time."""
@@ -132,4 +139,5 @@ class ViewModel:
             link_errors=health.link_errors,
             frames_lost=health.frames_lost,
             link=health.link,
+            warning=self._warning,
         )

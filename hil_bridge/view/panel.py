@@ -28,7 +28,7 @@ _VERDICT_STYLES = {"allow": "green", "clamp": "yellow", "stop": "bold red"}
 
 
 def panel(snapshot: Snapshot, width: int = WIDTH) -> RenderableType:
-    """The whole view, 22 lines of `width` columns."""
+    """The whole view, 22 lines of `width` columns; one more while there is a warning."""
     style = _PHASE_STYLES.get(snapshot.phase, "blue")
     return Panel(
         Group(
@@ -39,6 +39,7 @@ def panel(snapshot: Snapshot, width: int = WIDTH) -> RenderableType:
             _verdict(snapshot),
             *_latency(snapshot),
             *_link(snapshot),
+            *_warning(snapshot),
             _progress(snapshot),
         ),
         title=Text.assemble("hil-bridge  ", (snapshot.phase.upper(), f"bold {style}")),
@@ -175,6 +176,12 @@ def _link(snapshot: Snapshot) -> tuple[Text, Text]:
     troubles = ", ".join(f"{name} {count}" for name, count in snapshot.link_troubles.items())
     found = (troubles, "yellow") if troubles else ("undisturbed", "green")
     return line, Text.assemble(" " * 12, found, no_wrap=True, overflow="ellipsis")
+
+
+def _warning(snapshot: Snapshot) -> tuple[Text, ...]:
+    if not snapshot.warning:
+        return ()
+    return (Text(f"warning     {snapshot.warning}", style="bold red", no_wrap=True, overflow="ellipsis"),)
 
 
 def _count(label: str, number: int, width: int = 0) -> Text:

@@ -25,6 +25,7 @@ from hil_bridge.config import Config, SensorConfig, dump
 from hil_bridge.devices import RobotLink
 from hil_bridge.errors import ConfigError
 from hil_bridge.line_time import line_floor
+from hil_bridge.outputs import Outputs
 from hil_bridge.recording import CycleRecord, Recording, SensorRecord, TruthRecord, read
 from hil_bridge.recording.hops import HOPS, Owner
 from hil_bridge.recording.latency import (
@@ -38,7 +39,7 @@ from hil_bridge.recording.summary import summarise
 from hil_bridge.report import write_report
 from hil_bridge.report.latency_plot import LATENCY_SIZE_PX, by_owner, draw_latency
 from hil_bridge.report.page import page
-from hil_bridge.session import Outputs, execute
+from hil_bridge.session import execute
 from hil_bridge.transports import connect_bytes, listen_bytes
 from hil_bridge.truth import Truths
 from protocol.adlp import LinkProfile
@@ -423,9 +424,9 @@ def test_the_command_tells_and_writes_what_the_run_takes(tmp_path: Path) -> None
     assert lines[-1] == f"wrote {site}"
     kept = site.read_bytes()
     again = runner.invoke(cli, ["latency", str(tmp_path / "run.mcap"), "-o", str(site)])
-    assert str(again.exception) == f"{site} is there already; name another file or remove it"
+    assert str(again.exception) == f"{site} is there already; name another file, or give --overwrite"
     assert site.read_bytes() == kept
-    ran = runner.invoke(cli, ["run", str(site), "--virtual", "--duration", "1", "--no-view"])
+    ran = runner.invoke(cli, ["run", str(site), "--virtual", "--duration", "1", "--no-view", "--no-record"])
     assert ran.exit_code == 0, ran.output
     assert "  latency        sample to motion" in ran.output
 

@@ -15,8 +15,9 @@ from hil_bridge.cli import cli
 from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.config import load_config
 from hil_bridge.errors import ConfigError, TransportEnded
+from hil_bridge.outputs import Outputs
 from hil_bridge.recording import LinkLog, LinkRecord, read, read_link
-from hil_bridge.session import Outputs, execute
+from hil_bridge.session import execute
 from hil_bridge.site.capture import Piece, Sender, parse_capture, recorded_pieces
 from hil_bridge.site.link_monitor import Line, LinkMonitor
 from hil_bridge.site.monitor import listen, listen_can

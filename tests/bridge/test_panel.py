@@ -20,6 +20,7 @@ from hil_bridge.clock import Clock, run_real, run_virtual
 from hil_bridge.compose import Ports, emulated_cell, opened_devices
 from hil_bridge.config import Config
 from hil_bridge.errors import ConfigError, DeviceError, TransportUnavailable
+from hil_bridge.outputs import Outputs
 from hil_bridge.panel import (
     CLIENT_LIMIT,
     REQUEST_LIMIT,
@@ -32,7 +33,7 @@ from hil_bridge.panel import (
     state_text,
 )
 from hil_bridge.recording import CycleRecord, Outcome, read, summarise
-from hil_bridge.session import Outputs, execute
+from hil_bridge.session import execute
 
 LOOPBACK = "tcp-listen://127.0.0.1:0"
 

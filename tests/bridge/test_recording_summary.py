@@ -186,7 +186,7 @@ def test_json_is_strict_stable_and_complete(tmp_path: Path) -> None:
 
 def test_a_summary_that_cannot_be_written_leaves_the_old_one(tmp_path: Path) -> None:
     summary = summarise(Recording(cycles(STEP)), END)
-    with pytest.raises(ConfigError, match=r"cannot write .*nowhere/summary\.json: No such file"):
+    with pytest.raises(ConfigError, match=r"cannot write .*nowhere/summary\.json: there is no such folder"):
         summary.write_json(tmp_path / "nowhere" / "summary.json")
     (tmp_path / "taken").mkdir()
     with pytest.raises(ConfigError, match="cannot write"):
@@ -198,7 +198,10 @@ def test_links_are_followed_and_pipes_written_to(tmp_path: Path) -> None:
     target, link, pipe = tmp_path / "target.json", tmp_path / "link.json", tmp_path / "pipe"
     target.write_text("old")
     link.symlink_to(target)
-    write_whole(link, b"new")
+    with pytest.raises(ConfigError, match=r"link\.json is there already"):
+        write_whole(link, b"new")
+    assert target.read_text() == "old"
+    write_whole(link, b"new", overwrite=True)
     assert (target.read_text(), link.is_symlink()) == ("new", True)
     os.mkfifo(pipe)
     reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)

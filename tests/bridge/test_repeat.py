@@ -5,8 +5,9 @@ import sys
 from pathlib import Path
 
 from hil_bridge.config import Config
+from hil_bridge.outputs import Outputs
 from hil_bridge.recording import read
-from hil_bridge.session import Outputs, execute
+from hil_bridge.session import execute
 
 
 def record(path: Path, seed: int) -> bytes:

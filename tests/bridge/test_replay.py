@@ -14,9 +14,10 @@ from msgspec import structs
 import hil_bridge.cli
 from hil_bridge.config import Config
 from hil_bridge.errors import ConfigError
+from hil_bridge.outputs import Outputs
 from hil_bridge.recording import CycleRecord, Outcome, Recorder, Recording, read
 from hil_bridge.replay import changes_of, recorded_config, replay
-from hil_bridge.session import Outputs, execute
+from hil_bridge.session import execute
 
 
 @pytest.fixture(scope="module")

@@ -9,11 +9,14 @@ import pytest
 from msgspec import structs
 from rich.console import Console
 
+from hil_bridge import screen
 from hil_bridge.clock import Clock
 from hil_bridge.config import Config
+from hil_bridge.outputs import Outputs
 from hil_bridge.recording import CycleRecord
 from hil_bridge.recording.latency import AnswerTimes
 from hil_bridge.session import _Session
+from hil_bridge.signals import Signals
 from hil_bridge.view import Health, Snapshot, ViewModel
 from hil_bridge.view.live import LiveView
 from hil_bridge.view.panel import panel
@@ -226,7 +229,7 @@ class Pauses(asyncio.Event):
 async def test_a_pause_that_comes_as_the_run_ends_does_not_keep_the_view(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    session = _Session(Config(), tmp_path / "run.mcap", view=True)
+    session = _Session(Config(), Outputs(tmp_path / "run.mcap"), True, screen.Terminal(), Signals())
     session._clock = Clock.running()
     monkeypatch.setattr(session, "_health", lambda: None)
     view: Any = SimpleNamespace(refresh=lambda now, health: None)

@@ -1,0 +1,30 @@
+"""Bugs on the screen: one line, or with the option `--debug` the traceback."""
+
+import click
+
+_KEY = "hil_bridge.debug"
+
+
+def _note(context: click.Context, parameter: click.Parameter, given: bool) -> None:
+    if given:
+        context.find_root().meta[_KEY] = True
+
+
+debug_option = click.option(
+    "--debug", is_flag=True, expose_value=False, callback=_note, help="Show the traceback of a bug."
+)
+"""For the whole program and for the commands that a person repeats to see more."""
+
+
+def debug_wanted(context: click.Context | None = None) -> bool:
+    """Whether a person asked for tracebacks, in this command or in the one under way."""
+    context = context or click.get_current_context(silent=True)
+    return context is not None and bool(context.find_root().meta.get(_KEY))
+
+
+def told_bug(what: str, trace: str, context: click.Context | None = None) -> str:
+    """What the screen shows of a bug: its traceback where that was asked for, and one line that says what it was."""
+    line = f"hil-bridge: this is a bug: {' '.join(what.split())}"
+    if debug_wanted(context):
+        return f"{trace.rstrip()}\n{line}"
+    return f"{line}; repeat it with --debug for the traceback"

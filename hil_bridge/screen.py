@@ -1,0 +1,128 @@
+"""Standard output and standard error of a process that must go on when a terminal stands still or goes away.
+
+A write blocks for as long as a terminal is paused (Ctrl-S) or a pipe is not read. So a thread writes, and no other
+thread waits for it for longer than it wants to. Source: Linux, termios(3) and pipe(7).
+"""
+
+import os
+import queue
+import sys
+import threading
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from types import TracebackType
+from typing import NoReturn, Self, TextIO
+
+CLOSE_SECONDS = 2.0
+"""For so long a screen is waited for where nothing else may wait. Chosen: a slow terminal takes far less."""
+LEAVE_SECONDS = 0.5
+"""For so long the end of the process waits for the last characters. Chosen: a person has asked for the end."""
+
+
+class Screen:
+    """One stream and the thread that writes to it. A stream that goes away takes what is said without a word."""
+
+    def __init__(self, stream: TextIO | None) -> None:
+        """`stream` is None where the process was started with this stream closed."""
+        self.stream = stream
+        self._steps: queue.Queue[Callable[[], object] | None] = queue.Queue()
+        threading.Thread(target=self._work, name="screen", daemon=True).start()
+
+    @property
+    def busy(self) -> bool:
+        """Something has not been written yet."""
+        return self._steps.unfinished_tasks > 0
+
+    def say(self, text: str) -> None:
+        """Write a line, after all that was said before; returns at once."""
+        self.do(lambda: print(text, file=self.stream, flush=True))
+
+    def do(self, step: Callable[[], object]) -> None:
+        """Let the thread do something, such as drawing; returns at once. A stream that is gone ends it silently."""
+        if self.stream is not None:
+            self._steps.put(step)
+
+    def wait(self, seconds: float | None = CLOSE_SECONDS) -> bool:
+        """Wait until all has been written, for ever with None; whether it has been."""
+        steps = self._steps
+        with steps.all_tasks_done:
+            return steps.all_tasks_done.wait_for(lambda: not steps.unfinished_tasks, seconds)
+
+    def close(self) -> None:
+        """Let the thread end once it has written everything."""
+        self._steps.put(None)
+
+    def _work(self) -> None:
+        while (step := self._steps.get()) is not None:
+            # SystemExit: what rich raises for a broken pipe
+            with suppress(OSError, ValueError, SystemExit):
+                step()
+            self._steps.task_done()
+        self._steps.task_done()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.wait()
+        self.close()
+
+
+class Terminal:
+    """Standard output and standard error of this process, while inside."""
+
+    def __init__(self) -> None:
+        self.out = Screen(sys.stdout)
+        self.err = Screen(sys.stderr)
+
+    def say_last(self, errors: Sequence[str], lines: Sequence[str], seconds: float | None) -> bool:
+        """Write lines of errors, then lines of output, after all that was said before; whether that was done.
+
+        Waits so long at most, for ever with None. Ctrl-C ends the waiting.
+        """
+        try:
+            self.out.wait()
+            for text in errors:
+                self.err.say(text)
+            self.err.wait()
+            for text in lines:
+                self.out.say(text)
+            return self.out.wait(seconds) and self.err.wait(seconds)
+        except KeyboardInterrupt:
+            return False
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        for screen in (self.out, self.err):
+            screen.wait(LEAVE_SECONDS)
+            screen.close()
+
+
+def leave(code: int | str | None) -> NoReturn:
+    """End the process with this code, whatever has become of its terminal or of the reader of its pipe."""
+    settling = threading.Thread(target=_settle, name="settle", daemon=True)
+    settling.start()
+    settling.join(LEAVE_SECONDS)
+    if settling.is_alive():  # the interpreter would wait for this output for ever
+        os._exit(code if isinstance(code, int) else 0 if code is None else 1)
+    sys.exit(code)
+
+
+def _settle() -> None:
+    """Write what waits. What nothing takes any more goes nowhere, so that the interpreter does not fail on it."""
+    for stream in (sys.stdout, sys.stderr):
+        if stream is None:
+            continue
+        try:
+            stream.flush()
+        except (OSError, ValueError):
+            with suppress(OSError, ValueError):
+                nowhere = os.open(os.devnull, os.O_WRONLY)
+                os.dup2(nowhere, stream.fileno())
+                os.close(nowhere)
