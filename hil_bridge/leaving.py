@@ -11,7 +11,7 @@ from hil_bridge.clock import Clock
 from hil_bridge.config import Config
 from hil_bridge.control import LoopState, Observation, Request, Stop, Supervisor
 from hil_bridge.devices import ForceSensor, Motion, RobotLink
-from hil_bridge.errors import BridgeError, TransportError
+from hil_bridge.errors import BridgeError, DeviceError, OrderRefused, TransportError
 from protocol.arap import Quaternion, Vector
 from protocol.values import dataclass
 
@@ -85,6 +85,8 @@ class WayOut:
             except BridgeError as error:
                 blame(str(error))
                 if isinstance(error, TransportError) or self._clock.now() >= patience:
+                    if not isinstance(error, OrderRefused):
+                        motion.abandon()
                     return
                 await self._clock.sleep_until(self._clock.now() + TRY_AGAIN_S)
                 continue
@@ -119,18 +121,19 @@ class WayOut:
             fault=fault,
         )
 
-    async def rest(self, start: Vector, commanded: Vector) -> tuple[float, float]:
+    async def rest(self, start: Vector, commanded: Vector, answers: bool) -> tuple[float, float]:
         """Wait until the robot has come to rest at the last order; its depth from the start, m, and the force, N.
 
-        NaN for what cannot be known any more.
+        Where it does not answer the depth is that of the last order. NaN for what cannot be known any more.
         """
-        depth = math.nan
+        depth = self._depth(start, commanded)
         patience = self._clock.now() + ARRIVAL_S
         try:
+            if not answers:
+                raise DeviceError("the robot does not answer")
             while True:
                 status = await self._robot.read_status()
-                offsets = zip(status.position, start, self._config.frame.approach, strict=True)
-                depth = sum((p - s) * n for p, s, n in offsets)
+                depth = self._depth(start, status.position)
                 if math.dist(status.position, commanded) <= ARRIVED_M or self._clock.now() > patience:
                     break
             settled = self._clock.now() + REST_S + TIME_CONSTANTS * self._sensor.delay
@@ -140,6 +143,10 @@ class WayOut:
             return depth, force
         except BridgeError:
             return depth, self._force(self._clock.now() - self._config.limits.stale_after_ms * 1e-3)
+
+    def _depth(self, start: Vector, position: Vector) -> float:
+        offsets = zip(position, start, self._config.frame.approach, strict=True)
+        return sum((p - s) * n for p, s, n in offsets)
 
     def _force(self, since: float) -> float:
         """Length of the contact force in a frame that is fresh enough, N; NaN where there is none."""

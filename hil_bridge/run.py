@@ -42,6 +42,8 @@ from protocol.values import dataclass
 
 THEN_EVENT = "then"
 """Kind of the events whose text is what followed the cause of a stop."""
+FOLLOWED_MAX = 5
+"""Chosen: things told that followed the cause of a stop."""
 BUG_EVENT = "bug"
 """Kind of the event whose text is the traceback of a bug."""
 TIME_IS_UP = "time is up"
@@ -141,7 +143,7 @@ class Run:
         self._enter("tare")
         await self._zeroing.weigh(start)
         self._orientation = start.quaternion
-        self.moving, moved = True, False
+        self.moving, moved, answers = True, False, True
         commanded = start.position
         self._heart.start()
         try:
@@ -150,12 +152,13 @@ class Run:
                     await self._guarded(motion, start)
                 finally:
                     moved, commanded = motion.ordered, motion.commanded or commanded
+                    answers = not motion.abandoned
         except BridgeError as error:
             self._blame(str(error))
         finally:
             self._heart.stop()
             self.moving = False
-        left = await self._left(start, commanded) if moved else ""
+        left = await self._left(start, commanded, answers) if moved else ""
         self._enter("end")
         return RunResult(self._outcome, self._cause, left, tuple(self._followed))
 
@@ -191,10 +194,10 @@ class Run:
         self._enter(Phase.RETRACT)
         await self._way_out.retract(motion, self._state, self._orientation, self._blame)
 
-    async def _left(self, start: Status, commanded: Vector) -> str:
+    async def _left(self, start: Status, commanded: Vector, answers: bool) -> str:
         """Where the tool was left, in words; a tool that is left pressing has not completed."""
         origin = start.position if self._state is None else self._start.position
-        depth, force = await self._way_out.rest(origin, commanded)
+        depth, force = await self._way_out.rest(origin, commanded, answers)
         limits = self._config.limits
         away = depth <= ARRIVED_M
         pressing = not force <= limits.weight_tolerance_n
@@ -397,7 +400,9 @@ class Run:
         if self._outcome is not Outcome.STOPPED:
             self._outcome, self._cause = Outcome.STOPPED, cause
             self._event(STOP_EVENT, cause)
-        elif cause != self._cause and cause not in self._followed:
+        elif len(self._followed) < FOLLOWED_MAX and _kind(cause) not in map(
+            _kind, (self._cause, *self._followed)
+        ):
             self._followed.append(cause)
             self._event(THEN_EVENT, cause)
 
@@ -408,3 +413,8 @@ class Run:
 
     def _event(self, kind: str, text: str) -> None:
         self._log.event(EventRecord(self._clock.now(), kind, text))
+
+
+def _kind(cause: str) -> str:
+    """A cause without what is known of it besides, which is another every time."""
+    return cause.partition(";")[0]

@@ -3,7 +3,7 @@
 import asyncio
 import math
 from collections import Counter, deque
-from collections.abc import AsyncIterator, Callable, Mapping
+from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from contextlib import asynccontextmanager, suppress
 from typing import TypeVar, overload
 
@@ -66,12 +66,19 @@ SAID_S = 15.0
 and its start-up.
 """
 _STATES = (
-    ("emergency_stop", True, "emergency stop"),
-    ("key_auto", False, "key not in AUTO"),
-    ("local", True, "link control taken back"),
-    ("operation", False, "in standby"),
+    ("emergency_stop", True, "emergency stop", "release it at the controller's panel"),
+    ("key_auto", False, "key not in AUTO", "turn it (or see robot.link.check_flags)"),
+    (
+        "local",
+        True,
+        "link control taken back",
+        "give it at the teach pendant (or see robot.link.check_flags)",
+    ),
+    ("operation", False, "in standby", "start again"),
 )
-"""What of a status keeps the robot from moving: flag, value, words."""
+"""What of a status keeps the robot from moving: flag, value, words, remedy."""
+_SURE = ("emergency_stop", "operation")
+"""Flags of it that were observed; where the others are is assumed."""
 
 
 class _SentWatch:
@@ -248,11 +255,7 @@ class RobotLink:
                 pass  # the link does not answer any more
             finally:
                 self._explaining = False
-        facts += [
-            f"it had said {failed_at - at:.1f} s before: {text}"
-            for at, text in self._said
-            if 0.0 <= failed_at - at <= SAID_S
-        ]
+        facts += self._said_before(failed_at)
         error.args = ("; ".join((str(error), *facts)),)
 
     def _understood(self, read: Callable[[_Raw], _Meaning], raw: _Raw) -> _Meaning:
@@ -263,22 +266,31 @@ class RobotLink:
             raise DeviceError(f"robot on {self.name} gave an answer that cannot be read: {error}") from error
 
     def fault(self, status: Status) -> str:
-        """What in a status forbids to move, in words; empty while nothing does."""
-        if status.emergency_stop:
-            return f"robot on {self.name} is in emergency stop; release it at the controller's panel"
-        if not status.operation:
-            return f"robot on {self.name} is not in operation mode"
-        if self.profile.check_flags and not status.key_auto:
-            return f"robot on {self.name}: the key does not stand in AUTO; turn it (or see robot.link.check_flags)"
-        if self.profile.check_flags and status.local:
-            return (
-                f"robot on {self.name}: the link control is not given at the teach pendant; give it "
-                "(or see robot.link.check_flags)"
+        """What in a status forbids to move, in words with what is known of its cause; empty while nothing does."""
+        shown = [
+            (words, remedy)
+            for name, value, words, remedy in _STATES
+            if getattr(status, name) is value and (self.profile.check_flags or name in _SURE)
+        ]
+        if shown:
+            facts = (
+                _together([words for words, _ in shown]),
+                shown[0][1],
+                *self._said_before(self._clock.now()),
             )
+            return f"robot on {self.name} cannot move; its status now shows: {'; '.join(facts)}"
         length = math.hypot(*status.quaternion)
         if abs(length - 1.0) > _UNIT_TOLERANCE:
             return f"robot on {self.name} reports the orientation {status.quaternion}, which is none"
         return ""
+
+    def _said_before(self, now: float) -> list[str]:
+        """What the robot said unasked shortly before, in words."""
+        return [
+            f"it had said {now - at:.1f} s before: {text}"
+            for at, text in self._said
+            if 0.0 <= now - at <= SAID_S
+        ]
 
     async def close_sequence(self, status: Status) -> None:
         """End a movement sequence that an earlier run left open, where the robot reports to be; a controller that has
@@ -409,12 +421,16 @@ def _hindrance(status: Status, fit: Status | None) -> str:
     """What in a status keeps the robot from moving, in words, but for what held already when it was `fit` to move."""
     new = [
         words
-        for name, value, words in _STATES
+        for name, value, words, _ in _STATES
         if getattr(status, name) is value and (fit is None or getattr(fit, name) is not value)
     ]
-    if new == ["in standby"] and fit is not None:
-        return "in standby, as after a restart or by hand"
-    return ", ".join(new)
+    return _together(new)
+
+
+def _together(states: Sequence[str]) -> str:
+    return (
+        "in standby, as after a restart or by hand" if list(states) == ["in standby"] else ", ".join(states)
+    )
 
 
 class Motion:
@@ -427,6 +443,8 @@ class Motion:
         self._last: tuple[Vector, Quaternion] | None = None
         self.halted = False
         """It was ordered to stand still: nothing more can be ordered."""
+        self.abandoned = False
+        """The robot does not answer: nothing more is ordered."""
 
     @property
     def ordered(self) -> bool:
@@ -458,7 +476,11 @@ class Motion:
         self.halted = True
         await self._link.order(stop_program())
 
+    def abandon(self) -> None:
+        """Order nothing more: the robot does not answer."""
+        self.abandoned = True
+
     async def end(self) -> None:
-        """End the sequence at the last point ordered, unless it was halted."""
-        if not self.halted:
+        """End the sequence at the last point ordered, unless it was halted or abandoned."""
+        if not (self.halted or self.abandoned):
             await self._link.order(self.telegram(MoveKind.END, *(self._last or ())))

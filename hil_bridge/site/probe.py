@@ -34,7 +34,7 @@ TO_FILL_IN = """
 
 [tool]
 # what hangs below the sensor; `hil-bridge identify-tool` measures it
-#= mass_kg = 0.0
+#= mass_kg = 0.5
 #= centre_of_gravity_mm = [0.0, 0.0, 0.0]
 
 [frame]

@@ -25,11 +25,11 @@ HANDS: dict[str, tuple[Callable[[Any, float], object], str]] = {
     ),
     "emergency stop": (
         lambda robot, now: robot.press_emergency_stop(now),
-        "its status now shows: emergency stop, in standby; it had said 0.",
+        "its status now shows: emergency stop, in standby",
     ),
     "emergency stop that is over": (
         lambda robot, now: (robot.press_emergency_stop(now), robot.release_emergency_stop(now)),
-        "in standby, as after a restart or by hand; it had said 0.",
+        "in standby, as after a restart or by hand",
     ),
     "key": (lambda robot, now: robot.set_key(False, now), "its status now shows: key not in AUTO"),
     "link control": (

@@ -207,7 +207,8 @@ def test_a_run_prints_its_figures_and_leaves_what_report_makes_again(hil: Comman
     lines = output.splitlines()
     assert (code, errors) == (0, "")
     assert lines[0] == "completed"
-    assert lines[-3:] == ["record: r.mcap", "summary: s.json", "report: rep/report.html"]
+    assert lines[-4:-1] == ["record: r.mcap", "summary: s.json", "report: rep/report.html"]
+    assert lines[-1] == "left: retracted, 0.0 N"
     assert any(line.startswith("  tracked") and "predictive" in line for line in lines)
     assert json.loads(Path("s.json").read_text())["outcome"] == "completed"
     assert hil("report", "r.mcap", "--out", "again") == (0, "again/report.html\n", "")
@@ -243,7 +244,7 @@ def test_a_device_that_fails_before_the_first_cycle_is_the_cause_told(
     monkeypatch.setattr(Run, "_sample", fail)
     code, output, errors = hil(*VIRTUAL, "--record", "r.mcap", "--report", "rep", "--summary", "s.json")
     assert (code, errors) == (3, "hil-bridge: stopped: the robot said no\n")
-    assert output == "stopped\nrecord: r.mcap\n"
+    assert output == "stopped\nrecord: r.mcap\nleft: retracted, 0.0 N\n"
 
 
 def test_a_stop_tells_its_cause_and_still_leaves_everything(hil: Command) -> None:
@@ -251,7 +252,7 @@ def test_a_stop_tells_its_cause_and_still_leaves_everything(hil: Command) -> Non
     code, output, errors = hil(*VIRTUAL, "c.toml", "--summary", "s.json", "--report", "rep")
     assert (code, errors) == (3, "hil-bridge: stopped: no contact found within 1 mm\n")
     assert output.startswith("stopped\n")
-    assert output.endswith("report: rep/report.html\n")
+    assert output.endswith("report: rep/report.html\nleft: retracted, 0.0 N\n")
     assert json.loads(Path("s.json").read_text())["cause"] == "no contact found within 1 mm"
 
 

@@ -112,9 +112,12 @@ def test_the_sample_that_stopped_the_run_counts_for_the_largest_force() -> None:
 
 
 def test_a_run_stopped_for_force_shows_the_force(bench: Callable[..., Any]) -> None:
-    run = bench(limits={"force_limit_n": 9.5})
+    run = bench(
+        task={"expected_stiffness_n_m": 500.0, "approach_step_mm": 2.0},
+        cell={"surface": {"stiffness_n_m": 5e4}},
+    )
     limit = next(cycle for cycle in run.cycles if cycle.verdict == "stop")
-    assert limit.force > 9.5 > max(cycle.force for cycle in run.tracked())
+    assert limit.force > 50.0 > max((cycle.force for cycle in run.tracked()), default=0.0)
     summary = summarise(Recording(tuple(run.cycles)), replace(END, outcome=run.result.outcome))
     assert summary.figures["largest_force_n"] == limit.force
 

@@ -328,6 +328,7 @@ def test_a_dead_robot_link_ends_the_run_in_the_time_of_its_time_outs(bench: RunB
     run = bench(after(5, lambda bench: setattr(bench.line, "faults", Faults(loss=1.0))))
     assert run.result.outcome is Outcome.STOPPED
     assert "robot on memory:robot" in run.result.cause
+    assert run.result.left.startswith("NOT retracted: left at 11.")
     assert run.ended_at - run.cycles[-1].answered_at < 25.0
 
 
@@ -360,7 +361,7 @@ def test_an_interruption_retracts_and_says_so(bench: RunBench) -> None:
 
 
 def test_a_robot_in_emergency_stop_is_not_moved(bench: RunBench) -> None:
-    with pytest.raises(DeviceError, match="emergency stop; release it"):
+    with pytest.raises(DeviceError, match="emergency stop, in standby; release it"):
         bench(prepare=lambda bench: bench.cell.robot.press_emergency_stop(bench.clock.now()))
 
 
