@@ -398,7 +398,7 @@ def test_every_fault_has_a_hand_that_takes_its_parameters() -> None:
     for name, fault in FAULTS.items():
         for parameter in fault.parameters.values():
             assert parameter.check(parameter.default) == parameter.default
-        bench.robot.inject(name, bench.now, **{key: 1.0 for key in fault.amounts})
+        bench.robot.inject(name, bench.now, **dict.fromkeys(fault.amounts, 1.0))
 
 
 LIVED_THROUGH: dict[str, tuple[dict[str, object], str, float]] = {
