@@ -79,6 +79,9 @@ BOARD_FRAMES_FAULTS: Mapping[str, Fault] = {
 FRAMES_FAULTS: Mapping[str, Fault] = {
     **WIRE_FAULTS,
     **BOARD_FRAMES_FAULTS,
+    "slow": Fault(
+        "samples are sent less often", {"factor": Parameter(10.0, "of their period", 1.0, 1000.0)}, FOREVER
+    ),
     "frozen-counter": Fault("samples go on with the counter of the first", {}, FOREVER),
 }
 

@@ -77,6 +77,7 @@ class Firmware:
         sensor.on_forget.append(self._forget)
         self._scales = WrongScales()
         self._frozen_counters: list[Injection] = []
+        self._slow: list[Injection] = []
         self._frozen_at: dict[Injection, int] = {}
         self._sample_period = sample_period_us * 1e-6
         self._shortest_period = shortest_period_us * 1e-6
@@ -106,7 +107,10 @@ class Firmware:
         """What can go wrong here, by target, for a ledger."""
         return {
             "scales": self._scales.handlers,
-            "frames": {"frozen-counter": Handler(self._frozen_counters.append)},
+            "frames": {
+                "frozen-counter": Handler(self._frozen_counters.append),
+                "slow": Handler(self._slow.append),
+            },
         }
 
     # --- commands
@@ -163,6 +167,10 @@ class Firmware:
         stream, sampling = self._stream, self._sampling
         while stream is not None and sampling is not None and stream.due <= now:
             yield self._newest(sampling, stream.due)
+            for injection in self._slow:
+                if injection.holds(stream.due):
+                    stream.anchor += (injection.number("factor") - 1.0) * stream.period
+                    injection.struck += 1
             stream.step()
 
     def sampled_at(self, counter: int) -> float | None:

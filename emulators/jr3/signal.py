@@ -18,6 +18,8 @@ Floats = NDArray[np.float64]
 
 _EPSILON = 1e-6
 """Of a sample period: what a time may lack of its sample's by rounding."""
+_ROUNDING_S = 1e-9
+"""What a time since a begin may lack of a whole period by rounding."""
 _STUCK, _NOISE = "stuck", "noise"
 
 
@@ -141,7 +143,7 @@ def _turned(injection: Injection, wrench: Floats, since: Floats) -> None:
 
 def _intermittent(injection: Injection, wrench: Floats, since: Floats) -> None:
     period = injection.number("period_s")
-    lost = since % period < (1.0 - injection.number("duty")) * period
+    lost = (since + _ROUNDING_S) % period < (1.0 - injection.number("duty")) * period
     wrench[_rows(injection), lost] = 0.0
 
 

@@ -49,8 +49,10 @@ class Reporting:
     def falsified(self, status: Status, now: float) -> Status:
         """The status that is told instead of a true one."""
         told = before = self._true(now, status.standby)
-        self._wrong = [wrong for wrong in self._wrong if wrong.injection.holds(now)]
+        self._wrong = [wrong for wrong in self._wrong if wrong.injection.ended_at is None]
         for wrong in self._wrong:
+            if not wrong.injection.holds(now):
+                continue
             told, before = _FALSIFY[wrong.injection.fault](wrong, told, self._motion, now), told
             wrong.injection.struck += told != before
         return replace(

@@ -1,6 +1,6 @@
 """A panel's answers for people to read. An answer that lacks something shows a dash."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 _FLAG_TEXTS = {
@@ -44,15 +44,21 @@ def state_text(state: Mapping[str, Any]) -> str:
 def faults_text(targets: Mapping[str, Any]) -> str:
     """Every fault of every target with its parameters, defaults and ranges."""
     lines = []
-    for target, faults in targets.items():
+    for target, faults in _tables(targets):
         lines.append(target)
-        for name, fault in faults.items():
+        for name, fault in _tables(faults):
             lines.append(f"  {name:<20}{fault.get('meaning', '')}")
             lines += [
                 f"{'':<24}{key}{_default(item)}: {item.get('meaning')}, {item.get('range')}"
-                for key, item in fault.get("parameters", {}).items()
+                for key, item in _tables(fault.get("parameters", {}))
             ]
     return "\n".join(lines)
+
+
+def _tables(table: object) -> Iterator[tuple[str, Mapping[str, Any]]]:
+    """The items of a table that are tables themselves."""
+    if isinstance(table, Mapping):
+        yield from ((str(name), item) for name, item in table.items() if isinstance(item, Mapping))
 
 
 def _default(parameter: Mapping[str, Any]) -> str:

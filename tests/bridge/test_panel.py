@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
-from emulators.cell import Cell
+from emulators.cell import Cell, CellProfile
 from emulators.cell_faults import CELL_FAULTS
 from emulators.robot import Panel
 from hil_bridge import session
@@ -324,6 +324,11 @@ def test_every_command_reaches_the_controller() -> None:
         assert "drop-ack of a bid (2)" in await do("inject", "drop-ack", "of=bid", "count=2")
         assert "standby" in (await do("show")).splitlines()[0]
         assert "none waiting" in await do("disarm")
+        assert "signal: scale" in await do("inject", "signal", "scale", "axis=fz", "factor=0.5")
+        assert cell.faults[-1].values == {"axis": "fz", "factor": 0.5}
+        assert "lasting       none" in await do("mend")
+        await do("inject", "line-break", "seconds=0.001")
+        assert cell.faults[-1].name == "link: line-break"
         listed = await do("faults")
         for target, faults in CELL_FAULTS.items():
             assert f"\n{target}\n" in f"\n{listed}"
@@ -331,6 +336,8 @@ def test_every_command_reaches_the_controller() -> None:
         for arguments, text in (
             (("inject", "drop-ack", "off=bid"), "drop-ack has no parameter 'off'"),
             (("inject", "flood"), "no fault is called 'flood'"),
+            (("inject", "signal", "flood"), "no fault of signal is called 'flood'"),
+            (("inject", "bus", "off"), "this cell cannot have bus: off"),
         ):
             with pytest.raises(ConfigError, match=text):
                 await asyncio.to_thread(ask_as_cli, url, *arguments)
@@ -362,6 +369,7 @@ def test_what_is_shown_can_be_read_and_survives_an_odd_answer() -> None:
     assert "–" in state_text({})
     assert state_text({"flags": [], "armed": 1, "position_mm": ["x"]})
     assert faults_text({}) == ""
+    assert faults_text({"robot": {"meaning": "flat"}, "link": 3}) == "robot"
 
 
 def test_a_panel_has_no_place_in_virtual_time_or_at_a_real_robot() -> None:
@@ -374,6 +382,22 @@ def test_a_panel_has_no_place_in_virtual_time_or_at_a_real_robot() -> None:
 
         with pytest.raises(ConfigError, match="--panel"):
             run_virtual(main)
+
+
+def test_what_is_done_at_the_panel_is_told_to_the_record() -> None:
+    cell, said = Cell(CellProfile(), 100.0, 1), []
+    cell.ledger.on_fault = said.append
+    board = Panel(cell.robot, cell.ledger, CELL_FAULTS)
+    board.perform({"do": "key", "to": "manual"}, 101.0)
+    board.perform({"do": "inject", "target": "surface", "fault": "rises", "with": {"for_s": "2"}}, 101.0)
+    assert board.state(102.0).lasting == ("surface: rises",)
+    board.perform({"do": "mend"}, 102.5)
+    assert said == [
+        "robot: key manual at the panel",
+        "surface: rises (mm_s 2) begins for 2 s",
+        "surface: rises ends",
+    ]
+    assert cell.faults[0].ended_at == 102.5
 
 
 def test_a_cell_that_cannot_be_is_one_line(tmp_path: Path) -> None:

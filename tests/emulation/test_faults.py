@@ -1,0 +1,332 @@
+"""Faults of the emulated devices at their exact samples, whatever had been computed ahead."""
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from emulators.cell import Cell, CellProfile
+from emulators.contact import SurfaceProfile
+from emulators.faults import Ledger
+from emulators.faults.wire import BYTES, FRAMES, WIRE_FAULTS, FaultyWire
+from emulators.jr3.sensor import SENSOR_RATE_HZ
+from emulators.materials import MaterialKind, MaterialProfile
+from emulators.robot import Waypoint
+from emulators.surface_faults import ObstacleProfile
+from protocol.can import CanFrame
+
+T0 = 4000.375
+RATE = SENSOR_RATE_HZ
+DOWN = (0.0, 1.0, 0.0, 0.0)
+LINEAR = SurfaceProfile()
+SOLID = SurfaceProfile(material=MaterialProfile(MaterialKind.STANDARD_LINEAR_SOLID))
+SURFACES = pytest.mark.parametrize("surface", [LINEAR, SOLID], ids=["linear", "remembers"])
+Inject = Callable[[Cell, float], object]
+
+
+def moving_cell(surface: SurfaceProfile = LINEAR) -> Cell:
+    """A cell whose tool presses into the surface from 1 s on, 4 mm deep, and comes up again slowly."""
+    cell = Cell(CellProfile(surface=surface), T0, seed=3)
+    for depth, speed in ((-0.012, 0.01), (-0.014, 0.01), (-0.011, 0.001)):
+        cell.robot.motion.enqueue(Waypoint((0.9, -0.1, 0.6 + depth), DOWN, speed), T0)
+    return cell
+
+
+def counts(cell: Cell, inject: Inject | None = None, at: float = 2.0, begin: float = 0.0) -> NDArray[Any]:
+    """Counts of all samples of four seconds, read in blocks of 10 ms; injected after what `at` tells was read."""
+    blocks, step, injected = [], RATE // 100, inject is None
+    first = round((T0 + begin) * RATE)
+    last = round((T0 + 4.0) * RATE)
+    while first < last:
+        if not injected and first / RATE >= T0 + at:
+            assert inject is not None
+            inject(cell, first / RATE)
+            injected = True
+        # What a gateway does: it takes all that is told, and uses of it what has come.
+        blocks.append(cell.sensor.counts_from(first, first + step - 1)[:step].copy())
+        first += step
+    return np.concatenate(blocks)
+
+
+def scaled(**parameters: object) -> Inject:
+    return lambda cell, now: cell.inject("signal", "scale", now, **parameters)
+
+
+@SURFACES
+def test_a_signal_fault_holds_from_its_sample_to_its_last_exactly(surface: SurfaceProfile) -> None:
+    clean = counts(moving_cell(surface))
+    broken = counts(moving_cell(surface), scaled(axis="fz", factor=-3.0, for_s=0.5))
+    begin, end = 2 * RATE, 2 * RATE + RATE // 2
+    other = [0, 1, 3, 4, 5]
+    assert np.array_equal(clean[:, other], broken[:, other])
+    assert np.array_equal(clean[:begin, 2], broken[:begin, 2])
+    assert np.array_equal(clean[end:, 2], broken[end:, 2])
+    # N, without the noise of some counts: the wrench before the converter is what is scaled
+    assert np.allclose(broken[begin:end, 2], -3.0 * clean[begin:end, 2], atol=40.0)
+    assert (np.abs(broken[begin:end, 2] - clean[begin:end, 2]) > 100).all()
+
+
+@SURFACES
+@pytest.mark.parametrize(
+    ("target", "fault", "parameters"),
+    [
+        ("signal", "offset", {"amount": 7.0}),
+        ("surface", "step", {"mm": 2.0}),
+        ("surface", "swings", {"mm": 0.5}),
+        ("surface", "hard", {"factor": 3.0}),
+        ("obstacle", "above", {"height_mm": 0.0}),
+    ],
+)
+def test_what_was_computed_ahead_is_forgotten(
+    surface: SurfaceProfile, target: str, fault: str, parameters: dict[str, object]
+) -> None:
+    def inject(cell: Cell, now: float) -> None:
+        cell.inject(target, fault, now, **parameters)
+
+    # One reads on and is surprised, the other begins to read when the fault begins.
+    surprised = counts(moving_cell(surface), inject)
+    cell = moving_cell(surface)
+    inject(cell, T0 + 2.0)
+    knowing = counts(cell)
+    assert np.array_equal(surprised, knowing)
+    assert not np.array_equal(surprised, counts(moving_cell(surface)))
+
+
+@SURFACES
+def test_a_fault_that_is_mended_early_leaves_no_trace(surface: SurfaceProfile) -> None:
+    cell = moving_cell(surface)
+
+    def inject(cell: Cell, now: float) -> None:
+        cell.inject("signal", "offset", now, amount=7.0)
+        cell.ledger.mend(now)
+
+    assert np.array_equal(counts(cell, inject), counts(moving_cell(surface)))
+
+
+def signal(fault: str, **parameters: object) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Counts of the last two seconds, without and with a fault for all of them."""
+    clean = counts(moving_cell())[2 * RATE :]
+    broken = counts(moving_cell(), lambda cell, now: cell.inject("signal", fault, now, **parameters))
+    return clean, broken[2 * RATE :]
+
+
+def test_a_stuck_signal_repeats_its_first_sample() -> None:
+    clean, broken = signal("stuck")
+    assert np.array_equal(broken, np.broadcast_to(clean[0], clean.shape))
+
+
+def test_a_dead_axis_gives_its_noise_only() -> None:
+    clean, broken = signal("dead", axis="all")
+    assert np.abs(clean[:, 2]).max() > 500
+    assert np.abs(broken).max() < 8
+    assert broken.std() == pytest.approx(1.0, abs=0.1)
+
+
+def test_swapped_turned_and_negated_axes() -> None:
+    clean, broken = signal("swapped", axis="fx", other="mz")
+    assert np.abs(broken[:, 2] - clean[:, 2]).max() == 0
+    clean, broken = signal("turned", degrees=180.0)
+    assert np.allclose(broken[:, [0, 1, 3, 4]], -clean[:, [0, 1, 3, 4]], atol=12)
+    clean, broken = signal("sign", axis="fz")
+    assert np.allclose(broken[:, 2], -clean[:, 2], atol=12)
+
+
+def test_a_loose_contact_comes_and_goes() -> None:
+    clean, broken = signal("intermittent", axis="fz", period_s=0.2, duty=0.25)
+    lost = np.arange(len(clean)) % (RATE // 5) < 0.75 * RATE / 5
+    assert np.array_equal(broken[~lost], clean[~lost])
+    assert np.abs(broken[lost, 2]).max() < 8
+
+
+def test_a_spike_is_as_long_as_it_is() -> None:
+    clean, broken = signal("spike", amount=60.0)
+    differs = np.flatnonzero(broken[:, 2] != clean[:, 2])
+    assert (differs[0], differs[-1], len(differs)) == (0, 39, 40), "5 ms at 8 kHz"
+
+
+def test_noise_grows_and_the_signal_stays() -> None:
+    clean, broken = signal("noise", factor=30.0)
+    assert (broken[:, 0] - clean[:, 0]).std() == pytest.approx(29.0, rel=0.05)
+    quiet = Cell(CellProfile(sensor=replace(CellProfile().sensor, noise_counts=0.0)), T0, 1)
+    with pytest.raises(ValueError, match="this sensor has no noise"):
+        quiet.inject("signal", "noise", T0)
+
+
+def test_a_receiver_board_has_the_same_faults_at_the_same_samples() -> None:
+    def raw(begin: float | None) -> NDArray[Any]:
+        cell, first = moving_cell(), round(T0 * RATE)
+        if begin is not None:
+            cell.inject("signal", "sign", T0 + begin, axis="fz", for_s=1.0)
+        return cell.sensor.raw(first, first + 4 * RATE)
+
+    clean, broken = raw(None), raw(2.0)
+    differs = np.flatnonzero((clean != broken).any(axis=1))
+    assert (differs[0], differs[-1]) == (2 * RATE, 3 * RATE - 1)
+
+
+# --- what is touched
+
+
+def force(cell: Cell, at: float) -> float:
+    return cell.true_state(T0 + at).contact_force[2]
+
+
+def test_a_step_is_a_ramp_of_the_surface_and_goes_back() -> None:
+    cell = moving_cell()
+    cell.robot.motion.halt(T0 + 1.3)  # 3 mm deep: 15 N
+    before = force(cell, 2.0)
+    cell.inject("surface", "step", T0 + 2.0, mm=1.0, ramp_ms=200.0, for_s=1.0)
+    assert [force(cell, at) - before for at in (2.0, 2.1, 2.25, 2.9, 3.1, 3.3)] == pytest.approx(
+        [0.0, 2.5 + 0.05, 5.0, 5.0, 2.5 - 0.05, 0.0], abs=0.02
+    )
+
+
+def test_a_hole_an_inclusion_and_a_surface_that_rises() -> None:
+    cell = moving_cell()
+    cell.robot.motion.halt(T0 + 1.3)
+    before = force(cell, 2.0)
+    cell.inject("surface", "hard", T0 + 2.0, factor=4.0, for_s=0.5)
+    assert force(cell, 2.3) == pytest.approx(4.0 * before)
+    cell.inject("surface", "rises", T0 + 3.0, mm_s=2.0, for_s=0.5)
+    assert force(cell, 3.6) == pytest.approx(before + 5.0)
+    cell.inject("surface", "hole", T0 + 3.6, for_s=0.3)
+    assert force(cell, 3.8) == 0.0
+
+
+def test_an_obstacle_pushes_down_and_only_while_it_is_there() -> None:
+    cell = Cell(CellProfile(obstacle=ObstacleProfile(5.0, 2000.0)), T0, seed=3)
+    cell.robot.motion.enqueue(Waypoint((0.9, -0.1, 0.606), DOWN, 0.01), T0)
+    assert force(cell, 0.3) == 0.0
+    assert force(cell, 2.0) == pytest.approx(-2.0, abs=0.15)
+    cell.inject("obstacle", "above", T0 + 2.0, height_mm=0.0, stiffness_n_m=1e4, for_s=1.0)
+    cell.robot.motion.enqueue(Waypoint((0.9, -0.1, 0.607), DOWN, 0.01), T0 + 2.0)
+    assert force(cell, 2.9) == pytest.approx(-4.0 - 10.0, abs=1.0)
+    assert force(cell, 3.1) == pytest.approx(-4.0, abs=0.15)
+
+
+# --- the pose that is told
+
+
+def told(cell: Cell, at: float) -> Any:
+    return cell.robot._executive.status(T0 + at)
+
+
+def test_a_false_position_leaves_the_arm_where_it_is() -> None:
+    cell, true = moving_cell(), moving_cell()
+    cell.inject("pose", "offset", T0 + 0.5, x_mm=1000.0, for_s=0.5)
+    assert told(cell, 0.4).position == told(true, 0.4).position
+    assert told(cell, 0.6).position[0] - told(true, 0.6).position[0] == pytest.approx(1.0)
+    assert told(cell, 1.0) == told(true, 1.0), "its end is excluded"
+    assert cell.true_state(T0 + 0.9).position == true.true_state(T0 + 0.9).position
+    far = cell.inject("pose", "offset", T0 + 1.1, x_mm=2000.0, y_mm=-2000.0, z_mm=2000.0)
+    cell.inject("pose", "offset", T0 + 1.1, x_mm=2000.0)
+    assert told(cell, 1.2).position[0] == pytest.approx(4.095875), "as far as a word can tell"
+    assert far.struck == 1
+
+
+def test_mirrored_frozen_late_and_turned() -> None:
+    cell, true = moving_cell(), moving_cell()
+    start = told(true, 0.5).position[2]
+    cell.inject("pose", "mirrored", T0 + 0.5, axis="z", for_s=0.5)
+    assert told(cell, 0.9).position[2] - start == pytest.approx(start - told(true, 0.9).position[2])
+    cell.inject("pose", "frozen", T0 + 1.0, for_s=0.5)
+    assert told(cell, 1.4).position == told(true, 1.0).position
+    cell.inject("pose", "late", T0 + 1.5, ms=300.0, for_s=0.5)
+    assert told(cell, 1.9).position == told(true, 1.6).position
+    cell.inject("pose", "turned", T0 + 2.0, degrees=90.0, axis="x", for_s=0.5)
+    half = math.sqrt(0.5)
+    assert told(cell, 2.1).quaternion == pytest.approx((-half, half, 0.0, 0.0), abs=1e-4)
+    cell.inject("pose", "standby", T0 + 2.5)
+    assert (told(cell, 2.6).standby, told(cell, 2.6).operation) == (True, False)
+
+
+# --- wires
+
+
+def wire(pieces: Any, fault: str, **parameters: object) -> tuple[FaultyWire[Any], Any]:
+    filter_: FaultyWire[Any] = FaultyWire(pieces, 5)
+    ledger = Ledger({"link": WIRE_FAULTS})
+    ledger.attach("link", filter_.handlers)
+    return filter_, ledger.inject("link", fault, T0, parameters)
+
+
+DATA = bytes(range(256)) * 4
+
+
+@pytest.mark.parametrize(
+    ("fault", "left"),
+    [("off", 0), ("loss", 512), ("duplication", 1536), ("corruption", 1024), ("garbage", 1024)],
+)
+def test_what_a_bad_wire_does_to_bytes(fault: str, left: int) -> None:
+    parameters = {} if fault == "off" else {"probability": 0.5, "for_s": 2.0}
+    bad, injection = wire(BYTES, fault, **parameters)
+    out = bad.outgoing(DATA, T0)
+    assert len(out) == pytest.approx(left, abs=80)
+    assert injection.struck == (1024 if fault == "off" else pytest.approx(512, abs=80))
+    assert out != DATA
+    assert bad.outgoing(DATA, T0 + 2.0) == DATA, "its end is excluded"
+    assert wire(BYTES, fault, **parameters)[0].outgoing(DATA, T0) == out, "repeats with the seed"
+
+
+def test_a_delay_keeps_the_order_and_has_a_deadline() -> None:
+    bad, _ = wire(BYTES, "delay", ms=250.0, for_s=0.1)
+    assert bad.outgoing(b"a", T0) == b""
+    assert bad.outgoing(b"b", T0 + 0.2) == b"", "never before what went out earlier"
+    assert bad.next_deadline(None) == T0 + 0.25
+    assert bad.outgoing(b"", T0 + 0.25) == b"ab"
+    assert bad.next_deadline(T0 + 9.0) == T0 + 9.0
+
+
+def test_one_way_alone_and_the_next_frames() -> None:
+    frames = [CanFrame(0x100 + k, bytes([k])) for k in range(5)]
+    bad, _ = wire(FRAMES, "off", way="to")
+    assert (list(bad.incoming(frames, T0)), list(bad.outgoing(frames, T0))) == ([], frames)
+    bad, injection = wire(FRAMES, "lose-next", count=7)
+    assert list(bad.outgoing(frames, T0)) == []
+    assert list(bad.outgoing(frames, T0 + 1.0)) == frames[2:]
+    assert (injection.struck, injection.ended_at) == (7, T0 + 1.0)
+    bad, _ = wire(FRAMES, "corruption", probability=1.0)
+    for sent, come in zip(frames, bad.outgoing(frames, T0), strict=True):
+        assert sent.identifier == come.identifier
+        assert (sent.data[0] ^ come.data[0]).bit_count() == 1
+
+
+# --- the ledger
+
+
+def test_the_ledger_tells_what_was_when_and_how_often() -> None:
+    cell, said = moving_cell(), []
+    cell.ledger.on_fault = said.append
+    cell.inject("signal", "dead", T0 + 1.0, axis="fx", for_s=0.5)
+    cell.inject("robot", "standby", T0 + 1.1)
+    cell.inject("link", "drop-ack", T0 + 1.2)
+    assert cell.ledger.next_deadline() == T0 + 1.5
+    assert cell.ledger.active(T0 + 1.4) == ("signal: dead", "link: drop-ack")
+    cell.ledger.handle_deadline(T0 + 1.6)
+    assert cell.ledger.next_deadline() is None
+    assert [(item.target, item.fault, item.injected_at, item.ended_at) for item in cell.faults] == [
+        ("signal", "dead", T0 + 1.0, T0 + 1.5),
+        ("robot", "standby", T0 + 1.1, T0 + 1.1),
+        ("link", "drop-ack", T0 + 1.2, None),
+    ]
+    assert said == [
+        "signal: dead (axis fx) begins for 0.5 s",
+        "robot: standby happens",
+        "link: drop-ack (of block, count 1) begins",
+        "signal: dead ends",
+    ]
+
+
+def test_a_cell_without_a_receiver_has_none_of_its_faults() -> None:
+    cell = moving_cell()
+    for target, fault in (("frames", "loss"), ("scales", "wrong"), ("bus", "off"), ("computer", "pause")):
+        with pytest.raises(ValueError, match=f"^this cell cannot have {target}: {fault}; [^\n]+$"):
+            cell.inject(target, fault, T0)
+    assert cell.gateway
+    cell.inject("frames", "loss", T0)
+    with pytest.raises(ValueError, match=r"^this cell cannot have frames: unplugged"):
+        cell.inject("frames", "unplugged", T0)
