@@ -202,6 +202,13 @@ class _Session:
         if self._faults is not None:
             self._faults.event(record)
 
+    def _pause(self, seconds: float) -> None:
+        """A fault of the computer: it stands still."""
+        if self._run is not None and self._clock.is_virtual:
+            self._run.stand_still(seconds)
+        else:
+            time.sleep(seconds)
+
     def _tell_trouble(self, text: str) -> None:
         """Of the recorder, at once; the run goes on, since nothing in it depends on its record."""
         self._trouble_told = True
@@ -230,7 +237,7 @@ class _Session:
 
     def _emulated(self, cell: Cell) -> None:
         self._truths = Truths(cell, self._config.sensor, self._recorder.put)
-        self._faults = FaultSchedule(self._config.faults, cell, self._clock, self._notice)
+        self._faults = FaultSchedule(self._config.faults, cell, self._clock, self._notice, self._pause)
 
     # --- the run
 

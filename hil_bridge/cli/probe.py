@@ -41,3 +41,29 @@ def robot(url: str, out: Path | None, patience_s: float, overwrite: bool) -> Non
     from hil_bridge.site.probe import probe_robot
 
     probe_robot(url, out, patience_s, overwrite)
+
+
+@probe.command(short_help="Show a force sensor, and name its axes by pushes.")
+@click.argument("url", metavar="URL")
+@click.option(
+    "--config", "config_file", type=FILE, metavar="FILE", help="Configuration whose [sensor] is compared."
+)
+@click.option("--no-push", is_flag=True, help="Ask for no pushes by hand.")
+@click.option(
+    "--duration",
+    "duration_s",
+    type=click.FloatRange(min=0.0),
+    metavar="S",
+    help="Show the wrench for so long.  [default: until Ctrl-C]",
+)
+def sensor(url: str, config_file: Path | None, no_push: bool, duration_s: float | None) -> None:
+    """Show what a force sensor tells of itself, its noise, and its wrench, live.
+
+    On a terminal it asks for a push along +X, +Y and +Z of the tool, names the axis that answers and its sign, and
+    says what to set in [sensor] where that is not as configured. Nothing is zeroed, nothing moves. URL is that of
+    `run --sensor`.
+    """
+    from hil_bridge.config import load_config
+    from hil_bridge.site.sensor_probe import probe_sensor
+
+    probe_sensor(url, load_config(config_file, {}), not no_push, duration_s)

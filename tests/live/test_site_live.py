@@ -70,6 +70,37 @@ def test_two_tapped_lines_are_put_into_words_and_kept(tmp_path: Path) -> None:
     assert "read status, order" in again.stdout
 
 
+def test_a_sensor_is_probed_on_a_terminal_and_left_with_ctrl_c() -> None:
+    emulator = start("emulate", "cell", "--json")
+    mine, its = pty.openpty()
+    try:
+        assert emulator.stdout is not None
+        url = json.loads(emulator.stdout.readline())["sensor"]
+        process = subprocess.Popen([*HIL, "probe", "sensor", url], stdin=its, stdout=its, stderr=its)
+        said, asked, ends = "", 0, time.monotonic() + PATIENCE
+        while not (asked == 3 and said.rpartition("+Z: left out")[2].count("Fz") >= 2):
+            assert time.monotonic() < ends, said
+            assert process.poll() is None, said
+            if select.select([mine], [], [], 0.2)[0]:
+                said += os.read(mine, 4096).decode()
+            if said.count("Enter goes on without it") > asked:
+                asked += 1
+                os.write(mine, b"\n")
+        process.send_signal(signal.SIGINT)
+        while process.poll() is None:
+            if select.select([mine], [], [], 0.2)[0]:
+                said += os.read(mine, 4096).decode()
+        assert process.returncode == 0
+        assert "full scales  Fx 115  Fy 111  Fz 185 N" in said
+        assert "100 frames a second" in said
+        assert "Traceback" not in said
+    finally:
+        emulator.terminate()
+        emulator.communicate(timeout=PATIENCE)
+        os.close(mine)
+        os.close(its)
+
+
 def test_a_controller_behind_a_device_server_is_probed(tmp_path: Path) -> None:
     """The server knows what the client sets, so that parity can be wrong; the configuration found runs as it is."""
     cell = tmp_path / "cell.toml"

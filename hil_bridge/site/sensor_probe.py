@@ -1,0 +1,301 @@
+"""`hil-bridge probe sensor`: what a force sensor tells of itself, how it is mounted, and what it feels.
+
+Nothing is sent but what a run sends at its start, and no zero: the wrench shown is the device's own, with the weight
+of all that hangs below the sensor in it.
+"""
+
+import asyncio
+import math
+import os
+import signal
+import sys
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext, suppress
+from typing import TypeAlias, TypeVar
+
+import click
+
+from hil_bridge.clock import Clock, run_real
+from hil_bridge.compose import connect_sensor
+from hil_bridge.config import Config
+from hil_bridge.devices import ForceSensor
+from hil_bridge.errors import DeviceError
+from hil_bridge.site.push import (
+    RIGHT_ANGLE_DEG,
+    Answer,
+    angle_deg,
+    expected,
+    judge_push,
+    mounting_of,
+    push_threshold,
+)
+from hil_bridge.zeroing import wrist
+from protocol.jr3 import AXES, SensorFrame
+from protocol.values import dataclass
+
+NOISE_S = 1.0
+"""For so long the stream's rate and noise are measured, and what is there before a push. Chosen."""
+HOLD_S = 0.5
+"""For so long a push must be held. Chosen."""
+LOOK_S = 0.1
+"""How often it is looked for. Chosen."""
+PATIENCE_S = 60.0
+"""For how long a push is waited for, and then for its end. Chosen: somebody has to walk to the cell."""
+FIRST_S = 5.0
+"""For how long the first frame is waited for once the device says that it streams. Chosen: behind the slowest filter
+of a UART gateway it comes within a second.
+"""
+SHOW_S = 1.0
+"""From one live line to the next."""
+STEADY_SHARE = 0.25
+"""How much a push that is held may vary, rms, as a share of itself. Chosen: more is a knock, or a hand on its way."""
+
+Wrench: TypeAlias = tuple[float, ...]
+Seen = TypeVar("Seen")
+
+
+@dataclass(frozen=True, slots=True)
+class Screen:
+    """Where a probe speaks."""
+
+    say: Callable[[str], object]
+    """Shown a line that stays."""
+    show: Callable[[str], object]
+    """Shown a line that the next one may replace."""
+
+
+@dataclass(frozen=True, slots=True)
+class Stream:
+    """Frames over a stretch of time."""
+
+    rate_hz: float
+    mean: Wrench
+    """In the sensor frame, N and N·m."""
+    rms: Wrench
+    """About the mean, per axis."""
+
+
+def probe_sensor(url: str, config: Config, push: bool, duration_s: float | None) -> None:
+    """Probe in real time until Ctrl-C, or for so long.
+
+    Without a terminal to answer on, no pushes are asked for. Raises ConfigError for the URL, TransportUnavailable for
+    the wire, DeviceError for a sensor that does not stream.
+    """
+    by_hand = push and sys.stdin.isatty()
+    redrawn = sys.stdout.isatty()
+    screen = Screen(
+        lambda text: click.echo(f"\r\x1b[K{text}" if redrawn else text),
+        lambda text: click.echo(f"\r\x1b[K{text}", nl=False) if redrawn else click.echo(text),
+    )
+
+    async def main() -> None:
+        clock, entered = Clock.running(), asyncio.Event()
+        try:
+            with _answers(entered) if by_hand else nullcontext():
+                probing = asyncio.create_task(
+                    probe(url, config, clock, screen, entered if by_hand else None, duration_s)
+                )
+                for number in (signal.SIGINT, signal.SIGTERM):
+                    with suppress(NotImplementedError):  # no signal handlers in loops of other platforms
+                        clock.loop.add_signal_handler(number, probing.cancel)
+                with suppress(asyncio.CancelledError):
+                    await probing
+        finally:
+            clock.close()
+            if redrawn:
+                click.echo()
+
+    run_real(main)
+
+
+@contextmanager
+def _answers(entered: asyncio.Event) -> Iterator[None]:
+    """Set the event whenever Enter is pressed."""
+    loop, terminal = asyncio.get_running_loop(), sys.stdin.fileno()
+
+    def read() -> None:
+        if not os.read(terminal, 4096):  # the terminal has gone
+            loop.remove_reader(terminal)
+        entered.set()
+
+    loop.add_reader(terminal, read)
+    try:
+        yield
+    finally:
+        loop.remove_reader(terminal)
+
+
+async def probe(
+    url: str,
+    config: Config,
+    clock: Clock,
+    screen: Screen,
+    entered: asyncio.Event | None,
+    duration_s: float | None,
+) -> None:
+    """Open a sensor, tell of it, ask for pushes unless `entered` is None, then show the wrench; errors as above.
+
+    `entered` is set by somebody who wants to go on without the push that is asked for.
+    """
+    frames: deque[SensorFrame] = deque()
+
+    def take(frame: SensorFrame) -> None:
+        frames.append(frame)
+        while frame.at - frames[0].at > 2.0 * NOISE_S:
+            frames.popleft()
+
+    def note(kind: str, text: str) -> None:
+        screen.say(f"{kind} says: {text}")
+
+    sensor = await connect_sensor(url, config.sensor, clock, take, note)
+    sensor.start()
+    try:
+        look = _Look(sensor, frames, clock)
+        noise = await _tell(sensor, look, url, screen)
+        if entered is not None:
+            await _pushes(config, look, noise, screen, entered)
+        await _live(look, screen, duration_s)
+    finally:
+        await sensor.aclose()
+
+
+class _Look:
+    """The stream of the last moments."""
+
+    def __init__(self, sensor: ForceSensor, frames: Sequence[SensorFrame], clock: Clock) -> None:
+        self._sensor = sensor
+        self._frames = frames
+        self._clock = clock
+
+    async def after(self, seconds: float) -> None:
+        """Wait. Raises DeviceError or TransportError when the sensor has ended meanwhile."""
+        await self._clock.sleep_until(self._clock.now() + seconds)
+        self._sensor.check()
+
+    def back(self, seconds: float) -> Stream:
+        """What came in the last so many seconds. Raises DeviceError when that is no stream."""
+        since = self._clock.now() - seconds
+        recent = [self._sensor.wrench(frame) for frame in list(self._frames) if frame.at > since]
+        if len(recent) < 2:
+            raise DeviceError(
+                f"force sensor on {self._sensor.name}: {len(recent)} frames in the last {seconds:g} s: it does not "
+                "stream; check its supply, and whether another program stopped it"
+            )
+        axes = list(zip(*recent, strict=True))
+        means = tuple(sum(axis) / len(axis) for axis in axes)
+        rms = tuple(
+            math.sqrt(sum((value - mean) ** 2 for value in axis) / len(axis))
+            for axis, mean in zip(axes, means, strict=True)
+        )
+        return Stream(len(recent) / seconds, means, rms)
+
+
+async def _tell(sensor: ForceSensor, look: _Look, url: str, screen: Screen) -> Wrench:
+    """What the device says of itself, and what its stream is like; the noise of each axis."""
+    scales = await sensor.ready()
+    try:
+        async with asyncio.timeout(FIRST_S):
+            await sensor.frame()
+    except TimeoutError as error:
+        raise DeviceError(
+            f"force sensor on {sensor.name} says that it streams, but no frame came for {FIRST_S:g} s"
+        ) from error
+    await look.after(NOISE_S)
+    stream = look.back(NOISE_S)
+    for name, text in (
+        ("sensor", url),
+        ("full scales", f"{_row(scales, 0, 1)}; compare them with the sensor's plate"),
+        ("filter delay", f"{sensor.delay * 1e3:.1f} ms"),
+        ("stream", f"{stream.rate_hz:.0f} frames a second"),
+        ("noise", f"{_row(stream.rms, 3, 4)} rms over {NOISE_S:g} s"),
+        ("wrench", f"{_row(stream.mean, 2, 3)}, the weight below the sensor included"),
+    ):
+        screen.say(f"{name:<13}{text}")
+    return stream.rms
+
+
+def _row(wrench: Sequence[float], force_digits: int, moment_digits: int) -> str:
+    """Six values with their names and units."""
+
+    def part(axes: range, digits: int) -> str:
+        # adding zero turns −0.0 into 0.0
+        return "  ".join(f"{AXES[k].capitalize()} {round(wrench[k], digits) + 0.0:.{digits}f}" for k in axes)
+
+    return f"{part(range(3), force_digits)} N  {part(range(3, 6), moment_digits)} N·m"
+
+
+async def _live(look: _Look, screen: Screen, duration_s: float | None) -> None:
+    shown = 0.0
+    while duration_s is None or shown < duration_s:
+        await look.after(SHOW_S)
+        shown += SHOW_S
+        screen.show(_row(look.back(SHOW_S).mean, 2, 3))
+
+
+async def _pushes(config: Config, look: _Look, noise: Wrench, screen: Screen, entered: asyncio.Event) -> None:
+    """Ask for a push along each axis of the tool, and say what the answers mean."""
+    sits = wrist(config)
+    found: dict[int, Answer] = {}
+    wrong = False
+    for axis, name in enumerate("XYZ"):
+        screen.say(f"push along +{name} of the tool and hold; Enter goes on without it")
+        entered.clear()
+        answer = await _push(look, noise, screen, entered)
+        if answer is None:
+            screen.say(f"  +{name}: left out")
+            continue
+        should = expected(sits, axis)
+        off = angle_deg(answer.direction, should.direction)
+        fits = off <= RIGHT_ANGLE_DEG
+        verdict = "as configured" if fits else f"{off:.0f}° from what [sensor] of the configuration says"
+        screen.say(f"  +{name}: {answer.text}; {verdict}")
+        if answer.sure or fits:
+            found[axis] = answer
+        wrong |= not fits
+    if not wrong:
+        return
+    mounting = mounting_of(found)
+    if mounting is None:
+        screen.say("a clear push along all three axes would tell what to set in [sensor]; probe once more")
+        return
+    screen.say(f"then set in [sensor] (the pushes are off it by {mounting.off_deg:.0f}° at most):")
+    for line in mounting.settings:
+        screen.say(f"  {line}")
+
+
+async def _push(look: _Look, noise: Wrench, screen: Screen, entered: asyncio.Event) -> Answer | None:
+    """The answer to one push, once it is held; None where somebody or the patience is against it."""
+    before = look.back(NOISE_S).mean
+
+    def held() -> Answer | None:
+        stream = look.back(HOLD_S)
+        answer = judge_push(before, stream.mean, noise)
+        steady = answer is not None and math.hypot(*stream.rms[:3]) <= STEADY_SHARE * answer.force_n
+        return answer if steady else None
+
+    answer = await _until(look, screen, entered, held)
+    if answer is not None:
+        screen.say("  thank you; let go")
+        least = push_threshold(noise)
+        await _until(
+            look,
+            screen,
+            entered,
+            lambda: math.dist(look.back(2.0 * LOOK_S).mean[:3], before[:3]) < least or None,
+        )
+        await look.after(NOISE_S)
+    return answer
+
+
+async def _until(
+    look: _Look, screen: Screen, entered: asyncio.Event, seen: Callable[[], Seen | None]
+) -> Seen | None:
+    """What is seen, looked for again and again; None once somebody pressed Enter, or nobody has the patience."""
+    for number in range(round(PATIENCE_S / LOOK_S)):
+        await look.after(LOOK_S)
+        if (found := seen()) is not None or entered.is_set():
+            return found
+        if number % round(SHOW_S / LOOK_S) == 0:
+            screen.show(_row(look.back(HOLD_S).mean, 2, 3))
+    return None

@@ -1,0 +1,188 @@
+"""What the probe of a sensor says, against emulated sensors in virtual time and with pushes laid on them."""
+
+import asyncio
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from emulators.cell import Cell
+from hil_bridge.clock import VIRTUAL_EPOCH, Clock, run_virtual
+from hil_bridge.compose import Ports, emulated_cell
+from hil_bridge.config import Config
+from hil_bridge.errors import DeviceError
+from hil_bridge.run import wrist
+from hil_bridge.site.sensor_probe import Screen, probe
+
+Force = Callable[[float], Sequence[float]]
+"""Force of a hand on the tool at a time since the beginning, s; tool frame, N."""
+URLS = {
+    "gateway": "can+memory:sensor",
+    "uart": "memory:sensor?gateway=jr3",
+    "board": "jr3+memory:sensor",
+}
+
+
+def probed(
+    before: str = "gateway",
+    hand: Force | None = None,
+    enter_at: Sequence[float] = (),
+    prepare: Callable[[Cell], object] = lambda cell: None,
+    duration_s: float = 2.0,
+    seen_as: dict[str, Any] | None = None,
+    **sections: Any,
+) -> list[str]:
+    """The lines that a probe says; those of the live wrench begin with ~. `seen_as` is how the sensor really sits."""
+    config = Config.model_validate(sections)
+    sits = wrist(Config.model_validate({"sensor": seen_as or {}}))
+    said: list[str] = []
+
+    def laid_on(cell: Cell) -> None:
+        prepare(cell)
+        if hand is None:
+            return
+        own = cell.sensor._wrench_at
+
+        def wrench(times: NDArray[np.float64]) -> NDArray[np.float64]:
+            wrenches = own(times)
+            moments, places = np.unique(np.floor((times - VIRTUAL_EPOCH) * 100.0), return_inverse=True)
+            forces = np.array([hand(moment / 100.0) for moment in moments.tolist()]).reshape(-1, 3)
+            wrenches[:, :3] += (forces @ sits.alignment())[places]
+            return wrenches
+
+        cell.sensor._wrench_at = wrench
+
+    async def main() -> None:
+        clock = Clock.running()
+        ports = Ports(None, URLS[before])
+        async with emulated_cell(
+            config.cell, 1, clock, ports, lambda cause: pytest.fail(repr(cause)), on_cell=laid_on
+        ):
+            entered = asyncio.Event()
+            for at in enter_at:
+                clock.call_at(VIRTUAL_EPOCH + at, entered.set)
+            screen = Screen(said.append, lambda text: said.append(f"~{text}"))
+            await probe(URLS[before], config, clock, screen, None if hand is None else entered, duration_s)
+
+    run_virtual(main)
+    return said
+
+
+def row(said: list[str], name: str) -> str:
+    (found,) = [line for line in said if line.startswith(f"{name} ")]
+    return found.removeprefix(name).strip()
+
+
+@pytest.mark.parametrize(
+    ("before", "rate"), [("gateway", "100 frames"), ("uart", "100 frames"), ("board", "99 frames")]
+)
+def test_a_sensor_tells_of_itself_and_shows_what_it_feels(before: str, rate: str) -> None:
+    said = probed(before, cell={"tool": {"mass_kg": 2.0}})
+    scales = Config().cell.sensor.full_scales_n
+    assert f"Fx {scales[0]:.0f}  Fy {scales[1]:.0f}  Fz {scales[2]:.0f} N" in row(said, "full scales")
+    assert row(said, "filter delay").endswith(" ms")
+    assert row(said, "stream").startswith(rate)
+    assert "rms over 1 s" in row(said, "noise")
+    wrench = row(said, "wrench")
+    live = [line for line in said if line.startswith("~")]
+    assert len(live) == 2
+    assert abs(abs(float(live[-1].split("Fz ")[1].split()[0])) - 2.0 * 9.80665) < 0.5
+    assert abs(abs(float(wrench.split("Fz ")[1].split()[0])) - 2.0 * 9.80665) < 0.5
+    assert any("sensor model" in line for line in said) is (before == "board")
+
+
+def test_the_noise_is_the_rms_of_each_axis() -> None:
+    """Whatever the filter leaves of it: twice the noise at the converter is twice the noise told."""
+    told = [
+        float(row(probed(cell={"sensor": {"noise_counts": counts}}), "noise").split("Fz ")[1].split()[0])
+        for counts in (20.0, 200.0)
+    ]
+    assert told[1] / told[0] == pytest.approx(10.0, rel=0.25)
+
+
+def in_turn(*forces: Sequence[float], begin: float = 8.0, every: float = 8.0, hold: float = 3.0) -> Force:
+    """One push after the other."""
+
+    def hand(at: float) -> Sequence[float]:
+        number, into = divmod(at - begin, every)
+        return forces[int(number)] if 0 <= number < len(forces) and into < hold else (0.0, 0.0, 0.0)
+
+    return hand
+
+
+X, Y, Z = (20.0, 0.0, 0.0), (0.0, 20.0, 0.0), (0.0, 0.0, 20.0)
+
+
+def test_pushes_name_the_axes_of_a_sensor_that_sits_as_configured() -> None:
+    said = probed(hand=in_turn(X, Y, Z))
+    answers = [line.strip() for line in said if line.startswith("  +")]
+    assert [answer[:7] for answer in answers] == ["+X: +Fx", "+Y: +Fy", "+Z: +Fz"]
+    assert all(answer.endswith("as configured") for answer in answers)
+    assert not any("[sensor]" in line for line in said)
+
+
+@pytest.mark.parametrize(
+    ("sits", "answers", "settings"),
+    [
+        ({"flip_fx_mx": True}, ["−Fx", "+Fy", "+Fz"], ("flip_fx_mx = true", "mounting_deg = 0.0")),
+        ({"mounting_deg": 90.0}, ["−Fy", "+Fx", "+Fz"], ("flip_fx_mx = false", "mounting_deg = 90.0")),
+        (
+            {"quaternion": (0.0, 1.0, 0.0, 0.0)},
+            ["+Fx", "−Fy", "−Fz"],
+            ("flip_fx_mx = false", "quaternion = [0.0, 1.0, 0.0, 0.0]"),
+        ),
+    ],
+)
+def test_pushes_say_what_to_set_where_the_sensor_sits_otherwise(
+    sits: dict[str, Any], answers: list[str], settings: tuple[str, ...]
+) -> None:
+    said = probed(hand=in_turn(X, Y, Z), seen_as=sits)
+    assert [line.strip()[4:7] for line in said if line.startswith("  +")] == answers
+    assert any("from what [sensor] of the configuration says" in line for line in said)
+    assert all(f"  {setting}" in said for setting in settings)
+    right = probed(hand=in_turn(X, Y, Z), seen_as=sits, sensor=sits)
+    assert sum(line.endswith("as configured") for line in right) == 3
+
+
+def test_enter_leaves_a_push_out_and_a_knock_is_none() -> None:
+    def hand(at: float) -> Sequence[float]:
+        return (0.0, 0.0, 50.0) if 5.0 < at < 5.1 else Y if 10.0 < at < 13.0 else (0.0, 0.0, 0.0)
+
+    said = probed(hand=hand, enter_at=(8.0, 20.0))
+    answers = [line for line in said if line.startswith("  +")]
+    assert (answers[0], answers[1][:9], answers[2]) == ("  +X: left out", "  +Y: +Fy", "  +Z: left out")
+
+
+def test_a_push_along_the_wrong_way_asks_for_all_three() -> None:
+    said = probed(hand=in_turn((0.0, 0.0, -20.0), Y, Z))
+    assert any(line.startswith("  +X: −Fz answers") and "90° from what" in line for line in said)
+    assert any("a clear push along all three axes" in line for line in said)
+
+
+def test_a_push_that_nobody_makes_is_given_up() -> None:
+    said = probed(hand=lambda at: (0.0, 0.0, 0.0))
+    assert [line for line in said if line.startswith("  +")] == [f"  +{name}: left out" for name in "XYZ"]
+
+
+def test_nothing_but_the_start_of_a_run_is_sent() -> None:
+    """No zero: what the sensor felt stays, and its offsets with it."""
+    wrenches = [
+        line for line in probed(cell={"tool": {"mass_kg": 3.0}}, hand=in_turn(X, Y, Z)) if line[0] == "~"
+    ]
+    assert abs(abs(float(wrenches[-1].split("Fz ")[1].split()[0])) - 3.0 * 9.80665) < 0.5
+
+
+def test_a_sensor_that_is_not_there_is_one_line() -> None:
+    with pytest.raises(DeviceError, match="sensor unplugged"):
+        probed(cell={"sensor": {"connected": False}})
+
+
+def test_a_sensor_that_falls_silent_ends_the_probe() -> None:
+    def unplug(cell: Cell) -> None:
+        own = cell.gateway.data_to_send
+        cell.gateway.data_to_send = lambda now: () if now > VIRTUAL_EPOCH + 6.0 else own(now)  # type: ignore[method-assign]
+
+    with pytest.raises(DeviceError, match="0 frames in the last 1 s: it does not stream"):
+        probed(prepare=unplug, duration_s=60.0)
