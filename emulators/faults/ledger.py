@@ -10,6 +10,9 @@ from dataclasses import dataclass, field
 
 from emulators.faults.kinds import Fault, FaultValue
 
+INJECTION_LIMIT = 1000
+"""Faults that one cell takes, so that no panel can fill its memory. Mark: chosen."""
+
 
 def _unheard(text: str) -> None:
     """Nothing listens."""
@@ -95,6 +98,8 @@ class Ledger:
     def inject(self, target: str, fault: str, now: float, given: Mapping[str, object]) -> Injection:
         """Let a fault happen from now on, or at its next opportunity. Raises ValueError as `check` does."""
         values, duration = self.check(target, fault, given)
+        if len(self.injections) >= INJECTION_LIMIT:
+            raise ValueError(f"this cell has had {INJECTION_LIMIT} faults; start it anew")
         ends_at = None if duration is None else now + duration
         injection = Injection(target, fault, values, now, ends_at)
         self._handlers[target][fault].begin(injection)

@@ -18,7 +18,8 @@ from hil_bridge.errors import ConfigError
 from hil_bridge.experiments import CellRun, run_cell
 from hil_bridge.fault_settings import FaultConfig
 from hil_bridge.faults import FAULT_EVENT, FaultSchedule
-from hil_bridge.recording import PHASE_EVENT, EventRecord, read
+from hil_bridge.recording import PHASE_EVENT, EventRecord, TruthRecord, read
+from hil_bridge.recording.topics import TRUTH
 from hil_bridge.session import Outputs, execute
 
 NEEDED: dict[tuple[str, str], dict[str, Any]] = {
@@ -330,3 +331,13 @@ def test_the_list_has_every_fault_for_people_and_for_machines() -> None:
         assert f"\n  {fault} " in shown
         assert set(listed[target][fault]["parameters"]) == set(CELL_FAULTS[target][fault].all_parameters)
     assert listed["signal"]["scale"]["parameters"]["for_s"]["default"] is None
+
+
+def test_a_truth_of_an_older_record_has_no_faults() -> None:
+    told = {"cycle": 1, "at": 2.0, "sampled_at": 1.9, "motion_at": None}
+    truth = {**told, "position": [0, 0, 0], "force": [0, 0, 9], "joints_deg": [0] * 6}
+    record = TRUTH.decode(json.dumps(truth).encode())
+    assert isinstance(record, TruthRecord)
+    assert record.faults == ()
+    with pytest.raises(ValueError, match="force is missing"):
+        TRUTH.decode(json.dumps({**told, "position": [0, 0, 0]}).encode())

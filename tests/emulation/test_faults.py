@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from emulators.cell import Cell, CellProfile
 from emulators.contact import SurfaceProfile
 from emulators.faults import Ledger
+from emulators.faults.ledger import INJECTION_LIMIT
 from emulators.faults.wire import BYTES, FRAMES, WIRE_FAULTS, FaultyWire
 from emulators.jr3.sensor import SENSOR_RATE_HZ
 from emulators.materials import MaterialKind, MaterialProfile
@@ -330,3 +331,12 @@ def test_a_cell_without_a_receiver_has_none_of_its_faults() -> None:
     cell.inject("frames", "loss", T0)
     with pytest.raises(ValueError, match=r"^this cell cannot have frames: unplugged"):
         cell.inject("frames", "unplugged", T0)
+
+
+def test_a_cell_takes_so_many_faults_and_no_more() -> None:
+    cell = moving_cell()
+    for _ in range(INJECTION_LIMIT):
+        cell.inject("link", "babble", T0, count=1)
+    with pytest.raises(ValueError, match=r"^this cell has had 1000 faults; start it anew$"):
+        cell.inject("link", "babble", T0)
+    assert len(cell.faults) == INJECTION_LIMIT
