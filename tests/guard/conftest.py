@@ -1,0 +1,178 @@
+"""Whole runs against an emulated cell that goes wrong, in virtual time, with the truth looked at from beside."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+from unittest import mock
+
+import pytest
+
+from emulators.cell import Cell
+from hil_bridge.clock import Clock, Timer, run_virtual
+from hil_bridge.compose import opened_devices
+from hil_bridge.config import Config
+from hil_bridge.errors import BridgeError, TransportClosed
+from hil_bridge.faults import FaultSchedule
+from hil_bridge.recording import CycleRecord, EventRecord, Outcome
+from hil_bridge.run import Run, RunResult
+
+WATCH_S = 0.01
+"""How often the truth is looked at, s."""
+
+
+class Killed(BaseException):
+    """The process is gone: nothing more is ordered."""
+
+
+@dataclass
+class Guarded:
+    """One run, and what was true meanwhile. Also the run's log."""
+
+    config: Config
+    meddle: Callable[["Guarded", CycleRecord], None] = lambda run, record: None
+    cycles: list[CycleRecord] = field(default_factory=list)
+    events: list[EventRecord] = field(default_factory=list)
+    truths: list[tuple[float, float]] = field(default_factory=list)
+    """Time, s, and length of the true contact force, N."""
+    result: RunResult = RunResult(Outcome.STOPPED)
+    error: BridgeError | None = None
+    """What refused the run before it moved."""
+    clock: Clock = field(init=False)
+    cell: Cell = field(init=False)
+    run: Run = field(init=False)
+    schedule: FaultSchedule | None = None
+
+    @property
+    def largest(self) -> float:
+        """The largest true contact force, N."""
+        return max(force for _, force in self.truths)
+
+    @property
+    def last(self) -> float:
+        """The true contact force at the end, N."""
+        return self.truths[-1][1]
+
+    @property
+    def cause(self) -> str:
+        """Of a run that was refused or stopped."""
+        return str(self.error) if self.error is not None else self.result.cause
+
+    def texts(self, kind: str) -> list[str]:
+        return [event.text for event in self.events if event.kind == kind]
+
+    def cycle(self, record: CycleRecord) -> None:
+        self.cycles.append(record)
+        assert self.schedule is not None
+        self.schedule.cycle(record)
+        self.meddle(self, record)
+
+    def event(self, record: EventRecord) -> None:
+        self.events.append(record)
+        if self.schedule is not None:
+            self.schedule.event(record)
+
+    def notice(self, kind: str, text: str) -> None:
+        self.event(EventRecord(self.clock.now(), kind, text))
+
+    def kill(self) -> None:
+        """End the process in the middle of the run."""
+
+        async def dead(*_: object, **__: object) -> None:
+            raise TransportClosed("the process was killed")
+
+        self.run._robot.exchange = dead
+        raise Killed
+
+    async def main(self, cell: Cell | None = None) -> "Guarded":
+        """Run, in a cell of its own or in one that is there."""
+        self.clock = clock = Clock.running()
+        timers: list[Timer] = []
+
+        def emulated(here: Cell) -> None:
+            self.cell = here
+
+        def watch() -> None:
+            now = clock.now()
+            self.truths.append((now, math.hypot(*self.cell.true_state(now).contact_force)))
+            timers[:] = [clock.call_at(now + WATCH_S, watch)]
+
+        def same(*arguments: Any) -> Cell:
+            return Cell(*arguments) if cell is None else cell
+
+        with mock.patch("hil_bridge.compose.Cell", same):
+            async with opened_devices(
+                self.config, clock, lambda frame: None, self.notice, on_cell=emulated
+            ) as (robot, sensor):
+                watch()
+                try:
+                    self.run = Run(self.config, clock, robot, sensor, self)
+                    self.schedule = FaultSchedule(
+                        self.config.faults, self.cell, clock, self.notice, self.run.stand_still
+                    )
+                    self.result = await self.run()
+                except BridgeError as error:
+                    self.error = error
+                except Killed:
+                    pass
+                finally:
+                    watch()
+                    timers[0].cancel()
+                    if self.schedule is not None:
+                        self.schedule.close()
+        return self
+
+
+Meddle = Callable[[Guarded, CycleRecord], None]
+
+
+def merged(one: dict[str, Any], other: dict[str, Any]) -> dict[str, Any]:
+    """Nested dictionaries laid over each other."""
+    result = dict(one)
+    for key, value in other.items():
+        both = isinstance(value, dict) and isinstance(result.get(key), dict)
+        result[key] = merged(result[key], value) if both else value
+    return result
+
+
+@pytest.fixture
+def configured() -> Callable[..., Config]:
+    """A run of three seconds of tracking on a surface of this stiffness, N/m, with more settings laid over it."""
+
+    def make(stiffness: float, *more: dict[str, Any]) -> Config:
+        values: dict[str, Any] = {
+            "run": {"duration_s": 3.0},
+            "cell": {"surface": {"stiffness_n_m": stiffness}},
+        }
+        for settings in more:
+            values = merged(values, settings)
+        return Config.model_validate(values)
+
+    return make
+
+
+@pytest.fixture
+def guarded() -> Callable[..., Guarded]:
+    """Run a configuration once."""
+
+    def run(config: Config, meddle: Meddle | None = None) -> Guarded:
+        guarded = Guarded(config, meddle) if meddle else Guarded(config)
+        return run_virtual(guarded.main)
+
+    return run
+
+
+@pytest.fixture
+def in_one_cell() -> Callable[..., list[Guarded]]:
+    """Run configurations one after the other in the same cell."""
+
+    def run(configs: Sequence[Config], meddle: Meddle) -> list[Guarded]:
+        async def main() -> list[Guarded]:
+            done: list[Guarded] = []
+            for config in configs:
+                done.append(await Guarded(config, meddle).main(done[0].cell if done else None))
+            return done
+
+        return run_virtual(main)
+
+    return run
