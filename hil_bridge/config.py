@@ -107,8 +107,8 @@ class SensorConfig(_Section):
     flip_fx_mx: bool = False
     """Set it when the sensor counts left-handed as seen from the tool: negates Fx and Mx."""
     unchecked: bool = False
-    """Run on a real sensor although the tool's weight is not known: a person takes on that axes, signs and scales of
-    the sensor are right.
+    """Run although the tool's weight is not known: a person takes on that axes, signs and scales of the sensor are
+    right.
     """
     tare: bool = True
     """Take what the sensor reads before the movement for zero, whatever it is; otherwise only the bias given here

@@ -14,7 +14,6 @@ from hil_bridge.config import Config
 from hil_bridge.control import (
     Reading,
     Wrist,
-    force_along,
     lift_fault,
     quaternion_about,
     quaternion_product,
@@ -58,7 +57,7 @@ def wrist(config: Config) -> Wrist:
 
 
 def known_wrist(config: Config) -> Wrist | None:
-    """The wrist with a tool whose weight is known: that of the configuration, or of the emulated cell; None for a real
+    """The wrist with a tool whose weight is known: that of the configuration, or of the emulated cell; None for a
     sensor that a person lets run unchecked.
 
     Raises ConfigError for a real sensor whose tool is neither known nor left unchecked.
@@ -66,11 +65,11 @@ def known_wrist(config: Config) -> Wrist | None:
     seen = wrist(config)
     if config.tool.mass_kg is not None:
         return seen
+    if config.sensor.unchecked:
+        return None
     if not config.sensor.url:
         tool = config.cell.tool
         return replace(seen, mass=tool.mass_kg, centre_of_gravity=_metres(tool.centre_of_gravity_mm))
-    if config.sensor.unchecked:
-        return None
     raise ConfigError(
         "the tool is not known, so the sensor cannot be checked before the robot moves: set tool.mass_kg "
         "(--tool-mass-kg; hil-bridge identify-tool measures it), or sensor.unchecked = true (--unchecked) to take "
@@ -167,11 +166,13 @@ class Zeroing:
 
     def _judge(self, after: Reading, start: Status, away: float) -> None:
         """Raise SafetyStop when the force has changed on the way."""
-        wrist, quaternion = self._wrist, unit(start.quaternion)
-        change = [b - a for a, b in zip(self._first.mean, after.mean, strict=True)]
-        turned = wrist.contact_wrench(change, quaternion, quaternion)
-        along = force_along(self._config.frame.approach, quaternion, turned)
-        length = math.hypot(*turned[:3].tolist())
-        across = math.sqrt(max(length * length - along * along, 0.0))
-        if text := lift_fault(along, across, self._config.task.zero_change_n, away * 1e3):
+        quaternion, known = unit(start.quaternion), self._known
+        forces = [
+            (known or self._wrist).contact_wrench(seen.mean, quaternion, None)[:3].tolist()
+            for seen in (self._first, after)
+        ]
+        before, later = (math.hypot(*force) if known else None for force in forces)
+        change_n = self._config.task.zero_change_n
+        text = lift_fault(math.dist(*forces), before, later, change_n, away * 1e3)
+        if text:
             raise SafetyStop(text)

@@ -304,6 +304,9 @@ class Supervisor:
             return Stop(Cause.FROZEN, f"no new force for {still_cycles} cycles")
         if seen.dead_axis:
             return Stop(Cause.FROZEN, seen.dead_axis)
+        # before what goes by the reported depth
+        if seen.position is not None and (text := self._untrue_pose(state, seen, seen.position)):
+            return Stop(Cause.POSE, text)
         if pressed is not None and (deeper_mm := (seen.depth - pressed[1]) * 1e3) > limits.unanswered_mm:
             text = f"the force stayed at {seen.force:.2f} N while the tool went {deeper_mm:.1f} mm deeper"
             return Stop(Cause.FROZEN, text)
@@ -311,8 +314,6 @@ class Supervisor:
         if before is not None and seen.sensor_sequence < before:
             text = f"the sensor's frame counter went back from {before} to {seen.sensor_sequence}"
             return Stop(Cause.SEQUENCE, text)
-        if seen.position is not None and (text := self._untrue_pose(state, seen, seen.position)):
-            return Stop(Cause.POSE, text)
         if seen.gap * 1e3 > limits.cycle_deadline_ms:
             text = (
                 f"the computer stood still, or decided, for {seen.gap * 1e3:.0f} ms, "

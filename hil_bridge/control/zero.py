@@ -3,7 +3,6 @@
 A reading is the mean of some frames in the sensor frame, fx fy fz in N and mx my mz in N·m, shape (6,).
 """
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -75,44 +74,45 @@ def weight_fault(
 
 
 def _likeness(read: Sequence[float], expected: Sequence[float], tolerances: Sequence[float]) -> str:
-    """Which fault would explain a reading best, in words, or that the tool touches something."""
-    forces = range(3)
-    main = max(forces, key=lambda k: abs(expected[k]))
-    if abs(expected[main]) > tolerances[main]:
-        others = [k for k in forces if k != main]
+    """What would explain a reading, in words: a touch always may, and one fault of an axis where it fits."""
+    touch = "the tool touches something"
+    main = max(range(3), key=lambda k: abs(expected[k]))
+    value, weight, tolerance = read[main], expected[main], tolerances[main]
+    if abs(weight) > tolerance:
+        others = [k for k in range(3) if k != main]
         quiet = all(abs(read[k] - expected[k]) <= tolerances[k] for k in others)
-        value, weight, tolerance = read[main], expected[main], tolerances[main]
         for k in others:
             if abs(abs(read[k]) - abs(weight)) <= tolerance and abs(value) <= tolerance:
-                return f"{AXES[main]} and {AXES[k]} look swapped"
+                return f"{touch}, or {AXES[main]} and {AXES[k]} are swapped"
         if quiet and abs(value + weight) <= tolerance:
-            return f"{AXES[main]} looks mirrored (sensor.quaternion, sensor.flip_fx_mx)"
+            return f"{touch}, or {AXES[main]} is mirrored (sensor.quaternion, sensor.flip_fx_mx)"
         if quiet and abs(value) <= tolerance:
-            return f"{AXES[main]} looks dead, or scaled wrongly, or the tool is gone"
-    return (
-        "the tool touches something, the tool or the sensor's bias is another (identify-tool), "
-        "or an axis is scaled wrongly"
-    )
+            return f"{touch}, {AXES[main]} is dead or scaled wrongly, or the tool is gone"
+    return f"{touch}, the tool or the sensor's bias is another (identify-tool), or an axis is scaled wrongly"
 
 
-def lift_fault(along: float, across: float, change_n: float, moved_mm: float) -> str:
+def lift_fault(
+    change: float, before: float | None, after: float | None, change_n: float, moved_mm: float
+) -> str:
     """Why the force that changed on the way from the surface forbids a zero; empty while it may be taken.
 
-    `along` is the change of the contact force in the approach direction, N, `across` that of all the rest.
+    `change` is the length of the change of the force, N; `before` and `after` are lengths of the contact force, N, None
+    where the tool's weight is not known.
     """
-    if math.hypot(along, across) <= change_n:
+    if change <= change_n:
         return ""
-    if along < -change_n:
+    way = f"while the tool moved {moved_mm:.3f} mm against frame.approach"
+    if before is None or after is None:
         return (
-            f"the tool was touching: the force fell by {-along:.1f} N while it moved {moved_mm:.3f} mm away; "
+            f"the force changed by {change:.1f} N {way}: the tool was touching, or away is not away; "
+            "free it (hil-bridge free), or correct frame.approach"
+        )
+    if after < before:
+        return (
+            f"the tool was touching: the contact force fell from {before:.1f} to {after:.1f} N {way}; "
             "free it (hil-bridge free), then start again"
         )
-    if along > change_n:
-        return (
-            f"away is not away: the force rose by {along:.1f} N while the tool moved {moved_mm:.3f} mm against "
-            "frame.approach; correct frame.approach, or look what is behind the tool"
-        )
     return (
-        f"the force changed by {across:.1f} N across while the tool moved {moved_mm:.3f} mm away: "
-        "it touches something"
+        f"away is not away: the contact force rose from {before:.1f} to {after:.1f} N {way}; "
+        "correct frame.approach, or look what is behind the tool"
     )

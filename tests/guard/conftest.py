@@ -35,7 +35,7 @@ class Guarded:
     events: list[EventRecord] = field(default_factory=list)
     truths: list[tuple[float, float]] = field(default_factory=list)
     """Time, s, and length of the true contact force, N."""
-    result: RunResult = RunResult(Outcome.STOPPED)
+    result: RunResult = field(default_factory=lambda: RunResult(Outcome.STOPPED))
     error: BridgeError | None = None
     """What refused the run before it moved."""
     clock: Clock = field(init=False)

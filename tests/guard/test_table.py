@@ -87,3 +87,204 @@ def test_after_a_killed_run_every_other_is_refused(
         assert "Fz reads" in str(run.error)
         assert "the tool touches something" in str(run.error)
         assert run.largest <= 12.0
+
+
+def fault(on: str, name: str, **more: Any) -> dict[str, Any]:
+    """One fault of a configuration; parameters go into `with`."""
+    where = {key: more.pop(key) for key in ("phase", "after_s", "when", "for_s") if key in more}
+    return {"faults": [{"on": on, "fault": name, "with": more, **where}]}
+
+
+@SURFACES
+def test_a_start_in_contact_is_refused_before_it_moves(
+    guarded: Run, configured: Configured, stiffness: float
+) -> None:
+    """80 N are there at the start."""
+    z = 590.0 - 80.0 / stiffness * 1e3
+    run = guarded(configured(stiffness, {"cell": {"start_position_mm": (900.0, -100.0, z)}}))
+    assert run.cycles == []
+    assert "the tool touches something" in str(run.error)
+    assert run.largest == pytest.approx(80.0, abs=0.1)
+
+
+@SURFACES
+def test_a_start_in_contact_with_an_unknown_tool_is_found_by_the_lift(
+    guarded: Run, configured: Configured, stiffness: float
+) -> None:
+    """Nothing tells the weight: the way to the zero does."""
+    z = 590.0 - 30.0 / stiffness * 1e3
+    run = guarded(
+        configured(
+            stiffness,
+            {"cell": {"start_position_mm": (900.0, -100.0, z)}, "sensor": {"unchecked": True}},
+        )
+    )
+    assert run.cycles == []
+    assert "the tool was touching, or away is not away" in run.cause
+    assert run.largest <= 30.1
+    assert run.result.left.startswith("NOT retracted")
+
+
+@SURFACES
+def test_away_that_is_not_away_is_found_by_the_lift(
+    guarded: Run, configured: Configured, stiffness: float
+) -> None:
+    """The approach has the wrong sign and the tool nearly touches: the first steps go into the surface."""
+    config = configured(
+        stiffness,
+        {"frame": {"approach": (0.0, 0.0, 1.0)}, "cell": {"start_position_mm": (900.0, -100.0, 590.05)}},
+    )
+    run = guarded(config)
+    assert run.cycles == []
+    assert "away is not away: the contact force rose from" in run.cause
+    assert run.largest <= stiffness * 0.5e-3
+
+
+SENSOR_FAULTS = {
+    "dead": fault("signal", "dead"),
+    "swapped with Mx": fault("signal", "swapped", axis="fz", other="mx"),
+    "swapped with Fx": fault("signal", "swapped", axis="fz", other="fx"),
+    "gain 0.1": fault("signal", "scale", factor=0.1),
+    "sign": fault("signal", "sign"),
+    "offset": fault("signal", "offset", amount=20.0),
+    "full scale halved": fault("scales", "wrong", factor=0.5),
+    "full scale doubled": fault("scales", "wrong", factor=2.0),
+}
+
+
+@SURFACES
+@pytest.mark.parametrize("name", SENSOR_FAULTS)
+def test_a_sensor_that_is_wrong_is_found_before_it_moves(
+    guarded: Run, configured: Configured, name: str, stiffness: float
+) -> None:
+    run = guarded(configured(stiffness, SENSOR_FAULTS[name]))
+    assert run.cycles == []
+    assert "where the tool's weight is" in str(run.error)
+    assert run.largest == 0.0
+    positions = [run.cell.true_state(run.clock.now() - ago).position for ago in (0.0, 1.0)]
+    assert positions[0] == positions[1] == pytest.approx((0.9, -0.1, 0.6))
+
+
+@SURFACES
+def test_a_peak_between_two_decisions_stops_the_run(
+    guarded: Run, configured: Configured, stiffness: float
+) -> None:
+    """60 N for 30 ms, unfiltered: 3 of 18 frames, and mostly not the newest."""
+    config = configured(
+        stiffness,
+        {"sensor": {"gateway": {"cutoff_hz": 0.0}}, "task": {"expected_stiffness_n_m": stiffness}},
+    )
+
+    def strike(run: Guarded, record: Any) -> None:
+        if sum(cycle.phase == "track" for cycle in run.cycles) == 6:
+            at = record.answered_at + 0.02
+            run.clock.call_at(at, lambda: run.cell.inject("signal", "spike", at, for_s=0.03))
+
+    run = guarded(config, strike)
+    assert run.result.outcome is Outcome.STOPPED
+    assert "is beyond 50 N" in run.cause
+    stop = next(record for record in run.cycles if record.verdict == "stop")
+    assert abs(stop.sample.force) < LIMIT_N < abs(stop.sample.peak_force)
+    assert run.result.left.startswith("retracted")
+
+
+POSE_FAULTS = {
+    "1000 mm off": (fault("pose", "offset", z_mm=1000.0), "where the robot is"),
+    "frozen": (fault("pose", "frozen"), "does not follow"),
+    "mirrored": (fault("pose", "mirrored"), "does not follow"),
+    "standby": (fault("pose", "standby"), "in standby"),
+    "turned": (fault("pose", "turned"), "where the tool's weight is"),
+}
+
+
+@SURFACES
+@pytest.mark.parametrize("name", POSE_FAULTS)
+def test_a_pose_that_is_untrue_from_the_start_moves_little(
+    guarded: Run, configured: Configured, name: str, stiffness: float
+) -> None:
+    settings, words = POSE_FAULTS[name]
+    run = guarded(configured(stiffness, settings))
+    assert run.cycles == []
+    if name == "1000 mm off":
+        words = "does not follow"
+    assert words in run.cause
+    assert run.largest == 0.0
+    moved = run.cell.true_state(run.clock.now()).position[2] - 0.6
+    assert abs(moved) <= 2e-3
+    assert run.cell.true_state(run.clock.now()).quaternion == pytest.approx((0.0, 1.0, 0.0, 0.0), abs=1e-4)
+
+
+TRACK_POSE_FAULTS = {
+    "1000 mm off": (fault("pose", "offset", z_mm=1000.0, phase="track", after_s=1.0), "jumped by"),
+    "30 mm off": (fault("pose", "offset", z_mm=-30.0, phase="track", after_s=1.0), "jumped by"),
+    "frozen": (fault("pose", "frozen", phase="track", after_s=1.0), "from the commanded one"),
+    "standby": (fault("pose", "standby", phase="track", after_s=1.0), "in standby"),
+    "turned": (fault("pose", "turned", phase="track", after_s=1.0), "turned by 30.0°"),
+    "drifts": (fault("pose", "drift", z_mm_s=20.0, phase="track", after_s=1.0), "from the commanded one"),
+}
+
+
+@SURFACES
+@pytest.mark.parametrize("name", TRACK_POSE_FAULTS)
+def test_a_pose_that_becomes_untrue_stops_and_retracts(
+    guarded: Run, configured: Configured, name: str, stiffness: float
+) -> None:
+    settings, words = TRACK_POSE_FAULTS[name]
+    run = guarded(configured(stiffness, settings, {"run": {"duration_s": 30.0}}))
+    assert run.result.outcome is Outcome.STOPPED
+    assert words in run.cause
+    assert run.largest <= bound(stiffness)
+    assert run.last == 0.0, "the retraction goes by what is ordered"
+    assert run.cell.true_state(run.clock.now()).quaternion == pytest.approx((0.0, 1.0, 0.0, 0.0), abs=1e-4)
+
+
+@SURFACES
+def test_one_refused_move_ends_the_run_with_the_tool_retracted(
+    guarded: Run, configured: Configured, stiffness: float
+) -> None:
+    run = guarded(configured(stiffness, fault("robot", "refuse", function=24, phase="track", after_s=1.0)))
+    assert run.result.outcome is Outcome.STOPPED
+    assert "refused order 24: 31" in run.cause
+    assert run.last == 0.0
+    assert run.result.left == "retracted, 0.0 N"
+
+
+@SURFACES
+def test_a_line_that_is_cut_leaves_the_tool_and_says_so(
+    guarded: Run, configured: Configured, stiffness: float
+) -> None:
+    run = guarded(configured(stiffness, fault("link", "off", phase="track", after_s=1.0, for_s=600.0)))
+    assert run.result.outcome is Outcome.STOPPED
+    assert "robot on memory:robot" in run.cause
+    assert run.last <= bound(stiffness)
+    assert run.result.left.startswith("NOT retracted: left at ")
+    assert f"{run.last:.1f} N" in run.result.left or abs(run.last - 10.0) < 6.0
+
+
+@SURFACES
+def test_a_bug_in_the_middle_of_a_run_retracts_and_is_recorded(
+    guarded: Run, configured: Configured, stiffness: float
+) -> None:
+    def break_down(run: Guarded, record: Any) -> None:
+        if sum(cycle.phase == "track" for cycle in run.cycles) == 5:
+            raise ZeroDivisionError("lost count")
+
+    run = guarded(configured(stiffness), break_down)
+    assert run.result.outcome is Outcome.STOPPED
+    assert run.cause == "a bug ended the run: ZeroDivisionError: lost count"
+    (trace,) = run.texts("bug")
+    assert "Traceback" in trace
+    assert run.last == 0.0
+    assert run.result.left == "retracted, 0.0 N"
+
+
+@SURFACES
+def test_a_computer_that_stands_still_stops_the_run(
+    guarded: Run, configured: Configured, stiffness: float
+) -> None:
+    run = guarded(configured(stiffness, fault("computer", "pause", seconds=2.0, phase="track", after_s=1.0)))
+    assert run.result.outcome is Outcome.STOPPED
+    assert "the computer stood still, or decided, for 2000 ms" in run.cause
+    assert run.texts("gap") != []
+    assert run.last == 0.0
+    assert run.largest <= bound(stiffness)
