@@ -13,6 +13,7 @@ from hil_bridge.config import Config, dump, load_config
 from hil_bridge.control.rules import parse_rules, read_rules
 from hil_bridge.errors import ConfigError
 from hil_bridge.orders_file import parse_orders, read_orders
+from hil_bridge.program_folder import read_programs
 from hil_bridge.recording import Recording
 from hil_bridge.replay import changes_of, recorded_config
 from hil_bridge.text_files import TOML_LIMIT_BYTES, parse_json, read_text
@@ -73,6 +74,18 @@ def test_a_path_that_cannot_be_and_a_file_that_is_no_text_are_one_line(
         with pytest.raises(ConfigError, match=why) as caught:
             reader(path)
         assert "\n" not in str(caught.value)
+
+
+def test_a_folder_of_programs_is_not_trusted_either(tmp_path: Path) -> None:
+    (tmp_path / "7.prg").symlink_to("/dev/zero")
+    with pytest.raises(ConfigError, match=r"7\.prg: too long to be received"):
+        read_programs(tmp_path, 240)
+    with pytest.raises(ConfigError, match="null byte"):
+        read_programs(Path("a\0b"), 240)
+    (tmp_path / "7.prg").rename(tmp_path / "a\nb")
+    with pytest.raises(ConfigError, match="name it by its program number") as caught:
+        read_programs(tmp_path, 240)
+    one_line(caught.value)
 
 
 def test_a_file_without_an_end_is_not_read_to_it() -> None:
