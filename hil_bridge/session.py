@@ -24,7 +24,9 @@ from hil_bridge.line_time import line_floor
 from hil_bridge.outputs import Outputs, record_path, settled, write_outputs
 from hil_bridge.realtime import collect_young, prompt_threads, quiet_garbage, scheduled
 from hil_bridge.recording import (
+    CHECK_EVENT,
     CHUNKS,
+    PHASE_EVENT,
     VIRTUAL_CHUNKS,
     CycleRecord,
     EventRecord,
@@ -198,8 +200,10 @@ class _Session:
         self._recorder.put(record)
         if record.kind == BUG_EVENT:
             self.bugs.append(record.text)
-        if self._view is not None and record.kind == "phase":
+        if self._view is not None and record.kind == PHASE_EVENT:
             self._view.enter(record.text)
+        if record.kind == CHECK_EVENT and not self._clock.is_virtual:
+            self._tell_check(record.text)
         if self._faults is not None:
             self._faults.event(record)
 
@@ -209,6 +213,15 @@ class _Session:
             self._run.stand_still(seconds)
         else:
             time.sleep(seconds)
+
+    def _tell_check(self, text: str) -> None:
+        """What was found of the sensor, while a person can still intervene."""
+        if self._view is None:
+            self.terminal.out.say(f"sensor: {text}")
+        elif "unchecked" in text:
+            self._view.warn(text)
+        else:
+            self._view.check(text)
 
     def _tell_trouble(self, text: str) -> None:
         """Of the recorder, at once; the run goes on, since nothing in it depends on its record."""
