@@ -158,6 +158,8 @@ class _Session:
         self._sensor: ForceSensor | None = None
         self._run: Run | None = None
         self._result: RunResult | None = None
+        self._moved = False
+        """The movement has begun, and may have ended."""
         self._cancelled = False
         self._trouble_told = False
         self._may_draw = asyncio.Event()
@@ -171,7 +173,7 @@ class _Session:
         self.bugs: list[str] = []
         """Tracebacks that the run told."""
         self.hurried = False
-        """A signal came when the movement had ended already: the process shall end at once."""
+        """A further signal came when the movement had ended already: the process shall end at once."""
 
     # --- what the run and the devices tell
 
@@ -198,6 +200,7 @@ class _Session:
     def event(self, record: EventRecord) -> None:
         """Something happened beside the cycles."""
         self._recorder.put(record)
+        self._moved = self._moved or self._moving
         if record.kind == BUG_EVENT:
             self.bugs.append(record.text)
         if self._view is not None and record.kind == PHASE_EVENT:
@@ -347,22 +350,24 @@ class _Session:
 
     @contextmanager
     def _interruptible(self) -> Iterator[None]:
-        """A signal retracts while the robot moves, and ends at once before that; when the movement has ended, the
-        record is finished first.
+        """A signal retracts while the robot moves, and ends at once before that. When the movement has ended, it waits
+        until the tool has come to rest and the record is whole.
         """
         loop, task = asyncio.get_running_loop(), asyncio.current_task()
         assert task is not None
 
         def ended() -> None:
-            if self._result is None and not self._moving and not self._cancelled:
+            if not (self._moved or self._moving or self._cancelled):
                 self._cancelled = True  # once: what is being closed is closed in order
                 task.cancel()
 
         def interrupted(number: signal.Signals) -> None:
-            if self._result is not None:
-                self.hurried = number is not signal.SIGHUP  # a shell that closes sends it a second time
+            if self._moved and not self._moving:
+                # a shell that closes sends SIGHUP a second time
+                self.hurried |= self.signals.count > 1 and number is not signal.SIGHUP
                 return
             if self._run is not None and self._moving:
+                self._moved = True
                 self._run.interrupt()
             loop.call_soon_threadsafe(self._notice, "signal", number.name)
             loop.call_soon_threadsafe(ended)

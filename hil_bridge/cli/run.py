@@ -11,7 +11,7 @@ from hil_bridge.debugging import debug_option
 
 CONTROLLERS = "fuzzy, fuzzy-adaptive, resolution-aware, pi, admittance, predictive"
 """Ours, for the help text alone: the configuration also knows those of installed packages."""
-_BESIDE = Path()
+_BESIDE = Path("-")
 """Stands for the recording's folder where --report names none."""
 
 

@@ -182,7 +182,8 @@ def _link(snapshot: Snapshot) -> tuple[Text, Text]:
 def _check(snapshot: Snapshot) -> tuple[Text, ...]:
     if not snapshot.check:
         return ()
-    return (Text.assemble(("sensor      ", "dim"), snapshot.check or "–", no_wrap=True, overflow="ellipsis")
+    text = Text.assemble(("sensor      ", "dim"), snapshot.check, no_wrap=True, overflow="ellipsis")
+    return (text,)
 
 
 def _warning(snapshot: Snapshot) -> tuple[Text, ...]:
