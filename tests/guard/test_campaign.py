@@ -251,8 +251,8 @@ def test_the_guard_keeps_its_promises(
         for injection in drawn.cell.faults:
             exercised["injected"][drawn.kind] += 1
             exercised["struck"][drawn.kind] += injection.struck > 0
-        for trouble in broken(drawn, code, recording):
-            troubles.append(f"seed {seed}: {drawn.target} {drawn.fault} in {drawn.phase}: {trouble}")
+        name = f"seed {seed}: {drawn.target} {drawn.fault} in {drawn.phase}"
+        troubles += [f"{name}: {trouble}" for trouble in broken(drawn, code, recording)]
         path.unlink()
     assert troubles == []
 
