@@ -71,9 +71,11 @@ def tracking(record: Path) -> Callable[[], bool]:
 
 @pytest.fixture
 def short(tmp_path: Path) -> str:
-    """A configuration that retracts by little, to save time."""
+    """A configuration that retracts by little, to save time, and knows the emulated cell's tool."""
     path = tmp_path / "c.toml"
-    path.write_text("[task]\nretract_mm = 3.0\n")
+    path.write_text(
+        "[task]\nretract_mm = 3.0\n[tool]\nmass_kg = 0.5\ncentre_of_gravity_mm = [0.0, 0.0, 80.0]\n"
+    )
     return str(path)
 
 
@@ -87,10 +89,20 @@ def test_two_processes_hold_ten_newtons(tmp_path: Path, short: str) -> None:
         summary = tmp_path / "s.json"
         code, lines, errors = finish(
             # a steady state is 40 cycles, which on a busy machine may take twice their time
-            start("run", short, *options, "--duration", "20", "--no-view", "--summary", str(summary))
+            start(
+                "run",
+                short,
+                *options,
+                "--duration",
+                "20",
+                "--no-view",
+                "--no-record",
+                "--summary",
+                str(summary),
+            )
         )
         assert (code, errors) == (0, "")
-        assert lines[0] == "completed"
+        assert "completed" in lines
         figures = json.loads(summary.read_text())
         assert figures["force_mean_steady_n"] == pytest.approx(10.0, abs=0.6)
         assert figures["sensor_frames_lost"] == 0
@@ -106,7 +118,7 @@ def test_a_run_emulates_the_sensor_that_it_is_told_to(tmp_path: Path) -> None:
         start("run", str(config), "--duration", "4", "--no-view", "--record", str(record))
     )
     assert (code, errors) == (0, "")
-    assert lines[0] == "completed"
+    assert "completed" in lines
     truths = read(record).truths
     # when the sample was taken only the cell knows
     assert sum(math.isfinite(truth.sampled_at) for truth in truths) > 0.9 * len(truths) > 0.0
@@ -119,13 +131,14 @@ def test_a_killed_emulator_ends_the_run_at_once_with_its_cause_and_a_whole_recor
         options,
     ):
         assert options[1].startswith("tcp://127.0.0.1:")
-        run = start("run", *options, "--no-view", "--record", str(record))
+        run = start("run", *options, "--unchecked", "--no-view", "--record", str(record))
         wait_until(tracking(record))
         cell.kill()
         killed = time.monotonic()
         code, lines, errors = finish(run)
         assert time.monotonic() - killed < 5.0
-        assert (code, lines[0], errors.count("\n")) == (3, "stopped", 1)
+        assert (code, errors.count("\n")) == (3, 1)
+        assert "stopped" in lines
         assert errors.startswith(f"hil-bridge: stopped: {options[1]}: the other side ")
     code, _, errors = finish(start("report", str(record), "--out", str(tmp_path)))
     assert (code, errors) == (0, "")
@@ -150,8 +163,9 @@ def test_ctrl_c_retracts_and_leaves_everything(tmp_path: Path, short: str) -> No
     run.send_signal(signal.SIGINT)
     code, lines, errors = finish(run)
     assert (code, errors) == (130, "")
-    assert lines[0] == "interrupted"
-    assert lines[-1] == f"report: {tmp_path / 'report.html'}"
+    assert "interrupted" in lines
+    assert lines[-2] == f"report: {tmp_path / 'report.html'}"
+    assert lines[-1].startswith("left: retracted, ")
     figures = json.loads(summary.read_text())
     assert (figures["outcome"], figures["truncated"]) == ("interrupted", False)
     assert list(figures["phases_s"])[-2:] == ["track", "retract"]
@@ -166,7 +180,8 @@ def test_ctrl_c_while_connecting_ends_at_once(tmp_path: Path) -> None:
         device = os.ttyname(slave)
         with emulated("sensor", stop=signal.SIGINT) as (_, options):
             run = start(
-                *("run", "--robot", f"serial://{device}", *options, "--no-view", "--record", str(record))
+                *("run", "--robot", f"serial://{device}", *options, "--unchecked", "--no-view"),
+                *("--record", str(record)),
             )
             assert os.read(master, 1) == b"\x05"
             run.send_signal(signal.SIGINT)
@@ -185,10 +200,12 @@ def test_a_port_that_another_holds_is_named(tmp_path: Path) -> None:
     with emulated("sensor") as (_, options):
         master, slave = pty.openpty()
         held = f"serial://{os.ttyname(slave)}"
-        holder = start("run", "--robot", held, *options, "--no-view")
+        holder = start("run", "--robot", held, *options, "--unchecked", "--no-view", "--no-record")
         try:
             assert os.read(master, 1) == b"\x05"
-            code, _, errors = finish(start("run", "--robot", held, *options, "--no-view"))
+            code, _, errors = finish(
+                start("run", "--robot", held, *options, "--unchecked", "--no-view", "--no-record")
+            )
             assert (code, errors.count("\n")) == (3, 1)
             assert "another program holds the port; `fuser -v " in errors
         finally:

@@ -345,7 +345,9 @@ def test_a_run_reads_the_emulated_board_over_tcp(tmp_path: Path) -> None:
             where["sensor"] + "?filter=2",
             "--duration",
             "5",
+            "--unchecked",
             "--no-view",
+            "--no-record",
             "--summary",
             str(summary),
         )
@@ -355,7 +357,7 @@ def test_a_run_reads_the_emulated_board_over_tcp(tmp_path: Path) -> None:
             run.kill()
             run.communicate()
         assert (run.returncode, errors) == (0, "")
-        assert output.splitlines()[0] == "completed"
+        assert "completed" in output.splitlines()
         assert stop(emulator) == (0, "", "")
     finally:
         emulator.kill()
