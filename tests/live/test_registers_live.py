@@ -347,7 +347,9 @@ def test_a_run_reads_the_emulated_board_over_tcp(tmp_path: Path) -> None:
             where["tool-mass-kg"],
             "--duration",
             "5",
+            "--unchecked",
             "--no-view",
+            "--no-record",
             "--summary",
             str(summary),
         )
