@@ -12,6 +12,7 @@ from hil_bridge.config import Config
 from hil_bridge.errors import ConfigError
 from hil_bridge.realtime import scheduled
 from hil_bridge.run import control_loop
+from hil_bridge.zeroing import known_wrist
 
 
 def check(config: Config, virtual: bool) -> None:
@@ -48,6 +49,10 @@ def _force(config: Config, virtual: bool) -> None:
         )
 
 
+def _tool(config: Config, virtual: bool) -> None:
+    known_wrist(config)
+
+
 def _controller(config: Config, virtual: bool) -> None:
     control_loop(config)
 
@@ -76,5 +81,6 @@ CHECKS: Mapping[str, Callable[[Config, bool], None]] = {
     "controller": _controller,
     "cell": _cell,
     "realtime": _thread,
+    "tool": _tool,
 }
 """Each raises ConfigError for a configuration that cannot be run; the second argument says whether in virtual time."""

@@ -43,6 +43,8 @@ OPTIONS = {
     "run.panel_url": "--panel",
     "robot.url": "--robot",
     "sensor.url": "--sensor",
+    "sensor.unchecked": "--unchecked",
+    "tool.mass_kg": "--tool-mass-kg",
     "controller.name": "--controller",
     "task.force_n": "--force-n",
 }

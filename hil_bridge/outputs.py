@@ -164,9 +164,8 @@ def _make_folders(outputs: Outputs) -> None:
 def _make(folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
-    except (OSError, ValueError) as error:  # ValueError: a NUL in the name
-        cause = getattr(error, "strerror", None) or error
-        raise ConfigError(f"cannot make the folder {folder}: {cause}; name another place") from error
+    except OSError as error:
+        raise ConfigError(f"cannot make the folder {folder}: {error.strerror}; name another place") from error
 
 
 def _check_apart(outputs: Outputs, config_file: Path | None) -> None:

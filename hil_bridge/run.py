@@ -33,7 +33,7 @@ from hil_bridge.devices import ForceSensor, Motion, RobotLink
 from hil_bridge.errors import BridgeError
 from hil_bridge.leaving import ARRIVED_M, Left, WayOut
 from hil_bridge.line_time import answer_time
-from hil_bridge.recording import PHASE_EVENT, STOP_EVENT, CycleRecord, EventRecord, Outcome
+from hil_bridge.recording import CHECK_EVENT, PHASE_EVENT, STOP_EVENT, CycleRecord, EventRecord, Outcome
 from hil_bridge.small_steps import bring_up
 from hil_bridge.zeroing import Zeroing, wrist
 from protocol.arap import Quaternion, Status, Vector
@@ -104,7 +104,7 @@ class Run:
         self._log = log
         self._wrist = wrist(config)
         self._loop = control_loop(config)
-        self._zeroing = Zeroing(config, clock, robot, sensor, lambda text: self._event("sensor", text))
+        self._zeroing = Zeroing(config, clock, robot, sensor, lambda text: self._event(CHECK_EVENT, text))
         self._way_out = WayOut(config, clock, robot, sensor)
         self._heart = Heartbeat(clock)
         self._answer_time = answer_time(robot.profile)

@@ -43,6 +43,8 @@ async def _serve(config: Config, ports: Ports, as_json: bool, executor: ThreadPo
         ) as served:
             devices = {"robot": served.robot, "sensor": served.sensor, "panel": served.panel}
             where = {device: url for device, url in devices.items() if url is not None}
+            if served.sensor is not None:
+                where["tool-mass-kg"] = f"{config.cell.tool.mass_kg:g}"
             if as_json:
                 click.echo(json.dumps(where))
             else:
@@ -65,9 +67,9 @@ def _log(text: str) -> None:
 def client_of(where: Mapping[str, str]) -> str:
     """A command that talks to what is served; no run takes a robot without a sensor."""
     match where:
-        case {"robot": robot, "sensor": sensor}:
-            return f"hil-bridge run --robot '{robot}' --sensor '{sensor}'"
+        case {"robot": robot, "sensor": sensor, "tool-mass-kg": mass}:
+            return f"hil-bridge run --robot '{robot}' --sensor '{sensor}' --tool-mass-kg {mass}"
         case {"robot": robot}:
             return f"hil-bridge probe robot '{robot}'"
         case _:
-            return f"hil-bridge run --sensor '{where['sensor']}'"
+            return f"hil-bridge run --sensor '{where['sensor']}' --tool-mass-kg {where['tool-mass-kg']}"

@@ -24,7 +24,9 @@ from hil_bridge.line_time import line_floor
 from hil_bridge.outputs import Outputs, record_path, settled, write_outputs
 from hil_bridge.realtime import collect_young, prompt_threads, quiet_garbage, scheduled
 from hil_bridge.recording import (
+    CHECK_EVENT,
     CHUNKS,
+    PHASE_EVENT,
     VIRTUAL_CHUNKS,
     CycleRecord,
     EventRecord,
@@ -156,6 +158,8 @@ class _Session:
         self._sensor: ForceSensor | None = None
         self._run: Run | None = None
         self._result: RunResult | None = None
+        self._moved = False
+        """The movement has begun, and may have ended."""
         self._cancelled = False
         self._trouble_told = False
         self._may_draw = asyncio.Event()
@@ -169,7 +173,7 @@ class _Session:
         self.bugs: list[str] = []
         """Tracebacks that the run told."""
         self.hurried = False
-        """A signal came when the movement had ended already: the process shall end at once."""
+        """A further signal came when the movement had ended already: the process shall end at once."""
 
     # --- what the run and the devices tell
 
@@ -196,10 +200,13 @@ class _Session:
     def event(self, record: EventRecord) -> None:
         """Something happened beside the cycles."""
         self._recorder.put(record)
+        self._moved = self._moved or self._moving
         if record.kind == BUG_EVENT:
             self.bugs.append(record.text)
-        if self._view is not None and record.kind == "phase":
+        if self._view is not None and record.kind == PHASE_EVENT:
             self._view.enter(record.text)
+        if record.kind == CHECK_EVENT and not self._clock.is_virtual:
+            self._tell_check(record.text)
         if self._faults is not None:
             self._faults.event(record)
 
@@ -209,6 +216,15 @@ class _Session:
             self._run.stand_still(seconds)
         else:
             time.sleep(seconds)
+
+    def _tell_check(self, text: str) -> None:
+        """What was found of the sensor, while a person can still intervene."""
+        if self._view is None:
+            self.terminal.out.say(f"sensor: {text}")
+        elif "unchecked" in text:
+            self._view.warn(text)
+        else:
+            self._view.check(text)
 
     def _tell_trouble(self, text: str) -> None:
         """Of the recorder, at once; the run goes on, since nothing in it depends on its record."""
@@ -334,22 +350,24 @@ class _Session:
 
     @contextmanager
     def _interruptible(self) -> Iterator[None]:
-        """A signal retracts while the robot moves, and ends at once before that; when the movement has ended, the
-        record is finished first.
+        """A signal retracts while the robot moves, and ends at once before that. When the movement has ended, it waits
+        until the tool has come to rest and the record is whole.
         """
         loop, task = asyncio.get_running_loop(), asyncio.current_task()
         assert task is not None
 
         def ended() -> None:
-            if self._result is None and not self._moving and not self._cancelled:
+            if not (self._moved or self._moving or self._cancelled):
                 self._cancelled = True  # once: what is being closed is closed in order
                 task.cancel()
 
         def interrupted(number: signal.Signals) -> None:
-            if self._result is not None:
-                self.hurried = number is not signal.SIGHUP  # a shell that closes sends it a second time
+            if self._moved and not self._moving:
+                # a shell that closes sends SIGHUP a second time
+                self.hurried |= self.signals.count > 1 and number is not signal.SIGHUP
                 return
             if self._run is not None and self._moving:
+                self._moved = True
                 self._run.interrupt()
             loop.call_soon_threadsafe(self._notice, "signal", number.name)
             loop.call_soon_threadsafe(ended)

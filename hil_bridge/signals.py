@@ -22,6 +22,8 @@ class Signals:
     def __init__(self) -> None:
         self.first: signal.Signals | None = None
         """The one that came first, if any."""
+        self.count = 0
+        """How many came."""
         self._react: React = at_once
 
     @contextmanager
@@ -56,6 +58,7 @@ class Signals:
 
     def _take(self, number: int, frame: object) -> None:
         taken = signal.Signals(number)
+        self.count += 1
         if self.first is None:
             self.first = taken
         self._react(taken)

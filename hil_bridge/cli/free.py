@@ -4,9 +4,11 @@ from pathlib import Path
 
 import click
 
+from hil_bridge.cli.paths import FILE
+
 
 @click.command(short_help="Lift a tool off that was left in contact.")
-@click.argument("config_file", metavar="[CONFIG.toml]", required=False, type=click.Path(path_type=Path))
+@click.argument("config_file", metavar="[CONFIG.toml]", required=False, type=FILE)
 @click.option("--robot", metavar="URL", help="Robot's computer link, as for `hil-bridge run`.")
 @click.option("--sensor", metavar="URL", help="Sensor's gateway or board, as for `hil-bridge run`.")
 @click.option(

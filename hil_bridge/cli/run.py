@@ -6,12 +6,12 @@ from pathlib import Path
 import click
 
 from hil_bridge.cli.options import overwrite_option
+from hil_bridge.cli.paths import FILE
 from hil_bridge.debugging import debug_option
 
 CONTROLLERS = "fuzzy, fuzzy-adaptive, resolution-aware, pi, admittance, predictive"
 """Ours, for the help text alone: the configuration also knows those of installed packages."""
-_FILE = click.Path(path_type=Path)
-_BESIDE = Path()
+_BESIDE = Path("-")
 """Stands for the recording's folder where --report names none."""
 
 
@@ -23,7 +23,7 @@ def not_empty(context: click.Context, parameter: click.Parameter, url: str | Non
 
 
 @click.command(short_help="Run the force control, and record and report it.")
-@click.argument("config_file", metavar="[CONFIG.toml]", required=False, type=_FILE)
+@click.argument("config_file", metavar="[CONFIG.toml]", required=False, type=FILE)
 @click.option(
     "--robot",
     metavar="URL",
@@ -37,6 +37,13 @@ def not_empty(context: click.Context, parameter: click.Parameter, url: str | Non
     help="Sensor's CAN gateway: can+socketcan://can0, can+slcan:///dev/ttyACM0; its UART gateway: "
     "serial:///dev/ttyACM0?gateway=jr3; its receiver board: jr3+tcp://host:1762?filter=2.",
 )
+@click.option(
+    "--tool-mass-kg",
+    type=click.FloatRange(min=0.0),
+    metavar="M",
+    help="Mass below the sensor, by whose weight the sensor is checked before the robot moves.",
+)
+@click.option("--unchecked", is_flag=True, help="Run on a sensor whose tool is not known, unchecked.")
 @click.option("--controller", metavar="NAME", help=f"Force controller: {CONTROLLERS}, or a plug-in.")
 @click.option("--force-n", type=float, metavar="F", help="Desired contact force, N.")
 @click.option("--duration", "duration_s", type=float, metavar="S", help="How long to track the surface, s.")
@@ -44,15 +51,15 @@ def not_empty(context: click.Context, parameter: click.Parameter, url: str | Non
 @click.option("--seed", type=int, metavar="N", help="Seed of every random draw in the emulated cell.")
 @click.option(
     "--record",
-    type=_FILE,
+    type=FILE,
     metavar="FILE",
     help="Record the run as MCAP there.  [default: run.mcap and summary.json in a new folder under runs/]",
 )
 @click.option("--no-record", is_flag=True, help="Keep no record.")
-@click.option("--summary", type=_FILE, metavar="FILE", help="Write the figures as JSON there.")
+@click.option("--summary", type=FILE, metavar="FILE", help="Write the figures as JSON there.")
 @click.option(
     "--report",
-    type=_FILE,
+    type=FILE,
     metavar="[DIR]",
     is_flag=False,
     flag_value=str(_BESIDE),
@@ -68,6 +75,8 @@ def run(
     config_file: Path | None,
     robot: str | None,
     sensor: str | None,
+    tool_mass_kg: float | None,
+    unchecked: bool,
     controller: str | None,
     force_n: float | None,
     duration_s: float | None,
@@ -100,6 +109,8 @@ def run(
         {
             "robot.url": robot,
             "sensor.url": sensor,
+            "sensor.unchecked": unchecked or None,
+            "tool.mass_kg": tool_mass_kg,
             "controller.name": controller,
             "task.force_n": force_n,
             "run.duration_s": duration_s,

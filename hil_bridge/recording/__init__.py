@@ -4,9 +4,18 @@ from hil_bridge.recording.link_log import LINK_EVENT, LinkLog
 from hil_bridge.recording.reader import Recording, read, read_link
 from hil_bridge.recording.recorder import CHUNKS, VIRTUAL_CHUNKS, Chunks, Recorder
 from hil_bridge.recording.records import CycleRecord, EventRecord, LinkRecord, SensorRecord, TruthRecord
-from hil_bridge.recording.summary import PHASE_EVENT, STOP_EVENT, Outcome, RunEnd, Summary, summarise
+from hil_bridge.recording.summary import (
+    CHECK_EVENT,
+    PHASE_EVENT,
+    STOP_EVENT,
+    Outcome,
+    RunEnd,
+    Summary,
+    summarise,
+)
 
 __all__ = [
+    "CHECK_EVENT",
     "CHUNKS",
     "LINK_EVENT",
     "PHASE_EVENT",

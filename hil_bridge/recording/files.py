@@ -85,8 +85,8 @@ def _mode(path: Path) -> int | None:
         return path.stat().st_mode
     except FileNotFoundError:
         return None
-    except (OSError, ValueError) as error:  # ValueError: a NUL in the name
-        raise ConfigError(f"cannot write {path}: {getattr(error, 'strerror', None) or error}") from error
+    except OSError as error:
+        raise ConfigError(f"cannot write {path}: {error.strerror or error}") from error
 
 
 def _hold(descriptor: int, path: Path) -> None:

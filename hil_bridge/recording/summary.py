@@ -25,6 +25,8 @@ PHASE_EVENT = "phase"
 """Kind of the events whose text is the name of the phase that begins."""
 STOP_EVENT = "stop"
 """Kind of the event whose text is the cause of a stop."""
+CHECK_EVENT = "check"
+"""Kind of the events that tell what was found of the sensor before the touch: full scales, model, weight, zero."""
 TRACK = "track"
 """The phase in which the force is controlled."""
 RETRACT = "retract"
@@ -95,6 +97,8 @@ class Summary:
     """Where the tool was left, in words; empty when it never moved or the record was cut off before."""
     truncated: bool
     """The record ends early: the figures cover what is there."""
+    checks: tuple[str, ...]
+    """What was found of the sensor before the touch, in words, and what was taken for zero."""
     controller: str
     seed: str
     force_reference_n: float | None
@@ -153,6 +157,7 @@ def summarise(recording: Recording, end: RunEnd | None = None) -> Summary:
         followed=end.followed,
         left=end.left,
         truncated=recording.truncated,
+        checks=tuple(event.text for event in recording.events if event.kind == CHECK_EVENT),
         controller=recording.metadata.get("controller", ""),
         seed=recording.metadata.get("seed", ""),
         force_reference_n=statistics.mode(references) if references else None,

@@ -67,6 +67,8 @@ def page(recording: Recording, summary: Summary, picture: bytes) -> str:
     cause = f" {escape(summary.cause)}" if summary.cause else ""
     then = "".join(f"<p>then: {escape(text)}</p>" for text in summary.followed)
     left = f"<p>left: <strong>{escape(summary.left)}</strong></p>" if summary.left else ""
+    checks = "".join(f"<li>{escape(text)}</li>" for text in summary.checks)
+    before = f"<h2>Before the touch</h2><ul>{checks}</ul>" if checks else ""
     cut = (
         "<p>The recording ends early; everything here covers what is there.</p>" if summary.truncated else ""
     )
@@ -79,7 +81,7 @@ def page(recording: Recording, summary: Summary, picture: bytes) -> str:
 <p><span class="outcome {escape(summary.outcome)}">{escape(summary.outcome)}</span>{cause}</p>{then}{left}{cut}
 <div class="columns"><section><h2>Figures of merit</h2>{rows(merit_rows(summary))}
 <h2>Phases</h2>{pairs((name, quantity(value, 1, ".2f", "s")) for name, value in summary.phases_s.items())}
-</section><section><h2>Run</h2>{rows(run_rows(summary))}</section></div>
+</section><section><h2>Run</h2>{rows(run_rows(summary))}</section></div>{before}
 <h2>Picture</h2><img alt="Force, depth, correction, stiffness and cycle time over time"
  width="{width}" height="{height}" src="data:image/png;base64,{data}">
 {latency_section(recording)}{stability_section(recording, summary)}{controller_section(recording)}

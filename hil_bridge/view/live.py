@@ -61,6 +61,10 @@ class LiveView:
         """Show a line until the end."""
         self._model.warn(text)
 
+    def check(self, text: str) -> None:
+        """Show what was found of the sensor before the touch."""
+        self._model.check(text)
+
     def refresh(self, now: float, health: Health) -> None:
         """Show the state at `now`, s on the run's clock."""
         self.show(self._model.snapshot(now, health))
@@ -116,6 +120,8 @@ def line(snapshot: Snapshot) -> str:
     parts.append(f"frames lost {snapshot.frames_lost}")
     if snapshot.remaining_s is not None:
         parts.append(f"{snapshot.remaining_s:.0f} s to track")
+    if snapshot.newest is None and snapshot.check:
+        parts.append(snapshot.check.encode("ascii", "backslashreplace").decode())
     if snapshot.warning:
         parts.append(f"WARNING: {snapshot.warning}".encode("ascii", "backslashreplace").decode())
     return "  ".join(parts)

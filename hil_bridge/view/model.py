@@ -61,6 +61,8 @@ class Snapshot:
     frames_lost: int
     link: Mapping[str, int]
     """Counters of the robot link by name."""
+    check: str = ""
+    """What was found of the sensor before the touch last, in words."""
     warning: str = ""
     """What a person should know at once, beside what the run itself does."""
 
@@ -100,6 +102,7 @@ class ViewModel:
         self._track_until: float | None = None
         self._phase = "connect"
         self._warning = ""
+        self._check = ""
         self._newest: CycleRecord | None = None
         self._cycles: deque[CycleRecord] = deque(maxlen=HISTORY_CYCLES)
 
@@ -115,6 +118,10 @@ class ViewModel:
     def enter(self, phase: str) -> None:
         """A phase begins; some phases have no cycles."""
         self._phase = phase
+
+    def check(self, text: str) -> None:
+        """Show what was found of the sensor, the newest at a time."""
+        self._check = text
 
     def warn(self, text: str) -> None:
         """Show a line until the end."""
@@ -140,4 +147,5 @@ class ViewModel:
             frames_lost=health.frames_lost,
             link=health.link,
             warning=self._warning,
+            check=self._check,
         )

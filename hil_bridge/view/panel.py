@@ -28,7 +28,7 @@ _VERDICT_STYLES = {"allow": "green", "clamp": "yellow", "stop": "bold red"}
 
 
 def panel(snapshot: Snapshot, width: int = WIDTH) -> RenderableType:
-    """The whole view, 22 lines of `width` columns; one more while there is a warning."""
+    """The whole view, 22 lines of `width` columns; one more for each of the sensor's check and a warning."""
     style = _PHASE_STYLES.get(snapshot.phase, "blue")
     return Panel(
         Group(
@@ -39,6 +39,7 @@ def panel(snapshot: Snapshot, width: int = WIDTH) -> RenderableType:
             _verdict(snapshot),
             *_latency(snapshot),
             *_link(snapshot),
+            *_check(snapshot),
             *_warning(snapshot),
             _progress(snapshot),
         ),
@@ -176,6 +177,13 @@ def _link(snapshot: Snapshot) -> tuple[Text, Text]:
     troubles = ", ".join(f"{name} {count}" for name, count in snapshot.link_troubles.items())
     found = (troubles, "yellow") if troubles else ("undisturbed", "green")
     return line, Text.assemble(" " * 12, found, no_wrap=True, overflow="ellipsis")
+
+
+def _check(snapshot: Snapshot) -> tuple[Text, ...]:
+    if not snapshot.check:
+        return ()
+    text = Text.assemble(("sensor      ", "dim"), snapshot.check, no_wrap=True, overflow="ellipsis")
+    return (text,)
 
 
 def _warning(snapshot: Snapshot) -> tuple[Text, ...]:

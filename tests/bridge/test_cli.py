@@ -92,22 +92,22 @@ def test_help_imports_none_of_the_heavy_libraries() -> None:
         (["run", "--robot", ""], "it is empty; leave the option out"),
         (["run", "--robot", "tcp://h:1"], "give --sensor (sensor.url) too"),
         (
-            ["run", "--robot", "foo:", "--sensor", "can+slcan:///dev/x"],
+            ["run", "--unchecked", "--robot", "foo:", "--sensor", "can+slcan:///dev/x"],
             "unknown scheme 'foo'; allowed: serial, ",
         ),
         (
-            ["run", "--robot", "serial://", "--sensor", "can+slcan:///dev/x"],
+            ["run", "--unchecked", "--robot", "serial://", "--sensor", "can+slcan:///dev/x"],
             "the target is missing; for example",
         ),
         (
-            ["run", "--robot", "serial:///dev/x?parity=X", "--sensor", "can+slcan:///dev/x"],
+            ["run", "--unchecked", "--robot", "serial:///dev/x?parity=X", "--sensor", "can+slcan:///dev/x"],
             "parity must be one of N, E, O, got 'X'",
         ),
         (
-            ["run", "--robot", "serial:///dev/x?speed=1", "--sensor", "can+slcan:///dev/x"],
+            ["run", "--unchecked", "--robot", "serial:///dev/x?speed=1", "--sensor", "can+slcan:///dev/x"],
             "unknown option 'speed'; allowed: baudrate",
         ),
-        (["run", "--sensor", "tcp://h:1"], "unknown scheme 'tcp'; allowed: can+"),
+        (["run", "--unchecked", "--sensor", "tcp://h:1"], "unknown scheme 'tcp'; allowed: can+"),
         (["emulate", "cell", "--robot-port", "foo:"], "unknown scheme 'foo'; allowed: pty, tcp-listen"),
         (["emulate", "cell", "--sensor-port", "foo:"], "unknown scheme 'foo'; allowed: can+"),
         (["emulate", "robot", "--robot-port", "tcp-listen://h"], "host and port must be like 127.0.0.1:4000"),
@@ -143,7 +143,8 @@ def test_bad_input_is_one_line_that_says_what_to_do(
 )
 def test_a_wire_that_cannot_be_opened_is_a_device_error(hil: Command, robot: str, message: str) -> None:
     code, _, errors = hil(
-        "run", "--no-view", "--robot", robot, "--sensor", "can+slcan:///dev/none", "--record", "r.mcap"
+        *("run", "--unchecked", "--no-view", "--robot", robot, "--sensor", "can+slcan:///dev/none"),
+        *("--record", "r.mcap"),
     )
     assert (code, errors.count("\n")) == (3, 1)
     assert robot in errors
@@ -161,7 +162,8 @@ def test_a_port_without_permission_names_the_group(hil: Command, monkeypatch: py
 
     monkeypatch.setattr(os, "open", forbidden)
     code, _, errors = hil(
-        "run", "--no-view", "--robot", "serial:///dev/ttyFORBIDDEN", "--sensor", "can+slcan:///dev/none"
+        *("run", "--unchecked", "--no-view"),
+        *("--robot", "serial:///dev/ttyFORBIDDEN", "--sensor", "can+slcan:///dev/none"),
     )
     assert (code, errors.count("\n")) == (3, 1)
     assert "no permission; add yourself to the group dialout" in errors
@@ -328,9 +330,12 @@ def test_no_summary_of_a_command_is_cut_in_a_terminal_of_80_columns(
 @pytest.mark.parametrize(
     ("where", "command"),
     [
-        ({"robot": "r", "sensor": "s", "panel": "p"}, "hil-bridge run --robot 'r' --sensor 's'"),
+        (
+            {"robot": "r", "sensor": "s", "panel": "p", "tool-mass-kg": "0.5"},
+            "hil-bridge run --robot 'r' --sensor 's' --tool-mass-kg 0.5",
+        ),
         ({"robot": "r", "panel": "p"}, "hil-bridge probe robot 'r'"),
-        ({"sensor": "s"}, "hil-bridge run --sensor 's'"),
+        ({"sensor": "s", "tool-mass-kg": "0.5"}, "hil-bridge run --sensor 's' --tool-mass-kg 0.5"),
     ],
 )
 def test_what_is_served_names_a_command_that_can_reach_it(where: dict[str, str], command: str) -> None:

@@ -10,7 +10,7 @@ from click.testing import CliRunner
 
 from hil_bridge import realtime as realtime_module
 from hil_bridge.cli import cli
-from hil_bridge.config import Config, RobotConfig, SensorConfig, load_config
+from hil_bridge.config import Config, RobotConfig, SensorConfig, ToolConfig, load_config
 from hil_bridge.errors import ConfigError
 from hil_bridge.realtime import RealTime
 from hil_bridge.session import Outputs, execute
@@ -260,6 +260,7 @@ def test_the_wires_of_a_configuration_are_checked(tmp_path: Path) -> None:
     config = Config(
         robot=RobotConfig(url="serial:///dev/ttyUSB0?baudrate=9600&parity=E"),
         sensor=SensorConfig(url="can+socketcan://can0"),
+        tool=ToolConfig(mass_kg=0.5),
     )
     found = findings(config, root, {"can0": DETAILS})
     assert {key: fact.level for key, fact in found.items()} == {"robot.url": Level.OK, "sensor.url": Level.OK}
@@ -301,6 +302,7 @@ def test_a_thread_that_the_machine_refuses_is_told(tmp_path: Path) -> None:
 REFUSED = {
     "force": "[task]\nforce_n = 60.0\n",
     "wires": '[robot]\nurl = "serial:///dev/ttyUSB0"\n',
+    "tool": '[robot]\nurl = "tcp://127.0.0.1:1"\n[sensor]\nurl = "can+socketcan://can0"\n',
     "panel": '[run]\npanel_url = "tcp-listen://127.0.0.1:0"\n'
     '[robot]\nurl = "tcp://127.0.0.1:1"\n[sensor]\nurl = "can+socketcan://can0"\n',
     "cell": "[cell]\nstart_position_mm = [3000.0, 0.0, 0.0]\n",

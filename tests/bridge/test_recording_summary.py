@@ -18,7 +18,14 @@ from hil_bridge.recording.summary import Outcome, RunEnd, end_of, phases, summar
 from hil_bridge.recording.times import times_of
 
 PERIOD, LSB = 0.25, 0.000125
-END = RunEnd(Outcome.STOPPED, "force limit", 0.156, {"nak": 2, "turnaround_mean_ms": 12.5})
+END = RunEnd(
+    Outcome.STOPPED,
+    "force limit",
+    0.156,
+    {"nak": 2, "turnaround_mean_ms": 12.5},
+    left="NOT retracted: left at 1.9 mm, 9.8 N, because the link broke",
+    followed=("a point was refused", "the link broke"),
+)
 
 
 def cycles(forces: Sequence[float], phase: str = "track", first: int = 0) -> tuple[CycleRecord, ...]:

@@ -16,7 +16,7 @@ from hil_bridge.report import write_report
 from hil_bridge.report.plots import draw, stream_force
 
 EVIL = "<script>alert('1')</script> & $x^"
-END = RunEnd(Outcome.STOPPED, EVIL, 0.156, {EVIL: 1})
+END = RunEnd(Outcome.STOPPED, EVIL, 0.156, {EVIL: 1}, left=f"left {EVIL}", followed=("first", EVIL))
 NEWTON_PER_COUNT, BIAS_COUNTS = 0.025, 37
 
 
@@ -80,7 +80,10 @@ def test_the_page_escapes_everything_and_loads_nothing(tmp_path: Path) -> None:
     recording = run()
     text = write_report(recording, summarise(recording, END), tmp_path).read_text()
     assert "<script" not in text
-    assert text.count("&lt;script&gt;") >= 6
+    assert text.count("&lt;script&gt;") >= 8
+    assert text.index("<p>then: first</p><p>then: &lt;script") < text.index(
+        "<p>left: <strong>left &lt;script"
+    )
     assert 'src="data:image/png;base64,' in text
     assert "http" not in text
     assert json.dumps({"a": [1, 2]}, indent=2).replace('"', "&quot;") in text

@@ -18,7 +18,7 @@ from hil_bridge.recording.latency import AnswerTimes
 from hil_bridge.session import _Session
 from hil_bridge.signals import Signals
 from hil_bridge.view import Health, Snapshot, ViewModel
-from hil_bridge.view.live import LiveView
+from hil_bridge.view.live import LiveView, line
 from hil_bridge.view.panel import panel
 from protocol.adlp import Count, NoticeKind
 
@@ -134,12 +134,24 @@ def test_the_panel_says_where_the_time_goes() -> None:
     assert len(unstamped.splitlines()) == len(lines)
 
 
+def test_a_warning_stays_in_the_panel_and_in_the_lines() -> None:
+    made = model(CYCLE)
+    made.warn("the recording is incomplete: – full")
+    for now in (110.0, 120.0):
+        snapshot = made.snapshot(now, Health())
+        assert "warning     the recording is incomplete: – full" in text_of(snapshot)
+        assert line(snapshot).endswith("WARNING: the recording is incomplete: \\u2013 full")
+
+
 @pytest.mark.parametrize("width", [80, 60])
 def test_the_panel_fits_whatever_it_shows(width: int) -> None:
     stop = structs.replace(CYCLE, force=-1e4, verdict="stop", reasons=("a long cause " * 9,), stiffness=9e6)
     odd = structs.replace(CYCLE, force=math.nan, answered_at=math.nan, stiffness=None, held=True, phase="odd")
+    warned = model(*[STAMPED] * 100)
+    warned.warn("the disk is full " * 20)
     shown = [
         model(),
+        warned,
         model(total_s=None),
         model(*[CYCLE] * 100),
         model(*[STAMPED] * 100),

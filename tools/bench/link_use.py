@@ -75,7 +75,7 @@ def real(
             assert cell.stdout is not None
             urls = json.loads(cell.stdout.readline())
             options = [text for device, url in urls.items() for text in (f"--{device}", url)]
-            command = [*HIL_BRIDGE, "run", config, *options, "--no-view", "--record", record]
+            command = [*HIL_BRIDGE, "run", config, *options, "--no-view", "--record", record, "--overwrite"]
             with subprocess.Popen(command, stdout=subprocess.DEVNULL) as run:
                 if run.wait(PATIENCE_S):
                     raise subprocess.CalledProcessError(run.returncode, command)

@@ -226,7 +226,8 @@ def bridge_command(
     config = place / "bench.toml"
     config.write_text(CONFIG % busy_poll_ms, encoding="utf-8")
     robot, sensor = wires.urls
-    run = ("run", config, "--robot", robot, "--sensor", sensor, "--no-view", "--record", place / "run.mcap")
+    wires_of = ("--robot", robot, "--sensor", sensor)
+    run = ("run", config, *wires_of, "--no-view", "--record", place / "run.mcap", "--overwrite")
     return [sys.executable, *(interpreter or ("-m", "hil_bridge")), *run]
 
 

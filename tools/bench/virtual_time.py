@@ -83,6 +83,7 @@ def command(place: Path) -> tuple[float, float]:
         "7",
         "--record",
         str(record),
+        "--overwrite",
     ]
     cpu, wall = os.times(), time.monotonic()
     subprocess.run([sys.executable, "-m", "hil_bridge", *arguments], check=True, stdout=subprocess.DEVNULL)

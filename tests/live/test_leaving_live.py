@@ -1,0 +1,223 @@
+"""Ways out of a run that come from outside: signals, and terminals and pipes that close or stand still.
+
+Every one of them finds the tool on the surface, in real time, and must leave it retracted with a whole record.
+"""
+
+import fcntl
+import json
+import os
+import pty
+import signal
+import struct
+import subprocess
+import sys
+import termios
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+import pytest
+
+from hil_bridge.errors import ConfigError
+from hil_bridge.recording import Recording, read
+
+pytestmark = pytest.mark.live
+
+HIL = (sys.executable, "-c", "from hil_bridge.cli import main; main()")
+OWN_TERMINAL = (
+    *(sys.executable, "-c"),
+    "import fcntl, os, termios; os.setsid(); fcntl.ioctl(0, termios.TIOCSCTTY, 0); "
+    "from hil_bridge.cli import main; main()",
+)
+"""The same as the leader of a session whose terminal is its standard input, so that its closing is a SIGHUP."""
+PATIENCE = 60.0
+"""For a whole process on a busy machine, s."""
+LEFT_N = 1.0
+"""Largest force that counts as a tool off the surface."""
+CTRL_S, CTRL_Z = b"\x13", b"\x1a"
+
+
+class Terminal:
+    """The far end of a pseudo-terminal, with a reader that can stop to read."""
+
+    def __init__(self) -> None:
+        self.master, self.slave = pty.openpty()
+        fcntl.ioctl(self.slave, termios.TIOCSWINSZ, struct.pack("HHHH", 40, 100, 0, 0))
+        self.shown = b""
+        self._closed = False
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def _read(self) -> None:
+        with suppress(OSError):
+            while data := os.read(self.master, 4096):
+                self.shown += data
+
+    def press(self, key: bytes) -> None:
+        os.write(self.master, key)
+
+    def close(self) -> None:
+        if not self._closed:
+            self._closed = True
+            os.close(self.master)
+
+
+@pytest.fixture
+def terminal() -> Iterator[Terminal]:
+    made = Terminal()
+    yield made
+    os.close(made.slave)
+    made.close()
+
+
+def configured(folder: Path, duration_s: float = 120.0) -> str:
+    """A configuration that retracts by little, to save time."""
+    path = folder / "c.toml"
+    path.write_text(f"[run]\nduration_s = {duration_s}\n[task]\nretract_mm = 3.0\n")
+    return str(path)
+
+
+def wait_until(happened: Callable[[], bool]) -> None:
+    ends = time.monotonic() + PATIENCE
+    while not happened():
+        assert time.monotonic() < ends
+        time.sleep(0.05)
+
+
+def record_in(folder: Path) -> Recording:
+    (path,) = (folder / "runs").glob("*-c/run.mcap")
+    return read(path)
+
+
+def wait_for_tracking(folder: Path) -> None:
+    def tracks() -> bool:
+        try:
+            return any(cycle.phase == "track" and cycle.in_contact for cycle in record_in(folder).cycles)
+        except (ConfigError, ValueError):  # not there yet
+            return False
+
+    wait_until(tracks)
+
+
+@contextmanager
+def running(command: tuple[str, ...], folder: Path, **streams: object) -> Iterator["subprocess.Popen[bytes]"]:
+    process: subprocess.Popen[bytes] = subprocess.Popen(
+        [*command, "run", configured(folder)],
+        cwd=folder,
+        env={**os.environ, "TERM": "xterm"},
+        **streams,  # type: ignore[call-overload]
+    )
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.wait()
+
+
+def ended_well(process: "subprocess.Popen[bytes]", folder: Path, outcome: str = "interrupted") -> None:
+    """The process ends by itself, and its record says that the tool was retracted."""
+    codes = {"interrupted": 130, "completed": 0, "stopped": 3}
+    assert process.wait(PATIENCE) == codes[outcome]
+    recording = record_in(folder)
+    assert not recording.truncated
+    assert recording.end["outcome"] == outcome
+    assert recording.cycles[-1].phase == "retract"
+    assert abs(recording.cycles[-1].force) < LEFT_N
+    (summary,) = (folder / "runs").glob("*-c/summary.json")
+    told = json.loads(summary.read_text())
+    assert told["outcome"] == outcome
+    assert told["left"].startswith("retracted, ")
+
+
+@pytest.mark.parametrize("number", [signal.SIGHUP, signal.SIGQUIT])
+def test_a_signal_retracts_and_is_named_in_the_record(tmp_path: Path, number: signal.Signals) -> None:
+    with running(HIL, tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        wait_for_tracking(tmp_path)
+        process.send_signal(number)
+        output, errors = process.communicate(timeout=PATIENCE)
+        ended_well(process, tmp_path)
+    assert errors == b""
+    lines = output.decode().splitlines()
+    assert lines[0].startswith("recording into runs/")
+    assert "interrupted" in lines
+    assert any(line.startswith("record: runs/") for line in lines)
+    assert lines[-1].startswith("left: retracted, ")
+    assert [event.text for event in record_in(tmp_path).events if event.kind == "signal"] == [number.name]
+
+
+def test_a_key_that_would_halt_the_process_retracts(tmp_path: Path, terminal: Terminal) -> None:
+    on = terminal.slave
+    with running(OWN_TERMINAL, tmp_path, stdin=on, stdout=on, stderr=on) as process:
+        wait_for_tracking(tmp_path)
+        terminal.press(CTRL_Z)
+        ended_well(process, tmp_path)
+    wait_until(lambda: terminal.shown.splitlines()[-1].startswith(b"left: retracted, "))
+
+
+def test_a_terminal_that_closes_retracts(tmp_path: Path, terminal: Terminal) -> None:
+    on = terminal.slave
+    with running(OWN_TERMINAL, tmp_path, stdin=on, stdout=on, stderr=on) as process:
+        wait_for_tracking(tmp_path)
+        wait_until(lambda: b"TRACK" in terminal.shown)
+        terminal.close()
+        ended_well(process, tmp_path)
+
+
+def test_a_terminal_that_closes_unheard_does_not_end_the_run(tmp_path: Path, terminal: Terminal) -> None:
+    """Without a session of its own the process hears no SIGHUP, and every write fails."""
+    on = terminal.slave
+    with running(HIL, tmp_path, stdin=on, stdout=on, stderr=on) as process:
+        wait_for_tracking(tmp_path)
+        terminal.close()
+        cycles = len(record_in(tmp_path).cycles)
+        wait_until(lambda: len(record_in(tmp_path).cycles) > cycles + 10)
+        process.send_signal(signal.SIGINT)
+        ended_well(process, tmp_path)
+
+
+def test_a_paused_terminal_holds_up_neither_the_run_nor_a_second_ctrl_c(
+    tmp_path: Path, terminal: Terminal
+) -> None:
+    """Sent by another process: the key itself would let the terminal go on."""
+    on = terminal.slave
+    with running(OWN_TERMINAL, tmp_path, stdin=on, stdout=on, stderr=on) as process:
+        wait_for_tracking(tmp_path)
+        terminal.press(CTRL_S)
+        time.sleep(1.0)
+        shown, cycles = terminal.shown, len(record_in(tmp_path).cycles)
+        wait_until(lambda: len(record_in(tmp_path).cycles) > cycles + 20)
+        process.send_signal(signal.SIGINT)
+        wait_until(lambda: any((tmp_path / "runs").glob("*-c/summary.json")))
+        time.sleep(3.0)
+        assert process.poll() is None, "it waits for a person to let the terminal go on"
+        assert terminal.shown == shown, "the terminal is paused"
+        process.send_signal(signal.SIGINT)
+        asked = time.monotonic()
+        ended_well(process, tmp_path)
+        assert time.monotonic() - asked < 5.0
+
+
+def test_a_pipe_whose_reader_leaves_changes_nothing(tmp_path: Path) -> None:
+    with running(HIL, tmp_path, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline().startswith(b"recording into runs/")
+        process.stdout.close()
+        wait_for_tracking(tmp_path)
+        process.send_signal(signal.SIGINT)
+        ended_well(process, tmp_path)
+
+
+def test_a_pipe_that_is_not_read_holds_up_neither_the_run_nor_its_end(tmp_path: Path) -> None:
+    there, here = os.pipe()
+    fcntl.fcntl(here, fcntl.F_SETPIPE_SZ, 4096)
+    os.write(here, b"x" * 4096)  # full from the beginning
+    try:
+        with running(HIL, tmp_path, stdout=here, stderr=here) as process:
+            wait_for_tracking(tmp_path)
+            process.send_signal(signal.SIGTERM)
+            ended_well(process, tmp_path)
+    finally:
+        os.close(there)
+        os.close(here)
