@@ -90,7 +90,7 @@ def test_two_processes_hold_ten_newtons(tmp_path: Path, short: str) -> None:
             start("run", short, *options, "--duration", "20", "--no-view", "--summary", str(summary))
         )
         assert (code, errors) == (0, "")
-        assert lines[0] == "completed"
+        assert "completed" in lines
         figures = json.loads(summary.read_text())
         assert figures["force_mean_steady_n"] == pytest.approx(10.0, abs=0.6)
         assert figures["sensor_frames_lost"] == 0
@@ -106,7 +106,7 @@ def test_a_run_emulates_the_sensor_that_it_is_told_to(tmp_path: Path) -> None:
         start("run", str(config), "--duration", "4", "--no-view", "--record", str(record))
     )
     assert (code, errors) == (0, "")
-    assert lines[0] == "completed"
+    assert "completed" in lines
     truths = read(record).truths
     # when the sample was taken only the cell knows
     assert sum(math.isfinite(truth.sampled_at) for truth in truths) > 0.9 * len(truths) > 0.0
@@ -125,7 +125,7 @@ def test_a_killed_emulator_ends_the_run_at_once_with_its_cause_and_a_whole_recor
         killed = time.monotonic()
         code, lines, errors = finish(run)
         assert time.monotonic() - killed < 5.0
-        assert (code, lines[0], errors.count("\n")) == (3, "stopped", 1)
+        assert (code, "stopped" in lines, errors.count("\n")) == (3, True, 1)
         assert errors.startswith(f"hil-bridge: stopped: {options[1]}: the other side ")
     code, _, errors = finish(start("report", str(record), "--out", str(tmp_path)))
     assert (code, errors) == (0, "")
@@ -150,8 +150,9 @@ def test_ctrl_c_retracts_and_leaves_everything(tmp_path: Path, short: str) -> No
     run.send_signal(signal.SIGINT)
     code, lines, errors = finish(run)
     assert (code, errors) == (130, "")
-    assert lines[0] == "interrupted"
-    assert lines[-1] == f"report: {tmp_path / 'report.html'}"
+    assert "interrupted" in lines
+    assert lines[-2] == f"report: {tmp_path / 'report.html'}"
+    assert lines[-1].startswith("left: retracted, ")
     figures = json.loads(summary.read_text())
     assert (figures["outcome"], figures["truncated"]) == ("interrupted", False)
     assert list(figures["phases_s"])[-2:] == ["track", "retract"]
