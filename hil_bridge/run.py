@@ -204,9 +204,9 @@ class Run:
         if self._state is None:  # it never left the place that was found free, or not free
             away, pressing = not self._cause or self._outcome is Outcome.INTERRUPTED, False
         told = f"{force:.1f} N" if math.isfinite(force) else "an unknown force"
-        if self._outcome is Outcome.COMPLETED and not away:
+        if self._outcome is not Outcome.STOPPED and not away:
             self._blame(f"the robot reports the tool {depth * 1e3:.1f} mm from the start, with {told}")
-        elif self._outcome is Outcome.COMPLETED and pressing:
+        elif self._outcome is not Outcome.STOPPED and pressing:
             self._blame(
                 f"{told} after the retraction: the tool touches something, or the sensor's zero has changed"
                 if math.isfinite(force)
@@ -221,7 +221,6 @@ class Run:
         assert state is not None
         track_ends = math.inf
         unpaced = not self._config.run.period_ms  # then an order is always followed by another at once
-        asked = ""
         async for cycle, started_at in self._beats():
             commanded_before = state.supervisor.depth
             status = await self._robot.read_status(announce=True)

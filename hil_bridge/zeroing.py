@@ -5,6 +5,7 @@ surface, in small slow steps, and the zero is taken only if the force does not c
 position follows.
 """
 
+import asyncio
 import math
 from collections.abc import Callable
 from dataclasses import replace
@@ -25,6 +26,9 @@ from hil_bridge.errors import ConfigError, DeviceError, SafetyStop
 from hil_bridge.small_steps import LIFT_SPEED_M_S, SmallSteps, numbers, unit
 from protocol.arap import Status, Vector
 from protocol.values import dataclass
+
+ZERO_PATIENCE_S = 20.0
+"""Chosen: how long a zero may take; a UART gateway is deaf for a second after every command, and repeats some."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,8 +145,14 @@ class Zeroing:
                     f"{zero.force:.1f} N would be taken for zero, allowed are {self._config.limits.zero_max_n:g} N "
                     "(limits.zero_max_n): free the tool, or let identify-tool find its weight and the sensor's bias"
                 )
-            await self._sensor.tare()
-            await self._sensor.frame()
+            try:
+                async with asyncio.timeout(ZERO_PATIENCE_S):
+                    await self._sensor.tare()
+                    await self._sensor.frame()
+            except TimeoutError:
+                raise SafetyStop(
+                    f"force sensor on {self._sensor.name} did not stream again within {ZERO_PATIENCE_S:g} s of its zero"
+                ) from None
             self._say(f"zero taken: {numbers(before.mean)} N, N·m; {zero.force:.2f} N beside what is known")
         return Zero(lifted, contact)
 

@@ -134,9 +134,11 @@ class Retreat(Struct, frozen=True):
     from_contact: bool
     """The tool pressed when it began."""
     lowest: float
-    """Resultant force that it has come down to, N."""
+    """Resultant force that it has come down to, N; while it has not taken effect yet, the newest."""
     depth: float
     """Reported depth at which the force last came down, m."""
+    within: bool = False
+    """It began within the force limit, so that nothing may carry the force beyond."""
 
 
 class SupervisorState(Struct, frozen=True):
@@ -223,7 +225,13 @@ class Supervisor:
             known = not (seen.fault or seen.saturated or seen.dead_axis) and self._fresh(seen)
         if known:
             if before is None:
-                before = Retreat(seen.now, seen.pressing, seen.resultant, seen.depth)
+                before = Retreat(
+                    seen.now,
+                    seen.pressing,
+                    seen.resultant,
+                    seen.depth,
+                    max(seen.resultant, seen.peak_resultant) <= self.limits.force_limit_n,
+                )
             after = self._retreated(before, seen)
             text = self._no_way_back(before, after, seen)
             if text:
@@ -242,14 +250,18 @@ class Supervisor:
         resultant = seen.resultant
         if before.from_contact and (seen.now - before.began_at) * 1e3 <= self.limits.retract_grace_ms:
             lowest = max(before.lowest, resultant)
-            return Retreat(before.began_at, True, lowest, seen.depth)
+            return Retreat(before.began_at, True, lowest, seen.depth, before.within)
         lowest = min(before.lowest, resultant)
         fell = resultant < before.lowest - _FELL_N
-        return Retreat(before.began_at, before.from_contact, lowest, seen.depth if fell else before.depth)
+        return Retreat(
+            before.began_at, before.from_contact, lowest, seen.depth if fell else before.depth, before.within
+        )
 
     def _no_way_back(self, before: Retreat, after: Retreat, seen: Observation) -> str:
         """Why the tool must stand still, in words; empty while it need not."""
         limits, force = self.limits, seen.resultant
+        if before.within and force > limits.force_limit_n:
+            return f"the force rose to {force:.1f} N while the tool retracted"
         if force > after.lowest + limits.retract_rise_n:
             return f"the force rose from {after.lowest:.1f} N to {force:.1f} N while the tool retracted"
         over = abs(seen.force) > limits.force_limit_n or force > limits.resultant_limit_n
