@@ -244,6 +244,10 @@ class Cell:
             states.append(TrueState(position, _vector(velocities[k]), quaternion, _vector(forces[k]), joints))
         return states
 
+    def contact_forces(self, times: Floats) -> Floats:
+        """Force of the surface on the tool tip (n, 3) at ascending `times` (n,), s, base frame, N."""
+        return self._contact_force(copy.copy(self._contact), times)
+
     def tellable_from(self, time: float) -> float:
         """The earliest moment from `time` on, s, of which the truth can still be told: a material that remembers has
         forgotten what was before the newest sample that it was shown.

@@ -203,9 +203,15 @@ class Run:
         pressing = not force <= limits.weight_tolerance_n
         if self._state is None:  # it never left the place that was found free, or not free
             away, pressing = not self._cause or self._outcome is Outcome.INTERRUPTED, False
-        told = f"{force:.1f} N" if math.isfinite(force) else "a force that is not known"
-        if self._outcome is Outcome.COMPLETED and not (away and not pressing):
-            self._blame(f"the tool is left pressing with {told}")
+        told = f"{force:.1f} N" if math.isfinite(force) else "an unknown force"
+        if self._outcome is Outcome.COMPLETED and not away:
+            self._blame(f"the robot reports the tool {depth * 1e3:.1f} mm from the start, with {told}")
+        elif self._outcome is Outcome.COMPLETED and pressing:
+            self._blame(
+                f"{told} after the retraction: the tool touches something, or the sensor's zero has changed"
+                if math.isfinite(force)
+                else "the sensor tells no force after the retraction"
+            )
         because = self._followed[-1] if self._followed else self._cause
         return Left(away and not pressing, depth, force, because).text
 

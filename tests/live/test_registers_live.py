@@ -343,6 +343,8 @@ def test_a_run_reads_the_emulated_board_over_tcp(tmp_path: Path) -> None:
             where["robot"],
             "--sensor",
             where["sensor"] + "?filter=2",
+            "--tool-mass-kg",
+            where["tool-mass-kg"],
             "--duration",
             "5",
             "--unchecked",
