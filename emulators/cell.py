@@ -246,7 +246,7 @@ class Cell:
 
     def contact_forces(self, times: Floats) -> Floats:
         """Force of the surface on the tool tip (n, 3) at ascending `times` (n,), s, base frame, N."""
-        return self._contact_force(copy.copy(self._contact), times)
+        return self._contact_force(self._contact.aside(), times, count=False)
 
     def tellable_from(self, time: float) -> float:
         """The earliest moment from `time` on, s, of which the truth can still be told: a material that remembers has

@@ -22,6 +22,7 @@ from hil_bridge.cli.probe import probe
 from hil_bridge.cli.replay import replay
 from hil_bridge.cli.run import run
 from hil_bridge.cli.serve_jr3 import serve_jr3
+from hil_bridge.cli.supervisor import supervisor
 from hil_bridge.debugging import debug_option, told_bug
 from hil_bridge.errors import BridgeError
 from hil_bridge.screen import leave
@@ -99,6 +100,7 @@ for command in (
     doctor,
     panel,
     faults,
+    supervisor,
 ):
     cli.add_command(command)
 

@@ -8,6 +8,7 @@ that ends pressing has completed. Set HIL_BRIDGE_SEEDS to 10000 for a night.
 import asyncio
 import contextlib
 import io
+import itertools
 import math
 import os
 import random
@@ -226,7 +227,7 @@ def broken(drawn: Drawn, code: int, recording: Recording | None) -> Iterator[str
     if stops:
         # one order may have been on the line when the stop came
         after = [height for at, height in drawn.goals if at > stops[0] + 0.4]
-        if any(later < earlier - 1e-6 for earlier, later in zip(after, after[1:], strict=False)):
+        if any(later < earlier - 1e-6 for earlier, later in itertools.pairwise(after)):
             yield "an order went deeper after the stop"
 
 
@@ -234,7 +235,7 @@ def broken(drawn: Drawn, code: int, recording: Recording | None) -> Iterator[str
 def exercised() -> Iterator[dict[str, Counter[tuple[str, str]]]]:
     """How often each fault was injected, and had an effect."""
     counts: dict[str, Counter[tuple[str, str]]] = {"injected": Counter(), "struck": Counter()}
-    yield counts
+    return counts
 
 
 @pytest.mark.parametrize("block", range(math.ceil(SEEDS / BLOCK)))
@@ -251,8 +252,8 @@ def test_the_guard_keeps_its_promises(
         for injection in drawn.cell.faults:
             exercised["injected"][drawn.kind] += 1
             exercised["struck"][drawn.kind] += injection.struck > 0
-        for trouble in broken(drawn, code, recording):
-            troubles.append(f"seed {seed}: {drawn.target} {drawn.fault} in {drawn.phase}: {trouble}")
+        name = f"seed {seed}: {drawn.target} {drawn.fault} in {drawn.phase}"
+        troubles += [f"{name}: {trouble}" for trouble in broken(drawn, code, recording)]
         path.unlink()
     assert troubles == []
 

@@ -1,0 +1,105 @@
+"""`hil-bridge supervisor`: what the guard would do, and all that it does."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+
+from hil_bridge.cli.options import tell
+from hil_bridge.cli.paths import FILE
+
+_Command = TypeVar("_Command", bound=Callable[..., Any])
+
+
+@click.group(no_args_is_help=False)
+def supervisor() -> None:
+    """What refuses, clamps or ends a run."""
+
+
+@supervisor.command(short_help="List every condition and what it leads to.")
+def table() -> None:
+    """List every condition that refuses, clamps or ends a run, and what it leads to."""
+    from hil_bridge.conditions import as_text
+
+    tell(as_text())
+
+
+def _number(name: str, key: str, text: str) -> Callable[[_Command], _Command]:
+    return click.option(name, key, type=float, metavar="X", help=text)
+
+
+def _count(name: str, key: str, text: str) -> Callable[[_Command], _Command]:
+    return click.option(name, key, type=click.IntRange(0, 10**9), metavar="N", help=text)
+
+
+def _words(name: str, key: str, text: str) -> Callable[[_Command], _Command]:
+    return click.option(name, key, metavar="TEXT", help=text)
+
+
+@supervisor.command(short_help="Say what would be done with an observation.")
+@click.argument("config_file", metavar="[CONFIG.toml]", required=False, type=FILE)
+@click.option(
+    "--phase",
+    type=click.Choice(["approach", "track", "retract"]),
+    default="track",
+    show_default=True,
+    help="Phase of the run.",
+)
+@_number("--force", "force_n", "Force along the approach, N.  [default: task.force_n in TRACK, else 0]")
+@_number("--peak", "peak_n", "The same farthest from 0 since the decision before, N.  [default: the force]")
+@_number("--resultant", "resultant_n", "Length of the force vector, N.  [default: that of the force]")
+@_number("--moment", "moment_nm", "Length of the moment vector, N·m.")
+@_number("--age-ms", "age_ms", "Age of the newest frame.")
+@_count("--repeated", "repeated", "Frames in a row with identical counts.")
+@_count("--still-cycles", "still_cycles", "Cycles in a row without a new frame.")
+@_count("--counter-back", "counter_back", "By how much the frame counter went back.")
+@_number("--depth-mm", "depth_mm", "Reported depth below the start.  [default: the commanded one]")
+@_number("--commanded-mm", "commanded_mm", "Depth that was ordered last.  [default: the reported one]")
+@_number("--wanted-mm", "wanted_mm", "Depth that is wanted next.  [default: a step of the phase]")
+@_number("--across-mm", "across_mm", "How far across the approach is wanted next.")
+@_number("--unanswered-mm", "unanswered_mm", "How far deeper since the force changed last.")
+@_number("--moved-mm", "moved_mm", "How far the reported position moved since the cycle before.")
+@_number("--cycle-ms", "cycle_ms", "How long ago that was.  [default: the least that the line takes]")
+@_number("--tilt-deg", "tilt_deg", "Turn of the reported orientation from that of the start.")
+@_number("--gap-ms", "gap_ms", "How long the computer stood still.")
+@click.option("--saturated", is_flag=True, default=None, help="An axis is at the end of its range.")
+@_words("--fault", "fault", "What is wrong with a device.")
+@_words("--dead-axis", "dead_axis", "Which axis of the sensor does not live.")
+@_words("--controller-failure", "controller_failure", "What is wrong with the controller.")
+@_number("--swing", "swing_n", "Amplitude of a swing that goes on at the least gain, N.")
+@_number("--stiffness", "stiffness_n_m", "Estimated contact stiffness, N/m.")
+@click.option(
+    "--start-m",
+    type=float,
+    nargs=3,
+    metavar="X Y Z",
+    help="Start, base frame.  [default: middle of the workspace]",
+)
+@_number(
+    "--lowest", "lowest_n", "RETRACT: resultant force that it had come down to, N.  [default: the present]"
+)
+@_number("--retracting-ms", "retracting_ms", "RETRACT: for how long already.")
+@click.option(
+    "--from-contact/--from-air", default=None, help="RETRACT: whether it began in contact.  [default: it did]"
+)
+@_number("--back-mm", "back_mm", "RETRACT: how far back since the force fell last.")
+def explain(config_file: Path | None, phase: str, **given: Any) -> None:
+    """Say what the supervisor would do with an observation, by the limits of a configuration.
+
+    It asks the control loop of a run. What is not given is as in a calm run. Told are the verdict, its cause, the
+    setting that ruled, what the tool does then, the deepest order, and for each quantity how far it is from the value
+    at which it alone would stop the run, nearest first.
+
+    \b
+      hil-bridge supervisor explain --force 120 --age-ms 30
+      hil-bridge supervisor explain --force 40 --commanded-mm 8 --wanted-mm 12 --stiffness 20000
+      hil-bridge supervisor explain --phase retract --force 30 --lowest 12 --retracting-ms 1500
+    """
+    from hil_bridge.asking import Situation
+    from hil_bridge.config import load_config
+    from hil_bridge.control import Phase
+    from hil_bridge.explaining import explain as explained
+
+    known = {name: value for name, value in given.items() if value is not None}
+    tell(explained(load_config(config_file, {}), Situation(Phase(phase), **known)).lines())

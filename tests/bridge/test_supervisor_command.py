@@ -1,0 +1,57 @@
+"""`hil-bridge supervisor` as a person meets it."""
+
+from pathlib import Path
+
+from click.testing import CliRunner
+
+from hil_bridge.cli.supervisor import supervisor
+from hil_bridge.conditions import as_text
+
+
+def answer(*arguments: str) -> list[str]:
+    result = CliRunner().invoke(supervisor, arguments)
+    assert (result.exit_code, result.exception) == (0, None)
+    return result.output.splitlines()
+
+
+def test_table_prints_every_condition() -> None:
+    assert answer("table") == list(as_text())
+
+
+def test_explain_tells_verdict_cause_setting_and_what_follows() -> None:
+    lines = answer("explain", "--force", "120", "--age-ms", "30")
+    assert lines[:8] == [
+        "verdict        stop: force",
+        "because        contact force 120.0 N is beyond 50 N",
+        "ruled by       limits.force_limit_n = 50",
+        "then           the tool retracts, now to 1 mm; the run ends when it is back",
+        "leads to       retracts and ends, exit code 3",
+        "force          120 N, stops beyond 50 N: 70 too much",
+        "resultant      120 N, stops beyond 100 N: 20 too much",
+        "age            30 ms, stops beyond 200 ms: 170 left",
+    ]
+
+
+def test_explain_goes_by_the_configuration(tmp_path: Path) -> None:
+    config = tmp_path / "site.toml"
+    config.write_text("[limits]\nforce_limit_n = 150.0\nresultant_limit_n = 110.0\n")
+    lines = answer("explain", str(config), "--force", "120")
+    assert lines[0] == "verdict        stop: resultant-force"
+    assert lines[2] == "ruled by       limits.resultant_limit_n = 110"
+
+
+def test_explain_takes_every_option() -> None:
+    lines = answer(
+        *("explain", "--phase", "retract", "--force", "30", "--lowest", "12", "--retracting-ms", "300"),
+        *("--from-air", "--commanded-mm", "1", "--start-m", "0.9", "0", "0.5"),
+    )
+    assert lines[:5] == [
+        "verdict        stop: retraction",
+        "because        the force rose from 12.0 N to 30.0 N while the tool retracted",
+        "ruled by       limits.retract_rise_n = 5",
+        "then           the tool stands still at 1 mm; the run ends",
+        "leads to       stands still and ends, exit code 3",
+    ]
+    lines = answer("explain", "--saturated", "--fault", "", "--dead-axis", "Fz", "--gap-ms", "1")
+    assert lines[0] == "verdict        stop: saturated"
+    assert "ruled by       no setting" in lines

@@ -1,0 +1,214 @@
+"""What `supervisor explain` answers is what the control loop does, and the table of conditions names all of it."""
+
+import dataclasses
+import math
+
+import pytest
+
+from hil_bridge.asking import Asked, Situation
+from hil_bridge.conditions import BEFORE, CONDITIONS, SHELL, as_text
+from hil_bridge.config import Config
+from hil_bridge.control import Cause, Phase
+from hil_bridge.control.conditions import BARRIER, BY_CAUSE, CLAMPS, STOPS, Reaction, When
+from hil_bridge.errors import ConfigError
+from hil_bridge.explaining import LOOSE, explain
+
+CONFIG = Config()
+RETRACT = Phase.RETRACT
+APPROACH = Phase.APPROACH
+
+STOPPING = [
+    (Cause.NOT_A_NUMBER, Situation(force_n=math.nan), ()),
+    (Cause.DEVICE, Situation(fault="the sensor restarted"), ()),
+    (Cause.FORCE, Situation(force_n=50.1), ("limits.force_limit_n",)),
+    (Cause.FORCE, Situation(force_n=-50.1), ("limits.force_limit_n",)),
+    (Cause.FORCE, Situation(peak_n=50.1), ("limits.force_limit_n",)),
+    (Cause.RESULTANT_FORCE, Situation(resultant_n=100.1), ("limits.resultant_limit_n",)),
+    (Cause.MOMENT, Situation(moment_nm=10.1), ("limits.moment_limit_nm",)),
+    (Cause.SATURATED, Situation(saturated=True), ()),
+    (Cause.STALE, Situation(age_ms=200.1), ("limits.stale_after_ms",)),
+    (Cause.FROZEN, Situation(repeated=400), ("limits.frozen_after_frames",)),
+    (Cause.FROZEN, Situation(still_cycles=3), ("limits.still_after_cycles",)),
+    (Cause.FROZEN, Situation(dead_axis="Fz did not change"), ()),
+    (Cause.FROZEN, Situation(unanswered_mm=2.1), ("limits.unanswered_mm",)),
+    (Cause.POSE, Situation(moved_mm=12.7), ("robot.velocity_mm_s",)),
+    (Cause.POSE, Situation(depth_mm=20.0, commanded_mm=9.9), ("limits.following_error_mm",)),
+    (Cause.POSE, Situation(tilt_deg=2.1), ("limits.tilt_deg",)),
+    (
+        Cause.POSE,
+        Situation(depth_mm=6.1, commanded_mm=0.0, start_m=(0.0, 0.0, -2.995)),
+        ("limits.workspace_min_m",),
+    ),
+    (Cause.SEQUENCE, Situation(counter_back=1), ()),
+    (Cause.DEADLINE, Situation(gap_ms=500.1), ("limits.cycle_deadline_ms",)),
+    (Cause.CONTROLLER, Situation(controller_failure="it commands nan m"), ()),
+    (Cause.OSCILLATION, Situation(swing_n=4.0), ()),
+    (
+        Cause.RETRACTION,
+        Situation(RETRACT, force_n=17.1, lowest_n=12.0, retracting_ms=1000.0),
+        ("limits.retract_rise_n", "limits.retract_grace_ms"),
+    ),
+    (
+        Cause.RETRACTION,
+        Situation(RETRACT, force_n=60.0, retracting_ms=1000.0, back_mm=2.1),
+        ("limits.force_limit_n", "limits.unanswered_mm"),
+    ),
+]
+"""One for each row of the supervisor's stops, and the settings that must be found to rule it."""
+
+
+@pytest.mark.parametrize(
+    ("cause", "situation", "settings"),
+    STOPPING,
+    ids=[f"{cause}-{k}" for k, (cause, *_) in enumerate(STOPPING)],
+)
+def test_each_condition_stops_for_its_cause(
+    cause: Cause, situation: Situation, settings: tuple[str, ...]
+) -> None:
+    found = explain(CONFIG, situation)
+    assert (found.verdict, found.cause) == ("stop", cause)
+    (row,) = found.rows
+    assert row in BY_CAUSE[cause]
+    assert set(settings) <= set(row.settings)
+    ruled = {setting.partition(" = ")[0] for setting in found.settings}
+    assert ruled == set(settings or row.settings)
+    stands = "stands still" in found.then
+    assert stands == (row.reaction is Reaction.STANDS)
+
+
+def test_every_row_of_the_stops_has_its_situation() -> None:
+    told = {row for _, situation, _ in STOPPING for row in explain(CONFIG, situation).rows}
+    # A request that contradicts itself is a bug that no observation makes.
+    assert set(STOPS) - told == set(BY_CAUSE[Cause.INCONSISTENT])
+
+
+@pytest.mark.parametrize(
+    ("situation", "name", "deepest_mm"),
+    [
+        (Situation(wanted_mm=4.1, commanded_mm=2.0), "per-cycle", 4.0),
+        (Situation(wanted_mm=101.0, commanded_mm=99.5, force_n=0.0), "total", 100.0),
+        # 45 N are free of the margin, 5 N of them are left: 0.25 mm of 20 kN/m
+        (Situation(force_n=40.0, wanted_mm=12.0, commanded_mm=8.0, stiffness_n_m=2e4), "barrier", 8.25),
+        # an estimate below the expected stiffness does not count: 1 mm of 5 kN/m
+        (Situation(force_n=40.0, wanted_mm=12.0, commanded_mm=8.0, stiffness_n_m=1e3), "barrier", 9.0),
+        (Situation(across_mm=5.1), "across", 4.0),
+        (Situation(wanted_mm=6.0, commanded_mm=4.5, start_m=(0.0, 0.0, -2.995)), "workspace", 5.0),
+    ],
+)
+def test_each_clamp_is_named_with_the_deepest_order(
+    situation: Situation, name: str, deepest_mm: float
+) -> None:
+    found = explain(CONFIG, situation)
+    assert (found.verdict, found.cause) == ("clamp", None)
+    assert [row.name for row in found.rows] == [name]
+    assert found.deepest_mm == pytest.approx(deepest_mm)
+    assert {setting.partition(" = ")[0] for setting in found.settings} <= set(found.rows[0].settings)
+
+
+def test_an_approach_that_is_held_in_place_ends() -> None:
+    found = explain(CONFIG, Situation(APPROACH, commanded_mm=100.0))
+    assert found.verdict == "clamp"
+    assert [row.name for row in found.rows] == ["total", "held-approach"]
+    assert found.then.startswith("the tool retracts, now to 99 mm")
+
+
+def test_a_calm_run_is_allowed_in_every_phase() -> None:
+    for phase, then in (
+        (APPROACH, "the tool goes deeper, to 0.5 mm"),
+        (Phase.TRACK, "the tool stays at 2 mm"),
+        (RETRACT, "the tool retracts, now to 1 mm; the run ends when it is back"),
+    ):
+        found = explain(CONFIG, Situation(phase))
+        assert (found.verdict, found.rows, found.settings, found.then) == ("allow", (), (), then)
+
+
+def test_margins_are_those_of_the_settings_nearest_first() -> None:
+    found = explain(CONFIG, Situation(force_n=40.0, age_ms=100.0, still_cycles=1))
+    margins = {margin.name: margin for margin in found.margins}
+    assert [margin.name for margin in found.margins[:4]] == ["force", "age", "resultant", "still cycles"]
+    limits = CONFIG.limits
+    for name, limit in (
+        ("force", limits.force_limit_n),
+        ("resultant", limits.resultant_limit_n),
+        ("moment", limits.moment_limit_nm),
+        ("age", limits.stale_after_ms),
+        ("repeated", limits.frozen_after_frames),
+        ("still cycles", limits.still_after_cycles),
+        ("unanswered", limits.unanswered_mm),
+        ("following", limits.following_error_mm),
+        ("tilt", limits.tilt_deg),
+        ("gap", limits.cycle_deadline_ms),
+    ):
+        assert margins[name].limit == pytest.approx(limit, rel=1e-6), name
+    assert margins["force"].text == "40 N, stops beyond 50 N: 10 left"
+    assert margins["still cycles"].text == "1, stops at 3: 2 left"
+
+
+def test_margins_follow_the_configuration() -> None:
+    config = Config.model_validate(
+        {"limits": {"force_limit_n": 20.0, "stale_after_ms": 80.0}, "robot": {"velocity_mm_s": 100.0}}
+    )
+    before, after = (
+        {margin.name: margin.limit for margin in explain(one, Situation(cycle_ms=100.0)).margins}
+        for one in (CONFIG, config)
+    )
+    changed = {name for name in before if before[name] != pytest.approx(after[name])}
+    assert changed == {"force", "age", "jump"}
+    # Half again the velocity over the time between two answers, and 1 mm.
+    assert after["jump"] == pytest.approx(1.5 * 100.0 * 0.1 + 1.0)
+
+
+def test_a_retraction_has_the_margin_of_its_rise() -> None:
+    found = explain(CONFIG, Situation(RETRACT, force_n=14.0, lowest_n=12.0, retracting_ms=1000.0))
+    assert found.verdict == "allow"
+    (margin,) = found.margins
+    assert (margin.name, margin.value) == ("force", 14.0)
+    assert margin.limit == pytest.approx(17.0)
+
+
+def test_a_start_outside_the_workspace_is_refused() -> None:
+    with pytest.raises(ConfigError, match="outside the box"):
+        explain(CONFIG, Situation(start_m=(5.0, 0.0, 0.0)))
+
+
+def test_every_cause_has_a_row() -> None:
+    assert all(BY_CAUSE[cause] for cause in Cause)
+    assert all(row.name == row.cause for row in STOPS)
+
+
+def test_every_setting_of_the_table_exists() -> None:
+    for row in CONDITIONS:
+        for key in row.settings:
+            found: object = CONFIG
+            for name in key.split("."):
+                assert hasattr(found, name), f"{row.name}: {key}"
+                found = getattr(found, name)
+
+
+def test_every_limit_stands_in_the_table() -> None:
+    told = {key for row in CONDITIONS for key in row.settings}
+    assert {f"limits.{field.name}" for field in dataclasses.fields(CONFIG.limits)} <= told
+    assert set(LOOSE) <= told
+
+
+def test_reactions_and_exit_codes_fit_together() -> None:
+    for row in CONDITIONS:
+        assert (row.reaction is Reaction.CLAMPED) == (row.exit_code is None), row.name
+        assert (row.reaction is Reaction.REFUSED) == (row.when is When.BEFORE_MOTION), row.name
+    assert {row.exit_code for row in BEFORE} == {2, 3}
+    assert {row.exit_code for row in SHELL} == {3, 130}
+    assert BARRIER in CLAMPS
+
+
+def test_the_table_on_a_terminal_names_every_row() -> None:
+    lines = list(as_text())
+    assert max(map(len, lines)) <= 110
+    for row in CONDITIONS:
+        assert any(line.startswith(f"  {row.name}") for line in lines)
+
+
+def test_what_is_asked_is_the_loop_of_a_run() -> None:
+    """An observation that no limit forbids goes through as it is, to the last bit."""
+    decision = Asked(CONFIG)(Situation(wanted_mm=2.5, commanded_mm=2.0))
+    assert decision.verdict.kind == "allow"
+    assert decision.target.depth == 2.5e-3

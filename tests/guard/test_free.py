@@ -1,0 +1,78 @@
+"""Freeing a tool that a dead run left in contact, in virtual time."""
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from emulators.cell import Cell
+from hil_bridge.clock import Clock, run_virtual
+from hil_bridge.compose import opened_devices
+from hil_bridge.config import Config
+from hil_bridge.errors import DeviceError, SafetyStop
+from hil_bridge.free import Freed, free_tool
+
+Configured = Callable[..., Config]
+
+
+def left_with(stiffness: float, force: float, **more: Any) -> dict[str, Any]:
+    """A cell whose tool presses with this force."""
+    return {"cell": {"start_position_mm": (900.0, -100.0, 590.0 - force / stiffness * 1e3), **more}}
+
+
+def freed(
+    config: Config, distance_mm: float, prepare: Callable[[Cell], object] = lambda cell: None
+) -> tuple[Freed, float]:
+    """What came of it, and the true contact force at the end, N."""
+    cells: list[Cell] = []
+    forces: list[float] = []
+
+    async def main() -> Freed:
+        clock = Clock.running()
+
+        def emulated(cell: Cell) -> None:
+            cells.append(cell)
+            prepare(cell)
+
+        async with opened_devices(
+            config, clock, lambda frame: None, lambda kind, text: None, on_cell=emulated
+        ) as devices:
+            result = await free_tool(config, clock, *devices, distance_mm)
+            forces.append(math.hypot(*cells[0].true_state(clock.now()).contact_force))
+            return result
+
+    return run_virtual(main), forces[0]
+
+
+@pytest.mark.parametrize("unchecked", [False, True])
+@pytest.mark.parametrize("stiffness", [5e3, 5e4])
+def test_a_pressing_tool_is_lifted_off(configured: Configured, stiffness: float, unchecked: bool) -> None:
+    config = configured(stiffness, left_with(stiffness, 80.0), {"sensor": {"unchecked": unchecked}})
+    distance = 80.0 / stiffness * 1e3 + 2.0
+    result, force = freed(config, distance)
+    assert result.moved_mm == pytest.approx(distance)
+    assert result.known is not unchecked
+    if not unchecked:
+        assert result.text == f"freed by {distance:.1f} mm: contact force 80.0 N before, 0.0 N after"
+    assert force == 0.0
+
+
+@pytest.mark.parametrize("stiffness", [5e3, 5e4])
+def test_a_wrong_direction_stands_still(configured: Configured, stiffness: float) -> None:
+    config = configured(stiffness, left_with(stiffness, 20.0), {"frame": {"approach": (0.0, 0.0, 1.0)}})
+    with pytest.raises(
+        SafetyStop, match=r"the force rose to .* N while the tool moved .* mm away: it stands still"
+    ):
+        freed(config, 5.0)
+
+
+def test_an_obstacle_above_stands_still(configured: Configured) -> None:
+    config = configured(5e3, {"cell": {"obstacle": {"height_mm": 2.0, "stiffness_n_m": 5e4}}})
+    with pytest.raises(SafetyStop, match="the force rose"):
+        freed(config, 10.0)
+
+
+def test_a_robot_in_emergency_stop_is_not_moved(configured: Configured) -> None:
+    with pytest.raises(DeviceError, match="emergency stop"):
+        freed(configured(5e3), 5.0, lambda cell: cell.robot.press_emergency_stop(0.0))
