@@ -53,7 +53,9 @@ def test_a_run_that_is_repeated_shows_the_same(tool: dict[str, Any], number: int
 
 def test_whatever_is_told_as_retracted_presses_on_nothing(tool: dict[str, Any]) -> None:
     """What the runs of the page were told to be, and what was true."""
-    cases = [number for number, case in enumerate(tool["CASES"]) if case.name.startswith(("Ctrl-C", "the robot"))]
+    cases = [
+        number for number, case in enumerate(tool["CASES"]) if case.name.startswith(("Ctrl-C", "the robot"))
+    ]
     assert len(cases) == 4
     for number in cases:
         times = tool["measured"](number, 5e4, 3)
