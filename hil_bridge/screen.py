@@ -4,6 +4,7 @@ A write blocks for as long as a terminal is paused (Ctrl-S) or a pipe is not rea
 thread waits for it for longer than it wants to. Source: Linux, termios(3) and pipe(7).
 """
 
+import logging
 import os
 import queue
 import sys
@@ -71,11 +72,12 @@ class Screen:
 
 
 class Terminal:
-    """Standard output and standard error of this process, while inside."""
+    """Standard output and standard error of this process, while inside; what is logged goes there in the same way."""
 
     def __init__(self) -> None:
         self.out = Screen(sys.stdout)
         self.err = Screen(sys.stderr)
+        self._logged = _Logged(self.err)
 
     def say_last(self, errors: Sequence[str], lines: Sequence[str], seconds: float | None) -> bool:
         """Write lines of errors, then lines of output, after all that was said before; whether that was done.
@@ -94,14 +96,28 @@ class Terminal:
             return False
 
     def __enter__(self) -> Self:
+        logging.getLogger().addHandler(self._logged)
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        logging.getLogger().removeHandler(self._logged)
         for screen in (self.out, self.err):
             screen.wait(LEAVE_SECONDS)
             screen.close()
+
+
+class _Logged(logging.Handler):
+    """Warnings and errors of libraries, such as asyncio's of a callback that failed, on a screen."""
+
+    def __init__(self, screen: Screen) -> None:
+        super().__init__(logging.WARNING)
+        self._screen = screen
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Take a record; returns at once."""
+        self._screen.say(self.format(record))
 
 
 def leave(code: int | str | None) -> NoReturn:

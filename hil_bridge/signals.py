@@ -77,10 +77,18 @@ def unless_hung_up(number: signal.Signals) -> None:
 
 @contextmanager
 def as_ctrl_c() -> Iterator[None]:
-    """Inside, every other signal of `ENDING` is taken for Ctrl-C, on which an event loop ends its task in order."""
+    """Inside, every other signal of `ENDING` is taken for Ctrl-C, on which an event loop ends its task in order.
+
+    A second Ctrl-C ends it at once; a second SIGHUP, which a shell that closes sends, does not.
+    """
     signals = Signals()
+
+    def react(number: signal.Signals) -> None:
+        if signals.count == 1 or number is not signal.SIGHUP:
+            signal.raise_signal(signal.SIGINT)
+
     before = signal.getsignal(signal.SIGINT)
-    with signals.heard(), signals.leading_to(lambda number: signal.raise_signal(signal.SIGINT)):
+    with signals.heard(), signals.leading_to(react):
         if threading.current_thread() is threading.main_thread():
             signal.signal(signal.SIGINT, before)
         yield

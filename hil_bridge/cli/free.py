@@ -26,10 +26,13 @@ def free(config_file: Path | None, robot: str | None, sensor: str | None, distan
     from hil_bridge.config import load_config
     from hil_bridge.errors import ConfigError
     from hil_bridge.free import free as free_tool
+    from hil_bridge.signals import as_ctrl_c
 
     config = load_config(config_file, {"robot.url": robot, "sensor.url": sensor})
     if not (config.robot.url and config.sensor.url):
         raise ConfigError(
             "name the robot and the sensor of the tool: --robot and --sensor, or robot.url and sensor.url"
         )
-    click.echo(free_tool(config, False, distance_mm or max(config.task.retract_mm, 1.0)).text)
+    with as_ctrl_c():
+        freed = free_tool(config, False, distance_mm or max(config.task.retract_mm, 1.0))
+    click.echo(freed.text)

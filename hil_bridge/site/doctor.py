@@ -6,6 +6,7 @@ import resource
 import socket
 import subprocess
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -46,10 +47,16 @@ def doctor(config_file: Path | None, root: Path = Path("/")) -> bool:
     if config is not None:
         for fact in wires(config, root, details):
             can_work &= fact.level is not Level.FAIL
-            click.echo(fact)
+            _say(fact)
     for fact in computer(root, details, RealTime() if config is None else config.realtime):
-        click.echo(fact)
+        _say(fact)
     return can_work
+
+
+def _say(fact: Fact) -> None:
+    """Print it where it is still read: what is found counts, also behind `| head`."""
+    with suppress(BrokenPipeError):
+        click.echo(fact)
 
 
 def computer(

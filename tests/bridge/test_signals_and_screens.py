@@ -1,5 +1,6 @@
 """The end of a process: signals, outputs that take nothing, readers that have left, and bugs."""
 
+import logging
 import os
 import signal
 import subprocess
@@ -15,7 +16,7 @@ from hil_bridge import outputs, session
 from hil_bridge.control import ControlLoop
 from hil_bridge.leaving import WayOut
 from hil_bridge.recording import CycleRecord, read
-from hil_bridge.screen import Screen
+from hil_bridge.screen import Screen, Terminal
 from hil_bridge.signals import ENDING, Signals, as_ctrl_c
 
 Result = tuple[int, str, str]
@@ -151,6 +152,10 @@ def test_every_signal_is_taken_for_ctrl_c_where_a_task_is_to_end_in_order() -> N
     for number in ENDING:
         with pytest.raises(KeyboardInterrupt), as_ctrl_c():
             signal.raise_signal(number)
+    with as_ctrl_c():
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGHUP)
+        signal.raise_signal(signal.SIGHUP)
     assert {number: signal.getsignal(number) for number in ENDING} == before
 
 
@@ -208,6 +213,22 @@ def test_a_screen_whose_reader_left_takes_everything() -> None:
     nothing.close()
 
 
+def test_what_libraries_log_waits_for_no_terminal(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    log = logging.getLogger("asyncio")
+    with Terminal() as terminal:
+        held = threading.Event()
+        terminal.err.do(held.wait)
+        log.error("a callback failed")
+        assert terminal.err.busy
+        assert capfd.readouterr().err == ""
+        held.set()
+        assert terminal.err.wait(10.0)
+    assert capfd.readouterr().err == "a callback failed\n"
+    assert not any(type(handler).__name__ == "_Logged" for handler in logging.getLogger().handlers)
+
+
 def ended(*arguments: str, cwd: Path) -> tuple[int, bytes]:
     """Exit code and standard error of a process whose output's reader has left before it began."""
     there, here = os.pipe()
@@ -228,6 +249,7 @@ def ended(*arguments: str, cwd: Path) -> tuple[int, bytes]:
 def test_a_reader_that_left_does_not_change_the_exit_code(hil: Command, tmp_path: Path) -> None:
     assert hil(*VIRTUAL, "--duration", "0.5")[0] == 0
     Path("c.toml").write_text("[task]\napproach_depth_limit_mm = 1.0\n")
+    Path("site.toml").write_text('[robot]\nurl = "serial:///dev/there-is-none"\n')
     Path("limits.toml").write_text("[limits]\nforce_limit_n = 20.0\n")
     for expected, command in (
         (0, ("--help",)),
@@ -235,6 +257,7 @@ def test_a_reader_that_left_does_not_change_the_exit_code(hil: Command, tmp_path
         (0, ("replay", "r.mcap", "limits.toml")),
         (0, ("profile", "show", "--all")),
         (2, ("decode", "computer-link", "55")),
+        (3, ("doctor", "site.toml")),
         (0, ("run", "--virtual", "--duration", "0.5")),
     ):
         assert ended(*command, cwd=tmp_path) == (expected, b""), command
