@@ -231,8 +231,8 @@ class _Session:
         self._trouble_told = True
         self._notice("recorder", text)
         self.terminal.err.say(f"hil-bridge: {text}; the run goes on")
-        if self._view is not None:
-            self._view.warn(text)
+        if self._view is not None:  # where a line is short
+            self._view.warn(text.replace(f" {self._record_path}", ""))
 
     def _frame(self, frame: SensorFrame) -> None:
         self._recorder.put(SensorRecord(frame.at, frame.sequence, frame.counts))

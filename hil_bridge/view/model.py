@@ -124,8 +124,8 @@ class ViewModel:
         self._check = text
 
     def warn(self, text: str) -> None:
-        """Show a line until the end."""
-        self._warning = text
+        """Show a text until the end, before those that were shown earlier."""
+        self._warning = f"{text}; {self._warning}" if self._warning else text
 
     def snapshot(self, now: float, health: Health) -> Snapshot:
         """The state at `now` (s on the run's clock). The first call begins the elapsed time."""

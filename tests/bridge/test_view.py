@@ -136,11 +136,12 @@ def test_the_panel_says_where_the_time_goes() -> None:
 
 def test_a_warning_stays_in_the_panel_and_in_the_lines() -> None:
     made = model(CYCLE)
-    made.warn("the recording is incomplete: – full")
+    made.warn("unchecked")
+    made.warn("incomplete: – full")
     for now in (110.0, 120.0):
         snapshot = made.snapshot(now, Health())
-        assert "warning     the recording is incomplete: – full" in text_of(snapshot)
-        assert line(snapshot).endswith("WARNING: the recording is incomplete: \\u2013 full")
+        assert "warning     incomplete: – full; unchecked" in text_of(snapshot)
+        assert line(snapshot).endswith("WARNING: incomplete: \\u2013 full; unchecked")
 
 
 @pytest.mark.parametrize("width", [80, 60])
