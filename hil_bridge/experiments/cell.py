@@ -92,7 +92,7 @@ class CellJob:
                     "force_n": self.reference,
                     "step_mm": self.step_mm,
                     "approach_step_mm": self.approach_step_mm,
-                    "retract_mm": 1.0,
+                    "retract_mm": 5.0,  # off the contour, however it rises
                     "zero_lift_mm": 0.0,  # the start is free, and the approach as long as it says
                     "loss_limit": 1000,
                     "travel_limit_mm": 1000.0,
