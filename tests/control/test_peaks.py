@@ -41,7 +41,7 @@ def test_what_the_zero_took_off_counts_as_well() -> None:
     found = peaks((0.0, 0.0, -40.0, 0.0, 0.0, 0.0), Wrist())
     found.frame((0, 0, -2000, 0, 0, 0))
     force, resultant, _, _ = found.take()
-    assert force == pytest.approx(-60.0), "a wrench along the tool that points down"
+    assert force == pytest.approx(60.0), "the surface pushes the tool up"
     assert resultant == pytest.approx(60.0)
 
 
