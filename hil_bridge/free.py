@@ -61,7 +61,7 @@ async def free_tool(
     """The same over devices that have been started."""
     start = await bring_up(robot, sensor)
     await robot.close_sequence(start)
-    known = known_wrist(config) if config.tool.mass_kg is not None or not config.sensor.url else None
+    known = known_wrist(config) if config.tool.mass_kg or not config.sensor.url else None
     seen, orientation = known or wrist(config), start.quaternion
     steps, task = SmallSteps(clock, robot, sensor), config.task
     watch = _Watch(config, known is not None, orientation)
@@ -78,9 +78,17 @@ async def free_tool(
             )
             await steps.to(motion, (x, y, z), orientation, step * 1e-3)
             moved += step
+            _check_alive(sensor, config)
             after = _force(seen, orientation, (await steps.quiet()).mean)
             watch.see(after, moved)
     return Freed(moved, before, after, known is not None)
+
+
+def _check_alive(sensor: ForceSensor, config: Config) -> None:
+    """Raise SafetyStop for a sensor that cannot tell a force that rises."""
+    sensor.check()
+    if sensor.saturated or sensor.dead or sensor.repeated >= config.limits.frozen_after_frames:
+        raise SafetyStop("the force sensor is stuck, dead or saturated: free the tool by hand")
 
 
 class _Watch:
@@ -90,6 +98,7 @@ class _Watch:
         """`known`: forces are contact forces; else the weight of a tool that is not known is part of them."""
         self._config, self._known, self._orientation = config, known, orientation
         self._lowest = self._most = math.inf
+        self._first = -1.0
 
     def see(self, force: tuple[float, ...], moved_mm: float) -> None:
         """Take a force in the tool frame, N. Raises SafetyStop when it rose.
@@ -97,7 +106,15 @@ class _Watch:
         With a tool that is known its length must not rise. With another one the part along the approach must not, and
         the length must not pass both the force limit and that of the beginning.
         """
-        limits, length = self._config.limits, math.hypot(*force)
+        limits, length, change_n = self._config.limits, math.hypot(*force), self._config.task.zero_change_n
+        unchanged = abs(length - self._first) < change_n / 2
+        if self._known and length > change_n and unchanged and moved_mm > limits.unanswered_mm:
+            raise SafetyStop(
+                f"the force stayed at {length:.1f} N while the tool moved {moved_mm:.3f} mm away: it stands still; "
+                "free it by hand, or look at the sensor"
+            )
+        if self._first < 0.0:
+            self._first = length
         pressed = length
         if not self._known:
             pressed = force_along(

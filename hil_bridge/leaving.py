@@ -6,6 +6,7 @@ link was cut, or a bug ended it.
 
 import math
 from collections.abc import Callable
+from contextlib import suppress
 
 from hil_bridge.clock import Clock
 from hil_bridge.config import Config
@@ -27,6 +28,12 @@ REST_S = 0.05
 """Chosen: waited for beside the filter, for a servo to come to rest."""
 FRAME_S = 1.0
 """Chosen: how long is waited for a frame of that moment."""
+
+
+async def stand_still(motion: Motion) -> None:
+    """Let the robot forget what it was ordered to. Where it does not take that, the last order stays the last."""
+    with suppress(BridgeError):
+        await motion.halt()
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,12 +80,16 @@ class WayOut:
         limits, step = self._config.limits, self._config.task.retract_step_mm * 1e-3
         supervisor = state.supervisor
         patience = self._clock.now() + limits.retract_patience_s
-        while supervisor.depth > 0.0:
-            depth = max(supervisor.depth - step, 0.0)
+        goal = 0.0
+        if state.task.in_contact:  # a surface may have risen above the start
+            goal = min(goal, supervisor.depth - self._config.task.retract_mm * 1e-3)
+        while supervisor.depth > goal:
+            depth = max(supervisor.depth - step, goal)
             request = self._request(supervisor.depth, supervisor.position, depth)
             after, verdict = self._supervisor.retreat(supervisor, self._observe(state), request)
             if isinstance(verdict, Stop):
                 blame(verdict.text)
+                await stand_still(motion)
                 return
             try:
                 await motion.to(verdict.position, orientation)

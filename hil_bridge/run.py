@@ -29,9 +29,9 @@ from hil_bridge.control import (
     one_line,
     turn_between,
 )
-from hil_bridge.devices import ForceSensor, Motion, RobotLink
+from hil_bridge.devices import UNIT_TOLERANCE, ForceSensor, Motion, RobotLink
 from hil_bridge.errors import BridgeError
-from hil_bridge.leaving import ARRIVED_M, Left, WayOut
+from hil_bridge.leaving import ARRIVED_M, Left, WayOut, stand_still
 from hil_bridge.line_time import answer_time
 from hil_bridge.recording import CHECK_EVENT, PHASE_EVENT, STOP_EVENT, CycleRecord, EventRecord, Outcome
 from hil_bridge.small_steps import bring_up
@@ -121,6 +121,8 @@ class Run:
         self._outcome, self._cause = Outcome.COMPLETED, ""
         self._followed: list[str] = []
         self._pause = 0.0
+        self._log_error: Exception | None = None
+        """What the log raised when it was told of an event."""
         self.moving = False
         """A movement sequence is under way: only `interrupt` may end it, not cancellation."""
 
@@ -168,6 +170,9 @@ class Run:
         """
         try:
             zero = await self._zeroing.take(motion, start, lambda: self._interrupted)
+            if zero is None:
+                self._outcome = Outcome.INTERRUPTED
+                return
             self._start = zero.start
             self._quaternion_tare = self._orientation if self._config.sensor.tare else None
             facing = self._facing(zero.start)
@@ -179,8 +184,8 @@ class Run:
             self._blame(str(error))
             await self._retract(motion)
         except Exception as error:
-            self._event(BUG_EVENT, "".join(traceback.format_exception(error)))
-            self._blame(f"a bug ended the run: {type(error).__name__}: {one_line(str(error))}")
+            self._event(BUG_EVENT, _traceback(error))
+            self._blame(f"a bug ended the run: {type(error).__name__}: {_told(error)}")
             await self._retract(motion)
         except BaseException:
             self._blame("the run was cancelled")
@@ -201,8 +206,9 @@ class Run:
         limits = self._config.limits
         away = depth <= ARRIVED_M
         pressing = not force <= limits.weight_tolerance_n
-        if self._state is None:  # it never left the place that was found free, or not free
-            away, pressing = not self._cause or self._outcome is Outcome.INTERRUPTED, False
+        if self._state is None:  # it has come no farther than the way to the zero
+            force = self._zeroing.contact_force
+            away, pressing = True, not force <= limits.weight_tolerance_n
         told = f"{force:.1f} N" if math.isfinite(force) else "an unknown force"
         if self._outcome is not Outcome.STOPPED and not away:
             self._blame(f"the robot reports the tool {depth * 1e3:.1f} mm from the start, with {told}")
@@ -222,6 +228,8 @@ class Run:
         track_ends = math.inf
         unpaced = not self._config.run.period_ms  # then an order is always followed by another at once
         async for cycle, started_at in self._beats():
+            if self._log_error is not None:
+                raise self._log_error
             commanded_before = state.supervisor.depth
             status = await self._robot.read_status(announce=True)
             status_transmitted_at = self._robot.transmitted_at
@@ -250,7 +258,10 @@ class Run:
                 track_ends = sample.now + self._config.run.duration_s
             if decision.output.failed:
                 self._blame(decision.output.cause)
-            await motion.to(decision.position, self._orientation, announce=unpaced)
+            if decision.stands:
+                await stand_still(motion)
+            else:
+                await motion.to(decision.position, self._orientation, announce=unpaced)
             state = self._state = after
             self._log.cycle(
                 self._record(
@@ -296,7 +307,7 @@ class Run:
 
     def _sample(self, status: Status, frame: SensorFrame) -> Sample:
         """The newest of everything, now that the robot has answered."""
-        sensor = self._sensor
+        sensor, position = self._sensor, status.position
         fault = self._robot.fault(status)
         try:
             sensor.check()
@@ -304,6 +315,8 @@ class Run:
             fault = fault or str(error)
         assert sensor.peaks is not None
         peak_force, peak_resultant, peak_moment, saturated = sensor.peaks.take()
+        if abs(math.hypot(*status.quaternion) - 1.0) > UNIT_TOLERANCE:
+            status = self._start  # the fault says so
         quaternion = status.quaternion
         _, tilt = (
             (None, 0.0) if quaternion == self._orientation else turn_between(self._orientation, quaternion)
@@ -316,7 +329,7 @@ class Run:
         # by place, in the order of the fields: by name every one costs as much as to read it
         return Sample(
             now,
-            status.position,
+            position,
             facing.force_along(_APPROACH, wrench),
             math.hypot(wrench[0], wrench[1], wrench[2]),
             frame.at,
@@ -417,9 +430,29 @@ class Run:
             self._event(PHASE_EVENT, phase)
 
     def _event(self, kind: str, text: str) -> None:
-        self._log.event(EventRecord(self._clock.now(), kind, text))
+        try:
+            self._log.event(EventRecord(self._clock.now(), kind, text))
+        except (
+            Exception
+        ) as error:  # told by the next cycle, for nothing may come between a failure and its retraction
+            self._log_error = error
 
 
 def _kind(cause: str) -> str:
     """A cause without what is known of it besides, which is another every time."""
     return cause.partition(";")[0]
+
+
+def _told(error: Exception) -> str:
+    """The first line of what an exception says, whatever it is."""
+    try:
+        return one_line(str(error))
+    except Exception as second:
+        return f"<{type(second).__name__}>"
+
+
+def _traceback(error: Exception) -> str:
+    try:
+        return "".join(traceback.format_exception(error))
+    except Exception as second:  # an exception that cannot be shown
+        return f"{type(error).__name__}, which cannot be shown: {type(second).__name__}"

@@ -357,7 +357,9 @@ class _Session:
         assert task is not None
 
         def ended() -> None:
-            if not (self._moved or self._moving or self._cancelled):
+            if self._moving and self._run is not None:  # the movement has begun since
+                self._run.interrupt()
+            elif not (self._moved or self._moving or self._cancelled):
                 self._cancelled = True  # once: what is being closed is closed in order
                 task.cancel()
 

@@ -24,7 +24,7 @@ from hil_bridge.control import (
 from hil_bridge.devices import ForceSensor, Motion, RobotLink
 from hil_bridge.errors import ConfigError, DeviceError, SafetyStop
 from hil_bridge.small_steps import LIFT_SPEED_M_S, SmallSteps, numbers, unit
-from protocol.arap import Status, Vector
+from protocol.arap import Quaternion, Status, Vector
 from protocol.values import dataclass
 
 ZERO_PATIENCE_S = 20.0
@@ -67,7 +67,7 @@ def known_wrist(config: Config) -> Wrist | None:
     Raises ConfigError for a real sensor whose tool is neither known nor left unchecked.
     """
     seen = wrist(config)
-    if config.tool.mass_kg is not None:
+    if config.tool.mass_kg:  # what weighs nothing shows nothing
         return seen
     if config.sensor.unchecked:
         return None
@@ -104,6 +104,7 @@ class Zeroing:
         self._steps = SmallSteps(clock, robot, sensor)
         self._first: Reading
         self._before: Reading
+        self._quaternion: Quaternion
 
     async def weigh(self, start: Status) -> None:
         """See that the sensor is at rest and reads the tool's weight, with nothing moving.
@@ -111,6 +112,7 @@ class Zeroing:
         Raises DeviceError with the axis and what it looks like.
         """
         self._say(f"full scales {numbers(self._sensor.full_scales)} N, N·m{self._told_model()}")
+        self._quaternion = unit(start.quaternion)
         self._first = self._before = await self._steps.steady(self._config.task.zero_change_n)
         if self._known is None:
             self._say("sensor unchecked: the tool's weight is not known")
@@ -127,12 +129,22 @@ class Zeroing:
     def _told_model(self) -> str:
         return f"; {self._sensor.model}" if self._sensor.model else ""
 
-    async def take(self, motion: Motion, start: Status, interrupted: Callable[[], bool]) -> Zero:
+    @property
+    def contact_force(self) -> float:
+        """Length of the contact force of the newest reading, N; NaN where the tool's weight is not known."""
+        if self._known is None:
+            return math.nan
+        force = self._known.contact_wrench(self._before.mean, self._quaternion, None)[:3].tolist()
+        return math.hypot(*force)
+
+    async def take(self, motion: Motion, start: Status, interrupted: Callable[[], bool]) -> Zero | None:
         """Move away by `task.zero_lift_mm`, and take the zero there.
 
-        Raises SafetyStop with what forbids it. `interrupted` ends the way early, without a zero.
+        Raises SafetyStop with what forbids it. None where `interrupted` has ended the way early.
         """
         lifted = await self._lift(motion, start, interrupted)
+        if interrupted():
+            return None
         before = self._before
         quaternion = unit(start.quaternion)
         contact = (0.0,) * 6
@@ -149,6 +161,7 @@ class Zeroing:
                 async with asyncio.timeout(ZERO_PATIENCE_S):
                     await self._sensor.tare()
                     await self._sensor.frame()
+                self._judge_zero()
             except TimeoutError:
                 raise SafetyStop(
                     f"force sensor on {self._sensor.name} did not stream again within {ZERO_PATIENCE_S:g} s of its zero"
@@ -156,18 +169,30 @@ class Zeroing:
             self._say(f"zero taken: {numbers(before.mean)} N, N·m; {zero.force:.2f} N beside what is known")
         return Zero(lifted, contact)
 
+    def _judge_zero(self) -> None:
+        """Raise SafetyStop when the force changed between the reading and the zero."""
+        frame, change_n = self._sensor.zeroed_from, self._config.task.zero_change_n
+        if frame is None:
+            return
+        change = math.dist(self._sensor.wrench(frame)[:3], self._before.mean[:3])
+        if change > change_n:
+            raise SafetyStop(
+                f"the force changed by {change:.1f} N while the zero was taken: let nothing touch the tool"
+            )
+
     async def _lift(self, motion: Motion, start: Status, interrupted: Callable[[], bool]) -> Status:
         """The way to the zero, step by step; the status at its end."""
         task, approach = self._config.task, self._config.frame.approach
-        count = math.ceil(task.zero_lift_mm / task.zero_step_mm - 1e-9)
+        step = min(task.zero_step_mm, task.approach_step_mm)
+        count = math.ceil(task.zero_lift_mm / step - 1e-9)
         status, orientation, velocity = start, start.quaternion, motion.velocity
         motion.velocity = min(velocity, LIFT_SPEED_M_S)
         for number in range(1, count + 1):
             if interrupted():
                 break
-            away = min(number * task.zero_step_mm, task.zero_lift_mm) * 1e-3
+            away = min(number * step, task.zero_lift_mm) * 1e-3
             x, y, z = (s - away * n for s, n in zip(start.position, approach, strict=True))
-            status = await self._steps.to(motion, (x, y, z), orientation, task.zero_step_mm * 1e-3)
+            status = await self._steps.to(motion, (x, y, z), orientation, step * 1e-3)
             after = await self._steps.quiet()
             self._judge(after, start, away)
             self._before = after

@@ -67,6 +67,8 @@ class Limits:
     """Time that a retraction from contact has to take effect, until when the force may still rise: two cycles of the
     slowest line, the servo and the sensor's filter.
     """
+    blind_retract_mm: float = 5.0
+    """How far a tool that pressed is pulled back without a force to go by, at least to the depth of the start."""
     retract_patience_s: float = 5.0
     """How long a retraction is tried again when the robot refuses it or does not answer."""
 
@@ -91,7 +93,9 @@ class Limits:
             "weight_tolerance_nm",
             "retract_rise_n",
         )
-        require_not_negative(self, "force_margin_share", "retract_grace_ms", "retract_patience_s")
+        require_not_negative(
+            self, "force_margin_share", "retract_grace_ms", "retract_patience_s", "blind_retract_mm"
+        )
         if self.force_margin_share >= 1:
             raise ValueError(f"force_margin_share must be below 1, got {self.force_margin_share}")
         for low, high in zip(self.workspace_min_m, self.workspace_max_m, strict=True):

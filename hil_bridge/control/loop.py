@@ -122,6 +122,8 @@ class Decision(Struct, frozen=True):
     verdict: Verdict
     ended: bool
     """The run is over; nothing more is to be commanded after this."""
+    stands: bool = False
+    """The tool is to stand still at once, wherever it was ordered to."""
 
     @property
     def reasons(self) -> tuple[str, ...]:
@@ -233,6 +235,7 @@ class ControlLoop:
             output,
             verdict,
             ended=task.phase is _END or held or stands,
+            stands=stands,
         )
 
     def _barrier(self, proposal: Proposal) -> float:
@@ -271,7 +274,7 @@ class ControlLoop:
             return _NO_CONTOUR, measurement
         force, travel = measurement.force, measurement.travel
         contour = self.contour.step(state.contour, travel, measurement.position, force, sample.force_travel)
-        if not (math.isfinite(force) and force > 0.0):
+        if not (math.isfinite(force) and force > self.task.parameters.loss_threshold_n):
             return contour, measurement
         pressed = normal_force(contour.angle, force, sample.force_travel)
         paired = measurement.paired_force
@@ -302,7 +305,7 @@ class ControlLoop:
 
 def one_line(text: str) -> str:
     """The first line of somebody's text, with half characters written out."""
-    return text.splitlines()[0].encode(errors="backslashreplace").decode()
+    return (text.splitlines() or [""])[0].encode(errors="backslashreplace").decode()
 
 
 def _calmed(output: TaskOutput, measurement: Measurement, advice: Advice) -> TaskOutput:

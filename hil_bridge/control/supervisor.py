@@ -214,8 +214,8 @@ class Supervisor:
         """One cycle of pulling back, which no stop ends but one: a force that rises, or stays over its limit, while
         the tool moves away. The tool stands still then.
 
-        Where the force cannot be known the tool goes back to the depth of the start, where it has been, and no
-        farther. The request must be finite. A stop stays latched.
+        Where the force cannot be known the tool goes back to the depth of the start, where it has been, and, where it
+        pressed, by no more than `blind_retract_mm`. The request must be finite. A stop stays latched.
         """
         before, seen = state.retreat, observation
         after = before
@@ -238,12 +238,19 @@ class Supervisor:
                 stop = Stop(Cause.RETRACTION, text)
                 return replace(state, retreat=after, stopped=state.stopped or stop), stop
         verdict = _clamp(self.limits, state, request)
-        if not known and verdict.depth < 0.0 and verdict.depth < state.depth:
-            request = _at_depth(request, min(state.depth, 0.0))
-            verdict = _clamp(self.limits, state, request)
-            reason = "without a force to go by no farther back than the start"
+        farthest = self._blind_goal(state, before)
+        if not known and verdict.depth < farthest and verdict.depth < state.depth:
+            verdict = _clamp(self.limits, state, _at_depth(request, min(state.depth, farthest)))
+            reason = "without a force to go by no farther back"
             verdict = Clamp(verdict.depth, verdict.position, (reason,))
         return replace(state, depth=verdict.depth, position=verdict.position, retreat=after), verdict
+
+    def _blind_goal(self, state: SupervisorState, before: Retreat | None) -> float:
+        """Depth to which a tool may go back without a force to go by, m."""
+        pressed = state.pressed
+        if pressed is None or (before is not None and not before.from_contact):
+            return 0.0
+        return min(0.0, pressed[1] - self.limits.blind_retract_mm * 1e-3)
 
     def _retreated(self, before: Retreat, seen: Observation) -> Retreat:
         """The lowest force so far; while the retraction has not taken effect yet, the newest."""
@@ -423,6 +430,8 @@ def _clamp(limits: Limits, state: SupervisorState, request: Request) -> Allow | 
     target: Vector = (tx, ty, tz)
     low, high = limits.workspace_min_m, limits.workspace_max_m
     if not (low[0] <= tx <= high[0] and low[1] <= ty <= high[1] and low[2] <= tz <= high[2]):
+        # What leads across goes first: a border beside the way must not hold the depth.
+        target = bx + nx * along, by + ny * along, bz + nz * along
         share = min(map(_share_inside, state.position, target, low, high))
         # The last allowed position is inside; the border only takes off what the arithmetic left over.
         x, y, z = (

@@ -64,6 +64,8 @@ class ForceSensor:
         self._on_notice = on_notice
         self._client = client
         self._pump: Pump[Any, SensorEvent] = Pump(client, transport, clock, self._take, self._ended)
+        self.zeroed_from: SensorFrame | None = None
+        """The newest frame when the device said that it had taken its zero; None before."""
         self.model = ""
         """What the device says of the sensor; empty where it says nothing."""
         self._full_scales: tuple[float, ...] | None = None
@@ -207,6 +209,7 @@ class ForceSensor:
                 self._full_scales, self._converted, self.model = full_scales, None, model
             case Zeroed():
                 self._watch.zeroed(None if self.newest is None else self.newest.counts)
+                self.zeroed_from = self.newest
                 self.newest = None
                 self._history.clear()
             case SensorNotice(text=text):

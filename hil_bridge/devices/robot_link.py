@@ -50,7 +50,7 @@ _ENQ, _EOT = int(Control.ENQ), int(Control.EOT)
 _POINT = MoveKind.POINT
 _NO_START_POINT = RefusalCode.OUTSIDE_WORK_AREA
 """What refuses a move for want of a sequence, or of a start point. Source: project specification, section 3."""
-_UNIT_TOLERANCE = 0.01
+UNIT_TOLERANCE = 0.01
 """Chosen: how far a quaternion's norm may be from 1; words of 1/16384 alone make up 0.0001."""
 _SLOWEST_M_S = 1e-3
 """Chosen: velocity of an order that is not to move anything, m/s."""
@@ -280,7 +280,7 @@ class RobotLink:
             )
             return f"robot on {self.name} cannot move; its status now shows: {'; '.join(facts)}"
         length = math.hypot(*status.quaternion)
-        if abs(length - 1.0) > _UNIT_TOLERANCE:
+        if abs(length - 1.0) > UNIT_TOLERANCE:
             return f"robot on {self.name} reports the orientation {status.quaternion}, which is none"
         return ""
 
@@ -448,7 +448,7 @@ class Motion:
 
     @property
     def ordered(self) -> bool:
-        """Whether a point has been ordered in this sequence."""
+        """Whether a point has been taken in this sequence, as far as is known."""
         return self._last is not None
 
     @property
@@ -466,8 +466,12 @@ class Motion:
         """Order the next point; returns when the controller has taken it, not when it is reached. `announce` as in
         `RobotLink.exchange`.
         """
-        self._last = position, quaternion
-        await self._link.exchange(self.telegram(_POINT, position, quaternion), announce=announce)
+        before, self._last = self._last, (position, quaternion)
+        try:
+            await self._link.exchange(self.telegram(_POINT, position, quaternion), announce=announce)
+        except OrderRefused:
+            self._last = before
+            raise
 
     async def halt(self) -> None:
         """Stand still at once and forget all points, for a robot that does not go where it was ordered to. Nothing can
