@@ -2,6 +2,7 @@
 
 import math
 import sys
+from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -55,6 +56,7 @@ def replay(
     for cycle in cycles:
         if cycle.differences:
             tell(_differences(cycle, len(cycles)))
+            tell(_versions(record.metadata.get("version", "")))
             sys.exit(EXIT_DIFFERENT)
     note = "; the recording is cut short or damaged behind them" if record.truncated else ""
     tell([f"{len(cycles)} cycles replayed, every command identical{note}"])
@@ -64,6 +66,13 @@ def _differences(cycle: "ReplayedCycle", count: int) -> "Iterator[str]":
     yield f"cycle {cycle.record.cycle} of {count} differs:"
     for name, (before, now) in cycle.differences.items():
         yield f"  {name}: recorded {before}, replayed {now}"
+
+
+def _versions(recorded: str) -> "Iterator[str]":
+    """Another version may decide otherwise on purpose."""
+    here = version("hil-bridge")
+    if recorded != here:
+        yield f"version {recorded or 'unknown'} recorded it, this is {here}, whose guard may decide otherwise"
 
 
 def _changes(cycles: "list[ReplayedCycle]", controller: str) -> "Iterator[str]":

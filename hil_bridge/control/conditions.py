@@ -173,8 +173,9 @@ CLAMPS: tuple[ConditionRow, ...] = (
     ),
     ConditionRow(
         "no-force",
-        "while the force cannot be known a retraction goes back to the depth of the start, and no farther",
-        ("limits.stale_after_ms",),
+        "while the force cannot be known a retraction goes back to the depth of the start, or a little behind the "
+        "contact, and no farther",
+        ("limits.stale_after_ms", "limits.blind_retract_mm"),
         When.RETRACTION,
         Reaction.CLAMPED,
         None,

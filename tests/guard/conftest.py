@@ -155,8 +155,11 @@ def configured() -> Callable[..., Config]:
 def guarded() -> Callable[..., Guarded]:
     """Run a configuration once."""
 
-    def run(config: Config, meddle: Meddle | None = None) -> Guarded:
+    def run(
+        config: Config, meddle: Meddle | None = None, prepare: Callable[[Guarded], object] = lambda run: None
+    ) -> Guarded:
         guarded = Guarded(config, meddle) if meddle else Guarded(config)
+        prepare(guarded)
         return run_virtual(guarded.main)
 
     return run
