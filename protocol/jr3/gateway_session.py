@@ -5,22 +5,22 @@ Theory of operation. A session goes through the phases ASKING, the steps of its 
 | phase | waits for | ends otherwise |
 | --- | --- | --- |
 | ASKING | the acknowledge "ready" of the question for the state | FAILED after `ready_timeout_s` |
-| a step: start, full scales | the acknowledge of its order | ASKING when it says "not ready" |
-| SETTLING | the end of `settle_s`; tells SensorReady | as a step, where a new cut-off is on its way |
-| READY | its owner | FAILED when an acknowledge says "not ready" |
-| STOPPING | the acknowledge of the stop; then STOPPED | |
+| a step: start, full scales | the acknowledge of its order | ASKING when one says "not ready" |
+| SETTLING | the end of `settle_s`; tells SensorReady | ASKING when one says "not ready" |
+| READY | its owner, who may stop it | FAILED when one says "not ready" |
+| STOPPING | the acknowledge of the stop; then STOPPED | FAILED after `retries` |
 
 Steps for full scales are left out where these are known. In every phase but ASKING an order without acknowledge is
-repeated `retries` times, then the session is FAILED; so it is after a full scale of 0. A boot-up begins the session
-anew in every phase but STOPPING and STOPPED. A stop goes out from every phase, FAILED too.
+repeated `retries` times, then the session is FAILED; a full scale of 0 makes it FAILED at once. A boot-up begins the
+session anew, except in STOPPING and STOPPED. A stop goes out from every phase, FAILED too.
 
-Three sides drive it. The owner asks with `zero`, `set_filter` and `stop`. The client tells what it has read, by
-`acknowledge`, `boot_up`, `sample` and `tell`, and takes from `order_to_send` what it has to encode. Time comes with
-`handle_deadline`. What the session has to say waits in `next_event`.
+Three sides drive it. The owner asks with `zero`, `set_filter` and `stop`. The client tells what it has read by
+`acknowledge`, `boot_up`, `sample` and `tell`, and encodes the order that `order_to_send` gives. Time comes with
+`handle_deadline`. What the owner is told waits in `next_event`.
 
 An acknowledge does not say what it answers. So one order is under way at a time, `_flight`; others wait in `_queue`.
-What a late acknowledge could spoil differs: after each a deaf gateway is given a pause (`pause_s`). One that always
-listens is given one after a repeated order only, for `ack_timeout_s`, and late acknowledges pass in it.
+Pauses keep orders and answers in step. A gateway that is deaf after each acknowledge gets one every time, `pause_s`.
+One that always listens gets one after a repeated order only, `ack_timeout_s`, in which late acknowledges pass.
 """
 
 from collections import deque
@@ -63,6 +63,7 @@ class Phase(Enum):
 
 
 _ENDED = frozenset({Phase.STOPPING, Phase.STOPPED, Phase.FAILED})
+_BEFORE_START = frozenset({Phase.ASKING, Phase.SCALES})
 _ASK_SCALES = frozenset({Phase.SCALES, Phase.FORCE_SCALES, Phase.MOMENT_SCALES})
 
 # Asked for with every sample, by names of this module: until Python 3.12 an enum's own name costs five times that.
@@ -187,10 +188,7 @@ class GatewaySession(Generic[Op]):
         except ValueError as error:
             raise LocalProtocolError(str(error)) from error
         self.cutoff_hz = cutoff_hz
-        if self.phase not in (
-            Phase.ASKING,
-            Phase.SCALES,
-        ):  # the start, still to come, carries the cut-off too
+        if self.phase not in _BEFORE_START:  # the start carries the cut-off too
             self._enqueue(self._dialect.set_filter)
 
     def stop(self) -> None:
@@ -248,12 +246,11 @@ class GatewaySession(Generic[Op]):
 
     def order_to_send(self, now: float) -> Op | None:
         """The order whose turn it is; it counts as sent."""
-        if self._quiet_until is not None and now >= self._quiet_until:
-            self._quiet_until = None
         flight = self._flight
         if flight is None:
-            if not self._queue or self._quiet_until is not None:
+            if not self._queue or (self._quiet_until is not None and now < self._quiet_until):
                 return None
+            self._quiet_until = None
             flight = self._flight = _Flight(self._queue.popleft(), now + self._profile.ack_timeout_s)
         elif flight.resend:
             flight.resend = False
@@ -289,7 +286,9 @@ class GatewaySession(Generic[Op]):
         if self._quiet_until is not None and now >= self._quiet_until:
             self._quiet_until = None
         if self.phase is _ASKING and now >= self._ready_by:
-            self._fail(self._why_not_ready())
+            waited = f"{self._profile.ready_timeout_s:g} s"
+            answered = f"acknowledges but not ready after {waited}: sensor unplugged?"
+            self._fail(answered if self._answered else self._dialect.why_silent(waited))
         elif self._flight is not None and not self._flight.resend and now >= self._flight.due:
             self._on_timeout(self._flight)
         if self.phase is _SETTLING and now >= self._settled_at:
@@ -318,12 +317,6 @@ class GatewaySession(Generic[Op]):
     def _fail(self, text: str) -> None:
         self._end(Phase.FAILED)
         self._events.append(SensorFailed(f"{self._dialect.name}: {text}"))
-
-    def _why_not_ready(self) -> str:
-        waited = f"{self._profile.ready_timeout_s:g} s"
-        if self._answered:
-            return f"acknowledges but not ready after {waited}: sensor unplugged?"
-        return self._dialect.why_silent(waited)
 
     def _on_timeout(self, flight: _Flight[Op]) -> None:
         if self.phase is Phase.ASKING or flight.tries <= self._profile.retries:

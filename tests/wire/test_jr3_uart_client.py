@@ -68,6 +68,15 @@ def test_why_it_is_not_ready_is_told(uart: Any, heard: bytes, text: str) -> None
     assert uart.events(client) == [SensorFailed(f"UART gateway: {text}")]
 
 
+def test_a_cut_off_before_the_start_goes_out_with_it_alone(uart: Any) -> None:
+    client = uart.begin()
+    exchange(client, T0, OK, expect=STATE)
+    client.set_filter(2.0)
+    exchange(client, T0 + STEP, OK_SCALES, expect=SCALES)
+    exchange(client, T0 + 2 * STEP, OK, expect=START.replace(b"\xe8\x03", b"\xc8\x00"))
+    assert client.data_to_send(T0 + 3 * STEP) == b""
+
+
 @pytest.mark.parametrize("cutoff_hz", [0.62, 160.0])
 def test_no_cut_off_that_looks_like_a_delimiter(uart: Any, cutoff_hz: float) -> None:
     with pytest.raises(LocalProtocolError, match="cutoff_hz must not be"):
