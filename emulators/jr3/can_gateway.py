@@ -10,8 +10,8 @@ from typing import Any, ClassVar
 
 from emulators.faults.ledger import Handler
 from emulators.faults.wire import FRAMES, FaultyWire
-from emulators.jr3.firmware import Firmware, Sample
-from emulators.jr3.late import LateSamples
+from emulators.jr3.firmware import Firmware
+from emulators.jr3.late import Sample
 from emulators.jr3.sensor import Jr3Sensor
 from emulators.quantiles import check_quantiles
 from protocol.can import CanFrame
@@ -71,8 +71,9 @@ class Gateway:
 
     def __init__(self, profile: GatewayProfile, sensor: Jr3Sensor, powered_at: float, seed: int = 0) -> None:
         self._profile = profile
-        self._late = LateSamples(profile.delay_ms, seed) if profile.delay_ms else None
-        self._firmware = Firmware(sensor, profile.sample_period_us, profile.shortest_period_us)
+        self._firmware = Firmware(
+            sensor, profile.sample_period_us, profile.shortest_period_us, profile.delay_ms, seed
+        )
         self._hears_from = powered_at + profile.boot_s
         self._wire: FaultyWire[Sequence[CanFrame]] = FaultyWire(FRAMES, f"{seed} frames")
         self._out: list[CanFrame] = []
@@ -126,9 +127,9 @@ class Gateway:
 
     def next_deadline(self) -> float | None:
         """End of reading the calibration, the next frame of the stream, or the next block of samples."""
-        due = self._firmware.next_deadline() if self._busy_with is None else self._busy_until
-        if self._late is not None:
-            due = self._late.next_deadline(due)
+        due = self._firmware.next_deadline()
+        if self._busy_with is not None:
+            due = self._busy_until if due is None else min(due, self._busy_until)
         return self._wire.next_deadline(due) if self._wire.bad else due
 
     def handle_deadline(self, now: float) -> None:
@@ -193,15 +194,8 @@ class Gateway:
         self._out.append(encode_acknowledge(self._profile.node, Acknowledge(self._firmware.state, words)))
 
     def _send_due(self, now: float) -> None:
-        late = self._late
         for sample in self._firmware.due_samples(now):
-            if late is None:
-                self._send(sample)
-            else:
-                late.put(sample, now)
-        if late is not None:
-            for sample in late.arrived(now):
-                self._send(sample)
+            self._send(sample)
 
     def _send(self, sample: Sample) -> None:
         self._out.extend(encode_sample(self._profile.node, sample.counts, sample.counter))

@@ -5,7 +5,7 @@ it adds its wire, and when it listens.
 """
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import field
 from functools import lru_cache
 
@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emulators.faults.ledger import Handler, Injection
+from emulators.jr3.late import LateSamples, Sample
 from emulators.jr3.scales import WrongScales
 from emulators.jr3.sensor import SENSOR_RATE_HZ, Jr3Sensor
 from protocol.jr3 import COUNTER_MODULUS, GatewayState
@@ -22,16 +23,6 @@ _BLOCK = 4096
 """Most samples computed at once."""
 _IDLE_S = 0.1
 """Chosen: samples are computed at least this often, so that no call has to catch up on a long time."""
-
-
-@dataclass(frozen=True, slots=True)
-class Sample:
-    """What a gateway sends of the sensor."""
-
-    counts: list[int]
-    """Filtered and zeroed: fx fy fz mx my mz."""
-    counter: int
-    """Samples taken since the start, modulo 65536."""
 
 
 @dataclass(slots=True)
@@ -69,8 +60,16 @@ class _Stream:
 class Firmware:
     """Commands take effect only once `initialised`; the gateway sees to that. Times are in s and do not fall."""
 
-    def __init__(self, sensor: Jr3Sensor, sample_period_us: float, shortest_period_us: float) -> None:
-        """`shortest_period_us` is what the wire allows the stream."""
+    def __init__(
+        self,
+        sensor: Jr3Sensor,
+        sample_period_us: float,
+        shortest_period_us: float,
+        delay_ms: Sequence[float] = (),
+        seed: int = 0,
+    ) -> None:
+        """`shortest_period_us` is what the wire allows the stream, `delay_ms` the quantiles of how late it is."""
+        self._late = LateSamples(delay_ms, seed) if delay_ms else None
         self.initialised = False
         """Whether the sensor's calibration has been read."""
         self._sensor = sensor
@@ -163,6 +162,11 @@ class Firmware:
         return None if self._sampling is None else self._newest(self._sampling, at)
 
     def due_samples(self, now: float) -> Iterator[Sample]:
+        """Those of the stream to be sent now: their time has come, and what they are late has passed."""
+        samples = self._stream_samples(now)
+        return samples if self._late is None else self._late.arrived(samples, now)
+
+    def _stream_samples(self, now: float) -> Iterator[Sample]:
         """Those of the stream whose time has come, each as it was at its time."""
         stream, sampling = self._stream, self._sampling
         while stream is not None and sampling is not None and stream.due <= now:
@@ -188,7 +192,11 @@ class Firmware:
         )
 
     def next_deadline(self) -> float | None:
-        """The next frame of the stream, or the next block of samples."""
+        """The next frame of the stream, a late one included, or the next block of samples."""
+        due = self._own_deadline()
+        return due if self._late is None else self._late.next_deadline(due)
+
+    def _own_deadline(self) -> float | None:
         sampling, stream = self._sampling, self._stream
         if sampling is None:
             return None
@@ -197,7 +205,7 @@ class Firmware:
 
     def catch_up(self, now: float) -> None:
         """Take the block of samples that is due."""
-        deadline = self.next_deadline()
+        deadline = self._own_deadline()
         if deadline is not None and deadline <= now:
             self._take_samples(now)
 

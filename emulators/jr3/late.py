@@ -2,10 +2,20 @@
 
 import random
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
-from emulators.jr3.firmware import Sample
 from emulators.quantiles import draw
+from protocol.values import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """What a gateway sends of the sensor."""
+
+    counts: list[int]
+    """Filtered and zeroed: fx fy fz mx my mz."""
+    counter: int
+    """Samples taken since the start, modulo 65536."""
 
 
 class LateSamples:
@@ -16,15 +26,13 @@ class LateSamples:
         self._random = random.Random(f"{seed} gateway")
         self._waiting: deque[tuple[float, Sample]] = deque()
 
-    def put(self, sample: Sample, now: float) -> None:
-        """Send a sample on its way."""
-        at = now + draw(self._quantiles_ms, self._random) / 1000.0
-        if self._waiting:
-            at = max(at, self._waiting[-1][0])
-        self._waiting.append((at, sample))
-
-    def arrived(self, now: float) -> Iterator[Sample]:
-        """Those whose time has come."""
+    def arrived(self, samples: Iterable[Sample], now: float) -> Iterator[Sample]:
+        """Send samples on their way; those whose time has come."""
+        for sample in samples:
+            at = now + draw(self._quantiles_ms, self._random) / 1000.0
+            if self._waiting:
+                at = max(at, self._waiting[-1][0])
+            self._waiting.append((at, sample))
         while self._waiting and self._waiting[0][0] <= now:
             yield self._waiting.popleft()[1]
 

@@ -13,7 +13,6 @@ from typing import Any, ClassVar
 from emulators.faults.ledger import Handler
 from emulators.faults.wire import BYTES, FaultyWire
 from emulators.jr3.firmware import Firmware
-from emulators.jr3.late import LateSamples
 from emulators.jr3.sensor import Jr3Sensor
 from emulators.quantiles import check_quantiles
 from protocol.endpoint import RemoteProtocolError
@@ -92,9 +91,10 @@ class UartGateway:
         self, profile: UartGatewayProfile, sensor: Jr3Sensor, powered_at: float, seed: int = 0
     ) -> None:
         self._profile = profile
-        self._late = LateSamples(profile.delay_ms, seed) if profile.delay_ms else None
         self._connected = sensor.profile.connected
-        self._firmware = Firmware(sensor, profile.sample_period_us, profile.shortest_period_us)
+        self._firmware = Firmware(
+            sensor, profile.sample_period_us, profile.shortest_period_us, profile.delay_ms, seed
+        )
         self._wire: FaultyWire[bytes] = FaultyWire(BYTES, f"{seed} frames")
         self._out = bytearray()
         self._kept = bytearray()
@@ -139,8 +139,6 @@ class UartGateway:
     def next_deadline(self) -> float | None:
         """The end of what it does now, the next frame of the stream, or the next block of samples."""
         due = self._firmware.next_deadline()
-        if self._late is not None:
-            due = self._late.next_deadline(due)
         if self._wire.bad:
             due = self._wire.next_deadline(due)
         if self._state is _State.LISTENING:
@@ -234,12 +232,5 @@ class UartGateway:
         self._out += encode_acknowledge(Acknowledge(self._firmware.state, scales))
 
     def _send_due(self, now: float) -> None:
-        late = self._late
         for sample in self._firmware.due_samples(now):
-            if late is None:
-                self._out += encode_data(sample.counts, sample.counter)
-            else:
-                late.put(sample, now)
-        if late is not None:
-            for sample in late.arrived(now):
-                self._out += encode_data(sample.counts, sample.counter)
+            self._out += encode_data(sample.counts, sample.counter)

@@ -1,6 +1,5 @@
-"""The emulated CAN gateway, line by line of the firmware's behaviour, and the client against it."""
+"""The emulated CAN gateway, line by line of the firmware's behaviour."""
 
-import itertools
 import math
 from collections.abc import Callable
 
@@ -9,18 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from emulators.jr3 import Gateway, GatewayProfile, Jr3Sensor, SensorProfile
-from protocol.can import CanFrame
 from protocol.jr3 import (
-    GatewayClient,
-    GatewayClientProfile,
-    SensorEvent,
-    SensorFailed,
-    SensorFrame,
-    SensorNotice,
-    SensorReady,
-    SensorRestarted,
-    SensorStopped,
-    Zeroed,
     decode_triple,
     parse_frame,
 )
@@ -300,138 +288,3 @@ def test_reset_stops_reads_the_calibration_and_acknowledges_without_boot_up() ->
     assert ask(gateway, "080#", AWAKE + 0.11) == []
     assert [text for _, text in run(gateway, AWAKE + 5)] == ["101#00", "101#00"]
     assert value(ask(gateway, START_UNFILTERED, AWAKE + 6)[:2])[1] == 0
-
-
-# --- the client against the gateway, without a transport
-
-
-class Bench:
-    """Client and gateway on one bus in virtual time; `drop` decides which frames the bus loses."""
-
-    def __init__(self, gateway: Gateway, now: float, **profile: object) -> None:
-        self.gateway, self.now = gateway, now
-        self.client = GatewayClient(GatewayClientProfile(**profile), now)  # type: ignore[arg-type]
-        self.events: list[SensorEvent] = []
-        self.drop: Callable[[CanFrame], bool] = lambda frame: False
-
-    def settle(self) -> None:
-        while True:
-            down = self.client.data_to_send(self.now)
-            self.gateway.receive(down, self.now)
-            up = [frame for frame in self.gateway.data_to_send(self.now) if not self.drop(frame)]
-            self.client.receive(up, self.now)
-            if not down and not up:
-                break
-        while (event := self.client.next_event()) is not None:
-            self.events.append(event)
-
-    def run(self, until: float) -> list[SensorEvent]:
-        self.events = []
-        self.settle()
-        while True:
-            dues = [
-                due for due in (self.client.next_deadline(), self.gateway.next_deadline()) if due is not None
-            ]
-            if not dues or min(dues) > until:
-                self.now = until
-                return self.events
-            self.now = max(self.now, min(dues))
-            self.gateway.handle_deadline(self.now)
-            self.client.handle_deadline(self.now)
-            self.settle()
-
-
-def samples(events: list[SensorEvent]) -> list[SensorFrame]:
-    return [event for event in events if isinstance(event, SensorFrame)]
-
-
-NOTICE = SensorNotice("the gateway's filter is off (cut-off 0): every sample is as noisy as the sensor")
-READY = SensorReady((115.0, 111.0, 185.0, 5.6, 5.2, 6.1))
-
-
-def test_session_from_power_up_over_the_wrap_to_the_end() -> None:
-    bench = Bench(build(), T0, cutoff_hz=0.0)
-    events = bench.run(T0 + 30)
-    assert events[:2] == [READY, NOTICE]
-    told = samples(events)
-    assert len(told) == len(events) - 2 > 2700
-    assert {event.counts for event in told} == {tuple(COUNTS)}
-    assert {b.sequence - a.sequence for a, b in itertools.pairwise(told)} == {77, 78}
-    assert told[-1].sequence > 3 * 65536
-    bench.client.zero()
-    events = bench.run(T0 + 31)
-    assert Zeroed() in events
-    assert samples(events)[-1].counts == (0,) * 6
-    bench.client.stop()
-    assert bench.run(T0 + 40) == [SensorStopped()]
-    assert (bench.client.statistics.lost, bench.client.statistics.unpaired) == (0, 0)
-
-
-def test_lost_frames_on_the_bus_are_counted() -> None:
-    bench = Bench(awake(), AWAKE)
-    bench.run(AWAKE + 1.005)
-    seen = 0
-
-    def every_tenth_force_frame(frame: CanFrame) -> bool:
-        nonlocal seen
-        seen += frame.identifier == 0x601
-        return frame.identifier == 0x601 and seen % 10 == 0
-
-    bench.drop = every_tenth_force_frame
-    told = samples(bench.run(AWAKE + 2.055))
-    assert (len(told), bench.client.statistics.lost, bench.client.statistics.unpaired) == (95, 10, 10)
-
-
-def test_a_sensor_that_never_boots() -> None:
-    bench = Bench(build(connected=False), T0)
-    (failed,) = bench.run(T0 + 30)
-    assert isinstance(failed, SensorFailed)
-    assert "acknowledges but not ready" in failed.text
-
-
-def test_a_gateway_without_power() -> None:
-    bench = Bench(awake(), AWAKE)
-    bench.drop = lambda frame: True
-    (failed,) = bench.run(AWAKE + 30)
-    assert isinstance(failed, SensorFailed)
-    assert "silent: nothing of a gateway on the bus" in failed.text
-
-
-def test_a_gateway_that_reboots_loses_its_zero_and_is_started_again() -> None:
-    bench = Bench(awake(), AWAKE, cutoff_hz=0.0)
-    bench.client.zero()
-    before = samples(bench.run(AWAKE + 1))
-    assert before[-1].counts == (0,) * 6
-    again = Jr3Sensor(SensorProfile(noise_counts=0.0), constant, seed=3)
-    bench.gateway = Gateway(GatewayProfile(), again, powered_at=bench.now)
-    rebooted, ready, notice, *after = bench.run(AWAKE + 4)
-    assert (rebooted, ready, notice) == (SensorRestarted(), READY, NOTICE)
-    assert samples(after)[0].sequence == before[-1].sequence + 1
-    assert samples(after)[-1].counts == tuple(COUNTS)
-
-
-def test_synchronous_session() -> None:
-    bench = Bench(awake(), AWAKE, mode="sync", cutoff_hz=0.0)
-    assert bench.run(AWAKE + 1) == [READY, NOTICE]
-    for k in range(5):
-        bench.client.sync()
-        (frame,) = samples(bench.run(AWAKE + 1.01 + k * 0.01))
-        assert frame.counts == tuple(COUNTS)
-
-
-def test_the_cell_is_never_asked_backwards_or_ahead() -> None:
-    asked: list[float] = []
-
-    def wrench_at(times: NDArray[np.float64]) -> NDArray[np.float64]:
-        asked.extend(times.tolist())
-        assert times[-1] <= bench.now
-        return constant(times)
-
-    bench = Bench(awake(wrench_at), AWAKE, mode="sync")
-    bench.run(AWAKE + 1)
-    bench.client.set_filter(2.0)
-    bench.client.zero()
-    bench.client.sync()
-    bench.run(AWAKE + 2)
-    assert asked == sorted(asked)
-    assert asked[-1] > AWAKE + 1.8

@@ -1,6 +1,6 @@
 """The CAN gateway of a JR3 sensor: its frames and the client's session."""
 
-from protocol.jr3.can_gateway.client import GatewayClient, Phase
+from protocol.jr3.can_gateway.client import GatewayClient
 from protocol.jr3.can_gateway.describe import describe, parse_frame
 from protocol.jr3.can_gateway.messages import (
     GATEWAY_BITRATE,
@@ -20,6 +20,7 @@ from protocol.jr3.can_gateway.messages import (
     split,
 )
 from protocol.jr3.can_gateway.profile import GatewayClientProfile
+from protocol.jr3.gateway_session import Phase
 
 __all__ = [
     "GATEWAY_BITRATE",

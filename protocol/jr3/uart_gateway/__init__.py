@@ -1,6 +1,7 @@
 """The UART gateway of a JR3 sensor: its frames and the client's session."""
 
-from protocol.jr3.uart_gateway.client import Phase, UartGatewayClient
+from protocol.jr3.gateway_session import Phase
+from protocol.jr3.uart_gateway.client import UartGatewayClient
 from protocol.jr3.uart_gateway.describe import describe
 from protocol.jr3.uart_gateway.messages import (
     COMMANDS,

@@ -1,0 +1,286 @@
+"""The clients of both gateways against the emulated gateways, without a transport, in virtual time."""
+
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from emulators.jr3 import Gateway, GatewayProfile, Jr3Sensor, SensorProfile, UartGateway, UartGatewayProfile
+from protocol.can import CanFrame
+from protocol.jr3 import (
+    GatewayClient,
+    GatewayClientProfile,
+    SensorEvent,
+    SensorFailed,
+    SensorFrame,
+    SensorNotice,
+    SensorReady,
+    SensorRestarted,
+    SensorStopped,
+    UartGatewayClient,
+    UartGatewayClientProfile,
+    Zeroed,
+)
+
+T0 = 1234.567
+COUNTS = (1000, -2000, 3000, 400, -500, 600)
+UNITS = np.array([115, 111, 185, 5.6, 5.2, 6.1]) / 16384
+NOTICE = SensorNotice("the gateway's filter is off (cut-off 0): every sample is as noisy as the sensor")
+READY = SensorReady((115.0, 111.0, 185.0, 5.6, 5.2, 6.1))
+
+Wrench = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+
+
+def of(counts: Sequence[int]) -> Wrench:
+    """The wrench that is always these counts."""
+    return lambda times: np.tile(counts * UNITS, (len(times), 1))
+
+
+CONSTANT = of(COUNTS)
+
+
+@dataclass(frozen=True)
+class Pair:
+    """A gateway and its client."""
+
+    name: str
+    gateway: Callable[..., Any]
+    gateway_profile: Callable[..., Any]
+    client: Callable[..., Any]
+    client_profile: Callable[..., Any]
+
+    def powered(
+        self, at: float = T0, wrench: Wrench = CONSTANT, connected: bool = True, **profile: object
+    ) -> Any:
+        """The gateway, switched on at a time."""
+        sensor = Jr3Sensor(SensorProfile(noise_counts=0.0, connected=connected), wrench, seed=3)
+        return self.gateway(self.gateway_profile(**profile), sensor, powered_at=at)
+
+    def bench(self, gateway: Any = None, now: float = T0, **profile: object) -> "Bench":
+        """The client before a gateway, by default one that is switched on with it."""
+        return Bench(gateway or self.powered(), self.client(self.client_profile(**profile), now), now)
+
+
+CAN = Pair("gateway node 1", Gateway, GatewayProfile, GatewayClient, GatewayClientProfile)
+UART = Pair("UART gateway", UartGateway, UartGatewayProfile, UartGatewayClient, UartGatewayClientProfile)
+on_both = pytest.mark.parametrize("pair", [CAN, UART], ids=["can", "uart"])
+
+
+class Bench:
+    """Client and gateway on one line; `down` and `up` may lose or change what passes."""
+
+    def __init__(self, gateway: Any, client: Any, now: float) -> None:
+        self.gateway, self.client, self.now = gateway, client, now
+        self.events: list[SensorEvent] = []
+        self.sent: list[tuple[float, Any]] = []
+        self.up: Callable[[Any], Any] = lambda data: data
+        self.down: Callable[[Any], Any] = lambda data: data
+
+    def _settle(self) -> None:
+        while True:
+            if down := self.client.data_to_send(self.now):
+                self.sent.append((round(self.now - T0, 3), down))
+                self.gateway.receive(self.down(down), self.now)
+            if up := self.gateway.data_to_send(self.now):
+                self.client.receive(self.up(up), self.now)
+            if not down and not up:
+                break
+        while (event := self.client.next_event()) is not None:
+            self.events.append(event)
+
+    def run(self, until: float) -> list[SensorEvent]:
+        """What the client tells until then."""
+        self.events = []
+        self._settle()
+        while True:
+            dues = [
+                due for due in (self.client.next_deadline(), self.gateway.next_deadline()) if due is not None
+            ]
+            if not dues or min(dues) > until:
+                self.now = until
+                return self.events
+            self.now = max(self.now, min(dues))
+            self.gateway.handle_deadline(self.now)
+            self.client.handle_deadline(self.now)
+            self._settle()
+
+
+def samples(events: list[SensorEvent]) -> list[SensorFrame]:
+    return [event for event in events if isinstance(event, SensorFrame)]
+
+
+# --- both
+
+
+@pytest.mark.parametrize(
+    ("pair", "profile"),
+    [(CAN, {}), (UART, {}), (UART, {"kept_bytes": 256})],
+    ids=["can", "uart", "uart that keeps"],
+)
+def test_session_from_power_up_over_the_wrap_to_the_end(pair: Pair, profile: dict[str, Any]) -> None:
+    bench = pair.bench(pair.powered(**profile), cutoff_hz=0.0)
+    events = bench.run(T0 + 40)
+    assert events[:2] == [READY, NOTICE]
+    told = samples(events)
+    assert len(told) == len(events) - 2 > 3000
+    assert {event.counts for event in told} == {COUNTS}
+    assert {b.sequence - a.sequence for a, b in itertools.pairwise(told)} == {77, 78}
+    assert told[-1].sequence > 3 * 65536
+    bench.client.zero()
+    events = bench.run(T0 + 42)
+    assert Zeroed() in events
+    assert samples(events)[-1].counts == (0,) * 6
+    bench.client.stop()
+    assert bench.run(T0 + 50) == [SensorStopped()]
+    statistics = bench.client.statistics
+    assert (statistics.lost, statistics.repeated, statistics.malformed, statistics.unpaired) == (0,) * 4
+
+
+@on_both
+def test_a_sensor_that_is_not_plugged_in(pair: Pair) -> None:
+    bench = pair.bench(pair.powered(connected=False), ready_timeout_s=12.0)
+    (failed,) = bench.run(T0 + 30)
+    assert failed == SensorFailed(f"{pair.name}: acknowledges but not ready after 12 s: sensor unplugged?")
+
+
+@on_both
+def test_a_gateway_that_reboots_loses_its_zero_and_is_started_again(pair: Pair) -> None:
+    bench = pair.bench(cutoff_hz=0.0)
+    bench.client.zero()
+    before = samples(bench.run(T0 + 12))
+    assert before[-1].counts == (0,) * 6
+    bench.gateway = pair.powered(at=bench.now)
+    rebooted, ready, notice, *after = bench.run(T0 + 20)
+    assert (rebooted, ready, notice) == (SensorRestarted(), READY, NOTICE)
+    assert samples(after)[0].sequence == before[-1].sequence + 1
+    assert samples(after)[-1].counts == COUNTS
+
+
+@on_both
+def test_lost_frames_are_counted(pair: Pair) -> None:
+    bench = pair.bench()
+    bench.run(T0 + 10.005)
+    seen = itertools.count(1)
+    bench.up = lambda data: data[:0] if next(seen) % 10 == 0 else data
+    told = samples(bench.run(T0 + 11.055))
+    assert (len(told), bench.client.statistics.lost) == (95, 10)
+
+
+# --- the CAN gateway alone
+
+
+def test_lost_halves_of_samples_are_counted() -> None:
+    bench = CAN.bench()
+    bench.run(T0 + 10.005)
+    seen = itertools.count(1)
+
+    def without_every_tenth_force_frame(frames: Sequence[CanFrame]) -> list[CanFrame]:
+        return [frame for frame in frames if frame.identifier != 0x601 or next(seen) % 10]
+
+    bench.up = without_every_tenth_force_frame
+    told = samples(bench.run(T0 + 11.055))
+    assert (len(told), bench.client.statistics.lost, bench.client.statistics.unpaired) == (95, 10, 10)
+
+
+def test_a_gateway_without_power() -> None:
+    bench = CAN.bench()
+    bench.up = lambda frames: []
+    (failed,) = bench.run(T0 + 30)
+    assert isinstance(failed, SensorFailed)
+    assert "silent: nothing of a gateway on the bus" in failed.text
+
+
+def test_synchronous_session() -> None:
+    bench = CAN.bench(mode="sync", cutoff_hz=0.0)
+    assert bench.run(T0 + 3) == [READY, NOTICE]
+    for k in range(5):
+        bench.client.sync()
+        (frame,) = samples(bench.run(T0 + 3.01 + k * 0.01))
+        assert frame.counts == COUNTS
+
+
+def test_the_cell_is_never_asked_backwards_or_ahead() -> None:
+    asked: list[float] = []
+
+    def wrench_at(times: NDArray[np.float64]) -> NDArray[np.float64]:
+        asked.extend(times.tolist())
+        assert times[-1] <= bench.now
+        return CONSTANT(times)
+
+    bench = CAN.bench(CAN.powered(wrench=wrench_at), mode="sync")
+    bench.run(T0 + 3)
+    bench.client.set_filter(2.0)
+    bench.client.zero()
+    bench.client.sync()
+    bench.run(T0 + 4)
+    assert asked == sorted(asked)
+    assert asked[-1] > T0 + 3.8
+
+
+# --- the UART gateway alone
+
+
+def test_the_client_asks_through_the_boot_and_then_keeps_the_pace() -> None:
+    bench = UART.bench()
+    bench.client.zero()
+    bench.run(T0 + 12)
+    start = b"<02" + bytes.fromhex("E80310270000") + b">"
+    assert bench.sent == [
+        *((k * 1.25, b"<06>") for k in range(5)),
+        (5.033, b"<06>"),
+        (6.133, b"<07>"),
+        (7.233, start),
+        (8.333, b"<04>"),
+    ]
+
+
+def test_counts_that_look_like_delimiters_arrive_whole() -> None:
+    """Six axes that read 0x3C3E, 0x3E3C and the like, and a filter that lets them pass."""
+    looks = (0x3C3E, 0x3E3C, 0x3E3E, 0x3C3C, 0x3E, 0x3C)
+
+    bench = UART.bench(UART.powered(wrench=of(looks)), cutoff_hz=0.0, period_ms=4.0)
+    told = samples(bench.run(T0 + 30))
+    assert len(told) > 5000
+    assert {event.counts for event in told} == {looks}
+    assert bench.client.statistics.malformed == 0
+
+
+def test_damaged_bytes_cost_their_frame_and_no_more() -> None:
+    bench = UART.bench()
+    bench.run(T0 + 10.005)
+    seen = itertools.count(1)
+    bench.up = lambda data: data[1:] if next(seen) % 10 == 0 else data
+    told = samples(bench.run(T0 + 11.055))
+    statistics = bench.client.statistics
+    assert (len(told), statistics.lost, statistics.malformed) == (95, 10, 10)
+
+
+def test_commands_that_are_lost_on_the_line_are_repeated() -> None:
+    bench = UART.bench()
+    seen = itertools.count()
+    bench.down = lambda data: b"" if next(seen) % 2 == 0 else data
+    assert READY in bench.run(T0 + 30)
+
+
+def test_commands_that_are_torn_on_the_line_are_repeated() -> None:
+    """A torn command is read with what is left of the one before, answered as that, and costs a deaf second."""
+    bench = UART.bench()
+    seen = itertools.count()
+    bench.down = lambda data: data[: len(data) // 2] if next(seen) % 3 == 0 else data
+    assert READY in bench.run(T0 + 30)
+
+
+def test_a_client_that_joins_a_running_stream() -> None:
+    first = UART.bench(cutoff_hz=0.0)
+    first.run(T0 + 12)
+    second = UART.bench(first.gateway, first.now, cutoff_hz=0.0, period_ms=20.0)
+    cut = itertools.count()
+    second.up = lambda data: data[7:] if next(cut) == 0 else data
+    events = second.run(T0 + 20)
+    assert events[0] == READY
+    steps = {b.sequence - a.sequence for a, b in itertools.pairwise(samples(events))}
+    assert steps == {155, 156}

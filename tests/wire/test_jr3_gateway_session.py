@@ -1,0 +1,303 @@
+"""The session that both gateway clients lead, over the wire of each: pace, repetitions, counters, failures, end.
+
+What one wire alone has is tested beside this file.
+"""
+
+import functools
+import operator
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from protocol.endpoint import LocalProtocolError
+from protocol.jr3 import (
+    SensorFailed,
+    SensorNotice,
+    SensorReady,
+    SensorRestarted,
+    SensorStopped,
+    Zeroed,
+)
+from protocol.jr3.gateway_session import Phase
+
+T0 = 1000.25
+NOTICE = SensorNotice("the gateway's filter is off (cut-off 0): every sample is as noisy as the sensor")
+READY = SensorReady((115.0, 111.0, 185.0, 5.6, 5.2, 6.1))
+SCALES = (50.0, 50.0, 100.0, 4.0, 4.0, 4.0)
+
+
+def failure(wire: Any, client: Any) -> str:
+    """The text of the failure that is the one event left."""
+    assert client.phase is Phase.FAILED
+    (failed,) = wire.events(client)
+    assert isinstance(failed, SensorFailed)
+    return failed.text
+
+
+# --- from the beginning to the end
+
+
+def test_session_from_the_first_question_to_the_stop(wire: Any) -> None:
+    client = wire.ready()
+    assert client.phase is Phase.READY
+    client.zero()
+    client.zero()
+    wire.exchange(client, T0 + 10, wire.ok, expect=wire.zero)
+    assert wire.events(client) == [Zeroed()]
+    assert wire.orders(client, T0 + 19) == []
+    client.stop()
+    client.stop()
+    wire.exchange(client, T0 + 20, wire.ok, expect=wire.stop)
+    assert wire.events(client) == [SensorStopped()]
+    assert client.next_deadline() is None
+    assert wire.orders(client, T0 + 30) == []
+
+
+def test_known_full_scales_are_not_asked_for_and_no_filter_is_said(wire: Any) -> None:
+    client = wire.begin(cutoff_hz=0.0, full_scales=SCALES)
+    wire.exchange(client, T0, wire.ok, expect=wire.state)
+    wire.exchange(client, T0 + wire.step, wire.ok, expect=wire.start("0000"))
+    client.handle_deadline(T0 + wire.step + 0.125)
+    assert wire.events(client) == [SensorReady(SCALES), NOTICE]
+    assert client.delay == 0.0
+
+
+def test_a_client_that_streams_waits_for_nothing_but_its_command(wire: Any) -> None:
+    client = wire.ready()
+    wire.feed(client, [5, 83])
+    assert (client.next_deadline(), wire.orders(client, T0 + 12)) == (None, [])
+    client.zero()
+    assert (wire.orders(client, T0 + 12), client.next_deadline()) == ([wire.zero], T0 + 12 + wire.timeout)
+
+
+def test_zero_before_ready_waits_for_the_filter(wire: Any) -> None:
+    client = wire.begin()
+    client.zero()
+    now = wire.establish(client, T0)
+    wire.exchange(client, now, wire.ok, expect=wire.zero)
+    assert wire.events(client) == [READY, Zeroed()]
+
+
+def test_set_filter_now_and_at_the_next_start(wire: Any) -> None:
+    client = wire.ready()
+    client.set_filter(2.0)
+    wire.exchange(client, T0 + 10, wire.ok, expect=wire.set_filter("C800"))
+    assert wire.events(client) == []
+    client.receive(wire.data(wire.boot_up), T0 + 20)
+    wire.establish(client, T0 + 20, "C800")
+    client = wire.begin()
+    client.set_filter(2.0)
+    wire.establish(client, T0, "C800")
+    for wrong in (-1.0, 0.004, 655.36, float("nan")):
+        with pytest.raises(LocalProtocolError, match=r"cutoff_hz must be 0.01 … 655.35, or 0 for unfiltered"):
+            client.set_filter(wrong)
+
+
+def test_the_delay_follows_the_cut_off(wire: Any) -> None:
+    client = wire.begin()
+    assert client.delay == wire.profile().delay == pytest.approx(0.0159, abs=1e-4)
+    client.set_filter(0.0)
+    assert client.delay == 0.0
+
+
+# --- silence, repetitions, late answers
+
+
+def test_silence_is_asked_again_at_its_time_and_fails(wire: Any) -> None:
+    client = wire.begin(ready_timeout_s=3 * wire.timeout - 0.125)
+    asked, now = [], T0
+    while client.phase is Phase.ASKING:
+        asked += [(now, text) for text in wire.orders(client, now)]
+        now = client.next_deadline() or 0.0
+        client.handle_deadline(now)
+    assert asked == [(T0 + k * wire.timeout, wire.state) for k in range(3)]
+    assert failure(wire, client).startswith(f"{wire.name}: silent")
+    assert client.next_deadline() is None
+    with pytest.raises(LocalProtocolError, match="failed"):
+        client.zero()
+
+
+def test_a_sensor_that_never_gets_ready_is_told(wire: Any) -> None:
+    client = wire.begin(ready_timeout_s=3.0)
+    wire.exchange(client, T0, wire.not_ready, expect=wire.state)
+    client.handle_deadline(T0 + 3)
+    assert failure(wire, client) == f"{wire.name}: acknowledges but not ready after 3 s: sensor unplugged?"
+
+
+def test_not_ready_on_the_way_goes_back_to_asking(wire: Any) -> None:
+    client = wire.begin()
+    (first, answer), (second, answer_to_second), *_ = wire.session()
+    wire.exchange(client, T0, answer, expect=first)
+    not_ready = answer_to_second.replace(wire.ok.rstrip(">"), wire.not_ready.rstrip(">"))
+    wire.exchange(client, T0 + wire.step, not_ready, expect=second)
+    now = T0 + wire.step + max(wire.step, wire.timeout)
+    client.handle_deadline(now)
+    wire.establish(client, now)
+    assert wire.events(client) == [READY]
+
+
+def test_not_ready_after_ready_fails(wire: Any) -> None:
+    client = wire.ready()
+    client.zero()
+    wire.exchange(client, T0 + 10, wire.not_ready, expect=wire.zero)
+    assert failure(wire, client) == f"{wire.name}: acknowledges but not ready any more: sensor unplugged?"
+
+
+@pytest.mark.parametrize(("place", "axis"), list(enumerate(["fx", "fy", "fz", "mx", "my", "mz"])))
+def test_full_scale_0_is_named(wire: Any, place: int, axis: str) -> None:
+    words = [1] * 6
+    words[place] = 0
+    answers = dict(wire.session()) | {order: answer(words) for order, answer in wire.scales}
+    client, now = wire.begin(), T0
+    while client.phase is not Phase.FAILED:
+        (order,) = wire.orders(client, now)
+        client.receive(wire.data(answers[order]), now)
+        now += wire.step
+    assert failure(wire, client) == f"{wire.name}: full scale of {axis} is 0: calibration not read?"
+
+
+def test_a_command_without_acknowledge_fails_after_its_retries(wire: Any) -> None:
+    client = wire.begin(retries=2)
+    wire.exchange(client, T0, wire.ok, expect=wire.state)
+    second = wire.session()[1][0]
+    for attempt in range(3):
+        assert wire.orders(client, T0 + wire.step + attempt * wire.timeout) == [second]
+        client.handle_deadline(T0 + wire.step + (attempt + 1) * wire.timeout)
+    assert failure(wire, client) == f"{wire.name}: no acknowledge of {wire.second} after 3 tries"
+
+
+# --- stop and restart
+
+
+def test_a_lost_stop_is_repeated_within_its_patience(wire: Any) -> None:
+    client = wire.ready()
+    client.stop()
+    assert wire.orders(client, T0 + 10) == [wire.stop]
+    repeated_at = client.next_deadline()
+    assert repeated_at is not None
+    client.handle_deadline(repeated_at)
+    assert wire.orders(client, repeated_at) == [wire.stop]
+    assert T0 + 10 < repeated_at < T0 + 10 + client.stop_patience
+
+
+def test_stop_is_not_fooled_by_the_acknowledge_of_what_was_under_way(wire: Any) -> None:
+    client = wire.ready()
+    client.zero()
+    assert wire.orders(client, T0 + 10) == [wire.zero]
+    client.stop()
+    assert wire.orders(client, T0 + 10) == [wire.stop]
+    client.receive(wire.data(wire.ok), T0 + 10)
+    assert wire.events(client) == []
+    client.receive(wire.data(wire.boot_up), T0 + 10)
+    client.receive(wire.data(wire.not_ready), T0 + 10)
+    assert wire.events(client) == [SensorStopped()]
+    for wish in (client.zero, lambda: client.set_filter(1.0)):
+        with pytest.raises(LocalProtocolError):
+            wish()
+
+
+def test_stop_after_a_failure_still_goes_out(wire: Any) -> None:
+    client = wire.begin()
+    client.handle_deadline(T0 + 12)
+    assert failure(wire, client)
+    client.stop()
+    wire.exchange(client, T0 + 13, wire.ok, expect=wire.stop)
+    assert wire.events(client) == [SensorStopped()]
+
+
+def test_boot_up_starts_over_at_once_and_the_sequence_goes_on(wire: Any) -> None:
+    client = wire.ready()
+    before = wire.feed(client, [100, 178])
+    client.receive(wire.data(wire.boot_up), T0 + 20)
+    assert wire.events(client) == [SensorRestarted()]
+    wire.establish(client, T0 + 20)
+    assert wire.events(client) == [READY]
+    after = wire.feed(client, [5, 83], T0 + 30)
+    assert [event.sequence for event in (*before, *after)] == [100, 178, 179, 257]
+    assert client.statistics.lost == 0
+
+
+def test_boot_up_while_asking_only_asks_at_once(wire: Any) -> None:
+    client = wire.begin()
+    client.data_to_send(T0)
+    client.receive(wire.data(wire.boot_up), T0 + 0.1)
+    wire.establish(client, T0 + 0.1)
+    assert wire.events(client) == [READY]
+
+
+# --- samples
+
+
+def test_samples_before_ready_are_not_told(wire: Any) -> None:
+    client = wire.begin()
+    client.receive(wire.sample(1), T0)
+    assert wire.events(client) == []
+
+
+def test_the_counter_goes_on_over_its_wrap(wire: Any) -> None:
+    """At 10 ms the counter steps by 77.8 samples of 128.5 µs and wraps every 8.4 s."""
+    client = wire.ready()
+    counters = [int(k * 10_000 / 128.5) for k in range(1, 2000)]
+    told = wire.feed(client, counters)
+    assert [event.sequence for event in told] == counters
+    assert [event.counter for event in told] == [counter % 65536 for counter in counters]
+    assert client.statistics.lost == 0
+
+
+@settings(max_examples=60)
+@given(missing=st.sets(st.integers(1, 299), max_size=60))
+def test_lost_and_repeated_frames_are_counted(wire: Any, missing: set[int]) -> None:
+    client = wire.ready()
+    kept = [k for k in range(301) if k not in missing]
+    counters = [60_000 + int(k * 10_000 / 128.5) for k in kept]
+    told = wire.feed(client, [*counters, counters[-1]])
+    assert len(told) == len(kept)
+    assert client.statistics.lost == len(missing)
+    assert client.statistics.repeated == 1
+
+
+@settings(max_examples=60)
+@given(data=st.data())
+def test_any_split_of_the_stream_tells_the_same(wire: Any, data: st.DataObject) -> None:
+    stream = [wire.sample(65000 + 78 * k & 0xFFFF) for k in range(12) if k != 5]
+    rest = functools.reduce(operator.add, stream, wire.noise)
+    whole, parts = wire.ready(), wire.ready()
+    whole.receive(rest, T0 + 10)
+    while rest:
+        size = data.draw(st.integers(1, len(rest)))
+        parts.receive(rest[:size], T0 + 10)
+        rest = rest[size:]
+    assert wire.events(parts) == wire.events(whole)
+    assert parts.statistics == whole.statistics
+    assert parts.statistics.malformed == 1
+
+
+@settings(max_examples=100)
+@given(data=st.data())
+def test_garbage_then_a_boot_up_recovers(wire: Any, data: st.DataObject) -> None:
+    client = wire.begin()
+    client.data_to_send(T0)
+    for noise in data.draw(st.lists(wire.garbage, max_size=5)):
+        client.receive(noise, T0)
+    client.receive(wire.data(wire.boot_up), T0 + 1)
+    wire.establish(client, T0 + 1)
+    assert wire.events(client)[-1] == READY
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"cutoff_hz": 655.36}, "cutoff_hz must be at most 655.35"),
+        ({"cutoff_hz": 0.004}, "cutoff_hz must be 0.01 … 655.35, or 0 for unfiltered, got 0.004"),
+        ({"period_ms": 0.0}, "period_ms must be more than 0"),
+        ({"period_ms": 4001.0}, "period_ms must be at most 4000"),
+        ({"full_scales": (1.0, 2.0)}, "full_scales must be six values or none, got 2"),
+        ({"full_scales": (1.0,) * 5 + (0.0,)}, "full_scales must be more than 0"),
+    ],
+)
+def test_profile_refuses(wire: Any, wrong: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match="must") as caught:
+        wire.profile(**wrong)
+    assert str(caught.value).startswith(message)
