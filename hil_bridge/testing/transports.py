@@ -56,7 +56,7 @@ class Case(Protocol):
         """Whether the wire works in virtual time; else the tests take real time."""
 
     def unpack(self, data: Any) -> bytes:
-        """The bytes of what arrived."""
+        """The bytes of what arrived on a stream."""
 
 
 @dataclass(frozen=True)
@@ -98,8 +98,8 @@ class DatagramCase:
     virtual: bool = False
 
     def unpack(self, data: Any) -> bytes:
-        """The bytes of what arrived."""
-        return b"".join(data)
+        """Nothing: datagrams are not joined."""
+        return b""
 
 
 class Ear:
@@ -110,7 +110,7 @@ class Ear:
         self._news = asyncio.Event()
         self._thread = threading.get_ident()
         self.data = b""
-        """Everything that arrived, joined."""
+        """Everything that arrived on a stream, joined."""
         self.batches: list[Any] = []
         """What arrived, as it was delivered."""
         self.ends: list[TransportError] = []
