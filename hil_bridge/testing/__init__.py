@@ -9,4 +9,6 @@ except ImportError as error:
     raise ImportError("hil_bridge.testing needs pytest; install hil-bridge[testing]") from error
 
 # an assertion that fails then shows its values, as in a test module
-pytest.register_assert_rewrite("hil_bridge.testing.controllers", "hil_bridge.testing.transports")
+pytest.register_assert_rewrite(
+    *(f"{__name__}.{name}" for name in ("controllers", "datagrams", "ends", "streams"))
+)
