@@ -1,8 +1,9 @@
-"""Wires: bytes and CAN frames over memory, serial ports, pseudo-terminals, TCP, python-can; opened by URL."""
+"""Wires: bytes, CAN frames and datagrams over memory, serial ports, TCP, UDP, python-can; opened by URL."""
 
 from hil_bridge.transports.back_off import Reconnecting
-from hil_bridge.transports.base import Frames, Transport
+from hil_bridge.transports.base import Datagrams, Frames, Transport
 from hil_bridge.transports.can_queue import CanStatistics
+from hil_bridge.transports.datagram import DatagramStatistics, DatagramWire
 from hil_bridge.transports.line import LineEnd, LineNotices, Paced
 from hil_bridge.transports.listening import Listening
 from hil_bridge.transports.memory import memory_pair
@@ -14,7 +15,14 @@ from hil_bridge.transports.memory_can import (
     MemoryCanNode,
     memory_can_bus,
 )
-from hil_bridge.transports.opening import connect_bytes, connect_can, listen_bytes, listen_can
+from hil_bridge.transports.opening import (
+    connect_bytes,
+    connect_can,
+    connect_datagrams,
+    listen_bytes,
+    listen_can,
+    listen_datagrams,
+)
 from hil_bridge.transports.uart import Damaged, Flaw, LineErrors, LineSettings, Parity
 from hil_bridge.transports.usb_adapter import UsbAdapter, UsbAdapterProfile
 from hil_bridge.transports.wrappers import Delayed, Direction, Faults, Faulty, Tap
@@ -23,6 +31,9 @@ __all__ = [
     "BitErrors",
     "CanStatistics",
     "Damaged",
+    "DatagramStatistics",
+    "DatagramWire",
+    "Datagrams",
     "Delayed",
     "Direction",
     "Disturbance",
@@ -47,8 +58,10 @@ __all__ = [
     "UsbAdapterProfile",
     "connect_bytes",
     "connect_can",
+    "connect_datagrams",
     "listen_bytes",
     "listen_can",
+    "listen_datagrams",
     "memory_can_bus",
     "memory_pair",
 ]

@@ -8,11 +8,14 @@ from protocol.can import CanFrame
 
 Frames: TypeAlias = Sequence[CanFrame]
 
+Datagrams: TypeAlias = Sequence[bytes]
+"""Each one whole: what one sends as one arrives as one, or not at all."""
+
 Data = TypeVar("Data")
 
 
 class Transport(Protocol[Data]):
-    """A full-duplex wire for `bytes` or for batches of CAN frames, opened and ready.
+    """A full-duplex wire for `bytes`, for batches of CAN frames or of datagrams, opened and ready.
 
     Data is delivered by callback in the event loop's thread: no task switch lies between the wire and the
     state machine. A wrapper (pacing, latency, faults, tap) is a transport around a transport.

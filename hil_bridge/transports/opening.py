@@ -1,4 +1,4 @@
-"""Opens what a URL names: the connecting and the listening side of byte wires and CAN buses.
+"""Opens what a URL names: the connecting and the listening side of byte wires, CAN buses and datagram wires.
 
 pyserial and python-can take their time to import, so that only a wire of theirs imports them.
 """
@@ -9,7 +9,10 @@ from functools import partial
 
 from hil_bridge.clock import Clock
 from hil_bridge.transports.back_off import Notice, Reconnecting, persistent
-from hil_bridge.transports.base import Frames, Transport
+from hil_bridge.transports.base import Datagrams, Frames, Transport
+from hil_bridge.transports.datagram import DatagramWire, Path, connect_udp, listen_udp
+from hil_bridge.transports.datagram import connect_memory as connect_memory_datagrams
+from hil_bridge.transports.datagram import listen_memory as listen_memory_datagrams
 from hil_bridge.transports.line import FIFO, LineEnd, LineNotices, Paced
 from hil_bridge.transports.listening import Listening
 from hil_bridge.transports.memory import connect_memory, listen_memory
@@ -20,8 +23,10 @@ from hil_bridge.transports.uart import Damaged, LineSettings
 from hil_bridge.transports.urls import (
     CONNECT_BYTES,
     CONNECT_CAN,
+    CONNECT_DATAGRAMS,
     LISTEN_BYTES,
     LISTEN_CAN,
+    LISTEN_DATAGRAMS,
     WireUrl,
     parse_url,
     with_line,
@@ -184,3 +189,36 @@ async def _open_can(parsed: WireUrl, clock: Clock, accept: Sequence[CanFilter]) 
 
     interface = parsed.scheme.removeprefix("can+")
     return await open_python_can(interface, parsed.target, clock, parsed.text, accept, **parsed.options)
+
+
+async def connect_datagrams(url: str, clock: Clock, on_notice: Notice = _log) -> DatagramWire:
+    """Open a datagram wire on which we speak first. The other side need not be there yet.
+
+    `on_notice(kind, text)` is told of strangers and of a destination that cannot be reached. Raises ConfigError for
+    the URL, TransportUnavailable for the wire.
+    """
+    parsed = parse_url(url, CONNECT_DATAGRAMS)
+    if parsed.scheme == "udp":
+        return await connect_udp(parsed.host_port, clock, url, on_notice)
+    return connect_memory_datagrams(parsed.target, _path(parsed), clock, on_notice)
+
+
+async def listen_datagrams(url: str, clock: Clock, on_notice: Notice = _log) -> Listening[Datagrams]:
+    """Open a datagram wire on which the other side speaks first. It ends by our close alone.
+
+    As `connect_datagrams`. Raises ConfigError for the URL, TransportUnavailable for the wire.
+    """
+    parsed = parse_url(url, LISTEN_DATAGRAMS)
+    refuse = parsed.options.get("strangers") == "refuse"
+    if parsed.scheme == "udp-bind":
+        wire, host, port = await listen_udp(parsed.host_port, clock, url, on_notice, refuse)
+        return Listening(wire, f"udp://{_authority(host, port)}")
+    memory = listen_memory_datagrams(parsed.target, _path(parsed), clock, on_notice, refuse)
+    return Listening(memory, f"udp+memory:{parsed.target}")
+
+
+def _path(parsed: WireUrl) -> Path:
+    options = parsed.options
+    times = {f"{key}_s": options.get(f"{key}_ms", 0.0) / 1e3 for key in ("latency", "jitter")}
+    chances = {key: options[key] for key in ("loss", "duplicate", "reorder", "seed") if key in options}
+    return Path(**times, **chances)

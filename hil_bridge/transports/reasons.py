@@ -37,6 +37,12 @@ _NET_ADVICE = {
     errno.EADDRNOTAVAIL: "this address is not one of this computer's",
     errno.EACCES: "no permission; ports below 1024 need it",
 }
+_UDP_ADVICE = {
+    **_NET_ADVICE,
+    errno.EACCES: "no permission: a port below 1024 needs it, and a broadcast address cannot be used",
+    errno.EINVAL: "this computer has not the address any more with which the wire was opened; check its network",
+    errno.EMSGSIZE: "the datagram is larger than this network carries",
+}
 ADVICE = {
     "serial": _PORT_ADVICE,
     "can+slcan": _PORT_ADVICE,
@@ -44,6 +50,7 @@ ADVICE = {
     "can+socketcan": _CAN_ADVICE,
     "tcp": _NET_ADVICE,
     "tcp-listen": _NET_ADVICE,
+    "udp": _UDP_ADVICE,
 }
 
 
@@ -59,12 +66,12 @@ class BusOff(Exception):
 
 def unavailable(scheme: str, name: str, target: str, error: BaseException) -> TransportUnavailable:
     """Why a wire could not be opened."""
-    return TransportUnavailable(f"{name}: cannot be opened: {_reason(scheme, target, error)}")
+    return TransportUnavailable(f"{name}: cannot be opened: {reason(scheme, target, error)}")
 
 
 def broken(scheme: str, name: str, target: str, error: BaseException) -> TransportBroken:
     """Why an open wire broke."""
-    return TransportBroken(f"{name}: broke: {_reason(scheme, target, error)}")
+    return TransportBroken(f"{name}: broke: {reason(scheme, target, error)}")
 
 
 def error_number(error: BaseException | None) -> int | None:
@@ -79,7 +86,8 @@ def error_number(error: BaseException | None) -> int | None:
     return None
 
 
-def _reason(scheme: str, target: str, error: BaseException) -> str:
+def reason(scheme: str, target: str, error: BaseException) -> str:
+    """What an error means and what to do."""
     number = error_number(error)
     if number is not None and number in ADVICE.get(scheme, {}):
         return ADVICE[scheme][number].format(target=target)

@@ -9,6 +9,8 @@
 | `can+memory:NAME?bitrate=1000000` | the same |
 | `can+socketcan://vcan0`, `can+virtual://channel` | the same |
 | `can+slcan:///dev/ttyACM0?bitrate=1000000&tty_baudrate=115200` | |
+| `udp://host:port` | `udp-bind://127.0.0.1:6510?strangers=refuse` |
+| `udp+memory:NAME?latency_ms=5&jitter_ms=1&loss=0.01&duplicate=0.01&reorder=0.01&seed=7` | the same, and `strangers` |
 
 A baud rate on a wire that is no serial port means that bytes are paced as on such a line. Without more said a
 line has 9600 baud, no parity and one stop bit.
@@ -27,6 +29,14 @@ Options of a TCP connection:
 - `connect_s=30`: for how long to try to connect, at growing intervals; by default once.
 - `reconnect_s=30`: a connection that broke is made again for this long, and what was under way is lost; by default
   it ends the run. While it is away nothing is heard of the device: time limits above this wire still hold.
+
+Datagrams: `udp` speaks first, and takes the datagrams of that host and port alone. `udp-bind` waits for the other
+side to speak first, and answers the side that spoke last.
+- `strangers=follow` or `refuse`: a second side that speaks while the first is in use becomes the one that is
+  answered, or is refused; by default `follow`. It is counted either way.
+- `latency_ms`, `jitter_ms`: every datagram takes so long, and up to so much longer.
+- `loss`, `duplicate`, `reorder`: probabilities that a datagram is lost, comes twice, comes behind the next one. The
+  draws repeat with the `seed`. Each end's options are those of its own path to the network, both ways.
 
 Nothing listens beyond this computer unless its URL names a host that does.
 """
@@ -67,7 +77,7 @@ class WireUrl:
 
     @property
     def host_port(self) -> tuple[str, int]:
-        """Host and port of a TCP wire."""
+        """Host and port of a TCP or UDP wire."""
         host, _, port = self.target.rpartition(":")
         return host.strip("[]"), int(port)
 
@@ -90,6 +100,22 @@ def _milliseconds(text: str) -> float:
     if not 0.0 <= value < math.inf:
         raise ValueError("a number of milliseconds, 0 or more")
     return value
+
+
+def _probability(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0.0 <= value <= 1.0:
+        raise ValueError("a probability from 0 to 1")
+    return value
+
+
+def _seed(text: str) -> int:
+    if not (text.isascii() and text.isdigit() and len(text) <= _DIGITS):
+        raise ValueError("a whole number, 0 or more")
+    return int(text)
 
 
 def _seconds(text: str) -> float:
@@ -136,6 +162,15 @@ _LINE = {"baudrate": _whole, "parity": _one_of(tuple(Parity)), "stopbits": _one_
 _USB = {"usb_latency_ms": _usb_latency}
 _DAMAGED = {"damaged": _one_of(tuple(Damaged))}
 _PATIENCE = {"connect_s": _seconds, "reconnect_s": _seconds}
+_STRANGERS = {"strangers": _one_of(("follow", "refuse"))}
+_NETWORK = {
+    "latency_ms": _milliseconds,
+    "jitter_ms": _milliseconds,
+    "loss": _probability,
+    "duplicate": _probability,
+    "reorder": _probability,
+    "seed": _seed,
+}
 _PORT, _NAME, _CHANNEL = "///dev/ttyUSB0", "NAME", "//vcan0"
 _MEMORY_CAN = _Scheme(_NAME, {"bitrate": _whole})
 _CAN_CHANNEL = _Scheme(_CHANNEL, {})
@@ -152,6 +187,10 @@ CONNECT_CAN = {
     "can+virtual": _CAN_CHANNEL,
     "can+slcan": _Scheme("///dev/ttyACM0", {"bitrate": _one_of(SLCAN_BITRATES), "tty_baudrate": _whole}),
 }
+CONNECT_DATAGRAMS = {
+    "udp": _Scheme("//127.0.0.1:49152", {}),
+    "udp+memory": _Scheme(_NAME, _NETWORK),
+}
 LISTEN_BYTES = {
     "pty": _Scheme("", {"link": _path, **_LINE, **_DAMAGED, **_USB}),
     "tcp-listen": _Scheme("//127.0.0.1:0", {**_LINE, **_USB}),
@@ -163,9 +202,13 @@ LISTEN_CAN = {
     "can+socketcan": _CAN_CHANNEL,
     "can+virtual": _CAN_CHANNEL,
 }
+LISTEN_DATAGRAMS = {
+    "udp-bind": _Scheme("//127.0.0.1:6510", _STRANGERS),
+    "udp+memory": _Scheme(_NAME, {**_NETWORK, **_STRANGERS}),
+}
 
 
-_HOST_PORT = {"tcp": 1, "rfc2217": 1, "tcp-listen": 0, "rfc2217-listen": 0}
+_HOST_PORT = {"tcp": 1, "rfc2217": 1, "udp": 1, "tcp-listen": 0, "rfc2217-listen": 0, "udp-bind": 0}
 """Schemes whose target is a host with a port, and the lowest port; 0 lets the system choose one."""
 
 

@@ -8,8 +8,25 @@ from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.compose import Ports, emulated_cell, slcan_address
 from hil_bridge.config import load_config
 from hil_bridge.errors import ConfigError
-from hil_bridge.transports import LineSettings, Parity, connect_bytes, connect_can, listen_bytes, listen_can
-from hil_bridge.transports.urls import CONNECT_BYTES, CONNECT_CAN, LISTEN_BYTES, parse_url, with_line
+from hil_bridge.transports import (
+    LineSettings,
+    Parity,
+    connect_bytes,
+    connect_can,
+    connect_datagrams,
+    listen_bytes,
+    listen_can,
+    listen_datagrams,
+)
+from hil_bridge.transports.urls import (
+    CONNECT_BYTES,
+    CONNECT_CAN,
+    CONNECT_DATAGRAMS,
+    LISTEN_BYTES,
+    LISTEN_DATAGRAMS,
+    parse_url,
+    with_line,
+)
 
 UNDERSTOOD = [
     (
@@ -31,6 +48,10 @@ UNDERSTOOD = [
     (CONNECT_BYTES, "rfc2217://127.0.0.1:7?parity=E", "127.0.0.1:7", LineSettings(9600, Parity.EVEN)),
     (CONNECT_CAN, "can+socketcan://vcan0", "vcan0", None),
     (CONNECT_CAN, "can+slcan:///dev/ttyACM0?bitrate=1000000&tty_baudrate=115200", "/dev/ttyACM0", None),
+    (CONNECT_DATAGRAMS, "udp://192.168.1.1:49152", "192.168.1.1:49152", None),
+    (LISTEN_DATAGRAMS, "udp-bind://0.0.0.0:6510?strangers=refuse", "0.0.0.0:6510", None),
+    (LISTEN_DATAGRAMS, "udp-bind://[::1]:0", "[::1]:0", None),
+    (CONNECT_DATAGRAMS, "udp+memory:robot", "robot", None),
 ]
 
 
@@ -57,6 +78,15 @@ def test_options_have_their_types() -> None:
     assert parse_url("memory:a?latency_ms=0.5", CONNECT_BYTES).options == {"latency_ms": 0.5}
     assert parse_url("can+slcan:///dev/x?bitrate=500000", CONNECT_CAN).options == {"bitrate": 500_000}
     assert parse_url("tcp://[::1]:80", CONNECT_BYTES).host_port == ("::1", 80)
+    url = "udp+memory:a?latency_ms=5&jitter_ms=0.5&loss=0.01&duplicate=0&reorder=1&seed=0"
+    assert parse_url(url, CONNECT_DATAGRAMS).options == {
+        "latency_ms": 5.0,
+        "jitter_ms": 0.5,
+        "loss": 0.01,
+        "duplicate": 0.0,
+        "reorder": 1.0,
+        "seed": 0,
+    }
 
 
 REFUSED = [
@@ -111,6 +141,32 @@ REFUSED = [
         "unknown scheme 'serial'; allowed: pty, tcp-listen, rfc2217-listen, memory",
     ),
     (listen_can, "can+slcan:///dev/x", "unknown scheme"),
+    (
+        connect_datagrams,
+        "tcp://127.0.0.1:1",
+        "unknown scheme 'tcp'; allowed: udp, udp+memory; for example udp://127",
+    ),
+    (connect_datagrams, "udp-bind://127.0.0.1:1", "unknown scheme 'udp-bind'; allowed: udp, udp+memory"),
+    (connect_datagrams, "udp://127.0.0.1:0", "host and port must be like 127.0.0.1:4000"),
+    (connect_datagrams, "udp://:6510", "host and port must be like 127.0.0.1:4000"),
+    (connect_datagrams, "udp://127.0.0.1:1?loss=0.1", "unknown option 'loss'; allowed: none"),
+    (connect_datagrams, "udp+memory:", "the target is missing; for example udp+memory:NAME"),
+    (connect_datagrams, "udp+memory:a?strangers=refuse", "allowed: latency_ms, jitter_ms, loss, duplicate"),
+    (connect_datagrams, "udp+memory:a?loss=1.1", "loss must be a probability from 0 to 1, got '1.1'"),
+    (connect_datagrams, "udp+memory:a?reorder=nan", "reorder must be a probability from 0 to 1, got 'nan'"),
+    (connect_datagrams, "udp+memory:a?duplicate=often", "duplicate must be a probability from 0 to 1"),
+    (connect_datagrams, "udp+memory:a?jitter_ms=-1", "jitter_ms must be a number of milliseconds, 0 or more"),
+    (connect_datagrams, "udp+memory:a?seed=-1", "seed must be a whole number, 0 or more, got '-1'"),
+    (connect_datagrams, "udp+memory:a?seed=1&seed=2", "'seed' is given twice"),
+    (listen_datagrams, "udp://127.0.0.1:1", "unknown scheme 'udp'; allowed: udp-bind, udp+memory"),
+    (listen_datagrams, "udp-bind://:6510", "host and port must be like 127.0.0.1:4000"),
+    (listen_datagrams, "udp-bind:6510", "host and port must be like 127.0.0.1:4000"),
+    (listen_datagrams, "udp-bind://127.0.0.1:65536", "host and port must be like 127.0.0.1:4000"),
+    (
+        listen_datagrams,
+        "udp-bind://h:1?strangers=maybe",
+        "strangers must be one of follow, refuse, got 'maybe'",
+    ),
 ]
 
 

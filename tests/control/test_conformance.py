@@ -5,8 +5,9 @@ from dataclasses import dataclass
 import pytest
 from pydantic import ValidationError
 
-from hil_bridge.control import CONTROLLERS, Command, conformance, make_controller
-from hil_bridge.control.conformance import *  # noqa: F403
+from hil_bridge.control import CONTROLLERS, Command, make_controller
+from hil_bridge.testing import controllers
+from hil_bridge.testing.controllers import *  # noqa: F403
 
 OURS = [(name, {}) for name in CONTROLLERS]
 VARIANTS = [
@@ -109,13 +110,13 @@ class Mistyped(Proportional):
 )
 def test_a_spoilt_controller_fails(kind, test):
     with pytest.raises((AssertionError, pytest.fail.Exception, ValidationError)):
-        getattr(conformance, test)(kind())
+        getattr(controllers, test)(kind())
 
 
 def test_a_controller_that_believes_everything_fails():
     with pytest.raises(AssertionError, match="force nan"):
-        conformance.test_measurement_that_is_not_a_number_moves_nothing(Trusting(), "force", float("nan"))
+        controllers.test_measurement_that_is_not_a_number_moves_nothing(Trusting(), "force", float("nan"))
 
 
 def test_every_test_is_offered():
-    assert set(conformance.__all__) == {name for name in dir(conformance) if name.startswith("test_")}
+    assert set(controllers.__all__) == {name for name in dir(controllers) if name.startswith("test_")}

@@ -144,7 +144,7 @@ def test_conformance_is_a_one_line_import_for_others(install, tmp_path):
     module.write_text(
         dedent("""
         import pytest
-        from hil_bridge.control.conformance import *
+        from hil_bridge.testing.controllers import *
         from lab_control import Steady
 
         @pytest.fixture

@@ -1,7 +1,7 @@
 """Tests that every force controller has to pass, for the test module of whoever writes one.
 
     import pytest
-    from hil_bridge.control.conformance import *
+    from hil_bridge.testing.controllers import *
     from my_package.control import MyController
 
     @pytest.fixture

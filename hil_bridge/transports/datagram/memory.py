@@ -1,0 +1,227 @@
+"""A network of datagrams inside one event loop, exact in virtual time; what goes wrong on it repeats with the seed.
+
+Each end has a path to the network, with its own delays and faults, which a datagram passes when it is sent and when
+it arrives. The two directions of a path draw their own numbers.
+"""
+
+import asyncio
+import itertools
+import random
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import partial
+from weakref import WeakKeyDictionary
+
+from hil_bridge.clock import Clock, Timer
+from hil_bridge.errors import TransportBroken, TransportError, TransportUnavailable
+from hil_bridge.transports.back_off import Notice
+from hil_bridge.transports.base import Datagrams
+from hil_bridge.transports.datagram.peer import Notices, Peer
+from hil_bridge.transports.datagram.statistics import QUEUE_DATAGRAMS, DatagramStatistics, check_sizes
+from hil_bridge.transports.delivery import Delivery, TimedQueue
+from protocol.datagram import Datagram
+
+HELD_S = 0.1
+"""For how long a datagram waits for the next one to overtake it, s. Chosen: several cycles of a streaming robot."""
+
+
+@dataclass(frozen=True, slots=True)
+class Path:
+    """Delays and faults between one end and the network, the same for both directions."""
+
+    latency_s: float = 0.0
+    """Time that every datagram takes, s."""
+    jitter_s: float = 0.0
+    """Time that a datagram may take longer, s; drawn evenly from 0 to this. It does not change the order."""
+    loss: float = 0.0
+    """Probability that a datagram is lost, 0 … 1."""
+    duplicate: float = 0.0
+    """Probability that a datagram arrives twice, 0 … 1."""
+    reorder: float = 0.0
+    """Probability that a datagram comes right behind the next one, or after `HELD_S` without one; 0 … 1."""
+    seed: int = 0
+    """Of the numbers that are drawn."""
+
+    @property
+    def changes_nothing(self) -> bool:
+        """Whether every datagram passes at once."""
+        return not (self.latency_s or self.jitter_s or self.loss or self.duplicate or self.reorder)
+
+
+@dataclass(slots=True)
+class _Network:
+    """The ends of one event loop by address: a listener has its name, a client its name and a number."""
+
+    ends: dict[str, "MemoryDatagrams"] = field(default_factory=dict)
+    numbers: "itertools.count[int]" = field(default_factory=lambda: itertools.count(1))
+
+
+_NETWORKS: WeakKeyDictionary[asyncio.AbstractEventLoop, _Network] = WeakKeyDictionary()
+
+
+def listen_memory(
+    name: str, path: Path, clock: Clock, on_notice: Notice, refuse_strangers: bool = False
+) -> "MemoryDatagrams":
+    """Wait under this name for datagrams of clients in this loop. Raises TransportUnavailable if taken."""
+    network = _NETWORKS.setdefault(clock.loop, _Network())
+    if name in network.ends:
+        raise TransportUnavailable(
+            f"udp+memory:{name}: another listens under this name already; choose another"
+        )
+    return MemoryDatagrams(name, Peer(refuse=refuse_strangers), path, clock, on_notice)
+
+
+def connect_memory(name: str, path: Path, clock: Clock, on_notice: Notice) -> "MemoryDatagrams":
+    """Speak to the listener of this name in this loop. It may come later: what is sent before is counted."""
+    network = _NETWORKS.setdefault(clock.loop, _Network())
+    return MemoryDatagrams(f"{name}#{next(network.numbers)}", Peer(name), path, clock, on_notice)
+
+
+class MemoryDatagrams:
+    """One end: a transport of datagrams over the network of its loop."""
+
+    __slots__ = (
+        "_address",
+        "_arriving",
+        "_clock",
+        "_counts",
+        "_delivery",
+        "_ends",
+        "_leaving",
+        "_notices",
+        "_peer",
+    )
+
+    def __init__(self, address: str, peer: Peer[str], path: Path, clock: Clock, on_notice: Notice) -> None:
+        name, _, number = address.partition("#")
+        self._address = address
+        self._peer = peer
+        self._clock = clock
+        self._delivery: Delivery[Datagrams] = Delivery(f"udp+memory:{name}", QUEUE_DATAGRAMS)
+        self._notices = Notices(clock.now, on_notice)
+        self._counts = {"sent": 0, "received": 0, "dropped": 0, "unreachable": 0}
+        self._leaving = _Direction(path, f"{path.seed} {number} out", clock)
+        self._arriving = None if path.changes_nothing else _Direction(path, f"{path.seed} {number} in", clock)
+        self._ends = _NETWORKS.setdefault(clock.loop, _Network()).ends
+        self._ends[address] = self
+
+    @property
+    def name(self) -> str:
+        return self._delivery.name
+
+    @property
+    def statistics(self) -> DatagramStatistics:
+        """Counts since it was opened."""
+        leaving, arriving = self._leaving, self._arriving
+        return DatagramStatistics(
+            **self._counts,
+            strangers=self._peer.strangers,
+            refused=self._peer.refused,
+            overruns=self._delivery.overruns + (arriving.full if arriving else 0),
+            lost=leaving.lost + (arriving.lost if arriving else 0),
+            duplicated=leaving.duplicated + (arriving.duplicated if arriving else 0),
+        )
+
+    def start(self, on_data: Callable[[Datagrams], None], on_end: Callable[[TransportError], None]) -> None:
+        self._delivery.start(on_data, on_end)
+
+    def send(self, data: Datagrams) -> None:
+        self._delivery.check()
+        check_sizes(self.name, data)
+        target = self._peer.address
+        for datagram in data:
+            taken = target is not None and self._leaving.put(partial(self._reach, bytes(datagram), target))
+            self._counts["sent" if taken else "dropped"] += 1
+
+    def cut(self) -> None:
+        """Cut the cable: this end ends with TransportBroken, and the others hear nothing more of it."""
+        self._leave_network()
+        self._delivery.end(TransportBroken(f"{self.name}: the cable was cut"))
+
+    async def aclose(self) -> None:
+        if self._delivery.begin_close():
+            self._leave_network()
+            self._delivery.closed()
+
+    def _leave_network(self) -> None:
+        if self._ends.get(self._address) is self:
+            del self._ends[self._address]
+
+    def _reach(self, datagram: bytes, target: str) -> None:
+        """A datagram of ours has come to the other end's side of the network."""
+        there = self._ends.get(target)
+        if there is None:
+            self._counts["unreachable"] += 1
+            self._notices.tell("unreachable", f"{self.name}: nobody listens there; start the other side")
+        elif there._arriving is None:
+            there._take(datagram, self._address)
+        else:
+            there._arriving.put(partial(there._take, datagram, self._address))
+
+    def _take(self, datagram: bytes, source: str) -> None:
+        delivery, now = self._delivery, self._clock.now()
+        if delivery.ended is not None:
+            return
+        if not self._peer.takes(source, now):
+            self._notices.tell("stranger", f"{self.name}: datagrams of {source} are refused")
+            return
+        overruns = delivery.overruns
+        delivery.data([Datagram(datagram, now)])
+        self._counts["received"] += overruns == delivery.overruns
+
+
+class _Direction:
+    """One direction of a path."""
+
+    __slots__ = ("_clock", "_draw", "_held", "_path", "_queue", "_timer", "duplicated", "full", "lost")
+
+    def __init__(self, path: Path, seed: str, clock: Clock) -> None:
+        self._path = path
+        self._clock = clock
+        self._draw = None if path.changes_nothing else random.Random(seed).random
+        self._queue = TimedQueue(clock)
+        self._held: Callable[[], None] | None = None
+        self._timer: Timer | None = None
+        self.lost = 0
+        """Datagrams lost."""
+        self.duplicated = 0
+        """Copies made."""
+        self.full = 0
+        """Datagrams for which there was no room."""
+
+    def put(self, action: Callable[[], None]) -> bool:
+        """Act when the datagram has passed, never at once. Whether there was room for it."""
+        if self._queue.weight >= QUEUE_DATAGRAMS:
+            self.full += 1
+            return False
+        path, draw = self._path, self._draw
+        if draw is None:
+            self._queue.put(action, 1, 0.0)
+            return True
+        # all are drawn for every datagram, so that one probability does not shift the others' draws
+        lost, doubled, overtaken = draw() < path.loss, draw() < path.duplicate, draw() < path.reorder
+        delay, delay_of_copy = (path.latency_s + path.jitter_s * draw() for _ in range(2))
+        if lost:
+            self.lost += 1
+        elif overtaken and self._held is None:
+            self._held = partial(self._pass, action, doubled, delay, delay_of_copy)
+            self._timer = self._clock.call_at(self._clock.now() + HELD_S, self._release)
+        else:
+            self._pass(action, doubled, delay, delay_of_copy)
+            self._release()
+        return True
+
+    def _pass(self, action: Callable[[], None], doubled: bool, delay: float, delay_of_copy: float) -> None:
+        self._queue.put(action, 1, delay)
+        if doubled:
+            self.duplicated += 1
+            self._queue.put(action, 1, delay_of_copy)
+
+    def _release(self) -> None:
+        """Let the datagram go that was held."""
+        held, self._held = self._held, None
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+        if held is not None:
+            held()

@@ -1,0 +1,67 @@
+"""Which address a datagram wire speaks with."""
+
+from collections.abc import Callable, Hashable
+from typing import Generic, TypeVar
+
+from hil_bridge.transports.back_off import Notice
+
+Address = TypeVar("Address", bound=Hashable)
+
+IN_USE_S = 1.0
+"""For how long a peer that has spoken is in use, s. Chosen: a streaming robot speaks a hundred times within it, and
+one that restarts with another port takes longer to come back."""
+
+TELL_AGAIN_S = 1.0
+"""Least time between two notices of one kind, s. Chosen: a stream of refused datagrams must not fill the record."""
+
+
+class Notices:
+    """Hands notices on, at most one of a kind for each `TELL_AGAIN_S`."""
+
+    __slots__ = ("_now", "_on_notice", "_told_at")
+
+    def __init__(self, now: Callable[[], float], on_notice: Notice) -> None:
+        self._now = now
+        self._on_notice = on_notice
+        self._told_at: dict[str, float] = {}
+
+    def tell(self, kind: str, text: str) -> None:
+        """Hand on, unless this kind was told just now."""
+        now = self._now()
+        if now - self._told_at.get(kind, float("-inf")) >= TELL_AGAIN_S:
+            self._told_at[kind] = now
+            self._on_notice(kind, text)
+
+
+class Peer(Generic[Address]):
+    """The other side of a wire. It is fixed when an address is given, else it is the side that spoke last.
+
+    A stranger is another address that speaks while the peer is in use. It becomes the peer, or it is refused.
+    """
+
+    __slots__ = ("_fixed", "_refuse", "_spoke_at", "address", "refused", "strangers")
+
+    def __init__(self, address: Address | None = None, refuse: bool = False) -> None:
+        self.address = address
+        """Where to send to, or None before the other side has spoken."""
+        self.strangers = 0
+        """Datagrams of strangers."""
+        self.refused = 0
+        """Those of them that were not taken."""
+        self._fixed = address is not None
+        self._refuse = refuse
+        self._spoke_at = float("-inf")
+
+    def takes(self, source: Address, now: float) -> bool:
+        """Whether a datagram of this source that came at `now`, s, is taken."""
+        if source != self.address and self._is_used(now):
+            self.strangers += 1
+            if self._fixed or self._refuse:
+                self.refused += 1
+                return False
+        if not self._fixed:
+            self.address, self._spoke_at = source, now
+        return True
+
+    def _is_used(self, now: float) -> bool:
+        return self._fixed or now - self._spoke_at < IN_USE_S

@@ -1,0 +1,367 @@
+"""Datagrams in virtual time beyond the suite: exact times, faults by seed, peers, and an endpoint over a lossy wire."""
+
+from asyncio import sleep as pass_time  # in virtual time, where nothing waits
+from collections import deque
+from typing import Any
+
+import pytest
+
+from hil_bridge.clock import Clock, run_virtual
+from hil_bridge.errors import TransportClosed, TransportError, TransportUnavailable
+from hil_bridge.pump import Pump
+from hil_bridge.transports import Datagrams, Direction, Tap, connect_datagrams, listen_datagrams
+from hil_bridge.transports.datagram.memory import HELD_S
+from hil_bridge.transports.datagram.peer import IN_USE_S, Notices, Peer
+from hil_bridge.transports.datagram.statistics import QUEUE_DATAGRAMS
+from protocol.datagram import Datagram, arrived_at
+
+
+class Log:
+    """Each datagram that arrives, with the time of its arrival and what its wire has stamped."""
+
+    def __init__(self, wire: Any, clock: Clock) -> None:
+        self.items: list[tuple[float, bytes]] = []
+        self.stamps: list[float] = []
+        self.ends: list[TransportError] = []
+        self._clock = clock
+        wire.start(self._arrived, self.ends.append)
+
+    def _arrived(self, data: Datagrams) -> None:
+        self.items += [(self._clock.now(), datagram) for datagram in data]
+        self.stamps += [arrived_at(datagram, -1.0) for datagram in data]
+
+    @property
+    def datagrams(self) -> list[bytes]:
+        return [datagram for _, datagram in self.items]
+
+
+async def _pair(clock: Clock, client: str = "", listener: str = "") -> tuple[Any, Any]:
+    listening = await listen_datagrams(f"udp+memory:robot{listener}", clock)
+    return await connect_datagrams(listening.address + client, clock), listening.transport
+
+
+def test_a_datagram_is_its_bytes_with_a_time() -> None:
+    datagram = Datagram(b"abc", 1.5)
+    assert datagram == b"abc"
+    assert hash(datagram) == hash(b"abc")
+    assert arrived_at(datagram, 2.0) == 1.5
+    assert arrived_at(Datagram(b"abc"), 2.0) == 2.0
+    assert arrived_at(b"abc", 2.0) == 2.0
+
+
+def test_the_delays_of_both_paths_add_up_exactly() -> None:
+    async def main() -> None:
+        clock = Clock.running()
+        left, right = await _pair(clock, "?latency_ms=2", "?latency_ms=0.5")
+        here, there = Log(left, clock), Log(right, clock)
+        start = clock.now()
+        left.send([b"a", b"b"])
+        await pass_time(0.1)
+        right.send([b"c"])
+        await pass_time(0.1)
+        assert there.items == [(start + 0.002 + 0.0005, b"a"), (start + 0.002 + 0.0005, b"b")]
+        assert here.items == [(start + 0.1 + 0.0005 + 0.002, b"c")]
+        assert there.stamps == [at for at, _ in there.items]
+
+    run_virtual(main)
+
+
+def test_jitter_lies_in_its_bounds_and_keeps_the_order() -> None:
+    async def main() -> None:
+        clock = Clock.running()
+        left, right = await _pair(clock, "?latency_ms=2&jitter_ms=5&seed=1")
+        there, sent = Log(right, clock), []
+        for k in range(200):
+            sent.append(clock.now())
+            left.send([b"%d" % k])
+            await pass_time(0.001)
+        await pass_time(0.1)
+        assert there.datagrams == [b"%d" % k for k in range(200)]
+        took = [at - begun for (at, _), begun in zip(there.items, sent, strict=True)]
+        assert min(took) >= 0.002
+        assert 0.006 < max(took) <= 0.007 + 1e-9
+
+    run_virtual(main)
+
+
+def _run(client: str, count: int = 2000) -> tuple[list[tuple[float, bytes]], Any]:
+    """What arrives of numbered datagrams every 4 ms, and the counts of the sender."""
+    result: list[Any] = []
+
+    async def main() -> None:
+        clock = Clock.running()
+        left, right = await _pair(clock, client)
+        there = Log(right, clock)
+        for k in range(count):
+            left.send([b"%d" % k])
+            await pass_time(0.004)
+        await pass_time(1.0)
+        result.extend((there.items, left.statistics))
+
+    run_virtual(main)
+    return result[0], result[1]
+
+
+def test_faults_come_at_their_rate_and_repeat_with_the_seed() -> None:
+    faults = "?loss=0.1&duplicate=0.05&reorder=0.02&jitter_ms=1"
+    items, counts = _run(faults + "&seed=7")
+    assert (items, counts) == _run(faults + "&seed=7")
+    assert items != _run(faults + "&seed=8")[0]
+    assert 150 < counts.lost < 250
+    assert 60 < counts.duplicated < 120
+    assert len(items) == counts.sent + counts.duplicated - counts.lost
+
+
+def test_one_fault_does_not_shift_the_draws_of_another() -> None:
+    def lost(options: str) -> set[bytes]:
+        heard = {datagram for _, datagram in _run(f"?loss=0.1&seed=7{options}", 500)[0]}
+        return {b"%d" % k for k in range(500)} - heard
+
+    assert lost("") == lost("&duplicate=0.3&reorder=0.2&jitter_ms=3") != set()
+
+
+def test_the_directions_draw_their_own_numbers() -> None:
+    def heard(answers: int) -> list[bytes]:
+        log: list[Log] = []
+
+        async def main() -> None:
+            clock = Clock.running()
+            left, right = await _pair(clock, "?loss=0.3&seed=5")
+            log.append(Log(right, clock))
+            for k in range(100):
+                left.send([b"%d" % k])
+                await pass_time(0.01)
+                right.send([b"answer"] * answers)
+
+        run_virtual(main)
+        return log[0].datagrams
+
+    assert heard(0) == heard(1) == heard(3)
+
+
+def test_a_reordered_datagram_comes_right_behind_the_next() -> None:
+    items, _ = _run("?reorder=0.1&seed=2", 400)
+    numbers = [int(datagram) for _, datagram in items]
+    assert sorted(numbers) == list(range(400))
+    moved = [k for k, number in enumerate(numbers) if number != k]
+    assert 30 < len(moved) < 120
+    assert all(abs(numbers[k] - k) == 1 for k in moved)
+
+
+def test_a_reordered_datagram_without_a_next_comes_in_the_end() -> None:
+    async def main() -> None:
+        clock = Clock.running()
+        left, right = await _pair(clock, "?reorder=1&latency_ms=1")
+        there, start = Log(right, clock), clock.now()
+        left.send([b"alone"])
+        await pass_time(1.0)
+        assert there.datagrams == [b"alone"]
+        assert there.items[0][0] == pytest.approx(start + HELD_S + 0.001, abs=1e-12)
+
+    run_virtual(main)
+
+
+def test_a_network_that_is_full_drops_and_counts() -> None:
+    async def main() -> None:
+        clock = Clock.running()
+        left, right = await _pair(clock, "?latency_ms=10")
+        left.send([b"x"] * (QUEUE_DATAGRAMS + 5))
+        assert (left.statistics.sent, left.statistics.dropped) == (QUEUE_DATAGRAMS, 5)
+        await pass_time(0.1)
+        left.send([b"x"] * 3)
+        await pass_time(0.1)
+        there = Log(right, clock)
+        assert len(there.items) == QUEUE_DATAGRAMS
+        assert right.statistics.overruns == 3
+
+    run_virtual(main)
+
+
+def test_a_client_may_come_before_the_listener() -> None:
+    notices: list[tuple[str, str]] = []
+
+    async def main() -> None:
+        clock = Clock.running()
+        left = await connect_datagrams("udp+memory:robot", clock, lambda *notice: notices.append(notice))
+        for _ in range(20):
+            left.send([b"anybody there"])
+            await pass_time(0.1)
+        assert left.statistics.unreachable == 20
+        told = "udp+memory:robot: nobody listens there; start the other side"
+        assert notices == [("unreachable", told)] * 2  # at most one a second
+        listening = await listen_datagrams("udp+memory:robot", clock)
+        there = Log(listening.transport, clock)
+        left.send([b"hello"])
+        await pass_time(0.1)
+        assert there.datagrams == [b"hello"]
+        with pytest.raises(TransportUnavailable, match="another listens under this name already"):
+            await listen_datagrams("udp+memory:robot", clock)
+        await listening.transport.aclose()
+        await (await listen_datagrams("udp+memory:robot", clock)).transport.aclose()
+
+    run_virtual(main)
+
+
+@pytest.mark.parametrize("strangers", ["follow", "refuse"])
+def test_answers_go_to_the_client_that_spoke_last(strangers: str) -> None:
+    async def main() -> None:
+        clock = Clock.running()
+        first, right = await _pair(clock, listener=f"?strangers={strangers}")
+        second = await connect_datagrams("udp+memory:robot", clock)
+        one, two, there = Log(first, clock), Log(second, clock), Log(right, clock)
+        first.send([b"first"])
+        await pass_time(0.1)
+        second.send([b"second"])
+        await pass_time(0.1)
+        right.send([b"answer"])
+        await pass_time(0.1)
+        refused = strangers == "refuse"
+        assert (one.datagrams, two.datagrams) == (([b"answer"], []) if refused else ([], [b"answer"]))
+        assert there.datagrams == ([b"first"] if refused else [b"first", b"second"])
+        assert (right.statistics.strangers, right.statistics.refused) == (1, refused)
+        await pass_time(IN_USE_S)
+        second.send([b"again"])
+        await pass_time(0.1)
+        assert there.datagrams[-1] == b"again"
+        assert right.statistics.strangers == 1
+
+    run_virtual(main)
+
+
+def test_a_fixed_peer_stays_the_one_that_is_heard() -> None:
+    peer = Peer("device")
+    assert peer.takes("device", 0.0)
+    assert not peer.takes("other", 1000.0)
+    assert (peer.address, peer.strangers, peer.refused) == ("device", 1, 1)
+
+
+def test_a_kind_of_notice_is_told_once_a_second() -> None:
+    times = iter((0.0, 0.5, 0.5, 1.0, 1.9, 2.0))
+    told: list[tuple[str, str]] = []
+    notices = Notices(lambda: next(times), lambda kind, text: told.append((kind, text)))
+    for k, kind in enumerate("aabaaa"):
+        notices.tell(kind, str(k))
+    assert told == [("a", "0"), ("b", "2"), ("a", "3"), ("a", "5")]
+
+
+def test_a_tap_shows_datagrams() -> None:
+    async def main() -> None:
+        clock = Clock.running()
+        left, right = await _pair(clock)
+        seen: list[tuple[Direction, list[bytes]]] = []
+        tap: Any = Tap(left, lambda direction, data: seen.append((direction, list(data))))
+        Log(tap, clock)
+        Log(right, clock)
+        tap.send([b"ask", b""])
+        await pass_time(0.1)
+        right.send([b"answer"])
+        await pass_time(0.1)
+        assert seen == [(Direction.SENT, [b"ask", b""]), (Direction.RECEIVED, [b"answer"])]
+        await tap.aclose()
+
+    run_virtual(main)
+
+
+# --- an endpoint over a wire that loses
+
+
+class Asker:
+    """Asks for numbers one after the other, again after 20 ms without an answer."""
+
+    PATIENCE_S = 0.02
+
+    def __init__(self) -> None:
+        self.number = 0
+        self.asked = 0
+        self._due: float | None = None
+        self._events: deque[tuple[int, float]] = deque()
+        self._ask = True
+
+    def receive(self, data: Datagrams, now: float) -> None:
+        for datagram in data:
+            if datagram == b"answer %d" % self.number:
+                self._events.append((self.number, arrived_at(datagram, now)))
+                self.number += 1
+                self._ask = True
+
+    def next_event(self) -> tuple[int, float] | None:
+        return self._events.popleft() if self._events else None
+
+    def data_to_send(self, now: float) -> Datagrams:
+        if not self._ask:
+            return ()
+        self._ask, self._due = False, now + self.PATIENCE_S
+        self.asked += 1
+        return [b"ask %d" % self.number]
+
+    def next_deadline(self) -> float | None:
+        return self._due
+
+    def handle_deadline(self, now: float) -> None:
+        if self._due is not None and self._due <= now:
+            self._ask = True
+
+
+class Answerer:
+    """Answers what it is asked."""
+
+    def __init__(self) -> None:
+        self._answers: list[bytes] = []
+
+    def receive(self, data: Datagrams, now: float) -> None:
+        self._answers += [datagram.replace(b"ask", b"answer") for datagram in data]
+
+    def next_event(self) -> None:
+        return None
+
+    def data_to_send(self, now: float) -> Datagrams:
+        answers, self._answers = self._answers, []
+        return answers
+
+    def next_deadline(self) -> float | None:
+        return None
+
+    def handle_deadline(self, now: float) -> None:
+        pass
+
+
+def _conversation(faults: str) -> tuple[list[tuple[int, float]], int, int]:
+    """Answers with their times, how often was asked, how many datagrams were lost; in one second."""
+    answers: list[tuple[int, float]] = []
+    ends: list[Exception] = []
+    asker = Asker()
+    lost: list[int] = []
+
+    async def main() -> None:
+        clock = Clock.running()
+        left, right = await _pair(clock, f"?latency_ms=1{faults}")
+        start = clock.now()
+        Pump(Answerer(), right, clock, lambda event: None, ends.append).start()
+        pump = Pump(
+            asker, left, clock, lambda event: answers.append((event[0], event[1] - start)), ends.append
+        )
+        pump.start()
+        await clock.sleep_until(start + 1.0005)
+        lost.append(left.statistics.lost)
+        await left.aclose()
+        await right.aclose()
+
+    run_virtual(main)
+    assert [type(end) for end in ends] == [TransportClosed, TransportClosed]
+    return answers, asker.asked, lost[0]
+
+
+def test_an_endpoint_speaks_over_a_perfect_network() -> None:
+    answers, asked, lost = _conversation("")
+    assert [number for number, _ in answers] == list(range(500))
+    assert [at for _, at in answers] == pytest.approx([0.002 * k for k in range(1, 501)], abs=1e-9)
+    assert (asked, lost) == (501, 0)
+
+
+def test_an_endpoint_gets_over_lost_datagrams() -> None:
+    answers, asked, lost = _conversation("&loss=0.1&duplicate=0.1&reorder=0.05&seed=3")
+    assert [number for number, _ in answers] == list(range(len(answers)))
+    assert 100 < len(answers) < 500
+    assert lost > 10
+    assert asked > len(answers) + 1
+    assert (answers, asked, lost) == _conversation("&loss=0.1&duplicate=0.1&reorder=0.05&seed=3")
