@@ -31,16 +31,18 @@ from hil_bridge.recording import (
     CycleRecord,
     EventRecord,
     LinkLog,
+    LinkRecord,
     Outcome,
     Recorder,
     RunEnd,
     SensorRecord,
+    WireRecord,
 )
 from hil_bridge.recording.latency import AnswerTimes
 from hil_bridge.run import BUG_EVENT, Run, RunResult
 from hil_bridge.screen import LEAVE_SECONDS, Terminal
 from hil_bridge.signals import Signals, unless_hung_up
-from hil_bridge.transports import Direction
+from hil_bridge.transports import Direction, Frames
 from hil_bridge.truth import Truths
 from hil_bridge.view import REFRESH_SECONDS, Health
 from protocol.jr3 import SensorFrame
@@ -151,6 +153,7 @@ class _Session:
         self._clock: Clock
         self._recorder: Recorder
         self._link_log: LinkLog
+        self._sensor_log: LinkLog
         self._truths: Truths | None = None
         self._faults: FaultSchedule | None = None
         self._view: LiveView | None = None
@@ -240,6 +243,9 @@ class _Session:
     def _notice(self, kind: str, text: str) -> None:
         self.event(EventRecord(self._clock.now(), kind, text))
 
+    def _sensor_traffic(self, direction: Direction, data: bytes | Frames) -> None:
+        self._sensor_log.take(self._clock.now(), direction, data)
+
     def _traffic(self, direction: Direction, data: bytes) -> None:
         self._link_log.take(self._clock.now(), direction, data)
         if direction is Direction.SENT and len(data) > 1:
@@ -275,7 +281,9 @@ class _Session:
                 "version": version("hil-bridge"),
             },
         )
-        self._link_log = LinkLog(self._recorder.put)
+        put = self._recorder.put
+        self._link_log = LinkLog(lambda at, pieces: put(LinkRecord(at, pieces)))
+        self._sensor_log = LinkLog(lambda at, pieces: put(WireRecord(at, "sensor", pieces)))
         try:
             if self._recorder.error is not None:
                 raise self._recorder.error
@@ -297,6 +305,7 @@ class _Session:
     def _close_record(self) -> None:
         """Finish the record. Harmless when called again."""
         self._link_log.flush()
+        self._sensor_log.flush()
         if self._faults is not None:
             self._faults.close()
         if self._truths is not None:
@@ -341,6 +350,7 @@ class _Session:
             self._emulated,
             lambda url: self.terminal.out.say(f"panel: {url}"),
             self._link_event,
+            self._sensor_traffic,
         ) as (robot, sensor):
             self._robot, self._sensor, self._link = robot, sensor, robot.profile
             run = self._run = Run(config, clock, robot, sensor, self)
