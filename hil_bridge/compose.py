@@ -163,6 +163,15 @@ def uart_wire(url: str, schemes: Mapping[str, Any]) -> str | None:
     return f"{head}?{'&'.join(options)}" if options else head
 
 
+def sensor_kind(sensor: SensorConfig) -> str:
+    """What stands before the sensor, as `sensor.emulated` names it: by the scheme of its URL, if it has one."""
+    if not sensor.url:
+        return sensor.emulated
+    if sensor.url.startswith(BOARD):
+        return "board"
+    return "gateway" if uart_wire(sensor.url, CONNECT_BYTES) is None else "uart"
+
+
 def _check_can(url: str) -> None:
     """Say what sensors there are where a URL names none. Raises ConfigError."""
     if not url.startswith("can+"):

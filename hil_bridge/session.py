@@ -5,7 +5,7 @@ import signal
 import time
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager, contextmanager, suppress
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from emulators.cell import Cell
 from hil_bridge.checks import check
 from hil_bridge.clock import Clock, run_real, run_virtual
-from hil_bridge.compose import opened_devices
+from hil_bridge.compose import opened_devices, sensor_kind
 from hil_bridge.config import Config, dump
 from hil_bridge.debugging import told_bug
 from hil_bridge.devices import ForceSensor, RobotLink
@@ -38,6 +38,7 @@ from hil_bridge.recording import (
     SensorRecord,
     WireRecord,
 )
+from hil_bridge.recording.device_facts import Devices, SensorFacts, robot_facts
 from hil_bridge.recording.latency import AnswerTimes
 from hil_bridge.run import BUG_EVENT, Run, RunResult
 from hil_bridge.screen import LEAVE_SECONDS, Terminal
@@ -45,7 +46,8 @@ from hil_bridge.signals import Signals, unless_hung_up
 from hil_bridge.transports import Direction, Frames
 from hil_bridge.truth import Truths
 from hil_bridge.view import REFRESH_SECONDS, Health
-from protocol.jr3 import SensorFrame
+from protocol.jr3 import FULL_SCALE_COUNTS, SensorFrame
+from protocol.marks import Mark, settings
 
 if TYPE_CHECKING:
     from hil_bridge.view.live import LiveView
@@ -60,6 +62,8 @@ _DRAWING_S = 0.015
 _UNDER_WAY_S = 0.005
 """Chosen: after the end of a cycle; a status order takes ten times as long on a 9600-baud line."""
 
+_READY_PHASE = "tare"
+"""The phase that begins once robot and sensor are ready."""
 _COLLECT_EVERY = 64
 """Cycles between two collections. Chosen: only what is still in use costs one time, and that is as much however
 rarely it comes.
@@ -206,12 +210,36 @@ class _Session:
         self._moved = self._moved or self._moving
         if record.kind == BUG_EVENT:
             self.bugs.append(record.text)
-        if self._view is not None and record.kind == PHASE_EVENT:
-            self._view.enter(record.text)
+        if record.kind == PHASE_EVENT:
+            if self._view is not None:
+                self._view.enter(record.text)
+            if record.text == _READY_PHASE:
+                self._recorder.devices(self._devices().as_metadata())
         if record.kind == CHECK_EVENT and not self._clock.is_virtual:
             self._tell_check(record.text)
         if self._faults is not None:
             self._faults.event(record)
+
+    def _devices(self) -> Devices:
+        """What is known of robot and sensor, both being ready."""
+        config, sensor = self._config, self._sensor
+        assert sensor is not None
+        servo = config.cell.servo
+        marks = {
+            one.name: one.info.mark if one.value == one.default else Mark.CHOSEN for one in settings(servo)
+        }
+        scales = tuple(scale / FULL_SCALE_COUNTS for scale in sensor.full_scales)
+        return Devices(
+            robot_facts(asdict(servo), self._link, not config.robot.url, marks=marks),
+            SensorFacts(
+                sensor_kind(config.sensor),
+                sensor.model,
+                sensor.full_scales,
+                scales,
+                sensor.delay,
+                sensor.period,
+            ),
+        )
 
     def _pause(self, seconds: float) -> None:
         """A fault of the computer: it stands still."""

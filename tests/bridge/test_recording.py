@@ -7,11 +7,13 @@ import struct
 import threading
 import time
 import tracemalloc
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import lz4.frame
+import msgspec
 import pytest
 import zstandard
 from hypothesis import given, settings
@@ -24,9 +26,18 @@ from hil_bridge.control import Predictive
 from hil_bridge.errors import BridgeError, ConfigError
 from hil_bridge.experiments import run_cell
 from hil_bridge.outputs import Outputs
-from hil_bridge.recording import VIRTUAL_CHUNKS, CycleRecord, EventRecord, Recorder, SensorRecord, read
+from hil_bridge.recording import (
+    VIRTUAL_CHUNKS,
+    CycleRecord,
+    EventRecord,
+    Recorder,
+    Recording,
+    SensorRecord,
+    read,
+)
 from hil_bridge.recording import reader as reader_module
 from hil_bridge.recording import recorder as recorder_module
+from hil_bridge.recording.device_facts import Devices, RobotFacts, devices_of
 from hil_bridge.recording.recorder import Chunks
 from hil_bridge.recording.records import WireRecord
 from hil_bridge.recording.topics import CYCLE, SENSOR, TOPICS, WIRE, Record
@@ -587,3 +598,53 @@ def test_a_run_records_the_wire_of_its_sensor(tmp_path: Path, emulated: str, fir
     assert len(records) < len(pieces) / 10
     received = [piece for piece in pieces if " rx " in piece]
     assert len(received) >= len(read(path).sensors) / 2
+
+
+@pytest.mark.parametrize("emulated", ["gateway", "uart", "board"])
+def test_a_run_records_what_its_devices_are(tmp_path: Path, emulated: str) -> None:
+    path = tmp_path / "run.mcap"
+    config = Config.model_validate(
+        {
+            "run": {"duration_s": 1.0},
+            "sensor": {"emulated": emulated},
+            "cell": {"servo": {"resolution_mm": 0.25}},
+        }
+    )
+    assert execute(config, True, Outputs(record=path), view=False) == 0
+    recording = read(path)
+    told = devices_of(recording)
+    robot, sensor = told.robot, told.sensor
+    assert (robot.kind, robot.emulated, robot.position_step_m) == ("s3", True, 0.25e-3)
+    assert robot.servo is not None
+    assert robot.servo.marks["interpolation_ms"] == "assumed"
+    assert robot.servo.marks["resolution_mm"] == "chosen"
+    assert robot.line_floor_s == json.loads(recording.end["line_floor_s"])
+    assert sensor.kind == emulated
+    assert sensor.scales == pytest.approx([scale / 16384 for scale in sensor.full_scales])
+    assert sensor.delay_s == json.loads(recording.end["sensor_delay_s"])
+    assert sensor.period_s is not None
+    # An older recording has the robot's facts too, from its configuration.
+    older = devices_of(replace(recording, devices={}))
+    assert msgspec.structs.replace(robot.servo, marks={}) == older.robot.servo
+    assert msgspec.structs.replace(older.robot, servo=robot.servo) == robot
+    assert older.sensor.delay_s == sensor.delay_s
+
+
+def test_facts_are_written_before_the_run_ends(tmp_path: Path) -> None:
+    recorder = Recorder(tmp_path / "run.mcap", wall_ns, threaded=False, metadata=METADATA)
+    recorder.put(cycle(0, 100.0))
+    recorder.devices({"robot": '{"position_step_m":0.00025}', "sensor": "{"})
+    for record in stream(10.0):
+        recorder.put(record)
+    (tmp_path / "killed.mcap").write_bytes((tmp_path / "run.mcap").read_bytes())
+    recorder.close()
+    killed = read(tmp_path / "killed.mcap")
+    assert killed.truncated
+    assert devices_of(killed) == Devices(RobotFacts(position_step_m=0.25e-3))
+
+
+@pytest.mark.parametrize(
+    "text", ["", "[]", '{"position_step_m":0}', '{"servo":{"interpolation_s":-1}}', '{"kind":1}']
+)
+def test_facts_that_cannot_be_are_no_facts(text: str) -> None:
+    assert devices_of(Recording((), devices={"robot": text})) == Devices()
