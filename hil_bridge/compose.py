@@ -41,6 +41,7 @@ from protocol.jr3 import (
     GATEWAY_BITRATE,
     UART_BAUDRATE,
     GatewayClient,
+    SensorClient,
     SensorFrame,
     UartGatewayClient,
     heard_by_client,
@@ -162,6 +163,15 @@ def uart_wire(url: str, schemes: Mapping[str, Any]) -> str | None:
     return f"{head}?{'&'.join(options)}" if options else head
 
 
+def sensor_kind(sensor: SensorConfig) -> str:
+    """What stands before the sensor, as `sensor.emulated` names it: by the scheme of its URL, if it has one."""
+    if not sensor.url:
+        return sensor.emulated
+    if sensor.url.startswith(BOARD):
+        return "board"
+    return "gateway" if uart_wire(sensor.url, CONNECT_BYTES) is None else "uart"
+
+
 def _check_can(url: str) -> None:
     """Say what sensors there are where a URL names none. Raises ConfigError."""
     if not url.startswith("can+"):
@@ -177,20 +187,27 @@ async def connect_sensor(
     clock: Clock,
     on_frame: Callable[[SensorFrame], None],
     on_notice: Callable[[str, str], None],
+    on_traffic: Callable[[Direction, Any], object] | None = None,
 ) -> ForceSensor:
-    """The sensor behind a URL, not started yet: the URL's scheme says which device stands between.
+    """The sensor behind a URL, not started yet: the URL's scheme says which device stands between. `on_traffic` is
+    shown the bytes or CAN frames of its wire both ways.
 
     Raises ConfigError for the URL, TransportUnavailable for the wire.
     """
+    wire: Transport[Any]
+    client: SensorClient[Any]
     if url.startswith(BOARD):
-        server, board = await connect_board(url, sensor.board, clock)
-        return ForceSensor(server, BoardClient(board, clock.now()), clock, on_frame, on_notice)
-    if (line := uart_wire(url, CONNECT_BYTES)) is not None:
+        wire, board = await connect_board(url, sensor.board, clock)
+        client = BoardClient(board, clock.now())
+    elif (line := uart_wire(url, CONNECT_BYTES)) is not None:
+        wire = await connect_bytes(line, clock, on_notice)
         client = UartGatewayClient(sensor.uart, clock.now())
-        return ForceSensor(await connect_bytes(line, clock, on_notice), client, clock, on_frame, on_notice)
-    _check_can(url)
-    wire = await connect_can(url, clock, heard_by_client(sensor.gateway.node))
-    return ForceSensor(wire, GatewayClient(sensor.gateway, clock.now()), clock, on_frame, on_notice)
+    else:
+        _check_can(url)
+        wire = await connect_can(url, clock, heard_by_client(sensor.gateway.node))
+        client = GatewayClient(sensor.gateway, clock.now())
+    tapped = wire if on_traffic is None else Tap[Any](wire, on_traffic)
+    return ForceSensor(tapped, client, clock, on_frame, on_notice)
 
 
 def check_panel(config: Config, virtual: bool) -> None:
@@ -215,10 +232,12 @@ async def opened_devices(
     on_cell: Callable[[Cell], object] | None = None,
     on_panel: Callable[[str], object] | None = None,
     on_link_event: Callable[[str], object] | None = None,
+    on_sensor_traffic: Callable[[Direction, Any], object] | None = None,
 ) -> AsyncIterator[tuple[RobotLink, ForceSensor]]:
     """Robot and sensor of a configuration, started; what has no URL is emulated. Closed when the context is left.
     `on_traffic` is shown the bytes of the robot's link, `on_link_event` told what it makes of them, `on_cell` is
-    shown the emulated cell if there is one, `on_panel` told the URL of its panel.
+    shown the emulated cell if there is one, `on_panel` told the URL of its panel, `on_sensor_traffic` shown the bytes
+    or CAN frames of the sensor's wire.
 
     Raises ConfigError for a URL, TransportUnavailable for a wire.
     """
@@ -250,7 +269,9 @@ async def opened_devices(
             robot_url, config.robot.link, clock, on_notice, site.orders, on_traffic, on_link_event
         )
         stack.push_async_callback(robot.aclose)
-        sensor = await connect_sensor(sensor_url, config.sensor, clock, on_frame, on_notice)
+        sensor = await connect_sensor(
+            sensor_url, config.sensor, clock, on_frame, on_notice, on_sensor_traffic
+        )
         stack.push_async_callback(sensor.aclose)
         robot.start()
         sensor.start()

@@ -1,9 +1,7 @@
 """The configuration: one TOML file, validated, every key with its unit in its name."""
 
-import ast
 import dataclasses
 import difflib
-import inspect
 import json
 import math
 import textwrap
@@ -28,6 +26,7 @@ from hil_bridge.control import Contour, Limits, OscillationDetector, TaskParamet
 from hil_bridge.control.controllers import controller_kind
 from hil_bridge.errors import ConfigError
 from hil_bridge.fault_settings import FaultConfig
+from hil_bridge.field_docstrings import field_docstrings
 from hil_bridge.realtime import RealTime
 from hil_bridge.text_files import read_toml, shown
 from protocol.adlp import LinkProfile
@@ -345,7 +344,7 @@ def _sections(key: str, section: object) -> Iterator[tuple[str, Any]]:
 @cache
 def _comments(cls: Any) -> dict[str, str]:
     """What is said about each field of a section: the setting's meaning with unit and mark, or its docstring."""
-    comments = _attribute_docstrings(cls)
+    comments = field_docstrings(cls)
     if issubclass(cls, BaseModel):
         return comments
     for field in dataclasses.fields(cls):
@@ -353,24 +352,6 @@ def _comments(cls: Any) -> dict[str, str]:
             unit = f", {info.unit}" if info.unit else ""
             comments[field.name] = f"{info.meaning.rstrip('.')}{unit} [{info.mark}]"
     return comments
-
-
-def _attribute_docstrings(cls: Any) -> dict[str, str]:
-    """The string literals that stand right under the fields of a section.
-
-    Pydantic could read them, but would for every section as it is made, which every start of a run would pay for.
-    """
-    body = ast.parse(textwrap.dedent(inspect.getsource(cls))).body[0]
-    assert isinstance(body, ast.ClassDef)
-    found = {}
-    for statement, following in zip(body.body, body.body[1:], strict=False):
-        match statement, following:
-            case (
-                ast.AnnAssign(target=ast.Name(id=name)),
-                ast.Expr(value=ast.Constant(value=str(text))),
-            ):
-                found[name] = " ".join(text.split())
-    return found
 
 
 def _toml(value: object) -> str:

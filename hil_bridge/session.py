@@ -5,7 +5,7 @@ import signal
 import time
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager, contextmanager, suppress
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from emulators.cell import Cell
 from hil_bridge.checks import check
 from hil_bridge.clock import Clock, run_real, run_virtual
-from hil_bridge.compose import opened_devices
+from hil_bridge.compose import opened_devices, sensor_kind
 from hil_bridge.config import Config, dump
 from hil_bridge.debugging import told_bug
 from hil_bridge.devices import ForceSensor, RobotLink
@@ -31,19 +31,23 @@ from hil_bridge.recording import (
     CycleRecord,
     EventRecord,
     LinkLog,
+    LinkRecord,
     Outcome,
     Recorder,
     RunEnd,
     SensorRecord,
+    WireRecord,
 )
+from hil_bridge.recording.device_facts import Devices, SensorFacts, robot_facts
 from hil_bridge.recording.latency import AnswerTimes
 from hil_bridge.run import BUG_EVENT, Run, RunResult
 from hil_bridge.screen import LEAVE_SECONDS, Terminal
 from hil_bridge.signals import Signals, unless_hung_up
-from hil_bridge.transports import Direction
+from hil_bridge.transports import Direction, Frames
 from hil_bridge.truth import Truths
 from hil_bridge.view import REFRESH_SECONDS, Health
-from protocol.jr3 import SensorFrame
+from protocol.jr3 import FULL_SCALE_COUNTS, SensorFrame
+from protocol.marks import Mark, settings
 
 if TYPE_CHECKING:
     from hil_bridge.view.live import LiveView
@@ -58,6 +62,8 @@ _DRAWING_S = 0.015
 _UNDER_WAY_S = 0.005
 """Chosen: after the end of a cycle; a status order takes ten times as long on a 9600-baud line."""
 
+_READY_PHASE = "tare"
+"""The phase that begins once robot and sensor are ready."""
 _COLLECT_EVERY = 64
 """Cycles between two collections. Chosen: only what is still in use costs one time, and that is as much however
 rarely it comes.
@@ -151,6 +157,7 @@ class _Session:
         self._clock: Clock
         self._recorder: Recorder
         self._link_log: LinkLog
+        self._sensor_log: LinkLog
         self._truths: Truths | None = None
         self._faults: FaultSchedule | None = None
         self._view: LiveView | None = None
@@ -203,12 +210,36 @@ class _Session:
         self._moved = self._moved or self._moving
         if record.kind == BUG_EVENT:
             self.bugs.append(record.text)
-        if self._view is not None and record.kind == PHASE_EVENT:
-            self._view.enter(record.text)
+        if record.kind == PHASE_EVENT:
+            if self._view is not None:
+                self._view.enter(record.text)
+            if record.text == _READY_PHASE:
+                self._recorder.devices(self._devices().as_metadata())
         if record.kind == CHECK_EVENT and not self._clock.is_virtual:
             self._tell_check(record.text)
         if self._faults is not None:
             self._faults.event(record)
+
+    def _devices(self) -> Devices:
+        """What is known of robot and sensor, both being ready."""
+        config, sensor = self._config, self._sensor
+        assert sensor is not None
+        servo = config.cell.servo
+        marks = {
+            one.name: one.info.mark if one.value == one.default else Mark.CHOSEN for one in settings(servo)
+        }
+        scales = tuple(scale / FULL_SCALE_COUNTS for scale in sensor.full_scales)
+        return Devices(
+            robot_facts(asdict(servo), self._link, not config.robot.url, marks=marks),
+            SensorFacts(
+                sensor_kind(config.sensor),
+                sensor.model,
+                sensor.full_scales,
+                scales,
+                sensor.delay,
+                sensor.period,
+            ),
+        )
 
     def _pause(self, seconds: float) -> None:
         """A fault of the computer: it stands still."""
@@ -239,6 +270,9 @@ class _Session:
 
     def _notice(self, kind: str, text: str) -> None:
         self.event(EventRecord(self._clock.now(), kind, text))
+
+    def _sensor_traffic(self, direction: Direction, data: bytes | Frames) -> None:
+        self._sensor_log.take(self._clock.now(), direction, data)
 
     def _traffic(self, direction: Direction, data: bytes) -> None:
         self._link_log.take(self._clock.now(), direction, data)
@@ -275,7 +309,9 @@ class _Session:
                 "version": version("hil-bridge"),
             },
         )
-        self._link_log = LinkLog(self._recorder.put)
+        put = self._recorder.put
+        self._link_log = LinkLog(lambda at, pieces: put(LinkRecord(at, pieces)))
+        self._sensor_log = LinkLog(lambda at, pieces: put(WireRecord(at, "sensor", pieces)))
         try:
             if self._recorder.error is not None:
                 raise self._recorder.error
@@ -297,6 +333,7 @@ class _Session:
     def _close_record(self) -> None:
         """Finish the record. Harmless when called again."""
         self._link_log.flush()
+        self._sensor_log.flush()
         if self._faults is not None:
             self._faults.close()
         if self._truths is not None:
@@ -341,6 +378,7 @@ class _Session:
             self._emulated,
             lambda url: self.terminal.out.say(f"panel: {url}"),
             self._link_event,
+            self._sensor_traffic,
         ) as (robot, sensor):
             self._robot, self._sensor, self._link = robot, sensor, robot.profile
             run = self._run = Run(config, clock, robot, sensor, self)

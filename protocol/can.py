@@ -31,7 +31,8 @@ class CanFrame:
 
     def __str__(self) -> str:
         width = 8 if self.extended else 3
-        return f"{self.identifier:0{width}X}#{'R' if self.remote else self.data.hex().upper()}"
+        mark = "!" if self.error else "#"
+        return f"{self.identifier:0{width}X}{mark}{'R' if self.remote else self.data.hex().upper()}"
 
 
 @dataclass(frozen=True, slots=True)

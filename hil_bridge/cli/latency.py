@@ -31,6 +31,7 @@ def latency(recording: Path, output: Path | None, overwrite: bool) -> None:
     With -o the site's turnaround and the jitter of its sensor become a configuration: `hil-bridge run SITE.toml`
     then draws them anew, by the seed, in an emulated cell with the same gateway or board.
     """
+    from hil_bridge.compose import sensor_kind
     from hil_bridge.errors import ConfigError
     from hil_bridge.recording import read
     from hil_bridge.recording.files import write_whole
@@ -47,7 +48,7 @@ def latency(recording: Path, output: Path | None, overwrite: bool) -> None:
         lines.append("the recording is cut short or damaged: this is what came before")
     if output is not None:  # before anything is said: whoever reads it may have gone
         config = recorded_config(record, {})
-        sensor = _before_sensor(config)
+        sensor = sensor_kind(config.sensor)
         write_whole(output, site_settings(record, _line(config), sensor).encode(), overwrite)
         lines.append(f"wrote {output}{_UNHEARD.get(sensor, '')}")
     for line in lines:
@@ -85,17 +86,3 @@ def _line(config: "Config") -> "LinkProfile":
 
     url, link = config.robot.url, config.robot.link
     return robot_wire(url, link)[1] if url else link
-
-
-def _before_sensor(config: "Config") -> str:
-    """What stood before the run's sensor, as `sensor.emulated` names it."""
-    from hil_bridge.compose import uart_wire
-    from hil_bridge.registers import BOARD
-    from hil_bridge.transports.urls import CONNECT_BYTES
-
-    url = config.sensor.url
-    if not url:
-        return config.sensor.emulated
-    if url.startswith(BOARD):
-        return "board"
-    return "gateway" if uart_wire(url, CONNECT_BYTES) is None else "uart"

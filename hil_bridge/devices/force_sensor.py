@@ -87,6 +87,11 @@ class ForceSensor:
         return self._client.delay
 
     @property
+    def period(self) -> float | None:
+        """Between two frames by the device's cadence, s; None where each has to be asked for."""
+        return self._client.period
+
+    @property
     def saturated(self) -> tuple[str, ...]:
         """Axes that were at the end of their range in the newest frame."""
         return self._watch.saturated

@@ -3,7 +3,14 @@
 from hil_bridge.recording.link_log import LINK_EVENT, LinkLog
 from hil_bridge.recording.reader import Recording, read, read_link
 from hil_bridge.recording.recorder import CHUNKS, VIRTUAL_CHUNKS, Chunks, Recorder
-from hil_bridge.recording.records import CycleRecord, EventRecord, LinkRecord, SensorRecord, TruthRecord
+from hil_bridge.recording.records import (
+    CycleRecord,
+    EventRecord,
+    LinkRecord,
+    SensorRecord,
+    TruthRecord,
+    WireRecord,
+)
 from hil_bridge.recording.summary import (
     CHECK_EVENT,
     PHASE_EVENT,
@@ -33,6 +40,7 @@ __all__ = [
     "SensorRecord",
     "Summary",
     "TruthRecord",
+    "WireRecord",
     "read",
     "read_link",
     "summarise",

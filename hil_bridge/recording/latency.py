@@ -3,12 +3,13 @@
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_bridge.line_time import answer_time, line_floor, move_answer_time
+from hil_bridge.line_time import answer_time, move_answer_time
+from hil_bridge.recording.device_facts import Devices, devices_of
 from hil_bridge.recording.hops import (
     ANSWER,
     INTERPOLATION,
@@ -23,7 +24,6 @@ from hil_bridge.recording.hops import (
 from hil_bridge.recording.reader import Recording
 from hil_bridge.recording.records import CycleRecord, SensorRecord, TruthRecord
 from hil_bridge.recording.times import Times, times_of
-from hil_bridge.text_files import parse_json
 from protocol.adlp import LinkProfile
 from protocol.values import dataclass
 
@@ -104,14 +104,13 @@ class Latency:
 
 def latency_of(recording: Recording) -> Latency | None:
     """The latency of a recorded run; None where its cycles were not stamped or its link is not known."""
-    config = recorded_configuration(recording)
     answers = answer_times(recording)
     if answers is None:
         return None
     known = any(math.isfinite(truth.sampled_at) for truth in recording.truths)
     earliest = {} if known else earliest_arrivals(recording.sensors)
     found = budget(recording.cycles, answers, recording.truths, earliest)
-    return None if found is None else replace(found, constants=_constants(recording, config, found))
+    return None if found is None else replace(found, constants=_constants(devices_of(recording), found))
 
 
 def budget(
@@ -161,19 +160,10 @@ def budget(
 
 def answer_times(recording: Recording) -> AnswerTimes | None:
     """On the line of the recorded run; None when the record does not say enough."""
-    link = recorded_configuration(recording).get("robot", {})
-    link = link.get("link") if isinstance(link, dict) else None
-    if not isinstance(link, dict):
+    robot = devices_of(recording).robot
+    if robot.status_answer_s is None or robot.move_answer_s is None:
         return None
-    try:
-        profile = LinkProfile(**link)
-        told = parse_json(recording.end.get("line_floor_s", "null"))
-    except (TypeError, ValueError):
-        return None
-    answers = AnswerTimes.on(profile)
-    # A URL may have set the line; the floor is that of the line as it was.
-    ratio = told / line_floor(profile) if isinstance(told, (int, float)) and told > 0 else 1.0
-    return AnswerTimes(answers.status * ratio, answers.move * ratio)
+    return AnswerTimes(robot.status_answer_s, robot.move_answer_s)
 
 
 def earliest_arrivals(frames: Sequence[SensorRecord]) -> dict[int, float]:
@@ -198,15 +188,6 @@ def earliest_arrivals(frames: Sequence[SensorRecord]) -> dict[int, float]:
     (x0, y0), (x1, y1) = hull[k - 1], hull[k]
     step = (y1 - y0) / (x1 - x0)
     return {x: y0 + (x - x0) * step for x, _ in points}
-
-
-def recorded_configuration(recording: Recording) -> Mapping[str, Any]:
-    """The configuration that the run has recorded; empty when there is none that can be read."""
-    try:
-        found = parse_json(recording.metadata.get("config", ""))
-    except ValueError:
-        return {}
-    return found if isinstance(found, dict) else {}
 
 
 def _falls_below(a: tuple[int, float], b: tuple[int, float], c: tuple[int, float]) -> bool:
@@ -251,23 +232,16 @@ def moments(
     return moment
 
 
-def _constants(recording: Recording, config: Mapping[str, Any], found: Latency) -> tuple[Constant, ...]:
+def _constants(devices: Devices, found: Latency) -> tuple[Constant, ...]:
     """What lies before the sample and behind the motion."""
     constants = []
-    try:
-        delay = parse_json(recording.end.get("sensor_delay_s", "null"))
-    except ValueError:
-        delay = None
-    if isinstance(delay, (int, float)) and not isinstance(delay, bool) and delay > 0:
-        constants.append(Constant("the sensor's filter", float(delay), "from its cut-off frequency"))
-    try:
-        servo = {name: float(value) for name, value in config["cell"]["servo"].items()}
-        emulated = config["robot"]["url"] == ""
-        response = 2.0 * servo["damping_ratio"] / servo["natural_frequency_rad_s"]
-        wait, transport = _WAIT_TICKS * servo["interpolation_ms"] * 1e-3, servo["transport_delay_ms"] * 1e-3
-    except (KeyError, TypeError, ValueError, AttributeError, ZeroDivisionError):
+    if delay := devices.sensor.delay_s:
+        constants.append(Constant("the sensor's filter", delay, "from its cut-off frequency"))
+    if (servo := devices.robot.servo) is None:
         return tuple(constants)
-    source = "as configured for the emulated robot" if emulated else "assumed"
+    source = "as configured for the emulated robot" if devices.robot.emulated else "assumed"
+    wait, transport = _WAIT_TICKS * servo.interpolation_s, servo.transport_delay_s
+    response = 2.0 * servo.damping_ratio / servo.natural_frequency_rad_s
     if not found.name.endswith("motion"):
         constants.append(Constant("the wait for the robot's interpolator", wait, f"half a tick, {source}"))
         constants.append(Constant("the servo's transport delay", transport, source))

@@ -1,13 +1,13 @@
-"""The log of the computer link, put into records that cost a run next to nothing.
+"""The log of a wire, put into records that cost a run next to nothing.
 
-A cycle is some twenty pieces of a few bytes and a dozen link events; one record holds many of them, as lines of a text
-capture do: seconds since the record's time, `tx` or `rx` as the PC sees it, hexadecimal bytes; or `--` and what the
-link made of them, like `ACK sent: block acknowledged`.
+A cycle of the computer link is some twenty pieces of a few bytes and a dozen link events; one record holds many of
+them, as lines of a text capture do: seconds since the record's time, `tx` or `rx` as the PC sees it, hexadecimal bytes
+or CAN frames; or `--` and what the link made of them, like `ACK sent: block acknowledged`.
 """
 
 from collections.abc import Callable
 
-from hil_bridge.recording.records import LinkRecord
+from hil_bridge.transports import Frames
 
 LINK_EVENT = "--"
 """Stands for the direction of what did not travel."""
@@ -18,16 +18,17 @@ SPAN_S = 0.5
 
 
 class LinkLog:
-    """Collects pieces and puts them as records; `flush` before the recorder is closed."""
+    """Collects pieces and gives them to `put` with the time of the first; `flush` before the recorder is closed."""
 
-    def __init__(self, put: Callable[[LinkRecord], object]) -> None:
+    def __init__(self, put: Callable[[float, tuple[str, ...]], object]) -> None:
         self._put = put
         self._begun = 0.0
         self._pieces: list[str] = []
 
-    def take(self, at: float, direction: str, data: bytes) -> None:
+    def take(self, at: float, direction: str, data: bytes | Frames) -> None:
         """Keep what was sent (`tx`) or received (`rx`) at a time of the run's clock."""
-        self._keep(at, direction + " " + data.hex())  # added: an enum's member costs as much again to format
+        text = data.hex() if isinstance(data, bytes) else " ".join(map(str, data))
+        self._keep(at, direction + " " + text)  # added: an enum's member costs as much again to format
 
     def note(self, at: float, text: str) -> None:
         """Keep a link event."""
@@ -45,5 +46,5 @@ class LinkLog:
     def flush(self) -> None:
         """Put what has been collected."""
         if self._pieces:
-            self._put(LinkRecord(self._begun, tuple(self._pieces)))
+            self._put(self._begun, tuple(self._pieces))
             self._pieces = []

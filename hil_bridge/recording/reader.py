@@ -14,7 +14,7 @@ from mcap.records import Channel, Chunk, McapRecord, Message, Metadata
 from mcap.stream_reader import StreamReader, breakup_chunk
 
 from hil_bridge.errors import ConfigError
-from hil_bridge.recording.recorder import END_NAME, METADATA_NAME
+from hil_bridge.recording.recorder import DEVICES_NAME, END_NAME, METADATA_NAME
 from hil_bridge.recording.records import CycleRecord, EventRecord, LinkRecord, SensorRecord, TruthRecord
 from hil_bridge.recording.topics import CYCLE, EVENT, LINK, SENSOR, TRUTH, Record, Topic
 from hil_bridge.text_files import named, read_up_to
@@ -49,6 +49,8 @@ class Recording:
     """The file ends early or is damaged; what came before the damage is here."""
     truths: tuple[TruthRecord, ...] = ()
     """What the emulated cell knew; empty for a real one."""
+    devices: Mapping[str, str] = field(default_factory=dict)
+    """What was known of the devices once they were ready, see `device_facts`; empty before that."""
 
 
 def read(path: Path) -> Recording:
@@ -68,6 +70,7 @@ def read(path: Path) -> Recording:
         metadata[END_NAME],
         truncated=not finished,
         truths=tuple(records[TRUTH.name]),
+        devices=metadata[DEVICES_NAME],
     )
 
 
@@ -93,7 +96,7 @@ def _contents(
     if (size := max(len(data), sum(_claims(data)))) > UNPACKED_LIMIT_BYTES:
         raise _too_long(path, f"{size} bytes unpacked")
     records: dict[str, list[Any]] = {topic.name: [] for topic in topics}
-    metadata: dict[str, dict[str, str]] = {METADATA_NAME: {}, END_NAME: {}}
+    metadata: dict[str, dict[str, str]] = {METADATA_NAME: {}, DEVICES_NAME: {}, END_NAME: {}}
     try:
         for item in _items(data, topics):
             match item:

@@ -20,6 +20,8 @@ from hil_bridge.recording.topics import TOPICS, Record, Topic
 from protocol.values import dataclass
 
 METADATA_NAME = "run"
+DEVICES_NAME = "devices"
+"""What is known of the devices once they are ready: JSON by device."""
 END_NAME = "end"
 """Written by an orderly end only; its absence tells a reader that the run was cut off."""
 DROPPED_PREFIX = "dropped"
@@ -100,6 +102,8 @@ class Recorder:
         self._wall_ns = wall_ns
         self._capacity = queue_records
         self._queue: deque[Record] = deque()
+        self._devices: Mapping[str, str] = {}
+        """Facts that wait to be written."""
         self._topics: dict[type, Topic] = {topic.record: topic for topic in TOPICS}
         self._dropped = dict.fromkeys((topic.name for topic in TOPICS), 0)
         self._written = dict.fromkeys((topic.name for topic in TOPICS), 0)
@@ -158,6 +162,10 @@ class Recorder:
         self._queue.append(record)
         if self._thread is None and len(self._queue) >= BATCH_RECORDS:
             self._drain()
+
+    def devices(self, facts: Mapping[str, str]) -> None:
+        """Take what is known of the devices, JSON by name; it is written before the records that wait."""
+        self._devices = facts
 
     def pause(self, seconds: float) -> None:
         """Tell that the loop awaits nothing for so long: the writer thread works then, and from one pause to the next
@@ -246,6 +254,10 @@ class Recorder:
 
     def _write_queue(self, ends: float) -> None:
         queue = self._queue
+        if self._devices:
+            facts, self._devices = self._devices, {}
+            self._end_chunk()
+            self._writer.add_metadata(DEVICES_NAME, dict(sorted(facts.items())))
         while queue and (ends == math.inf or time.monotonic() < ends):
             self._write(queue.popleft())
 

@@ -1,43 +1,54 @@
-"""What is kept of a run: one record a cycle, the sensor's whole stream, and what happened beside."""
+"""What is kept of a run: one record a cycle, the sensor's whole stream, and what happened beside.
+
+The text under a field is also what a recording's schema tells of it, and so what Foxglove shows.
+"""
 
 import math
+from typing import Annotated, TypeAlias
 
-from msgspec import Struct
+from msgspec import Meta, Struct
 
 from hil_bridge.control.loop import Sample
+
+Vector: TypeAlias = Annotated[tuple[float, ...], Meta(min_length=3, max_length=3)]
+Quaternion: TypeAlias = Annotated[tuple[float, ...], Meta(min_length=4, max_length=4)]
+Six: TypeAlias = Annotated[tuple[float, ...], Meta(min_length=6, max_length=6)]
+"""A wrench, or the joints of a robot."""
+Counts: TypeAlias = Annotated[tuple[int, ...], Meta(min_length=6, max_length=6)]
 
 
 class CycleRecord(Struct, frozen=True):
     """One control cycle: inputs, estimates, output, verdict, times. Times are seconds on the run's clock."""
 
     cycle: int
+    """Number of the control cycle."""
     phase: str
     """connect, tare, approach, track, retract or end."""
     # --- times of the hops
     started_at: float
-    """Cycle begins: the status order is handed to the link."""
+    """Cycle begins: the status order is handed to the link, s."""
     status_at: float
-    """The status answer is complete."""
+    """The status answer is complete, s."""
     sensor_at: float
-    """Arrival of the sensor frame that the controller was given."""
+    """Arrival of the sensor frame that the controller was given, s."""
     controlled_at: float
-    """Controller and supervisor are done."""
+    """Controller and supervisor are done, s."""
     sent_at: float
-    """The move order is handed to the link, or the first byte of its bid to the port if that is not out yet."""
+    """The move order is handed to the link, or the first byte of its bid to the port if that is not out yet, s."""
     answered_at: float
-    """The move order's answer is complete: the cycle ends."""
+    """The move order's answer is complete: the cycle ends, s."""
     # --- inputs
     sensor_sequence: int
     """Frame counter of the sensor frame used, unwrapped."""
     force: float
     """N along the approach direction, positive while pressing."""
     force_reference: float
-    """N"""
-    wrench: tuple[float, ...]
+    """Wanted force, N."""
+    wrench: Six
     """fx fy fz mx my mz on the tool in the tool frame, N and N·m, after bias and gravity."""
-    position: tuple[float, ...]
+    position: Vector
     """Reported tool position in the robot base frame, m."""
-    quaternion: tuple[float, ...]
+    quaternion: Quaternion
     """Reported orientation, tool in base, w x y z."""
     depth: float
     """Reported position along the approach direction from the start point, m."""
@@ -51,17 +62,21 @@ class CycleRecord(Struct, frozen=True):
     stiffness: float | None = None
     """Estimated contact stiffness, N/m."""
     gain: float = 1.0
+    """Factor of the adaptation on the feedback law's output."""
     held: bool = False
+    """The controller chose not to move."""
     in_contact: bool = False
+    """The tool touches the surface."""
     verdict: str = "allow"
     """allow, clamp or stop."""
     reasons: tuple[str, ...] = ()
     """Why the supervisor clamped or stopped."""
     explanation: dict[str, float] = {}
+    """What else explains the controller's answer, by name."""
     # --- what it takes to decide again
-    target: tuple[float, ...] = (0.0, 0.0, 0.0)
+    target: Vector = (0.0, 0.0, 0.0)
     """Tool position that the supervisor allowed, robot base frame, m; ordered in whole device steps."""
-    start: tuple[float, ...] = (0.0, 0.0, 0.0)
+    start: Vector = (0.0, 0.0, 0.0)
     """Reported tool position at the start point, robot base frame, m."""
     asked: str = ""
     """Why the run was asked to finish before this decision; empty in all other cycles."""
@@ -69,13 +84,13 @@ class CycleRecord(Struct, frozen=True):
     """All that the decision was given; None where nobody kept it."""
     # --- more times of the hops; NaN for what was not stamped
     status_transmitted_at: float = math.nan
-    """The last character of the status order has left the line, reckoned at the line's rate."""
+    """The last character of the status order has left the line, reckoned at the line's rate, s."""
     decoded_at: float = math.nan
-    """The sensor frame that the controller was given had been decoded."""
+    """The sensor frame that the controller was given had been decoded, s."""
     proposed_at: float = math.nan
-    """The controller is done; the supervisor begins."""
+    """The controller is done; the supervisor begins, s."""
     transmitted_at: float = math.nan
-    """The last character of the move order has left the line, reckoned at the line's rate."""
+    """The last character of the move order has left the line, reckoned at the line's rate, s."""
     sensor_counter: int = 0
     """Counter of the sensor frame used, as the device sent it."""
 
@@ -84,8 +99,10 @@ class SensorRecord(Struct, frozen=True):
     """One complete frame of the sensor's stream, as counts and as it arrived."""
 
     at: float
+    """Arrival of the frame, s on the run's clock."""
     sequence: int
-    counts: tuple[int, ...]
+    """Frame counter, unwrapped."""
+    counts: Counts
     """fx fy fz mx my mz, full scale = 16384."""
 
 
@@ -93,9 +110,22 @@ class LinkRecord(Struct, frozen=True):
     """A stretch of the computer link's log: raw traffic and link events."""
 
     at: float
-    """When its first piece was sent or received."""
+    """When its first piece was sent or received, s on the run's clock."""
     pieces: tuple[str, ...]
     """Each: seconds since `at`, `tx` or `rx` as the PC sees it and hexadecimal bytes, or `--` and a link event."""
+
+
+class WireRecord(Struct, frozen=True):
+    """A stretch of the raw traffic of a device's wire, where that is not the computer link."""
+
+    at: float
+    """When its first piece was sent or received, s on the run's clock."""
+    device: str
+    """sensor."""
+    pieces: tuple[str, ...]
+    """Each: seconds since `at`, `tx` or `rx` as the PC sees it, and hexadecimal bytes or CAN frames: 190#00FF,
+    and 004!00 where the interface tells of a bus error.
+    """
 
 
 class TruthRecord(Struct, frozen=True):
@@ -104,19 +134,20 @@ class TruthRecord(Struct, frozen=True):
     """
 
     cycle: int
+    """Number of the control cycle."""
     at: float
     """Moment of position, force and joints: the end of the cycle, of a material that remembers up to a few ticks
-    of the robot later.
+    of the robot later, s.
     """
     sampled_at: float
-    """The sensor measured the sample that the controller was given."""
+    """The sensor measured the sample that the controller was given, s."""
     motion_at: float
-    """The position loops took the first set point on the way to the point that the cycle ordered."""
-    position: tuple[float, ...]
+    """The position loops took the first set point on the way to the point that the cycle ordered, s."""
+    position: Vector
     """True tool position in the robot base frame, m."""
-    force: tuple[float, ...]
+    force: Vector
     """Force of the surface on the tool tip in the robot base frame, N."""
-    joints_deg: tuple[float, ...]
+    joints_deg: Six
     """Axes 1 to 6, °."""
     faults: tuple[str, ...] = ()
     """Injected faults that were under way, each as target and name."""
@@ -126,5 +157,8 @@ class EventRecord(Struct, frozen=True):
     """Something that happened: a phase begins, a device answers late, the supervisor stops the run."""
 
     at: float
+    """s on the run's clock."""
     kind: str
+    """What sort of event."""
     text: str
+    """What happened."""

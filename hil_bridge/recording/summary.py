@@ -11,6 +11,7 @@ from pathlib import Path
 import msgspec
 
 from hil_bridge.control.merit import STEADY_SAMPLES, FiguresOfMerit, figures_of_merit
+from hil_bridge.recording.device_facts import devices_of
 from hil_bridge.recording.files import write_whole
 from hil_bridge.recording.latency import latency_of
 from hil_bridge.recording.reader import Recording
@@ -146,7 +147,8 @@ def summarise(recording: Recording, end: RunEnd | None = None) -> Summary:
     cycles = recording.cycles
     track = [cycle for cycle in cycles if cycle.phase == TRACK and math.isfinite(cycle.force)]
     dropped = _dropped(recording)
-    figures = _figures(track, _stopping(cycles) if end.outcome is Outcome.STOPPED else None)
+    step = devices_of(recording).robot.position_step_m
+    figures = _figures(track, _stopping(cycles) if end.outcome is Outcome.STOPPED else None, step)
     steady = figures.get("steady_mean_error_n") is not None
     references = [cycle.force_reference for cycle in track or cycles]
     spans = phases(recording)
@@ -230,14 +232,17 @@ def _stopping(cycles: Sequence[CycleRecord]) -> CycleRecord | None:
     return after if after.phase == RETRACT and not after.asked and math.isfinite(after.force) else None
 
 
-def _figures(track: Sequence[CycleRecord], stopping: CycleRecord | None) -> dict[str, float | None]:
+def _figures(
+    track: Sequence[CycleRecord], stopping: CycleRecord | None, step_m: float | None
+) -> dict[str, float | None]:
     """Figures of merit by name with unit; empty when nothing was tracked. The largest force and the overshoot count
-    the sample that stopped the run, the others what was tracked.
+    the sample that stopped the run, the others what was tracked. `step_m` is the resolution of the position; no steps
+    are counted where it is not known.
     """
     if not track:
         return {}
-    figures = _merit(track)
-    largest = figures if stopping is None else _merit([*track, stopping])
+    figures = _merit(track, step_m)
+    largest = figures if stopping is None else _merit([*track, stopping], step_m)
     return {
         "rise_samples": figures.rise_samples,
         "rise_s": figures.rise_seconds,
@@ -246,18 +251,19 @@ def _figures(track: Sequence[CycleRecord], stopping: CycleRecord | None) -> dict
         "steady_peak_to_peak_n": figures.steady_peak_to_peak,
         "rms_error_n": figures.rms_error,
         "contact_losses": figures.contact_losses,
-        "steps_per_s": figures.steps_per_second,
+        "steps_per_s": figures.steps_per_second if step_m else None,
         "largest_force_n": largest.largest_force,
     }
 
 
-def _merit(cycles: Sequence[CycleRecord]) -> FiguresOfMerit:
+def _merit(cycles: Sequence[CycleRecord], step_m: float | None) -> FiguresOfMerit:
     return figures_of_merit(
         time=[cycle.controlled_at for cycle in cycles],
         force=[cycle.force for cycle in cycles],
         reference=[cycle.force_reference for cycle in cycles],
         commanded=[cycle.depth_commanded for cycle in cycles],
         in_contact=[cycle.in_contact for cycle in cycles],
+        resolution_mm=step_m * 1e3 if step_m else math.inf,
     )
 
 

@@ -22,11 +22,10 @@ from hil_bridge.control.stability import (
     margins,
     pi_response,
 )
-from hil_bridge.recording.latency import AnswerTimes, answer_times
+from hil_bridge.recording.device_facts import Devices, devices_of, recorded_configuration
 from hil_bridge.recording.reader import Recording
 from hil_bridge.recording.records import CycleRecord
-from hil_bridge.recording.summary import TRACK, Summary, end_of
-from hil_bridge.text_files import parse_json
+from hil_bridge.recording.summary import TRACK, Summary
 from protocol.values import dataclass
 
 PHASE_MARGIN_DEG = 45.0
@@ -116,28 +115,26 @@ class Analysis:
 
 def analyse(recording: Recording, summary: Summary) -> Analysis | None:
     """None when the record says too little: no configuration, no tracked cycles, no stiffness."""
-    config = _configuration(recording)
+    config, devices = recorded_configuration(recording), devices_of(recording)
+    robot, step = devices.robot, devices.robot.position_step_m
     track = [cycle for cycle in recording.cycles if cycle.phase == TRACK and math.isfinite(cycle.force)]
     steady = track[-STEADY_SAMPLES:]
-    emulated = _at(config, "robot.url") == ""
-    resolution_mm = _number(config, "cell.servo.resolution_mm")
-    dead_band = _number(config, "cell.servo.dead_band_steps") or 0.0
-    stiffness = _stiffness(steady, config, emulated)
-    timed = _plant(track, config, emulated, end_of(recording).sensor_delay_s, answer_times(recording))
-    if stiffness is None or timed is None or resolution_mm is None or resolution_mm <= 0.0:
+    stiffness, timed = _stiffness(steady, config, robot.emulated), _plant(track, devices)
+    if stiffness is None or timed is None or robot.servo is None or not step:
         return None
+    dead_band = robot.servo.dead_band_steps
     (k, stiffness_source), (plant, parts) = stiffness, timed
     loop = _linear_loop(config, summary.controller, k, plant, statistics.median(c.gain for c in steady))
     return Analysis(
         plant=plant,
         delay=parts,
-        servo_source=_source(emulated),
+        servo_source=_source(robot.emulated),
         stiffness=k,
         stiffness_source=stiffness_source,
-        resolution=resolution_mm * 1e-3,
+        resolution=step,
         dead_band=dead_band,
         loop=loop,
-        predicted=_predicted(k, loop, plant, resolution_mm * 1e-3, dead_band),
+        predicted=_predicted(k, loop, plant, step, dead_band),
         steady_peak_to_peak=summary.figures.get("steady_peak_to_peak_n"),
         steps_per_second=summary.figures.get("steps_per_s"),
         dominant_period=dominant_period(
@@ -183,26 +180,16 @@ def _stiffness(
     return None
 
 
-def _plant(
-    track: Sequence[CycleRecord],
-    config: Mapping[str, Any],
-    emulated: bool,
-    told: float | None,
-    answers: AnswerTimes | None,
-) -> tuple[SampledPlant, tuple[Part, ...]] | None:
+def _plant(track: Sequence[CycleRecord], devices: Devices) -> tuple[SampledPlant, tuple[Part, ...]] | None:
     periods = [b.started_at - a.started_at for a, b in pairwise(track)]
     waits = [cycle.answered_at - cycle.sensor_at for cycle in track]
     waits = [wait for wait in waits if math.isfinite(wait)]
-    servo = [
-        _number(config, f"cell.servo.{name}")
-        for name in ("interpolation_ms", "transport_delay_ms", "natural_frequency_rad_s", "damping_ratio")
-    ]
-    interpolation_ms, transport_ms, frequency, damping = servo
-    if not (periods and waits and interpolation_ms and frequency and damping) or transport_ms is None:
+    servo = devices.robot.servo
+    if not (periods and waits) or servo is None:
         return None
-    source = _source(emulated)
+    source = _source(devices.robot.emulated)
     taken = statistics.median(waits)
-    if answers is None:
+    if (answer := devices.robot.move_answer_s) is None:
         taking = Part(
             "frame's arrival to the move's answer",
             taken,
@@ -211,21 +198,23 @@ def _plant(
     else:
         taking = Part(
             "frame's arrival to the move's acceptance",
-            taken - answers.move,
+            taken - answer,
             "measured, median: as its answer begins",
         )
     parts = [
         taking,
         Part(
             "interpolation",
-            _INTERPOLATION_TICKS * interpolation_ms * 1e-3,
+            _INTERPOLATION_TICKS * servo.interpolation_s,
             f"half a tick until one begins, one to be passed on, {source}",
         ),
-        Part("servo's transport delay", transport_ms * 1e-3, source),
+        Part("servo's transport delay", servo.transport_delay_s, source),
     ]
-    if (lag := _filter_lag(config) if told is None else told) > 0.0:
-        source_of_lag = "as configured" if told is None else "as the run's sensor was set"
-        parts.insert(0, Part("sensor's filter", lag, f"phase delay at low frequencies, {source_of_lag}"))
+    if lag := devices.sensor.delay_s:
+        parts.insert(
+            0, Part("sensor's filter", lag, "phase delay at low frequencies, as the run's sensor was set")
+        )
+    frequency, damping = servo.natural_frequency_rad_s, servo.damping_ratio
     delay = math.fsum(part.seconds for part in parts)
     try:
         plant = SampledPlant(statistics.median(periods), delay, frequency, damping)
@@ -233,18 +222,6 @@ def _plant(
         return None
     settling = delay + 21.0 / (frequency * min(damping, 0.5 / damping))
     return (plant, tuple(parts)) if settling <= _MOST_TAPS * plant.period else None
-
-
-def _filter_lag(config: Mapping[str, Any]) -> float:
-    """Of the CAN gateway's filter, for a record that was cut off before it told its sensor's; 0 for other devices,
-    whose URLs only the composition root reads.
-    """
-    url, emulated = _at(config, "sensor.url"), _at(config, "sensor.emulated")
-    on_can = url.startswith("can+") if isinstance(url, str) and url else emulated in (None, "gateway")
-    if not on_can:
-        return 0.0
-    cutoff = _number(config, "sensor.gateway.cutoff_hz")
-    return 1.0 / (math.tau * cutoff) if cutoff else 0.0
 
 
 def _linear_loop(
@@ -317,15 +294,6 @@ def _comfortable_to(
 
 def _source(emulated: bool) -> str:
     return "as configured for the emulated robot" if emulated else "assumed, from the profile"
-
-
-def _configuration(recording: Recording) -> Mapping[str, Any]:
-    """The configuration that the run has recorded; empty when there is none that can be read."""
-    try:
-        found = parse_json(recording.metadata.get("config", ""))
-    except ValueError:
-        return {}
-    return found if isinstance(found, dict) else {}
 
 
 def _at(config: Mapping[str, Any], key: str) -> Any:

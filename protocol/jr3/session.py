@@ -92,6 +92,10 @@ class SensorClient(Endpoint[Data, Data, SensorEvent], Protocol[Data]):
         """How much later than the force itself the device's filter tells of it, s, at low frequencies."""
 
     @property
+    def period(self) -> float | None:
+        """Between two samples by the device's cadence, s; None where each has to be asked for."""
+
+    @property
     def stop_patience(self) -> float:
         """How long SensorStopped may take when the first stop was lost and its repetition is heard, s."""
 

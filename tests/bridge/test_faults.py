@@ -347,5 +347,5 @@ def test_a_truth_of_an_older_record_has_no_faults() -> None:
     record = TRUTH.decode(json.dumps(truth).encode())
     assert isinstance(record, TruthRecord)
     assert record.faults == ()
-    with pytest.raises(ValueError, match="force is missing"):
+    with pytest.raises(ValueError, match="missing required field `force`"):
         TRUTH.decode(json.dumps({**told, "position": [0, 0, 0]}).encode())

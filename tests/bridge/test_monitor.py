@@ -256,7 +256,7 @@ def test_a_recording_with_foreign_pieces_is_refused() -> None:
 
 def test_the_link_log_puts_pieces_together() -> None:
     records: list[LinkRecord] = []
-    log = LinkLog(records.append)
+    log = LinkLog(lambda at, pieces: records.append(LinkRecord(at, pieces)))
     for number in range(70):
         log.take(100.0 + number * 1e-3, "rx", b"\x06")
     log.take(101.0, "tx", b"\x05")
@@ -270,7 +270,7 @@ def test_the_link_log_puts_pieces_together() -> None:
 
 def test_link_events_stand_between_the_bytes_and_are_no_bytes() -> None:
     records: list[LinkRecord] = []
-    log = LinkLog(records.append)
+    log = LinkLog(lambda at, pieces: records.append(LinkRecord(at, pieces)))
     log.take(100.0, "tx", b"\x05")
     log.note(100.003, "ACK received: bid acknowledged")
     log.take(100.003, "tx", b"\x10")

@@ -268,7 +268,7 @@ def test_a_disk_that_fills_up_is_told_at_once_and_at_the_end(
         "hil_bridge.session._Session._tell_trouble",
         lambda self, text: (told.append((text, self.cycles)), setattr(self, "_trouble_told", True)),
     )
-    fill(monkeypatch, 60_000)
+    fill(monkeypatch, 120_000)
     code, output, errors = hil("run", "--virtual", "--no-view", "--duration", "30", "--summary", "s.json")
     ((text, cycles),) = told
     assert text.endswith("run.mcap is incomplete: No space left on device")
@@ -281,7 +281,7 @@ def test_a_disk_that_fills_up_is_told_at_once_and_at_the_end(
 
 
 def test_what_fails_in_mid_run_is_said_while_it_runs(hil: Command, monkeypatch: pytest.MonkeyPatch) -> None:
-    fill(monkeypatch, 60_000)
+    fill(monkeypatch, 120_000)
     code, _, errors = hil("run", "--virtual", "--no-view", "--duration", "30")
     assert code == 3
     at_once, at_the_end = errors.splitlines()

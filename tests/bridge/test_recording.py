@@ -2,15 +2,18 @@ import errno
 import io
 import json
 import math
+import re
 import struct
 import threading
 import time
 import tracemalloc
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import lz4.frame
+import msgspec
 import pytest
 import zstandard
 from hypothesis import given, settings
@@ -22,11 +25,24 @@ from hil_bridge.config import Config
 from hil_bridge.control import Predictive
 from hil_bridge.errors import BridgeError, ConfigError
 from hil_bridge.experiments import run_cell
-from hil_bridge.recording import VIRTUAL_CHUNKS, CycleRecord, EventRecord, Recorder, SensorRecord, read
+from hil_bridge.outputs import Outputs
+from hil_bridge.recording import (
+    VIRTUAL_CHUNKS,
+    CycleRecord,
+    EventRecord,
+    Recorder,
+    Recording,
+    SensorRecord,
+    read,
+)
 from hil_bridge.recording import reader as reader_module
 from hil_bridge.recording import recorder as recorder_module
+from hil_bridge.recording.device_facts import Devices, RobotFacts, devices_of
 from hil_bridge.recording.recorder import Chunks
-from hil_bridge.recording.topics import CYCLE, SENSOR, TOPICS, Record
+from hil_bridge.recording.records import WireRecord
+from hil_bridge.recording.topics import CYCLE, SENSOR, TOPICS, WIRE, Record
+from hil_bridge.replay import recorded_config, replay
+from hil_bridge.session import execute
 
 METADATA = {"seed": "7", "controller": "fuzzy-pi", "configuration": '{"force_n": 50.0}'}
 
@@ -193,6 +209,7 @@ def test_foreign_readers_find_topics_schemas_and_times(tmp_path: Path) -> None:
         "/cycle",
         "/sensor",
         "/link",
+        "/wire",
         "/truth",
         "/event",
     }
@@ -228,7 +245,7 @@ def test_a_full_queue_drops_the_newest_and_counts(tmp_path: Path, monkeypatch: p
     for k in range(15):
         recorder.put(SensorRecord(100.0 + k, k, (0,) * 6))
     recorder.put(cycle(1, 120.0))
-    assert recorder.dropped == {"/cycle": 1, "/sensor": 6, "/link": 0, "/truth": 0, "/event": 0}
+    assert recorder.dropped == {"/cycle": 1, "/sensor": 6, "/link": 0, "/wire": 0, "/truth": 0, "/event": 0}
     recorder.close()
     recording = read(tmp_path / "run.mcap")
     assert [sensor.sequence for sensor in recording.sensors] == list(range(9))
@@ -468,7 +485,7 @@ def test_a_message_of_another_version_is_refused_by_name(
     with monkeypatch.context() as patch:
         patch.setattr(type(CYCLE), "encode", lambda self, record: b'{"cycle":"one"}')
         write(tmp_path / "run.mcap", [cycle(0, 100.0)])
-    with pytest.raises(ConfigError, match="message of /cycle: cycle is not a whole number"):
+    with pytest.raises(ConfigError, match=r"message of /cycle: Expected `int`, got `str` - at `\$\.cycle`"):
         read(tmp_path / "run.mcap")
 
 
@@ -512,3 +529,122 @@ def test_what_a_controller_explains_is_recorded_as_numbers(monkeypatch: pytest.M
     told = [cycle.explanation for cycle in cycles if cycle.phase == "track"]
     assert told
     assert all(math.isnan(one["why"]) and one["found"] == 1.0 for one in told)
+
+
+def test_the_schema_says_what_the_fields_say_of_themselves() -> None:
+    schema: Any = CYCLE.schema
+    columns = schema["properties"]
+    assert columns["correction"] == {
+        "type": "number",
+        "description": "Change of the commanded depth in this cycle, m; the feedback law's part of it is in "
+        "`explanation`.",
+    }
+    assert columns["stiffness"]["type"] == "number"
+    assert columns["sample"]["type"] == "object"
+    assert columns["sample"]["properties"]["position"]["items"] == {"type": "number"}
+    for topic in TOPICS:
+        properties: Any = topic.schema["properties"]
+        assert all(column["description"] for column in properties.values()), topic.name
+
+
+def test_a_null_is_nan_for_a_number_and_none_where_nothing_is_allowed() -> None:
+    message = json.loads(CYCLE.encode(cycle(0, 100.0)))
+    message["explanation"] = {"stiffness": None}
+    message["stiffness"] = message["force"] = None
+    message["position"] = [None, 1, 2]
+    back = CYCLE.decode(json.dumps(message).encode())
+    assert isinstance(back, CycleRecord)
+    assert math.isnan(back.explanation["stiffness"])
+    assert math.isnan(back.force)
+    assert math.isnan(back.position[0])
+    assert back.stiffness is None
+    message["phase"] = None
+    with pytest.raises(ValueError, match=r"\$\.phase"):
+        CYCLE.decode(json.dumps(message).encode())
+
+
+VERSION_0_1_0 = Path(__file__).parent / "recordings" / "version_0_1_0.mcap"
+"""The first twelve cycles of a run of version 0.1.0, seed 7, with every tenth sensor frame."""
+
+
+def test_a_recording_of_version_0_1_0_is_read_and_replays() -> None:
+    recording = read(VERSION_0_1_0)
+    assert not recording.truncated
+    assert [record.cycle for record in recording.cycles] == list(range(12))
+    assert len(recording.sensors) > 10
+    assert recording.truths[0].motion_at > recording.truths[0].sampled_at
+    again = replay(recording, recorded_config(recording, {}), forced=False)
+    assert [one.differences for one in again] == [{}] * 12
+
+
+@pytest.mark.parametrize(
+    ("emulated", "first"),
+    [
+        ("gateway", r"0\.000000 tx 401#"),
+        ("uart", r"0\.000000 tx [0-9a-f]+$"),
+        ("board", r"0\.000000 tx [0-9a-f]+$"),
+    ],
+)
+def test_a_run_records_the_wire_of_its_sensor(tmp_path: Path, emulated: str, first: str) -> None:
+    path = tmp_path / "run.mcap"
+    config = Config.model_validate({"run": {"duration_s": 1.0}, "sensor": {"emulated": emulated}})
+    assert execute(config, True, Outputs(record=path), view=False) == 0
+    with path.open("rb") as file:
+        told = [message for _, _, message in make_reader(file).iter_messages("/wire", log_time_order=False)]
+    records = [WIRE.decode(message.data) for message in told]
+    assert all(isinstance(record, WireRecord) and record.device == "sensor" for record in records)
+    pieces = [piece for record in records for piece in record.pieces]  # type: ignore[union-attr]
+    assert re.match(first, pieces[0])
+    assert len(records) < len(pieces) / 10
+    received = [piece for piece in pieces if " rx " in piece]
+    assert len(received) >= len(read(path).sensors) / 2
+
+
+@pytest.mark.parametrize("emulated", ["gateway", "uart", "board"])
+def test_a_run_records_what_its_devices_are(tmp_path: Path, emulated: str) -> None:
+    path = tmp_path / "run.mcap"
+    config = Config.model_validate(
+        {
+            "run": {"duration_s": 1.0},
+            "sensor": {"emulated": emulated},
+            "cell": {"servo": {"resolution_mm": 0.25}},
+        }
+    )
+    assert execute(config, True, Outputs(record=path), view=False) == 0
+    recording = read(path)
+    told = devices_of(recording)
+    robot, sensor = told.robot, told.sensor
+    assert (robot.kind, robot.emulated, robot.position_step_m) == ("s3", True, 0.25e-3)
+    assert robot.servo is not None
+    assert robot.servo.marks["interpolation_ms"] == "assumed"
+    assert robot.servo.marks["resolution_mm"] == "chosen"
+    assert robot.line_floor_s == json.loads(recording.end["line_floor_s"])
+    assert sensor.kind == emulated
+    assert sensor.scales == pytest.approx([scale / 16384 for scale in sensor.full_scales])
+    assert sensor.delay_s == json.loads(recording.end["sensor_delay_s"])
+    assert sensor.period_s is not None
+    # An older recording has the robot's facts too, from its configuration.
+    older = devices_of(replace(recording, devices={}))
+    assert msgspec.structs.replace(robot.servo, marks={}) == older.robot.servo
+    assert msgspec.structs.replace(older.robot, servo=robot.servo) == robot
+    assert older.sensor.delay_s == sensor.delay_s
+
+
+def test_facts_are_written_before_the_run_ends(tmp_path: Path) -> None:
+    recorder = Recorder(tmp_path / "run.mcap", wall_ns, threaded=False, metadata=METADATA)
+    recorder.put(cycle(0, 100.0))
+    recorder.devices({"robot": '{"position_step_m":0.00025}', "sensor": "{"})
+    for record in stream(10.0):
+        recorder.put(record)
+    (tmp_path / "killed.mcap").write_bytes((tmp_path / "run.mcap").read_bytes())
+    recorder.close()
+    killed = read(tmp_path / "killed.mcap")
+    assert killed.truncated
+    assert devices_of(killed) == Devices(RobotFacts(position_step_m=0.25e-3))
+
+
+@pytest.mark.parametrize(
+    "text", ["", "[]", '{"position_step_m":0}', '{"servo":{"interpolation_s":-1}}', '{"kind":1}']
+)
+def test_facts_that_cannot_be_are_no_facts(text: str) -> None:
+    assert devices_of(Recording((), devices={"robot": text})) == Devices()

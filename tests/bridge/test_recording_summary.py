@@ -13,6 +13,7 @@ from msgspec import structs
 
 from hil_bridge.errors import ConfigError
 from hil_bridge.recording import CycleRecord, EventRecord, Recorder, Recording, SensorRecord, read
+from hil_bridge.recording.device_facts import Devices, RobotFacts
 from hil_bridge.recording.files import write_whole
 from hil_bridge.recording.summary import Outcome, RunEnd, end_of, phases, summarise
 from hil_bridge.recording.times import times_of
@@ -61,6 +62,17 @@ def cycles(forces: Sequence[float], phase: str = "track", first: int = 0) -> tup
 STEP = [0.0, 20.0, 45.0, 60.0] + [49.0, 52.0] * 30
 
 
+@pytest.mark.parametrize(("step_mm", "steps"), [(0.125, 1.0), (0.0625, 2.0)])
+def test_steps_are_those_of_the_robot_that_was_recorded(step_mm: float, steps: float) -> None:
+    facts = Devices(RobotFacts(position_step_m=step_mm * 1e-3)).as_metadata()
+    config = json.dumps({"cell": {"servo": {"resolution_mm": step_mm}}})
+    for told in (
+        Recording(cycles(STEP), devices=facts),
+        Recording(cycles(STEP), metadata={"config": config}),
+    ):
+        assert summarise(told, END).figures["steps_per_s"] == pytest.approx(steps / PERIOD)
+
+
 def test_figures_of_a_known_step() -> None:
     """Rise at the third sample, 20 % above, then 49 and 52 N in turn: mean 50.5, 3 N peak to peak."""
     summary = summarise(Recording(cycles(STEP)), END)
@@ -70,7 +82,7 @@ def test_figures_of_a_known_step() -> None:
     assert figures["overshoot_percent"] == pytest.approx(20.0)
     assert figures["steady_mean_error_n"] == pytest.approx(0.5)
     assert figures["steady_peak_to_peak_n"] == pytest.approx(3.0)
-    assert figures["steps_per_s"] == pytest.approx(1 / PERIOD)
+    assert figures["steps_per_s"] is None, "nobody told the robot's resolution"
     assert figures["contact_losses"] == 0
     assert figures["largest_force_n"] == 60.0
     assert summary.force_mean_steady_n == pytest.approx(50.5)

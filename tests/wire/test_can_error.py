@@ -87,6 +87,7 @@ def test_golden_frames_feed_encoder_and_decoder(key: tuple[int, str]) -> None:
     assert encode_error(report) == frame
     assert report.state is state
     assert str(report) == words
+    assert str(frame).replace("!", "#") == f"{key[0]:03X}#{key[1]}" != str(frame)
 
 
 def test_an_interface_that_is_down_cannot_be_mistaken_for_a_report_of_linux() -> None:

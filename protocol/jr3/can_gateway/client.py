@@ -83,6 +83,11 @@ class GatewayClient:
         return self._session.phase
 
     @property
+    def period(self) -> float | None:
+        """Between two samples by the gateway's clock, s; None where it answers each SYNC."""
+        return self._profile.period_ms * 1e-3 if self._profile.mode == "async" else None
+
+    @property
     def delay(self) -> float:
         """How much later than the force itself a sample with the present cut-off tells of it, s."""
         return self._session.delay

@@ -135,6 +135,11 @@ class BoardClient:
         return self._phase
 
     @property
+    def period(self) -> float:
+        """Between two samples that the server sends, s."""
+        return self._profile.period
+
+    @property
     def delay(self) -> float:
         """How much later than the force itself the board's filter tells of it, s, at low frequencies."""
         return self._profile.delay

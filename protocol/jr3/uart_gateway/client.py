@@ -72,6 +72,11 @@ class UartGatewayClient:
         return self._session.phase
 
     @property
+    def period(self) -> float:
+        """Between two samples by the gateway's clock, s."""
+        return self._profile.period_ms * 1e-3
+
+    @property
     def delay(self) -> float:
         """How much later than the force itself a sample with the present cut-off tells of it, s."""
         return self._session.delay

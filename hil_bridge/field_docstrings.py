@@ -1,0 +1,33 @@
+"""The docstrings under the fields of a class, for people who read a file and not the source."""
+
+import ast
+import inspect
+import sys
+from functools import cache
+
+
+def field_docstrings(cls: type) -> dict[str, str]:
+    """The text right under each field of a class as one line, by field; empty where Python has no source of it."""
+    return dict(_by_class(cls.__module__).get(cls.__name__, {}))
+
+
+@cache
+def _by_class(module: str) -> dict[str, dict[str, str]]:
+    """Of all classes of a module; its source is read when somebody asks, for not every start has to pay for it."""
+    try:
+        tree = ast.parse(inspect.getsource(sys.modules[module]))
+    except (OSError, TypeError):
+        return {}
+    return {node.name: _texts(node) for node in ast.walk(tree) if isinstance(node, ast.ClassDef)}
+
+
+def _texts(body: ast.ClassDef) -> dict[str, str]:
+    found = {}
+    for statement, following in zip(body.body, body.body[1:], strict=False):
+        match statement, following:
+            case (
+                ast.AnnAssign(target=ast.Name(id=name)),
+                ast.Expr(value=ast.Constant(value=str(text))),
+            ):
+                found[name] = " ".join(text.split())
+    return found
