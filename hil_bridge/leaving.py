@@ -6,6 +6,7 @@ link was cut, or a bug ended it.
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 
 from hil_bridge.clock import Clock
 from hil_bridge.config import Config
@@ -13,7 +14,6 @@ from hil_bridge.control import LoopState, Observation, Request, Stop, Supervisor
 from hil_bridge.devices import ForceSensor, Motion, RobotLink
 from hil_bridge.errors import BridgeError, DeviceError, OrderRefused, TransportError
 from protocol.arap import Quaternion, Vector
-from protocol.values import dataclass
 
 TRY_AGAIN_S = 0.3
 """Chosen: pause before an order that was refused is given again."""

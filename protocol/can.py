@@ -1,8 +1,6 @@
 """One classical CAN frame."""
 
-from dataclasses import field
-
-from protocol.values import dataclass
+from dataclasses import dataclass, field
 
 
 @dataclass(frozen=True, slots=True)

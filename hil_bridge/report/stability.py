@@ -5,6 +5,7 @@ positions leave in it: predicted beside measured.
 import math
 import statistics
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
@@ -27,7 +28,6 @@ from hil_bridge.recording.reader import Recording
 from hil_bridge.recording.records import CycleRecord
 from hil_bridge.recording.summary import TRACK, Summary, end_of
 from hil_bridge.text_files import parse_json
-from protocol.values import dataclass
 
 PHASE_MARGIN_DEG = 45.0
 """Least phase margin that counts as comfortable: the textbooks' rule."""

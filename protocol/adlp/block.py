@@ -7,13 +7,13 @@ section 2, itself from the ofxABBRobot client.
 
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass
 from enum import IntEnum
 from functools import reduce
 from operator import xor
 from typing import TypeAlias
 
 from protocol.adlp.profile import DleStuffing, LengthStyle
-from protocol.values import dataclass
 
 HEADER_SIZE = 8
 """Bytes of a telegram before its data; its first two are the length. Mark: observed."""

@@ -1,9 +1,8 @@
 """The two ends of a computer link, and what a link tells its owner."""
 
+from dataclasses import dataclass
 from enum import StrEnum
 from typing import TypeAlias
-
-from protocol.values import dataclass
 
 
 class Role(StrEnum):

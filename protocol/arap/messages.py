@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Self, TypeAlias
 
 from protocol.adlp import HEADER_SIZE
@@ -9,7 +10,6 @@ from protocol.arap import layouts
 from protocol.arap.codes import FunctionCode, Mode, MoveKind, TelegramType, refusal_text, suffix_text
 from protocol.arap.telegram import Telegram
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
-from protocol.values import dataclass
 
 Vector: TypeAlias = tuple[float, float, float]
 Quaternion: TypeAlias = tuple[float, float, float, float]

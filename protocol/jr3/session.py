@@ -1,9 +1,9 @@
 """What the bridge sees of a force/torque sensor, whatever stands between: one seam for every client of one."""
 
+from dataclasses import dataclass
 from typing import Protocol, TypeAlias, TypeVar
 
 from protocol.endpoint import Endpoint
-from protocol.values import dataclass
 
 Data = TypeVar("Data")
 

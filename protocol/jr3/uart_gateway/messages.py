@@ -6,6 +6,7 @@ delimiters, so only the length that the op has tells where its frame ends.
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from enum import IntEnum
 
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
@@ -22,7 +23,6 @@ from protocol.jr3.firmware import (
     payload_layout,
     read_start,
 )
-from protocol.values import dataclass
 
 UART_BAUDRATE = 115_200
 """8 data bits, no parity, one stop bit. Source: the firmware."""
