@@ -3,7 +3,7 @@
 from collections import deque
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 from protocol.adlp import (
     EVENT_LIMIT,
@@ -35,8 +35,7 @@ class OrderFailure(StrEnum):
     UNFIT_ANSWER = "answer does not fit"
 
 
-@dataclass(frozen=True, slots=True)
-class Answered:
+class Answered(NamedTuple):
     """The order was done, or the query is answered."""
 
     order: Telegram

@@ -1,6 +1,6 @@
 """The ARAP telegram: header and data. Source: computer-link specification, section 3."""
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from protocol.adlp import HEADER_SIZE, LengthStyle
 from protocol.arap.codes import FunctionCode, TelegramType, function_text, suffix_text, type_text
@@ -13,8 +13,7 @@ FROM_ROBOT = 0
 """Byte 2 of a telegram from the controller; anything but 1 is taken. Mark: observed."""
 
 
-@dataclass(frozen=True, slots=True)
-class Telegram:
+class Telegram(NamedTuple):
     """One telegram. Function and type may be unknown ones: who takes the telegram judges them."""
 
     function: int
