@@ -7,7 +7,7 @@ reads the wrench that surface and gravity exert on the tool: pressing down on th
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, ClassVar, Protocol, TypeVar
 
@@ -25,7 +25,6 @@ from emulators.surface_faults import ObstacleProfile, Obstacles
 from protocol.adlp import LinkProfile
 from protocol.arap import Quaternion, Vector
 from protocol.marks import Mark, check_settings, setting
-from protocol.values import dataclass
 
 Floats = NDArray[np.float64]
 

@@ -10,7 +10,7 @@ import copy
 import math
 from collections import deque
 from collections.abc import Callable
-from dataclasses import field
+from dataclasses import dataclass, field
 from enum import StrEnum
 from itertools import pairwise
 from typing import Any, ClassVar, Protocol
@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 from emulators.materials import MaterialProfile, Memory
 from emulators.surface_faults import SurfaceFaults
 from protocol.marks import Mark, check_settings, setting
-from protocol.values import dataclass
 
 Floats = NDArray[np.float64]
 

@@ -5,6 +5,7 @@ never negative, for nothing sticks.
 """
 
 import math
+from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, ClassVar, Protocol
 
@@ -12,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from protocol.marks import Mark, check_settings, setting
-from protocol.values import dataclass
 
 Floats = NDArray[np.float64]
 

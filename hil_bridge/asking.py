@@ -1,6 +1,7 @@
 """The control loop of a configuration, asked about one observation at a time."""
 
 import math
+from dataclasses import dataclass
 
 from hil_bridge.config import Config
 from hil_bridge.control import (
@@ -23,7 +24,6 @@ from hil_bridge.control.supervisor import Retreat
 from hil_bridge.line_time import line_floor
 from hil_bridge.run import control_loop
 from protocol.arap import Vector
-from protocol.values import dataclass
 
 _NOW = 1000.0
 """Time of the observation, s: any."""

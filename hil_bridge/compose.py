@@ -2,7 +2,7 @@
 
 from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import AsyncExitStack, asynccontextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -48,7 +48,6 @@ from protocol.jr3 import (
     heard_by_gateway,
 )
 from protocol.jr3.registers import BoardClient
-from protocol.values import dataclass
 
 _MEMORY_CAN = "can+memory:"
 SLCAN = "can+slcan+"

@@ -6,6 +6,7 @@ is by asking with larger and larger values.
 
 import dataclasses
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 from pydantic import BaseModel
@@ -15,7 +16,6 @@ from hil_bridge.config import Config
 from hil_bridge.control import Cause, Clamp, Decision, Phase, Stop
 from hil_bridge.control.conditions import BY_CAUSE, CLAMPS, ENDS, ConditionRow
 from hil_bridge.margins import Margin, margins, number
-from protocol.values import dataclass
 
 
 @dataclass(frozen=True, slots=True)

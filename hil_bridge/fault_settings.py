@@ -3,6 +3,7 @@
 import operator
 import re
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
@@ -10,7 +11,6 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from emulators.cell_faults import CELL_FAULTS, FELT_BY_SENSOR, RECEIVERS
 from emulators.faults import find
 from hil_bridge.errors import ConfigError
-from protocol.values import dataclass
 
 if TYPE_CHECKING:
     from hil_bridge.recording import CycleRecord

@@ -6,6 +6,7 @@ The shell around the pure `identify_tool`. No zero is taken: it would hide the w
 import math
 import statistics
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import ClassVar
 
 from hil_bridge.clock import Clock, run_real, run_virtual
@@ -29,7 +30,6 @@ from hil_bridge.small_steps import bring_up
 from hil_bridge.zeroing import wrist
 from protocol.arap import Quaternion, Status, Vector, round_position
 from protocol.jr3 import SensorFrame
-from protocol.values import dataclass
 
 Tell = Callable[[str], None]
 

@@ -5,7 +5,7 @@ import shutil
 import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,7 +13,6 @@ from hil_bridge.clock import wall_time
 from hil_bridge.errors import BridgeError, ConfigError
 from hil_bridge.recording import Summary, read, summarise
 from hil_bridge.recording.files import check_place, check_record_place
-from protocol.values import dataclass
 
 if TYPE_CHECKING:
     from hil_bridge.recording import RunEnd

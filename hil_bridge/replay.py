@@ -5,6 +5,7 @@ commanded before it, since that is what the measurements belong to.
 """
 
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,6 @@ from hil_bridge.recording import CycleRecord, Recording
 from hil_bridge.run import control_loop
 from hil_bridge.text_files import parse_json, read_toml
 from protocol.arap import Vector
-from protocol.values import dataclass
 
 
 @dataclass(frozen=True, slots=True)

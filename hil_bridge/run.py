@@ -7,6 +7,7 @@ nothing but the robot's answers.
 import math
 import traceback
 from collections.abc import AsyncIterator
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 from msgspec.structs import replace
@@ -38,7 +39,6 @@ from hil_bridge.small_steps import bring_up
 from hil_bridge.zeroing import Zeroing, wrist
 from protocol.arap import Quaternion, Status, Vector
 from protocol.jr3 import AXES, FULL_SCALE_COUNTS, SensorFrame
-from protocol.values import dataclass
 
 THEN_EVENT = "then"
 """Kind of the events whose text is what followed the cause of a stop."""

@@ -3,12 +3,12 @@
 import math
 from collections import deque
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 
 from emulators.cell import Cell, TrueState
 from hil_bridge.config import SensorConfig
 from hil_bridge.recording import CycleRecord, TruthRecord
-from protocol.values import dataclass
 
 _AT_ONCE = 8
 """Cycles that are asked for together, unless the material would have forgotten. Chosen: a third of the cost of one

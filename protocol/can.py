@@ -1,13 +1,14 @@
 """One classical CAN frame."""
 
-from dataclasses import field
+from dataclasses import dataclass
+from typing import NamedTuple
 
-from protocol.values import dataclass
 
+class CanFrame(NamedTuple):
+    """A classical CAN data frame with an 11-bit identifier, unless a flag says otherwise.
 
-@dataclass(frozen=True, slots=True)
-class CanFrame:
-    """A classical CAN data frame with an 11-bit identifier, unless a flag says otherwise."""
+    A frame with the time of its arrival equals the same frame without.
+    """
 
     identifier: int
     data: bytes = b""
@@ -15,19 +16,30 @@ class CanFrame:
     remote: bool = False
     error: bool = False
     """Not a frame of a node but the interface telling of a bus error."""
-    received_at: float | None = field(default=None, compare=False)
+    received_at: float | None = None
     """When the interface took it off the bus, seconds on the receiver's clock; None where it cannot say."""
 
-    def __post_init__(self) -> None:
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, CanFrame) and self[:5] == other[:5]
+
+    def __ne__(self, other: object) -> bool:
+        return not self == other
+
+    def __hash__(self) -> int:
+        return hash(self[:5])
+
+    def checked(self) -> "CanFrame":
+        """This frame, made of values from outside. Raises ValueError for one that no bus could carry."""
         limit = 0x1FFFFFFF if self.extended else 0x7FF
         if not 0 <= self.identifier <= limit:
             raise ValueError(f"CAN identifier {self.identifier:#x} is outside 0 … {limit:#x}")
         if len(self.data) > 8:
             raise ValueError(f"a CAN frame holds at most 8 bytes, got {len(self.data)}")
+        return self
 
     def stamped(self, received_at: float) -> "CanFrame":
         """The same frame as an interface hands it over, with the time at which it was there."""
-        return CanFrame(self.identifier, self.data, self.extended, self.remote, self.error, received_at)
+        return CanFrame(*self[:5], received_at)
 
     def __str__(self) -> str:
         width = 8 if self.extended else 3

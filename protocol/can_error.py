@@ -4,11 +4,11 @@ A report travels as a `CanFrame` with the flag `error`: its identifier is a sum 
 more about each class. Source: linux/can/error.h (Linux 6.1).
 """
 
+from dataclasses import dataclass
 from enum import IntEnum, IntFlag, StrEnum
 
 from protocol.can import CanFrame
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
-from protocol.values import dataclass
 
 REPORT_BYTES = 8
 """Every report has so many bytes (CAN_ERR_DLC)."""

@@ -6,12 +6,12 @@ and are applied only where a person or the control side reads it.
 
 import struct
 from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
 from protocol.marks import Mark
-from protocol.values import dataclass
 
 _WHOLE = 2.0**53
 """Beyond it a float tells no whole number from the next."""

@@ -52,7 +52,7 @@ def decode_frame(line: bytes, *, timestamp: bool = False) -> CanFrame:
         raise RemoteProtocolError(f"{line!r} does not have the {length} bytes that it announces")
     data = bytes(length) if remote else bytes.fromhex(body[width + 1 : end].decode())
     try:
-        return CanFrame(int(body[:width], 16), data, extended=extended, remote=remote)
+        return CanFrame(int(body[:width], 16), data, extended=extended, remote=remote).checked()
     except ValueError as error:
         raise RemoteProtocolError(f"{line!r}: {error}") from error
 

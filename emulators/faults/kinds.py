@@ -2,10 +2,8 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import field
+from dataclasses import dataclass, field
 from typing import TypeAlias
-
-from protocol.values import dataclass
 
 FaultValue: TypeAlias = float | str
 

@@ -13,13 +13,13 @@ Axis 3 is read against the horizon or against the upper arm, see `S3Profile.axis
 
 import math
 from bisect import bisect_right
+from dataclasses import dataclass
 from itertools import accumulate
 from typing import TypeAlias
 
 from emulators.robot.profile import S3Profile
 from emulators.robot.quaternions import product
 from protocol.arap import Quaternion, Vector
-from protocol.values import dataclass
 
 Joints: TypeAlias = tuple[float, float, float, float, float, float]
 """Angles of axes 1 to 6, rad."""

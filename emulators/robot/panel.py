@@ -21,7 +21,7 @@ All but the last are answered with the state afterwards.
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -30,7 +30,6 @@ from emulators.faults import FOREVER, Fault, Ledger
 from emulators.robot.controller import S3Controller
 from emulators.robot.faults import S3_FAULTS, target_of
 from emulators.robot.state import status_flags
-from protocol.values import dataclass
 
 
 @dataclass(frozen=True, slots=True)

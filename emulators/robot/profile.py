@@ -1,11 +1,11 @@
 """What may differ between one S3 controller and the next, or is not known of any."""
 
+from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
 from emulators.quantiles import check_quantiles
 from protocol.arap import Mode, RefusalCode
 from protocol.marks import Mark, check_settings, setting
-from protocol.values import dataclass
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,11 +11,11 @@ one instruction that takes a time given by the profile.
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import TypeAlias
 
 from emulators.robot.motion import Motion
 from protocol.arap import Vector
-from protocol.values import dataclass
 
 FIRST_LINE = "# emulated program"
 STEP_LIMIT = 65535

@@ -55,8 +55,7 @@ class Reporting:
                 continue
             told, before = _FALSIFY[wrong.injection.fault](wrong, told, self._motion, now), told
             wrong.injection.struck += told != before
-        return replace(
-            status,
+        return status._replace(
             position_words=position_words(told.position),
             quaternion_words=quaternion_words(told.quaternion),
             standby=told.standby,

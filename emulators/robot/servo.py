@@ -18,6 +18,7 @@ it is walked more slowly wherever a joint could not follow.
 
 import math
 from bisect import bisect_right
+from dataclasses import dataclass
 from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
@@ -27,7 +28,6 @@ from emulators.robot.kinematics import Joints, Route
 from emulators.robot.quaternions import angle_between, normalised, slerp
 from protocol.arap import Quaternion, Vector
 from protocol.marks import Mark, check_settings, setting
-from protocol.values import dataclass
 
 Floats: TypeAlias = NDArray[np.float64]
 

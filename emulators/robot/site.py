@@ -1,12 +1,11 @@
 """What a site has put into its controller: programs with their contents, and orders that only this site knows."""
 
 from collections.abc import Mapping
-from dataclasses import field
+from dataclasses import dataclass, field
 from typing import TypeAlias
 
 from protocol.arap import KNOWN, OrderBook, OrderDefinition, RefusalCode, Telegram, Value, response
 from protocol.endpoint import LocalProtocolError
-from protocol.values import dataclass
 
 PLACE_LIMIT = 65536
 """Places of all memories together that are kept, so that no host can fill ours. Mark: chosen."""

@@ -5,14 +5,13 @@ mark otherwise. Source: project specification of the computer link, section 3.
 """
 
 from collections.abc import Mapping
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Any
 
 from emulators.robot.profile import S3Profile
 from protocol.arap import FunctionCode, Mode, MoveKind, RefusalCode
 from protocol.marks import Mark
-from protocol.values import dataclass
 
 
 class Activity(StrEnum):

@@ -1,6 +1,6 @@
 """One run of the whole chain as a job, and what the experiments keep of it."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,7 +12,6 @@ from hil_bridge.control.merit import STEADY_SAMPLES
 from hil_bridge.experiments.chain import run_cell
 from hil_bridge.experiments.wall import Parameters
 from hil_bridge.recording import Outcome
-from protocol.values import dataclass
 
 Floats = NDArray[np.float64]
 

@@ -3,9 +3,8 @@
 import csv
 import io
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any, Protocol, TypeAlias
-
-from protocol.values import dataclass
 
 Value: TypeAlias = str | int | float | None
 Row: TypeAlias = dict[str, Value]

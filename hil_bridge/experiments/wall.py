@@ -4,11 +4,11 @@ Source: project specification of the force control, section 4. The position move
 the force has uniform noise of half a newton either way, the run begins in contact at zero force.
 """
 
+from dataclasses import dataclass
 from random import Random
 from typing import NamedTuple
 
 from hil_bridge.control import FiguresOfMerit, Measurement, figures_of_merit, make_controller
-from protocol.values import dataclass
 
 RESOLUTION = 0.125e-3
 """m. Source: the paper."""

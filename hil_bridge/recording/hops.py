@@ -9,9 +9,8 @@ A hop lies between two moments of a cycle. Moments are stamps of the cycle (`Cyc
   `latency.earliest_arrivals`.
 """
 
+from dataclasses import dataclass
 from enum import StrEnum
-
-from protocol.values import dataclass
 
 
 class Owner(StrEnum):

@@ -3,7 +3,7 @@
 import io
 import struct
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,6 @@ from hil_bridge.recording.recorder import DEVICES_NAME, END_NAME, METADATA_NAME
 from hil_bridge.recording.records import CycleRecord, EventRecord, LinkRecord, SensorRecord, TruthRecord
 from hil_bridge.recording.topics import CYCLE, EVENT, LINK, SENSOR, TRUTH, Record, Topic
 from hil_bridge.text_files import named, read_up_to
-from protocol.values import dataclass
 
 CHUNK_LIMIT_BYTES = 1 << 24
 """Of one chunk, unpacked. Chosen: 16 times the largest that a run writes, 4 times what other programs write."""

@@ -8,6 +8,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
@@ -17,7 +18,6 @@ from hil_bridge.errors import BridgeError
 from hil_bridge.recording.files import open_record
 from hil_bridge.recording.records import EventRecord
 from hil_bridge.recording.topics import TOPICS, Record, Topic
-from protocol.values import dataclass
 
 METADATA_NAME = "run"
 DEVICES_NAME = "devices"

@@ -4,7 +4,7 @@ import json
 import math
 import statistics
 from collections.abc import Mapping, Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
 
@@ -20,7 +20,6 @@ from hil_bridge.recording.records import CycleRecord
 from hil_bridge.recording.times import Times, times_of
 from hil_bridge.recording.topics import SENSOR, TOPICS
 from hil_bridge.text_files import parse_json
-from protocol.values import dataclass
 
 PHASE_EVENT = "phase"
 """Kind of the events whose text is the name of the phase that begins."""

@@ -3,8 +3,7 @@
 import math
 import statistics
 from collections.abc import Iterable, Mapping, Sequence
-
-from protocol.values import dataclass
+from dataclasses import dataclass
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,6 +10,7 @@ import os
 import re
 from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
@@ -18,7 +19,6 @@ from hil_bridge.text_files import read_text
 from protocol.endpoint import RemoteProtocolError
 from protocol.jr3.board import MEMORY_WORDS, REGISTERS, check_range, pack_words
 from protocol.jr3.registers import ResetRefused
-from protocol.values import dataclass
 
 SYSFS: Final = Path("/sys/bus/pci/devices")
 DEFAULT_OFFSET: Final = 0x18000

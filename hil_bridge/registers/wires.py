@@ -7,7 +7,7 @@
 """
 
 from collections.abc import Awaitable, Callable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, Final
 from urllib.parse import parse_qsl, urlencode, urlsplit
 
@@ -24,7 +24,6 @@ from protocol.jr3.registers import (
     RegisterServer,
     RegisterServerProfile,
 )
-from protocol.values import dataclass
 
 BOARD: Final = "jr3+"
 """Before a byte URL: the register protocol of a receiver board on that wire."""

@@ -3,13 +3,13 @@
 import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import TypeGuard
 
 from hil_bridge.recording.reader import Recording
 from hil_bridge.recording.records import CycleRecord
 from hil_bridge.recording.summary import TRACK
 from hil_bridge.report.figures import quantity
-from protocol.values import dataclass
 
 ROWS_SHOWN = 200
 RULES_SHOWN = 3

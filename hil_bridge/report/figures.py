@@ -1,7 +1,8 @@
 """The figures of a summary as rows that a person reads: one table for the picture and the page."""
 
+from dataclasses import dataclass
+
 from hil_bridge.recording.summary import Summary
-from protocol.values import dataclass
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,11 +11,11 @@ follows a # mean nothing.
 
 import re
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from enum import StrEnum
 
 from hil_bridge.errors import ConfigError
 from hil_bridge.recording import LINK_EVENT, LinkRecord
-from protocol.values import dataclass
 
 
 class Sender(StrEnum):

@@ -11,12 +11,12 @@ import os
 import re
 import stat
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
 from protocol.jr3 import GATEWAY_BITRATE
-from protocol.values import dataclass
 
 _ARPHRD_CAN = 280
 """Type of a CAN interface. Source: Linux, if_arp.h."""

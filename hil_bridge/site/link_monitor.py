@@ -8,7 +8,7 @@ Source: computer-link specification, section 2.
 
 from collections import deque
 from collections.abc import Callable
-from dataclasses import field
+from dataclasses import dataclass, field
 
 from hil_bridge.site.capture import Piece, Sender
 from hil_bridge.site.wording import telegram_text
@@ -25,7 +25,6 @@ from protocol.adlp import (
     Token,
 )
 from protocol.arap import KNOWN, OrderBook
-from protocol.values import dataclass
 
 GARBAGE_SIZE = 5
 """After so many meaningless bytes in a row a control byte is taken for one more of them. Chosen, as in the link."""

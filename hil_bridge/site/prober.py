@@ -1,6 +1,7 @@
 """The PC's end of a link whose settings are not known yet: one query after the other, each with its own settings."""
 
 from collections import deque
+from dataclasses import dataclass
 from typing import TypeAlias
 
 from hil_bridge.site.search import Outcome, Query, Reply, Try
@@ -17,7 +18,6 @@ from protocol.arap import (
     Telegram,
 )
 from protocol.endpoint import RemoteProtocolError
-from protocol.values import dataclass
 
 _REPLIES: dict[LinkFailure | OrderFailure, Reply] = {
     LinkFailure.NO_ANSWER: Reply.SILENCE,

@@ -6,13 +6,13 @@ reading less the one before it then names the axis that answers, and its sign; t
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from hil_bridge.control import Wrist
 from protocol.jr3 import AXES
-from protocol.values import dataclass
 
 LEAST_N = 5.0
 """Least force that counts as a push. Chosen: a light one, far above the weight of a hand at rest."""

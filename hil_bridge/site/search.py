@@ -9,13 +9,13 @@ A plain read status holds no 10h, and its answer only by chance. So doubling is 
 """
 
 from collections.abc import Generator, Sequence
+from dataclasses import dataclass
 from enum import Enum, StrEnum
 from typing import TypeAlias
 
 from hil_bridge.transports import LineSettings, Parity
 from protocol.adlp import LENGTH_STYLES, Control, DleStuffing, LengthStyle
 from protocol.arap import FunctionCode, Telegram, TelegramType, read_status
-from protocol.values import dataclass
 
 BAUDRATES = (9600, 19200, 4800, 2400, 1200, 600, 300)
 """The likeliest first. Source: computer-link specification, section 1; all but 9600 assumed."""

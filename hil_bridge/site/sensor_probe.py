@@ -12,6 +12,7 @@ import sys
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext, suppress
+from dataclasses import dataclass
 from typing import TypeAlias, TypeVar
 
 import click
@@ -32,7 +33,6 @@ from hil_bridge.site.push import (
 )
 from hil_bridge.zeroing import wrist
 from protocol.jr3 import AXES, SensorFrame
-from protocol.values import dataclass
 
 NOISE_S = 1.0
 """For so long the stream's rate and noise are measured, and what is there before a push. Chosen."""

@@ -44,7 +44,7 @@ def from_message(message: can.Message, at: float) -> CanFrame | None:
             remote=message.is_remote_frame,
             error=message.is_error_frame,
             received_at=at,
-        )
+        ).checked()
     except ValueError:
         return None
 

@@ -2,12 +2,12 @@
 
 import math
 from collections import deque
+from dataclasses import dataclass
 
 from hil_bridge.errors import TransportError
 from hil_bridge.transports.base import Frames
 from hil_bridge.transports.delivery import QUEUE_FRAMES
 from protocol.can import CanFrame
-from protocol.values import dataclass
 
 SEND_DEADLINE_S = 0.1
 """For how long a frame waits while nothing leaves, s. Chosen: after that a command is worse than none."""

@@ -3,6 +3,7 @@
 import asyncio
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import dataclass
 
 import can
 from can.interfaces.slcan import slcanBus
@@ -19,7 +20,6 @@ from hil_bridge.transports.slcan_port import SlcanPort
 from hil_bridge.transports.socketcan import LINK_LOST, Link
 from protocol.can import CanFrame
 from protocol.can_error import CanErrorReport, ErrorClass, ErrorState, decode_error, encode_error
-from protocol.values import dataclass
 
 MOST_PER_WAKE_UP = 256
 """Reads before others have their turn. Chosen: 30 ms of a full bus at 1 Mbit/s in about 3 ms."""

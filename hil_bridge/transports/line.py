@@ -1,6 +1,7 @@
 """A serial line: bytes take the time that a UART gives them, and arrive as the other end's UART reads them."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 from hil_bridge.clock import Clock
 from hil_bridge.errors import TransportBroken, TransportClosed, TransportError
@@ -9,7 +10,6 @@ from hil_bridge.transports.delivery import QUEUE_BYTES, Delivery, flush
 from hil_bridge.transports.lane import Lane
 from hil_bridge.transports.uart import COUNTED_AS, Damaged, Flaw, LineErrors, LineSettings
 from hil_bridge.transports.wrappers import Direction
-from protocol.values import dataclass
 
 FIFO = 14
 """Characters after which a UART hands over what it received.

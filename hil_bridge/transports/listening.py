@@ -2,12 +2,12 @@
 
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import dataclass
 from typing import Generic, TypeVar
 
 from hil_bridge.errors import TransportError
 from hil_bridge.transports.base import Transport
 from hil_bridge.transports.delivery import QUEUE_BYTES, Delivery
-from protocol.values import dataclass
 
 Data = TypeVar("Data")
 

@@ -2,6 +2,7 @@
 
 import asyncio
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from weakref import WeakKeyDictionary
 
@@ -11,7 +12,6 @@ from hil_bridge.transports.base import Transport
 from hil_bridge.transports.delivery import QUEUE_BYTES, Delivery, TimedQueue, flush
 from hil_bridge.transports.line import LineEnd
 from hil_bridge.transports.listening import Exchange
-from protocol.values import dataclass
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,9 +5,8 @@ FIFOs, line status register; termios(3) for what a Linux port hands on of a dama
 """
 
 import heapq
+from dataclasses import dataclass
 from enum import StrEnum
-
-from protocol.values import dataclass
 
 DATA_BITS = 8
 

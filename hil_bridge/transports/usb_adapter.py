@@ -5,6 +5,7 @@ Reference: FTDI application note AN232B-04, Data Throughput, Latency and Handsha
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 
 from hil_bridge.clock import Clock, Timer
@@ -13,7 +14,6 @@ from hil_bridge.transports.base import Transport
 from hil_bridge.transports.delivery import QUEUE_BYTES, Delivery, TimedQueue, flush
 from hil_bridge.transports.wrappers import Direction
 from protocol.marks import Mark, check_settings, setting
-from protocol.values import dataclass
 
 
 @dataclass(frozen=True, slots=True)

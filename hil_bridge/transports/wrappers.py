@@ -2,6 +2,7 @@
 
 import random
 from collections.abc import Callable, Sized
+from dataclasses import dataclass
 from enum import StrEnum
 from functools import partial
 from typing import Generic, TypeVar
@@ -10,7 +11,6 @@ from hil_bridge.clock import Clock
 from hil_bridge.errors import TransportBroken, TransportClosed, TransportError
 from hil_bridge.transports.base import Transport
 from hil_bridge.transports.delivery import QUEUE_BYTES, Delivery, TimedQueue, flush
-from protocol.values import dataclass
 
 Data = TypeVar("Data", bound=Sized)
 

@@ -3,12 +3,11 @@
 import math
 from collections import deque
 from collections.abc import Mapping
-from dataclasses import field
+from dataclasses import dataclass, field
 
 from hil_bridge.recording.latency import AnswerTimes, Latency, budget
 from hil_bridge.recording.records import CycleRecord
 from protocol.adlp import ROUTINE, Count, NoticeKind
-from protocol.values import dataclass
 
 REFRESH_SECONDS = 0.2
 """How often a run should have the view drawn at most."""

@@ -7,13 +7,13 @@ section 2, itself from the ofxABBRobot client.
 
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass
 from enum import IntEnum
 from functools import reduce
 from operator import xor
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 from protocol.adlp.profile import DleStuffing, LengthStyle
-from protocol.values import dataclass
 
 HEADER_SIZE = 8
 """Bytes of a telegram before its data; its first two are the length. Mark: observed."""
@@ -49,8 +49,7 @@ _DLE = bytes((Control.DLE,))
 _TRAILER = bytes((Control.DLE, Control.ETX))
 
 
-@dataclass(frozen=True, slots=True)
-class Block:
+class Block(NamedTuple):
     """A complete block with the right check character."""
 
     telegram: bytes
@@ -60,8 +59,7 @@ class Block:
     """Bytes on the line."""
 
 
-@dataclass(frozen=True, slots=True)
-class Flaw:
+class Flaw(NamedTuple):
     """What began like a block and is none."""
 
     text: str

@@ -1,9 +1,8 @@
 """The two ends of a computer link, and what a link tells its owner."""
 
+from dataclasses import dataclass
 from enum import StrEnum
-from typing import TypeAlias
-
-from protocol.values import dataclass
+from typing import NamedTuple, TypeAlias
 
 
 class Role(StrEnum):
@@ -80,8 +79,7 @@ ROUTINE = frozenset(
 """What happens in every undisturbed exchange: always counted, told only by a verbose link."""
 
 
-@dataclass(frozen=True, slots=True)
-class MessageReceived:
+class MessageReceived(NamedTuple):
     """A message of the other side is complete."""
 
     telegrams: tuple[bytes, ...]
@@ -101,8 +99,7 @@ class LinkFailed:
     text: str
 
 
-@dataclass(frozen=True, slots=True)
-class LinkNotice:
+class LinkNotice(NamedTuple):
     """Something happened that the link could deal with itself."""
 
     kind: NoticeKind

@@ -3,9 +3,8 @@
 A pair that is not in the table is ignored and counted. Source: computer-link specification, section 2.
 """
 
+from dataclasses import dataclass
 from enum import StrEnum
-
-from protocol.values import dataclass
 
 
 class State(StrEnum):

@@ -5,7 +5,6 @@ the last has the type that a single telegram would have, and every one repeats f
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 from protocol.adlp import HEADER_SIZE, MESSAGE_LIMIT
 from protocol.arap.codes import TelegramType
@@ -35,8 +34,8 @@ def split_telegram(telegram: Telegram, max_telegram: int) -> tuple[Telegram, ...
         )
     further = further_type(telegram.from_robot)
     return (
-        *(replace(telegram, type=further, data=part) for part in parts[:-1]),
-        replace(telegram, data=parts[-1]),
+        *(telegram._replace(type=further, data=part) for part in parts[:-1]),
+        telegram._replace(data=parts[-1]),
     )
 
 
@@ -54,4 +53,4 @@ def join_blocks(blocks: Sequence[Telegram]) -> Telegram:
             raise RemoteProtocolError(f"block {number} of {len(blocks)} is none of a long telegram: {block}")
     if last.type == further:
         raise RemoteProtocolError(f"a further block was announced and did not come: {last}")
-    return replace(last, data=b"".join(block.data for block in blocks))
+    return last._replace(data=b"".join(block.data for block in blocks))

@@ -1,8 +1,9 @@
 """The PC's end of the computer link: one order at a time over an ADLP link."""
 
 from collections import deque
+from dataclasses import dataclass
 from enum import StrEnum
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 from protocol.adlp import (
     EVENT_LIMIT,
@@ -22,7 +23,6 @@ from protocol.arap.codes import TelegramType
 from protocol.arap.messages import Refusal, Spontaneous
 from protocol.arap.telegram import Telegram
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
-from protocol.values import dataclass
 
 # Asked for with every answer, by names of this module: until Python 3.12 an enum's own name costs five times that.
 _RESPONSE, _SPONTANEOUS = TelegramType.RESPONSE, TelegramType.SPONTANEOUS
@@ -35,8 +35,7 @@ class OrderFailure(StrEnum):
     UNFIT_ANSWER = "answer does not fit"
 
 
-@dataclass(frozen=True, slots=True)
-class Answered:
+class Answered(NamedTuple):
     """The order was done, or the query is answered."""
 
     order: Telegram

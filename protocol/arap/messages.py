@@ -2,14 +2,14 @@
 
 import math
 from collections.abc import Collection, Mapping, Sequence
-from typing import Self, TypeAlias
+from dataclasses import dataclass
+from typing import NamedTuple, Self, TypeAlias
 
 from protocol.adlp import HEADER_SIZE
 from protocol.arap import layouts
 from protocol.arap.codes import FunctionCode, Mode, MoveKind, TelegramType, refusal_text, suffix_text
 from protocol.arap.telegram import Telegram
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
-from protocol.values import dataclass
 
 Vector: TypeAlias = tuple[float, float, float]
 Quaternion: TypeAlias = tuple[float, float, float, float]
@@ -86,8 +86,7 @@ def _flags(names: Mapping[str, int]) -> tuple[tuple[bool, ...], ...]:
 _FLAGS_16, _FLAGS_17 = _flags(layouts.FLAG_BITS_16), _flags(layouts.FLAG_BITS_17)
 
 
-@dataclass(frozen=True, slots=True)
-class Status:
+class Status(NamedTuple):
     """Answer to read status: state and pose of the tool in the base frame, as device words."""
 
     position_words: Words3
@@ -145,8 +144,7 @@ class Status:
         return Telegram(FunctionCode.READ_STATUS, TelegramType.RESPONSE, 0, data, from_robot=True)
 
 
-@dataclass(frozen=True, slots=True)
-class Move:
+class Move(NamedTuple):
     """One telegram of a movement sequence: a start, any number of points, an end at the last point."""
 
     kind: MoveKind

@@ -2,6 +2,7 @@
 
 import difflib
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from protocol.arap import layouts
 from protocol.arap.codes import FunctionCode, TelegramType, refusal_text, suffix_text
@@ -9,7 +10,6 @@ from protocol.arap.orders import KNOWN_ORDERS, DefinitionError, OrderDefinition,
 from protocol.arap.payload import Payload, describe_rest
 from protocol.arap.telegram import Telegram
 from protocol.endpoint import LocalProtocolError
-from protocol.values import dataclass
 
 _KNOWN_FUNCTIONS = {definition.function: definition for definition in KNOWN_ORDERS}
 _REFUSAL = Payload(layouts.REFUSAL)

@@ -3,12 +3,12 @@
 import math
 import struct
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import TypeAlias
 
 from protocol.endpoint import LocalProtocolError
 from protocol.fields import Field, Layout
 from protocol.marks import Mark
-from protocol.values import dataclass
 
 Value: TypeAlias = float | bytes
 """What a field holds: a number in the field's unit, whole where the field counts, or bytes."""

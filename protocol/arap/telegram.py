@@ -1,10 +1,11 @@
 """The ARAP telegram: header and data. Source: computer-link specification, section 3."""
 
+from typing import NamedTuple
+
 from protocol.adlp import HEADER_SIZE, LengthStyle
 from protocol.arap.codes import FunctionCode, TelegramType, function_text, suffix_text, type_text
 from protocol.arap.layouts import HEADER
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
-from protocol.values import dataclass
 
 FROM_PC = 1
 """Byte 2 of a telegram from the PC. Mark: observed."""
@@ -12,8 +13,7 @@ FROM_ROBOT = 0
 """Byte 2 of a telegram from the controller; anything but 1 is taken. Mark: observed."""
 
 
-@dataclass(frozen=True, slots=True)
-class Telegram:
+class Telegram(NamedTuple):
     """One telegram. Function and type may be unknown ones: who takes the telegram judges them."""
 
     function: int

@@ -1,9 +1,9 @@
 """What the bridge sees of a force/torque sensor, whatever stands between: one seam for every client of one."""
 
-from typing import Protocol, TypeAlias, TypeVar
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol, TypeAlias, TypeVar
 
 from protocol.endpoint import Endpoint
-from protocol.values import dataclass
 
 Data = TypeVar("Data")
 
@@ -18,8 +18,7 @@ class SensorReady:
     """What the device says of the sensor: model and serial number; empty where it says nothing."""
 
 
-@dataclass(frozen=True, slots=True)
-class SensorFrame:
+class SensorFrame(NamedTuple):
     """One complete six-axis sample."""
 
     counts: tuple[int, int, int, int, int, int]

@@ -3,6 +3,7 @@
 Reference: RFC 2217. The port is ready when the server has confirmed every setting that was asked for.
 """
 
+from dataclasses import dataclass
 from enum import Enum, auto
 from typing import TypeAlias
 
@@ -22,7 +23,6 @@ from protocol.rfc2217.session import (
     Session,
 )
 from protocol.rfc2217.telnet import Negotiation, Option, Options, Verb
-from protocol.values import dataclass
 
 PATIENCE_S = 4.0
 """For how long a server may take to confirm, s. Chosen: less than what opening a connection may take."""

@@ -3,11 +3,11 @@
 Reference: RFC 2217. Everything here is [standard].
 """
 
+from dataclasses import dataclass
 from enum import IntEnum, IntFlag
 
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
 from protocol.rfc2217.telnet import Option, subnegotiation
-from protocol.values import dataclass
 
 FROM_SERVER = 100
 """What a server adds to a command's code."""

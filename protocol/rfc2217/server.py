@@ -3,7 +3,7 @@
 Reference: RFC 2217. Silent until the client speaks Telnet, so that a client that does not may use it as a raw port.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Final, TypeAlias
 
 from protocol.rfc2217.com_port import (
@@ -17,7 +17,6 @@ from protocol.rfc2217.com_port import (
 )
 from protocol.rfc2217.session import OPTIONS, Malformed, SerialData, Session
 from protocol.rfc2217.telnet import Negotiation, Option, Options
-from protocol.values import dataclass
 
 SIGNATURE: Final = b"hil-bridge"
 

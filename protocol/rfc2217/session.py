@@ -2,6 +2,7 @@
 
 from collections import deque
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Generic, TypeVar
 
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
@@ -15,7 +16,6 @@ from protocol.rfc2217.telnet import (
     TelnetReader,
     escaped,
 )
-from protocol.values import dataclass
 
 QUEUE_BYTES = 65536
 """Bound of what waits to be sent. Chosen: a minute of a 9600-baud line."""

@@ -4,10 +4,9 @@ References: RFC 854 (commands), RFC 855 (options and subnegotiation), RFC 1143 (
 """
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 from enum import Enum, IntEnum, auto
 from typing import TypeAlias
-
-from protocol.values import dataclass
 
 IAC = 255
 """Begins a command; doubled it is a byte of the payload. [standard, RFC 854]"""

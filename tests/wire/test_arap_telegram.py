@@ -130,7 +130,7 @@ def test_check_value_of_a_real_robot():
     assert status.quaternion_words == (2071, -11179, 2455, 11539)
     assert round(math.hypot(*status.quaternion), 6) == 0.999998
     assert (status.program, status.instruction, status.tcp, status.frame) == (1, 2, 3, 4)
-    flags = {name for name in Status.__dataclass_fields__ if getattr(status, name) is True}
+    flags = {name for name in Status._fields if getattr(status, name) is True}
     assert flags == {"key_auto", "operation", "emergency_stop"}
     telegram = status.to_telegram()
     assert telegram.data == data

@@ -123,7 +123,7 @@ def test_a_frame_reads_as_candump_writes_it() -> None:
 )
 def test_no_frame_that_no_bus_could_carry(identifier: int, data: bytes, message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        CanFrame(identifier, data)
+        CanFrame(identifier, data).checked()
 
 
 def test_a_frame_with_its_time_is_the_same_frame() -> None:

@@ -4,6 +4,7 @@ It follows from the block's length, its place on the grid of the slowest filter 
 plan is made once for many blocks.
 """
 
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -13,7 +14,6 @@ from emulators.jr3.board.filters import FILTER_STEPS, THRESHOLD_STEP, VECTOR_STE
 from emulators.jr3.board.traces import NEVER, NEWEST, TRACE_WORDS, Place, Places
 from protocol.jr3 import AXES
 from protocol.jr3.board import VECTORS
-from protocol.values import dataclass
 
 Indices = NDArray[np.int64]
 

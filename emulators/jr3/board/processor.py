@@ -1,7 +1,7 @@
 """What the board's program does, without the time: commands, settings, identification of the sensor."""
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -35,7 +35,6 @@ from protocol.jr3.board import (
     decode_transform,
     to_signed,
 )
-from protocol.values import dataclass
 
 _MM = 1e-3
 

@@ -1,6 +1,7 @@
 """Computed words over a block of samples, and where in the memory they stand."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import lru_cache
 from itertools import accumulate
 
@@ -9,7 +10,6 @@ from numpy.typing import NDArray
 
 from protocol.jr3 import AXES
 from protocol.jr3.board import FILTERS, REGISTERS, VECTORS
-from protocol.values import dataclass
 
 Words = NDArray[np.int16]
 NEVER = 1 << 62

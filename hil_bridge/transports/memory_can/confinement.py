@@ -3,10 +3,9 @@
 Source: ISO 11898-1, fault confinement; Bosch CAN 2.0, part B, chapter 8.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from protocol.can_error import CanErrorReport, Controller, ErrorClass, ErrorState
-from protocol.values import dataclass
 
 WARNING_LIMIT = 96
 """Not of the standard: where controllers warn, and SocketCAN with them."""

@@ -3,10 +3,10 @@
 The host writes command_word2 and command_word1 first and command_word0 last; the board answers there.
 """
 
+from dataclasses import dataclass
 from enum import IntEnum
 
 from protocol.marks import Mark
-from protocol.values import dataclass
 
 
 class CommandCode(IntEnum):

@@ -4,12 +4,12 @@ Source: JR3 manual 5907E, and the public header of Linux's jr3_pci driver.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from protocol.endpoint import RemoteProtocolError
 from protocol.jr3.board.words import MEMORY_WORDS, to_signed
 from protocol.jr3.counts import AXES
 from protocol.marks import Mark
-from protocol.values import dataclass
 
 SLOTS = 16
 """Slots of offsets, of load envelopes and of transforms."""

@@ -4,11 +4,11 @@ Source: JR3 manual 5907E; the order of words after the public header of Linux's 
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from enum import IntEnum
 
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
 from protocol.jr3.board.words import from_signed, to_signed
-from protocol.values import dataclass
 
 TURN_COUNTS = 32768
 """Amount of a rotation that means 180°."""

@@ -5,10 +5,10 @@ Source: JR3 manual 5907E; bit names after the public header of Linux's jr3_pci d
 
 import struct
 from collections.abc import Sequence
+from dataclasses import dataclass
 from enum import IntEnum, IntFlag
 
 from protocol.endpoint import LocalProtocolError
-from protocol.values import dataclass
 
 WORD_MODULUS = 1 << 16
 MEMORY_WORDS = 1 << 14

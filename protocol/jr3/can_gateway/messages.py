@@ -5,6 +5,7 @@ an op and a node, little-endian payloads.
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from enum import IntEnum
 from functools import cache
 
@@ -24,7 +25,6 @@ from protocol.jr3.firmware import (
     read_start,
 )
 from protocol.marks import Mark
-from protocol.values import dataclass
 
 GATEWAY_BITRATE = 1_000_000
 """bit/s. Source: the firmware."""

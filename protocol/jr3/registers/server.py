@@ -1,7 +1,7 @@
 """The register server's side of one connection, over any board."""
 
 from collections import deque
-from dataclasses import field
+from dataclasses import dataclass, field
 
 from protocol.endpoint import RemoteProtocolError
 from protocol.jr3.board import Registers
@@ -20,7 +20,6 @@ from protocol.jr3.registers.telegrams import (
     fits,
     request_reader,
 )
-from protocol.values import dataclass
 
 
 @dataclass(frozen=True, slots=True)

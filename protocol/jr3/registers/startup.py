@@ -6,6 +6,7 @@ jr3_pci driver.
 """
 
 from collections.abc import Generator, Sequence
+from dataclasses import dataclass
 from typing import TypeAlias, TypeVar
 
 from protocol.endpoint import RemoteProtocolError
@@ -21,7 +22,6 @@ from protocol.jr3.board import (
 )
 from protocol.jr3.counts import AXES
 from protocol.jr3.registers.profile import BoardClientProfile
-from protocol.values import dataclass
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,6 +7,7 @@ chosen.
 
 import struct
 from collections.abc import Callable
+from dataclasses import dataclass
 from enum import IntEnum
 from typing import Final, Generic, TypeAlias, TypeVar
 
@@ -14,7 +15,6 @@ from protocol.endpoint import LocalProtocolError, RemoteProtocolError
 from protocol.fields import Field, Layout
 from protocol.jr3.board import pack_words
 from protocol.marks import Mark
-from protocol.values import dataclass
 
 MAX_WORDS = 256
 """Words in one burst."""

@@ -6,7 +6,9 @@ delimiters, so only the length that the op has tells where its frame ends.
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from enum import IntEnum
+from typing import NamedTuple
 
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
 from protocol.fields import Layout
@@ -22,7 +24,6 @@ from protocol.jr3.firmware import (
     payload_layout,
     read_start,
 )
-from protocol.values import dataclass
 
 UART_BAUDRATE = 115_200
 """8 data bits, no parity, one stop bit. Source: the firmware."""
@@ -78,8 +79,7 @@ DATA_FRAME_S = (DATA.size + OVERHEAD) * BITS_PER_BYTE / UART_BAUDRATE
 """What one frame of data takes on the line, s: no more than 640 a second pass."""
 
 
-@dataclass(frozen=True, slots=True)
-class Frame:
+class Frame(NamedTuple):
     """One frame whose payload has a length that its op allows."""
 
     op: Op
@@ -109,8 +109,7 @@ class Acknowledge:
     """fx fy fz mx my mz as they lie on the wire: N and N·m×10."""
 
 
-@dataclass(frozen=True, slots=True)
-class Data:
+class Data(NamedTuple):
     """One sample."""
 
     counts: tuple[int, int, int, int, int, int]
