@@ -7,6 +7,7 @@ link was cut, or a bug ended it.
 import math
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import dataclass
 
 from hil_bridge.clock import Clock
 from hil_bridge.config import Config
@@ -14,7 +15,6 @@ from hil_bridge.control import LoopState, Observation, Request, Stop, Supervisor
 from hil_bridge.devices import ForceSensor, Motion, RobotLink
 from hil_bridge.errors import BridgeError, DeviceError, OrderRefused, TransportError
 from protocol.arap import Quaternion, Vector
-from protocol.values import dataclass
 
 TRY_AGAIN_S = 0.3
 """Chosen: pause before an order that was refused is given again."""

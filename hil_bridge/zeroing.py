@@ -8,7 +8,7 @@ position follows.
 import asyncio
 import math
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from hil_bridge.clock import Clock
 from hil_bridge.config import Config
@@ -25,7 +25,6 @@ from hil_bridge.devices import ForceSensor, Motion, RobotLink
 from hil_bridge.errors import ConfigError, DeviceError, SafetyStop
 from hil_bridge.small_steps import LIFT_SPEED_M_S, SmallSteps, numbers, unit
 from protocol.arap import Quaternion, Status, Vector
-from protocol.values import dataclass
 
 ZERO_PATIENCE_S = 20.0
 """Chosen: how long a zero may take; a UART gateway is deaf for a second after every command, and repeats some."""

@@ -6,7 +6,7 @@ it adds its wire, and when it listens.
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
@@ -17,7 +17,6 @@ from emulators.jr3.late import LateSamples, Sample
 from emulators.jr3.scales import WrongScales
 from emulators.jr3.sensor import SENSOR_RATE_HZ, Jr3Sensor
 from protocol.jr3 import COUNTER_MODULUS, GatewayState
-from protocol.values import dataclass
 
 _BLOCK = 4096
 """Most samples computed at once."""

@@ -3,9 +3,9 @@
 import random
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 
 from emulators.quantiles import draw
-from protocol.values import dataclass
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
@@ -25,7 +25,6 @@ from hil_bridge.recording.reader import Recording
 from hil_bridge.recording.records import CycleRecord, SensorRecord, TruthRecord
 from hil_bridge.recording.times import Times, times_of
 from protocol.adlp import LinkProfile
-from protocol.values import dataclass
 
 Floats: TypeAlias = NDArray[np.float64]
 

@@ -5,6 +5,7 @@ positions leave in it: predicted beside measured.
 import math
 import statistics
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
@@ -26,7 +27,6 @@ from hil_bridge.recording.device_facts import Devices, devices_of, recorded_conf
 from hil_bridge.recording.reader import Recording
 from hil_bridge.recording.records import CycleRecord
 from hil_bridge.recording.summary import TRACK, Summary
-from protocol.values import dataclass
 
 PHASE_MARGIN_DEG = 45.0
 """Least phase margin that counts as comfortable: the textbooks' rule."""
