@@ -5,9 +5,9 @@ rise. Steps are those of the way to a zero at first, later those of an approach.
 """
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable
 
-from hil_bridge.clock import Clock, run_real, run_virtual
+from hil_bridge.clock import Clock, run_real
 from hil_bridge.compose import opened_devices
 from hil_bridge.config import Config
 from hil_bridge.control import Wrist, force_along
@@ -16,6 +16,7 @@ from hil_bridge.errors import SafetyStop
 from hil_bridge.small_steps import LIFT_SPEED_M_S, SmallSteps, bring_up, unit
 from hil_bridge.zeroing import known_wrist, wrist
 from protocol.arap import Quaternion
+from protocol.values import dataclass
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,8 +39,8 @@ class Freed:
         return f"freed by {self.moved_mm:.1f} mm: {what} {before:.1f} N before, {after:.1f} N after"
 
 
-def free(config: Config, virtual: bool, distance_mm: float) -> Freed:
-    """Move the tool away from the surface, against `frame.approach`, by a distance.
+def free(config: Config, distance_mm: float, say: Callable[[str], None]) -> Freed:
+    """Move the tool away from the surface, against `frame.approach`, by a distance. `say` is told how it goes.
 
     Raises SafetyStop when the force rises on the way, or the robot does not follow; BridgeError as a run does.
     """
@@ -47,41 +48,63 @@ def free(config: Config, virtual: bool, distance_mm: float) -> Freed:
     async def main() -> Freed:
         clock = Clock.running()
         try:
-            async with opened_devices(config, clock, lambda frame: None, lambda kind, text: None) as devices:
-                return await free_tool(config, clock, *devices, distance_mm)
+            # What a dead run left streaming counts from its zero; a stream that is stopped forgets it.
+            async with opened_devices(config, clock, _nothing, _nothing) as (robot, sensor):
+                await bring_up(robot, sensor)
+            async with opened_devices(config, clock, _nothing, _nothing) as (robot, sensor):
+                return await Freeing(config, clock, robot, sensor, say)(distance_mm)
         finally:
             clock.close()
 
-    return (run_virtual if virtual else run_real)(main)
+    return run_real(main)
 
 
-async def free_tool(
-    config: Config, clock: Clock, robot: RobotLink, sensor: ForceSensor, distance_mm: float
-) -> Freed:
-    """The same over devices that have been started."""
-    start = await bring_up(robot, sensor)
-    await robot.close_sequence(start)
-    known = known_wrist(config) if config.tool.mass_kg or not config.sensor.url else None
-    seen, orientation = known or wrist(config), start.quaternion
-    steps, task = SmallSteps(clock, robot, sensor), config.task
-    watch = _Watch(config, known is not None, orientation)
-    before = after = _force(seen, orientation, (await steps.steady(task.zero_change_n)).mean)
-    watch.see(before, 0.0)
-    moved = 0.0
-    async with robot.motion(LIFT_SPEED_M_S) as motion:
-        while moved < distance_mm - 1e-9:
-            careful = moved < task.zero_lift_mm - 1e-9
-            step = min(task.zero_step_mm if careful else task.approach_step_mm, distance_mm - moved)
-            x, y, z = (
-                p - n * (moved + step) * 1e-3
-                for p, n in zip(start.position, config.frame.approach, strict=True)
-            )
-            await steps.to(motion, (x, y, z), orientation, step * 1e-3)
-            moved += step
-            _check_alive(sensor, config)
-            after = _force(seen, orientation, (await steps.quiet()).mean)
-            watch.see(after, moved)
-    return Freed(moved, before, after, known is not None)
+def _nothing(*_: object) -> None:
+    """No record is kept."""
+
+
+class Freeing:
+    """Lifts a tool off over devices that have been started; call it once."""
+
+    def __init__(
+        self,
+        config: Config,
+        clock: Clock,
+        robot: RobotLink,
+        sensor: ForceSensor,
+        say: Callable[[str], None],
+    ) -> None:
+        self._config, self._robot, self._sensor, self._say = config, robot, sensor, say
+        self._steps = SmallSteps(clock, robot, sensor)
+
+    async def __call__(self, distance_mm: float) -> Freed:
+        """Move away by so much. Raises as `free` does."""
+        config, task = self._config, self._config.task
+        start = await bring_up(self._robot, self._sensor)
+        await self._robot.close_sequence(start)
+        known = known_wrist(config) if config.tool.mass_kg or not config.sensor.url else None
+        seen, orientation = known or wrist(config), start.quaternion
+        watch = _Watch(config, known is not None, orientation)
+        reading = await self._steps.steady(task.zero_change_n)
+        before = after = _force(seen, orientation, reading.mean)
+        watch.see(before, 0.0)
+        self._say(f"force {math.hypot(*before):.1f} N; moving away by {distance_mm:g} mm")
+        moved = 0.0
+        async with self._robot.motion(LIFT_SPEED_M_S) as motion:
+            while moved < distance_mm - 1e-9:
+                careful = moved < task.zero_lift_mm - 1e-9
+                step = min(task.zero_step_mm if careful else task.approach_step_mm, distance_mm - moved)
+                x, y, z = (
+                    p - n * (moved + step) * 1e-3
+                    for p, n in zip(start.position, config.frame.approach, strict=True)
+                )
+                await self._steps.to(motion, (x, y, z), orientation, step * 1e-3)
+                moved += step
+                _check_alive(self._sensor, config)
+                after = _force(seen, orientation, (await self._steps.quiet()).mean)
+                watch.see(after, moved)
+                self._say(f"moved {moved:.3f} mm, force {math.hypot(*after):.1f} N")
+        return Freed(moved, before, after, known is not None)
 
 
 def _check_alive(sensor: ForceSensor, config: Config) -> None:

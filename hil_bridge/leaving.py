@@ -55,7 +55,9 @@ class Left:
         if self.retracted:
             return f"retracted, {force}"
         depth = f"{self.depth * 1e3:.1f} mm" if math.isfinite(self.depth) else "an unknown depth"
-        return f"NOT retracted: left at {depth}, {force}, because {self.because}"
+        return (
+            f"NOT retracted: left at {depth}, {force}, because {self.because}; hil-bridge free lifts it off"
+        )
 
 
 class WayOut:

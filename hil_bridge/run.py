@@ -218,7 +218,7 @@ class Run:
                 if math.isfinite(force)
                 else "the sensor tells no force after the retraction"
             )
-        because = self._followed[-1] if self._followed else self._cause
+        because = _kind(self._followed[-1] if self._followed else self._cause)
         return Left(away and not pressing, depth, force, because).text
 
     async def _cycles(self, motion: Motion) -> None:
@@ -250,7 +250,7 @@ class Run:
             gap = max(self._heart.take(), proposed_at - sample.now)
             if gap * 1e3 > self._config.limits.cycle_deadline_ms:
                 sample = replace(sample, gap=gap)
-                self._event("gap", f"the computer stood still, or decided, for {gap * 1e3:.0f} ms")
+                self._event("gap", f"no decision for {gap * 1e3:.0f} ms")
             after, decision = self._loop.judge(before, sample, proposal)
             controlled_at = self._clock.now()
             self._enter(decision.output.phase)

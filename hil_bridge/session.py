@@ -19,7 +19,7 @@ from hil_bridge.config import Config, dump
 from hil_bridge.debugging import told_bug
 from hil_bridge.devices import ForceSensor, RobotLink
 from hil_bridge.errors import BridgeError
-from hil_bridge.faults import FaultSchedule
+from hil_bridge.faults import FAULT_EVENT, FaultSchedule
 from hil_bridge.line_time import line_floor
 from hil_bridge.outputs import Outputs, record_path, settled, write_outputs
 from hil_bridge.realtime import collect_young, prompt_threads, quiet_garbage, scheduled
@@ -132,6 +132,7 @@ def _end(session: "_Session", result: RunResult, outputs: Outputs, path: Path) -
             code, patience = EXIT_CODES[Outcome.INTERRUPTED], LEAVE_SECONDS
     else:
         lines += record
+    lines += [f"fault: {text}" for text in session.faults]
     if result.left:
         lines.append(f"left: {result.left}")
     bugs = [told_bug("; ".join([text.strip().rpartition("\n")[2], *record]), text) for text in session.bugs]
@@ -160,6 +161,8 @@ class _Session:
         self._sensor_log: LinkLog
         self._truths: Truths | None = None
         self._faults: FaultSchedule | None = None
+        self.faults: list[str] = []
+        """What became of each injected fault, in words."""
         self._view: LiveView | None = None
         self._robot: RobotLink | None = None
         self._sensor: ForceSensor | None = None
@@ -219,6 +222,8 @@ class _Session:
             self._tell_check(record.text)
         if self._faults is not None:
             self._faults.event(record)
+        if record.kind == FAULT_EVENT and (" struck " in record.text or " never came" in record.text):
+            self.faults.append(record.text)
 
     def _devices(self) -> Devices:
         """What is known of robot and sensor, both being ready."""

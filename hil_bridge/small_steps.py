@@ -118,7 +118,7 @@ class SmallSteps:
 
 def numbers(values: Sequence[float]) -> str:
     """Values for people to read, with two digits."""
-    return " ".join(f"{value:.2f}" for value in values)
+    return " ".join(f"{value:z.2f}" for value in values)
 
 
 def unit(quaternion: Quaternion) -> Quaternion:

@@ -123,7 +123,10 @@ class Zeroing:
         )
         if fault:
             await self._robot.close_sequence(start)
-            raise DeviceError(f"force sensor on {self._sensor.name}: {fault}")
+            raise DeviceError(
+                f"force sensor on {self._sensor.name}: {fault}; nothing has moved, and hil-bridge free lifts a tool off "
+                "that presses"
+            )
 
     def _told_model(self) -> str:
         return f"; {self._sensor.model}" if self._sensor.model else ""
@@ -165,7 +168,7 @@ class Zeroing:
                 raise SafetyStop(
                     f"force sensor on {self._sensor.name} did not stream again within {ZERO_PATIENCE_S:g} s of its zero"
                 ) from None
-            self._say(f"zero taken: {numbers(before.mean)} N, N·m; {zero.force:.2f} N beside what is known")
+            self._say(f"zero taken: {numbers(before.mean)} N, N·m; {zero.force:.2f} N more than is known")
         return Zero(lifted, contact)
 
     def _judge_zero(self) -> None:

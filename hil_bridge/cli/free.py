@@ -12,12 +12,24 @@ from hil_bridge.cli.paths import FILE
 @click.option("--robot", metavar="URL", help="Robot's computer link, as for `hil-bridge run`.")
 @click.option("--sensor", metavar="URL", help="Sensor's gateway or board, as for `hil-bridge run`.")
 @click.option(
+    "--tool-mass-kg",
+    type=click.FloatRange(min=0.0),
+    metavar="M",
+    help="Mass below the sensor: forces are then told without its weight.",
+)
+@click.option(
     "--distance-mm",
     type=click.FloatRange(0.1, 500.0),
     metavar="D",
     help="How far to move away.  [default: task.retract_mm]",
 )
-def free(config_file: Path | None, robot: str | None, sensor: str | None, distance_mm: float | None) -> None:
+def free(
+    config_file: Path | None,
+    robot: str | None,
+    sensor: str | None,
+    tool_mass_kg: float | None,
+    distance_mm: float | None,
+) -> None:
     """Lift a tool off from whatever state a stop left it in; stand at the cell while it moves.
 
     The tool moves against frame.approach in small slow steps, and stands still if the force rises. A movement
@@ -28,11 +40,13 @@ def free(config_file: Path | None, robot: str | None, sensor: str | None, distan
     from hil_bridge.free import free as free_tool
     from hil_bridge.signals import as_ctrl_c
 
-    config = load_config(config_file, {"robot.url": robot, "sensor.url": sensor})
+    config = load_config(
+        config_file, {"robot.url": robot, "sensor.url": sensor, "tool.mass_kg": tool_mass_kg}
+    )
     if not (config.robot.url and config.sensor.url):
         raise ConfigError(
             "name the robot and the sensor of the tool: --robot and --sensor, or robot.url and sensor.url"
         )
     with as_ctrl_c():
-        freed = free_tool(config, False, distance_mm or max(config.task.retract_mm, 1.0))
+        freed = free_tool(config, distance_mm or max(config.task.retract_mm, 1.0), click.echo)
     click.echo(freed.text)

@@ -335,8 +335,8 @@ class Supervisor:
             return Stop(Cause.SEQUENCE, text)
         if seen.gap * 1e3 > limits.cycle_deadline_ms:
             text = (
-                f"the computer stood still, or decided, for {seen.gap * 1e3:.0f} ms, "
-                f"allowed are {limits.cycle_deadline_ms:g} ms"
+                f"no decision for {seen.gap * 1e3:.0f} ms, allowed are {limits.cycle_deadline_ms:g} ms: "
+                "the computer or the controller stood still"
             )
             return Stop(Cause.DEADLINE, text)
         slip = abs(a * (u - x) + b * (v - y) + c * (w - z) - (request.depth - state.depth))

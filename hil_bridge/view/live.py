@@ -121,7 +121,7 @@ def line(snapshot: Snapshot) -> str:
     if snapshot.remaining_s is not None:
         parts.append(f"{snapshot.remaining_s:.0f} s to track")
     if snapshot.newest is None and snapshot.check:
-        parts.append(snapshot.check.encode("ascii", "backslashreplace").decode())
+        parts.append(snapshot.check.replace("·", " ").encode("ascii", "backslashreplace").decode())
     if snapshot.warning:
         parts.append(f"WARNING: {snapshot.warning}".encode("ascii", "backslashreplace").decode())
     return "  ".join(parts)

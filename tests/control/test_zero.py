@@ -74,7 +74,7 @@ def test_a_reading_is_steady_when_its_halves_agree() -> None:
         (0.4, 0.0, 0.4, ""),
         (4.0, 10.0, 6.0, "the tool was touching: the contact force fell from 10.0 to 6.0 N"),
         (4.0, 0.1, 4.1, "away is not away: the contact force rose from 0.1 to 4.1 N"),
-        (4.0, None, None, "the tool was touching, or away is not away"),
+        (4.0, None, None, "the tool was touching, or frame.approach points the wrong way"),
     ],
 )
 def test_a_force_that_changes_on_the_way_forbids_a_zero(

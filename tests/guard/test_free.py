@@ -11,7 +11,7 @@ from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.compose import opened_devices
 from hil_bridge.config import Config
 from hil_bridge.errors import DeviceError, SafetyStop
-from hil_bridge.free import Freed, free_tool
+from hil_bridge.free import Freed, Freeing
 
 Configured = Callable[..., Config]
 
@@ -27,6 +27,7 @@ def freed(
     """What came of it, and the true contact force at the end, N."""
     cells: list[Cell] = []
     forces: list[float] = []
+    said: list[str] = []
 
     async def main() -> Freed:
         clock = Clock.running()
@@ -38,11 +39,13 @@ def freed(
         async with opened_devices(
             config, clock, lambda frame: None, lambda kind, text: None, on_cell=emulated
         ) as devices:
-            result = await free_tool(config, clock, *devices, distance_mm)
+            result = await Freeing(config, clock, *devices, said.append)(distance_mm)
             forces.append(math.hypot(*cells[0].true_state(clock.now()).contact_force))
             return result
 
-    return run_virtual(main), forces[0]
+    result = run_virtual(main)
+    assert said[-1].startswith(f"moved {distance_mm:.3f} mm, force ")
+    return result, forces[0]
 
 
 @pytest.mark.parametrize("unchecked", [False, True])

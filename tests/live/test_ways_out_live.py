@@ -245,9 +245,11 @@ def test_after_kill_9_the_next_run_is_refused_and_the_tool_freed(tmp_path: Path)
         again = hil("run", "c.toml", *cell.options, "--no-view", "--no-record")
         assert (again.returncode, cell.force) == (3, pytest.approx(left, abs=0.7))
         assert "the tool touches something" in again.stderr
-        freed = hil("free", "c.toml", *cell.options[:4], "--distance-mm", "4")
+        freed = hil("free", "c.toml", *cell.options, "--distance-mm", "4")
         assert (freed.returncode, freed.stderr) == (0, "")
-        assert freed.stdout.startswith("freed by 4.0 mm: ")
+        last = freed.stdout.splitlines()[-1]
+        assert last.startswith("freed by 4.0 mm: contact force ")
+        assert last.endswith(" N before, 0.0 N after")
         assert cell.force == 0.0
     finally:
         cell.close()
