@@ -15,7 +15,7 @@ from hil_bridge.devices import ForceSensor, RobotLink
 from hil_bridge.errors import SafetyStop
 from hil_bridge.small_steps import LIFT_SPEED_M_S, SmallSteps, bring_up, unit
 from hil_bridge.zeroing import known_wrist, wrist
-from protocol.arap import Quaternion
+from protocol.geometry import Quaternion
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,14 +8,13 @@ in every frame.
 
 import math
 from collections.abc import Sequence
-from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from protocol.geometry import Quaternion, Vector
+
 Array = NDArray[np.float64]
-Quaternion: TypeAlias = tuple[float, float, float, float]
-Vector: TypeAlias = tuple[float, float, float]
 
 STANDARD_GRAVITY = 9.80665
 """m/s². Source: ISO 80000-3."""
