@@ -23,7 +23,7 @@ from emulators.jr3.sensor import SENSOR_RATE_HZ
 from emulators.robot import EMPTY_SITE, Joints, S3Controller, S3Profile, S3Site, ServoProfile
 from emulators.surface_faults import ObstacleProfile, Obstacles
 from protocol.adlp import LinkProfile
-from protocol.arap import Quaternion, Vector
+from protocol.geometry import Quaternion, Vector
 from protocol.marks import Mark, check_settings, setting
 
 Floats = NDArray[np.float64]
@@ -48,7 +48,7 @@ class ToolProfile:
     mass_kg: float = setting(
         0.5, Mark.CHOSEN, "what the sensor carries", unit="kg", minimum=0.0, maximum=10.0
     )
-    centre_of_gravity_mm: tuple[float, float, float] = setting(
+    centre_of_gravity_mm: Vector = setting(
         (0.0, 0.0, 80.0), Mark.CHOSEN, "centre of that mass in the sensor frame", unit="mm"
     )
 
@@ -72,7 +72,7 @@ class CellProfile:
     gateway: GatewayProfile = field(default_factory=GatewayProfile)
     uart_gateway: UartGatewayProfile = field(default_factory=UartGatewayProfile)
     board: BoardProfile = field(default_factory=BoardProfile)
-    start_position_mm: tuple[float, float, float] = setting(
+    start_position_mm: Vector = setting(
         (900.0, -100.0, 600.0),
         Mark.CHOSEN,
         "tool centre point at power-up, base frame",
@@ -80,7 +80,7 @@ class CellProfile:
         minimum=-4095.0,
         maximum=4095.0,
     )
-    start_quaternion: tuple[float, float, float, float] = setting(
+    start_quaternion: Quaternion = setting(
         (0.0, 1.0, 0.0, 0.0), Mark.CHOSEN, "tool frame at power-up in the base frame, w x y z"
     )
 

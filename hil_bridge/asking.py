@@ -23,7 +23,7 @@ from hil_bridge.control.oscillation import Advice, Finding, OscillationState
 from hil_bridge.control.supervisor import Retreat
 from hil_bridge.line_time import line_floor
 from hil_bridge.run import control_loop
-from protocol.arap import Vector
+from protocol.geometry import Vector
 
 _NOW = 1000.0
 """Time of the observation, s: any."""

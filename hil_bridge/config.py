@@ -30,11 +30,10 @@ from hil_bridge.field_docstrings import field_docstrings
 from hil_bridge.realtime import RealTime
 from hil_bridge.text_files import read_toml, shown
 from protocol.adlp import LinkProfile
+from protocol.geometry import Quaternion, Vector
 from protocol.jr3 import GatewayClientProfile, UartGatewayClientProfile
 from protocol.jr3.registers import BoardClientProfile
 from protocol.marks import Setting, settings
-
-Vector = tuple[float, float, float]
 
 OPTIONS = {
     "run.duration_s": "--duration",
@@ -99,7 +98,7 @@ class SensorConfig(_Section):
     """
     mounting_deg: float = 0.0
     """Rotation of the sensor about the tool's z axis: angle from the tool's x axis to the sensor's."""
-    quaternion: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
+    quaternion: Quaternion = (1.0, 0.0, 0.0, 0.0)
     """Sensor frame in the tool frame, w x y z, for a sensor whose z axis is not the tool's; `mounting_deg` then
     turns it about its own z axis.
     """
@@ -128,7 +127,7 @@ class SensorConfig(_Section):
 
     @field_validator("quaternion")
     @classmethod
-    def _unit(cls, quaternion: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
+    def _unit(cls, quaternion: Quaternion) -> Quaternion:
         length = math.hypot(*quaternion)
         if length < 1e-6:
             raise ValueError("must not be the zero quaternion")

@@ -37,10 +37,6 @@ class DeviceError(BridgeError):
     """A device is there but refuses, stays silent or says what it must not."""
 
 
-class StaleMeasurement(DeviceError):
-    """The newest measurement is older than allowed, or the sensor repeats itself."""
-
-
 class SafetyStop(BridgeError):
     """The supervisor stopped the run; the message is the latched cause."""
 

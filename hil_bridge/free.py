@@ -6,6 +6,7 @@ rise. Steps are those of the way to a zero at first, later those of an approach.
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 
 from hil_bridge.clock import Clock, run_real
 from hil_bridge.compose import opened_devices
@@ -15,8 +16,7 @@ from hil_bridge.devices import ForceSensor, RobotLink
 from hil_bridge.errors import SafetyStop
 from hil_bridge.small_steps import LIFT_SPEED_M_S, SmallSteps, bring_up, unit
 from hil_bridge.zeroing import known_wrist, wrist
-from protocol.arap import Quaternion
-from protocol.values import dataclass
+from protocol.geometry import Quaternion
 
 
 @dataclass(frozen=True, slots=True)

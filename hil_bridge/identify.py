@@ -28,7 +28,8 @@ from hil_bridge.devices import ForceSensor, Motion, RobotLink
 from hil_bridge.errors import ConfigError, DeviceError, SafetyStop
 from hil_bridge.small_steps import bring_up
 from hil_bridge.zeroing import wrist
-from protocol.arap import Quaternion, Status, Vector, round_position
+from protocol.arap import Status, round_position
+from protocol.geometry import Quaternion, Vector
 from protocol.jr3 import SensorFrame
 
 Tell = Callable[[str], None]

@@ -14,7 +14,7 @@ from hil_bridge.config import Config
 from hil_bridge.control import LoopState, Observation, Request, Stop, Supervisor
 from hil_bridge.devices import ForceSensor, Motion, RobotLink
 from hil_bridge.errors import BridgeError, DeviceError, OrderRefused, TransportError
-from protocol.arap import Quaternion, Vector
+from protocol.geometry import Quaternion, Vector
 
 TRY_AGAIN_S = 0.3
 """Chosen: pause before an order that was refused is given again."""

@@ -18,7 +18,7 @@ from hil_bridge.errors import ConfigError
 from hil_bridge.recording import CycleRecord, Recording
 from hil_bridge.run import control_loop
 from hil_bridge.text_files import parse_json, read_toml
-from protocol.arap import Vector
+from protocol.geometry import Vector
 
 
 @dataclass(frozen=True, slots=True)

@@ -37,7 +37,8 @@ from hil_bridge.line_time import answer_time
 from hil_bridge.recording import CHECK_EVENT, PHASE_EVENT, STOP_EVENT, CycleRecord, EventRecord, Outcome
 from hil_bridge.small_steps import bring_up
 from hil_bridge.zeroing import Zeroing, wrist
-from protocol.arap import Quaternion, Status, Vector
+from protocol.arap import Status
+from protocol.geometry import Quaternion, Vector
 from protocol.jr3 import AXES, FULL_SCALE_COUNTS, SensorFrame
 
 THEN_EVENT = "then"

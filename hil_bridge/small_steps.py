@@ -11,7 +11,8 @@ from hil_bridge.clock import Clock
 from hil_bridge.control import Reading, reading
 from hil_bridge.devices import ForceSensor, Motion, RobotLink
 from hil_bridge.errors import DeviceError, SafetyStop
-from protocol.arap import Quaternion, Status, Vector
+from protocol.arap import Status
+from protocol.geometry import Quaternion, Vector
 
 STREAM_PATIENCE_S = 5.0
 """Chosen: how long a sensor that is ready may send no whole frame."""

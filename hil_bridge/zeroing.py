@@ -24,7 +24,8 @@ from hil_bridge.control import (
 from hil_bridge.devices import ForceSensor, Motion, RobotLink
 from hil_bridge.errors import ConfigError, DeviceError, SafetyStop
 from hil_bridge.small_steps import LIFT_SPEED_M_S, SmallSteps, numbers, unit
-from protocol.arap import Quaternion, Status, Vector
+from protocol.arap import Status
+from protocol.geometry import Quaternion, Vector
 
 ZERO_PATIENCE_S = 20.0
 """Chosen: how long a zero may take; a UART gateway is deaf for a second after every command, and repeats some."""

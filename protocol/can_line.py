@@ -30,7 +30,6 @@ _After: TypeAlias = "list[tuple[int, _After]]"
 """What may follow what a frame has so far, by the value of its next byte: how many stuff bits the byte has, and what
 may follow it.
 """
-_CRC_BITS = 15
 _TAIL_BITS = CRC_DELIMITER_BITS + ACK_SLOT_BITS + ACK_DELIMITER_BITS + END_OF_FRAME_BITS
 
 
@@ -74,27 +73,9 @@ _IDLE = 1 << 2
 """State before the start of frame; that is dominant, so that it begins a run whatever the bus did before."""
 
 
-def crc15(data: bytes, register: int = 0) -> int:
-    """The checksum of CAN over whole bytes, continued from a register."""
-    for byte in data:
-        register = (register << 8 & 0x7FFF) ^ _CRC[register >> 7 ^ byte]
-    return register
-
-
-def bit_sequence(frame: CanFrame) -> tuple[int, int]:
-    """The unstuffed bits from the start of frame to the end of the checksum, as a number, and how many.
-
-    A remote frame asks for as many bytes as its data has and carries none.
-    """
-    head, count, register, _, _ = _head(frame.identifier, frame.extended, frame.remote, len(frame.data))
-    payload = b"" if frame.remote else frame.data
-    word = head << 8 * len(payload) | int.from_bytes(payload, "big")
-    return word << _CRC_BITS | crc15(payload, register), count + 8 * len(payload) + _CRC_BITS
-
-
 def stuff_bits(frame: CanFrame) -> int:
     """How many stuff bits the frame has."""
-    _, _, register, count, after = _head(frame.identifier, frame.extended, frame.remote, len(frame.data))
+    register, count, after = _head(frame.identifier, frame.extended, frame.remote, len(frame.data))
     if not frame.remote:
         for byte in frame.data:
             register = (register << 8 & 0x7FFF) ^ _CRC[register >> 7 ^ byte]
@@ -110,11 +91,6 @@ def stuffed_bits(frame: CanFrame) -> int:
     """Bit times from the start of frame to the end of the checksum: the part in which levels are stuffed."""
     plain = 54 if frame.extended else 34
     return plain + (0 if frame.remote else 8 * len(frame.data)) + stuff_bits(frame)
-
-
-def acknowledged_bits(frame: CanFrame) -> int:
-    """Bit times from the start of frame to the end of the acknowledge slot."""
-    return stuffed_bits(frame) + CRC_DELIMITER_BITS + ACK_SLOT_BITS
 
 
 def frame_time_bits(frame: CanFrame) -> int:
@@ -140,10 +116,8 @@ def arbitration_rank(frame: CanFrame) -> int:
 
 
 @lru_cache(maxsize=1024)
-def _head(identifier: int, extended: bool, remote: bool, length: int) -> tuple[int, int, int, int, _After]:
-    """What comes before the payload: its bits as a number, how many, the checksum's register after them, how many
-    stuff bits they have, and what may follow.
-    """
+def _head(identifier: int, extended: bool, remote: bool, length: int) -> tuple[int, int, _After]:
+    """Of the bits before the payload: the checksum's register after them, how many stuff bits, what may follow."""
     if extended:
         # start, 11 bits, substitute remote request 1, identifier extension 1, 18 bits, remote, two reserved 0
         word = (identifier >> 18) << 2 | 0b11
@@ -160,4 +134,4 @@ def _head(identifier: int, extended: bool, remote: bool, length: int) -> tuple[i
         register = (register << 1 & 0x7FFF) ^ (CRC_POLYNOMIAL if feedback else 0)
         state, more = _after_bit(state, bit)
         stuffed += more
-    return word, count, register, stuffed, _STUFF[state]
+    return register, stuffed, _STUFF[state]

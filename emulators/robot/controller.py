@@ -24,18 +24,17 @@ from emulators.robot.state import State, Stimulus
 from protocol.adlp import LinkProfile, MessageReceived
 from protocol.arap import (
     FunctionCode,
-    Quaternion,
     Refusal,
     Spontaneous,
     SpontaneousKind,
     Telegram,
     TelegramType,
-    Vector,
     function_text,
     join_blocks,
     split_telegram,
 )
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
+from protocol.geometry import Quaternion, Vector
 
 _OFFSET_LIMIT = 0.1
 """Chosen: encoders are off by this at most, m, so that what is measured always fits the status."""

@@ -37,19 +37,18 @@ from protocol.arap import (
     Move,
     MoveKind,
     ProgramAnswer,
-    Quaternion,
     RefusalCode,
     Spontaneous,
     SpontaneousKind,
     Status,
     Telegram,
     TelegramType,
-    Vector,
     position_words,
     quaternion_words,
     response,
 )
 from protocol.endpoint import RemoteProtocolError
+from protocol.geometry import Quaternion, Vector
 
 _UNIT_TOLERANCE = 0.01
 """Assumed: how far a quaternion's norm may be from 1; words of 1/16384 alone make up 0.0001."""

@@ -19,7 +19,7 @@ from typing import TypeAlias
 
 from emulators.robot.profile import S3Profile
 from emulators.robot.quaternions import product
-from protocol.arap import Quaternion, Vector
+from protocol.geometry import Pose, Quaternion, Vector
 
 Joints: TypeAlias = tuple[float, float, float, float, float, float]
 """Angles of axes 1 to 6, rad."""
@@ -91,8 +91,8 @@ class Arm:
             for middle, reach in zip(self.middles, profile.axis_ranges_deg, strict=True)
         ]
 
-    def pose(self, joints: Joints) -> tuple[Vector, Quaternion]:
-        """Tool centre point in the base frame, m, and tool frame in the base frame, w x y z."""
+    def pose(self, joints: Joints) -> Pose:
+        """The pose of the tool at these joints."""
         turn, lean, _, *wrist_angles = joints
         pitch = self._pitch(joints)
         radius = self._upper_arm * math.sin(lean) + self._forearm * math.cos(self._offset - pitch)
@@ -108,7 +108,7 @@ class Arm:
         along = _tool_axis(quaternion)
         x, y, z = radius * math.cos(turn), radius * math.sin(turn), self._axis_2_height + height
         reach = self._wrist_to_tip
-        return (x + reach * along[0], y + reach * along[1], z + reach * along[2]), quaternion
+        return Pose((x + reach * along[0], y + reach * along[1], z + reach * along[2]), quaternion)
 
     def postures(self, position: Vector, quaternion: Quaternion, near: Joints) -> list[Joints]:
         """Every way inside the ranges to hold the tool in a pose (m, unit quaternion), up to eight: arm turned to

@@ -22,7 +22,7 @@ import numpy as np
 from emulators.robot.kinematics import Joints
 from emulators.robot.quaternions import normalised
 from emulators.robot.servo import ROUNDING_S, Floats, Mechanics, Servo, ServoProfile, Waypoint
-from protocol.arap import Quaternion, Vector
+from protocol.geometry import Quaternion, Vector
 
 _HISTORY_S = 10.0
 """Chosen: longer than any stall of a process after which its run is still of use."""

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 from emulators.robot.motion import Motion
-from protocol.arap import Vector
+from protocol.geometry import Vector
 
 FIRST_LINE = "# emulated program"
 STEP_LIMIT = 65535

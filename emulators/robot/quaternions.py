@@ -2,7 +2,7 @@
 
 import math
 
-from protocol.arap import Quaternion
+from protocol.geometry import Quaternion
 
 
 def normalised(quaternion: Quaternion) -> Quaternion:

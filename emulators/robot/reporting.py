@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 from emulators.faults.ledger import Handler, Injection
 from emulators.robot.motion import Motion
 from emulators.robot.quaternions import product
-from protocol.arap import Quaternion, Status, Vector, position_words, quaternion_words
+from protocol.arap import Status, position_words, quaternion_words
+from protocol.geometry import Quaternion, Vector
 
 _AXES = "xyz"
 _LIMIT = 4.095875

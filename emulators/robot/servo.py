@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from emulators.robot.kinematics import Joints, Route
 from emulators.robot.quaternions import angle_between, normalised, slerp
-from protocol.arap import Quaternion, Vector
+from protocol.geometry import Quaternion, Vector
 from protocol.marks import Mark, check_settings, setting
 
 Floats: TypeAlias = NDArray[np.float64]

@@ -5,7 +5,7 @@ import math
 from emulators.robot.kinematics import Arm, Joints, Route
 from emulators.robot.profile import S3Profile
 from emulators.robot.quaternions import angle_between, slerp
-from protocol.arap import Quaternion, Vector
+from protocol.geometry import Quaternion, Vector
 
 _SPACING_M = 0.02
 """Chosen, as the angle below: places on a line are at most this far apart."""

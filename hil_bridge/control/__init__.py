@@ -12,7 +12,6 @@ from hil_bridge.control.frames import (
     rotate,
     rotation_matrix,
     tool_gravity_wrench,
-    transform_twist,
     transform_wrench,
     turn_between,
 )
@@ -141,7 +140,6 @@ __all__ = [
     "rules_as_toml",
     "scheduled_gain",
     "tool_gravity_wrench",
-    "transform_twist",
     "transform_wrench",
     "turn_between",
     "weight_fault",

@@ -1,21 +1,20 @@
-"""Wrenches, twists and rotations between frames.
+"""Wrenches and rotations between frames.
 
-Vectors have shape (3,), wrenches are (fx fy fz mx my mz) in N and N·m, twists (vx vy vz wx wy wz) in m/s and
-rad/s. Quaternions are w x y z and say how the tool stands in the base, so they turn tool vectors into base
-vectors. Source: textbook rigid-body statics; a wrench moves by the transpose of the adjoint that moves a
-twist, so that force times velocity is the same number in every frame.
+Vectors have shape (3,), wrenches are (fx fy fz mx my mz) in N and N·m. Quaternions are w x y z and say how the
+tool stands in the base, so they turn tool vectors into base vectors. Source: textbook rigid-body statics; a
+wrench moves by the transpose of the adjoint that moves a twist, so that force times velocity is the same number
+in every frame.
 """
 
 import math
 from collections.abc import Sequence
-from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from protocol.geometry import Quaternion, Vector
+
 Array = NDArray[np.float64]
-Quaternion: TypeAlias = tuple[float, float, float, float]
-Vector: TypeAlias = tuple[float, float, float]
 
 STANDARD_GRAVITY = 9.80665
 """m/s². Source: ISO 80000-3."""
@@ -88,15 +87,6 @@ def transform_wrench(rotation: Array, origin: ArrayLike, wrench: ArrayLike) -> A
     wrench = np.asarray(wrench, dtype=float)
     force = rotation @ wrench[:3]
     return np.concatenate([force, rotation @ wrench[3:] + np.cross(np.asarray(origin, dtype=float), force)])
-
-
-def transform_twist(rotation: Array, origin: ArrayLike, twist: ArrayLike) -> Array:
-    """The twist of frame B in frame A: w_A = R w_B, v_A = R v_B + p × w_A. Arguments as for a wrench."""
-    twist = np.asarray(twist, dtype=float)
-    angular = rotation @ twist[3:]
-    return np.concatenate(
-        [rotation @ twist[:3] + np.cross(np.asarray(origin, dtype=float), angular), angular]
-    )
 
 
 def tool_gravity_wrench(quaternion: Sequence[float], mass_kg: float, centre_of_gravity: ArrayLike) -> Array:

@@ -175,15 +175,6 @@ def quantise(percent: float, edges: tuple[float, ...], levels: tuple[float, ...]
     return levels[_index(percent, edges)]
 
 
-def interpolate_level(percent: float, edges: tuple[float, ...], levels: tuple[float, ...] = LEVELS) -> float:
-    """Real-valued level: each edge lies half-way between its two levels, straight lines between edges.
-
-    The outermost levels have no outer edge, so their line goes on with the slope of their neighbour.
-    Raises ValueError for a NaN.
-    """
-    return _level_at(_position(percent, edges), levels)
-
-
 def _index(percent: float, edges: tuple[float, ...]) -> int:
     if math.isnan(percent):
         raise ValueError("cannot quantise a value that is not a number")
@@ -191,6 +182,10 @@ def _index(percent: float, edges: tuple[float, ...]) -> int:
 
 
 def _position(percent: float, edges: tuple[float, ...]) -> float:
+    """Place among the levels: each edge lies half-way between its two levels, straight lines between edges.
+
+    The outermost levels have no outer edge, so their line goes on with the slope of their neighbour.
+    """
     if math.isnan(percent):
         raise ValueError("cannot grade a value that is not a number")
     segment, last = bisect_right(edges, percent) - 1, len(edges) - 1

@@ -2,11 +2,10 @@
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar, TypeAlias
+from typing import ClassVar
 
 from hil_bridge.control.checks import require_above_zero, require_not_negative
-
-Vector: TypeAlias = tuple[float, float, float]
+from protocol.geometry import Vector
 
 
 @dataclass(frozen=True, slots=True)

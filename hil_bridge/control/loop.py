@@ -5,7 +5,6 @@ The same functions make the decisions of a run and of its replay; a run looks at
 
 import math
 from dataclasses import dataclass
-from typing import TypeAlias
 
 from msgspec import Struct
 from msgspec.structs import replace
@@ -24,8 +23,7 @@ from hil_bridge.control.supervisor import (
 )
 from hil_bridge.control.task import Phase, Target, Task, TaskOutput, TaskState
 from hil_bridge.control.types import Measurement
-
-Vector: TypeAlias = tuple[float, float, float]
+from protocol.geometry import Vector
 
 # Asked for in every cycle, by names of this module: until Python 3.12 an enum's own name costs ten times that.
 _APPROACH, _TRACK, _RETRACT, _END = Phase.APPROACH, Phase.TRACK, Phase.RETRACT, Phase.END

@@ -16,8 +16,9 @@ from typing import ClassVar, TypeAlias
 from msgspec import Struct
 from msgspec.structs import replace
 
-from hil_bridge.control.limits import Limits, Vector
+from hil_bridge.control.limits import Limits
 from hil_bridge.errors import ConfigError
+from protocol.geometry import Vector
 
 
 class Cause(StrEnum):

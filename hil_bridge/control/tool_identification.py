@@ -14,9 +14,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hil_bridge.control.frames import GRAVITY_BASE, STANDARD_GRAVITY, Array, Vector, rotation_matrix
+from hil_bridge.control.frames import GRAVITY_BASE, STANDARD_GRAVITY, Array, rotation_matrix
 from hil_bridge.control.wrist import NO_WRENCH, Wrist
 from hil_bridge.errors import ConfigError
+from protocol.geometry import Vector
 
 POSES_MIN = 3
 """Derived: three directions of the weight are the fewest that change in two directions."""

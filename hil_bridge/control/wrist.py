@@ -9,14 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hil_bridge.control.frames import (
-    Array,
-    Quaternion,
-    Vector,
-    rotation_matrix,
-    tool_gravity_wrench,
-    transform_wrench,
-)
+from hil_bridge.control.frames import Array, rotation_matrix, tool_gravity_wrench, transform_wrench
+from protocol.geometry import Quaternion, Vector, Wrench
 
 NO_WRENCH = (0.0,) * 6
 
@@ -98,8 +92,8 @@ class Facing:
     directions: tuple[tuple[float, ...], ...]
     """The directions asked for, along the tool's axes."""
 
-    def contact_wrench(self, measured: Sequence[float]) -> tuple[float, ...]:
-        """As `Wrist.contact_wrench` at this orientation: N and N·m, six values."""
+    def contact_wrench(self, measured: Sequence[float]) -> Wrench:
+        """As `Wrist.contact_wrench` at this orientation."""
         fx, fy, fz, mx, my, mz = measured
         _, _, _, (a, b, c, d, e, f), (g, h, i, j, k, m), (n, o, p, q, r, s) = self.matrix
         _, _, _, x, y, z = self.offset
@@ -110,8 +104,8 @@ class Facing:
             n * fx + o * fy + p * fz + q * mx + r * my + s * mz + z,
         )
 
-    def contact_force(self, measured: Sequence[float]) -> tuple[float, float, float]:
-        """The force of `contact_wrench` alone: N, three values. No moment goes into them."""
+    def contact_force(self, measured: Sequence[float]) -> Vector:
+        """The force of `contact_wrench` alone, N. No moment goes into them."""
         fx, fy, fz, _, _, _ = measured
         (a, b, c, _, _, _), (d, e, f, _, _, _), (g, h, i, _, _, _), _, _, _ = self.matrix
         x, y, z, _, _, _ = self.offset

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hil_bridge.control.frames import Quaternion, tool_gravity_wrench
+from hil_bridge.control.frames import tool_gravity_wrench
 from hil_bridge.control.wrist import Wrist
+from protocol.geometry import Quaternion
 
 AXES = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 """Names of the sensor's axes, in the order of a reading."""

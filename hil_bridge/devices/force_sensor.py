@@ -13,6 +13,7 @@ from hil_bridge.devices.axis_watch import AxisWatch
 from hil_bridge.errors import BridgeError, DeviceError, TransportClosed
 from hil_bridge.pump import Pump
 from hil_bridge.transports import Transport
+from protocol.geometry import Wrench
 from protocol.jr3 import (
     SensorClient,
     SensorEvent,
@@ -71,7 +72,7 @@ class ForceSensor:
         self._full_scales: tuple[float, ...] | None = None
         self._converted: SensorFrame | None = None
         """The frame whose wrench was asked for last."""
-        self._wrench: tuple[float, ...] = ()
+        self._wrench: Wrench = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
         """That wrench."""
         self._failure: BridgeError | None = None
         self._waiters: list[tuple[type, asyncio.Future[None]]] = []
@@ -148,7 +149,7 @@ class ForceSensor:
         if self._failure is not None:
             raise self._failure
 
-    def wrench(self, frame: SensorFrame) -> tuple[float, ...]:
+    def wrench(self, frame: SensorFrame) -> Wrench:
         """Wrench of a frame in the sensor frame: fx fy fz mx my mz, N and N·m."""
         if frame is not self._converted:
             assert self._full_scales is not None, "no frame comes before the full scales"

@@ -25,7 +25,6 @@ from protocol.arap import (
     OrderFailed,
     OrderFailure,
     ProgramAnswer,
-    Quaternion,
     Refusal,
     RefusalCode,
     Refused,
@@ -34,7 +33,6 @@ from protocol.arap import (
     Telegram,
     UnexpectedReceived,
     Value,
-    Vector,
     read_status,
     receive_program,
     refusal_remedy,
@@ -42,6 +40,7 @@ from protocol.arap import (
     write_mode,
 )
 from protocol.endpoint import RemoteProtocolError
+from protocol.geometry import Pose, Quaternion, Vector
 
 _Raw = TypeVar("_Raw")
 _Meaning = TypeVar("_Meaning")
@@ -440,7 +439,7 @@ class Motion:
         self._link = link
         self.velocity = velocity
         """Speed along the path for the orders to come, m/s."""
-        self._last: tuple[Vector, Quaternion] | None = None
+        self._last: Pose | None = None
         self.halted = False
         """It was ordered to stand still: nothing more can be ordered."""
         self.abandoned = False
@@ -454,7 +453,7 @@ class Motion:
     @property
     def commanded(self) -> Vector | None:
         """The last point ordered, base frame, m; None before the first."""
-        return None if self._last is None else self._last[0]
+        return None if self._last is None else self._last.position
 
     def telegram(
         self, kind: MoveKind, position: Vector = _ZEROS, quaternion: Quaternion = (*_ZEROS, 0.0)
@@ -466,7 +465,7 @@ class Motion:
         """Order the next point; returns when the controller has taken it, not when it is reached. `announce` as in
         `RobotLink.exchange`.
         """
-        before, self._last = self._last, (position, quaternion)
+        before, self._last = self._last, Pose(position, quaternion)
         try:
             await self._link.exchange(self.telegram(_POINT, position, quaternion), announce=announce)
         except OrderRefused:

@@ -12,6 +12,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from hil_bridge.control import Wrist
+from protocol.geometry import Quaternion
 from protocol.jr3 import AXES
 
 LEAST_N = 5.0
@@ -61,7 +62,7 @@ class Mounting:
 
     flip_fx_mx: bool
     mounting_deg: float
-    quaternion: tuple[float, float, float, float]
+    quaternion: Quaternion
     """Sensor frame in the tool frame, w x y z, beside `mounting_deg`."""
     off_deg: float
     """How far the push is off that answers worst."""

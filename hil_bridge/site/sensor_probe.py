@@ -13,7 +13,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
-from typing import TypeAlias, TypeVar
+from typing import TypeVar
 
 import click
 
@@ -51,7 +51,6 @@ SHOW_S = 1.0
 STEADY_SHARE = 0.25
 """How much a push that is held may vary, rms, as a share of itself. Chosen: more is a knock, or a hand on its way."""
 
-Wrench: TypeAlias = tuple[float, ...]
 Seen = TypeVar("Seen")
 
 
@@ -70,9 +69,9 @@ class Stream:
     """Frames over a stretch of time."""
 
     rate_hz: float
-    mean: Wrench
+    mean: tuple[float, ...]
     """In the sensor frame, N and N·m."""
-    rms: Wrench
+    rms: tuple[float, ...]
     """About the mean, per axis."""
 
 
@@ -191,7 +190,7 @@ class _Look:
         return Stream(len(recent) / seconds, means, rms)
 
 
-async def _tell(sensor: ForceSensor, look: _Look, url: str, screen: Screen) -> Wrench:
+async def _tell(sensor: ForceSensor, look: _Look, url: str, screen: Screen) -> tuple[float, ...]:
     """What the device says of itself, and what its stream is like; the noise of each axis."""
     scales = await sensor.ready()
     try:
@@ -233,7 +232,9 @@ async def _live(look: _Look, screen: Screen, duration_s: float | None) -> None:
         screen.show(_row(look.back(SHOW_S).mean, 2, 3))
 
 
-async def _pushes(config: Config, look: _Look, noise: Wrench, screen: Screen, entered: asyncio.Event) -> None:
+async def _pushes(
+    config: Config, look: _Look, noise: Sequence[float], screen: Screen, entered: asyncio.Event
+) -> None:
     """Ask for a push along each axis of the tool, and say what the answers mean."""
     sits = wrist(config)
     found: dict[int, Answer] = {}
@@ -264,7 +265,7 @@ async def _pushes(config: Config, look: _Look, noise: Wrench, screen: Screen, en
         screen.say(f"  {line}")
 
 
-async def _push(look: _Look, noise: Wrench, screen: Screen, entered: asyncio.Event) -> Answer | None:
+async def _push(look: _Look, noise: Sequence[float], screen: Screen, entered: asyncio.Event) -> Answer | None:
     """The answer to one push, once it is held; None where somebody or the patience is against it."""
     before = look.back(NOISE_S).mean
 

@@ -10,9 +10,8 @@ from protocol.arap import layouts
 from protocol.arap.codes import FunctionCode, Mode, MoveKind, TelegramType, refusal_text, suffix_text
 from protocol.arap.telegram import Telegram
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
+from protocol.geometry import Quaternion, Vector
 
-Vector: TypeAlias = tuple[float, float, float]
-Quaternion: TypeAlias = tuple[float, float, float, float]
 Words3: TypeAlias = tuple[int, int, int]
 Words4: TypeAlias = tuple[int, int, int, int]
 

@@ -3,6 +3,8 @@
 import math
 from collections.abc import Sequence
 
+from protocol.geometry import Wrench
+
 AXES = ("fx", "fy", "fz", "mx", "my", "mz")
 FULL_SCALE_COUNTS = 16384
 """Counts that mean full scale; twice as much is representable. Source: JR3 manual 5907E."""
@@ -18,7 +20,7 @@ def full_scales_si(forces: Sequence[int], moments: Sequence[int]) -> tuple[float
     return (*(float(word) for word in forces), *(word / 10 for word in moments))
 
 
-def wrench_from_counts(counts: Sequence[int], full_scales: Sequence[float]) -> tuple[float, ...]:
+def wrench_from_counts(counts: Sequence[int], full_scales: Sequence[float]) -> Wrench:
     """Six counts in N and N·m; full scales in N and N·m."""
     (fx, fy, fz, mx, my, mz), (a, b, c, d, e, f), one = counts, full_scales, FULL_SCALE_COUNTS
     return fx * a / one, fy * b / one, fz * c / one, mx * d / one, my * e / one, mz * f / one

@@ -19,9 +19,11 @@ from hil_bridge.transports import (
 )
 from protocol.can import CanFilter, CanFrame
 from protocol.can_error import CanErrorReport, ErrorClass, ErrorState, decode_error
-from protocol.can_line import acknowledged_bits, frame_time_bits, line_bits
+from protocol.can_line import frame_time_bits, line_bits, stuffed_bits
 
 US = 1e-6
+DELIMITER_AND_SLOT = 1 + 1
+"""Bits of the checksum's delimiter and of the acknowledge slot."""
 ERROR_FRAME = 6 + 8
 """Flag and delimiter."""
 BETWEEN = 3
@@ -298,7 +300,7 @@ def test_a_node_alone_repeats_becomes_error_passive_and_never_bus_off() -> None:
         log, start, frame = Log(node, clock), clock.now(), CanFrame(0x123, b"\x55")
         node.send([frame])
         await pass_time(1)
-        attempt = acknowledged_bits(frame) + ERROR_FRAME
+        attempt = stuffed_bits(frame) + DELIMITER_AND_SLOT + ERROR_FRAME
         # 12 × 8 = 96 and 16 × 8 = 128 transmit errors; up to there without the pause of a passive node
         assert [at for at, _ in log.reports[:2]] == [
             start + (12 * attempt + 11 * BETWEEN) / 1_000_000,
@@ -365,7 +367,7 @@ def test_who_joins_a_lone_sender_acknowledges_its_next_attempt(after: float) -> 
         joined, log = clock.now(), Log(bus.connect(), clock)
         await pass_time(1)
         assert log.frames == [frame]
-        cycle = acknowledged_bits(frame) + ERROR_FRAME + BETWEEN + SUSPEND
+        cycle = stuffed_bits(frame) + DELIMITER_AND_SLOT + ERROR_FRAME + BETWEEN + SUSPEND
         earliest = joined + frame_time_bits(frame) * US
         assert earliest - 1e-11 <= log.times[0] < earliest + cycle * US
         assert sender.statistics.sent == 1

@@ -7,7 +7,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hil_bridge.control import Surface, computed_matrix, evaluate, infer, quantise
-from hil_bridge.control.fuzzy import interpolate_level
 from hil_bridge.control.tables import (
     CHANGE_EDGES_PERCENT,
     ERROR_EDGES_PERCENT,
@@ -89,16 +88,19 @@ def test_value_on_an_edge_belongs_to_the_level_nearer_zero(percent, level):
 def test_infinities_saturate_and_not_a_number_is_refused():
     assert quantise(math.inf, ERROR_EDGES_PERCENT) == 6
     assert quantise(-math.inf, CHANGE_EDGES_PERCENT) == -6
-    for grade in (quantise, interpolate_level):
-        with pytest.raises(ValueError, match="not a number"):
-            grade(math.nan, ERROR_EDGES_PERCENT)
+    with pytest.raises(ValueError, match="not a number"):
+        quantise(math.nan, ERROR_EDGES_PERCENT)
+    with pytest.raises(ValueError, match="not a number"):
+        evaluate(Surface.CONTINUOUS, math.nan, 0.0)
 
 
-@given(EDGES, PERCENT, PERCENT)
-def test_interpolated_level_is_monotone_and_within_half_a_level_of_the_quantised_one(edges, a, b):
-    low, high = sorted((a, b))
-    assert interpolate_level(low, edges) <= interpolate_level(high, edges) + 1e-9
-    assert abs(interpolate_level(a, edges) - quantise(a, edges)) <= 0.5 + 1e-9
+@given(PERCENT, PERCENT)
+def test_a_continuous_level_is_monotone_and_near_the_quantised_one(a, b):
+    low, high = (evaluate(Surface.CONTINUOUS, percent, percent) for percent in sorted((a, b)))
+    assert low.level_error <= high.level_error + 1e-9
+    assert low.level_change <= high.level_change + 1e-9
+    assert abs(low.level_error - quantise(min(a, b), ERROR_EDGES_PERCENT)) <= 0.5 + 1e-9
+    assert abs(low.level_change - quantise(min(a, b), CHANGE_EDGES_PERCENT)) <= 0.5 + 1e-9
 
 
 @given(st.floats(-6, 6), st.floats(-6, 6))
