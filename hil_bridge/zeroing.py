@@ -125,8 +125,8 @@ class Zeroing:
         if fault:
             await self._robot.close_sequence(start)
             raise DeviceError(
-                f"force sensor on {self._sensor.name}: {fault}; nothing has moved, and hil-bridge free lifts a tool off "
-                "that presses"
+                f"force sensor on {self._sensor.name}: {fault}; nothing has moved, and hil-bridge free "
+                "lifts off a tool that presses"
             )
 
     def _told_model(self) -> str:
