@@ -119,8 +119,16 @@ def devices_of(recording: Recording) -> Devices:
 
 def recorded_configuration(recording: Recording) -> Mapping[str, Any]:
     """The configuration that the run has recorded; empty when there is none that can be read."""
-    found = _json(recording.metadata.get("config"))
+    found = json_or_none(recording.metadata.get("config"))
     return found if isinstance(found, dict) else {}
+
+
+def json_or_none(text: str | None) -> object:
+    """What a text of a recording says; None where it says nothing or is no JSON."""
+    try:
+        return parse_json(text) if text else None
+    except ValueError:
+        return None
 
 
 def _told(text: str | None, kind: type[_Facts]) -> _Facts:
@@ -140,7 +148,7 @@ def _older(recording: Recording) -> Devices:
     except (KeyError, TypeError, ValueError):
         link, told = None, None
     floor = float(told) if isinstance(told, (int, float)) and told > 0 else None
-    delay = _json(end.get("sensor_delay_s"))
+    delay = json_or_none(end.get("sensor_delay_s"))
     if isinstance(delay, bool) or not isinstance(delay, (int, float)) or delay < 0.0:
         delay = _gateway_delay(sensor)  # it was cut off before its end
     return Devices(
@@ -171,10 +179,3 @@ def _number(table: Mapping[str, Any], name: str) -> float | None:
     if isinstance(found, bool) or not isinstance(found, (int, float)):
         return None
     return float(found) if 0.0 <= found < 1e9 else None
-
-
-def _json(text: str | None) -> object:
-    try:
-        return parse_json(text) if text else None
-    except ValueError:
-        return None

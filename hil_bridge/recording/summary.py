@@ -11,7 +11,7 @@ from pathlib import Path
 import msgspec
 
 from hil_bridge.control.merit import STEADY_SAMPLES, FiguresOfMerit, figures_of_merit
-from hil_bridge.recording.device_facts import devices_of
+from hil_bridge.recording.device_facts import devices_of, json_or_none
 from hil_bridge.recording.files import write_whole
 from hil_bridge.recording.latency import latency_of
 from hil_bridge.recording.reader import Recording
@@ -190,9 +190,9 @@ def end_of(recording: Recording) -> RunEnd:
     """The end as the record tells it; a record without one was cut off, which counts as interrupted."""
     told = recording.end
     outcome = told.get("outcome", "")
-    floor, link = _json(told.get("line_floor_s")), _json(told.get("link"))
-    lost, delay = _json(told.get("sensor_lost")), _json(told.get("sensor_delay_s"))
-    followed = _json(told.get("followed"))
+    floor, link = json_or_none(told.get("line_floor_s")), json_or_none(told.get("link"))
+    lost, delay = json_or_none(told.get("sensor_lost")), json_or_none(told.get("sensor_delay_s"))
+    followed = json_or_none(told.get("followed"))
     return RunEnd(
         Outcome(outcome) if outcome in set(Outcome) else Outcome.INTERRUPTED,
         told.get("cause", "") if told else "the recording ends before the run does",
@@ -277,10 +277,3 @@ def _dropped(recording: Recording) -> dict[str, int]:
         told = recording.end.get(DROPPED_PREFIX + topic.name, "0")
         counts[topic.name] = int(told) if told.isdecimal() else 0
     return counts
-
-
-def _json(text: str | None) -> object:
-    try:
-        return parse_json(text) if text else None
-    except ValueError:
-        return None
