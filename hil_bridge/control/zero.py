@@ -105,7 +105,8 @@ def lift_fault(
     way = f"while the tool moved {moved_mm:.3f} mm against frame.approach"
     if before is None or after is None:
         return (
-            f"the force changed by {change:.1f} N {way}: the tool was touching, or frame.approach points the wrong way; "
+            f"the force changed by {change:.1f} N {way}: the tool was touching, or frame.approach points the wrong "
+            "way; "
             "free it (hil-bridge free), or correct frame.approach"
         )
     if after < before:
