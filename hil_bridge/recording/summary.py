@@ -19,7 +19,6 @@ from hil_bridge.recording.recorder import DROPPED_PREFIX
 from hil_bridge.recording.records import CycleRecord
 from hil_bridge.recording.times import Times, times_of
 from hil_bridge.recording.topics import SENSOR, TOPICS
-from hil_bridge.text_files import parse_json
 
 PHASE_EVENT = "phase"
 """Kind of the events whose text is the name of the phase that begins."""
