@@ -385,7 +385,7 @@ def test_a_force_that_goes_on_swinging_at_the_lowest_gain_ends_the_run(bench: Ru
         run={"duration_s": 60.0},
         cell={"surface": {"stiffness_n_m": 60_000.0, "damping_ns_m": 0.0}, "sensor": LARGE_SENSOR},
         controller={"name": "pi", "parameters": {"integral": 8.0}},
-        task={"force_n": 40.0, "approach_step_mm": 0.1},
+        task={"force_n": 40.0, "approach_step_mm": 0.1, "zero_lift_mm": 0.0},
         limits={"force_limit_n": 600.0, "resultant_limit_n": 600.0},
         oscillation={"factor_min": 0.5},
     )

@@ -271,7 +271,7 @@ def test_a_replay_that_differs_says_so_to_a_reader_that_left(tmp_path: Path) -> 
     program = (
         "import sys; from types import SimpleNamespace as made; import hil_bridge.recording, hil_bridge.replay\n"
         "cycle = made(record=made(cycle=3), differences={'depth': (1, 2)})\n"
-        "hil_bridge.recording.read = lambda path: made(truncated=False)\n"
+        "hil_bridge.recording.read = lambda path: made(truncated=False, metadata={})\n"
         "hil_bridge.replay.recorded_config = lambda record, changes: None\n"
         "hil_bridge.replay.replay = lambda record, config, forced: [cycle]\n"
         "sys.argv = ['hil-bridge', 'replay', 'r.mcap']\n"
