@@ -300,7 +300,7 @@ def test_a_disk_that_is_full_from_the_beginning_is_told_before_the_movement(
 
 def test_a_limit_of_the_system_is_told_as_well(tmp_path: Path) -> None:
     limited = (
-        "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, 60_000)); "
+        "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (120_000, 120_000)); "
         "from hil_bridge.cli import main; main()"
     )
     command = [sys.executable, "-c", limited, "run", "--virtual", "--no-view", "--duration", "30"]

@@ -193,7 +193,7 @@ def test_several_blocks_are_refused_where_one_is_expected_and_when_the_last_is_m
     assert host.refusal(*long) == 4
     assert host.refusal(*split_telegram(Telegram(2, 1, 0, bytes(300)), 128)) == 4
     assert host.refusal(*SEND.telegrams({"content": bytes(300)}, None, PROFILE)[:2]) == 255
-    assert host.refusal(long[0], replace(long[1], function=1)) == 255
+    assert host.refusal(long[0], long[1]._replace(function=1)) == 255
     assert host.refusal(Telegram(6, 9, 0, b"\0\1")) == 255
 
 

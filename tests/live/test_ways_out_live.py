@@ -99,7 +99,7 @@ WAYS: dict[str, Way] = {
     "emergency stop": Way(inject("robot", "emergency-stop"), 3, NOT, True, "emergency stop"),
     "dead link": Way(inject("link", "off", for_s=600.0), 3, NOT, True, "robot on serial://"),
     "late answer": Way(inject("robot", "late-answer", seconds=12.0), 3, RETRACTED, cause="no answer"),
-    "silent sensor": Way(inject("frames", "off", for_s=600.0), 3, NOT, False, "ms old"),
+    "silent sensor": Way(inject("frames", "off", for_s=600.0), 3, NOT, False, "force"),
     "bug": Way(
         lambda cell, run: None, 3, RETRACTED, False, "a bug ended the run: ZeroDivisionError", BUG + HIL
     ),
