@@ -14,17 +14,19 @@ from typing import Any, ClassVar, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from emulators.arm.kinematics import Joints
+from emulators.arm.servo import ServoProfile
 from emulators.cell_faults import CELL_FAULTS
-from emulators.contact import Contact, SurfaceProfile
 from emulators.faults import Handler, Injection, Ledger
 from emulators.jr3 import Gateway, GatewayProfile, Jr3Sensor, SensorProfile, UartGateway, UartGatewayProfile
 from emulators.jr3.board import Board, BoardProfile
 from emulators.jr3.sensor import SENSOR_RATE_HZ
-from emulators.robot import EMPTY_SITE, Joints, S3Controller, S3Profile, S3Site, ServoProfile
-from emulators.surface_faults import ObstacleProfile, Obstacles
-from protocol.adlp import LinkProfile
+from emulators.s3 import EMPTY_SITE, S3Controller, S3Profile, S3Site
+from emulators.surface.contact import Contact, SurfaceProfile
+from emulators.surface.faults import ObstacleProfile, Obstacles
 from protocol.geometry import Quaternion, Vector
 from protocol.marks import Mark, check_settings, setting
+from protocol.s3.adlp import LinkProfile
 
 Floats = NDArray[np.float64]
 
@@ -101,7 +103,7 @@ class TrueState:
     contact_force: Vector
     """Force of the surface, and of what hangs above, on the tool tip in the base frame, N."""
     joints: Joints
-    """Axes 1 to 6, rad; zero position as assumed in `emulators.robot.kinematics`."""
+    """Axes 1 to 6, rad; zero position as assumed in `emulators.arm.kinematics`."""
 
 
 class _Faulty(Protocol):

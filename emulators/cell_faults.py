@@ -5,8 +5,8 @@ from collections.abc import Mapping
 from emulators.faults import Fault, Parameter
 from emulators.faults.bus import BUS_FAULTS
 from emulators.jr3.faults import BOARD_FRAMES_FAULTS, FRAMES_FAULTS, JR3_FAULTS
-from emulators.robot.faults import S3_FAULTS
-from emulators.surface_faults import OBSTACLE_FAULTS, SURFACE_FAULTS
+from emulators.s3.faults import S3_FAULTS
+from emulators.surface.faults import OBSTACLE_FAULTS, SURFACE_FAULTS
 
 COMPUTER_FAULTS: Mapping[str, Fault] = {
     "pause": Fault(

@@ -9,8 +9,10 @@ import sys
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
-from protocol.adlp import HEADER_SIZE, Control, LinkProfile, check_character, encode_block
-from protocol.arap import (
+from protocol.fields import Field, Layout
+from protocol.marks import settings
+from protocol.s3.adlp import HEADER_SIZE, Control, LinkProfile, check_character, encode_block
+from protocol.s3.arap import (
     CONTROL_TEXTS,
     HEADER,
     KNOWN_ORDERS,
@@ -30,8 +32,6 @@ from protocol.arap import (
     suffix_text,
     write_mode,
 )
-from protocol.fields import Field, Layout
-from protocol.marks import settings
 
 DOCUMENT = Path(__file__).resolve().parent.parent / "docs" / "computer-link.md"
 

@@ -10,7 +10,7 @@ import textwrap
 from collections.abc import Iterator
 from pathlib import Path
 
-from protocol.adlp import TRANSITIONS, Action, LinkProfile, Role, State, Stimulus
+from protocol.s3.adlp import TRANSITIONS, Action, LinkProfile, Role, State, Stimulus
 
 DOCUMENT = Path(__file__).resolve().parent.parent / "docs" / "computer-link.md"
 BEGIN, END = "<!-- state diagrams: begin -->", "<!-- state diagrams: end -->"
@@ -23,7 +23,7 @@ SPACING = '%%{init: {"state": {"nodeSpacing": 90, "rankSpacing": 80}}}%%'
 """Mermaid's own is too narrow for these labels."""
 
 INTRODUCTION = """\
-Drawn by `tools/link_diagrams.py` from the table in `protocol/adlp/transitions.py`, by which both ends work. An arrow
+Drawn by `tools/link_diagrams.py` from the table in `protocol/s3/adlp/transitions.py`, by which both ends work. An arrow
 has what happens; what is done then, and what leaves a state as it is, is in the table below the diagrams. Both ends
 send and receive. They differ in two things: who goes first when both bid at once, and which lengths they understand."""
 RECEIVING = """\

@@ -20,16 +20,16 @@ from pathlib import Path
 from typing import Any
 
 from emulators.cell import Cell
+from hil_bridge.analysis.summary import RETRACT, TRACK
 from hil_bridge.clock import Clock, Timer, run_virtual
-from hil_bridge.compose import opened_devices
-from hil_bridge.conditions import CONDITIONS, HEAD, cells
-from hil_bridge.config import Config
-from hil_bridge.control.conditions import When
-from hil_bridge.faults import FaultSchedule
+from hil_bridge.control.course.conditions import When
+from hil_bridge.faults.schedule import FaultSchedule
+from hil_bridge.guard.conditions import CONDITIONS, HEAD, cells
 from hil_bridge.recording import PHASE_EVENT, STOP_EVENT, CycleRecord, EventRecord
-from hil_bridge.recording.summary import RETRACT, TRACK
-from hil_bridge.run import Run
-from protocol.arap import FunctionCode
+from hil_bridge.runs.compose import opened_devices
+from hil_bridge.runs.cycle import Run
+from hil_bridge.settings.configuration import Config
+from protocol.s3.arap import FunctionCode
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 DOCUMENT, FIGURES = DOCS / "safety.md", DOCS / "safety.json"

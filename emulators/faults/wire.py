@@ -8,7 +8,7 @@ from typing import Any, Generic, TypeVar
 
 from emulators.faults.kinds import FOREVER, Fault, Parameter
 from emulators.faults.ledger import Handler, Injection
-from protocol.can import CanFrame
+from protocol.can.frame import CanFrame
 
 Data = TypeVar("Data", bound=Sequence[Any])
 

@@ -14,7 +14,7 @@ from emulators.jr3.firmware import Firmware
 from emulators.jr3.late import Sample
 from emulators.jr3.sensor import Jr3Sensor
 from emulators.quantiles import check_quantiles
-from protocol.can import CanFrame
+from protocol.can.frame import CanFrame
 from protocol.endpoint import RemoteProtocolError
 from protocol.jr3 import (
     Acknowledge,

@@ -54,13 +54,13 @@ def computer_link(hex_bytes: tuple[str, ...], orders_file: Path | None) -> None:
     HEX may be spaced as you like: "10 02 00 08 01 00 13 01 00 00 10 03 18" or 100200…
     Ends with exit code 2 when anything in it is wrong.
     """
-    from protocol.adlp import LinkProfile
-    from protocol.arap import KNOWN, describe
+    from protocol.s3.adlp import LinkProfile
+    from protocol.s3.arap import KNOWN, describe
 
     raw = _bytes(hex_bytes)
     longest, orders = LinkProfile().max_telegram, KNOWN
     if orders_file is not None:
-        from hil_bridge.orders_file import read_orders
+        from hil_bridge.robots.s3.orders_file import read_orders
 
         orders = read_orders(orders_file, longest)
     _print(describe(raw, max_telegram=longest, orders=orders))

@@ -42,10 +42,10 @@ def emulate(
                            tcp-listen://127.0.0.1:0?gateway=jr3
         receiver board     jr3+tcp-listen://127.0.0.1:0
     """
-    from hil_bridge.compose import Ports, cell_ports
-    from hil_bridge.config import load_config
-    from hil_bridge.fault_settings import refuse_faults
-    from hil_bridge.serve import serve
+    from hil_bridge.faults.settings import refuse_faults
+    from hil_bridge.runs.compose import Ports, cell_ports
+    from hil_bridge.runs.serve import serve
+    from hil_bridge.settings.configuration import load_config
 
     config = load_config(config_file, {"run.seed": seed, "run.panel_url": panel})
     if what == "sensor" and panel:

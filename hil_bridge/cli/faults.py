@@ -22,8 +22,8 @@ def faults(as_json: bool) -> None:
     import json
 
     from emulators.cell_faults import CELL_FAULTS
-    from emulators.robot.panel import fault_table
-    from hil_bridge.panel import faults_text
+    from emulators.s3.panel import fault_table
+    from hil_bridge.robots.s3.panel import faults_text
 
     table = fault_table(CELL_FAULTS)
     click.echo(json.dumps(table, ensure_ascii=False, indent=2) if as_json else faults_text(table))

@@ -35,10 +35,10 @@ def free(
     The tool moves against frame.approach in small slow steps, and stands still if the force rises. A movement
     sequence that was left open is closed first. No zero is taken, and no program is run.
     """
-    from hil_bridge.config import load_config
     from hil_bridge.errors import ConfigError
-    from hil_bridge.free import free as free_tool
-    from hil_bridge.signals import as_ctrl_c
+    from hil_bridge.runs.free import free as free_tool
+    from hil_bridge.runs.signals import as_ctrl_c
+    from hil_bridge.settings.configuration import load_config
 
     config = load_config(
         config_file, {"robot.url": robot, "sensor.url": sensor, "tool.mass_kg": tool_mass_kg}

@@ -92,12 +92,12 @@ def identify_tool(
     A table for --from has a line of column names: qw qx qy qz (tool in base), fx_n fy_n fz_n mx_nm my_nm mz_nm
     (mean readings in the sensor frame, N and N·m) and, if known, their standard deviations sd_fx_n … sd_mz_nm.
     """
-    from hil_bridge.config import load_config
     from hil_bridge.control import identify_tool as identified
     from hil_bridge.errors import ConfigError
     from hil_bridge.recording.files import check_place, write_whole
-    from hil_bridge.tool_files import poses_as_csv, read_poses, tool_as_toml
-    from hil_bridge.zeroing import wrist
+    from hil_bridge.runs.zeroing import wrist
+    from hil_bridge.settings.configuration import load_config
+    from hil_bridge.tool.files import poses_as_csv, read_poses, tool_as_toml
 
     for option, file in (("-o", out), ("--save", save)):
         if file is None:
@@ -112,11 +112,11 @@ def identify_tool(
     if table is not None:
         poses = read_poses(table)
     else:
-        from hil_bridge.checks import check_wires
-        from hil_bridge.fault_settings import refuse_faults
-        from hil_bridge.identify import Sweep, measure
-        from hil_bridge.screen import Screen
-        from hil_bridge.signals import as_ctrl_c
+        from hil_bridge.faults.settings import refuse_faults
+        from hil_bridge.runs.checks import check_wires
+        from hil_bridge.runs.screen import Screen
+        from hil_bridge.runs.signals import as_ctrl_c
+        from hil_bridge.tool.measuring import Sweep, measure
 
         refuse_faults(config.faults, "hil-bridge identify-tool")
         check_wires(config, virtual)
@@ -134,7 +134,7 @@ def identify_tool(
 
 
 def _tell(poses: "Sequence[ToolPose]", estimate: "ToolEstimate") -> None:
-    from hil_bridge.control.frames import STANDARD_GRAVITY
+    from hil_bridge.control.geometry.frames import STANDARD_GRAVITY
 
     def numbers(values: "Sequence[float]", digits: int, unit: float = 1.0) -> str:
         return " ".join(f"{value * unit + 0.0:9.{digits}f}" for value in values)

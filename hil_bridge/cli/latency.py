@@ -11,9 +11,9 @@ from hil_bridge.cli.paths import FILE
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from hil_bridge.config import Config
-    from hil_bridge.recording.latency import Latency, Part
-    from protocol.adlp import LinkProfile
+    from hil_bridge.analysis.latency import Latency, Part
+    from hil_bridge.settings.configuration import Config
+    from protocol.s3.adlp import LinkProfile
 
 _UNHEARD = {"board": "; the delay of a receiver board's samples is not emulated"}
 """What of a site's latency a run of the emulated cell leaves out, by what stands before the sensor."""
@@ -31,13 +31,13 @@ def latency(recording: Path, output: Path | None, overwrite: bool) -> None:
     With -o the site's turnaround and the jitter of its sensor become a configuration: `hil-bridge run SITE.toml`
     then draws them anew, by the seed, in an emulated cell with the same gateway or board.
     """
-    from hil_bridge.compose import sensor_kind
+    from hil_bridge.analysis.latency import latency_of
+    from hil_bridge.analysis.site_latency import site_settings
     from hil_bridge.errors import ConfigError
     from hil_bridge.recording import read
     from hil_bridge.recording.files import write_whole
-    from hil_bridge.recording.latency import latency_of
-    from hil_bridge.recording.site_latency import site_settings
-    from hil_bridge.replay import recorded_config
+    from hil_bridge.runs.compose import sensor_kind
+    from hil_bridge.runs.replay import recorded_config
 
     record = read(recording)
     found = latency_of(record)
@@ -82,7 +82,7 @@ def _figures(*seconds: float) -> str:
 
 def _line(config: "Config") -> "LinkProfile":
     """The line as it was: a URL may have set it."""
-    from hil_bridge.compose import robot_wire
+    from hil_bridge.runs.compose import robot_wire
 
     url, link = config.robot.url, config.robot.link
     return robot_wire(url, link)[1] if url else link

@@ -27,11 +27,11 @@ def monitor(
     URL shows the frames of a JR3 gateway. Nothing is ever sent. Times are those at which the bytes were seen: in a
     recording, what the PC sends is seen when it is handed to the port, before it is on the line.
     """
-    from hil_bridge.config import load_config
     from hil_bridge.errors import ConfigError
-    from hil_bridge.orders_file import read_orders
-    from hil_bridge.site.monitor import monitor_can, monitor_file, monitor_link
-    from protocol.arap import KNOWN
+    from hil_bridge.robots.s3.orders_file import read_orders
+    from hil_bridge.robots.s3.site.monitor import monitor_can, monitor_file, monitor_link
+    from hil_bridge.settings.configuration import load_config
+    from protocol.s3.arap import KNOWN
 
     config = load_config(config_file, {})
     link = config.robot.link

@@ -6,14 +6,14 @@ import click
 
 
 def _ask(context: click.Context, request: dict[str, Any]) -> dict[str, Any]:
-    from hil_bridge.panel import ask
+    from hil_bridge.robots.s3.panel import ask
 
     return ask(context.find_root().meta["panel"], request)
 
 
 def _do(context: click.Context, request: dict[str, Any]) -> None:
     """Ask, and show the state afterwards."""
-    from hil_bridge.panel import state_text
+    from hil_bridge.robots.s3.panel import state_text
 
     click.echo(state_text(_ask(context, request).get("state", {})))
 
@@ -123,6 +123,6 @@ def mend(context: click.Context) -> None:
 @click.pass_context
 def faults(context: click.Context) -> None:
     """List the faults that can be injected, with their parameters and defaults."""
-    from hil_bridge.panel import faults_text
+    from hil_bridge.robots.s3.panel import faults_text
 
     click.echo(faults_text(_ask(context, {"do": "faults"}).get("faults", {})))

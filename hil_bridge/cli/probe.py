@@ -38,7 +38,7 @@ def robot(url: str, out: Path | None, patience_s: float, overwrite: bool) -> Non
     Nothing but read status is sent, so that nothing moves or changes. What the URL says of the line is tried first.
     Exit code 3 when nothing works.
     """
-    from hil_bridge.site.probe import probe_robot
+    from hil_bridge.robots.s3.site.probe import probe_robot
 
     probe_robot(url, out, patience_s, overwrite)
 
@@ -63,7 +63,7 @@ def sensor(url: str, config_file: Path | None, no_push: bool, duration_s: float 
     says what to set in [sensor] where that is not as configured. Nothing is zeroed, nothing moves. URL is that of
     `run --sensor`.
     """
-    from hil_bridge.config import load_config
+    from hil_bridge.settings.configuration import load_config
     from hil_bridge.site.sensor_probe import probe_sensor
 
     probe_sensor(url, load_config(config_file, {}), not no_push, duration_s)

@@ -14,7 +14,7 @@ from hil_bridge.cli.paths import FILE
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from hil_bridge.replay import ReplayedCycle
+    from hil_bridge.runs.replay import ReplayedCycle
 
 EXIT_DIFFERENT = 1
 """The replay of an unchanged run decided otherwise."""
@@ -39,8 +39,8 @@ def replay(
     """
     from hil_bridge.recording import read
     from hil_bridge.recording.files import check_place
-    from hil_bridge.replay import changes_of, recorded_config
-    from hil_bridge.replay import replay as replayed
+    from hil_bridge.runs.replay import changes_of, recorded_config
+    from hil_bridge.runs.replay import replay as replayed
 
     if table is not None:
         check_place(table, overwrite)

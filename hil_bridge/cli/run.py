@@ -98,9 +98,9 @@ def run(
 
     What is there already is overwritten only with --overwrite.
     """
-    from hil_bridge.config import load_config
-    from hil_bridge.outputs import Outputs
-    from hil_bridge.session import execute
+    from hil_bridge.runs.outputs import Outputs
+    from hil_bridge.runs.session import execute
+    from hil_bridge.settings.configuration import load_config
 
     if record is not None and no_record:
         raise click.UsageError("--record and --no-record exclude each other", click.get_current_context())

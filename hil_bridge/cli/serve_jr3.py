@@ -46,6 +46,6 @@ def serve_jr3(
 
     The board's program must run: load the kernel's driver jr3_pci once, or give it with --program.
     """
-    from hil_bridge.registers.serving import serve_pci
+    from hil_bridge.sensors.jr3.registers.serving import serve_pci
 
     serve_pci(address, listen, offset, channel, program, sysfs)

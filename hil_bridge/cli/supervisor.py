@@ -20,7 +20,7 @@ def supervisor() -> None:
 @supervisor.command(short_help="List every condition and what it leads to.")
 def table() -> None:
     """List every condition that refuses, clamps or ends a run, and what it leads to."""
-    from hil_bridge.conditions import as_text
+    from hil_bridge.guard.conditions import as_text
 
     tell(as_text())
 
@@ -96,10 +96,10 @@ def explain(config_file: Path | None, phase: str, **given: Any) -> None:
       hil-bridge supervisor explain --force 40 --commanded-mm 8 --wanted-mm 12 --stiffness 20000
       hil-bridge supervisor explain --phase retract --force 30 --lowest 12 --retracting-ms 1500
     """
-    from hil_bridge.asking import Situation
-    from hil_bridge.config import load_config
     from hil_bridge.control import Phase
-    from hil_bridge.explaining import explain as explained
+    from hil_bridge.guard.asking import Situation
+    from hil_bridge.guard.explaining import explain as explained
+    from hil_bridge.settings.configuration import load_config
 
     known = {name: value for name, value in given.items() if value is not None}
     tell(explained(load_config(config_file, {}), Situation(Phase(phase), **known)).lines())

@@ -2,47 +2,15 @@
 pure.
 """
 
-from hil_bridge.control.contour import Contour, ContourState, normal_force
+from hil_bridge.control.analysis.merit import FiguresOfMerit, figures_of_merit
+from hil_bridge.control.analysis.tool_identification import ToolEstimate, ToolPose, identify_tool
 from hil_bridge.control.controllers import CONTROLLERS, controller_kind, make_controller
-from hil_bridge.control.estimate import Gates, StiffnessEstimate
-from hil_bridge.control.frames import (
-    force_along,
-    quaternion_about,
-    quaternion_product,
-    rotate,
-    rotation_matrix,
-    tool_gravity_wrench,
-    transform_wrench,
-    turn_between,
-)
-from hil_bridge.control.fuzzy import (
-    Inference,
-    InferenceSystem,
-    Surface,
-    computed_matrix,
-    evaluate,
-    infer,
-    quantise,
-)
-from hil_bridge.control.fuzzy_control import (
-    AdaptiveState,
-    FuzzyAdaptive,
-    FuzzyPi,
-    FuzzyState,
-    ResolutionAware,
-    scheduled_gain,
-)
-from hil_bridge.control.limits import Limits
-from hil_bridge.control.linear import Admittance, AdmittanceState, Pi, PiState
-from hil_bridge.control.loop import ControlLoop, Decision, LoopState, Proposal, Sample, one_line
-from hil_bridge.control.merit import FiguresOfMerit, figures_of_merit
-from hil_bridge.control.oscillation import OscillationDetector, OscillationState
-from hil_bridge.control.peaks import Peaks
-from hil_bridge.control.plugins import plugin_names
-from hil_bridge.control.predictive import Predictive, PredictiveState
-from hil_bridge.control.rules import PAPER_RULES, RuleBase, parse_rules, read_rules, rules_as_toml
-from hil_bridge.control.stiffness import Pairing, Stiffness
-from hil_bridge.control.supervisor import (
+from hil_bridge.control.course.contour import Contour, ContourState, normal_force
+from hil_bridge.control.course.limits import Limits
+from hil_bridge.control.course.loop import ControlLoop, Decision, LoopState, Proposal, Sample, one_line
+from hil_bridge.control.course.oscillation import OscillationDetector, OscillationState
+from hil_bridge.control.course.peaks import Peaks
+from hil_bridge.control.course.supervisor import (
     Allow,
     Cause,
     Clamp,
@@ -53,11 +21,43 @@ from hil_bridge.control.supervisor import (
     SupervisorState,
     Verdict,
 )
-from hil_bridge.control.task import Phase, Target, Task, TaskOutput, TaskParameters, TaskState
-from hil_bridge.control.tool_identification import ToolEstimate, ToolPose, identify_tool
+from hil_bridge.control.course.task import Phase, Target, Task, TaskOutput, TaskParameters, TaskState
+from hil_bridge.control.course.zero import Reading, lift_fault, reading, weight_fault, weight_reading
+from hil_bridge.control.geometry.frames import (
+    force_along,
+    quaternion_about,
+    quaternion_product,
+    rotate,
+    rotation_matrix,
+    tool_gravity_wrench,
+    transform_wrench,
+    turn_between,
+)
+from hil_bridge.control.geometry.wrist import Facing, Wrist
+from hil_bridge.control.laws.estimate import Gates, StiffnessEstimate
+from hil_bridge.control.laws.fuzzy import (
+    Inference,
+    InferenceSystem,
+    Surface,
+    computed_matrix,
+    evaluate,
+    infer,
+    quantise,
+)
+from hil_bridge.control.laws.fuzzy_control import (
+    AdaptiveState,
+    FuzzyAdaptive,
+    FuzzyPi,
+    FuzzyState,
+    ResolutionAware,
+    scheduled_gain,
+)
+from hil_bridge.control.laws.linear import Admittance, AdmittanceState, Pi, PiState
+from hil_bridge.control.laws.predictive import Predictive, PredictiveState
+from hil_bridge.control.laws.rules import PAPER_RULES, RuleBase, parse_rules, read_rules, rules_as_toml
+from hil_bridge.control.laws.stiffness import Pairing, Stiffness
 from hil_bridge.control.types import Command, Controller, Measurement, in_numbers
-from hil_bridge.control.wrist import Facing, Wrist
-from hil_bridge.control.zero import Reading, lift_fault, reading, weight_fault, weight_reading
+from hil_bridge.plugins import plugin_names
 
 __all__ = [
     "CONTROLLERS",

@@ -4,12 +4,12 @@ from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import Any
 
-from hil_bridge.control.fuzzy_control import FuzzyAdaptive, FuzzyPi, ResolutionAware
-from hil_bridge.control.linear import Admittance, Pi
-from hil_bridge.control.plugins import find_plugin, plugin_names
-from hil_bridge.control.predictive import Predictive
+from hil_bridge.control.laws.fuzzy_control import FuzzyAdaptive, FuzzyPi, ResolutionAware
+from hil_bridge.control.laws.linear import Admittance, Pi
+from hil_bridge.control.laws.predictive import Predictive
 from hil_bridge.control.types import Controller
 from hil_bridge.errors import ConfigError
+from hil_bridge.plugins import find_plugin, plugin_names
 
 CONTROLLERS: Mapping[str, Callable[..., Controller[Any]]] = MappingProxyType(
     {kind.name: kind for kind in (FuzzyPi, FuzzyAdaptive, ResolutionAware, Pi, Admittance, Predictive)}

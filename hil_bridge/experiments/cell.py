@@ -6,12 +6,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_bridge.config import Config
 from hil_bridge.control import FiguresOfMerit, figures_of_merit
-from hil_bridge.control.merit import STEADY_SAMPLES
+from hil_bridge.control.analysis.merit import STEADY_SAMPLES
 from hil_bridge.experiments.chain import run_cell
 from hil_bridge.experiments.wall import Parameters
 from hil_bridge.recording import Outcome
+from hil_bridge.settings.configuration import Config
 
 Floats = NDArray[np.float64]
 

@@ -8,12 +8,12 @@ from typing import NamedTuple
 
 from emulators.cell import Cell
 from hil_bridge.clock import Clock, run_virtual
-from hil_bridge.compose import opened_devices
-from hil_bridge.config import Config
 from hil_bridge.errors import ConfigError
-from hil_bridge.faults import FaultSchedule
+from hil_bridge.faults.schedule import FaultSchedule
 from hil_bridge.recording import CycleRecord, EventRecord
-from hil_bridge.run import Run, RunResult
+from hil_bridge.runs.compose import opened_devices
+from hil_bridge.runs.cycle import Run, RunResult
+from hil_bridge.settings.configuration import Config
 
 
 class CellRun(NamedTuple):

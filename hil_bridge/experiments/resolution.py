@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from hil_bridge.control.stability import (
+from hil_bridge.control.analysis.stability import (
     LimitCycle,
     SampledPlant,
     holding_limit_cycle,
@@ -33,7 +33,7 @@ from hil_bridge.experiments.results import (
 )
 from hil_bridge.experiments.statistics import spread
 from hil_bridge.experiments.wall import PERIOD, Parameters, WallJob, WallRun
-from protocol.adlp import BLOCK_OVERHEAD
+from protocol.s3.adlp import BLOCK_OVERHEAD
 
 STIFFNESSES = (5e3, 1e4, 2e4, 5e4)
 RESOLUTIONS_MM = (0.125, 0.25, 0.5)

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from hil_bridge.control import computed_matrix, infer
-from hil_bridge.control.tables import GAIN_MATRIX, LEVELS
+from hil_bridge.control.laws.tables import GAIN_MATRIX, LEVELS
 from hil_bridge.experiments.drawing import Sheet
 from hil_bridge.experiments.results import Claim, Experiment, Findings, Job, Row, number
 

@@ -1,5 +1,14 @@
 """What is kept of a run: records, the file they are written to, and what is summed up from them."""
 
+from hil_bridge.analysis.summary import (
+    CHECK_EVENT,
+    PHASE_EVENT,
+    STOP_EVENT,
+    Outcome,
+    RunEnd,
+    Summary,
+    summarise,
+)
 from hil_bridge.recording.link_log import LINK_EVENT, LinkLog
 from hil_bridge.recording.reader import Recording, read, read_link
 from hil_bridge.recording.recorder import CHUNKS, VIRTUAL_CHUNKS, Chunks, Recorder
@@ -10,15 +19,6 @@ from hil_bridge.recording.records import (
     SensorRecord,
     TruthRecord,
     WireRecord,
-)
-from hil_bridge.recording.summary import (
-    CHECK_EVENT,
-    PHASE_EVENT,
-    STOP_EVENT,
-    Outcome,
-    RunEnd,
-    Summary,
-    summarise,
 )
 
 __all__ = [

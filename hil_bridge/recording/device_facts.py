@@ -7,10 +7,10 @@ from typing import Annotated, Any, TypeAlias, TypeVar
 import msgspec
 from msgspec import Meta, Struct
 
-from hil_bridge.line_time import answer_time, line_floor, move_answer_time
 from hil_bridge.recording.reader import Recording
 from hil_bridge.text_files import parse_json
-from protocol.adlp import LinkProfile
+from protocol.s3.adlp import LinkProfile
+from protocol.s3.timing import answer_time, line_floor, move_answer_time
 
 _Facts = TypeVar("_Facts", bound=Struct)
 _Positive: TypeAlias = Annotated[float, Meta(gt=0.0)]

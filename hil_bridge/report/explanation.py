@@ -6,9 +6,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeGuard
 
+from hil_bridge.analysis.summary import TRACK
 from hil_bridge.recording.reader import Recording
 from hil_bridge.recording.records import CycleRecord
-from hil_bridge.recording.summary import TRACK
 from hil_bridge.report.figures import quantity
 
 ROWS_SHOWN = 200

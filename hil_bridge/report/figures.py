@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from hil_bridge.recording.summary import Summary
+from hil_bridge.analysis.summary import Summary
 
 
 @dataclass(frozen=True, slots=True)

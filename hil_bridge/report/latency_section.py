@@ -3,9 +3,9 @@
 import base64
 from html import escape
 
-from hil_bridge.recording.latency import Latency, Part, latency_of
+from hil_bridge.analysis.latency import Latency, Part, latency_of
+from hil_bridge.analysis.times import Times
 from hil_bridge.recording.reader import Recording
-from hil_bridge.recording.times import Times
 from hil_bridge.report.latency_plot import LATENCY_SIZE_PX, draw_latency
 from hil_bridge.report.markup import cells
 

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 
-from hil_bridge.control.stability import loop_phase_deg, loop_response
+from hil_bridge.control.analysis.stability import loop_phase_deg, loop_response
 from hil_bridge.report.plots import STYLE
 from hil_bridge.report.stability import Analysis, LinearLoop
 

@@ -5,10 +5,10 @@ import json
 from html import escape
 from pathlib import Path
 
+from hil_bridge.analysis.summary import Summary
 from hil_bridge.errors import ConfigError
 from hil_bridge.recording.files import check_place, write_whole
 from hil_bridge.recording.reader import Recording
-from hil_bridge.recording.summary import Summary
 from hil_bridge.report.figures import merit_rows, quantity, run_rows
 from hil_bridge.report.latency_section import latency_section
 from hil_bridge.report.markup import pairs, rows, table

@@ -4,8 +4,8 @@ import base64
 import math
 from html import escape
 
+from hil_bridge.analysis.summary import Summary
 from hil_bridge.recording.reader import Recording
-from hil_bridge.recording.summary import Summary
 from hil_bridge.report.explanation import decisions, strongest_rules, tracked
 from hil_bridge.report.figures import Row, quantity
 from hil_bridge.report.loop_plot import LOOP_SIZE_PX, draw_loop

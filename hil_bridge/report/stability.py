@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from hil_bridge.control.linear import Admittance, Pi
-from hil_bridge.control.merit import STEADY_SAMPLES
-from hil_bridge.control.stability import (
+from hil_bridge.analysis.summary import TRACK, Summary
+from hil_bridge.control.analysis.merit import STEADY_SAMPLES
+from hil_bridge.control.analysis.stability import (
     LimitCycle,
     Margins,
     Response,
@@ -23,10 +23,10 @@ from hil_bridge.control.stability import (
     margins,
     pi_response,
 )
+from hil_bridge.control.laws.linear import Admittance, Pi
 from hil_bridge.recording.device_facts import Devices, devices_of, recorded_configuration
 from hil_bridge.recording.reader import Recording
 from hil_bridge.recording.records import CycleRecord
-from hil_bridge.recording.summary import TRACK, Summary
 
 PHASE_MARGIN_DEG = 45.0
 """Least phase margin that counts as comfortable: the textbooks' rule."""

@@ -14,13 +14,13 @@ from typing import Any
 
 import click
 
-from hil_bridge.checks import problems
 from hil_bridge.clock import Clock, run_real
-from hil_bridge.compose import uart_wire
-from hil_bridge.config import Config, load_config
+from hil_bridge.clock.realtime import RealTime, scheduled
 from hil_bridge.errors import ConfigError
-from hil_bridge.realtime import RealTime, scheduled
-from hil_bridge.registers import BOARD, board_wire
+from hil_bridge.runs.checks import problems
+from hil_bridge.runs.compose import uart_wire
+from hil_bridge.sensors.jr3.registers import BOARD, board_wire
+from hil_bridge.settings.configuration import Config, load_config
 from hil_bridge.site import facts
 from hil_bridge.site.facts import Fact, Level, fail, ok, warn
 from hil_bridge.transports.urls import CONNECT_BYTES, CONNECT_CAN, WireUrl, parse_url

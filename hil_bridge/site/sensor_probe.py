@@ -18,10 +18,11 @@ from typing import TypeVar
 import click
 
 from hil_bridge.clock import Clock, run_real
-from hil_bridge.compose import connect_sensor
-from hil_bridge.config import Config
-from hil_bridge.devices import ForceSensor
 from hil_bridge.errors import DeviceError
+from hil_bridge.runs.compose import connect_sensor
+from hil_bridge.runs.zeroing import wrist
+from hil_bridge.sensors.stream import ForceSensor
+from hil_bridge.settings.configuration import Config
 from hil_bridge.site.push import (
     RIGHT_ANGLE_DEG,
     Answer,
@@ -31,7 +32,6 @@ from hil_bridge.site.push import (
     mounting_of,
     push_threshold,
 )
-from hil_bridge.zeroing import wrist
 from protocol.jr3 import AXES, SensorFrame
 
 NOISE_S = 1.0

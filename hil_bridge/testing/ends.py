@@ -10,7 +10,7 @@ from typing import Any, Protocol, TypeAlias
 from hil_bridge.clock import Clock, run_real, run_virtual
 from hil_bridge.errors import TransportEnded, TransportError
 from hil_bridge.transports import DatagramWire, Transport
-from protocol.can import CanFrame
+from protocol.can.frame import CanFrame
 
 Ends: TypeAlias = tuple[Transport[Any], Transport[Any]]
 

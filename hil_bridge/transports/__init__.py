@@ -2,12 +2,7 @@
 
 from hil_bridge.transports.back_off import Reconnecting
 from hil_bridge.transports.base import Datagrams, Frames, Transport
-from hil_bridge.transports.can_queue import CanStatistics
-from hil_bridge.transports.datagram import DatagramStatistics, DatagramWire
-from hil_bridge.transports.line import LineEnd, LineNotices, Paced
-from hil_bridge.transports.listening import Listening
-from hil_bridge.transports.memory import memory_pair
-from hil_bridge.transports.memory_can import (
+from hil_bridge.transports.can.memory import (
     BitErrors,
     Disturbance,
     ErrorCounters,
@@ -15,6 +10,10 @@ from hil_bridge.transports.memory_can import (
     MemoryCanNode,
     memory_can_bus,
 )
+from hil_bridge.transports.can.queue import CanStatistics
+from hil_bridge.transports.datagram import DatagramStatistics, DatagramWire
+from hil_bridge.transports.listening import Listening
+from hil_bridge.transports.memory import memory_pair
 from hil_bridge.transports.opening import (
     connect_bytes,
     connect_can,
@@ -23,8 +22,9 @@ from hil_bridge.transports.opening import (
     listen_can,
     listen_datagrams,
 )
-from hil_bridge.transports.uart import Damaged, Flaw, LineErrors, LineSettings, Parity
-from hil_bridge.transports.usb_adapter import UsbAdapter, UsbAdapterProfile
+from hil_bridge.transports.serial.line import LineEnd, LineNotices, Paced
+from hil_bridge.transports.serial.uart import Damaged, Flaw, LineErrors, LineSettings, Parity
+from hil_bridge.transports.serial.usb_adapter import UsbAdapter, UsbAdapterProfile
 from hil_bridge.transports.wrappers import Delayed, Direction, Faults, Faulty, Tap
 
 __all__ = [

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from typing import Protocol, TypeAlias, TypeVar
 
 from hil_bridge.errors import TransportError
-from protocol.can import CanFrame
+from protocol.can.frame import CanFrame
 
 Frames: TypeAlias = Sequence[CanFrame]
 

@@ -10,8 +10,8 @@ from hil_bridge.clock import Clock
 from hil_bridge.errors import TransportEnded, TransportError, TransportUnavailable
 from hil_bridge.transports.base import Transport
 from hil_bridge.transports.delivery import QUEUE_BYTES, Delivery, TimedQueue, flush
-from hil_bridge.transports.line import LineEnd
 from hil_bridge.transports.listening import Exchange
+from hil_bridge.transports.serial.line import LineEnd
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,16 +10,17 @@ from functools import partial
 from hil_bridge.clock import Clock
 from hil_bridge.transports.back_off import Notice, Reconnecting, persistent
 from hil_bridge.transports.base import Datagrams, Frames, Transport
+from hil_bridge.transports.can.memory import join_memory_can
 from hil_bridge.transports.datagram import DatagramWire, Path, connect_udp, listen_udp
 from hil_bridge.transports.datagram import connect_memory as connect_memory_datagrams
 from hil_bridge.transports.datagram import listen_memory as listen_memory_datagrams
-from hil_bridge.transports.line import FIFO, LineEnd, LineNotices, Paced
 from hil_bridge.transports.listening import Listening
 from hil_bridge.transports.memory import connect_memory, listen_memory
-from hil_bridge.transports.memory_can import join_memory_can
-from hil_bridge.transports.pseudo_terminal import PseudoTerminal
+from hil_bridge.transports.serial.line import FIFO, LineEnd, LineNotices, Paced
+from hil_bridge.transports.serial.pseudo_terminal import PseudoTerminal
+from hil_bridge.transports.serial.uart import Damaged, LineSettings
+from hil_bridge.transports.serial.usb_adapter import UsbAdapter, UsbAdapterProfile
 from hil_bridge.transports.tcp import connect_tcp, listen_tcp
-from hil_bridge.transports.uart import Damaged, LineSettings
 from hil_bridge.transports.urls import (
     CONNECT_BYTES,
     CONNECT_CAN,
@@ -31,9 +32,8 @@ from hil_bridge.transports.urls import (
     parse_url,
     with_line,
 )
-from hil_bridge.transports.usb_adapter import UsbAdapter, UsbAdapterProfile
 from hil_bridge.transports.wrappers import Direction
-from protocol.can import CanFilter
+from protocol.can.frame import CanFilter
 
 _LOG = logging.getLogger(__name__)
 
@@ -50,7 +50,7 @@ async def connect_bytes(url: str, clock: Clock, on_notice: Notice = _log) -> Tra
     parsed = parse_url(url, CONNECT_BYTES)
     match parsed.scheme:
         case "serial":
-            from hil_bridge.transports.serial_port import open_serial_port
+            from hil_bridge.transports.serial.serial_port import open_serial_port
 
             return await open_serial_port(parsed.target, parsed.line or LineSettings(), clock, url)
         case "memory":
@@ -79,7 +79,7 @@ async def _connect_host(parsed: WireUrl, clock: Clock, on_notice: Notice) -> Tra
     wire = await connect_tcp(*parsed.host_port, clock, parsed.text)
     if parsed.scheme == "tcp":
         return wire
-    from hil_bridge.transports.rfc2217 import Rfc2217Client
+    from hil_bridge.transports.serial.rfc2217 import Rfc2217Client
 
     client = Rfc2217Client(wire, parsed.line or LineSettings(), clock, on_notice)
     await client.ready()
@@ -89,7 +89,7 @@ async def _connect_host(parsed: WireUrl, clock: Clock, on_notice: Notice) -> Tra
 async def connect_can(url: str, clock: Clock, accept: Sequence[CanFilter] = ()) -> Transport[Frames]:
     """Open a CAN wire that receives what one of the filters accepts; everything without filters.
 
-    What is wrong on the bus arrives in band, as error frames that `protocol.can_error` reads. Raises ConfigError
+    What is wrong on the bus arrives in band, as error frames that `protocol.can.error` reads. Raises ConfigError
     for the URL, TransportUnavailable for the wire.
     """
     return await _open_can(parse_url(url, CONNECT_CAN), clock, accept)
@@ -134,7 +134,7 @@ def _listen_pty(parsed: WireUrl, clock: Clock) -> Listening[bytes]:
 
 
 async def _listen_rfc2217(parsed: WireUrl, line: LineSettings, clock: Clock) -> Listening[bytes]:
-    from hil_bridge.transports.rfc2217 import Rfc2217Port
+    from hil_bridge.transports.serial.rfc2217 import Rfc2217Port
 
     port = Rfc2217Port(line, clock)
     wire, host, number = await listen_tcp(*parsed.host_port, clock, parsed.text, port.serve)
@@ -185,7 +185,7 @@ async def listen_can(url: str, clock: Clock, accept: Sequence[CanFilter] = ()) -
 async def _open_can(parsed: WireUrl, clock: Clock, accept: Sequence[CanFilter]) -> Transport[Frames]:
     if parsed.scheme == "can+memory":
         return join_memory_can(parsed.target, parsed.options.get("bitrate"), clock, accept)
-    from hil_bridge.transports.python_can import open_python_can
+    from hil_bridge.transports.can.python_can import open_python_can
 
     interface = parsed.scheme.removeprefix("can+")
     return await open_python_can(interface, parsed.target, clock, parsed.text, accept, **parsed.options)

@@ -14,8 +14,8 @@ from hil_bridge.clock import Clock, Timer
 from hil_bridge.errors import TransportEnded, TransportError
 from hil_bridge.transports import reasons
 from hil_bridge.transports.base import Transport
-from hil_bridge.transports.files import FileWire
 from hil_bridge.transports.listening import Exchange
+from hil_bridge.transports.serial.files import FileWire
 
 CONNECT_TIMEOUT_S = 5.0
 """Chosen: a host that is there answers sooner."""

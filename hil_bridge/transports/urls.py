@@ -49,7 +49,7 @@ from typing import Any
 from urllib.parse import parse_qsl, unquote, urlsplit
 
 from hil_bridge.errors import ConfigError
-from hil_bridge.transports.uart import Damaged, LineSettings, Parity
+from hil_bridge.transports.serial.uart import Damaged, LineSettings, Parity
 
 SLCAN_BITRATES = (10_000, 20_000, 50_000, 83_300, 100_000, 125_000, 250_000, 500_000, 750_000, 1_000_000)
 """Bit rates for which the slcan protocol has a command."""

@@ -5,9 +5,9 @@ from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from hil_bridge.recording.latency import AnswerTimes, Latency, budget
+from hil_bridge.analysis.latency import AnswerTimes, Latency, budget
 from hil_bridge.recording.records import CycleRecord
-from protocol.adlp import ROUTINE, Count, NoticeKind
+from protocol.s3.adlp import ROUTINE, Count, NoticeKind
 
 REFRESH_SECONDS = 0.2
 """How often a run should have the view drawn at most."""

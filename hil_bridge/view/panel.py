@@ -13,7 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from hil_bridge.view.model import HISTORY_CYCLES, Snapshot
-from protocol.adlp import Count, NoticeKind
+from protocol.s3.adlp import Count, NoticeKind
 
 WIDTH = 80
 CHART_ROWS = 8

@@ -8,11 +8,11 @@ import pytest
 
 from emulators.cell import Cell
 from hil_bridge.clock import Clock, run_virtual
-from hil_bridge.config import Config
-from hil_bridge.devices import ForceSensor, RobotLink
-from hil_bridge.pump import Pump
 from hil_bridge.recording import CycleRecord, EventRecord
-from hil_bridge.run import Run, RunResult
+from hil_bridge.robots.s3.link import RobotLink
+from hil_bridge.runs.cycle import Run, RunResult
+from hil_bridge.sensors.stream import ForceSensor
+from hil_bridge.settings.configuration import Config
 from hil_bridge.transports import (
     Faults,
     Faulty,
@@ -23,6 +23,7 @@ from hil_bridge.transports import (
     listen_bytes,
     listen_can,
 )
+from hil_bridge.transports.pump import Pump
 from protocol.jr3 import GatewayClient
 
 

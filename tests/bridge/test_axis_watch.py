@@ -4,7 +4,7 @@ from random import Random
 
 import pytest
 
-from hil_bridge.devices.axis_watch import DEAD_AFTER_FRAMES, DEAD_WHILE_MOVED_COUNTS, AxisWatch
+from hil_bridge.sensors.axis_watch import DEAD_AFTER_FRAMES, DEAD_WHILE_MOVED_COUNTS, AxisWatch
 
 QUIET = (0,) * 6
 

@@ -43,7 +43,7 @@ def test_results_come_back_from_their_file_as_they_went():
             Figure("b", 100.0, "s/s", target=Target("value", 40.0, least=True)),
         ),
         ("vcan: none here",),
-        {"the bridge": (Cost("protocol.adlp.link", 0.25),)},
+        {"the bridge": (Cost("protocol.s3.adlp.link", 0.25),)},
     )
     assert Report.from_json(json.loads(json.dumps(report.as_json()))) == report
 

@@ -14,14 +14,14 @@ from typing import TypeAlias
 import pytest
 
 import hil_bridge.cli
-from hil_bridge import compose, session
-from hil_bridge.config import Config
 from hil_bridge.errors import DeviceError
-from hil_bridge.outputs import Outputs
 from hil_bridge.recording import CycleRecord, read
-from hil_bridge.run import Run
-from hil_bridge.serve import client_of
-from hil_bridge.session import execute
+from hil_bridge.runs import compose, session
+from hil_bridge.runs.cycle import Run
+from hil_bridge.runs.outputs import Outputs
+from hil_bridge.runs.serve import client_of
+from hil_bridge.runs.session import execute
+from hil_bridge.settings.configuration import Config
 
 Result: TypeAlias = tuple[int, str, str]
 Command: TypeAlias = Callable[..., Result]

@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 from pydantic import BaseModel
 
-from hil_bridge.config import Config, commented_defaults, load_config, profile_rows, schema
 from hil_bridge.errors import ConfigError
+from hil_bridge.settings.configuration import Config, commented_defaults, load_config, profile_rows, schema
 from protocol.marks import Mark
 
 

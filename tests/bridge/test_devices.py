@@ -5,17 +5,19 @@ from collections.abc import Awaitable, Callable, Mapping
 
 import pytest
 
-from emulators.robot import EMPTY_SITE, S3Controller, S3Profile, S3Site, ServoProfile
+from emulators.arm.servo import ServoProfile
+from emulators.s3 import EMPTY_SITE, S3Controller, S3Profile, S3Site
 from hil_bridge.clock import Clock, run_virtual
-from hil_bridge.devices import ForceSensor, RobotLink
 from hil_bridge.errors import DeviceError, OrderRefused, TransportClosed, TransportEnded
-from hil_bridge.orders_file import parse_orders
-from hil_bridge.pump import Pump
+from hil_bridge.robots.s3.link import RobotLink
+from hil_bridge.robots.s3.orders_file import parse_orders
+from hil_bridge.sensors.stream import ForceSensor
 from hil_bridge.transports import Frames, connect_bytes, connect_can, listen_bytes, listen_can
-from protocol.adlp import Link, LinkProfile, MessageReceived, Role
-from protocol.arap import Mode, ProgramAnswer, Telegram, TelegramType, read_status, write_mode
+from hil_bridge.transports.pump import Pump
 from protocol.endpoint import LocalProtocolError
 from protocol.jr3 import GatewayClient, GatewayClientProfile, parse_frame
+from protocol.s3.adlp import Link, LinkProfile, MessageReceived, Role
+from protocol.s3.arap import Mode, ProgramAnswer, Telegram, TelegramType, read_status, write_mode
 
 SCALES = {"481#": "101#0073006F00B900", "501#": "101#00380034003D00"}
 """Answers to the questions for full scales: 115 111 185 N, 5.6 5.2 6.1 N·m."""

@@ -8,12 +8,12 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from hil_bridge import realtime as realtime_module
 from hil_bridge.cli import cli
-from hil_bridge.config import Config, RobotConfig, SensorConfig, ToolConfig, load_config
+from hil_bridge.clock import realtime as realtime_module
+from hil_bridge.clock.realtime import RealTime
 from hil_bridge.errors import ConfigError
-from hil_bridge.realtime import RealTime
-from hil_bridge.session import Outputs, execute
+from hil_bridge.runs.session import Outputs, execute
+from hil_bridge.settings.configuration import Config, RobotConfig, SensorConfig, ToolConfig, load_config
 from hil_bridge.site import doctor, facts
 from hil_bridge.site.facts import Fact, Level
 
@@ -328,7 +328,7 @@ def test_a_controller_that_cannot_be_made_is_refused_alike(
     def unfit(config: Config) -> None:
         raise ConfigError("predictive: window does not fit")
 
-    monkeypatch.setattr("hil_bridge.checks.control_loop", unfit)
+    monkeypatch.setattr("hil_bridge.runs.checks.control_loop", unfit)
     with pytest.raises(ConfigError, match="window does not fit"):
         execute(Config(), True, Outputs(), False)
     assert findings(Config(), tmp_path)["controller"].level is Level.FAIL

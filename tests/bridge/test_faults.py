@@ -13,14 +13,14 @@ from emulators.cell import Cell
 from emulators.cell_faults import CELL_FAULTS
 from hil_bridge.cli import cli
 from hil_bridge.clock import Clock, run_virtual
-from hil_bridge.config import Config, load_config
 from hil_bridge.errors import ConfigError
 from hil_bridge.experiments import CellRun, run_cell
-from hil_bridge.fault_settings import FaultConfig
-from hil_bridge.faults import FAULT_EVENT, FaultSchedule
+from hil_bridge.faults.schedule import FAULT_EVENT, FaultSchedule
+from hil_bridge.faults.settings import FaultConfig
 from hil_bridge.recording import PHASE_EVENT, EventRecord, TruthRecord, read
 from hil_bridge.recording.topics import TRUTH
-from hil_bridge.session import Outputs, execute
+from hil_bridge.runs.session import Outputs, execute
+from hil_bridge.settings.configuration import Config, load_config
 
 NEEDED: dict[tuple[str, str], dict[str, Any]] = {
     ("pose", "encoder-offset"): {"with": {"z_mm": 1.0}},

@@ -10,10 +10,11 @@ from typing import Any
 import pytest
 
 import hil_bridge.cli
-from hil_bridge.config import load_config
 from hil_bridge.control import rotation_matrix, turn_between
-from hil_bridge.devices import ForceSensor, Motion
 from hil_bridge.recording import Outcome
+from hil_bridge.robots.s3.link import Motion
+from hil_bridge.sensors.stream import ForceSensor
+from hil_bridge.settings.configuration import load_config
 
 MASS_TOLERANCE_KG = 0.002
 CENTRE_TOLERANCE_MM = 0.3

@@ -19,30 +19,30 @@ from msgspec import structs
 
 from emulators.cell import Cell, CellProfile
 from emulators.quantiles import draw
-from hil_bridge.cli import cli
-from hil_bridge.clock import Clock, run_virtual
-from hil_bridge.config import Config, SensorConfig, dump
-from hil_bridge.devices import RobotLink
-from hil_bridge.errors import ConfigError
-from hil_bridge.line_time import line_floor
-from hil_bridge.outputs import Outputs
-from hil_bridge.recording import CycleRecord, Recording, SensorRecord, TruthRecord, read
-from hil_bridge.recording.hops import HOPS, Owner
-from hil_bridge.recording.latency import (
+from hil_bridge.analysis.hops import HOPS, Owner
+from hil_bridge.analysis.latency import (
     answer_times,
     earliest_arrivals,
     latency_of,
     moments,
 )
-from hil_bridge.recording.site_latency import MOST_QUANTILES, site_settings
-from hil_bridge.recording.summary import summarise
+from hil_bridge.analysis.site_latency import MOST_QUANTILES, site_settings
+from hil_bridge.analysis.summary import summarise
+from hil_bridge.cli import cli
+from hil_bridge.clock import Clock, run_virtual
+from hil_bridge.errors import ConfigError
+from hil_bridge.recording import CycleRecord, Recording, SensorRecord, TruthRecord, read
 from hil_bridge.report import write_report
 from hil_bridge.report.latency_plot import LATENCY_SIZE_PX, by_owner, draw_latency
 from hil_bridge.report.page import page
-from hil_bridge.session import execute
+from hil_bridge.robots.s3.link import RobotLink
+from hil_bridge.runs.outputs import Outputs
+from hil_bridge.runs.session import execute
+from hil_bridge.runs.truth import Truths
+from hil_bridge.settings.configuration import Config, SensorConfig, dump
 from hil_bridge.transports import connect_bytes, listen_bytes
-from hil_bridge.truth import Truths
-from protocol.adlp import LinkProfile
+from protocol.s3.adlp import LinkProfile
+from protocol.s3.timing import line_floor
 
 CHARACTER = 11 / 9600
 MOVE_ANSWER = (8 + 5 + 4) * CHARACTER

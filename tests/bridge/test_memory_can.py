@@ -17,9 +17,9 @@ from hil_bridge.transports import (
     listen_can,
     memory_can_bus,
 )
-from protocol.can import CanFilter, CanFrame
-from protocol.can_error import CanErrorReport, ErrorClass, ErrorState, decode_error
-from protocol.can_line import frame_time_bits, line_bits, stuffed_bits
+from protocol.can.error import CanErrorReport, ErrorClass, ErrorState, decode_error
+from protocol.can.frame import CanFilter, CanFrame
+from protocol.can.line import frame_time_bits, line_bits, stuffed_bits
 
 US = 1e-6
 DELIMITER_AND_SLOT = 1 + 1

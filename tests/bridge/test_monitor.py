@@ -13,20 +13,20 @@ from hypothesis import strategies as st
 
 from hil_bridge.cli import cli
 from hil_bridge.clock import Clock, run_virtual
-from hil_bridge.config import load_config
 from hil_bridge.errors import ConfigError, TransportEnded
-from hil_bridge.outputs import Outputs
 from hil_bridge.recording import LinkLog, LinkRecord, read, read_link
-from hil_bridge.session import execute
-from hil_bridge.site.capture import Piece, Sender, parse_capture, recorded_pieces
-from hil_bridge.site.link_monitor import Line, LinkMonitor
-from hil_bridge.site.monitor import listen, listen_can
-from hil_bridge.site.printing import Printer
-from hil_bridge.site.wording import frame_text, telegram_text
+from hil_bridge.robots.s3.site.capture import Piece, Sender, parse_capture, recorded_pieces
+from hil_bridge.robots.s3.site.link_monitor import Line, LinkMonitor
+from hil_bridge.robots.s3.site.monitor import listen, listen_can
+from hil_bridge.robots.s3.site.printing import Printer
+from hil_bridge.robots.s3.site.wording import frame_text, telegram_text
+from hil_bridge.runs.outputs import Outputs
+from hil_bridge.runs.session import execute
+from hil_bridge.settings.configuration import load_config
 from hil_bridge.transports import connect_can, listen_bytes
-from protocol.adlp import LinkProfile, NoticeKind, encode_block
-from protocol.arap import KNOWN
 from protocol.jr3 import parse_frame
+from protocol.s3.adlp import LinkProfile, NoticeKind, encode_block
+from protocol.s3.arap import KNOWN
 
 STATUS = "10 02 00 08 01 00 13 01 00 00 10 03 18"
 """Read status. Source: computer-link specification, section 4."""

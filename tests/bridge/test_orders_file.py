@@ -10,16 +10,16 @@ from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hil_bridge import orders_file
 from hil_bridge.cli import cli
-from hil_bridge.compose import robot_site
-from hil_bridge.config import load_config
 from hil_bridge.errors import ConfigError
-from hil_bridge.orders_file import parse_orders, read_orders
-from hil_bridge.program_folder import read_programs
-from hil_bridge.toml_lines import key_lines
-from protocol.arap import KNOWN
+from hil_bridge.robots.s3 import orders_file
+from hil_bridge.robots.s3.orders_file import parse_orders, read_orders
+from hil_bridge.robots.s3.program_folder import read_programs
+from hil_bridge.robots.s3.toml_lines import key_lines
+from hil_bridge.runs.compose import robot_site
+from hil_bridge.settings.configuration import load_config
 from protocol.marks import Mark
+from protocol.s3.arap import KNOWN
 
 SITE = """\
 # what our controller knows beside the usual orders

@@ -16,12 +16,12 @@ from typing import Any, BinaryIO
 import pytest
 
 import hil_bridge.cli
-from hil_bridge import outputs
 from hil_bridge.errors import ConfigError
 from hil_bridge.recording import Outcome, read
 from hil_bridge.recording import files as files_module
 from hil_bridge.recording import recorder as recorder_module
 from hil_bridge.recording.files import open_record, write_whole
+from hil_bridge.runs import outputs
 
 Result = tuple[int, str, str]
 Command = Callable[..., Result]
@@ -113,7 +113,7 @@ def test_what_is_there_is_kept_unless_told_otherwise(
 ) -> None:
     Path(name).write_bytes(b"an hour of work")
     with monkeypatch.context() as patched:
-        patched.setattr("hil_bridge.session._Session.main", lambda self: pytest.fail("it moved"))
+        patched.setattr("hil_bridge.runs.session._Session.main", lambda self: pytest.fail("it moved"))
         error = refused(hil(*VIRTUAL, *options))
     assert f"{name} is there already; name another file, or give --overwrite" in error
     assert everything(tmp_path) == [name], "no folder of a run either"
@@ -126,7 +126,7 @@ def test_other_commands_keep_what_is_there_too(hil: Command, monkeypatch: pytest
     assert hil(*VIRTUAL, "--duration", "3", "--record", "r.mcap", "--report", ".")[0] == 0
     kept = Path("kept")
     kept.write_text("mine")
-    monkeypatch.setattr("hil_bridge.identify.measure", lambda *_: pytest.fail("it moved"))
+    monkeypatch.setattr("hil_bridge.tool.measuring.measure", lambda *_: pytest.fail("it moved"))
     for command in (
         ("report", "r.mcap"),
         ("replay", "r.mcap", "--csv", "kept"),
@@ -265,7 +265,7 @@ def test_a_disk_that_fills_up_is_told_at_once_and_at_the_end(
 ) -> None:
     told: list[tuple[str, int]] = []
     monkeypatch.setattr(
-        "hil_bridge.session._Session._tell_trouble",
+        "hil_bridge.runs.session._Session._tell_trouble",
         lambda self, text: (told.append((text, self.cycles)), setattr(self, "_trouble_told", True)),
     )
     fill(monkeypatch, 120_000)
@@ -292,7 +292,9 @@ def test_a_disk_that_is_full_from_the_beginning_is_told_before_the_movement(
     hil: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     fill(monkeypatch, 100)
-    monkeypatch.setattr("hil_bridge.session.opened_devices", lambda *_: pytest.fail("a device was opened"))
+    monkeypatch.setattr(
+        "hil_bridge.runs.session.opened_devices", lambda *_: pytest.fail("a device was opened")
+    )
     code, output, errors = hil(*VIRTUAL)
     assert (code, output, errors.count("\n")) == (3, "", 1)
     assert "is incomplete: No space left on device" in errors

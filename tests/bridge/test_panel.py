@@ -13,15 +13,12 @@ from click.testing import CliRunner
 
 from emulators.cell import Cell, CellProfile
 from emulators.cell_faults import CELL_FAULTS
-from emulators.robot import Panel
-from hil_bridge import session
+from emulators.s3 import Panel
 from hil_bridge.cli import cli
 from hil_bridge.clock import Clock, run_real, run_virtual
-from hil_bridge.compose import Ports, emulated_cell, opened_devices
-from hil_bridge.config import Config
 from hil_bridge.errors import ConfigError, DeviceError, TransportUnavailable
-from hil_bridge.outputs import Outputs
-from hil_bridge.panel import (
+from hil_bridge.recording import CycleRecord, Outcome, read, summarise
+from hil_bridge.robots.s3.panel import (
     CLIENT_LIMIT,
     REQUEST_LIMIT,
     PanelServer,
@@ -32,8 +29,11 @@ from hil_bridge.panel import (
     panel_address,
     state_text,
 )
-from hil_bridge.recording import CycleRecord, Outcome, read, summarise
-from hil_bridge.session import execute
+from hil_bridge.runs import session
+from hil_bridge.runs.compose import Ports, emulated_cell, opened_devices
+from hil_bridge.runs.outputs import Outputs
+from hil_bridge.runs.session import execute
+from hil_bridge.settings.configuration import Config
 
 LOOPBACK = "tcp-listen://127.0.0.1:0"
 
@@ -420,7 +420,7 @@ def test_an_emergency_stop_ends_the_orders_and_is_latched_with_the_refusal(
     """Pressed at several places of a cycle of 156 ms: also between a status that knows nothing yet and its move."""
     cells: list[Cell] = []
     pressed: list[float] = []
-    monkeypatch.setattr("hil_bridge.compose.Cell", lambda *args: cells.append(Cell(*args)) or cells[0])
+    monkeypatch.setattr("hil_bridge.runs.compose.Cell", lambda *args: cells.append(Cell(*args)) or cells[0])
     told = session._Session.cycle
 
     def cycle(self: Any, record: CycleRecord) -> None:

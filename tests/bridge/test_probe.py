@@ -9,19 +9,19 @@ from types import SimpleNamespace
 import pytest
 
 from emulators.cell import Cell, CellProfile
-from hil_bridge.checks import problems
 from hil_bridge.clock import Clock, run_virtual
-from hil_bridge.compose import Ports, emulated_cell, opened_devices
-from hil_bridge.config import Config, load_config
 from hil_bridge.errors import ConfigError, TransportUnavailable
-from hil_bridge.pump import Pump
 from hil_bridge.recording import Outcome as RunOutcome
-from hil_bridge.run import Run, RunResult
-from hil_bridge.site.probe import failure_text, probe, site_toml, try_text, url_with_line
-from hil_bridge.site.prober import Prober, Said, profile_of
-from hil_bridge.site.search import Finding, Outcome, Query, Reply, Search, Try, likely_lines
+from hil_bridge.robots.s3.site.probe import failure_text, probe, site_toml, try_text, url_with_line
+from hil_bridge.robots.s3.site.prober import Prober, Said, profile_of
+from hil_bridge.robots.s3.site.search import Finding, Outcome, Query, Reply, Search, Try, likely_lines
+from hil_bridge.runs.checks import problems
+from hil_bridge.runs.compose import Ports, emulated_cell, opened_devices
+from hil_bridge.runs.cycle import Run, RunResult
+from hil_bridge.settings.configuration import Config, load_config
 from hil_bridge.transports import LineSettings, Parity, Tap, listen_bytes
-from protocol.adlp import Control, LinkProfile, encode_block
+from hil_bridge.transports.pump import Pump
+from protocol.s3.adlp import Control, LinkProfile, encode_block
 
 EIGHT = [
     (parity, stuffing, style)

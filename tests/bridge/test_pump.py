@@ -7,8 +7,8 @@ import pytest
 
 from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.errors import TransportBroken, TransportClosed, TransportEnded, TransportError
-from hil_bridge.pump import Pump
 from hil_bridge.transports import Faults, Faulty, memory_pair
+from hil_bridge.transports.pump import Pump
 
 
 class Echo:

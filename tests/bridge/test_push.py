@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hil_bridge.config import Config
 from hil_bridge.control import Wrist
-from hil_bridge.run import wrist
+from hil_bridge.runs.cycle import wrist
+from hil_bridge.settings.configuration import Config
 from hil_bridge.site.push import Answer, expected, judge_push, mounting_of, push_threshold
 
 QUIET = (0.01,) * 6

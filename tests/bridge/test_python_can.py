@@ -18,11 +18,11 @@ import pytest
 from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.errors import TransportBroken, TransportClosed, TransportError
 from hil_bridge.transports import CanStatistics, connect_can
-from hil_bridge.transports.can_message import from_message, to_message
-from hil_bridge.transports.can_wire import LINK_PATIENCE_S, MOST_PER_WAKE_UP, PROBE_S, RETRY_S, CanWire
-from hil_bridge.transports.socketcan import interface_up
-from protocol.can import CanFilter, CanFrame
-from protocol.can_error import CanErrorReport, Controller, ErrorClass, decode_error, encode_error
+from hil_bridge.transports.can.message import from_message, to_message
+from hil_bridge.transports.can.socketcan import interface_up
+from hil_bridge.transports.can.wire import LINK_PATIENCE_S, MOST_PER_WAKE_UP, PROBE_S, RETRY_S, CanWire
+from protocol.can.error import CanErrorReport, Controller, ErrorClass, decode_error, encode_error
+from protocol.can.frame import CanFilter, CanFrame
 
 PATIENCE = 0.1
 """The send deadline."""

@@ -11,9 +11,16 @@ from pathlib import Path
 
 import pytest
 
-from hil_bridge import realtime
+from hil_bridge.clock import realtime
+from hil_bridge.clock.realtime import (
+    GIVE_WAY_S,
+    RealTime,
+    collect_young,
+    prompt_threads,
+    quiet_garbage,
+    scheduled,
+)
 from hil_bridge.errors import ConfigError
-from hil_bridge.realtime import GIVE_WAY_S, RealTime, collect_young, prompt_threads, quiet_garbage, scheduled
 
 
 def locked_kilobytes() -> int:

@@ -21,11 +21,9 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 from msgspec import structs
 
-from hil_bridge.config import Config
 from hil_bridge.control import Predictive
 from hil_bridge.errors import BridgeError, ConfigError
 from hil_bridge.experiments import run_cell
-from hil_bridge.outputs import Outputs
 from hil_bridge.recording import (
     VIRTUAL_CHUNKS,
     CycleRecord,
@@ -41,8 +39,10 @@ from hil_bridge.recording.device_facts import Devices, RobotFacts, devices_of
 from hil_bridge.recording.recorder import Chunks
 from hil_bridge.recording.records import WireRecord
 from hil_bridge.recording.topics import CYCLE, SENSOR, TOPICS, WIRE, Record
-from hil_bridge.replay import recorded_config, replay
-from hil_bridge.session import execute
+from hil_bridge.runs.outputs import Outputs
+from hil_bridge.runs.replay import recorded_config, replay
+from hil_bridge.runs.session import execute
+from hil_bridge.settings.configuration import Config
 
 METADATA = {"seed": "7", "controller": "fuzzy-pi", "configuration": '{"force_n": 50.0}'}
 

@@ -13,12 +13,11 @@ from emulators.jr3 import Jr3Sensor, SensorProfile
 from emulators.jr3.board import Board, BoardProfile, IsaPorts, IsaProfile
 from hil_bridge.cli import cli
 from hil_bridge.clock import Clock, run_virtual
-from hil_bridge.compose import Ports, emulated_cell, opened_devices
-from hil_bridge.config import Config
-from hil_bridge.devices import ForceSensor
 from hil_bridge.errors import BridgeError, ConfigError, DeviceError, TransportUnavailable
 from hil_bridge.recording import CycleRecord, EventRecord, Outcome
-from hil_bridge.registers import (
+from hil_bridge.runs.compose import Ports, emulated_cell, opened_devices
+from hil_bridge.runs.cycle import Run
+from hil_bridge.sensors.jr3.registers import (
     ListenerProfile,
     ProgramWord,
     board_wire,
@@ -27,7 +26,8 @@ from hil_bridge.registers import (
     read_program,
     serve_board,
 )
-from hil_bridge.run import Run
+from hil_bridge.sensors.stream import ForceSensor
+from hil_bridge.settings.configuration import Config
 from protocol.endpoint import RemoteProtocolError
 from protocol.jr3 import SensorFrame
 from protocol.jr3.board import REGISTERS, Registers, check_range, pack_words, to_signed

@@ -4,10 +4,10 @@ import subprocess
 import sys
 from pathlib import Path
 
-from hil_bridge.config import Config
-from hil_bridge.outputs import Outputs
 from hil_bridge.recording import read
-from hil_bridge.session import execute
+from hil_bridge.runs.outputs import Outputs
+from hil_bridge.runs.session import execute
+from hil_bridge.settings.configuration import Config
 
 
 def record(path: Path, seed: int) -> bytes:

@@ -12,12 +12,12 @@ import pytest
 from msgspec import structs
 
 import hil_bridge.cli
-from hil_bridge.config import Config
 from hil_bridge.errors import ConfigError
-from hil_bridge.outputs import Outputs
 from hil_bridge.recording import CycleRecord, Outcome, Recorder, Recording, read
-from hil_bridge.replay import changes_of, recorded_config, replay
-from hil_bridge.session import execute
+from hil_bridge.runs.outputs import Outputs
+from hil_bridge.runs.replay import changes_of, recorded_config, replay
+from hil_bridge.runs.session import execute
+from hil_bridge.settings.configuration import Config
 
 
 @pytest.fixture(scope="module")

@@ -12,9 +12,15 @@ from typing import Any
 import pytest
 from msgspec import structs
 
-from hil_bridge.control.stability import SampledPlant, admittance_response, limit_cycle, margins, pi_response
+from hil_bridge.analysis.summary import Outcome, RunEnd, summarise
+from hil_bridge.control.analysis.stability import (
+    SampledPlant,
+    admittance_response,
+    limit_cycle,
+    margins,
+    pi_response,
+)
 from hil_bridge.recording import CycleRecord, Recording
-from hil_bridge.recording.summary import Outcome, RunEnd, summarise
 from hil_bridge.report import write_report
 from hil_bridge.report.explanation import decisions, strongest_rules
 from hil_bridge.report.plots import draw

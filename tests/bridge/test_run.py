@@ -8,15 +8,15 @@ from typing import Any
 
 import pytest
 
-from hil_bridge.config import Config
 from hil_bridge.control import CONTROLLERS, Command, ControlLoop, Measurement
 from hil_bridge.errors import DeviceError
-from hil_bridge.line_time import answer_time, line_floor
 from hil_bridge.recording import CycleRecord, Outcome
+from hil_bridge.settings.configuration import Config
 from hil_bridge.transports import Faults
-from protocol.adlp import LinkProfile
-from protocol.can import CanFrame
+from protocol.can.frame import CanFrame
 from protocol.jr3 import GatewayClientProfile
+from protocol.s3.adlp import LinkProfile
+from protocol.s3.timing import answer_time, line_floor
 
 Bench = Any
 RunBench = Callable[..., Bench]
@@ -155,7 +155,7 @@ def test_force_and_position_of_a_pair_are_of_the_same_moment(
     bench: RunBench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     listening = Listening()
-    monkeypatch.setattr("hil_bridge.run.make_controller", lambda *_, **__: listening)
+    monkeypatch.setattr("hil_bridge.runs.cycle.make_controller", lambda *_, **__: listening)
     bench(
         task={"loss_samples": 1000, "approach_step_mm": 1.0, "step_mm": 0.0, "zero_lift_mm": 0.0},
         limits={"force_limit_n": 90.0},
@@ -180,7 +180,7 @@ def test_ages_follow_the_profiles() -> None:
 def test_a_controller_that_raises_stops_the_run_by_name_and_retracts(
     bench: RunBench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("hil_bridge.run.make_controller", lambda *_, **__: Listening(fails_after=5))
+    monkeypatch.setattr("hil_bridge.runs.cycle.make_controller", lambda *_, **__: Listening(fails_after=5))
     run = bench()
     assert run.result.outcome is Outcome.STOPPED
     assert run.result.cause == "controller listening failed: ArithmeticError: lost count"

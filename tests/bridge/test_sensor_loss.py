@@ -7,11 +7,11 @@ import pytest
 
 from emulators.cell import Cell
 from hil_bridge.clock import Clock, run_virtual
-from hil_bridge.compose import Ports, connect_robot, connect_sensor, emulated_cell
-from hil_bridge.config import Config
-from hil_bridge.devices import ForceSensor
 from hil_bridge.recording import CycleRecord, EventRecord, Outcome
-from hil_bridge.run import Run, RunResult
+from hil_bridge.runs.compose import Ports, connect_robot, connect_sensor, emulated_cell
+from hil_bridge.runs.cycle import Run, RunResult
+from hil_bridge.sensors.stream import ForceSensor
+from hil_bridge.settings.configuration import Config
 
 URLS = {
     "CAN gateway": "can+memory:sensor",

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from emulators.cell import Cell
 from hil_bridge.clock import VIRTUAL_EPOCH, Clock, run_virtual
-from hil_bridge.compose import Ports, emulated_cell
-from hil_bridge.config import Config
 from hil_bridge.errors import DeviceError
-from hil_bridge.run import wrist
+from hil_bridge.runs.compose import Ports, emulated_cell
+from hil_bridge.runs.cycle import wrist
+from hil_bridge.settings.configuration import Config
 from hil_bridge.site.sensor_probe import Screen, probe
 
 Force = Callable[[float], Sequence[float]]

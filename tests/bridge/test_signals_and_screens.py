@@ -12,12 +12,12 @@ from pathlib import Path
 import pytest
 
 import hil_bridge.cli
-from hil_bridge import outputs, session
 from hil_bridge.control import ControlLoop
-from hil_bridge.leaving import WayOut
 from hil_bridge.recording import CycleRecord, read
-from hil_bridge.screen import Screen, Terminal
-from hil_bridge.signals import ENDING, Signals, as_ctrl_c
+from hil_bridge.runs import outputs, session
+from hil_bridge.runs.leaving import WayOut
+from hil_bridge.runs.screen import Screen, Terminal
+from hil_bridge.runs.signals import ENDING, Signals, as_ctrl_c
 
 Result = tuple[int, str, str]
 Command = Callable[..., Result]
@@ -269,11 +269,11 @@ def test_a_reader_that_left_does_not_change_the_exit_code(hil: Command, tmp_path
 def test_a_replay_that_differs_says_so_to_a_reader_that_left(tmp_path: Path) -> None:
     """The code of a difference comes from the difference, whether its lines are read or not."""
     program = (
-        "import sys; from types import SimpleNamespace as made; import hil_bridge.recording, hil_bridge.replay\n"
+        "import sys; from types import SimpleNamespace as made; import hil_bridge.recording, hil_bridge.runs.replay\n"
         "cycle = made(record=made(cycle=3), differences={'depth': (1, 2)})\n"
         "hil_bridge.recording.read = lambda path: made(truncated=False, metadata={})\n"
-        "hil_bridge.replay.recorded_config = lambda record, changes: None\n"
-        "hil_bridge.replay.replay = lambda record, config, forced: [cycle]\n"
+        "hil_bridge.runs.replay.recorded_config = lambda record, changes: None\n"
+        "hil_bridge.runs.replay.replay = lambda record, config, forced: [cycle]\n"
         "sys.argv = ['hil-bridge', 'replay', 'r.mcap']\n"
         "from hil_bridge.cli import main; main()"
     )
@@ -297,7 +297,7 @@ def broken(*_: object) -> None:
 def test_a_bug_outside_the_movement_is_one_line_that_names_the_record(
     hil: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("hil_bridge.session.opened_devices", broken)
+    monkeypatch.setattr("hil_bridge.runs.session.opened_devices", broken)
     code, output, errors = hil(*VIRTUAL)
     assert (code, output) == (70, "")
     assert errors == (

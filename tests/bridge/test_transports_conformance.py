@@ -33,7 +33,7 @@ from hil_bridge.transports import (
     listen_datagrams,
     memory_pair,
 )
-from hil_bridge.transports.rfc2217 import Rfc2217Client, Rfc2217Port
+from hil_bridge.transports.serial.rfc2217 import Rfc2217Client, Rfc2217Port
 
 __all__ = ["TestDatagramWire", "TestStreamWire"]
 

@@ -8,11 +8,11 @@ import pytest
 
 from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.errors import TransportClosed, TransportError, TransportUnavailable
-from hil_bridge.pump import Pump
 from hil_bridge.transports import Datagrams, Direction, Tap, connect_datagrams, listen_datagrams
 from hil_bridge.transports.datagram.memory import HELD_S
 from hil_bridge.transports.datagram.peer import IN_USE_S, Notices, Peer
 from hil_bridge.transports.datagram.statistics import QUEUE_DATAGRAMS
+from hil_bridge.transports.pump import Pump
 from protocol.datagram import Datagram, arrived_at
 
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hil_bridge.transports.uart import (
+from hil_bridge.transports.serial.uart import (
     COUNTED_AS,
     Character,
     Damaged,

@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 
 from hil_bridge.clock import Clock, run_virtual
-from hil_bridge.compose import Ports, emulated_cell, slcan_address
-from hil_bridge.config import load_config
 from hil_bridge.errors import ConfigError
+from hil_bridge.runs.compose import Ports, emulated_cell, slcan_address
+from hil_bridge.settings.configuration import load_config
 from hil_bridge.transports import (
     LineSettings,
     Parity,

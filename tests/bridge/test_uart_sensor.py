@@ -11,12 +11,13 @@ from click.testing import CliRunner
 
 from hil_bridge.cli.decode import decode
 from hil_bridge.clock import Clock, run_virtual
-from hil_bridge.compose import Ports, connect_robot, connect_sensor, emulated_cell, uart_wire
-from hil_bridge.config import Config, load_config
-from hil_bridge.devices import ForceSensor, RobotLink
 from hil_bridge.errors import ConfigError, DeviceError, TransportUnavailable
 from hil_bridge.recording import CycleRecord, EventRecord, Outcome
-from hil_bridge.run import Run
+from hil_bridge.robots.s3.link import RobotLink
+from hil_bridge.runs.compose import Ports, connect_robot, connect_sensor, emulated_cell, uart_wire
+from hil_bridge.runs.cycle import Run
+from hil_bridge.sensors.stream import ForceSensor
+from hil_bridge.settings.configuration import Config, load_config
 from hil_bridge.transports.urls import CONNECT_BYTES, LISTEN_BYTES
 from protocol.jr3 import SensorFrame
 

@@ -9,18 +9,18 @@ import pytest
 from msgspec import structs
 from rich.console import Console
 
-from hil_bridge import screen
+from hil_bridge.analysis.latency import AnswerTimes
 from hil_bridge.clock import Clock
-from hil_bridge.config import Config
-from hil_bridge.outputs import Outputs
 from hil_bridge.recording import CycleRecord
-from hil_bridge.recording.latency import AnswerTimes
-from hil_bridge.session import _Session
-from hil_bridge.signals import Signals
+from hil_bridge.runs import screen
+from hil_bridge.runs.outputs import Outputs
+from hil_bridge.runs.session import _Session
+from hil_bridge.runs.signals import Signals
+from hil_bridge.settings.configuration import Config
 from hil_bridge.view import Health, Snapshot, ViewModel
 from hil_bridge.view.live import LiveView, line
 from hil_bridge.view.panel import panel
-from protocol.adlp import Count, NoticeKind
+from protocol.s3.adlp import Count, NoticeKind
 
 CYCLE = CycleRecord(
     cycle=42,

@@ -7,7 +7,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from hil_bridge.control import Gates, StiffnessEstimate
-from hil_bridge.control.estimate import contact_lost, update
+from hil_bridge.control.laws.estimate import contact_lost, update
 
 STEP = 0.125e-3
 GATES = Gates(position_change=STEP / 2, force_change=1.0)

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hil_bridge.control import Surface, computed_matrix, evaluate, infer, quantise
-from hil_bridge.control.tables import (
+from hil_bridge.control.laws.tables import (
     CHANGE_EDGES_PERCENT,
     ERROR_EDGES_PERCENT,
     GAIN_MATRIX,

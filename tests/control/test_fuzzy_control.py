@@ -6,7 +6,7 @@ import pytest
 from pydantic import TypeAdapter
 
 from hil_bridge.control import FuzzyAdaptive, FuzzyPi, Measurement, ResolutionAware, make_controller
-from hil_bridge.control.rules import PAPER_RULES, Rule, rules_as_toml
+from hil_bridge.control.laws.rules import PAPER_RULES, Rule, rules_as_toml
 from hil_bridge.errors import ConfigError
 
 KINDS = pytest.mark.parametrize("kind", [FuzzyPi, FuzzyAdaptive, ResolutionAware])

@@ -5,7 +5,7 @@ import random
 
 import pytest
 
-from hil_bridge.control.oscillation import Finding, OscillationDetector
+from hil_bridge.control.course.oscillation import Finding, OscillationDetector
 
 DETECTOR = OscillationDetector()
 

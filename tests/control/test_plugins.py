@@ -6,11 +6,11 @@ from textwrap import dedent
 
 import pytest
 
-from hil_bridge.config import load_config
 from hil_bridge.control import make_controller
 from hil_bridge.control.controllers import controller_kind
-from hil_bridge.control.plugins import plugin_names
 from hil_bridge.errors import ConfigError
+from hil_bridge.plugins import plugin_names
+from hil_bridge.settings.configuration import load_config
 
 GOOD = """
     from dataclasses import dataclass

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hil_bridge.control.fuzzy import InferenceSystem, Surface
-from hil_bridge.control.rules import PAPER_RULES, parse_rules, read_rules, rules_as_toml
-from hil_bridge.control.tables import GAIN_MATRIX
+from hil_bridge.control.laws.fuzzy import InferenceSystem, Surface
+from hil_bridge.control.laws.rules import PAPER_RULES, parse_rules, read_rules, rules_as_toml
+from hil_bridge.control.laws.tables import GAIN_MATRIX
 from hil_bridge.errors import ConfigError
 
 SMALL = """
@@ -211,7 +211,7 @@ def test_a_file_that_cannot_be_read_is_named(tmp_path):
     st.sampled_from(["levels", "terms", "error", "change", "output", "inference"]),
 )
 def test_no_content_raises_anything_else(value, entry):
-    from hil_bridge.control import rules
+    from hil_bridge.control.laws import rules
 
     values = tomllib.loads(SMALL) | {entry: value}
     try:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hil_bridge.control import Admittance, Measurement, Pi
-from hil_bridge.control.stability import (
+from hil_bridge.control.analysis.stability import (
     SampledPlant,
     admittance_response,
     holding_limit_cycle,

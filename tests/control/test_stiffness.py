@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hil_bridge.control import Measurement, Pairing, Stiffness
-from hil_bridge.control.stiffness import observe
+from hil_bridge.control.laws.stiffness import observe
 
 STEP = 0.125e-3
 PAIRING = Pairing()

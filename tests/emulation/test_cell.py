@@ -8,11 +8,12 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from pydantic import TypeAdapter, ValidationError
 
+from emulators.arm.motion import Motion
+from emulators.arm.servo import Waypoint
 from emulators.cell import Cell, CellProfile, ToolProfile, force_to_wrench, rotation_matrix
-from emulators.contact import SurfaceProfile
 from emulators.jr3 import GatewayProfile, SensorProfile
-from emulators.robot import Motion, Waypoint
-from protocol.can import CanFrame
+from emulators.surface.contact import SurfaceProfile
+from protocol.can.frame import CanFrame
 
 T0 = 777.125
 DOWN = (0.0, 1.0, 0.0, 0.0)

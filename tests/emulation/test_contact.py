@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from emulators.contact import CircularArc, Contact, Plane, Sinusoidal, SurfaceKind, SurfaceProfile
+from emulators.surface.contact import CircularArc, Contact, Plane, Sinusoidal, SurfaceKind, SurfaceProfile
 
 TOP = 0.59
 

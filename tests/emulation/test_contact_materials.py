@@ -10,10 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import TypeAdapter, ValidationError
 
+from emulators.arm.servo import Waypoint
 from emulators.cell import Cell, CellProfile, ToolProfile
-from emulators.contact import Contact, SurfaceKind, SurfaceProfile
-from emulators.materials import MaterialKind, MaterialProfile
-from emulators.robot import Waypoint
+from emulators.surface.contact import Contact, SurfaceKind, SurfaceProfile
+from emulators.surface.materials import MaterialKind, MaterialProfile
 
 TOP = 0.59
 RATE = 8000

@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from emulators.arm.servo import Waypoint
 from emulators.cell import Cell, CellProfile
-from emulators.contact import SurfaceProfile
 from emulators.faults import Ledger
 from emulators.faults.ledger import INJECTION_LIMIT
 from emulators.faults.wire import BYTES, FRAMES, WIRE_FAULTS, FaultyWire
 from emulators.jr3.sensor import SENSOR_RATE_HZ
-from emulators.materials import MaterialKind, MaterialProfile
-from emulators.robot import Waypoint
-from emulators.surface_faults import ObstacleProfile
-from protocol.can import CanFrame
+from emulators.surface.contact import SurfaceProfile
+from emulators.surface.faults import ObstacleProfile
+from emulators.surface.materials import MaterialKind, MaterialProfile
+from protocol.can.frame import CanFrame
 
 T0 = 4000.375
 RATE = SENSOR_RATE_HZ

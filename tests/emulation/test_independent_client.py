@@ -8,8 +8,9 @@ import struct
 
 import pytest
 
-from emulators.robot import S3Controller, S3Profile, ServoProfile
-from protocol.adlp import LinkProfile  # for the emulator's side only
+from emulators.arm.servo import ServoProfile
+from emulators.s3 import S3Controller, S3Profile
+from protocol.s3.adlp import LinkProfile  # for the emulator's side only
 
 ENQ, ACK, NAK, EOT = b"\x05", b"\x06", b"\x15", b"\x04"
 ORDER, RESPONSE, SPONTANEOUS, REFUSAL = 1, 2, 3, 6

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from emulators.jr3 import Gateway, GatewayProfile, Jr3Sensor, SensorProfile, UartGateway, UartGatewayProfile
-from protocol.can import CanFrame
+from protocol.can.frame import CanFrame
 from protocol.jr3 import (
     GatewayClient,
     GatewayClientProfile,

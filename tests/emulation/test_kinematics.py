@@ -8,20 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from emulators.arm.kinematics import Arm, Joints, Route
+from emulators.arm.motion import Motion
+from emulators.arm.servo import ServoProfile, Waypoint
+from emulators.arm.work_area import OutsideWorkArea, WorkArea
 from emulators.cell import Cell, CellProfile
-from emulators.robot import (
-    Arm,
-    Joints,
-    Motion,
-    OutsideWorkArea,
-    Route,
-    S3Controller,
-    S3Profile,
-    ServoProfile,
-    Waypoint,
-    WorkArea,
-)
-from protocol.adlp import LinkProfile
+from emulators.s3 import S3Controller, S3Profile
+from protocol.s3.adlp import LinkProfile
 
 T0 = 99.5
 TOOL = 0.2

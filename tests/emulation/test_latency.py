@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from emulators.arm.motion import Motion
+from emulators.arm.servo import ServoProfile, Waypoint
 from emulators.cell import Cell, CellProfile
-from emulators.contact import SurfaceProfile
 from emulators.jr3 import (
     Gateway,
     GatewayProfile,
@@ -22,13 +23,12 @@ from emulators.jr3 import (
     UartGateway,
     UartGatewayProfile,
 )
-from emulators.materials import MaterialKind, MaterialProfile
 from emulators.quantiles import draw
-from emulators.robot import S3Controller, S3Profile, ServoProfile
-from emulators.robot.motion import Motion
-from emulators.robot.servo import Waypoint
-from protocol.adlp import LinkProfile
-from protocol.can import CanFrame
+from emulators.s3 import S3Controller, S3Profile
+from emulators.surface.contact import SurfaceProfile
+from emulators.surface.materials import MaterialKind, MaterialProfile
+from protocol.can.frame import CanFrame
+from protocol.s3.adlp import LinkProfile
 
 T0 = 1234.5
 TICK, DELAY = 0.02, 0.02

@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from emulators.robot.motion import Motion
-from emulators.robot.quaternions import angle_between, slerp
-from emulators.robot.servo import ServoProfile, Waypoint
+from emulators.arm.motion import Motion
+from emulators.arm.quaternions import angle_between, slerp
+from emulators.arm.servo import ServoProfile, Waypoint
 
 T0 = 1234.5
 TICK = 0.02

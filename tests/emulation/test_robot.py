@@ -11,8 +11,9 @@ from operator import xor
 
 import pytest
 
-from emulators.robot import S3Controller, S3Profile, ServoProfile
-from protocol.adlp import LinkProfile
+from emulators.arm.servo import ServoProfile
+from emulators.s3 import S3Controller, S3Profile
+from protocol.s3.adlp import LinkProfile
 
 T0 = 5000.25
 START = (0.9, -0.1, 0.6)

@@ -14,7 +14,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from emulators.robot import (
+from emulators.arm.servo import ServoProfile
+from emulators.s3 import (
     CHANGES,
     S3_FAULTS,
     Activity,
@@ -23,15 +24,14 @@ from emulators.robot import (
     S3Controller,
     S3Profile,
     S3Site,
-    ServoProfile,
     State,
     Stimulus,
     WaitStep,
     read_steps,
     refusal,
 )
-from protocol.adlp import LinkProfile
-from protocol.arap import (
+from protocol.s3.adlp import LinkProfile
+from protocol.s3.arap import (
     Answered,
     ArapEvent,
     ArapHost,

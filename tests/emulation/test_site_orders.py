@@ -7,9 +7,12 @@ from dataclasses import replace
 
 import pytest
 
-from emulators.robot import S3Controller, S3Profile, S3Site, ServoProfile, SiteOrders
-from protocol.adlp import Link, LinkProfile, MessageReceived, Role
-from protocol.arap import (
+from emulators.arm.servo import ServoProfile
+from emulators.s3 import S3Controller, S3Profile, S3Site, SiteOrders
+from protocol.fields import Field, Layout
+from protocol.marks import Mark
+from protocol.s3.adlp import Link, LinkProfile, MessageReceived, Role
+from protocol.s3.arap import (
     Emulation,
     Mode,
     OrderBook,
@@ -26,8 +29,6 @@ from protocol.arap import (
     stop_program,
     write_mode,
 )
-from protocol.fields import Field, Layout
-from protocol.marks import Mark
 
 T0 = 700.125
 
@@ -145,7 +146,7 @@ def test_what_the_answer_cannot_hold_is_refused_with_31() -> None:
 
 
 def test_memories_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("emulators.robot.site.PLACE_LIMIT", 2)
+    monkeypatch.setattr("emulators.s3.site.PLACE_LIMIT", 2)
     host = Host(READ, WRITE)
     host.call("write_register", number=1, value=1.0)
     host.call("write_register", number=2, value=1.0)

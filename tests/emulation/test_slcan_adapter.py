@@ -6,8 +6,8 @@ from can.interfaces.slcan import slcanBus
 from hypothesis import given
 from hypothesis import strategies as st
 
-from emulators.slcan_adapter import Channel, SlcanAdapter, SlcanProfile
-from protocol.can import CanFrame
+from emulators.wires.slcan_adapter import Channel, SlcanAdapter, SlcanProfile
+from protocol.can.frame import CanFrame
 
 NOW = 1000.25
 

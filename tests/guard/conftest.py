@@ -10,12 +10,12 @@ import pytest
 
 from emulators.cell import Cell
 from hil_bridge.clock import Clock, Timer, run_virtual
-from hil_bridge.compose import opened_devices
-from hil_bridge.config import Config
 from hil_bridge.errors import BridgeError, TransportClosed
-from hil_bridge.faults import FaultSchedule
+from hil_bridge.faults.schedule import FaultSchedule
 from hil_bridge.recording import CycleRecord, EventRecord, Outcome
-from hil_bridge.run import Run, RunResult
+from hil_bridge.runs.compose import opened_devices
+from hil_bridge.runs.cycle import Run, RunResult
+from hil_bridge.settings.configuration import Config
 
 WATCH_S = 0.01
 """How often the truth is looked at, s."""
@@ -100,7 +100,7 @@ class Guarded:
         def same(*arguments: Any) -> Cell:
             return Cell(*arguments) if cell is None else cell
 
-        with mock.patch("hil_bridge.compose.Cell", same):
+        with mock.patch("hil_bridge.runs.compose.Cell", same):
             async with opened_devices(
                 self.config, clock, lambda frame: None, self.notice, on_cell=emulated
             ) as (robot, sensor):

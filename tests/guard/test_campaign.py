@@ -26,13 +26,13 @@ import pytest
 from emulators.cell import Cell
 from emulators.cell_faults import CELL_FAULTS
 from hil_bridge.clock import Clock
-from hil_bridge.config import Config
 from hil_bridge.control import CONTROLLERS
 from hil_bridge.errors import BridgeError
-from hil_bridge.outputs import Outputs
 from hil_bridge.recording import Recording, read
-from hil_bridge.replay import replay
-from hil_bridge.session import execute
+from hil_bridge.runs.outputs import Outputs
+from hil_bridge.runs.replay import replay
+from hil_bridge.runs.session import execute
+from hil_bridge.settings.configuration import Config
 
 SEEDS = int(os.environ.get("HIL_BRIDGE_SEEDS", "500"))
 BLOCK = 50
@@ -177,7 +177,7 @@ class Drawn:
 
         output, errors = io.StringIO(), io.StringIO()
         with (
-            mock.patch("hil_bridge.compose.Cell", watched),
+            mock.patch("hil_bridge.runs.compose.Cell", watched),
             contextlib.redirect_stdout(output),
             contextlib.redirect_stderr(errors),
         ):

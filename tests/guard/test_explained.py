@@ -5,13 +5,13 @@ import math
 
 import pytest
 
-from hil_bridge.asking import Asked, Situation
-from hil_bridge.conditions import BEFORE, CONDITIONS, SHELL, as_text
-from hil_bridge.config import Config
 from hil_bridge.control import Cause, Phase
-from hil_bridge.control.conditions import BARRIER, BY_CAUSE, CLAMPS, STOPS, Reaction, When
+from hil_bridge.control.course.conditions import BARRIER, BY_CAUSE, CLAMPS, STOPS, Reaction, When
 from hil_bridge.errors import ConfigError
-from hil_bridge.explaining import LOOSE, explain
+from hil_bridge.guard.asking import Asked, Situation
+from hil_bridge.guard.conditions import BEFORE, CONDITIONS, SHELL, as_text
+from hil_bridge.guard.explaining import LOOSE, explain
+from hil_bridge.settings.configuration import Config
 
 CONFIG = Config()
 RETRACT = Phase.RETRACT

@@ -8,10 +8,10 @@ import pytest
 
 from emulators.cell import Cell
 from hil_bridge.clock import Clock, run_virtual
-from hil_bridge.compose import opened_devices
-from hil_bridge.config import Config
 from hil_bridge.errors import DeviceError, SafetyStop
-from hil_bridge.free import Freed, Freeing
+from hil_bridge.runs.compose import opened_devices
+from hil_bridge.runs.free import Freed, Freeing
+from hil_bridge.settings.configuration import Config
 
 Configured = Callable[..., Config]
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from hil_bridge.config import Config
+from hil_bridge.settings.configuration import Config
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs" / "safety.md").read_text(encoding="utf-8")

@@ -11,8 +11,8 @@ from typing import Any
 
 import pytest
 
-from hil_bridge.config import Config
 from hil_bridge.recording import Outcome
+from hil_bridge.settings.configuration import Config
 
 LIMIT_N = 50.0
 LATENCY_CYCLES = 3

@@ -14,7 +14,7 @@ import pytest
 
 from hil_bridge.clock import Clock, run_real
 from hil_bridge.errors import TransportUnavailable
-from hil_bridge.registers import ListenerProfile, serve_board
+from hil_bridge.sensors.jr3.registers import ListenerProfile, serve_board
 from protocol.jr3.board import check_range, pack_words
 from protocol.jr3.registers import (
     Garbage,

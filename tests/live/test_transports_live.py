@@ -35,7 +35,7 @@ from hil_bridge.transports import (
     listen_bytes,
     listen_can,
 )
-from protocol.can import CanFrame
+from protocol.can.frame import CanFrame
 
 __all__ = ["TestStreamWire"]
 
@@ -322,7 +322,7 @@ async def test_a_driver_that_counts_line_errors_is_asked(monkeypatch: pytest.Mon
         assert client.line_errors == LineErrors()  # a pseudo-terminal does not count
         await client.aclose()
         monkeypatch.setattr(
-            "hil_bridge.transports.serial_port._counters", lambda fd: struct.pack("20i", *counted)
+            "hil_bridge.transports.serial.serial_port._counters", lambda fd: struct.pack("20i", *counted)
         )
         counted[6:10] = 1, 2, 3, 4  # frame, overrun, parity, brk
         client = await connect_bytes(listening.address, clock)

@@ -6,8 +6,8 @@ import itertools
 import pytest
 
 from hil_bridge.clock import Clock, run_real
-from hil_bridge.compose import Ports, connect_sensor, emulated_cell
-from hil_bridge.config import Config
+from hil_bridge.runs.compose import Ports, connect_sensor, emulated_cell
+from hil_bridge.settings.configuration import Config
 from protocol.jr3 import SensorFrame
 
 pytestmark = pytest.mark.live

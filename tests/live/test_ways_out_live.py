@@ -19,14 +19,14 @@ from pathlib import Path
 import pytest
 
 from hil_bridge.errors import ConfigError
-from hil_bridge.panel import ask
 from hil_bridge.recording import read
+from hil_bridge.robots.s3.panel import ask
 
 pytestmark = pytest.mark.live
 
 HIL = "from hil_bridge.cli import main; main()"
 BUG = (
-    "import hil_bridge.run as run\n"
+    "import hil_bridge.runs.cycle as run\n"
     "told = run.Run._record\n"
     "def broken(self, status, sample, decision, **known):\n"
     "    if known['cycle'] and decision.output.phase == 'track' and decision.output.command.stiffness:\n"

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from emulators.jr3 import Gateway, GatewayProfile, Jr3Sensor, SensorProfile
 from hil_bridge.clock import Clock, run_real
-from hil_bridge.devices import ForceSensor
-from hil_bridge.pump import Pump
+from hil_bridge.sensors.stream import ForceSensor
 from hil_bridge.transports import connect_can
-from protocol.can import CanFilter
+from hil_bridge.transports.pump import Pump
+from protocol.can.frame import CanFilter
 from protocol.jr3 import GatewayClient, GatewayClientProfile, SensorFrame
 
 pytestmark = pytest.mark.vcan

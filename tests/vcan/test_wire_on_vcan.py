@@ -10,9 +10,10 @@ import pytest
 
 from hil_bridge.clock import Clock, run_real
 from hil_bridge.errors import TransportBroken, TransportError, TransportUnavailable
-from hil_bridge.transports import Frames, Transport, can_wire, connect_can
-from protocol.can import CanFilter, CanFrame
-from protocol.can_error import CanErrorReport, ErrorClass, encode_error
+from hil_bridge.transports import Frames, Transport, connect_can
+from hil_bridge.transports.can import wire as can_wire
+from protocol.can.error import CanErrorReport, ErrorClass, encode_error
+from protocol.can.frame import CanFilter, CanFrame
 
 pytestmark = pytest.mark.vcan
 

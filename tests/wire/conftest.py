@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from hypothesis import strategies as st
 
-from protocol.can import CanFrame
+from protocol.can.frame import CanFrame
 from protocol.jr3 import (
     GatewayClient,
     GatewayClientProfile,

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from protocol.adlp import TRANSITIONS, Action, LinkProfile, Role, State
+from protocol.s3.adlp import TRANSITIONS, Action, LinkProfile, Role, State
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCUMENT = (ROOT / "docs" / "computer-link.md").read_text(encoding="utf-8")

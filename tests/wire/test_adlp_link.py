@@ -5,7 +5,8 @@ What it does on the line is in the transcripts beside this file, what it makes o
 
 import pytest
 
-from protocol.adlp import (
+from protocol.endpoint import LocalProtocolError
+from protocol.s3.adlp import (
     ROUTINE,
     Link,
     LinkFailed,
@@ -18,7 +19,6 @@ from protocol.adlp import (
     Role,
     State,
 )
-from protocol.endpoint import LocalProtocolError
 
 HOST, ROBOT = Role.HOST, Role.ROBOT
 EPOCH = 1234.5

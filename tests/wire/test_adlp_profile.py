@@ -3,9 +3,9 @@
 import pytest
 from pydantic import TypeAdapter, ValidationError
 
-from protocol.adlp import LinkProfile
 from protocol.marks import Mark
 from protocol.marks import settings as settings_of
+from protocol.s3.adlp import LinkProfile
 
 
 def test_profile_comes_from_plain_values_and_refuses_wrong_ones():

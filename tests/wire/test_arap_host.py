@@ -2,7 +2,8 @@
 
 import pytest
 
-from protocol.adlp import (
+from protocol.endpoint import LocalProtocolError
+from protocol.s3.adlp import (
     EVENT_LIMIT,
     Link,
     LinkFailed,
@@ -13,7 +14,7 @@ from protocol.adlp import (
     Role,
     encode_block,
 )
-from protocol.arap import (
+from protocol.s3.arap import (
     Answered,
     ArapHost,
     Move,
@@ -34,7 +35,6 @@ from protocol.arap import (
     split_telegram,
     stop_program,
 )
-from protocol.endpoint import LocalProtocolError
 
 PROFILE = LinkProfile(baudrate=11000)
 STATUS = Status((4073, -6692, 5255), (2071, -11179, 2455, 11539), operation=True)
@@ -274,7 +274,7 @@ def test_unreadable_answer_fails_the_order():
 
 
 def test_too_many_blocks_fail_the_order(monkeypatch):
-    monkeypatch.setattr("protocol.arap.host.MESSAGE_LIMIT", 2)
+    monkeypatch.setattr("protocol.s3.arap.host.MESSAGE_LIMIT", 2)
     cell = Cell(answer=answers(blocks(b"a", b"b", b"c", b"d")))
     cell.host.order(receive_program(1))
     failed, late = cell.run()

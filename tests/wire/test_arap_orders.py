@@ -7,8 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from protocol.adlp import MESSAGE_LIMIT, LinkProfile, encode_block
-from protocol.arap import (
+from protocol.endpoint import LocalProtocolError, RemoteProtocolError
+from protocol.fields import Field, Layout
+from protocol.marks import Mark
+from protocol.s3.adlp import MESSAGE_LIMIT, LinkProfile, encode_block
+from protocol.s3.arap import (
     FIELD_TYPES,
     KNOWN,
     KNOWN_ORDERS,
@@ -28,10 +31,7 @@ from protocol.arap import (
     refusal_remedy,
     split_telegram,
 )
-from protocol.arap.payload import limits
-from protocol.endpoint import LocalProtocolError, RemoteProtocolError
-from protocol.fields import Field, Layout
-from protocol.marks import Mark
+from protocol.s3.arap.payload import limits
 
 PROFILE = LinkProfile()
 

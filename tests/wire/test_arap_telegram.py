@@ -6,7 +6,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from protocol.arap import (
+from protocol.endpoint import LocalProtocolError, RemoteProtocolError
+from protocol.marks import Mark
+from protocol.s3.arap import (
     KNOWN,
     POSITION_STEP,
     FunctionCode,
@@ -36,8 +38,6 @@ from protocol.arap import (
     type_text,
     write_mode,
 )
-from protocol.endpoint import LocalProtocolError, RemoteProtocolError
-from protocol.marks import Mark
 
 # Specification section 4, telegrams inside the golden blocks.
 GOLDEN = [

@@ -4,8 +4,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from protocol.can import CanFrame
-from protocol.can_error import (
+from protocol.can.error import (
     CanErrorReport,
     Controller,
     ErrorClass,
@@ -14,6 +13,7 @@ from protocol.can_error import (
     decode_error,
     encode_error,
 )
+from protocol.can.frame import CanFrame
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
 
 GOLDEN = {

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from protocol.can import CanFilter, CanFrame
-from protocol.can_line import (
+from protocol.can.frame import CanFilter, CanFrame
+from protocol.can.line import (
     arbitration_rank,
     frame_time_bits,
     line_bits,

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from protocol.can import CanFrame
+from protocol.can.frame import CanFrame
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
 from protocol.fields import Field, Layout
 from protocol.marks import Mark, check_settings, setting, settings

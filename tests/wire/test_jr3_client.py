@@ -4,8 +4,8 @@ from typing import Any
 
 import pytest
 
-from protocol.can import CanFrame
-from protocol.can_error import CanErrorReport, ErrorClass, encode_error
+from protocol.can.error import CanErrorReport, ErrorClass, encode_error
+from protocol.can.frame import CanFrame
 from protocol.endpoint import LocalProtocolError
 from protocol.jr3 import (
     Phase,

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from protocol.can import CanFilter, CanFrame
+from protocol.can.frame import CanFilter, CanFrame
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
 from protocol.jr3 import (
     Acknowledge,

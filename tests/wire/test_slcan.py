@@ -4,9 +4,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from protocol.can import CanFrame
+from protocol.can.frame import CanFrame
+from protocol.can.slcan import LONGEST_LINE, LineDecoder, decode_frame, encode_frame
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
-from protocol.slcan import LONGEST_LINE, LineDecoder, decode_frame, encode_frame
 
 GOLDEN = {
     # Examples of the LAWICEL CAN232 manual.

@@ -5,10 +5,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from hil_bridge.clock import Clock, run_virtual
-from hil_bridge.compose import Ports, connect_robot, connect_sensor, emulated_cell
-from hil_bridge.config import Config
 from hil_bridge.recording import CycleRecord, EventRecord, Outcome
-from hil_bridge.run import Run
+from hil_bridge.runs.compose import Ports, connect_robot, connect_sensor, emulated_cell
+from hil_bridge.runs.cycle import Run
+from hil_bridge.settings.configuration import Config
 from protocol.jr3 import SensorFrame
 
 CAN, BOARD = "can+memory:sensor", "jr3+memory:sensor"

@@ -12,13 +12,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from hil_bridge.config import Config
-from hil_bridge.control.fuzzy import infer
-from hil_bridge.control.rules import PAPER_RULES
+from hil_bridge.control.laws.fuzzy import infer
+from hil_bridge.control.laws.rules import PAPER_RULES
 from hil_bridge.experiments.chain import run_cell
 from hil_bridge.recording import CycleRecord
-from hil_bridge.run import control_loop
-from hil_bridge.zeroing import wrist
+from hil_bridge.runs.cycle import control_loop
+from hil_bridge.runs.zeroing import wrist
+from hil_bridge.settings.configuration import Config
 from tools.bench.figures import Figure, Report, Spread, Target
 from tools.bench.machine import CACHE
 from tools.bench.sampler import costs, sampled

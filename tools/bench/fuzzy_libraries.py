@@ -2,7 +2,7 @@
 
 Reads a rule base and inputs as JSON from standard input, writes to standard output what each library answered and
 how long each answer took. Nothing of hil-bridge is imported here. The libraries interpolate memberships between
-levels as `hil_bridge.control.fuzzy` does on its continuous surface, with the minimum as AND and implication, the
+levels as `hil_bridge.control.laws.fuzzy` does on its continuous surface, with the minimum as AND and implication, the
 maximum as aggregation and the centre of gravity.
 """
 

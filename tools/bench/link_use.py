@@ -13,13 +13,13 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from hil_bridge.config import Config
+from hil_bridge.clock.realtime import RealTime, scheduled
 from hil_bridge.errors import ConfigError
 from hil_bridge.experiments.chain import run_cell
-from hil_bridge.line_time import line_floor
-from hil_bridge.realtime import RealTime, scheduled
 from hil_bridge.recording import CycleRecord, read
-from protocol.adlp import LinkProfile
+from hil_bridge.settings.configuration import Config
+from protocol.s3.adlp import LinkProfile
+from protocol.s3.timing import line_floor
 from tools.bench.figures import Cost, Figure, Report, Target
 from tools.bench.kernel_trace import State, costs_of, traced
 from tools.bench.machine import stolen_s

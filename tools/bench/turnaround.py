@@ -19,10 +19,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 
+from hil_bridge.clock.realtime import RealTime, scheduled
 from hil_bridge.errors import ConfigError
-from hil_bridge.realtime import RealTime, scheduled
-from protocol.adlp import BLOCK_OVERHEAD, HEADER_SIZE, encode_block
-from protocol.arap import STATUS, Move, MoveKind, read_status
+from protocol.s3.adlp import BLOCK_OVERHEAD, HEADER_SIZE, encode_block
+from protocol.s3.arap import STATUS, Move, MoveKind, read_status
 from tools.bench import machine
 from tools.bench.devices import (
     PATIENCE_S,

@@ -12,8 +12,8 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from hil_bridge.config import Config
 from hil_bridge.recording import CycleRecord, read
+from hil_bridge.settings.configuration import Config
 from tools.bench.cells import BOARD, CAN, CellRun, run_together
 from tools.bench.figures import Cost, Figure, Report, Target
 from tools.bench.sampler import costs, sampled

@@ -11,8 +11,8 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 
 from hil_bridge.clock import Clock, run_real
+from hil_bridge.clock.realtime import RealTime, scheduled
 from hil_bridge.errors import ConfigError
-from hil_bridge.realtime import RealTime, scheduled
 from tools.bench import machine
 from tools.bench.figures import Cost, Figure, Report, Spread, Target
 from tools.bench.kernel_trace import Span, State, explained, traced

@@ -7,8 +7,8 @@ request zero; stop at the end. The gateway always listens.
 import itertools
 from collections.abc import Sequence
 
-from protocol.can import CanFrame
-from protocol.can_error import decode_error
+from protocol.can.error import decode_error
+from protocol.can.frame import CanFrame
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
 from protocol.jr3.can_gateway.messages import (
     FORCES,

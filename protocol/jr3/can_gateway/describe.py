@@ -2,7 +2,7 @@
 
 import string
 
-from protocol.can import CanFrame
+from protocol.can.frame import CanFrame
 from protocol.jr3.can_gateway.messages import ACKNOWLEDGED, FROM_GATEWAY, FULL_SCALES, LAYOUTS, Op, split
 
 _HEX = frozenset(string.hexdigits)

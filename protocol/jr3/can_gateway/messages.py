@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from functools import cache
 
-from protocol.can import CanFilter, CanFrame
+from protocol.can.frame import CanFilter, CanFrame
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
 from protocol.fields import Field, Layout
 from protocol.jr3.counts import AXES, FULL_SCALE_COUNTS

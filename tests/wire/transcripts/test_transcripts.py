@@ -22,8 +22,9 @@ from pathlib import Path
 
 import pytest
 
-from emulators.robot import S3Controller, S3Profile, ServoProfile
-from protocol.adlp import (
+from emulators.arm.servo import ServoProfile
+from emulators.s3 import S3Controller, S3Profile
+from protocol.s3.adlp import (
     TRANSITIONS,
     Action,
     Link,
@@ -35,7 +36,7 @@ from protocol.adlp import (
     Role,
     Stimulus,
 )
-from protocol.arap import Answered, ArapHost, RefusalCode, Refused, SpontaneousReceived, Telegram
+from protocol.s3.arap import Answered, ArapHost, RefusalCode, Refused, SpontaneousReceived, Telegram
 
 EPOCH = 1234.5
 FOLDER = Path(__file__).parent

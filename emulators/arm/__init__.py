@@ -1,0 +1,1 @@
+"""A robot arm without a controller: kinematics, servo, motion, work area."""

@@ -1,0 +1,30 @@
+"""The emulated robot: an IRB 2000 moved by its S3 controller."""
+
+from emulators.s3.controller import S3Controller
+from emulators.s3.faults import S3_FAULTS
+from emulators.s3.panel import Panel, PanelState
+from emulators.s3.profile import S3Profile
+from emulators.s3.programs import MoveStep, Step, WaitStep, read_steps
+from emulators.s3.site import EMPTY_SITE, S3Site, SiteOrders
+from emulators.s3.state import CHANGES, REFUSALS, Activity, State, Stimulus, refusal
+
+__all__ = [
+    "CHANGES",
+    "EMPTY_SITE",
+    "REFUSALS",
+    "S3_FAULTS",
+    "Activity",
+    "MoveStep",
+    "Panel",
+    "PanelState",
+    "S3Controller",
+    "S3Profile",
+    "S3Site",
+    "SiteOrders",
+    "State",
+    "Step",
+    "Stimulus",
+    "WaitStep",
+    "read_steps",
+    "refusal",
+]

@@ -1,0 +1,123 @@
+"""Stored programs that do something: lines to move along and times to wait, one after the other.
+
+Assumed throughout: the language of real S3 programs is not public. A program whose contents begin with the line
+`# emulated program` is text for this emulator; every other one, with contents of a real controller or none, is
+one instruction that takes a time given by the profile.
+
+    # emulated program
+    move 900 -100 650 100    # to x y z in mm at mm/s, straight, orientation as it is
+    wait 1.5                 # s
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TypeAlias
+
+from emulators.arm.motion import Motion
+from protocol.geometry import Vector
+
+FIRST_LINE = "# emulated program"
+STEP_LIMIT = 65535
+"""Instruction numbers that fit their word of the status."""
+
+
+@dataclass(frozen=True, slots=True)
+class MoveStep:
+    """A straight line to a point."""
+
+    position: Vector
+    """Tool centre point in the base frame, m."""
+    speed: float
+    """m/s, above 0."""
+
+
+@dataclass(frozen=True, slots=True)
+class WaitStep:
+    """Nothing for a while."""
+
+    seconds: float
+
+
+Step: TypeAlias = MoveStep | WaitStep
+
+
+def read_steps(content: bytes) -> tuple[Step, ...] | None:
+    """The steps of a program, or None for one that is not written for the emulator.
+
+    Raises ValueError that names the line.
+    """
+    head, _, rest = content.partition(b"\n")
+    if head.rstrip() != FIRST_LINE.encode():
+        return None
+    steps: list[Step] = []
+    for number, line in enumerate(rest.decode("utf-8", "replace").splitlines(), 2):
+        words = line.partition("#")[0].split()
+        if not words:
+            continue
+        try:
+            values = [float(word) for word in words[1:]]
+        except ValueError:
+            values = [math.nan]
+        match words[0], values:
+            case "wait", [seconds] if 0.0 <= seconds < math.inf:
+                steps.append(WaitStep(seconds))
+            case "move", [x, y, z, speed] if 0.0 < speed < math.inf and all(map(math.isfinite, (x, y, z))):
+                steps.append(MoveStep((x / 1000.0, y / 1000.0, z / 1000.0), speed / 1000.0))
+            case _:
+                raise ValueError(
+                    f"line {number}: expected `move X Y Z SPEED` in mm and mm/s or `wait S`, got {line.strip()!r}"
+                )
+    if not 0 < len(steps) <= STEP_LIMIT:
+        raise ValueError(f"a program has 1 to {STEP_LIMIT} steps, this one has {len(steps)}")
+    return tuple(steps)
+
+
+class ProgramRun:
+    """One program on its way from step to step. Stopped, it goes on with the step that it was in."""
+
+    def __init__(self, number: int, steps: tuple[Step, ...]) -> None:
+        self.number = number
+        self.due: float | None = None
+        """When the present step is next looked at, s; None while the program does not run."""
+        self._steps = steps
+        self._index = 0
+        self._begun = False
+
+    @property
+    def instruction(self) -> int:
+        """Number of the present step, from 1; the last one's once the program has ended."""
+        return min(self._index + 1, len(self._steps))
+
+    @property
+    def ended(self) -> bool:
+        """Every step is done."""
+        return self._index >= len(self._steps)
+
+    def start(self, now: float) -> None:
+        """Run, from the beginning of the present step."""
+        self.due, self._begun = now, False
+
+    def stop(self) -> None:
+        """Assumed: a step that was not finished is done again from its beginning."""
+        self.due = None
+
+    def advance(self, now: float, motion: Motion, move: Callable[[MoveStep, float], None]) -> None:
+        """Do what is due by `now`; `move` sends the arm on its way and may raise, the step is then not begun."""
+        while self.due is not None and self.due <= now:
+            if self.ended:
+                self.due = None
+                return
+            step = self._steps[self._index]
+            if not self._begun:
+                if isinstance(step, MoveStep):
+                    move(step, now)
+                    self.due = motion.next_tick()
+                else:
+                    self.due += step.seconds
+                self._begun = True
+            elif isinstance(step, MoveStep) and motion.waiting(now):
+                self.due = motion.next_tick()
+            else:
+                self._index += 1
+                self._begun = False

@@ -1,0 +1,1 @@
+"""The surface that a tool touches: contact, materials, and their faults."""

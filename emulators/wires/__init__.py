@@ -1,0 +1,1 @@
+"""Emulated adapters between wires."""

@@ -1,0 +1,278 @@
+"""What a run comes down to, from its record alone: figures of merit, durations, times and counters."""
+
+import json
+import math
+import statistics
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import StrEnum
+from pathlib import Path
+
+import msgspec
+
+from hil_bridge.analysis.latency import latency_of
+from hil_bridge.analysis.times import Times, times_of
+from hil_bridge.control.analysis.merit import STEADY_SAMPLES, FiguresOfMerit, figures_of_merit
+from hil_bridge.recording.device_facts import devices_of, json_or_none
+from hil_bridge.recording.files import write_whole
+from hil_bridge.recording.reader import Recording
+from hil_bridge.recording.recorder import DROPPED_PREFIX
+from hil_bridge.recording.records import CycleRecord
+from hil_bridge.recording.topics import SENSOR, TOPICS
+
+PHASE_EVENT = "phase"
+"""Kind of the events whose text is the name of the phase that begins."""
+STOP_EVENT = "stop"
+"""Kind of the event whose text is the cause of a stop."""
+CHECK_EVENT = "check"
+"""Kind of the events that tell what was found of the sensor before the touch: full scales, model, weight, zero."""
+TRACK = "track"
+"""The phase in which the force is controlled."""
+RETRACT = "retract"
+"""The phase in which the tool is pulled back."""
+
+
+class Outcome(StrEnum):
+    """How a run ended."""
+
+    COMPLETED = "completed"
+    STOPPED = "stopped"
+    """The supervisor or an error ended it; there is a cause."""
+    INTERRUPTED = "interrupted"
+    """A person ended it, or the process was killed."""
+
+
+@dataclass(frozen=True, slots=True)
+class RunEnd:
+    """What only the run itself knows when it ends."""
+
+    outcome: Outcome
+    cause: str = ""
+    line_floor_s: float | None = None
+    """What the characters of one cycle take on the line at least."""
+    link: Mapping[str, float] = field(default_factory=dict)
+    """Counters of the computer link by name."""
+    sensor_lost: int | None = None
+    """Sensor frames that were sent and never came, as the client of the gateway counts them."""
+    sensor_delay_s: float | None = None
+    """How much later than the force itself the sensor's filter tells of it."""
+    left: str = ""
+    """Where the tool was left, in words; empty when it never moved."""
+    followed: tuple[str, ...] = ()
+    """What happened after the cause, in order."""
+
+    def as_metadata(self) -> dict[str, str]:
+        """For `Recorder.close`, so that a record tells its end by itself."""
+        return {
+            "outcome": self.outcome.value,
+            "cause": self.cause,
+            "line_floor_s": json.dumps(self.line_floor_s),
+            "link": json.dumps(dict(self.link), sort_keys=True),
+            "sensor_lost": json.dumps(self.sensor_lost),
+            "sensor_delay_s": json.dumps(self.sensor_delay_s),
+            "left": self.left,
+            "followed": json.dumps(self.followed),
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class PhaseSpan:
+    """A stretch of a run; times in s on the run's clock."""
+
+    name: str
+    begin: float
+    end: float
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """A run in figures. None stands for what the run did not show."""
+
+    outcome: str
+    cause: str
+    followed: tuple[str, ...]
+    """What happened after the cause, in order."""
+    left: str
+    """Where the tool was left, in words; empty when it never moved or the record was cut off before."""
+    truncated: bool
+    """The record ends early: the figures cover what is there."""
+    checks: tuple[str, ...]
+    """What was found of the sensor before the touch, in words, and what was taken for zero."""
+    controller: str
+    seed: str
+    force_reference_n: float | None
+    force_mean_steady_n: float | None
+    """Mean force over the last 40 samples of tracking; None when there are fewer since the rise."""
+    figures: Mapping[str, float | None]
+    """Figures of merit of the tracking phase, units in the names; the sample that stopped it counts for the largest
+    force and the overshoot.
+    """
+    phases_s: Mapping[str, float]
+    """Duration by phase, in order of first appearance."""
+    cycles: int
+    cycles_clamped: int
+    cycles_held: int
+    cycle_rate_hz: float | None
+    cycle_time: Times | None
+    """From the status order to the answer of the move order."""
+    line_floor_s: float | None
+    sensor_frames_received: int
+    sensor_frames_lost: int | None
+    """Frames that never came; None when the record was cut off before its end."""
+    recorder_dropped: Mapping[str, int]
+    """Records that did not reach the file, by topic."""
+    link: Mapping[str, float]
+    """Counters of the links."""
+    latency: Mapping[str, Mapping[str, float]]
+    """Distribution of each hop between a force and the motion that answers it, ms; empty when it was not stamped."""
+    latency_largest: str
+    """Which hop takes most of it, in words."""
+    latency_sentence: str
+    """The whole of it in one line."""
+
+    def as_json(self) -> str:
+        """The same as JSON, strict and in the order of the fields."""
+        return msgspec.json.format(msgspec.json.encode(self), indent=2).decode() + "\n"
+
+    def write_json(self, path: Path, overwrite: bool = False) -> None:
+        """Write the file at once, so that a reader never sees half of it. Raises ConfigError as `write_whole`."""
+        write_whole(path, self.as_json().encode(), overwrite)
+
+
+def summarise(recording: Recording, end: RunEnd | None = None) -> Summary:
+    """The figures of a run. `end` is taken from the record where it is not given."""
+    end = end or end_of(recording)
+    cycles = recording.cycles
+    track = [cycle for cycle in cycles if cycle.phase == TRACK and math.isfinite(cycle.force)]
+    dropped = _dropped(recording)
+    step = devices_of(recording).robot.position_step_m
+    figures = _figures(track, _stopping(cycles) if end.outcome is Outcome.STOPPED else None, step)
+    steady = figures.get("steady_mean_error_n") is not None
+    references = [cycle.force_reference for cycle in track or cycles]
+    spans = phases(recording)
+    latency = latency_of(recording)
+    return Summary(
+        outcome=end.outcome.value,
+        cause=end.cause,
+        followed=end.followed,
+        left=end.left,
+        truncated=recording.truncated,
+        checks=tuple(event.text for event in recording.events if event.kind == CHECK_EVENT),
+        controller=recording.metadata.get("controller", ""),
+        seed=recording.metadata.get("seed", ""),
+        force_reference_n=statistics.mode(references) if references else None,
+        force_mean_steady_n=statistics.fmean(cycle.force for cycle in track[-STEADY_SAMPLES:])
+        if steady
+        else None,
+        figures=figures,
+        phases_s={
+            name: sum(span.end - span.begin for span in spans if span.name == name)
+            for name in dict.fromkeys(span.name for span in spans)
+        },
+        cycles=len(cycles),
+        cycles_clamped=sum(cycle.verdict == "clamp" for cycle in cycles),
+        cycles_held=sum(cycle.held for cycle in cycles),
+        cycle_rate_hz=_rate(cycles),
+        cycle_time=times_of([cycle.answered_at - cycle.started_at for cycle in cycles]),
+        line_floor_s=end.line_floor_s,
+        sensor_frames_received=len(recording.sensors) + dropped[SENSOR.name],
+        sensor_frames_lost=end.sensor_lost,
+        recorder_dropped=dropped,
+        link=dict(end.link),
+        latency=latency.as_ms() if latency else {},
+        latency_largest=latency.largest_words if latency else "",
+        latency_sentence=latency.sentence if latency else "",
+    )
+
+
+def end_of(recording: Recording) -> RunEnd:
+    """The end as the record tells it; a record without one was cut off, which counts as interrupted."""
+    told = recording.end
+    outcome = told.get("outcome", "")
+    floor, link = json_or_none(told.get("line_floor_s")), json_or_none(told.get("link"))
+    lost, delay = json_or_none(told.get("sensor_lost")), json_or_none(told.get("sensor_delay_s"))
+    followed = json_or_none(told.get("followed"))
+    return RunEnd(
+        Outcome(outcome) if outcome in set(Outcome) else Outcome.INTERRUPTED,
+        told.get("cause", "") if told else "the recording ends before the run does",
+        float(floor) if isinstance(floor, (int, float)) else None,
+        {str(k): v for k, v in link.items() if isinstance(v, (int, float))} if isinstance(link, dict) else {},
+        lost if isinstance(lost, int) else None,
+        float(delay) if isinstance(delay, (int, float)) else None,
+        told.get("left", ""),
+        tuple(map(str, followed)) if isinstance(followed, list) else (),
+    )
+
+
+def phases(recording: Recording) -> tuple[PhaseSpan, ...]:
+    """The phases in order, from the events that begin them or else from what the cycles say."""
+    begins = [(event.at, event.text) for event in recording.events if event.kind == PHASE_EVENT]
+    if not begins:
+        before = ""
+        for cycle in recording.cycles:
+            if cycle.phase != before:
+                begins.append((cycle.started_at, cycle.phase))
+            before = cycle.phase
+    last = [at for at in (cycle.answered_at for cycle in recording.cycles[-3:]) if math.isfinite(at)]
+    last += [event.at for event in recording.events]
+    ends = [*(at for at, _ in begins[1:]), max(last, default=math.nan)]
+    return tuple(
+        PhaseSpan(name, begin, end) for (begin, name), end in zip(begins, ends, strict=False) if end > begin
+    )
+
+
+def _stopping(cycles: Sequence[CycleRecord]) -> CycleRecord | None:
+    """The cycle whose sample ended the tracking by itself: its answer was to retract already."""
+    last = max((place for place, cycle in enumerate(cycles) if cycle.phase == TRACK), default=len(cycles))
+    if last + 1 >= len(cycles):
+        return None
+    after = cycles[last + 1]
+    return after if after.phase == RETRACT and not after.asked and math.isfinite(after.force) else None
+
+
+def _figures(
+    track: Sequence[CycleRecord], stopping: CycleRecord | None, step_m: float | None
+) -> dict[str, float | None]:
+    """Figures of merit by name with unit; empty when nothing was tracked. The largest force and the overshoot count
+    the sample that stopped the run, the others what was tracked. `step_m` is the resolution of the position; no steps
+    are counted where it is not known.
+    """
+    if not track:
+        return {}
+    figures = _merit(track, step_m)
+    largest = figures if stopping is None else _merit([*track, stopping], step_m)
+    return {
+        "rise_samples": figures.rise_samples,
+        "rise_s": figures.rise_seconds,
+        "overshoot_percent": largest.overshoot_percent,
+        "steady_mean_error_n": figures.steady_mean_error,
+        "steady_peak_to_peak_n": figures.steady_peak_to_peak,
+        "rms_error_n": figures.rms_error,
+        "contact_losses": figures.contact_losses,
+        "steps_per_s": figures.steps_per_second if step_m else None,
+        "largest_force_n": largest.largest_force,
+    }
+
+
+def _merit(cycles: Sequence[CycleRecord], step_m: float | None) -> FiguresOfMerit:
+    return figures_of_merit(
+        time=[cycle.controlled_at for cycle in cycles],
+        force=[cycle.force for cycle in cycles],
+        reference=[cycle.force_reference for cycle in cycles],
+        commanded=[cycle.depth_commanded for cycle in cycles],
+        in_contact=[cycle.in_contact for cycle in cycles],
+        resolution_mm=step_m * 1e3 if step_m else math.inf,
+    )
+
+
+def _rate(cycles: Sequence[CycleRecord]) -> float | None:
+    span = cycles[-1].started_at - cycles[0].started_at if len(cycles) > 1 else 0.0
+    return (len(cycles) - 1) / span if span > 0 else None
+
+
+def _dropped(recording: Recording) -> dict[str, int]:
+    counts = {}
+    for topic in TOPICS:
+        told = recording.end.get(DROPPED_PREFIX + topic.name, "0")
+        counts[topic.name] = int(told) if told.isdecimal() else 0
+    return counts

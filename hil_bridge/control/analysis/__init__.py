@@ -1,0 +1,1 @@
+"""Analysis after a run: figures of merit, stability, the tool that hangs below the sensor."""

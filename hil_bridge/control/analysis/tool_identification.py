@@ -1,0 +1,168 @@
+"""Mass, centre of gravity and sensor bias from what the sensor reads while the tool is held in several ways. Pure.
+
+With u the weight of one kilogram as the tool sees it, and everything along the tool's axes at the sensor's origin:
+force = m u + bias, moment = (m c) × u + bias. Both are linear in m, m c and the biases, so each is one linear least
+squares problem. Source: textbook rigid-body statics.
+
+Turning the tool about the vertical changes u in no way, and two directions of u leave the part of c along their
+difference open: u has to change in two directions.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hil_bridge.control.geometry.frames import GRAVITY_BASE, STANDARD_GRAVITY, Array, rotation_matrix
+from hil_bridge.control.geometry.wrist import NO_WRENCH, Wrist
+from hil_bridge.errors import ConfigError
+from protocol.geometry import Vector
+
+POSES_MIN = 3
+"""Derived: three directions of the weight are the fewest that change in two directions."""
+
+SPREAD_MIN = 0.12
+"""Least root mean square of the weight's direction (a unit vector) about its mean, in the second of its directions.
+
+Chosen: five poses that turn the tool by 11° to either side about two axes have it, and tell the centre of gravity
+three times worse than 35° to either side.
+"""
+
+_ADVICE = "turn the tool by 60° or more about two level axes"
+_SIGNIFICANT = 5.0
+"""Chosen: a mass below this many standard uncertainties does not tell a centre of gravity."""
+
+
+@dataclass(frozen=True, slots=True)
+class ToolPose:
+    """One way to hold the tool free in space, and what the sensor read meanwhile."""
+
+    quaternion: tuple[float, ...]
+    """Tool in base, w x y z."""
+    wrench: tuple[float, ...]
+    """Mean reading in the sensor frame, no zero taken in between poses, N and N·m, shape (6,)."""
+    scatter: tuple[float, ...] = NO_WRENCH
+    """Standard deviation of the single readings about their mean, N and N·m, shape (6,); zeros where unknown."""
+
+
+@dataclass(frozen=True, slots=True)
+class ToolEstimate:
+    """What hangs below the sensor, each value with its standard uncertainty."""
+
+    mass: float
+    """kg"""
+    mass_uncertainty: float
+    centre_of_gravity: Vector
+    """From the sensor's origin along the tool frame's axes, m."""
+    centre_of_gravity_uncertainty: Vector
+    bias: tuple[float, ...]
+    """What the sensor reads with nothing on it, in the sensor frame, N and N·m, shape (6,)."""
+    bias_uncertainty: tuple[float, ...]
+    residuals: tuple[tuple[float, ...], ...]
+    """Reading less what the estimate explains, for each pose, sensor frame, N and N·m, shape (n, 6)."""
+    turned: float
+    """Largest angle between two directions of the weight in the tool frame, rad."""
+
+    @property
+    def force_residual(self) -> float:
+        """Root mean square of the residuals of forces, N."""
+        return _rms(np.array(self.residuals)[:, :3])
+
+    @property
+    def moment_residual(self) -> float:
+        """Root mean square of the residuals of moments, N·m."""
+        return _rms(np.array(self.residuals)[:, 3:])
+
+
+def identify_tool(poses: Sequence[ToolPose], wrist: Wrist) -> ToolEstimate:
+    """The tool that explains the readings best. Of `wrist` only orientation and handedness are used.
+
+    Uncertainties take the larger of the residuals' and the readings' variance: a filter makes readings follow each
+    other, so many of them are not taken to be better than one. Raises ConfigError when the poses cannot tell, with
+    what is missing.
+    """
+    if len(poses) < POSES_MIN:
+        raise ConfigError(f"too few poses to tell the tool: {len(poses)} of at least {POSES_MIN}; {_ADVICE}")
+    readings = np.array([pose.wrench for pose in poses], dtype=float)
+    if not np.all(np.isfinite(readings)):
+        raise ConfigError("a reading of the sensor is not a number; measure that pose again or leave it out")
+    weights = np.array([rotation_matrix(pose.quaternion).T @ GRAVITY_BASE for pose in poses])
+    turned = _require_spread(weights / STANDARD_GRAVITY)
+
+    to_sensor = wrist.alignment().T
+    each, here = len(poses), np.eye(3)
+    bias = np.tile(here, (each, 1))
+    forces = np.hstack([np.concatenate(weights @ to_sensor.T)[:, None], bias])
+    moments = np.hstack([np.vstack([-to_sensor @ _cross(weight) for weight in weights]), bias])
+    noise = np.array([pose.scatter for pose in poses], dtype=float)
+    (mass, *force_bias), force_covariance, force_rest = _fit(forces, readings[:, :3], noise[:, :3])
+    solution, moment_covariance, moment_rest = _fit(moments, readings[:, 3:], noise[:, 3:])
+    first_moment, moment_bias = solution[:3], solution[3:]
+
+    mass_variance = float(force_covariance[0, 0])
+    if not mass > _SIGNIFICANT * math.sqrt(mass_variance):
+        raise ConfigError(
+            f"the weight does not follow the turning of the tool: {mass:.3f} kg ± {math.sqrt(mass_variance):.3f} kg; "
+            "the tool is too light for this sensor, touches something, or sensor.mounting_deg or flip_fx_mx is wrong"
+        )
+    centre = first_moment / mass
+    centre_variance = (np.diag(moment_covariance)[:3] + centre**2 * mass_variance) / mass**2
+    variances = np.concatenate([np.diag(force_covariance)[1:], np.diag(moment_covariance)[3:]])
+    return ToolEstimate(
+        float(mass),
+        math.sqrt(mass_variance),
+        _vector(centre),
+        _vector(np.sqrt(centre_variance)),
+        (*map(float, force_bias), *moment_bias.tolist()),
+        tuple(np.sqrt(variances).tolist()),
+        tuple(map(tuple, np.hstack([force_rest, moment_rest]).tolist())),
+        turned,
+    )
+
+
+def _require_spread(directions: Array) -> float:
+    """The largest angle, rad, between unit vectors (n, 3). Raises ConfigError when they change in too few ways."""
+    turned = max(
+        math.atan2(float(np.linalg.norm(np.cross(a, b))), float(a @ b))
+        for a in directions
+        for b in directions
+    )
+    spread = np.linalg.svd(directions - directions.mean(axis=0), compute_uv=False) / math.sqrt(
+        len(directions)
+    )
+    if spread[0] < SPREAD_MIN:
+        raise ConfigError(
+            f"the poses differ by {math.degrees(turned):.0f}° at most in how the tool hangs; {_ADVICE}"
+        )
+    if spread[1] < SPREAD_MIN:
+        raise ConfigError(
+            f"the poses turn the tool by up to {math.degrees(turned):.0f}° about one axis, and hardly about another; "
+            f"{_ADVICE}"
+        )
+    return turned
+
+
+def _fit(design: Array, readings: Array, noise: Array) -> tuple[Array, Array, Array]:
+    """Least squares: the solution (k,), its covariance (k, k), and the residuals (n, 3)."""
+    solution = np.asarray(np.linalg.lstsq(design, readings.ravel(), rcond=None)[0], dtype=np.float64)
+    rest = readings.ravel() - design @ solution
+    degrees_of_freedom = len(rest) - len(solution)
+    variance = max(float(rest @ rest) / degrees_of_freedom, float(np.mean(noise**2)))
+    covariance = np.asarray(variance * np.linalg.inv(design.T @ design), dtype=np.float64)
+    return solution, covariance, readings - (design @ solution).reshape(-1, 3)
+
+
+def _cross(vector: Array) -> Array:
+    """Matrix (3, 3) of `vector` × …"""
+    x, y, z = vector.tolist()
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def _vector(values: Array) -> Vector:
+    x, y, z = values.tolist()
+    return x, y, z

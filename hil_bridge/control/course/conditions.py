@@ -1,0 +1,203 @@
+"""What refuses, clamps or ends a run: one row for each condition, and here the rows of all that decides in a cycle.
+
+The rows are for people: `hil-bridge supervisor table` and docs/safety.md print them, `hil-bridge supervisor explain`
+names them. What is decided is decided by supervisor and task alone.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+
+from hil_bridge.control.course.supervisor import Cause
+
+
+class When(StrEnum):
+    """When a condition is looked at."""
+
+    BEFORE_MOTION = "before anything moves"
+    LIFT = "on the way to the zero"
+    CYCLE = "every cycle until the retraction"
+    RETRACTION = "every cycle of the retraction"
+    ALWAYS = "as long as the tool moves"
+    END = "at the end"
+
+
+class Reaction(StrEnum):
+    """What a condition leads to."""
+
+    REFUSED = "refused, nothing has moved"
+    CLAMPED = "less is ordered, the run goes on"
+    RETRACTS = "retracts and ends"
+    STANDS = "stands still and ends"
+    LEFT = "left where it is"
+    RETRACTS_OR_LEFT = "retracts once the robot takes orders; else left where it is"
+
+
+STOPPED, COMPLETED, INTERRUPTED, CONFIGURATION = 3, 0, 130, 2
+"""Exit codes that the rows name."""
+
+
+@dataclass(frozen=True, slots=True)
+class ConditionRow:
+    """One condition and what it leads to."""
+
+    name: str
+    """The supervisor's own cause where it is one, else a name of the same kind."""
+    condition: str
+    """In words."""
+    settings: tuple[str, ...]
+    """Keys of the configuration that rule it, without those that describe a device."""
+    when: When = When.CYCLE
+    reaction: Reaction = Reaction.RETRACTS
+    exit_code: int | None = STOPPED
+    """None where the run goes on."""
+    cause: Cause | None = None
+    """The supervisor's; None for what another part decides."""
+
+
+def _stop(cause: Cause, condition: str, *settings: str) -> ConditionRow:
+    return ConditionRow(cause.value, condition, settings, cause=cause)
+
+
+def _clamp(name: str, condition: str, *settings: str) -> ConditionRow:
+    return ConditionRow(name, condition, settings, reaction=Reaction.CLAMPED, exit_code=None)
+
+
+def _stands(condition: str, *settings: str) -> ConditionRow:
+    cause = Cause.RETRACTION
+    return ConditionRow(cause.value, condition, settings, When.RETRACTION, Reaction.STANDS, cause=cause)
+
+
+STOPS: tuple[ConditionRow, ...] = (
+    _stop(Cause.NOT_A_NUMBER, "a measurement, or what the controller commands, is no number"),
+    _stop(
+        Cause.DEVICE,
+        "the robot's status shows emergency stop, standby, a key not in AUTO, link control taken back, or an "
+        "orientation that is none; or the sensor failed, began anew, or its wire ended",
+        "robot.link.check_flags",
+    ),
+    _stop(
+        Cause.FORCE,
+        "force along the approach, of any frame since the decision before, either sign, with and without the zero",
+        "limits.force_limit_n",
+    ),
+    _stop(
+        Cause.RESULTANT_FORCE,
+        "length of the force vector, of any frame since the decision before, with and without the zero",
+        "limits.resultant_limit_n",
+    ),
+    _stop(
+        Cause.MOMENT,
+        "length of the moment vector about the tool frame's origin, of any frame since the decision before",
+        "limits.moment_limit_nm",
+    ),
+    _stop(Cause.SATURATED, "an axis of the sensor was at the end of its range"),
+    _stop(Cause.STALE, "age of the newest frame", "limits.stale_after_ms"),
+    _stop(Cause.FROZEN, "frames in a row with identical counts on all axes", "limits.frozen_after_frames"),
+    _stop(Cause.FROZEN, "cycles in a row without a new frame", "limits.still_after_cycles"),
+    _stop(
+        Cause.FROZEN,
+        "an axis that the controlled force mainly lies on did not change since the zero while another moved by a "
+        "tenth of its range",
+    ),
+    _stop(
+        Cause.FROZEN,
+        "how far a pressing tool went deeper without the force changing by one count",
+        "limits.unanswered_mm",
+    ),
+    _stop(
+        Cause.POSE,
+        "the reported position moved faster than half again the path velocity, beyond 1 mm",
+        "robot.velocity_mm_s",
+    ),
+    _stop(Cause.POSE, "distance of the reported from the commanded position", "limits.following_error_mm"),
+    _stop(Cause.POSE, "turn of the reported orientation from that of the start", "limits.tilt_deg"),
+    _stop(
+        Cause.POSE,
+        "the reported position is outside the workspace by more than 1 mm",
+        "limits.workspace_min_m",
+        "limits.workspace_max_m",
+    ),
+    _stop(Cause.SEQUENCE, "the sensor's frame counter went back"),
+    _stop(
+        Cause.DEADLINE,
+        "how long the computer stood still, or a decision lasted",
+        "limits.cycle_deadline_ms",
+    ),
+    _stop(Cause.INCONSISTENT, "depth and position of a command contradict each other, which is a bug"),
+    _stop(Cause.CONTROLLER, "the controller raised an exception, or answered with what is no number"),
+    _stop(
+        Cause.OSCILLATION,
+        "the force goes on swinging although the gain is at its least",
+        "limits.oscillation_guard",
+        "oscillation.peaks",
+        "oscillation.window_samples",
+        "oscillation.band_min_n",
+        "oscillation.decay",
+        "oscillation.factor_min",
+    ),
+    _stands(
+        "the force rose while the tool retracted; from contact, only after a time to take effect",
+        "limits.retract_rise_n",
+        "limits.retract_grace_ms",
+    ),
+    _stands(
+        "the force stayed beyond its limit although the tool reported to be so much farther back",
+        "limits.force_limit_n",
+        "limits.resultant_limit_n",
+        "limits.unanswered_mm",
+    ),
+)
+"""What the supervisor stops for, in the order in which it looks."""
+
+BARRIER = _clamp(
+    "barrier",
+    "deeper than where the force limit less its margin is predicted, by the larger of estimated and expected stiffness",
+    "limits.force_limit_n",
+    "limits.force_margin_share",
+    "task.expected_stiffness_n_m",
+)
+CLAMPS: tuple[ConditionRow, ...] = (
+    BARRIER,
+    _clamp("per-cycle", "deeper by more in one cycle", "limits.correction_per_cycle_mm"),
+    _clamp("total", "deeper than the start by more in all", "limits.correction_total_mm"),
+    _clamp("across", "farther across the approach in one cycle", "limits.travel_per_cycle_mm"),
+    _clamp("workspace", "out of the workspace", "limits.workspace_min_m", "limits.workspace_max_m"),
+    _clamp(
+        "gain",
+        "the force swings for long: the controller's corrections are lowered",
+        "limits.oscillation_guard",
+        "oscillation.peaks",
+        "oscillation.window_samples",
+        "oscillation.notch",
+    ),
+    ConditionRow(
+        "no-force",
+        "while the force cannot be known a retraction goes back to the depth of the start, or a little behind the "
+        "contact, and no farther",
+        ("limits.stale_after_ms", "limits.blind_retract_mm"),
+        When.RETRACTION,
+        Reaction.CLAMPED,
+        None,
+    ),
+)
+"""What the supervisor makes less of. A command that pulls back is never shortened, but by the workspace."""
+
+ENDS: tuple[ConditionRow, ...] = (
+    ConditionRow("held-approach", "a clamp holds the approach in place", ()),
+    ConditionRow("no-contact", "no contact found on the way", ("task.approach_depth_limit_mm",)),
+    ConditionRow(
+        "surface-ended", "no contact found again after it was lost", ("task.search_depth_limit_mm",)
+    ),
+    ConditionRow("contact-lost", "contact was lost too often", ("task.loss_limit", "task.loss_samples")),
+    ConditionRow(
+        "travelled", "the way along the surface is done", ("task.travel_limit_mm",), exit_code=COMPLETED
+    ),
+    ConditionRow("time-is-up", "the time of tracking is over", ("run.duration_s",), exit_code=COMPLETED),
+)
+"""What else ends a run that can still decide."""
+
+BY_CAUSE: Mapping[Cause, tuple[ConditionRow, ...]] = {
+    cause: tuple(row for row in STOPS if row.cause is cause) for cause in Cause
+}
+"""The rows of each cause."""

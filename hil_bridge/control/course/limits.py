@@ -1,0 +1,102 @@
+"""What the supervisor allows, as settings with their units."""
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar
+
+from hil_bridge.control.course.checks import require_above_zero, require_not_negative
+from protocol.geometry import Vector
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """What is allowed. Every default is chosen, not a fact about a device: set them for the cell at hand."""
+
+    __pydantic_config__: ClassVar = {"extra": "forbid"}
+
+    force_limit_n: float = 50.0
+    """Contact force along the approach direction, either sign, above which the run stops."""
+    resultant_limit_n: float = 100.0
+    """Length of the force vector above which the run stops: a collision from the side."""
+    correction_per_cycle_mm: float = 2.0
+    """Farthest that the command may go deeper in a cycle."""
+    correction_total_mm: float = 100.0
+    """Farthest that the command may be deeper than the start point."""
+    travel_per_cycle_mm: float = 5.0
+    """Farthest that the command may move across the approach direction in a cycle."""
+    workspace_min_m: Vector = (-3.0, -3.0, -3.0)
+    """Lowest corner of the box that the tool may be in, base frame."""
+    workspace_max_m: Vector = (3.0, 3.0, 3.0)
+    """Highest corner of that box, base frame."""
+    stale_after_ms: float = 200.0
+    """Age of the newest sensor frame above which the run stops."""
+    frozen_after_frames: int = 400
+    """Frames in a row with identical counts on all axes after which the run stops. A filtered quiet signal
+    repeats itself for some frames, a dead converter for ever.
+    """
+    unanswered_mm: float = 2.0
+    """How far a pressing tool may go deeper without the force changing by one count: more, and the axis that
+    measures it is dead, while the controller presses ever harder.
+    """
+    oscillation_guard: bool = True
+    """Lower the gain of a loop whose force swings for long, and end the run when that does not help."""
+    still_after_cycles: int = 3
+    """Cycles in a row without a new sensor frame after which the run stops."""
+    moment_limit_nm: float = 10.0
+    """Length of the moment vector about the tool frame's origin above which the run stops."""
+    force_margin_share: float = 0.1
+    """Share of `force_limit_n` that stays free: no command goes deeper than where the stiffness in hand predicts the
+    rest.
+    """
+    following_error_mm: float = 10.0
+    """Distance between the reported and the commanded position above which the run stops."""
+    tilt_deg: float = 2.0
+    """Turn of the reported orientation from that of the start above which the run stops."""
+    cycle_deadline_ms: float = 500.0
+    """Time for which a decision may last, or the computer stand still; longer stops the run."""
+    zero_max_n: float = 50.0
+    """Largest force that may be taken for zero, beside the known weight of the tool and bias of the sensor."""
+    weight_tolerance_n: float = 1.0
+    """How far each force may be from the known weight of the tool before a run moves."""
+    weight_tolerance_nm: float = 0.2
+    """The same for each moment."""
+    retract_rise_n: float = 5.0
+    """Rise of the force while retracting above which the tool stands still."""
+    retract_grace_ms: float = 700.0
+    """Time that a retraction from contact has to take effect, until when the force may still rise: two cycles of the
+    slowest line, the servo and the sensor's filter.
+    """
+    blind_retract_mm: float = 5.0
+    """How far a tool that pressed is pulled back without a force to go by, at least to the depth of the start."""
+    retract_patience_s: float = 5.0
+    """How long a retraction is tried again when the robot refuses it or does not answer."""
+
+    def __post_init__(self) -> None:
+        require_above_zero(
+            self,
+            "force_limit_n",
+            "resultant_limit_n",
+            "correction_per_cycle_mm",
+            "correction_total_mm",
+            "travel_per_cycle_mm",
+            "stale_after_ms",
+            "frozen_after_frames",
+            "unanswered_mm",
+            "still_after_cycles",
+            "moment_limit_nm",
+            "following_error_mm",
+            "tilt_deg",
+            "cycle_deadline_ms",
+            "zero_max_n",
+            "weight_tolerance_n",
+            "weight_tolerance_nm",
+            "retract_rise_n",
+        )
+        require_not_negative(
+            self, "force_margin_share", "retract_grace_ms", "retract_patience_s", "blind_retract_mm"
+        )
+        if self.force_margin_share >= 1:
+            raise ValueError(f"force_margin_share must be below 1, got {self.force_margin_share}")
+        for low, high in zip(self.workspace_min_m, self.workspace_max_m, strict=True):
+            if not (math.isfinite(low) and math.isfinite(high) and low < high):
+                raise ValueError("workspace_min_m must be below workspace_max_m on every axis")

@@ -1,0 +1,351 @@
+"""One cycle's decision as two pure functions: sample → task and controller → supervisor → target position.
+
+The same functions make the decisions of a run and of its replay; a run looks at the clock between them.
+"""
+
+import math
+from dataclasses import dataclass
+
+from msgspec import Struct
+from msgspec.structs import replace
+
+from hil_bridge.control.course.contour import Contour, ContourState, normal_force
+from hil_bridge.control.course.oscillation import Advice, OscillationDetector, OscillationState
+from hil_bridge.control.course.supervisor import (
+    Cause,
+    Clamp,
+    Observation,
+    Request,
+    Stop,
+    Supervisor,
+    SupervisorState,
+    Verdict,
+)
+from hil_bridge.control.course.task import Phase, Target, Task, TaskOutput, TaskState
+from hil_bridge.control.types import Measurement
+from protocol.geometry import Vector
+
+# Asked for in every cycle, by names of this module: until Python 3.12 an enum's own name costs ten times that.
+_APPROACH, _TRACK, _RETRACT, _END = Phase.APPROACH, Phase.TRACK, Phase.RETRACT, Phase.END
+_NO_CONTOUR, _NO_OSCILLATION = ContourState(), OscillationState()
+
+
+class Sample(Struct, frozen=True):
+    """What one cycle has measured."""
+
+    now: float
+    """When it is looked at, s on the run's clock."""
+    position: Vector
+    """Reported tool position, base frame, m."""
+    force: float
+    """Contact force along the approach direction, N, positive while pressing."""
+    resultant: float
+    """Length of the force vector, N."""
+    sensor_at: float
+    """When the sensor frame arrived, s on the run's clock."""
+    sensor_sequence: int
+    """Its counter, unwrapped."""
+    repeated_frames: int = 0
+    """How many of the newest frames in a row carried identical counts."""
+    saturated: bool = False
+    """An axis is at the end of its range."""
+    dead_axis: str = ""
+    """Which axis of the controlled force does not live, in words; empty while all do."""
+    fault: str = ""
+    """What is wrong with a device, in words; empty while nothing is."""
+    force_travel: float = 0.0
+    """Contact force along the travel direction, N, positive where the surface pushes against the travel."""
+    wrench: tuple[float, ...] = ()
+    """The whole contact wrench, tool frame, N and N·m: for the record alone."""
+    position_at: float | None = None
+    """When `position` was true, s on the run's clock; None where that is not known."""
+    paired_force: float | None = None
+    """Contact force along the approach direction at that moment, N; None where none is known."""
+    peak_force: float = 0.0
+    """Force along the approach direction farthest from 0 of all frames since the decision before, N: from the zero, or
+    from what the sensor read before it, whichever is more.
+    """
+    peak_resultant: float = 0.0
+    """Largest length of the force vector of these frames, likewise, N."""
+    peak_moment: float = 0.0
+    """Largest length of the moment vector of these frames, N·m."""
+    tilt: float | None = None
+    """Turn of the reported orientation from that of the start, rad; None where the pose is not judged."""
+    gap: float = 0.0
+    """Longest time for which the computer stood still since the decision before, or this one lasted, s."""
+
+
+class LoopState(Struct, frozen=True):
+    """Everything that one decision leaves to the next."""
+
+    start: Vector
+    """Reported position at the start point, base frame, m."""
+    task: TaskState
+    supervisor: SupervisorState
+    oscillation: OscillationState = OscillationState()
+    contour: ContourState = ContourState()
+
+
+class Proposal(Struct, frozen=True):
+    """What task and controller would like to command, for the supervisor to judge."""
+
+    depth: float
+    """Reported position along the approach direction from the start point, m."""
+    measurement: Measurement
+    """What the controller was given."""
+    output: TaskOutput
+    failure: str
+    """What is wrong with the controller, in words; empty while nothing is."""
+    advice: Advice | None
+    """The oscillation detector's word; None where it has none."""
+    task: TaskState
+    oscillation: OscillationState
+    contour: ContourState
+
+
+class Decision(Struct, frozen=True):
+    """What the cycle is to command, and why."""
+
+    depth: float
+    """Reported position along the approach direction from the start point, m."""
+    force: float
+    """The force that was controlled, N: along the approach direction, or along the estimated normal."""
+    angle: float
+    """Estimated angle of the surface to the travel direction, rad; 0 where it is not estimated."""
+    target: Target
+    """Commanded depth and travel from the start point, m, after the supervisor's clamps."""
+    position: Vector
+    """The same as a point in the base frame, m, not yet rounded to device words."""
+    output: TaskOutput
+    verdict: Verdict
+    ended: bool
+    """The run is over; nothing more is to be commanded after this."""
+    stands: bool = False
+    """The tool is to stand still at once, wherever it was ordered to."""
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Why the supervisor clamped or stopped; empty when it allowed."""
+        match self.verdict:
+            case Clamp(reasons=reasons):
+                return reasons
+            case Stop(text=text):
+                return (text,)
+            case _:
+                return ()
+
+
+@dataclass(frozen=True, slots=True)
+class ControlLoop:
+    """Task and supervisor in the task frame."""
+
+    task: Task
+    supervisor: Supervisor
+    approach: Vector
+    """Unit vector into the surface, base frame."""
+    travel: Vector
+    """Unit vector along the surface, base frame, perpendicular to `approach`."""
+    detector: OscillationDetector | None = None
+    """Lowers the gain of a loop that swings, and at last ends the run; None lets it swing."""
+    contour: Contour | None = None
+    """Estimates the surface's normal, along which the force is then controlled; None keeps the approach direction,
+    as the paper does.
+    """
+
+    def initial(self, start: Vector) -> LoopState:
+        """State at the start point, away from the surface; its reported position in the base frame, m."""
+        return LoopState(start, self.task.initial(), self.supervisor.initial(start))
+
+    def finish(self, state: LoopState, cause: str) -> LoopState:
+        """Retract from the next sample on, for a reason from outside: time is up, a person wants it."""
+        return replace(state, task=self.task.finish(state.task, cause))
+
+    def step(self, state: LoopState, sample: Sample) -> tuple[LoopState, Decision]:
+        """One cycle: what is proposed, judged."""
+        return self.judge(state, sample, self.propose(state, sample))
+
+    def propose(self, state: LoopState, sample: Sample) -> Proposal:
+        """What task and controller make of a sample."""
+        (x, y, z), (a, b, c) = sample.position, state.start
+        x, y, z = x - a, y - b, z - c
+        (a, b, c), (u, v, w) = self.approach, self.travel
+        depth = x * a + y * b + z * c
+        measurement = Measurement(
+            sample.sensor_at,
+            sample.force,
+            depth,
+            state.supervisor.depth,
+            True,  # not looked at: the task judges contact
+            sample.paired_force,
+            x * u + y * v + z * w,
+            saturated=sample.saturated,
+        )
+        contour, measurement = self._face(state, measurement, sample)
+        task, output, failure = self._decide(state.task, measurement)
+        oscillation, advice = self._watch(state.oscillation, measurement, output)
+        if advice is not None and advice.factor < 1.0:
+            output = _calmed(output, measurement, advice)
+        return Proposal(depth, measurement, output, failure, advice, task, oscillation, contour)
+
+    def judge(self, state: LoopState, sample: Sample, proposal: Proposal) -> tuple[LoopState, Decision]:
+        """The supervisor's word on what was proposed for this sample. A stop turns it into a retraction; while
+        retracting only the limits of motion apply, and the force that the retraction itself makes.
+        """
+        task, output, advice = proposal.task, proposal.output, proposal.advice
+        seen = _observe(sample, proposal.depth, output)
+        verdict: Verdict
+        if output.phase is _RETRACT or output.phase is _END:
+            request = self._request(state, output)
+            supervisor, verdict = self.supervisor.retreat(state.supervisor, seen, request)
+            if isinstance(verdict, Stop):
+                output = replace(output, cause=verdict.text, failed=True)
+        elif proposal.failure:
+            supervisor, verdict = self.supervisor.stop(state.supervisor, Cause.CONTROLLER, proposal.failure)
+        elif advice is not None and advice.retract:
+            text = f"the force goes on swinging by ±{advice.amplitude:.1f} N at the lowest gain"
+            supervisor, verdict = self.supervisor.stop(state.supervisor, Cause.OSCILLATION, text)
+        else:
+            request = self._request(state, output, self._barrier(proposal))
+            supervisor, verdict = self.supervisor.step(state.supervisor, seen, request)
+        cause = _cause(state, output, verdict)
+        way: Verdict = verdict
+        if cause and output.phase is not _RETRACT:
+            # From the state before this sample: what the controller made of it no longer matters.
+            task, output = self.task.step(self.task.fail(state.task, cause), proposal.measurement)
+            supervisor, way = self.supervisor.retreat(supervisor, seen, self._request(state, output))
+        elif advice is not None and advice.factor < 1.0 and not isinstance(verdict, Stop):
+            lowered = f"the force swings: gain lowered to {advice.factor:g}"
+            reasons = verdict.reasons if isinstance(verdict, Clamp) else ()
+            way = verdict = Clamp(verdict.depth, verdict.position, (*reasons, lowered))
+        before = state.supervisor
+        stands = isinstance(way, Stop)
+        depth, position = (
+            (before.depth, before.position) if isinstance(way, Stop) else (way.depth, way.position)
+        )
+        # Held back at the border of the workspace, a retraction has come as far as it can.
+        held = output.phase is _RETRACT and depth >= before.depth
+        return LoopState(state.start, task, supervisor, proposal.oscillation, proposal.contour), Decision(
+            proposal.depth,
+            proposal.measurement.force,
+            proposal.contour.angle,
+            Target(depth, output.target.travel),
+            position,
+            output,
+            verdict,
+            ended=task.phase is _END or held or stands,
+            stands=stands,
+        )
+
+    def _barrier(self, proposal: Proposal) -> float:
+        """Depth, m, at which the force limit less its margin is predicted: by the stiffness in hand, from the reported
+        position and the force that belongs to it. What the robot has yet to do of its orders lies before it.
+        """
+        limits, measurement, command = self.supervisor.limits, proposal.measurement, proposal.output.command
+        stiffness = self.task.parameters.expected_stiffness_n_m
+        if command is not None and command.stiffness is not None:
+            stiffness = max(stiffness, command.stiffness)
+        left = limits.force_limit_n * (1.0 - limits.force_margin_share) - measurement.force_at_position
+        barrier = measurement.position + left / stiffness
+        return barrier if math.isfinite(barrier) else measurement.position
+
+    def _decide(self, state: TaskState, measurement: Measurement) -> tuple[TaskState, TaskOutput, str]:
+        """The task's step, and what is wrong with its controller; empty while nothing is.
+
+        A controller may be anybody's: whatever it raises, and an answer that is not of numbers, is its failure.
+        """
+        try:
+            task, output = self.task.step(state, measurement)
+            command = output.command
+            if command is None or (math.isfinite(command.position) and math.isfinite(command.correction)):
+                return task, output, ""
+            failed = f"it commands {command.position} m"
+        except (Exception, SystemExit) as error:
+            failed = one_line(f"{type(error).__name__}: {error}")
+        text = f"controller {self.task.controller.name} failed: {failed}"
+        return state, self.task.hold(state, measurement), text
+
+    def _face(
+        self, state: LoopState, measurement: Measurement, sample: Sample
+    ) -> tuple[ContourState, Measurement]:
+        """The measurement along the surface's normal while tracking; the estimate begins anew with every contact."""
+        if self.contour is None or state.task.phase is not _TRACK:
+            return _NO_CONTOUR, measurement
+        force, travel = measurement.force, measurement.travel
+        contour = self.contour.step(state.contour, travel, measurement.position, force, sample.force_travel)
+        if not (math.isfinite(force) and force > self.task.parameters.loss_threshold_n):
+            return contour, measurement
+        pressed = normal_force(contour.angle, force, sample.force_travel)
+        paired = measurement.paired_force
+        return contour, replace(
+            measurement,
+            force=pressed,
+            paired_force=None if paired is None else paired * pressed / force,
+            advance=math.cos(contour.angle),
+        )
+
+    def _watch(
+        self, state: OscillationState, measurement: Measurement, output: TaskOutput
+    ) -> tuple[OscillationState, Advice | None]:
+        """The detector's word on a sample of TRACK in contact; it begins anew with every other phase."""
+        if self.detector is None or output.phase is not _TRACK:
+            return _NO_OSCILLATION, None
+        if output.command is None or not output.in_contact:
+            return state, None
+        error = measurement.force - self.task.parameters.force_n
+        return self.detector.step(state, error, output.command.stiffness)
+
+    def _request(self, state: LoopState, output: TaskOutput, barrier: float = math.inf) -> Request:
+        depth, travel = output.target.depth, output.target.travel
+        (x, y, z), (a, b, c), (u, v, w) = state.start, self.approach, self.travel
+        target = x + depth * a + travel * u, y + depth * b + travel * v, z + depth * c + travel * w
+        return Request(depth, target, self.approach, barrier)
+
+
+def one_line(text: str) -> str:
+    """The first line of somebody's text, with half characters written out."""
+    return (text.splitlines() or [""])[0].encode(errors="backslashreplace").decode()
+
+
+def _calmed(output: TaskOutput, measurement: Measurement, advice: Advice) -> TaskOutput:
+    """The task's answer with the detector's factor on the change of command."""
+    change = output.target.depth - measurement.commanded
+    depth = measurement.commanded + advice.factor * change
+    return replace(output, target=replace(output.target, depth=depth))
+
+
+def _cause(state: LoopState, output: TaskOutput, verdict: Verdict) -> str:
+    """Why the run must end; empty while it need not. An approach that is held in place would last for
+    ever.
+    """
+    match verdict:
+        case Stop(text=text):
+            return text
+        case Clamp(depth=depth, reasons=reasons) if (
+            output.phase is _APPROACH and depth <= state.supervisor.depth
+        ):
+            return f"no contact found: the approach {', '.join(reasons)}"
+        case _:
+            return ""
+
+
+def _observe(sample: Sample, depth: float, output: TaskOutput) -> Observation:
+    # by place, in the order of the fields: by name every one costs as much as to read it
+    return Observation(
+        sample.now,
+        sample.force,
+        sample.resultant,
+        sample.sensor_at,
+        sample.sensor_sequence,
+        sample.repeated_frames,
+        sample.saturated,
+        sample.dead_axis,
+        output.in_contact,
+        depth,
+        sample.fault,
+        sample.peak_force,
+        sample.peak_resultant,
+        sample.peak_moment,
+        None if sample.tilt is None else sample.position,
+        sample.tilt or 0.0,
+        sample.gap,
+    )

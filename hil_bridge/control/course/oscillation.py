@@ -1,0 +1,188 @@
+"""Notices a force that swings about its target for longer than a settling loop would.
+
+How it is called: once for every sample in TRACK, after the controller, with the force error that the
+controller was given and its stiffness estimate:
+
+    state, advice = detector.step(state, force - reference, command.stiffness)
+
+`advice.factor` is the factor to put on the feedback law's output from the next sample on, until another one
+comes. `advice.retract` asks to end the run (`Task.fail`): the swing went on although the gain was at its
+least. Start from `initial()` at every beginning of TRACK; while contact is lost do not step it.
+
+What counts as a swing. The error has a peak between two changes of its sign. A peak counts when it is beyond
+the band that a loop at rest may fill: one resolution step either way and the noise, k_est·Δx_res +
+uncertainty. Noise at rest stays inside the band, and a step that settles makes a few peaks, each smaller than
+the one before; an oscillation is `peaks` of them within the window, on alternating sides, that do not die
+away.
+"""
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import ClassVar
+
+from msgspec import Struct
+
+from hil_bridge.control.course.checks import require_above_zero, require_not_negative
+
+
+class Finding(StrEnum):
+    """What the detector says of the newest samples."""
+
+    CALM = "calm"
+    """No sustained oscillation."""
+    OSCILLATING = "oscillating"
+    """An oscillation was found in this sample: the gain has been lowered by one notch."""
+    PERSISTING = "persisting"
+    """It goes on at the least gain."""
+
+
+_CALM = Finding.CALM  # of every cycle: until Python 3.12 an enum's own name costs ten times that
+
+
+class Advice(Struct, frozen=True):
+    """The detector's answer for one sample."""
+
+    finding: Finding
+    factor: float
+    """Factor for the feedback law's output, 0 … 1, until the next answer."""
+    retract: bool = False
+    """True once the oscillation persists at the least gain; stays true."""
+    amplitude: float = 0.0
+    """Mean of the swing's peaks to either side, N; 0 while calm."""
+    period_samples: float = 0.0
+    """Mean samples from a peak to the next but one; 0 while calm."""
+
+
+class OscillationState(Struct, frozen=True):
+    """What the detector remembers."""
+
+    sample: int = 0
+    """Samples so far."""
+    quiet_since: int = 0
+    """Sample at which the last oscillation was found or the gain was raised."""
+    extreme: float = 0.0
+    """Error that is farthest from 0 since the last change of sign, N."""
+    extreme_at: int = 0
+    """Its sample."""
+    peaks: tuple[tuple[int, float], ...] = ()
+    """Finished peaks of the window beyond the band, oldest first: sample and error in N; signs alternate."""
+    factor: float = 1.0
+    retract: bool = False
+    found: int = 0
+    """Oscillations found so far: each doubles how long calm must last before the gain is raised again, for a
+    loop that swings at a gain will mostly do so again.
+    """
+
+
+@dataclass(frozen=True, slots=True)
+class OscillationDetector:
+    """Parameters. All are chosen."""
+
+    __pydantic_config__: ClassVar = {"extra": "forbid"}
+
+    window_samples: int = 40
+    """Samples within which the peaks must lie. Calm must last that long, doubled for every oscillation found,
+    before the gain is raised.
+    """
+    peaks: int = 6
+    """Peaks beyond the band, on alternating sides, that make an oscillation: three periods."""
+    decay: float = 0.7
+    """Least of the newer half of these peaks over the largest of the older; below, the swing dies away."""
+    resolution_mm: float = 0.125
+    """Resolution step of the robot's position."""
+    force_uncertainty_n: float = 0.5
+    """Half-width of the force noise."""
+    band_min_n: float = 1.0
+    """The band while there is no stiffness estimate, and at least."""
+    notch: float = 0.5
+    """Factor by which each oscillation found lowers the gain."""
+    factor_min: float = 0.125
+    """Least gain; an oscillation there means retract."""
+
+    def __post_init__(self) -> None:
+        require_above_zero(
+            self, "window_samples", "peaks", "decay", "resolution_mm", "notch", "factor_min", "band_min_n"
+        )
+        require_not_negative(self, "force_uncertainty_n")
+        for name in ("decay", "notch", "factor_min"):
+            if getattr(self, name) >= 1.0:
+                raise ValueError(f"{name} must be below 1, got {getattr(self, name)}")
+        if self.peaks < 4:
+            raise ValueError(f"peaks must be at least 4, got {self.peaks}: two swings are what a step leaves")
+        if self.window_samples < 2 * self.peaks:
+            raise ValueError(f"window_samples must be at least twice peaks, got {self.window_samples}")
+
+    def initial(self) -> OscillationState:
+        """State before the first sample in contact."""
+        return OscillationState()
+
+    def step(
+        self, state: OscillationState, error: float, stiffness: float | None = None
+    ) -> tuple[OscillationState, Advice]:
+        """One sample: force error in N, stiffness estimate in N/m. An error that is not finite is skipped."""
+        if not math.isfinite(error):
+            return state, Advice(_CALM, state.factor, state.retract)
+        now = state.sample + 1
+        band = self.band(stiffness)
+        extreme, extreme_at, peaks = state.extreme, state.extreme_at, state.peaks
+        if error * extreme < 0.0:
+            peaks = _add(peaks, extreme_at, extreme, band)
+            extreme, extreme_at = error, now
+        elif abs(error) > abs(extreme):
+            extreme, extreme_at = error, now
+        if peaks and now - peaks[0][0] > self.window_samples:
+            peaks = tuple(peak for peak in peaks if now - peak[0] <= self.window_samples)
+        if self._sustained(peaks):
+            return self._found(now, extreme, extreme_at, peaks, state)
+        factor, since = state.factor, state.quiet_since
+        patience = self.window_samples << state.found
+        if factor < 1.0 and not peaks and now - since >= patience:
+            factor, since = min(1.0, factor / self.notch), now
+        state = OscillationState(now, since, extreme, extreme_at, peaks, factor, state.retract, state.found)
+        return state, Advice(_CALM, factor, state.retract)
+
+    def band(self, stiffness: float | None) -> float:
+        """Error that counts as rest, either way, N."""
+        step = (stiffness or 0.0) * self.resolution_mm * 1e-3
+        return max(self.band_min_n, step + self.force_uncertainty_n)
+
+    def _sustained(self, peaks: tuple[tuple[int, float], ...]) -> bool:
+        if len(peaks) < self.peaks:
+            return False
+        sizes = [abs(error) for _, error in peaks[-self.peaks :]]
+        half = self.peaks // 2
+        return min(sizes[-half:]) >= self.decay * max(sizes[:half])
+
+    def _found(
+        self,
+        now: int,
+        extreme: float,
+        extreme_at: int,
+        peaks: tuple[tuple[int, float], ...],
+        before: OscillationState,
+    ) -> tuple[OscillationState, Advice]:
+        """Lower the gain and forget the peaks, so that the loop has a window to calm down."""
+        least = before.factor <= self.factor_min
+        factor = before.factor if least else max(self.factor_min, before.factor * self.notch)
+        newest = peaks[-self.peaks :]
+        advice = Advice(
+            Finding.PERSISTING if least else Finding.OSCILLATING,
+            factor,
+            before.retract or least,
+            sum(abs(error) for _, error in newest) / len(newest),
+            2.0 * (newest[-1][0] - newest[0][0]) / (len(newest) - 1),
+        )
+        found = before.found + 1
+        return OscillationState(now, now, extreme, extreme_at, (), factor, advice.retract, found), advice
+
+
+def _add(
+    peaks: tuple[tuple[int, float], ...], at: int, error: float, band: float
+) -> tuple[tuple[int, float], ...]:
+    """A finished peak put behind the others, of which two on one side count as the larger of both."""
+    if abs(error) <= band:
+        return peaks
+    if peaks and peaks[-1][1] * error > 0.0:
+        return (*peaks[:-1], (at, error)) if abs(error) > abs(peaks[-1][1]) else peaks
+    return (*peaks, (at, error))

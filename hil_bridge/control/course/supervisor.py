@@ -1,0 +1,471 @@
+"""The last word before the wire: what may be sent, what is clamped, what ends the run. Pure.
+
+Which side is safe: away from the surface. Depth may grow by no more than a little a cycle, no farther than a
+total, and no farther than where the stiffness in hand predicts the force limit; a move that pulls back is never
+shortened by these, only by the workspace. A request that leaves the workspace is cut where the straight way from
+the last allowed position meets its border, so the cut position is never deeper than both ends. A stop is latched:
+only a new state, made by a person's decision, ends it. A stop asks for a retraction, and the retraction is
+supervised too: where it makes the force rise, the tool stands still.
+"""
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import ClassVar, TypeAlias
+
+from msgspec import Struct
+from msgspec.structs import replace
+
+from hil_bridge.control.course.limits import Limits
+from hil_bridge.errors import ConfigError
+from protocol.geometry import Vector
+
+
+class Cause(StrEnum):
+    """Why a run was stopped."""
+
+    NOT_A_NUMBER = "not-a-number"
+    DEVICE = "device"
+    FORCE = "force"
+    RESULTANT_FORCE = "resultant-force"
+    MOMENT = "moment"
+    SATURATED = "saturated"
+    STALE = "stale"
+    FROZEN = "frozen"
+    SEQUENCE = "sequence"
+    POSE = "pose"
+    DEADLINE = "deadline"
+    INCONSISTENT = "inconsistent"
+    CONTROLLER = "controller"
+    OSCILLATION = "oscillation"
+    RETRACTION = "retraction"
+
+
+class Observation(Struct, frozen=True):
+    """What is known of the cell in this cycle."""
+
+    now: float
+    """s on the run's clock."""
+    force: float
+    """Contact force along the approach direction, N, positive while pressing."""
+    resultant: float
+    """Length of the force vector, N."""
+    sensor_at: float
+    """When the newest sensor frame arrived, s on the run's clock."""
+    sensor_sequence: int
+    """Its frame counter, unwrapped."""
+    repeated_frames: int = 0
+    """How many of the newest frames in a row carried identical counts on all axes."""
+    saturated: bool = False
+    """True when an axis was at the end of its range, so that the force may be anything above."""
+    dead_axis: str = ""
+    """Which axis of the controlled force does not live, in words; empty while all do."""
+    pressing: bool = False
+    """Whether the tool is taken to be in contact."""
+    depth: float = 0.0
+    """Reported position along the approach direction from the start point, m."""
+    fault: str = ""
+    """What is wrong with a device, in words; empty while nothing is."""
+    peak_force: float = 0.0
+    """Force along the approach direction farthest from 0 of all frames since the decision before, N, from the zero or
+    without it.
+    """
+    peak_resultant: float = 0.0
+    """Largest length of the force vector of these frames, N."""
+    peak_moment: float = 0.0
+    """Largest length of the moment vector of these frames, N·m."""
+    position: Vector | None = None
+    """Reported position, base frame, m; None where it is not to be judged."""
+    tilt: float = 0.0
+    """Turn of the reported orientation from that of the start, rad."""
+    gap: float = 0.0
+    """Longest time for which the computer stood still since the decision before, or this one lasted, s."""
+
+
+class Request(Struct, frozen=True):
+    """Where the task wants the tool."""
+
+    depth: float
+    """Along the approach direction from the start point, m."""
+    position: Vector
+    """The same target as a point in the base frame, m."""
+    direction: Vector
+    """Approach direction: unit vector into the surface, base frame."""
+    barrier: float = math.inf
+    """Depth at which the force limit less its margin is predicted, m."""
+
+
+class Allow(Struct, frozen=True):
+    """Send the request as it is."""
+
+    kind: ClassVar[str] = "allow"
+    depth: float
+    """Of the command from the start point, m."""
+    position: Vector
+    """The same as a point in the base frame, m."""
+
+
+class Clamp(Struct, frozen=True):
+    """Send this instead of the request."""
+
+    kind: ClassVar[str] = "clamp"
+    depth: float
+    """Of the command from the start point, m."""
+    position: Vector
+    """The same as a point in the base frame, m."""
+    reasons: tuple[str, ...]
+
+
+class Stop(Struct, frozen=True):
+    """Send nothing more: end the motion."""
+
+    kind: ClassVar[str] = "stop"
+    cause: Cause
+    text: str
+
+
+Verdict: TypeAlias = Allow | Clamp | Stop
+
+
+class Retreat(Struct, frozen=True):
+    """What a retraction has met so far."""
+
+    began_at: float
+    """s on the run's clock."""
+    from_contact: bool
+    """The tool pressed when it began."""
+    lowest: float
+    """Resultant force that it has come down to, N; while it has not taken effect yet, the newest."""
+    depth: float
+    """Reported depth at which the force last came down, m."""
+    within: bool = False
+    """It began within the force limit, so that nothing may carry the force beyond."""
+
+
+class SupervisorState(Struct, frozen=True):
+    """Where the last allowed command was, what the devices told, and the stop if there was one."""
+
+    depth: float
+    """Depth allowed last, m; at the beginning that of the reported position, so 0 at the start point."""
+    position: Vector
+    """Position allowed last, base frame, m; at the beginning the reported one."""
+    sensor_sequence: int | None = None
+    still_cycles: int = 0
+    """Cycles in a row without a new sensor frame."""
+    pressed: tuple[float, float] | None = None
+    """Contact force that has not changed since, N, and the reported depth when it was new, m; None without contact."""
+    stopped: Stop | None = None
+    reported: tuple[float, Vector] | None = None
+    """When a position was judged last, s, and that position, base frame, m; None before the first."""
+    retreat: Retreat | None = None
+    """None while the run goes on."""
+
+
+@dataclass(frozen=True, slots=True)
+class Supervisor:
+    """Checks every cycle's observation and request against the limits."""
+
+    limits: Limits
+    speed: float = math.inf
+    """Path velocity that the robot is given, m/s: a reported position that moves faster is not true."""
+
+    def initial(self, position: Vector, depth: float = 0.0) -> SupervisorState:
+        """State for a robot that stands at this position in the base frame and at this depth, m.
+
+        Raises ConfigError when that is outside the workspace.
+        """
+        if not _inside(self.limits, position):
+            raise ConfigError(f"the robot stands at {position} m, outside the box of limits.workspace_…_m")
+        return SupervisorState(depth, position)
+
+    def step(
+        self, state: SupervisorState, observation: Observation, request: Request
+    ) -> tuple[SupervisorState, Verdict]:
+        """One cycle. After the first stop every answer is that stop."""
+        if state.stopped is not None:
+            return state, state.stopped
+        still = state.still_cycles + 1 if observation.sensor_sequence == state.sensor_sequence else 0
+        pressed = _pressed(state.pressed, observation)
+        stop = self._first_fault(state, observation, request, still, pressed)
+        if stop is not None:
+            return replace(state, still_cycles=still, pressed=pressed, stopped=stop), stop
+        verdict = _clamp(self.limits, state, request)
+        position = observation.position
+        return (
+            SupervisorState(
+                verdict.depth,
+                verdict.position,
+                observation.sensor_sequence,
+                still,
+                pressed,
+                None,
+                None if position is None else (observation.now, position),
+            ),
+            verdict,
+        )
+
+    def stop(self, state: SupervisorState, cause: Cause, text: str) -> tuple[SupervisorState, Stop]:
+        """End the motion for a reason that was found elsewhere. The first stop stays."""
+        stop = state.stopped or Stop(cause, text)
+        return replace(state, stopped=stop), stop
+
+    def retreat(
+        self, state: SupervisorState, observation: Observation, request: Request
+    ) -> tuple[SupervisorState, Verdict]:
+        """One cycle of pulling back, which no stop ends but one: a force that rises, or stays over its limit, while
+        the tool moves away. The tool stands still then.
+
+        Where the force cannot be known the tool goes back to the depth of the start, where it has been, and, where it
+        pressed, by no more than `blind_retract_mm`. The request must be finite. A stop stays latched.
+        """
+        before, seen = state.retreat, observation
+        after = before
+        if not math.isfinite(seen.force + seen.resultant + seen.peak_resultant):
+            known = False
+        else:
+            known = not (seen.fault or seen.saturated or seen.dead_axis) and self._fresh(seen)
+        if known:
+            if before is None:
+                before = Retreat(
+                    seen.now,
+                    seen.pressing,
+                    seen.resultant,
+                    seen.depth,
+                    max(seen.resultant, seen.peak_resultant) <= self.limits.force_limit_n,
+                )
+            after = self._retreated(before, seen)
+            text = self._no_way_back(before, after, seen)
+            if text:
+                stop = Stop(Cause.RETRACTION, text)
+                return replace(state, retreat=after, stopped=state.stopped or stop), stop
+        verdict = _clamp(self.limits, state, request)
+        farthest = self._blind_goal(state, before)
+        if not known and verdict.depth < farthest and verdict.depth < state.depth:
+            verdict = _clamp(self.limits, state, _at_depth(request, min(state.depth, farthest)))
+            reason = "without a force to go by no farther back"
+            verdict = Clamp(verdict.depth, verdict.position, (reason,))
+        return replace(state, depth=verdict.depth, position=verdict.position, retreat=after), verdict
+
+    def _blind_goal(self, state: SupervisorState, before: Retreat | None) -> float:
+        """Depth to which a tool may go back without a force to go by, m."""
+        pressed = state.pressed
+        if pressed is None or (before is not None and not before.from_contact):
+            return 0.0
+        return min(0.0, pressed[1] - self.limits.blind_retract_mm * 1e-3)
+
+    def _retreated(self, before: Retreat, seen: Observation) -> Retreat:
+        """The lowest force so far; while the retraction has not taken effect yet, the newest."""
+        resultant = seen.resultant
+        if before.from_contact and (seen.now - before.began_at) * 1e3 <= self.limits.retract_grace_ms:
+            lowest = max(before.lowest, resultant)
+            return Retreat(before.began_at, True, lowest, seen.depth, before.within)
+        lowest = min(before.lowest, resultant)
+        fell = resultant < before.lowest - _FELL_N
+        return Retreat(
+            before.began_at, before.from_contact, lowest, seen.depth if fell else before.depth, before.within
+        )
+
+    def _no_way_back(self, before: Retreat, after: Retreat, seen: Observation) -> str:
+        """Why the tool must stand still, in words; empty while it need not."""
+        limits, force = self.limits, seen.resultant
+        if before.within and force > limits.force_limit_n:
+            return f"the force rose to {force:.1f} N while the tool retracted"
+        if force > after.lowest + limits.retract_rise_n:
+            return f"the force rose from {after.lowest:.1f} N to {force:.1f} N while the tool retracted"
+        over = abs(seen.force) > limits.force_limit_n or force > limits.resultant_limit_n
+        if over and (before.depth - seen.depth) * 1e3 > limits.unanswered_mm:
+            back = (before.depth - seen.depth) * 1e3
+            return f"the force stayed at {force:.1f} N while the tool retracted by {back:.1f} mm"
+        return ""
+
+    def _fresh(self, seen: Observation) -> bool:
+        return 0.0 <= (seen.now - seen.sensor_at) * 1e3 <= self.limits.stale_after_ms
+
+    def _first_fault(
+        self,
+        state: SupervisorState,
+        seen: Observation,
+        request: Request,
+        still_cycles: int,
+        pressed: tuple[float, float] | None,
+    ) -> Stop | None:
+        """The first reason to end the run, None while there is none. One straight line: this runs in every cycle."""
+        limits = self.limits
+        (x, y, z), (a, b, c), (u, v, w) = state.position, request.direction, request.position
+        # A sum is a number only if all its parts are, and no part is infinite.
+        of_scalars = seen.now + seen.force + seen.resultant + seen.sensor_at + seen.depth
+        of_peaks = seen.peak_force + seen.peak_resultant + seen.peak_moment + seen.tilt + seen.gap
+        if not math.isfinite(
+            of_scalars + of_peaks + request.depth + state.depth + x + y + z + a + b + c + u + v + w,
+        ):
+            return Stop(Cause.NOT_A_NUMBER, "a measurement or command is no number")
+        if seen.fault:
+            return Stop(Cause.DEVICE, seen.fault)
+        force = seen.force if abs(seen.force) >= abs(seen.peak_force) else seen.peak_force
+        if abs(force) > limits.force_limit_n:
+            return Stop(Cause.FORCE, f"contact force {force:.1f} N is beyond {limits.force_limit_n:g} N")
+        resultant = max(seen.resultant, seen.peak_resultant)
+        if resultant > limits.resultant_limit_n:
+            text = f"resultant force {resultant:.1f} N is beyond {limits.resultant_limit_n:g} N"
+            return Stop(Cause.RESULTANT_FORCE, text)
+        if seen.peak_moment > limits.moment_limit_nm:
+            text = f"moment {seen.peak_moment:.2f} N·m is beyond {limits.moment_limit_nm:g} N·m"
+            return Stop(Cause.MOMENT, text)
+        if seen.saturated:
+            return Stop(Cause.SATURATED, "the force sensor is at the end of its range")
+        if not self._fresh(seen):
+            age_ms = (seen.now - seen.sensor_at) * 1e3
+            text = f"the newest force is {age_ms:.0f} ms old, allowed are {limits.stale_after_ms:g} ms"
+            return Stop(Cause.STALE, text)
+        if seen.repeated_frames >= limits.frozen_after_frames:
+            text = f"the force sensor repeated the same counts {seen.repeated_frames} times"
+            return Stop(Cause.FROZEN, text)
+        if still_cycles >= limits.still_after_cycles:
+            return Stop(Cause.FROZEN, f"no new force for {still_cycles} cycles")
+        if seen.dead_axis:
+            return Stop(Cause.FROZEN, seen.dead_axis)
+        # before what goes by the reported depth
+        if seen.position is not None and (text := self._untrue_pose(state, seen, seen.position)):
+            return Stop(Cause.POSE, text)
+        if pressed is not None and (deeper_mm := (seen.depth - pressed[1]) * 1e3) > limits.unanswered_mm:
+            text = f"the force stayed at {seen.force:.2f} N while the tool went {deeper_mm:.1f} mm deeper"
+            return Stop(Cause.FROZEN, text)
+        before = state.sensor_sequence
+        if before is not None and seen.sensor_sequence < before:
+            text = f"the sensor's frame counter went back from {before} to {seen.sensor_sequence}"
+            return Stop(Cause.SEQUENCE, text)
+        if seen.gap * 1e3 > limits.cycle_deadline_ms:
+            text = (
+                f"no decision for {seen.gap * 1e3:.0f} ms, allowed are {limits.cycle_deadline_ms:g} ms: "
+                "the computer or the controller stood still"
+            )
+            return Stop(Cause.DEADLINE, text)
+        slip = abs(a * (u - x) + b * (v - y) + c * (w - z) - (request.depth - state.depth))
+        if slip > _CONSISTENT or abs(math.hypot(a, b, c) - 1.0) > 1e-6:
+            text = (
+                f"requested depth and position differ by {slip * 1e3:.3f} mm, "
+                "or the direction is no unit vector"
+            )
+            return Stop(Cause.INCONSISTENT, text)
+        return None
+
+    def _untrue_pose(self, state: SupervisorState, seen: Observation, position: Vector) -> str:
+        """Why the reported pose cannot be true, or is not where it was ordered to be; empty while it may be."""
+        limits = self.limits
+        if state.reported is not None:
+            at, before = state.reported
+            moved = math.dist(before, position)
+            if moved > (seen.now - at) * self.speed * _FASTER + _STANDS:
+                return (
+                    f"the reported position jumped by {moved * 1e3:.1f} mm in {(seen.now - at) * 1e3:.0f} ms, "
+                    f"the robot moves at {self.speed * 1e3:g} mm/s"
+                )
+        apart = math.dist(position, state.position)
+        if apart * 1e3 > limits.following_error_mm:
+            return (
+                f"the reported position is {apart * 1e3:.1f} mm from the commanded one, "
+                f"allowed are {limits.following_error_mm:g} mm"
+            )
+        tilt_deg = math.degrees(seen.tilt)
+        if tilt_deg > limits.tilt_deg:
+            return (
+                f"the robot reports a tool turned by {tilt_deg:.1f}° from the start, "
+                f"allowed are {limits.tilt_deg:g}°"
+            )
+        if not _inside(limits, position, _STANDS):
+            return f"the robot reports {position} m, outside the box of limits.workspace_…_m"
+        return ""
+
+
+def _inside(limits: Limits, position: Vector, slack: float = 0.0) -> bool:
+    (a, b, c), (x, y, z), (d, e, f) = limits.workspace_min_m, position, limits.workspace_max_m
+    return a - slack <= x <= d + slack and b - slack <= y <= e + slack and c - slack <= z <= f + slack
+
+
+def _at_depth(request: Request, depth: float) -> Request:
+    """The same request at another depth."""
+    (x, y, z), (a, b, c), by = request.position, request.direction, depth - request.depth
+    return Request(depth, (x + a * by, y + b * by, z + c * by), request.direction, request.barrier)
+
+
+def _pressed(before: tuple[float, float] | None, observation: Observation) -> tuple[float, float] | None:
+    if not observation.pressing:
+        return None
+    if before is None or before[0] != observation.force:
+        return observation.force, observation.depth
+    # Where a tool that was pulled back in between comes from does not count.
+    return before[0], min(before[1], observation.depth)
+
+
+def _clamp(limits: Limits, state: SupervisorState, request: Request) -> Allow | Clamp:
+    """The request within the limits of motion. Written in single numbers: this runs in every cycle, and arrays of
+    three would cost ten times as much.
+    """
+    reasons: list[str] = []
+    depth, (tx, ty, tz) = request.depth, request.position
+    (bx, by, bz), (nx, ny, nz) = state.position, request.direction
+
+    deepest_now = state.depth + limits.correction_per_cycle_mm * 1e-3
+    deepest_total = max(limits.correction_total_mm * 1e-3, state.depth)
+    deepest = min(deepest_now, deepest_total, request.barrier)
+    if depth > deepest:
+        if deepest == request.barrier:
+            reasons.append("deeper than where the force limit is predicted")
+        elif deepest_now < deepest_total:
+            reasons.append(f"deeper by more than {limits.correction_per_cycle_mm:g} mm in a cycle")
+        else:
+            reasons.append(f"deeper than {limits.correction_total_mm:g} mm in total")
+        excess = depth - deepest
+        tx, ty, tz = tx - nx * excess, ty - ny * excess, tz - nz * excess
+        depth = deepest
+
+    mx, my, mz = tx - bx, ty - by, tz - bz
+    along = mx * nx + my * ny + mz * nz
+    ax, ay, az = mx - nx * along, my - ny * along, mz - nz * along
+    length, longest = math.hypot(ax, ay, az), limits.travel_per_cycle_mm * 1e-3
+    if length > longest + _ROUNDING:
+        cut = 1 - longest / length
+        tx, ty, tz = tx - ax * cut, ty - ay * cut, tz - az * cut
+        reasons.append(f"across by more than {limits.travel_per_cycle_mm:g} mm in a cycle")
+
+    target: Vector = (tx, ty, tz)
+    low, high = limits.workspace_min_m, limits.workspace_max_m
+    if not (low[0] <= tx <= high[0] and low[1] <= ty <= high[1] and low[2] <= tz <= high[2]):
+        # What leads across goes first: a border beside the way must not hold the depth.
+        target = bx + nx * along, by + ny * along, bz + nz * along
+        share = min(map(_share_inside, state.position, target, low, high))
+        # The last allowed position is inside; the border only takes off what the arithmetic left over.
+        x, y, z = (
+            min(max(before + share * (to - before), lowest), highest)
+            for before, to, lowest, highest in zip(state.position, target, low, high, strict=True)
+        )
+        target = x, y, z
+        depth = state.depth + share * (depth - state.depth)
+        reasons.append("leaves the workspace")
+
+    if not reasons:
+        return Allow(depth, request.position)
+    return Clamp(depth, target, tuple(reasons))
+
+
+def _share_inside(before: float, target: float, low: float, high: float) -> float:
+    """How much of the way from an allowed place to the target stays between the borders, on one axis."""
+    if low <= target <= high:
+        return 1.0
+    return ((high if target > before else low) - before) / (target - before)
+
+
+_ROUNDING = 1e-9
+"""Slack for arithmetic, m: a clamped request that comes again must be allowed."""
+
+_CONSISTENT = 1e-5
+"""Largest difference between a request's depth and its position, m. Chosen: below any robot's resolution."""
+
+_STANDS = 1e-3
+"""How far a reported position may be off without being untrue, m. Chosen: some steps of a coarse robot."""
+
+_FASTER = 1.5
+"""Chosen: how many times the path velocity a reported position may move at, for two answers are not evenly spaced."""
+
+_FELL_N = 0.25
+"""Chosen: a force that came down by this much has answered the retraction."""

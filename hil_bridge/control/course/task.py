@@ -1,0 +1,357 @@
+"""The course of a run as a pure state machine: approach, track the surface, retract, end.
+
+The controller is stepped in TRACK only. Its state lives on through a contact loss and a new approach, so that
+the stiffness that it has learnt is kept; it is told of the loss by `in_contact`.
+"""
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any, ClassVar
+
+from msgspec import Struct
+from msgspec.structs import replace
+
+from hil_bridge.control.course.checks import require_above_zero, require_not_negative
+from hil_bridge.control.types import Command, Controller, Measurement, plain
+
+
+class Phase(StrEnum):
+    """Phases of a run, by the names that the record uses."""
+
+    APPROACH = "approach"
+    """Step into the surface until the force says contact."""
+    TRACK = "track"
+    """The controller holds the force while the tool travels along the surface."""
+    RETRACT = "retract"
+    """Step back out of the surface."""
+    END = "end"
+    """Nothing more to command."""
+
+
+# Asked for in every cycle, by names of this module: until Python 3.12 an enum's own name costs ten times that.
+_APPROACH, _TRACK, _RETRACT = Phase.APPROACH, Phase.TRACK, Phase.RETRACT
+
+
+@dataclass(frozen=True, slots=True)
+class TaskParameters:
+    """What to do. All values are chosen for the paper's experiments and the robot's resolution."""
+
+    __pydantic_config__: ClassVar = {"extra": "forbid"}
+
+    force_n: float = 10.0
+    """Desired contact force. Source: the paper's experiments."""
+    approach_step_mm: float = 0.5
+    """Depth added per cycle while approaching, at most."""
+    expected_stiffness_n_m: float = 5000.0
+    """Stiffness of the hardest surface expected: the approach goes slowly enough for a first touch to press
+    with no more than the desired force, and than half the supervisor's limit. Source: the paper's sponge.
+    """
+    approach_depth_limit_mm: float = 50.0
+    """Depth added at most in an approach before it is given up."""
+    search_depth_limit_mm: float = 5.0
+    """Depth added at most after a contact loss before the surface counts as ended: an edge is no hole to dive
+    into.
+    """
+    contact_threshold_n: float = 1.0
+    """Force above which there is contact."""
+    loss_threshold_n: float = 0.5
+    """Force below which contact counts as lost; lower than the other so that noise does not toggle it."""
+    loss_samples: int = 5
+    """Samples in a row without contact after which the surface is approached anew; until then the controller
+    may find it by itself, without travelling on.
+    """
+    loss_limit: int = 20
+    """Contact losses after which the run is ended."""
+    step_mm: float = 1.0
+    """Travel along the surface per sample. Source: the paper's experiments."""
+    travel_from_share: float = 0.0
+    """Share of the desired force that must be reached after contact was found before the tool travels; 0
+    travels at once. Waiting keeps an unknown slope out of the first estimate of the stiffness.
+    """
+    travel_limit_mm: float = 500.0
+    """Travel after which tracking ends."""
+    retract_step_mm: float = 1.0
+    """Depth taken back per cycle while retracting."""
+    retract_mm: float = 20.0
+    """Depth taken back in all, from where tracking ended; at least back to the depth of the start."""
+    zero_lift_mm: float = 0.5
+    """How far the tool moves away from the surface before the zero is taken: the force must not change on the way.
+    0 takes the zero where the tool stands.
+    """
+    zero_step_mm: float = 0.125
+    """One step of that way: so small that it does no harm where it leads the wrong way. Chosen: the resolution of
+    the robot's position.
+    """
+    zero_change_n: float = 0.5
+    """Change of the force on that way, or while the tool stands, above which no zero is taken. Source: the paper's
+    uncertainty of its sensor.
+    """
+
+    def __post_init__(self) -> None:
+        require_above_zero(
+            self,
+            "force_n",
+            "approach_step_mm",
+            "expected_stiffness_n_m",
+            "approach_depth_limit_mm",
+            "search_depth_limit_mm",
+            "contact_threshold_n",
+            "loss_samples",
+            "loss_limit",
+            "travel_limit_mm",
+            "retract_step_mm",
+            "zero_step_mm",
+            "zero_change_n",
+        )
+        require_not_negative(
+            self, "loss_threshold_n", "step_mm", "travel_from_share", "retract_mm", "zero_lift_mm"
+        )
+        if self.loss_threshold_n > self.contact_threshold_n:
+            raise ValueError("loss_threshold_n must not be above contact_threshold_n")
+        if self.travel_from_share > 1:
+            raise ValueError("travel_from_share must not be above 1")
+        if self.contact_threshold_n >= self.force_n:
+            raise ValueError("contact_threshold_n must be below force_n")
+
+
+class Target(Struct, frozen=True):
+    """Where the tool is wanted, from the start point."""
+
+    depth: float
+    """Along the approach direction, m."""
+    travel: float
+    """Along the surface, m."""
+
+
+class TaskState(Struct, frozen=True):
+    """Where the run is."""
+
+    phase: Phase = Phase.APPROACH
+    travel: float = 0.0
+    """Travel commanded so far, m."""
+    turn: float | None = None
+    """Depth at which the present approach or retraction began, m; None before its first sample."""
+    in_contact: bool = False
+    settled: bool = False
+    """The force has been high enough for the tool to travel, since contact was found."""
+    free: float | None = None
+    """Reported position of the newest sample without contact, m."""
+    lost_at: float | None = None
+    """Depth commanded when contact was lost, m; None before the first loss and when it has been found
+    again.
+    """
+    samples_lost: int = 0
+    """Samples in a row without contact."""
+    losses: int = 0
+    """Contact losses so far."""
+    controller: Any = None
+    """The controller's own state; None before the first contact."""
+    cause: str = ""
+    """Why the run retracts or has ended; empty while it goes on."""
+    failed: bool = False
+    """The cause is a failure, not the end of the work."""
+
+
+class TaskOutput(Struct, frozen=True):
+    """The task's answer for one sample."""
+
+    phase: Phase
+    """Phase that this sample belonged to."""
+    target: Target
+    in_contact: bool
+    command: Command | None = None
+    """What the controller said; None outside TRACK."""
+    losses: int = 0
+    """Contact losses so far."""
+    cause: str = ""
+    """Why the run retracts or has ended; empty while it goes on."""
+    failed: bool = False
+    """The cause is a failure, not the end of the work."""
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """Steps a controller through the phases of a run."""
+
+    parameters: TaskParameters
+    controller: Controller[Any]
+    force_limit_n: float = math.inf
+    """Contact force at which the supervisor stops the run."""
+
+    def initial(self) -> TaskState:
+        """State at the start point, away from the surface."""
+        return TaskState()
+
+    def finish(self, state: TaskState, cause: str) -> TaskState:
+        """Retract from the next sample on, for a reason from outside: time is up, a person wants it."""
+        if state.phase in (Phase.RETRACT, Phase.END):
+            return state
+        return replace(state, phase=Phase.RETRACT, turn=None, cause=cause)
+
+    def fail(self, state: TaskState, cause: str) -> TaskState:
+        """Retract from the next sample on, because something is wrong."""
+        if state.phase in (Phase.RETRACT, Phase.END):
+            return state
+        return replace(self.finish(state, cause), failed=True)
+
+    def hold(self, state: TaskState, measurement: Measurement) -> TaskOutput:
+        """The answer that changes nothing."""
+        return _output(state, measurement.commanded, state.phase)
+
+    def step(self, state: TaskState, measurement: Measurement) -> tuple[TaskState, TaskOutput]:
+        """One sample. `measurement.in_contact` is not looked at: contact is judged here, from the force.
+
+        A measurement that is not finite changes nothing and asks for the depth commanded before; a retraction
+        goes on regardless, for it needs neither force nor position.
+        """
+        finite = math.isfinite(measurement.force) and math.isfinite(measurement.position)
+        if not finite and state.phase in (Phase.APPROACH, Phase.TRACK):
+            return state, _output(state, measurement.commanded, state.phase)
+        parameters = self.parameters
+        threshold = parameters.loss_threshold_n if state.in_contact else parameters.contact_threshold_n
+        touching = measurement.force > threshold
+        free = state.free if touching else measurement.position
+        if touching != state.in_contact or free != state.free:
+            state = replace(state, in_contact=touching, free=free)
+        phase = state.phase
+        if phase is _TRACK:
+            return self._track(state, measurement)
+        if phase is _APPROACH:
+            return self._approach(state, measurement)
+        if phase is _RETRACT:
+            return self._retract(state, measurement)
+        return state, _output(state, measurement.commanded, phase)
+
+    def _approach(self, state: TaskState, measurement: Measurement) -> tuple[TaskState, TaskOutput]:
+        if state.in_contact:
+            memory = self.controller.initial() if state.controller is None else state.controller
+            state = replace(
+                state, phase=Phase.TRACK, turn=None, samples_lost=0, settled=False, controller=memory
+            )
+            return self._track(state, measurement)
+        turn = measurement.commanded if state.turn is None else state.turn
+        depth = measurement.commanded + self._careful_step(measurement.commanded - measurement.position)
+        limit_mm = self.parameters.approach_depth_limit_mm
+        if depth - turn > limit_mm * 1e-3 + _ROUNDING:
+            cause = f"no contact found within {limit_mm:g} mm"
+            return self._retract(self.fail(state, cause), measurement)
+        state = replace(state, turn=turn)
+        if self._beyond_edge(state, depth):
+            return self._retract(self.fail(state, self._edge), measurement)
+        return state, _output(state, depth, Phase.APPROACH)
+
+    def _careful_step(self, ahead: float) -> float:
+        """How far to go where the tool has not been, m, so that a touch ends within the force allowed.
+
+        Derived: there is no contact at the reported position, so however late a touch shows, it ends no
+        deeper below the surface than the command is `ahead` of that position. What is already under way is the
+        delay as it is measured; half of what is allowed at once keeps the steps even. A position that is no number
+        counts as no lead: a retraction goes on without it.
+        """
+        parameters = self.parameters
+        allowed = min(parameters.force_n, self.force_limit_n / 2) / parameters.expected_stiffness_n_m
+        lead = max(ahead, 0.0) if math.isfinite(ahead) else 0.0
+        return max(min(parameters.approach_step_mm * 1e-3, allowed / 2, allowed - lead), _SLOWEST)
+
+    def _beyond_edge(self, state: TaskState, depth: float) -> bool:
+        limit = self.parameters.search_depth_limit_mm * 1e-3
+        return state.lost_at is not None and depth - state.lost_at > limit + _ROUNDING
+
+    @property
+    def _edge(self) -> str:
+        return f"the surface ended: no contact within {self.parameters.search_depth_limit_mm:g} mm"
+
+    def _track(self, state: TaskState, measurement: Measurement) -> tuple[TaskState, TaskOutput]:
+        enough = measurement.force >= self.parameters.travel_from_share * self.parameters.force_n
+        settled = state.settled or enough
+        goes_on = state.in_contact and settled
+        step = self.parameters.step_mm * 1e-3 * measurement.advance
+        travel = state.travel + (step if goes_on else 0.0)
+        seen = Measurement(
+            measurement.time,
+            measurement.force,
+            measurement.position,
+            measurement.commanded,
+            state.in_contact,
+            measurement.paired_force,
+            measurement.travel,
+            travel,
+            state.free,
+            measurement.advance,
+            measurement.saturated,
+        )
+        memory, answer = self.controller.step(state.controller, seen, self.parameters.force_n)
+        command = plain(answer)
+        if state.in_contact:
+            state = TaskState(
+                state.phase,
+                travel,
+                state.turn,
+                True,
+                settled,
+                state.free,
+                None,  # found again, if it was lost
+                0,
+                state.losses,
+                memory,
+                state.cause,
+                state.failed,
+            )
+            output = _output(state, command.position, _TRACK, command)
+            if travel > self.parameters.travel_limit_mm * 1e-3 - _ROUNDING:
+                state = self.finish(state, f"travelled {self.parameters.travel_limit_mm:g} mm")
+            return state, output
+        first = state.samples_lost == 0
+        lost_at = measurement.commanded if first and state.lost_at is None else state.lost_at
+        state = replace(
+            state,
+            settled=settled,
+            controller=memory,
+            samples_lost=state.samples_lost + 1,
+            losses=state.losses + first,
+            lost_at=lost_at,
+        )
+        if self._beyond_edge(state, command.position):
+            return self._retract(self.fail(state, self._edge), measurement)
+        output = _output(state, command.position, Phase.TRACK, command)
+        if state.losses >= self.parameters.loss_limit:
+            state = self.fail(state, f"contact lost {state.losses} times")
+        elif state.samples_lost >= self.parameters.loss_samples:
+            state = replace(state, phase=Phase.APPROACH, turn=None)
+        return state, output
+
+    def _retract(self, state: TaskState, measurement: Measurement) -> tuple[TaskState, TaskOutput]:
+        """Back by what is asked for, and at least to the depth of the start. Up to there the tool has been before;
+        beyond it something may be in the way, and the steps are those of an approach.
+        """
+        parameters, commanded = self.parameters, measurement.commanded
+        turn = commanded if state.turn is None else state.turn
+        goal = min(turn - parameters.retract_mm * 1e-3, 0.0)
+        step = parameters.retract_step_mm * 1e-3
+        if commanded > _ROUNDING:
+            depth = max(commanded - step, 0.0)
+        else:
+            behind = measurement.position - commanded
+            depth = max(commanded - min(step, self._careful_step(behind)), goal)
+        state = replace(state, turn=turn)
+        output = _output(state, depth, Phase.RETRACT)
+        # A command that the supervisor held back at the workspace's border does not count as arrived.
+        if commanded <= goal + _ROUNDING:
+            state = replace(state, phase=Phase.END)
+        return state, output
+
+
+def _output(state: TaskState, depth: float, phase: Phase, command: Command | None = None) -> TaskOutput:
+    return TaskOutput(
+        phase, Target(depth, state.travel), state.in_contact, command, state.losses, state.cause, state.failed
+    )
+
+
+_ROUNDING = 1e-9
+"""Slack for sums of steps, m."""
+
+_SLOWEST = 0.05e-3
+"""Approach step that is taken whatever the stiffness, m. Chosen: less than a robot's resolution is no
+step.
+"""

@@ -1,0 +1,117 @@
+"""From what the wrist sensor says to the contact wrench on the tool.
+
+Three frames: the sensor frame, in which it counts; the same place along the tool's axes, where the tool's weight is
+taken off; the tool frame, about whose origin the contact wrench is told.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hil_bridge.control.geometry.frames import Array, rotation_matrix, tool_gravity_wrench, transform_wrench
+from protocol.geometry import Quaternion, Vector, Wrench
+
+NO_WRENCH = (0.0,) * 6
+
+
+@dataclass(frozen=True, slots=True)
+class Wrist:
+    """How the sensor sits between flange and tool, and what it reads without any contact."""
+
+    orientation: Quaternion = (1.0, 0.0, 0.0, 0.0)
+    """Sensor frame in the tool frame, w x y z."""
+    position: Vector = (0.0, 0.0, 0.0)
+    """Sensor's origin in the tool frame, m."""
+    flip: bool = False
+    """Negate Fx and Mx: for a sensor that counts left-handed as seen from the tool (JR3 manual 5907E)."""
+    bias: tuple[float, ...] = NO_WRENCH
+    """What the sensor reads with nothing on it, as it counts (before the flip), N and N·m, shape (6,)."""
+    mass: float = 0.0
+    """What hangs below the sensor, kg."""
+    centre_of_gravity: Vector = (0.0, 0.0, 0.0)
+    """Of that mass, from the sensor's origin along the tool frame's axes, m."""
+
+    def alignment(self) -> Array:
+        """Matrix (3, 3) that takes forces, and likewise moments, as the sensor counts them to the tool's axes."""
+        matrix = rotation_matrix(self.orientation)
+        return matrix * (-1.0, 1.0, 1.0) if self.flip else matrix
+
+    def seen_by_sensor(self, direction_base: Sequence[float], quaternion: Sequence[float]) -> Array:
+        """A direction of the base as the three force axes of the sensor see it, shape (3,)."""
+        seen: Array = self.alignment().T @ rotation_matrix(quaternion).T @ np.asarray(direction_base)
+        return seen
+
+    def contact_wrench(
+        self,
+        measured: Sequence[float],
+        quaternion: Sequence[float],
+        quaternion_tare: Sequence[float] | None,
+    ) -> Array:
+        """Wrench of the environment on the tool, about the tool frame's origin, N and N·m, shape (6,).
+
+        `measured` is in the sensor frame; quaternions are w x y z, tool in base. Counted from a zero that was
+        taken at `quaternion_tare`, it lacks the bias and the weight at that orientation, so only the weight's
+        change since then is taken off. None: no zero was taken, bias and weight are taken off as they are known.
+        """
+        counted = np.asarray(measured, dtype=float)
+        if quaternion_tare is None:
+            counted = counted - self.bias
+        alignment = self.alignment()
+        wrench = np.concatenate([alignment @ counted[:3], alignment @ counted[3:]])
+        if self.mass and (quaternion_tare is None or tuple(quaternion) != tuple(quaternion_tare)):
+            wrench -= tool_gravity_wrench(quaternion, self.mass, self.centre_of_gravity)
+            if quaternion_tare is not None:
+                wrench += tool_gravity_wrench(quaternion_tare, self.mass, self.centre_of_gravity)
+        return transform_wrench(np.eye(3), self.position, wrench)
+
+    def facing(
+        self, quaternion: Sequence[float], quaternion_tare: Sequence[float] | None, *directions_base: Vector
+    ) -> "Facing":
+        """What `contact_wrench` and these directions come to while the tool keeps this orientation."""
+        offset = self.contact_wrench(NO_WRENCH, quaternion, quaternion_tare)
+        columns = [
+            self.contact_wrench(unit, quaternion, quaternion_tare) - offset for unit in np.eye(6).tolist()
+        ]
+        to_tool = rotation_matrix(quaternion).T
+        return Facing(
+            tuple(map(tuple, np.transpose(columns).tolist())),
+            tuple(offset.tolist()),
+            tuple(tuple((to_tool @ direction).tolist()) for direction in directions_base),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Facing:
+    """A wrist at one orientation in plain numbers: in every cycle arrays of three would cost ten times as much."""
+
+    matrix: tuple[tuple[float, ...], ...]
+    """What takes a measured wrench to the contact wrench, (6, 6), beside the offset."""
+    offset: tuple[float, ...]
+    """Contact wrench where nothing is measured, N and N·m, (6,)."""
+    directions: tuple[tuple[float, ...], ...]
+    """The directions asked for, along the tool's axes."""
+
+    def contact_wrench(self, measured: Sequence[float]) -> Wrench:
+        """As `Wrist.contact_wrench` at this orientation."""
+        fx, fy, fz, mx, my, mz = measured
+        _, _, _, (a, b, c, d, e, f), (g, h, i, j, k, m), (n, o, p, q, r, s) = self.matrix
+        _, _, _, x, y, z = self.offset
+        return (
+            *self.contact_force(measured),
+            a * fx + b * fy + c * fz + d * mx + e * my + f * mz + x,
+            g * fx + h * fy + i * fz + j * mx + k * my + m * mz + y,
+            n * fx + o * fy + p * fz + q * mx + r * my + s * mz + z,
+        )
+
+    def contact_force(self, measured: Sequence[float]) -> Vector:
+        """The force of `contact_wrench` alone, N. No moment goes into them."""
+        fx, fy, fz, _, _, _ = measured
+        (a, b, c, _, _, _), (d, e, f, _, _, _), (g, h, i, _, _, _), _, _, _ = self.matrix
+        x, y, z, _, _, _ = self.offset
+        return a * fx + b * fy + c * fz + x, d * fx + e * fy + f * fz + y, g * fx + h * fy + i * fz + z
+
+    def force_along(self, number: int, wrench: Sequence[float]) -> float:
+        """As `force_along` in one of the directions asked for, N, positive while the tool presses that way."""
+        x, y, z = self.directions[number]
+        return -(x * wrench[0] + y * wrench[1] + z * wrench[2])

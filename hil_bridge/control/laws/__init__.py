@@ -1,0 +1,1 @@
+"""Control laws: from a force error to a step of depth."""

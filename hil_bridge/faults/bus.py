@@ -1,0 +1,79 @@
+"""What can go wrong on an emulated CAN bus in memory: the hands for `emulators.faults.bus`."""
+
+from collections.abc import Callable, Mapping
+
+from emulators.faults import Handler, Injection
+from hil_bridge.clock import Clock, Timer
+from hil_bridge.transports.can.memory import BitErrors, Disturbance, MemoryCanBus
+from protocol.can.frame import CanFilter, CanFrame
+
+_HIT_BIT = 20
+"""Chosen: a bit of every frame, behind its arbitration."""
+_HIGHEST = 0
+"""Identifier that wins every arbitration."""
+_AT_ONCE = 8
+"""Chosen: frames that a babbling node has ready, so that the bus is never left to others."""
+
+
+class BusFaults:
+    """Begins and ends the faults of one bus."""
+
+    def __init__(self, bus: MemoryCanBus, clock: Clock, seed: int) -> None:
+        self._bus = bus
+        self._clock = clock
+        self._seed = seed
+        self._ends: dict[Injection, Callable[[], None]] = {}
+        begins = {"off": self._destroy, "errors": self._spoil, "babble": self._babble}
+        self.handlers: Mapping[str, Handler] = {
+            name: Handler(begin, self._end) for name, begin in begins.items()
+        }
+        """For a ledger."""
+
+    def close(self) -> None:
+        """End all of them."""
+        while self._ends:
+            self._ends.popitem()[1]()
+
+    def _end(self, injection: Injection, now: float) -> None:
+        self._ends.pop(injection)()
+
+    def _destroy(self, injection: Injection) -> None:
+        self._disturb(injection, lambda frame, bits: min(_HIT_BIT, bits))
+
+    def _spoil(self, injection: Injection) -> None:
+        self._disturb(injection, BitErrors(injection.number("rate"), self._seed))
+
+    def _disturb(self, injection: Injection, disturbance: Disturbance) -> None:
+        def disturb(frame: CanFrame, bits: int) -> int | None:
+            hit = disturbance(frame, bits)
+            injection.struck += hit is not None
+            return hit
+
+        def end() -> None:
+            if self._bus.disturb is disturb:
+                self._bus.disturb = None
+
+        self._bus.disturb = disturb
+        self._ends[injection] = end
+
+    def _babble(self, injection: Injection) -> None:
+        bus, clock, period = self._bus, self._clock, injection.number("period_ms") * 1e-3
+        node = bus.connect((CanFilter(_HIGHEST),))
+        node.start(lambda frames: None, lambda error: None)
+        frame = CanFrame(_HIGHEST, bytes(8))
+
+        def send() -> None:
+            if len(node.queue) < _AT_ONCE:
+                node.send((frame,))
+                injection.struck += 1
+            turns[0] += 1
+            timers[0] = clock.call_at(injection.injected_at + turns[0] * period, send)
+
+        def end() -> None:
+            timers[0].cancel()
+            node.queue.clear()
+            bus.disconnect(node)
+
+        turns = [0]
+        timers: list[Timer] = [clock.call_soon(send)]
+        self._ends[injection] = end

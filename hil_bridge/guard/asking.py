@@ -1,0 +1,212 @@
+"""The control loop of a configuration, asked about one observation at a time."""
+
+import math
+from dataclasses import dataclass
+
+from hil_bridge.control import (
+    Command,
+    ControlLoop,
+    Decision,
+    LoopState,
+    Measurement,
+    Phase,
+    Proposal,
+    Sample,
+    SupervisorState,
+    Target,
+    TaskOutput,
+    TaskState,
+)
+from hil_bridge.control.course.contour import ContourState
+from hil_bridge.control.course.oscillation import Advice, Finding, OscillationState
+from hil_bridge.control.course.supervisor import Retreat
+from hil_bridge.runs.cycle import control_loop
+from hil_bridge.settings.configuration import Config
+from protocol.geometry import Vector
+from protocol.s3.timing import line_floor
+
+_NOW = 1000.0
+"""Time of the observation, s: any."""
+_SEQUENCE = 1_000_000
+"""Frame counter of the observation: any."""
+
+
+@dataclass(frozen=True, slots=True)
+class Situation:
+    """An observation, and what went before it. What is None is as in a calm run of this configuration."""
+
+    phase: Phase = Phase.TRACK
+    force_n: float | None = None
+    """Force along the approach; by default the wanted one in TRACK and 0 elsewhere."""
+    peak_n: float | None = None
+    """Force along the approach farthest from 0 of all frames since the decision before; by default the force."""
+    resultant_n: float | None = None
+    """Length of the force vector; by default that of the force along the approach."""
+    moment_nm: float = 0.0
+    """Largest length of the moment vector since the decision before."""
+    age_ms: float = 0.0
+    """Age of the newest frame."""
+    repeated: int = 0
+    """Frames in a row with identical counts."""
+    still_cycles: int = 0
+    """Cycles in a row without a new frame, this one included."""
+    counter_back: int = 0
+    """By how much the frame counter went back."""
+    depth_mm: float | None = None
+    """Reported depth below the start; by default the commanded one."""
+    commanded_mm: float | None = None
+    """Depth below the start that was ordered last; by default the reported one, and where none is given where the
+    expected stiffness bears the wanted force, in APPROACH the start.
+    """
+    wanted_mm: float | None = None
+    """Depth that is wanted next; by default the task's own step, in TRACK the depth ordered last."""
+    across_mm: float = 0.0
+    """How far across the approach is wanted next."""
+    unanswered_mm: float = 0.0
+    """How far the tool went deeper since the force changed last."""
+    moved_mm: float = 0.0
+    """How far the reported position moved since the cycle before."""
+    cycle_ms: float | None = None
+    """How long ago that was; by default what a cycle takes on the line at least."""
+    tilt_deg: float = 0.0
+    """Turn of the reported orientation from that of the start."""
+    gap_ms: float = 0.0
+    """How long the computer stood still."""
+    saturated: bool = False
+    fault: str = ""
+    """What is wrong with a device, in words."""
+    dead_axis: str = ""
+    """Which axis does not live, in words."""
+    controller_failure: str = ""
+    """What is wrong with the controller, in words."""
+    swing_n: float = 0.0
+    """Amplitude of a swing that goes on at the least gain; 0 for none."""
+    stiffness_n_m: float | None = None
+    """Estimate of the contact stiffness; None where there is none."""
+    start_m: Vector | None = None
+    """Position of the start, base frame; by default the middle of the workspace."""
+    lowest_n: float | None = None
+    """Resultant force that a retraction had come down to; by default the present one."""
+    retracting_ms: float = 0.0
+    """How long the tool retracts already; 0 for the first cycle."""
+    from_contact: bool = True
+    """Whether that began in contact."""
+    back_mm: float = 0.0
+    """How far back the tool has come since the force fell last."""
+
+
+class Asked:
+    """The control loop of a configuration, asked about situations."""
+
+    def __init__(self, config: Config) -> None:
+        self.config = config
+        self._loop: ControlLoop = control_loop(config)
+
+    def __call__(self, situation: Situation) -> Decision:
+        """What the loop decides. Raises ConfigError for a start, or an order before, outside the workspace."""
+        config, loop, seen = self.config, self._loop, situation
+        start = seen.start_m or middle(config)
+        commanded = self.commanded_mm(seen) * 1e-3
+        loop.initial(start)
+        depth = commanded if seen.depth_mm is None else seen.depth_mm * 1e-3
+        position, before = self._at(start, depth), self._at(start, depth - seen.moved_mm * 1e-3)
+        force = self.force(seen)
+        resultant = abs(force) if seen.resultant_n is None else seen.resultant_n
+        peak = force if seen.peak_n is None else seen.peak_n
+        sample = Sample(
+            _NOW,
+            position,
+            force,
+            resultant,
+            _NOW - seen.age_ms * 1e-3,
+            _SEQUENCE - seen.counter_back,
+            seen.repeated,
+            seen.saturated,
+            seen.dead_axis,
+            seen.fault,
+            peak_force=peak,
+            peak_resultant=max(resultant, abs(peak)),
+            peak_moment=seen.moment_nm,
+            tilt=math.radians(seen.tilt_deg),
+            gap=seen.gap_ms * 1e-3,
+        )
+        pressing = seen.phase is not Phase.APPROACH and force > config.task.loss_threshold_n
+        supervisor = SupervisorState(
+            commanded,
+            loop.supervisor.initial(self._at(start, commanded)).position,
+            _SEQUENCE if seen.still_cycles or seen.counter_back else _SEQUENCE - 1,
+            max(seen.still_cycles - 1, 0),
+            (force, depth - seen.unanswered_mm * 1e-3) if pressing else None,
+            None,
+            (_NOW - self._cycle(seen), before),
+            self._retreat(seen, resultant, depth) if seen.phase is Phase.RETRACT else None,
+        )
+        task = TaskState(seen.phase, in_contact=pressing)
+        measurement = Measurement(_NOW, force, depth, commanded, pressing, saturated=seen.saturated)
+        task, output = self._output(task, measurement, seen)
+        advice = Advice(Finding.PERSISTING, 1.0, True, seen.swing_n) if seen.swing_n else None
+        proposal = Proposal(
+            depth,
+            measurement,
+            output,
+            seen.controller_failure,
+            advice,
+            task,
+            OscillationState(),
+            ContourState(),
+        )
+        _, decision = loop.judge(LoopState(start, task, supervisor), sample, proposal)
+        return decision
+
+    def force(self, seen: Situation) -> float:
+        """Force along the approach, N."""
+        if seen.force_n is not None:
+            return seen.force_n
+        return self.config.task.force_n if seen.phase is Phase.TRACK else 0.0
+
+    def commanded_mm(self, seen: Situation) -> float:
+        """Depth that was ordered last."""
+        if seen.commanded_mm is not None:
+            return seen.commanded_mm
+        if seen.depth_mm is not None:
+            return seen.depth_mm
+        task = self.config.task
+        return 0.0 if seen.phase is Phase.APPROACH else task.force_n / task.expected_stiffness_n_m * 1e3
+
+    def _at(self, start: Vector, depth: float) -> Vector:
+        (x, y, z), (a, b, c) = start, self._loop.approach
+        return x + a * depth, y + b * depth, z + c * depth
+
+    def _cycle(self, seen: Situation) -> float:
+        if seen.cycle_ms is not None:
+            return seen.cycle_ms * 1e-3
+        return max(line_floor(self.config.robot.link), self.config.run.period_ms * 1e-3)
+
+    @staticmethod
+    def _retreat(seen: Situation, resultant: float, depth: float) -> Retreat | None:
+        if not seen.retracting_ms:
+            return None
+        lowest = resultant if seen.lowest_n is None else seen.lowest_n
+        began = _NOW - seen.retracting_ms * 1e-3
+        return Retreat(began, seen.from_contact, lowest, depth + seen.back_mm * 1e-3)
+
+    def _output(
+        self, task: TaskState, measurement: Measurement, seen: Situation
+    ) -> tuple[TaskState, TaskOutput]:
+        """What task and controller would like. The task's own word where it needs no controller's memory."""
+        if seen.phase is Phase.RETRACT and seen.wanted_mm is None:
+            return self._loop.task.step(task, measurement)
+        step = self.config.task.approach_step_mm if seen.phase is Phase.APPROACH else 0.0
+        wanted = measurement.commanded + step * 1e-3 if seen.wanted_mm is None else seen.wanted_mm * 1e-3
+        command = None
+        if seen.phase is Phase.TRACK:
+            command = Command(wanted, wanted - measurement.commanded, seen.stiffness_n_m)
+        target = Target(wanted, seen.across_mm * 1e-3)
+        return task, TaskOutput(seen.phase, target, measurement.in_contact, command)
+
+
+def middle(config: Config) -> Vector:
+    """Of the workspace, base frame, m."""
+    low, high = config.limits.workspace_min_m, config.limits.workspace_max_m
+    x, y, z = ((a + b) / 2 for a, b in zip(low, high, strict=True))
+    return x, y, z

@@ -1,0 +1,1 @@
+"""The robots: one room per kind."""

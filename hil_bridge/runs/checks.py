@@ -1,0 +1,86 @@
+"""What a run refuses before anything moves, from its configuration and this computer alone.
+
+`run` raises the first of these, `doctor` tells all of them: so that the one cannot pass what the other refuses.
+"""
+
+from collections.abc import Callable, Iterator, Mapping
+
+from emulators.cell import Cell
+from hil_bridge.clock import VIRTUAL_EPOCH
+from hil_bridge.runs.compose import check_panel, robot_site
+from hil_bridge.settings.configuration import Config
+from hil_bridge.errors import ConfigError
+from hil_bridge.clock.realtime import scheduled
+from hil_bridge.runs.cycle import control_loop
+from hil_bridge.runs.zeroing import known_wrist
+
+
+def check(config: Config, virtual: bool) -> None:
+    """Raise the first of the problems as ConfigError."""
+    for _, error in problems(config, virtual):
+        raise error
+
+
+def problems(config: Config, virtual: bool) -> Iterator[tuple[str, ConfigError]]:
+    """Everything that keeps a run with this configuration from beginning, by the name of its check."""
+    for name, check_one in CHECKS.items():
+        try:
+            check_one(config, virtual)
+        except ConfigError as error:
+            yield name, error
+
+
+def check_wires(config: Config, virtual: bool) -> None:
+    """Raise ConfigError for URLs that make no cell together, or that virtual time cannot wait for."""
+    if virtual and (config.robot.url or config.sensor.url):
+        raise ConfigError("--virtual runs against the emulated cell alone; leave it out to use real ports")
+    if config.robot.url and not config.sensor.url:
+        raise ConfigError(
+            "a robot without a sensor: the emulated sensor cannot feel what that robot touches; "
+            "give --sensor (sensor.url) too"
+        )
+
+
+def _force(config: Config, virtual: bool) -> None:
+    if config.task.force_n >= config.limits.force_limit_n:
+        raise ConfigError(
+            f"task.force_n (--force-n) of {config.task.force_n:g} N must be below limits.force_limit_n of "
+            f"{config.limits.force_limit_n:g} N, or every run would be stopped"
+        )
+
+
+def _tool(config: Config, virtual: bool) -> None:
+    known_wrist(config)
+
+
+def _controller(config: Config, virtual: bool) -> None:
+    control_loop(config)
+
+
+def _cell(config: Config, virtual: bool) -> None:
+    """The orders file, and of an emulated cell what it holds and whether it can be at all."""
+    site = robot_site(config)
+    if config.robot.url and config.sensor.url:
+        return
+    try:
+        Cell(config.cell, VIRTUAL_EPOCH, config.run.seed, site)
+    except ValueError as error:
+        raise ConfigError(f"cell: {error}") from error
+
+
+def _thread(config: Config, virtual: bool) -> None:
+    if not virtual:
+        with scheduled(config.realtime):
+            pass
+
+
+CHECKS: Mapping[str, Callable[[Config, bool], None]] = {
+    "wires": check_wires,
+    "force": _force,
+    "panel": check_panel,
+    "controller": _controller,
+    "cell": _cell,
+    "realtime": _thread,
+    "tool": _tool,
+}
+"""Each raises ConfigError for a configuration that cannot be run; the second argument says whether in virtual time."""

@@ -1,0 +1,460 @@
+"""One run of the closed loop: connect, check, zero, then cycle by cycle status → force → decision → move → record.
+
+The shell around the pure `ControlLoop`: it stamps the hops, hands data one way along them, and waits for
+nothing but the robot's answers.
+"""
+
+import math
+import traceback
+from collections.abc import AsyncIterator
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from msgspec.structs import replace
+
+from hil_bridge.clock import Clock, Heartbeat
+from hil_bridge.settings.configuration import Config
+from hil_bridge.control import (
+    Command,
+    ControlLoop,
+    Decision,
+    Facing,
+    LoopState,
+    Peaks,
+    Phase,
+    Sample,
+    Supervisor,
+    Task,
+    in_numbers,
+    make_controller,
+    one_line,
+    turn_between,
+)
+from hil_bridge.robots.s3.link import UNIT_TOLERANCE, Motion, RobotLink
+from hil_bridge.sensors.stream import ForceSensor
+from hil_bridge.errors import BridgeError
+from hil_bridge.runs.leaving import ARRIVED_M, Left, WayOut, stand_still
+from protocol.s3.timing import answer_time
+from hil_bridge.recording import CHECK_EVENT, PHASE_EVENT, STOP_EVENT, CycleRecord, EventRecord, Outcome
+from hil_bridge.runs.small_steps import bring_up
+from hil_bridge.runs.zeroing import Zeroing, wrist
+from protocol.s3.arap import Status
+from protocol.geometry import Quaternion, Vector
+from protocol.jr3 import AXES, FULL_SCALE_COUNTS, SensorFrame
+
+THEN_EVENT = "then"
+"""Kind of the events whose text is what followed the cause of a stop."""
+FOLLOWED_MAX = 5
+"""Chosen: things told that followed the cause of a stop."""
+BUG_EVENT = "bug"
+"""Kind of the event whose text is the traceback of a bug."""
+TIME_IS_UP = "time is up"
+"""Why a run ends that went as it was meant to."""
+MAIN_SHARE = 0.5
+"""Of the approach direction on an axis of the sensor, from which that axis matters. Chosen: tilted by less than 60°."""
+
+
+_APPROACH, _TRAVEL = 0, 1
+"""Directions in which the contact force is taken, by their place in `Facing.directions`."""
+
+
+class Log(Protocol):
+    """Where a run puts what it knows; must not block."""
+
+    def cycle(self, record: CycleRecord) -> None:
+        """A cycle has ended."""
+
+    def event(self, record: EventRecord) -> None:
+        """Something happened beside the cycles."""
+
+
+@dataclass(frozen=True, slots=True)
+class RunResult:
+    """How a run ended."""
+
+    outcome: Outcome
+    cause: str = ""
+    """The first one."""
+    left: str = ""
+    """Where the tool was left, in words; empty where it never moved."""
+    followed: tuple[str, ...] = ()
+    """What happened after the first cause."""
+
+
+def control_loop(config: Config) -> ControlLoop:
+    """All that decides in a run with this configuration. Raises ConfigError for an unfit parameter."""
+    controller = make_controller(config.controller.name, **config.controller.parameters)
+    return ControlLoop(
+        Task(config.task, controller, config.limits.force_limit_n),
+        Supervisor(config.limits, config.robot.velocity_mm_s * 1e-3),
+        config.frame.approach,
+        config.frame.travel,
+        config.oscillation if config.limits.oscillation_guard else None,
+        config.frame.contour if config.frame.follow_normal else None,
+    )
+
+
+class Run:
+    """A run over a robot link and a force sensor that have been started; call it once."""
+
+    def __init__(self, config: Config, clock: Clock, robot: RobotLink, sensor: ForceSensor, log: Log) -> None:
+        """Raises ConfigError for what cannot be run."""
+        self._config = config
+        self._clock = clock
+        self._robot = robot
+        self._sensor = sensor
+        self._log = log
+        self._wrist = wrist(config)
+        self._loop = control_loop(config)
+        self._zeroing = Zeroing(config, clock, robot, sensor, lambda text: self._event(CHECK_EVENT, text))
+        self._way_out = WayOut(config, clock, robot, sensor)
+        self._heart = Heartbeat(clock)
+        self._answer_time = answer_time(robot.profile)
+        self._filter_delay = sensor.delay
+        self._start: Status
+        self._orientation: Quaternion
+        """Of the start: every order keeps it."""
+        self._quaternion_tare: Quaternion | None = None
+        self._state: LoopState | None = None
+        """After the last order that the robot took; None before the first cycle."""
+        self._faced: tuple[tuple[int, ...], Facing] | None = None
+        self._interrupted = False
+        self._phase = ""
+        self._outcome, self._cause = Outcome.COMPLETED, ""
+        self._followed: list[str] = []
+        self._pause = 0.0
+        self._log_error: Exception | None = None
+        """What the log raised when it was told of an event."""
+        self.moving = False
+        """A movement sequence is under way: only `interrupt` may end it, not cancellation."""
+
+    def interrupt(self) -> None:
+        """Retract from the next cycle on, and end."""
+        self._interrupted = True
+
+    def stand_still(self, seconds: float) -> None:
+        """Let the next decision last so much longer, s: a computer that stands still, in virtual time."""
+        self._pause = seconds
+
+    async def __call__(self) -> RunResult:
+        """The whole run. Raises BridgeError when a device fails before the movement has begun.
+
+        Once the tool moves, every end but this task's own cancellation is a result, and each of them tries to retract.
+        """
+        self._enter("connect")
+        start = await bring_up(self._robot, self._sensor)
+        self._loop.initial(start.position)  # refuses a start outside the workspace
+        self._enter("tare")
+        await self._zeroing.weigh(start)
+        self._orientation = start.quaternion
+        self.moving, moved, answers = True, False, True
+        commanded = start.position
+        self._heart.start()
+        try:
+            async with self._robot.motion(self._config.robot.velocity_mm_s * 1e-3) as motion:
+                try:
+                    await self._guarded(motion, start)
+                finally:
+                    moved, commanded = motion.ordered, motion.commanded or commanded
+                    answers = not motion.abandoned
+        except BridgeError as error:
+            self._blame(str(error))
+        finally:
+            self._heart.stop()
+            self.moving = False
+        left = await self._left(start, commanded, answers) if moved else ""
+        self._enter("end")
+        return RunResult(self._outcome, self._cause, left, tuple(self._followed))
+
+    async def _guarded(self, motion: Motion, start: Status) -> None:
+        """All between the start and the end of the movement sequence. Whatever ends it, the tool is retracted as far
+        as the robot takes orders.
+        """
+        try:
+            zero = await self._zeroing.take(motion, start, lambda: self._interrupted)
+            if zero is None:
+                self._outcome = Outcome.INTERRUPTED
+                return
+            self._start = zero.start
+            self._quaternion_tare = self._orientation if self._config.sensor.tare else None
+            facing = self._facing(zero.start)
+            scales = tuple(scale / FULL_SCALE_COUNTS for scale in self._sensor.full_scales)
+            self._sensor.peaks = Peaks(facing, scales, zero.contact)
+            self._state = self._loop.initial(zero.start.position)
+            await self._cycles(motion)
+        except BridgeError as error:
+            self._blame(str(error))
+            await self._retract(motion)
+        except Exception as error:
+            self._event(BUG_EVENT, _traceback(error))
+            self._blame(f"a bug ended the run: {type(error).__name__}: {_told(error)}")
+            await self._retract(motion)
+        except BaseException:
+            self._blame("the run was cancelled")
+            await self._retract(motion)
+            raise
+
+    async def _retract(self, motion: Motion) -> None:
+        """Back to the depth of the start by orders alone."""
+        if self._state is None or motion.halted:
+            return
+        self._enter(Phase.RETRACT)
+        await self._way_out.retract(motion, self._state, self._orientation, self._blame)
+
+    async def _left(self, start: Status, commanded: Vector, answers: bool) -> str:
+        """Where the tool was left, in words; a tool that is left pressing has not completed."""
+        origin = start.position if self._state is None else self._start.position
+        depth, force = await self._way_out.rest(origin, commanded, answers)
+        limits = self._config.limits
+        away = depth <= ARRIVED_M
+        pressing = not force <= limits.weight_tolerance_n
+        if self._state is None:  # it has come no farther than the way to the zero
+            force = self._zeroing.contact_force
+            away, pressing = True, not force <= limits.weight_tolerance_n
+        told = f"{force:.1f} N" if math.isfinite(force) else "an unknown force"
+        if self._outcome is not Outcome.STOPPED and not away:
+            self._blame(f"the robot reports the tool {depth * 1e3:.1f} mm from the start, with {told}")
+        elif self._outcome is not Outcome.STOPPED and pressing:
+            self._blame(
+                f"{told} after the retraction: the tool touches something, or the sensor's zero has changed"
+                if math.isfinite(force)
+                else "the sensor tells no force after the retraction"
+            )
+        because = _kind(self._followed[-1] if self._followed else self._cause)
+        return Left(away and not pressing, depth, force, because).text
+
+    async def _cycles(self, motion: Motion) -> None:
+        """The cycles from the start point to the end of the retraction."""
+        state = self._state
+        assert state is not None
+        track_ends = math.inf
+        unpaced = not self._config.run.period_ms  # then an order is always followed by another at once
+        async for cycle, started_at in self._beats():
+            if self._log_error is not None:
+                raise self._log_error
+            commanded_before = state.supervisor.depth
+            status = await self._robot.read_status(announce=True)
+            status_transmitted_at = self._robot.transmitted_at
+            frame, decoded_at = self._frame(), self._sensor.decoded_at
+            sample = self._sample(status, frame)
+            asked = ""
+            if self._interrupted and self._outcome is Outcome.COMPLETED:
+                self._outcome = Outcome.INTERRUPTED
+                asked = "interrupted"
+            elif sample.now >= track_ends:
+                asked = TIME_IS_UP
+            before = self._loop.finish(state, asked) if asked else state
+            proposal = self._loop.propose(before, sample)
+            if self._pause:
+                pause, self._pause = self._pause, 0.0
+                await self._clock.sleep_until(self._clock.now() + pause)
+            proposed_at = self._clock.now()
+            gap = max(self._heart.take(), proposed_at - sample.now)
+            if gap * 1e3 > self._config.limits.cycle_deadline_ms:
+                sample = replace(sample, gap=gap)
+                self._event("gap", f"no decision for {gap * 1e3:.0f} ms")
+            after, decision = self._loop.judge(before, sample, proposal)
+            controlled_at = self._clock.now()
+            self._enter(decision.output.phase)
+            if decision.output.phase is Phase.TRACK and track_ends == math.inf:
+                track_ends = sample.now + self._config.run.duration_s
+            if decision.output.failed:
+                self._blame(decision.output.cause)
+            if decision.stands:
+                await stand_still(motion)
+            else:
+                await motion.to(decision.position, self._orientation, announce=unpaced)
+            state = self._state = after
+            self._log.cycle(
+                self._record(
+                    status,
+                    sample,
+                    decision,
+                    cycle=cycle,
+                    started_at=started_at,
+                    status_transmitted_at=status_transmitted_at,
+                    decoded_at=decoded_at,
+                    proposed_at=proposed_at,
+                    controlled_at=controlled_at,
+                    sent_at=self._robot.begun_at,
+                    transmitted_at=self._robot.transmitted_at,
+                    sensor_counter=frame.counter,
+                    start=self._start.position,
+                    asked=asked,
+                    correction=decision.target.depth - commanded_before,
+                )
+            )
+            if decision.ended:
+                break
+        if self._outcome is Outcome.COMPLETED and state.task.cause != TIME_IS_UP:
+            self._cause = state.task.cause
+
+    async def _beats(self) -> AsyncIterator[tuple[int, float]]:
+        """Number and begin of each cycle: as fast as the link answers, or on the period's absolute beats.
+
+        After an overrun the beats missed are skipped, never caught up.
+        """
+        period = self._config.run.period_ms * 1e-3
+        anchor, beat, cycle = self._clock.now(), 0, 0
+        while True:
+            yield cycle, self._clock.now()
+            cycle += 1
+            if not period:
+                continue
+            next_beat = max(beat + 1, math.ceil((self._clock.now() - anchor) / period))
+            if (skipped := next_beat - beat - 1) > 0:
+                self._event("overrun", f"{skipped} beats of {period * 1e3:g} ms skipped")
+            beat = next_beat
+            await self._clock.sleep_until(anchor + beat * period)
+
+    def _sample(self, status: Status, frame: SensorFrame) -> Sample:
+        """The newest of everything, now that the robot has answered."""
+        sensor, position = self._sensor, status.position
+        fault = self._robot.fault(status)
+        try:
+            sensor.check()
+        except BridgeError as error:
+            fault = fault or str(error)
+        assert sensor.peaks is not None
+        peak_force, peak_resultant, peak_moment, saturated = sensor.peaks.take()
+        if abs(math.hypot(*status.quaternion) - 1.0) > UNIT_TOLERANCE:
+            status = self._start  # the fault says so
+        quaternion = status.quaternion
+        _, tilt = (
+            (None, 0.0) if quaternion == self._orientation else turn_between(self._orientation, quaternion)
+        )
+        now = self._clock.now()
+        composed_at = now - self._answer_time
+        facing = self._facing(status)
+        wrench = facing.contact_wrench(sensor.wrench(frame))
+        paired = sensor.wrench_at(composed_at + self._filter_delay)
+        # by place, in the order of the fields: by name every one costs as much as to read it
+        return Sample(
+            now,
+            position,
+            facing.force_along(_APPROACH, wrench),
+            math.hypot(wrench[0], wrench[1], wrench[2]),
+            frame.at,
+            frame.sequence,
+            sensor.repeated,
+            saturated or bool(sensor.saturated),
+            self._dead_axis(status),
+            fault,
+            facing.force_along(_TRAVEL, wrench),
+            wrench,
+            composed_at,
+            None if paired is None else facing.force_along(_APPROACH, facing.contact_force(paired)),
+            peak_force,
+            peak_resultant,
+            peak_moment,
+            tilt,
+        )
+
+    def _frame(self) -> SensorFrame:
+        """The newest frame of the sensor."""
+        frame = self._sensor.newest
+        assert frame is not None, "the tare waited for a frame"
+        return frame
+
+    def _dead_axis(self, status: Status) -> str:
+        """What is wrong with a force axis that the controlled force mainly lies on; empty while nothing is."""
+        if not self._sensor.dead:
+            return ""
+        shares = self._wrist.seen_by_sensor(self._config.frame.approach, status.quaternion).tolist()
+        dead = [
+            AXES[k] for k, share in enumerate(shares) if k in self._sensor.dead and abs(share) >= MAIN_SHARE
+        ]
+        if not dead:
+            return ""
+        return (
+            f"{' and '.join(dead)} of the force sensor did not change since the zero while other axes moved"
+        )
+
+    def _facing(self, status: Status) -> Facing:
+        """The wrist at this orientation, made anew only when the tool has turned."""
+        words = status.quaternion_words
+        if self._faced is None or self._faced[0] != words:
+            frame = self._config.frame
+            facing = self._wrist.facing(
+                status.quaternion, self._quaternion_tare, frame.approach, frame.travel
+            )
+            self._faced = words, facing
+        return self._faced[1]
+
+    def _record(self, status: Status, sample: Sample, decision: Decision, **known: Any) -> CycleRecord:
+        """What the cycle came to; `known` is what only its course knows, by the record's names."""
+        output = decision.output
+        command = output.command or Command(decision.target.depth, 0.0)
+        return CycleRecord(
+            **known,
+            phase=output.phase,
+            status_at=sample.now,
+            sensor_at=sample.sensor_at,
+            answered_at=self._clock.now(),
+            sensor_sequence=sample.sensor_sequence,
+            force=decision.force,
+            force_reference=self._config.task.force_n,
+            wrench=sample.wrench,
+            position=status.position,
+            quaternion=status.quaternion,
+            depth=decision.depth,
+            depth_commanded=decision.target.depth,
+            travel_commanded=decision.target.travel,
+            stiffness=command.stiffness,
+            gain=command.gain,
+            held=command.held,
+            in_contact=output.in_contact,
+            verdict=decision.verdict.kind,
+            reasons=decision.reasons,
+            explanation={
+                **in_numbers(command.explanation),
+                "feedback_m": command.correction,
+                **({"surface_deg": math.degrees(decision.angle)} if decision.angle else {}),
+            },
+            target=decision.position,
+            sample=sample,
+        )
+
+    def _blame(self, cause: str) -> None:
+        """Stop for this cause, or note what followed the first one."""
+        if self._outcome is not Outcome.STOPPED:
+            self._outcome, self._cause = Outcome.STOPPED, cause
+            self._event(STOP_EVENT, cause)
+        elif len(self._followed) < FOLLOWED_MAX and _kind(cause) not in map(
+            _kind, (self._cause, *self._followed)
+        ):
+            self._followed.append(cause)
+            self._event(THEN_EVENT, cause)
+
+    def _enter(self, phase: str) -> None:
+        if phase != self._phase:
+            self._phase = phase
+            self._event(PHASE_EVENT, phase)
+
+    def _event(self, kind: str, text: str) -> None:
+        try:
+            self._log.event(EventRecord(self._clock.now(), kind, text))
+        except (
+            Exception
+        ) as error:  # told by the next cycle, for nothing may come between a failure and its retraction
+            self._log_error = error
+
+
+def _kind(cause: str) -> str:
+    """A cause without what is known of it besides, which is another every time."""
+    return cause.partition(";")[0]
+
+
+def _told(error: Exception) -> str:
+    """The first line of what an exception says, whatever it is."""
+    try:
+        return one_line(str(error))
+    except Exception as second:
+        return f"<{type(second).__name__}>"
+
+
+def _traceback(error: Exception) -> str:
+    try:
+        return "".join(traceback.format_exception(error))
+    except Exception as second:  # an exception that cannot be shown
+        return f"{type(error).__name__}, which cannot be shown: {type(second).__name__}"

@@ -1,0 +1,174 @@
+"""The ways out of a movement: back to where the run started, by orders alone, and where the tool was left.
+
+A run that can still decide retracts by its own cycles. What is here serves when it cannot: an order was refused, the
+link was cut, or a bug ended it.
+"""
+
+import math
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+
+from hil_bridge.clock import Clock
+from hil_bridge.settings.configuration import Config
+from hil_bridge.control import LoopState, Observation, Request, Stop, Supervisor
+from hil_bridge.sensors.stream import ForceSensor
+from hil_bridge.robots.s3.link import Motion, RobotLink
+from hil_bridge.errors import BridgeError, DeviceError, OrderRefused, TransportError
+from protocol.geometry import Quaternion, Vector
+
+TRY_AGAIN_S = 0.3
+"""Chosen: pause before an order that was refused is given again."""
+ARRIVED_M = 0.3e-3
+"""Chosen: distance from the last order at which the robot counts as come to rest, m."""
+ARRIVAL_S = 3.0
+"""Chosen: how long is waited for that."""
+TIME_CONSTANTS = 7.0
+"""Of the sensor's filter, waited for at the end. Derived: after as many less than 0.1 % is left."""
+REST_S = 0.05
+"""Chosen: waited for beside the filter, for a servo to come to rest."""
+FRAME_S = 1.0
+"""Chosen: how long is waited for a frame of that moment."""
+
+
+async def stand_still(motion: Motion) -> None:
+    """Let the robot forget what it was ordered to. Where it does not take that, the last order stays the last."""
+    with suppress(BridgeError):
+        await motion.halt()
+
+
+@dataclass(frozen=True, slots=True)
+class Left:
+    """Where the tool was left, as far as it is known."""
+
+    retracted: bool
+    depth: float
+    """Reported position along the approach direction from the start point, m; NaN where it is not known."""
+    force: float
+    """Length of the contact force, N; NaN where it is not known."""
+    because: str = ""
+    """Why it was not retracted."""
+
+    @property
+    def text(self) -> str:
+        """In words, for the last line of a run."""
+        force = f"{self.force:.1f} N" if math.isfinite(self.force) else "force unknown"
+        if self.retracted:
+            return f"retracted, {force}"
+        depth = f"{self.depth * 1e3:.1f} mm" if math.isfinite(self.depth) else "an unknown depth"
+        return (
+            f"NOT retracted: left at {depth}, {force}, because {self.because}; hil-bridge free lifts it off"
+        )
+
+
+class WayOut:
+    """Retracts a tool whose run can decide no more."""
+
+    def __init__(self, config: Config, clock: Clock, robot: RobotLink, sensor: ForceSensor) -> None:
+        self._config, self._clock, self._robot, self._sensor = config, clock, robot, sensor
+        self._supervisor = Supervisor(config.limits)
+
+    async def retract(
+        self,
+        motion: Motion,
+        state: LoopState,
+        orientation: Quaternion,
+        blame: Callable[[str], None],
+    ) -> None:
+        """Order the tool back to the depth of the start, where it has been, as long as the robot takes orders.
+
+        Orders that are refused or not answered are given again for `limits.retract_patience_s`. `blame` is told what
+        stands against it. Raises nothing but what cancels the task.
+        """
+        limits, step = self._config.limits, self._config.task.retract_step_mm * 1e-3
+        supervisor = state.supervisor
+        patience = self._clock.now() + limits.retract_patience_s
+        goal = 0.0
+        if state.task.in_contact:  # a surface may have risen above the start
+            goal = min(goal, supervisor.depth - self._config.task.retract_mm * 1e-3)
+        while supervisor.depth > goal:
+            depth = max(supervisor.depth - step, goal)
+            request = self._request(supervisor.depth, supervisor.position, depth)
+            after, verdict = self._supervisor.retreat(supervisor, self._observe(state), request)
+            if isinstance(verdict, Stop):
+                blame(verdict.text)
+                await stand_still(motion)
+                return
+            try:
+                await motion.to(verdict.position, orientation)
+            except BridgeError as error:
+                blame(str(error))
+                if isinstance(error, TransportError) or self._clock.now() >= patience:
+                    if not isinstance(error, OrderRefused):
+                        motion.abandon()
+                    return
+                await self._clock.sleep_until(self._clock.now() + TRY_AGAIN_S)
+                continue
+            if verdict.depth >= supervisor.depth:
+                return  # held back at the border of the workspace
+            supervisor = after
+            patience = self._clock.now() + limits.retract_patience_s
+
+    def _request(self, before: float, position: Vector, depth: float) -> Request:
+        approach = self._config.frame.approach
+        x, y, z = (p + n * (depth - before) for p, n in zip(position, approach, strict=True))
+        return Request(depth, (x, y, z), approach)
+
+    def _observe(self, state: LoopState) -> Observation:
+        """What the sensor tells, without a status."""
+        sensor, newest, now = self._sensor, self._sensor.newest, self._clock.now()
+        resultant, fault = math.nan, ""
+        if newest is not None and sensor.peaks is not None:
+            resultant = sensor.peaks.resultant(newest.counts)
+        try:
+            sensor.check()
+        except BridgeError as error:
+            fault = str(error)
+        return Observation(
+            now,
+            resultant,
+            resultant,
+            math.nan if newest is None else newest.at,
+            0 if newest is None else newest.sequence,
+            saturated=bool(sensor.saturated),
+            pressing=state.task.in_contact,
+            fault=fault,
+        )
+
+    async def rest(self, start: Vector, commanded: Vector, answers: bool) -> tuple[float, float]:
+        """Wait until the robot has come to rest at the last order; its depth from the start, m, and the force, N.
+
+        Where it does not answer the depth is that of the last order. NaN for what cannot be known any more.
+        """
+        depth = self._depth(start, commanded)
+        patience = self._clock.now() + ARRIVAL_S
+        try:
+            if not answers:
+                raise DeviceError("the robot does not answer")
+            while True:
+                status = await self._robot.read_status()
+                depth = self._depth(start, status.position)
+                if math.dist(status.position, commanded) <= ARRIVED_M or self._clock.now() > patience:
+                    break
+            settled = self._clock.now() + REST_S + TIME_CONSTANTS * self._sensor.delay
+            await self._clock.sleep_until(settled)
+            while math.isnan(force := self._force(settled)) and self._clock.now() < settled + FRAME_S:
+                await self._clock.sleep_until(self._clock.now() + REST_S)
+            return depth, force
+        except BridgeError:
+            return depth, self._force(self._clock.now() - self._config.limits.stale_after_ms * 1e-3)
+
+    def _depth(self, start: Vector, position: Vector) -> float:
+        offsets = zip(position, start, self._config.frame.approach, strict=True)
+        return sum((p - s) * n for p, s, n in offsets)
+
+    def _force(self, since: float) -> float:
+        """Length of the contact force in a frame that is fresh enough, N; NaN where there is none."""
+        newest, peaks = self._sensor.newest, self._sensor.peaks
+        try:
+            self._sensor.check()
+        except BridgeError:
+            return math.nan
+        if newest is None or peaks is None or newest.at < since:
+            return math.nan
+        return peaks.resultant(newest.counts)

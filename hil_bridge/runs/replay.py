@@ -1,0 +1,116 @@
+"""Deciding again what a recording tells: the same controller and supervisor must give the same commands, bit for bit.
+
+With another controller or other limits, what would have been commanded: each cycle starts from what really was
+commanded before it, since that is what the measurements belong to.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from msgspec.structs import replace
+from pydantic import ValidationError
+
+from hil_bridge.settings.configuration import Config, explain
+from hil_bridge.control import Decision
+from hil_bridge.errors import ConfigError
+from hil_bridge.recording import CycleRecord, Recording
+from hil_bridge.runs.cycle import control_loop
+from hil_bridge.text_files import parse_json, read_toml
+from protocol.geometry import Vector
+
+
+@dataclass(frozen=True, slots=True)
+class ReplayedCycle:
+    """A cycle as it was, and as it is decided again."""
+
+    record: CycleRecord
+    decision: Decision
+
+    @property
+    def differences(self) -> dict[str, tuple[object, object]]:
+        """What is not the same, by name: recorded, replayed."""
+        record, decision = self.record, self.decision
+        pairs: dict[str, tuple[object, object]] = {
+            "target": (record.target, decision.position),
+            "phase": (record.phase, str(decision.output.phase)),
+            "depth_commanded": (record.depth_commanded, decision.target.depth),
+            "travel_commanded": (record.travel_commanded, decision.target.travel),
+            "verdict": (record.verdict, str(decision.verdict.kind)),
+            "reasons": (record.reasons, decision.reasons),
+        }
+        return {name: pair for name, pair in pairs.items() if pair[0] != pair[1]}
+
+
+def recorded_config(recording: Recording, changes: Mapping[str, Any]) -> Config:
+    """The configuration of a recorded run, with these tables laid over it.
+
+    Raises ConfigError when the recording holds none of this version, or for a change that is wrong.
+    """
+    try:
+        recorded = parse_json(recording.metadata.get("config", ""))
+    except ValueError as error:
+        raise ConfigError("the recording holds no configuration: it cannot be replayed") from error
+    try:
+        values = Config.model_validate(recorded).model_dump(mode="json")
+    except ValidationError as error:
+        raise ConfigError(
+            f"the recording's configuration is not one of this version: {explain(error, None, set())}"
+        ) from error
+    match changes.get("controller"):
+        case {"name": name} if name != values["controller"]["name"]:
+            values["controller"] = {}  # the parameters belong to the other one
+    try:
+        return Config.model_validate(_merged(values, changes))
+    except ValidationError as error:
+        raise ConfigError(explain(error, None, set())) from error
+
+
+def changes_of(path: Path | None, controller: str | None) -> dict[str, Any]:
+    """What a TOML file and an option want to have different from the recorded run. Raises ConfigError."""
+    changes: dict[str, Any] = {}
+    if path is not None:
+        changes = read_toml(path)
+    if controller is not None:
+        wanted = changes.get("controller", {})
+        changes["controller"] = {**wanted, "name": controller} if isinstance(wanted, dict) else wanted
+    return changes
+
+
+def replay(recording: Recording, config: Config, forced: bool) -> Iterator[ReplayedCycle]:
+    """Decide every recorded cycle again.
+
+    `forced` begins each cycle from what was commanded before it in reality, not in the replay. Raises ConfigError
+    for a cycle whose inputs are not there.
+    """
+    loop = control_loop(config)
+    cycles = recording.cycles
+    state = loop.initial(_vector(cycles[0].start))
+    for number, record in enumerate(cycles):
+        if record.sample is None or record.cycle != number:
+            raise ConfigError(f"the inputs of cycle {number} are not in the recording: replay ends there")
+        if record.asked:
+            state = loop.finish(state, record.asked)
+        state, decision = loop.step(state, record.sample)
+        replayed = ReplayedCycle(record, decision)
+        if forced and replayed.differences:
+            commanded = replace(
+                state.supervisor, depth=record.depth_commanded, position=_vector(record.target)
+            )
+            state = replace(state, supervisor=commanded)
+        yield replayed
+
+
+def _merged(values: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    result = dict(values)
+    for key, change in changes.items():
+        present = result.get(key)
+        both = isinstance(change, Mapping) and isinstance(present, Mapping)
+        result[key] = _merged(present, change) if both else change  # type: ignore[arg-type]
+    return result
+
+
+def _vector(values: tuple[float, ...]) -> Vector:
+    x, y, z = values
+    return x, y, z

@@ -1,0 +1,478 @@
+"""One run from the outside: event loop, wires, recorder, view, signals, and how it ended."""
+
+import asyncio
+import signal
+import time
+from collections.abc import AsyncIterator, Iterator
+from contextlib import asynccontextmanager, contextmanager, suppress
+from dataclasses import asdict, replace
+from functools import partial
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from emulators.cell import Cell
+from hil_bridge.runs.checks import check
+from hil_bridge.clock import Clock, run_real, run_virtual
+from hil_bridge.runs.compose import opened_devices, sensor_kind
+from hil_bridge.settings.configuration import Config, dump
+from hil_bridge.debugging import told_bug
+from hil_bridge.sensors.stream import ForceSensor
+from hil_bridge.robots.s3.link import RobotLink
+from hil_bridge.errors import BridgeError
+from hil_bridge.faults.schedule import FAULT_EVENT, FaultSchedule
+from protocol.s3.timing import line_floor
+from hil_bridge.runs.outputs import Outputs, record_path, settled, write_outputs
+from hil_bridge.clock.realtime import collect_young, prompt_threads, quiet_garbage, scheduled
+from hil_bridge.recording import (
+    CHECK_EVENT,
+    CHUNKS,
+    PHASE_EVENT,
+    VIRTUAL_CHUNKS,
+    CycleRecord,
+    EventRecord,
+    LinkLog,
+    LinkRecord,
+    Outcome,
+    Recorder,
+    RunEnd,
+    SensorRecord,
+    WireRecord,
+)
+from hil_bridge.recording.device_facts import Devices, SensorFacts, robot_facts
+from hil_bridge.analysis.latency import AnswerTimes
+from hil_bridge.runs.cycle import BUG_EVENT, Run, RunResult
+from hil_bridge.runs.screen import LEAVE_SECONDS, Terminal
+from hil_bridge.runs.signals import Signals, unless_hung_up
+from hil_bridge.transports import Direction, Frames
+from hil_bridge.runs.truth import Truths
+from hil_bridge.view import REFRESH_SECONDS, Health
+from protocol.jr3 import FULL_SCALE_COUNTS, SensorFrame
+from protocol.marks import Mark, settings
+
+if TYPE_CHECKING:
+    from hil_bridge.view.live import LiveView
+
+EXIT_CODES = {Outcome.COMPLETED: 0, Outcome.STOPPED: 3, Outcome.INTERRUPTED: 130}
+"""130 is what a shell expects of a command that Ctrl-C ended."""
+
+TELL_SECONDS = 5.0
+"""For so long a blocked output is waited for when a signal that comes from no keyboard ended the run. Chosen."""
+_DRAWING_S = 0.015
+"""What drawing the view takes: 8 ms as a rule, 12 ms at most in a run of 20 s. Chosen."""
+_UNDER_WAY_S = 0.005
+"""Chosen: after the end of a cycle; a status order takes ten times as long on a 9600-baud line."""
+
+_READY_PHASE = "tare"
+"""The phase that begins once robot and sensor are ready."""
+_COLLECT_EVERY = 64
+"""Cycles between two collections. Chosen: only what is still in use costs one time, and that is as much however
+rarely it comes.
+"""
+
+TROUBLE = ("block repeated", "bid repeated", "time-out", "bad block", "bad checksum", "gap in block")
+"""Counters of the link that the view adds up as link errors."""
+
+
+def execute(
+    config: Config, virtual: bool, outputs: Outputs, view: bool, config_file: Path | None = None
+) -> int:
+    """Run once, leave the outputs, print the figures; the exit code. `config_file` is never written over.
+
+    Raises BridgeError when a device fails before the movement has begun, or a file cannot be written.
+    """
+    check(config, virtual)  # before an earlier recording is replaced
+    signals = Signals()
+    with signals.heard():
+        outputs = settled(outputs, config_file)
+        with record_path(outputs) as path, Terminal() as terminal:
+            if outputs.own_folder and not virtual:
+                terminal.out.say(f"recording into {path.parent}")
+            session = _Session(config, replace(outputs, record=path), view, terminal, signals)
+            awake_s = config.realtime.busy_poll_ms * 1e-3
+            try:
+                result = run_virtual(session.main) if virtual else run_real(session.main, awake_s)
+            except BridgeError:
+                raise
+            except Exception as error:
+                if outputs.record is not None:
+                    error.add_note(f"record: {outputs.record}")
+                raise
+            return _end(session, result, outputs, path)
+
+
+def _end(session: "_Session", result: RunResult, outputs: Outputs, path: Path) -> int:
+    """Write what is wanted of the record at `path`, then say how the run ended; its exit code.
+
+    Everything is written before anything is said, since the reader of the output may have gone. A signal keeps the
+    run from its report, and a second one from waiting for a terminal that takes no more.
+    """
+    signals, terminal = session.signals, session.terminal
+    code = EXIT_CODES[result.outcome]
+    ended = f": {result.cause}" if result.cause and result.outcome is not Outcome.STOPPED else ""
+    lines = [f"{result.outcome}{ended}", *(f"then: {text}" for text in result.followed)]
+    errors = [f"stopped: {result.cause}"] if result.outcome is Outcome.STOPPED else []
+    if session.record_error is not None:
+        errors.append(str(session.record_error))
+        code = code or session.record_error.exit_code
+    by_hand = signals.first in (None, signal.SIGINT, signal.SIGTSTP)
+    patience = None if by_hand else TELL_SECONDS
+    record = [] if outputs.record is None else [f"record: {outputs.record}"]
+    if session.hurried:
+        lines += record
+        patience = LEAVE_SECONDS
+    elif session.cycles:
+        try:
+            with signals.leading_to(unless_hung_up):
+                more, troubles = write_outputs(outputs, path, session.end)
+            lines += more or record
+            errors += map(str, troubles)
+            code = code or max((trouble.exit_code for trouble in troubles), default=0)
+        except KeyboardInterrupt:
+            lines += [*record, "interrupted before all that was wanted had been written"]
+            code, patience = EXIT_CODES[Outcome.INTERRUPTED], LEAVE_SECONDS
+    else:
+        lines += record
+    lines += [f"fault: {text}" for text in session.faults]
+    if result.left:
+        lines.append(f"left: {result.left}")
+    bugs = [told_bug("; ".join([text.strip().rpartition("\n")[2], *record]), text) for text in session.bugs]
+    terminal.say_last([*bugs, *(f"hil-bridge: {text}" for text in errors)], lines, patience)
+    return code
+
+
+class _Session:
+    """Everything around one `Run`, inside its event loop. Also its log."""
+
+    def __init__(
+        self, config: Config, outputs: Outputs, view: bool, terminal: Terminal, signals: Signals
+    ) -> None:
+        """`outputs` names a record, wanted or not."""
+        assert outputs.record is not None
+        self._config = config
+        self._record_path = outputs.record
+        self._overwrite = outputs.overwrite
+        self._view_wanted = view
+        self.terminal = terminal
+        self.signals = signals
+        self._link = config.robot.link
+        self._clock: Clock
+        self._recorder: Recorder
+        self._link_log: LinkLog
+        self._sensor_log: LinkLog
+        self._truths: Truths | None = None
+        self._faults: FaultSchedule | None = None
+        self.faults: list[str] = []
+        """What became of each injected fault, in words."""
+        self._view: LiveView | None = None
+        self._robot: RobotLink | None = None
+        self._sensor: ForceSensor | None = None
+        self._run: Run | None = None
+        self._result: RunResult | None = None
+        self._moved = False
+        """The movement has begun, and may have ended."""
+        self._cancelled = False
+        self._trouble_told = False
+        self._may_draw = asyncio.Event()
+        """Set when a pause of the loop is long enough for it."""
+        self.cycles = 0
+        """Cycles so far; a record without any has no figures."""
+        self.end = RunEnd(Outcome.STOPPED)
+        """What the record tells of the end."""
+        self.record_error: BridgeError | None = None
+        """Why the record is incomplete."""
+        self.bugs: list[str] = []
+        """Tracebacks that the run told."""
+        self.hurried = False
+        """A further signal came when the movement had ended already: the process shall end at once."""
+
+    # --- what the run and the devices tell
+
+    def cycle(self, record: CycleRecord) -> None:
+        """A cycle has ended."""
+        self.cycles += 1
+        self._recorder.put(record)
+        if self._recorder.trouble and not self._trouble_told:
+            self._tell_trouble(self._recorder.trouble)
+        if self._truths is not None:
+            self._truths.cycle(record)
+        if self._faults is not None:
+            self._faults.cycle(record)
+        if self._view is not None:
+            self._view.update(record)
+        if self.cycles % _COLLECT_EVERY:
+            return
+        if self._clock.is_virtual:
+            collect_young()
+        else:
+            # By then the next order is on the line, and everybody waits for its answer.
+            self._clock.call_at(self._clock.now() + _UNDER_WAY_S, collect_young)
+
+    def event(self, record: EventRecord) -> None:
+        """Something happened beside the cycles."""
+        self._recorder.put(record)
+        self._moved = self._moved or self._moving
+        if record.kind == BUG_EVENT:
+            self.bugs.append(record.text)
+        if record.kind == PHASE_EVENT:
+            if self._view is not None:
+                self._view.enter(record.text)
+            if record.text == _READY_PHASE:
+                self._recorder.devices(self._devices().as_metadata())
+        if record.kind == CHECK_EVENT and not self._clock.is_virtual:
+            self._tell_check(record.text)
+        if self._faults is not None:
+            self._faults.event(record)
+        if record.kind == FAULT_EVENT and (" struck " in record.text or " never came" in record.text):
+            self.faults.append(record.text)
+
+    def _devices(self) -> Devices:
+        """What is known of robot and sensor, both being ready."""
+        config, sensor = self._config, self._sensor
+        assert sensor is not None
+        servo = config.cell.servo
+        marks = {
+            one.name: one.info.mark if one.value == one.default else Mark.CHOSEN for one in settings(servo)
+        }
+        scales = tuple(scale / FULL_SCALE_COUNTS for scale in sensor.full_scales)
+        return Devices(
+            robot_facts(asdict(servo), self._link, not config.robot.url, marks=marks),
+            SensorFacts(
+                sensor_kind(config.sensor),
+                sensor.model,
+                sensor.full_scales,
+                scales,
+                sensor.delay,
+                sensor.period,
+            ),
+        )
+
+    def _pause(self, seconds: float) -> None:
+        """A fault of the computer: it stands still."""
+        if self._run is not None and self._clock.is_virtual:
+            self._run.stand_still(seconds)
+        else:
+            time.sleep(seconds)
+
+    def _tell_check(self, text: str) -> None:
+        """What was found of the sensor, while a person can still intervene."""
+        if self._view is None:
+            self.terminal.out.say(f"sensor: {text}")
+        elif "unchecked" in text:
+            self._view.warn(text)
+        else:
+            self._view.check(text)
+
+    def _tell_trouble(self, text: str) -> None:
+        """Of the recorder, at once; the run goes on, since nothing in it depends on its record."""
+        self._trouble_told = True
+        self._notice("recorder", text)
+        self.terminal.err.say(f"hil-bridge: {text}; the run goes on")
+        if self._view is not None:  # where a line is short
+            self._view.warn(text.replace(f" {self._record_path}", ""))
+
+    def _frame(self, frame: SensorFrame) -> None:
+        self._recorder.put(SensorRecord(frame.at, frame.sequence, frame.counts))
+
+    def _notice(self, kind: str, text: str) -> None:
+        self.event(EventRecord(self._clock.now(), kind, text))
+
+    def _sensor_traffic(self, direction: Direction, data: bytes | Frames) -> None:
+        self._sensor_log.take(self._clock.now(), direction, data)
+
+    def _traffic(self, direction: Direction, data: bytes) -> None:
+        self._link_log.take(self._clock.now(), direction, data)
+        if direction is Direction.SENT and len(data) > 1:
+            # a block is on the line, and nothing can answer it before its last character
+            seconds = len(data) * self._link.character_time
+            self._recorder.pause(seconds)
+            if seconds >= _DRAWING_S:
+                self._may_draw.set()
+
+    def _link_event(self, text: str) -> None:
+        self._link_log.note(self._clock.now(), text)
+
+    def _emulated(self, cell: Cell) -> None:
+        self._truths = Truths(cell, self._config.sensor, self._recorder.put)
+        self._faults = FaultSchedule(self._config.faults, cell, self._clock, self._notice, self._pause)
+
+    # --- the run
+
+    async def main(self) -> RunResult:
+        """Open everything, run, close everything; the record is whole whatever happened."""
+        clock = self._clock = Clock.running()
+        config = self._config
+        self._recorder = Recorder(
+            self._record_path,
+            clock.wall_ns,
+            threaded=not clock.is_virtual,
+            chunks=VIRTUAL_CHUNKS if clock.is_virtual else CHUNKS,
+            overwrite=self._overwrite,
+            metadata={
+                "config": dump(config),
+                "controller": config.controller.name,
+                "seed": str(config.run.seed),
+                "version": version("hil-bridge"),
+            },
+        )
+        put = self._recorder.put
+        self._link_log = LinkLog(lambda at, pieces: put(LinkRecord(at, pieces)))
+        self._sensor_log = LinkLog(lambda at, pieces: put(WireRecord(at, "sensor", pieces)))
+        try:
+            if self._recorder.error is not None:
+                raise self._recorder.error
+            with self._interruptible(), self._scheduled():
+                try:
+                    result = await self._with_devices()
+                except asyncio.CancelledError:  # by a signal: everything has been closed on the way here
+                    result = self._result or RunResult(Outcome.INTERRUPTED, "before the movement began")
+                self.end = self._end(result)
+                self._close_record()
+            return result
+        except BridgeError as error:
+            self.end = self._end(RunResult(Outcome.STOPPED, str(error)))
+            raise
+        finally:
+            self._close_record()
+            clock.close()
+
+    def _close_record(self) -> None:
+        """Finish the record. Harmless when called again."""
+        self._link_log.flush()
+        self._sensor_log.flush()
+        if self._faults is not None:
+            self._faults.close()
+        if self._truths is not None:
+            self._truths.close()
+        try:
+            self._recorder.close(self.end.as_metadata())
+        except BridgeError as error:
+            self.record_error = error
+
+    @contextmanager
+    def _scheduled(self) -> Iterator[None]:
+        """The loop's thread as the configuration wants it; the recorder has been started, and stays as it is."""
+        with quiet_garbage():
+            if self._clock.is_virtual:
+                yield
+                return
+            with prompt_threads(), scheduled(self._config.realtime) as executor:
+                if executor is not None:
+                    asyncio.get_running_loop().set_default_executor(executor)
+                yield
+
+    def _end(self, result: RunResult) -> RunEnd:
+        return RunEnd(
+            result.outcome,
+            result.cause,
+            line_floor(self._link),
+            dict(self._robot.counters) if self._robot else {},
+            self._sensor.lost if self._sensor else None,
+            self._sensor.delay if self._sensor else None,
+            result.left,
+            result.followed,
+        )
+
+    async def _with_devices(self) -> RunResult:
+        config, clock = self._config, self._clock
+        async with opened_devices(
+            config,
+            clock,
+            self._frame,
+            self._notice,
+            self._traffic,
+            self._emulated,
+            lambda url: self.terminal.out.say(f"panel: {url}"),
+            self._link_event,
+            self._sensor_traffic,
+        ) as (robot, sensor):
+            self._robot, self._sensor, self._link = robot, sensor, robot.profile
+            run = self._run = Run(config, clock, robot, sensor, self)
+            async with self._shown():
+                self._result = await run()
+            return self._result
+
+    @contextmanager
+    def _interruptible(self) -> Iterator[None]:
+        """A signal retracts while the robot moves, and ends at once before that. When the movement has ended, it waits
+        until the tool has come to rest and the record is whole.
+        """
+        loop, task = asyncio.get_running_loop(), asyncio.current_task()
+        assert task is not None
+
+        def ended() -> None:
+            if self._moving and self._run is not None:  # the movement has begun since
+                self._run.interrupt()
+            elif not (self._moved or self._moving or self._cancelled):
+                self._cancelled = True  # once: what is being closed is closed in order
+                task.cancel()
+
+        def interrupted(number: signal.Signals) -> None:
+            if self._moved and not self._moving:
+                # a shell that closes sends SIGHUP a second time
+                self.hurried |= self.signals.count > 1 and number is not signal.SIGHUP
+                return
+            if self._run is not None and self._moving:
+                self._moved = True
+                self._run.interrupt()
+            loop.call_soon_threadsafe(self._notice, "signal", number.name)
+            loop.call_soon_threadsafe(ended)
+
+        with self.signals.leading_to(interrupted):
+            yield
+
+    @property
+    def _moving(self) -> bool:
+        return self._run is not None and self._run.moving
+
+    @asynccontextmanager
+    async def _shown(self) -> AsyncIterator[None]:
+        """The live view, drawn by the screen's thread; in virtual time there is no person to watch.
+
+        No part of it waits for the terminal: the loop goes on when that is paused or gone.
+        """
+        screen = self.terminal.out
+        if not self._view_wanted or self._clock.is_virtual or screen.stream is None:
+            yield
+            return
+        from hil_bridge.view.live import LiveView
+
+        config = self._config
+        view = self._view = LiveView(
+            config.run.duration_s,
+            config.task.force_n,
+            screen.stream,
+            line_floor(self._link),
+            AnswerTimes.on(self._link),
+        )
+        task = asyncio.create_task(self._refresh(view), name="view")
+        try:
+            yield
+        finally:
+            task.cancel()
+            with suppress(asyncio.CancelledError):
+                await task
+            screen.do(view.close)
+
+    async def _refresh(self, view: "LiveView") -> None:
+        """Draw now and then, in a pause of the loop where one comes: a thread that draws holds it up."""
+        while True:
+            if not self.terminal.out.busy:
+                self.terminal.out.do(partial(view.refresh, self._clock.now(), self._health()))
+            await asyncio.sleep(REFRESH_SECONDS)
+            self._may_draw.clear()
+            # not wait_for, which swallows a cancellation that comes together with the event before Python 3.12
+            with suppress(TimeoutError):
+                async with asyncio.timeout(REFRESH_SECONDS):
+                    await self._may_draw.wait()
+
+    def _health(self) -> Health:
+        assert self._robot is not None
+        assert self._sensor is not None
+        counters, newest = self._robot.counters, self._sensor.newest
+        return Health(
+            link_errors=sum(counters.get(name, 0) for name in TROUBLE),
+            frames_lost=self._sensor.lost,
+            sensor_at=None if newest is None else newest.at,
+            link=dict(counters),
+        )

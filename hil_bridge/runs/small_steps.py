@@ -1,0 +1,134 @@
+"""Small steps under watch: move a little, wait until the robot reports to be there, read the sensor at rest.
+
+For a robot and a sensor that are not trusted yet: before a run, and to free a tool that was left in contact.
+"""
+
+import asyncio
+import math
+from collections.abc import Sequence
+
+from hil_bridge.clock import Clock
+from hil_bridge.control import Reading, reading
+from hil_bridge.sensors.stream import ForceSensor
+from hil_bridge.robots.s3.link import Motion, RobotLink
+from hil_bridge.errors import DeviceError, SafetyStop
+from protocol.s3.arap import Status
+from protocol.geometry import Quaternion, Vector
+
+STREAM_PATIENCE_S = 5.0
+"""Chosen: how long a sensor that is ready may send no whole frame."""
+STEADY_PATIENCE_S = 10.0
+"""Chosen: how long the reading may take to come to rest, beside the time of the sensor's filter."""
+WINDOW_S = 0.3
+"""Chosen: frames of so long make a reading."""
+FRAMES_MIN = 4
+"""Chosen: fewest frames of a reading."""
+TIME_CONSTANTS = 7.0
+"""Of the sensor's filter, waited for after a step. Derived: after as many less than 0.1 % is left."""
+LIFT_SPEED_M_S = 2e-3
+"""Chosen: path velocity of the way to the zero; a robot that goes elsewhere is halted before it has gone far."""
+STEP_PATIENCE_S = 2.0
+"""Chosen: how long one step of that way may take until the robot reports to be there."""
+FOLLOWS_M = 0.13e-3
+"""Chosen: how near the reported position must come to each step, one resolution step of a coarse robot, m."""
+STRAY_M = 0.5e-3
+"""Chosen: distance from the ordered way at which the robot is halted, m."""
+
+
+async def bring_up(robot: RobotLink, sensor: ForceSensor) -> Status:
+    """Robot in operation, sensor streaming; where the robot stands. Raises DeviceError with what stands against it."""
+    status = await robot.read_status()
+    if not status.operation and not status.emergency_stop:
+        await robot.to_operation()
+        status = await robot.read_status()
+    if fault := robot.fault(status):
+        raise DeviceError(fault)
+    await sensor.ready()
+    try:
+        async with asyncio.timeout(STREAM_PATIENCE_S):
+            await sensor.frame()
+    except TimeoutError:
+        raise DeviceError(
+            f"force sensor on {sensor.name} is ready but sent no whole frame in {STREAM_PATIENCE_S:g} s; "
+            "look at its stream with hil-bridge probe sensor"
+        ) from None
+    return status
+
+
+class SmallSteps:
+    """A robot that moves in small steps, and a sensor that is read between them."""
+
+    def __init__(self, clock: Clock, robot: RobotLink, sensor: ForceSensor) -> None:
+        self._clock, self._robot, self._sensor = clock, robot, sensor
+
+    async def to(self, motion: Motion, target: Vector, orientation: Quaternion, step: float) -> Status:
+        """Go to a point that is `step` away, m, and wait until the robot reports to be there.
+
+        Raises SafetyStop when it does not come, and halts it when it goes elsewhere.
+        """
+        await motion.to(target, orientation)
+        patience = self._clock.now() + STEP_PATIENCE_S
+        while True:
+            status = await self._robot.read_status()
+            if fault := self._robot.fault(status):
+                raise SafetyStop(fault)
+            apart = math.dist(status.position, target)
+            if apart <= FOLLOWS_M:
+                return status
+            if apart > STRAY_M + step or self._clock.now() > patience:
+                await motion.halt()
+                raise SafetyStop(
+                    f"the reported position does not follow: ordered {_mm(target)} mm, reported {_mm(status.position)} "
+                    "mm; look at the robot's position before anything else moves it"
+                )
+
+    async def quiet(self) -> Reading:
+        """What the sensor reads once its filter has settled."""
+        since = self._clock.now() + TIME_CONSTANTS * self._sensor.delay
+        await self._clock.sleep_until(since)
+        return await self._reading(since, FRAMES_MIN)
+
+    async def steady(self, change_n: float) -> Reading:
+        """What the sensor reads once it drifts by less than `change_n`, N. Raises DeviceError when it does not."""
+        sensor = self._sensor
+        patience = self._clock.now() + STEADY_PATIENCE_S + TIME_CONSTANTS * sensor.delay
+        while True:
+            since = self._clock.now()
+            await self._clock.sleep_until(since + WINDOW_S)
+            found = await self._reading(since, FRAMES_MIN)
+            unrest = found.unsteady(change_n)
+            if not unrest:
+                return found
+            if self._clock.now() > patience:
+                raise DeviceError(
+                    f"force sensor on {sensor.name} does not come to rest: {unrest}; let nothing touch the tool"
+                )
+
+    async def _reading(self, since: float, count: int) -> Reading:
+        """At least so many frames from this time on. Raises DeviceError when they do not come."""
+        sensor, patience = self._sensor, self._clock.now() + STREAM_PATIENCE_S
+        while len(frames := sensor.window(since)) < count:
+            sensor.check()
+            if self._clock.now() > patience:
+                raise DeviceError(
+                    f"force sensor on {sensor.name} sent {len(frames)} frames in {STREAM_PATIENCE_S:g} s, "
+                    f"{count} are the least to take a zero from"
+                )
+            await self._clock.sleep_until(self._clock.now() + WINDOW_S / 10)
+        return reading(frames)
+
+
+def numbers(values: Sequence[float]) -> str:
+    """Values for people to read, with two digits."""
+    return " ".join(f"{value:z.2f}" for value in values)
+
+
+def unit(quaternion: Quaternion) -> Quaternion:
+    """Device words are rounded; turns are reckoned with unit length."""
+    length = math.hypot(*quaternion)
+    w, x, y, z = (part / length for part in quaternion)
+    return w, x, y, z
+
+
+def _mm(position: Vector) -> str:
+    return " ".join(f"{part * 1e3:.3f}" for part in position)

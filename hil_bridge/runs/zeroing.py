@@ -1,0 +1,219 @@
+"""Before the touch: what robot and sensor must show before a run trusts them, and the zero.
+
+Nothing moves before the sensor reads the weight of the known tool. Then the tool moves a little away from the
+surface, in small slow steps, and the zero is taken only if the force does not change on that way and the reported
+position follows.
+"""
+
+import asyncio
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from hil_bridge.clock import Clock
+from hil_bridge.settings.configuration import Config
+from hil_bridge.control import (
+    Reading,
+    Wrist,
+    lift_fault,
+    quaternion_about,
+    quaternion_product,
+    weight_fault,
+    weight_reading,
+)
+from hil_bridge.sensors.stream import ForceSensor
+from hil_bridge.robots.s3.link import Motion, RobotLink
+from hil_bridge.errors import ConfigError, DeviceError, SafetyStop
+from hil_bridge.runs.small_steps import LIFT_SPEED_M_S, SmallSteps, numbers, unit
+from protocol.s3.arap import Status
+from protocol.geometry import Quaternion, Vector
+
+ZERO_PATIENCE_S = 20.0
+"""Chosen: how long a zero may take; a UART gateway is deaf for a second after every command, and repeats some."""
+
+
+@dataclass(frozen=True, slots=True)
+class Zero:
+    """What was taken for zero, and where."""
+
+    start: Status
+    """After the way to the zero: the start point of the run."""
+    contact: tuple[float, ...]
+    """Contact wrench in the tool frame that was taken off, beside known weight and bias, N and N·m."""
+
+    @property
+    def force(self) -> float:
+        """Its length, N."""
+        return math.hypot(*self.contact[:3])
+
+
+def wrist(config: Config) -> Wrist:
+    """How this configuration says that the sensor sits, and what hangs below it."""
+    sensor, tool = config.sensor, config.tool
+    mounting = quaternion_about((0.0, 0.0, 1.0), math.radians(sensor.mounting_deg))
+    return Wrist(
+        quaternion_product(sensor.quaternion, mounting),
+        _metres(sensor.position_mm),
+        sensor.flip_fx_mx,
+        (*sensor.bias_n, *sensor.bias_nm),
+        tool.mass_kg or 0.0,
+        _metres(tool.centre_of_gravity_mm),
+    )
+
+
+def known_wrist(config: Config) -> Wrist | None:
+    """The wrist with a tool whose weight is known: that of the configuration, or of the emulated cell; None for a
+    sensor that a person lets run unchecked.
+
+    Raises ConfigError for a real sensor whose tool is neither known nor left unchecked.
+    """
+    seen = wrist(config)
+    if config.tool.mass_kg:  # what weighs nothing shows nothing
+        return seen
+    if config.sensor.unchecked:
+        return None
+    if not config.sensor.url:
+        tool = config.cell.tool
+        return replace(seen, mass=tool.mass_kg, centre_of_gravity=_metres(tool.centre_of_gravity_mm))
+    raise ConfigError(
+        "the tool is not known, so the sensor cannot be checked before the robot moves: set tool.mass_kg "
+        "(--tool-mass-kg; hil-bridge identify-tool measures it), or sensor.unchecked = true (--unchecked) to take "
+        "that on yourself"
+    )
+
+
+def _metres(vector_mm: Vector) -> Vector:
+    x, y, z = vector_mm
+    return x * 1e-3, y * 1e-3, z * 1e-3
+
+
+class Zeroing:
+    """The checks of one run over devices that have been brought up; `say` is told what is worth an event."""
+
+    def __init__(
+        self,
+        config: Config,
+        clock: Clock,
+        robot: RobotLink,
+        sensor: ForceSensor,
+        say: Callable[[str], None],
+    ) -> None:
+        self._config, self._clock, self._robot, self._sensor = config, clock, robot, sensor
+        self._say = say
+        self._known = known_wrist(config)
+        self._wrist = wrist(config)
+        self._steps = SmallSteps(clock, robot, sensor)
+        self._first: Reading
+        self._before: Reading
+        self._quaternion: Quaternion
+
+    async def weigh(self, start: Status) -> None:
+        """See that the sensor is at rest and reads the tool's weight, with nothing moving.
+
+        Raises DeviceError with the axis and what it looks like.
+        """
+        self._say(f"full scales {numbers(self._sensor.full_scales)} N, N·m{self._told_model()}")
+        self._quaternion = unit(start.quaternion)
+        self._first = self._before = await self._steps.steady(self._config.task.zero_change_n)
+        if self._known is None:
+            self._say("sensor unchecked: the tool's weight is not known")
+            return
+        limits = self._config.limits
+        expected = weight_reading(self._known, start.quaternion)
+        fault = weight_fault(
+            self._before.mean, expected, limits.weight_tolerance_n, limits.weight_tolerance_nm
+        )
+        if fault:
+            await self._robot.close_sequence(start)
+            raise DeviceError(
+                f"force sensor on {self._sensor.name}: {fault}; nothing has moved, and hil-bridge free "
+                "lifts off a tool that presses"
+            )
+
+    def _told_model(self) -> str:
+        return f"; {self._sensor.model}" if self._sensor.model else ""
+
+    @property
+    def contact_force(self) -> float:
+        """Length of the contact force of the newest reading, N; NaN where the tool's weight is not known."""
+        if self._known is None:
+            return math.nan
+        force = self._known.contact_wrench(self._before.mean, self._quaternion, None)[:3].tolist()
+        return math.hypot(*force)
+
+    async def take(self, motion: Motion, start: Status, interrupted: Callable[[], bool]) -> Zero | None:
+        """Move away by `task.zero_lift_mm`, and take the zero there.
+
+        Raises SafetyStop with what forbids it. None where `interrupted` has ended the way early.
+        """
+        lifted = await self._lift(motion, start, interrupted)
+        if interrupted():
+            return None
+        before = self._before
+        quaternion = unit(start.quaternion)
+        contact = (0.0,) * 6
+        if self._config.sensor.tare:
+            reference = self._known or self._wrist
+            contact = tuple(reference.contact_wrench(before.mean, quaternion, None).tolist())
+            zero = Zero(lifted, contact)
+            if zero.force > self._config.limits.zero_max_n:
+                raise SafetyStop(
+                    f"{zero.force:.1f} N would be taken for zero, allowed are {self._config.limits.zero_max_n:g} N "
+                    "(limits.zero_max_n): free the tool, or let identify-tool find its weight and the sensor's bias"
+                )
+            try:
+                async with asyncio.timeout(ZERO_PATIENCE_S):
+                    await self._sensor.tare()
+                    await self._sensor.frame()
+                self._judge_zero()
+            except TimeoutError:
+                raise SafetyStop(
+                    f"force sensor on {self._sensor.name} did not stream again within {ZERO_PATIENCE_S:g} s of its zero"
+                ) from None
+            self._say(f"zero taken: {numbers(before.mean)} N, N·m; {zero.force:.2f} N more than is known")
+        return Zero(lifted, contact)
+
+    def _judge_zero(self) -> None:
+        """Raise SafetyStop when the force changed between the reading and the zero."""
+        frame, change_n = self._sensor.zeroed_from, self._config.task.zero_change_n
+        if frame is None:
+            return
+        force = self._sensor.wrench(frame)[:3]
+        # a receiver board tells of its zero when frames count from it already
+        change = min(math.dist(force, self._before.mean[:3]), math.hypot(*force))
+        if change > change_n:
+            raise SafetyStop(
+                f"the force changed by {change:.1f} N while the zero was taken: let nothing touch the tool"
+            )
+
+    async def _lift(self, motion: Motion, start: Status, interrupted: Callable[[], bool]) -> Status:
+        """The way to the zero, step by step; the status at its end."""
+        task, approach = self._config.task, self._config.frame.approach
+        step = min(task.zero_step_mm, task.approach_step_mm)
+        count = math.ceil(task.zero_lift_mm / step - 1e-9)
+        status, orientation, velocity = start, start.quaternion, motion.velocity
+        motion.velocity = min(velocity, LIFT_SPEED_M_S)
+        for number in range(1, count + 1):
+            if interrupted():
+                break
+            away = min(number * step, task.zero_lift_mm) * 1e-3
+            x, y, z = (s - away * n for s, n in zip(start.position, approach, strict=True))
+            status = await self._steps.to(motion, (x, y, z), orientation, step * 1e-3)
+            after = await self._steps.quiet()
+            self._judge(after, start, away)
+            self._before = after
+        motion.velocity = velocity
+        return status
+
+    def _judge(self, after: Reading, start: Status, away: float) -> None:
+        """Raise SafetyStop when the force has changed on the way."""
+        quaternion, known = unit(start.quaternion), self._known
+        forces = [
+            (known or self._wrist).contact_wrench(seen.mean, quaternion, None)[:3].tolist()
+            for seen in (self._first, after)
+        ]
+        before, later = (math.hypot(*force) if known else None for force in forces)
+        change_n = self._config.task.zero_change_n
+        text = lift_fault(math.dist(*forces), before, later, change_n, away * 1e3)
+        if text:
+            raise SafetyStop(text)

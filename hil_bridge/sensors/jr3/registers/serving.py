@@ -1,0 +1,50 @@
+"""A real board served until a person stops it."""
+
+import asyncio
+import signal
+from contextlib import suppress
+from pathlib import Path
+
+import click
+
+from hil_bridge.clock import Clock, run_real
+from hil_bridge.sensors.jr3.registers.pci import SYSFS, PciRegisters, open_pci, read_program
+from hil_bridge.sensors.jr3.registers.server import ListenerProfile
+from hil_bridge.sensors.jr3.registers.wires import BOARD, serve_board
+
+
+def serve_pci(
+    address: str, listen: str, offset: int, channel: int, program: Path | None, sysfs: Path | None
+) -> None:
+    """Serve a board's channel on HOST:PORT and print where, until SIGINT or SIGTERM. Raises BridgeError."""
+    words = () if program is None else read_program(program)
+    board = open_pci(address, channel, offset, words, sysfs or SYSFS)
+    try:
+        run_real(lambda: _serve(board, f"{BOARD}tcp-listen://{listen}", offset))
+    finally:
+        board.close()
+
+
+async def _serve(board: PciRegisters, url: str, offset: int) -> None:
+    loop, clock = asyncio.get_running_loop(), Clock.running()
+    stopped = asyncio.Event()
+    with suppress(NotImplementedError):  # no signal handlers in loops of other platforms
+        for number in (signal.SIGINT, signal.SIGTERM):
+            loop.add_signal_handler(number, stopped.set)
+    try:
+        served = await serve_board(url, board, ListenerProfile(), clock, _log, lambda cause: None)
+        try:
+            if text := board.text:
+                click.echo(f"board: {text}")
+            else:
+                _log(f"{board.name}: no text at byte {offset:#x}: does its program run? is --offset right?")
+            click.echo(f"sensor: {served.address}\nStop with Ctrl-C.")
+            await stopped.wait()
+        finally:
+            await served.aclose()
+    finally:
+        clock.close()
+
+
+def _log(text: str) -> None:
+    click.echo(text, err=True)

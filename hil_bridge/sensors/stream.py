@@ -1,0 +1,262 @@
+"""The force/torque sensor as the cycle sees it: newest frame for control, every frame for the recorder."""
+
+import asyncio
+import math
+from collections import deque
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any
+
+from hil_bridge.clock import Clock
+from hil_bridge.control.course.peaks import Peaks
+from hil_bridge.errors import BridgeError, DeviceError, TransportClosed
+from hil_bridge.sensors.axis_watch import AxisWatch
+from hil_bridge.transports import Transport
+from hil_bridge.transports.pump import Pump
+from protocol.geometry import Wrench
+from protocol.jr3 import (
+    SensorClient,
+    SensorEvent,
+    SensorFailed,
+    SensorFrame,
+    SensorNotice,
+    SensorReady,
+    SensorRestarted,
+    SensorStopped,
+    Zeroed,
+    wrench_from_counts,
+)
+
+_HISTORY = 256
+"""Frames kept for looking back. Chosen: 2.6 s of the default stream, many answers of the robot's link."""
+
+
+class ForceSensor:
+    """A JR3 sensor behind whatever stands before it: `client` speaks its language over `transport`.
+
+    `on_frame` is given every complete six-axis frame, `on_notice(kind, text)` what is worth a line in the
+    record.
+    """
+
+    def __init__(
+        self,
+        transport: Transport[Any],
+        client: SensorClient[Any],
+        clock: Clock,
+        on_frame: Callable[[SensorFrame], None],
+        on_notice: Callable[[str, str], None],
+    ) -> None:
+        self.name = transport.name
+        self.newest: SensorFrame | None = None
+        """The frame that arrived last, or None before the first and before the first since a zero."""
+        self.decoded_at = math.nan
+        """When it had been decoded, s on the run's clock; `at` of the frame is when it arrived."""
+        self.received = 0
+        """Complete frames so far."""
+        self.repeated = 0
+        """How many of the newest frames in a row carried identical counts on all axes."""
+        self.peaks: Peaks | None = None
+        """Shown every frame; None while nothing judges them."""
+        self._watch = AxisWatch()
+        self._history: deque[SensorFrame] = deque(maxlen=_HISTORY)
+        self._transport = transport
+        self._clock = clock
+        self._on_frame = on_frame
+        self._on_notice = on_notice
+        self._client = client
+        self._pump: Pump[Any, SensorEvent] = Pump(client, transport, clock, self._take, self._ended)
+        self.zeroed_from: SensorFrame | None = None
+        """The newest frame when the device said that it had taken its zero; None before."""
+        self.model = ""
+        """What the device says of the sensor; empty where it says nothing."""
+        self._full_scales: tuple[float, ...] | None = None
+        self._converted: SensorFrame | None = None
+        """The frame whose wrench was asked for last."""
+        self._wrench: Wrench = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        """That wrench."""
+        self._failure: BridgeError | None = None
+        self._waiters: list[tuple[type, asyncio.Future[None]]] = []
+
+    @property
+    def lost(self) -> int:
+        """Frames that the counter says were sent and that never came."""
+        return self._client.statistics.lost
+
+    @property
+    def delay(self) -> float:
+        """How much later than the force itself the device's filter tells of it, s."""
+        return self._client.delay
+
+    @property
+    def period(self) -> float | None:
+        """Between two frames by the device's cadence, s; None where each has to be asked for."""
+        return self._client.period
+
+    @property
+    def saturated(self) -> tuple[str, ...]:
+        """Axes that were at the end of their range in the newest frame."""
+        return self._watch.saturated
+
+    @property
+    def dead(self) -> tuple[int, ...]:
+        """Numbers of the axes that have not changed once since the zero, for long, though another moved far."""
+        return self._watch.dead
+
+    def start(self) -> None:
+        """Begin to listen and to bring the device up."""
+        self._pump.start()
+
+    async def ready(self) -> tuple[float, ...]:
+        """Wait until the device streams; its full scales fx fy fz mx my mz, N and N·m.
+
+        Raises DeviceError with the reason when it stays silent, has no sensor, or names an impossible full
+        scale.
+        """
+        if self._full_scales is None:
+            await self._until(SensorReady)
+        assert self._full_scales is not None
+        return self._full_scales
+
+    async def tare(self) -> None:
+        """Let the device take its present filtered output as zero. Frames from before are forgotten.
+
+        What the output was is looked at first: the zero moves the counts, and the end of the range stays where it is.
+        """
+        await self.frame()
+        self._client.zero()
+        self._pump.kick()
+        await self._until(Zeroed)
+
+    async def frame(self) -> SensorFrame:
+        """The newest frame; where there is none yet, or none since the zero, the next."""
+        if self.newest is None:
+            await self._until(SensorFrame)
+        assert self.newest is not None
+        return self.newest
+
+    @property
+    def full_scales(self) -> tuple[float, ...]:
+        """What the device told: fx fy fz in N, mx my mz in N·m; known once it is ready."""
+        assert self._full_scales is not None, "the device is ready first"
+        return self._full_scales
+
+    def window(self, since: float) -> list[tuple[float, ...]]:
+        """Wrenches as `wrench` gives them of the frames kept that arrived after this time, s, oldest first."""
+        return [self.wrench(frame) for frame in self._history if frame.at > since]
+
+    def check(self) -> None:
+        """Raise what ended the sensor, if anything did: for the cycle, before it trusts the newest frame."""
+        if self._failure is not None:
+            raise self._failure
+
+    def wrench(self, frame: SensorFrame) -> Wrench:
+        """Wrench of a frame in the sensor frame: fx fy fz mx my mz, N and N·m."""
+        if frame is not self._converted:
+            assert self._full_scales is not None, "no frame comes before the full scales"
+            self._wrench = wrench_from_counts(frame.counts, self._full_scales)
+            self._converted = frame
+        return self._wrench
+
+    def wrench_at(self, at: float) -> tuple[float, ...] | None:
+        """Wrench as `wrench` gives it that arrived at a moment of the past, a line between the frames around
+        it.
+
+        The newest one for a moment after it; None before the oldest frame kept since the last tare.
+        """
+        later: SensorFrame | None = None
+        for frame in reversed(self._history):
+            if frame.at <= at:
+                if later is None:
+                    return self.wrench(frame)
+                share = (at - frame.at) / (later.at - frame.at)
+                after = self.wrench(later)  # first, for the newest has been asked for just now
+                before = self.wrench(frame)
+                return tuple([a + share * (b - a) for a, b in zip(before, after, strict=True)])
+            later = frame
+        return None
+
+    async def aclose(self) -> None:
+        """Stop the stream, wait for the device to say that it knows, and close the wire.
+
+        A device that does not hear the first stop gets the time for its repetition.
+        """
+        if self._failure is None:
+            self._client.stop()
+            self._pump.kick()
+            with suppress(BridgeError, TimeoutError):
+                async with asyncio.timeout(self._client.stop_patience):
+                    await self._until(SensorStopped)
+        await self._transport.aclose()
+
+    async def _until(self, event: type) -> None:
+        self.check()
+        waiter: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+        self._waiters.append((event, waiter))
+        await waiter
+
+    def _take(self, event: SensorEvent) -> None:
+        match event:
+            case SensorFrame():
+                previous = self.newest
+                same = previous is not None and previous.counts == event.counts
+                self.repeated = self.repeated + 1 if same else 0
+                self.newest = event
+                self.decoded_at = self._clock.now()
+                self._history.append(event)
+                for text in self._watch.frame(event.counts):
+                    self._on_notice("sensor", text)
+                if (peaks := self.peaks) is not None:
+                    peaks.frame(event.counts)
+                    if self._watch.saturated:
+                        peaks.saturated = True
+                self.received += 1
+                self._on_frame(event)
+            case SensorReady(full_scales=full_scales, model=model):
+                self._full_scales, self._converted, self.model = full_scales, None, model
+            case Zeroed():
+                self._watch.zeroed(None if self.newest is None else self.newest.counts)
+                self.zeroed_from = self.newest
+                self.newest = None
+                self._history.clear()
+            case SensorNotice(text=text):
+                self._on_notice("sensor", text)
+            case SensorFailed(text=text):
+                self._fail(DeviceError(f"force sensor on {self.name}: {text}"))
+            case SensorRestarted():
+                if self._full_scales is None:
+                    self._on_notice("sensor", "the device booted")
+                else:
+                    self._fail(
+                        DeviceError(
+                            f"force sensor on {self.name} restarted in mid-run, its zero is lost; "
+                            "check its supply, then start again"
+                        )
+                    )
+        if self._waiters:
+            self._wake(type(event))
+
+    def _wake(self, event: type) -> None:
+        done = [waiter for kind, waiter in self._waiters if kind is event]
+        self._waiters = [pair for pair in self._waiters if pair[0] is not event]
+        for waiter in done:
+            if not waiter.done():
+                waiter.set_result(None)
+
+    def _ended(self, cause: BaseException) -> None:
+        if isinstance(cause, BridgeError):
+            self._fail(cause, quiet=isinstance(cause, TransportClosed))
+        else:
+            failure = DeviceError(f"force sensor {self.name} stopped: {cause!r}")
+            failure.__cause__ = cause
+            self._fail(failure)
+
+    def _fail(self, failure: BridgeError, quiet: bool = False) -> None:
+        if self._failure is not None:
+            return
+        self._failure = failure
+        if not quiet:
+            self._on_notice("sensor", str(failure))
+        waiters, self._waiters = self._waiters, []
+        for _, waiter in waiters:
+            if not waiter.done():
+                waiter.set_exception(failure)

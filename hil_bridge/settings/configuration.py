@@ -1,0 +1,422 @@
+"""The configuration: one TOML file, validated, every key with its unit in its name."""
+
+import dataclasses
+import difflib
+import json
+import math
+import textwrap
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    PydanticUserError,
+    TypeAdapter,
+    ValidationError,
+    ValidationInfo,
+    field_validator,
+)
+
+from emulators.cell import CellProfile
+from hil_bridge.clock.realtime import RealTime
+from hil_bridge.control import Contour, Limits, OscillationDetector, TaskParameters
+from hil_bridge.control.controllers import controller_kind
+from hil_bridge.errors import ConfigError
+from hil_bridge.faults.settings import FaultConfig
+from hil_bridge.field_docstrings import field_docstrings
+from hil_bridge.text_files import read_toml, shown
+from protocol.geometry import Quaternion, Vector
+from protocol.jr3 import GatewayClientProfile, UartGatewayClientProfile
+from protocol.jr3.registers import BoardClientProfile
+from protocol.marks import Setting, settings
+from protocol.s3.adlp import LinkProfile
+
+OPTIONS = {
+    "run.duration_s": "--duration",
+    "run.seed": "--seed",
+    "run.panel_url": "--panel",
+    "robot.url": "--robot",
+    "sensor.url": "--sensor",
+    "sensor.unchecked": "--unchecked",
+    "tool.mass_kg": "--tool-mass-kg",
+    "controller.name": "--controller",
+    "task.force_n": "--force-n",
+}
+"""Command-line options by the key that they override."""
+
+_TABLES = ("faults",)
+"""Settings that are written as tables of their own, so that an empty list would stand in their way."""
+
+FILE_KEYS = ("robot.orders_file", "cell.robot.program_folder", "controller.parameters.rules_file")
+"""Keys that name a file; one that is not absolute is looked for beside the configuration that names it."""
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class RunConfig(_Section):
+    """The run as a whole."""
+
+    duration_s: float = Field(default=30.0, gt=0)
+    """How long to track the surface once in contact."""
+    seed: int = Field(default=1, ge=0)
+    """Seed of every random draw in the emulated cell."""
+    period_ms: float = Field(default=0.0, ge=0)
+    """Control cycle; 0 runs as fast as the computer link answers."""
+    panel_url: str = ""
+    """Where the emulated controller's panel listens, tcp-listen://127.0.0.1:0; empty: nowhere."""
+
+
+class RobotConfig(_Section):
+    """The robot controller and its computer link."""
+
+    url: str = ""
+    """serial:///dev/ttyUSB0?baudrate=9600&parity=E or tcp://host:port; empty starts the emulated robot."""
+    velocity_mm_s: float = Field(default=50.0, gt=0, le=1000)
+    """Path velocity given with every point; it must outrun one step a cycle."""
+    orders_file: str = ""
+    """TOML file of orders that this controller knows beside the usual ones; empty: none."""
+    link: LinkProfile = LinkProfile()
+    """What is known and assumed about the computer link."""
+
+
+class SensorConfig(_Section):
+    """The force/torque sensor, its gateway and its mounting."""
+
+    url: str = ""
+    """can+socketcan://can0 or can+slcan:///dev/ttyACM0 for a CAN gateway, serial:///dev/ttyACM0?gateway=jr3 for a
+    UART gateway, jr3+tcp://host:1762?filter=2 for a receiver board; empty starts the emulated sensor.
+    """
+    emulated: Literal["gateway", "uart", "board"] = "gateway"
+    """What stands before the emulated sensor, by the name of its section here: a CAN gateway, a UART gateway or a
+    receiver board.
+    """
+    mounting_deg: float = 0.0
+    """Rotation of the sensor about the tool's z axis: angle from the tool's x axis to the sensor's."""
+    quaternion: Quaternion = (1.0, 0.0, 0.0, 0.0)
+    """Sensor frame in the tool frame, w x y z, for a sensor whose z axis is not the tool's; `mounting_deg` then
+    turns it about its own z axis.
+    """
+    position_mm: Vector = (0.0, 0.0, 0.0)
+    """Sensor's origin in the tool frame; contact moments are told about the tool frame's origin."""
+    flip_fx_mx: bool = False
+    """Set it when the sensor counts left-handed as seen from the tool: negates Fx and Mx."""
+    unchecked: bool = False
+    """Run although the tool's weight is not known: a person takes on that axes, signs and scales of the sensor are
+    right.
+    """
+    tare: bool = True
+    """Take what the sensor reads before the movement for zero, whatever it is; otherwise only the bias given here
+    and the tool's weight are taken off, so that a force that is there already is seen.
+    """
+    bias_n: Vector = (0.0, 0.0, 0.0)
+    """Forces that the sensor reads with nothing on it, fx fy fz as it counts; used where no zero is taken."""
+    bias_nm: Vector = (0.0, 0.0, 0.0)
+    """Moments that the sensor reads with nothing on it, mx my mz as it counts; used where no zero is taken."""
+    gateway: GatewayClientProfile = GatewayClientProfile()
+    """What the client asks of a CAN gateway."""
+    board: BoardClientProfile = BoardClientProfile()
+    """What the client asks of a receiver board."""
+    uart: UartGatewayClientProfile = UartGatewayClientProfile()
+    """What the client asks of a UART gateway."""
+
+    @field_validator("quaternion")
+    @classmethod
+    def _unit(cls, quaternion: Quaternion) -> Quaternion:
+        length = math.hypot(*quaternion)
+        if length < 1e-6:
+            raise ValueError("must not be the zero quaternion")
+        w, x, y, z = (part / length for part in quaternion)
+        return w, x, y, z
+
+
+class ToolConfig(_Section):
+    """What hangs below the sensor."""
+
+    mass_kg: float | None = Field(default=None, ge=0)
+    """Mass below the sensor, which `identify-tool` measures; the sensor must read its weight before a run moves.
+    Nothing where it is not known: an emulated cell then tells its own.
+    """
+    centre_of_gravity_mm: Vector = (0.0, 0.0, 0.0)
+    """From the sensor's origin, along the tool frame's axes."""
+
+
+class FrameConfig(_Section):
+    """The task frame: which way is into the surface and which way along it, in the robot's base frame."""
+
+    approach: Vector = (0.0, 0.0, -1.0)
+    """Into the surface."""
+    travel: Vector = (0.0, 1.0, 0.0)
+    """Along the surface; perpendicular to `approach`."""
+    follow_normal: bool = False
+    """Control the force along the surface's normal, estimated from motion and force, and hold the speed along the
+    surface; otherwise both keep the directions given here, as in the paper.
+    """
+    contour: Contour = Contour()
+    """How the normal is estimated."""
+
+    @field_validator("approach", "travel")
+    @classmethod
+    def _unit(cls, vector: Vector) -> Vector:
+        length = math.hypot(*vector)
+        if length < 1e-9:
+            raise ValueError("must not be the zero vector")
+        return vector[0] / length, vector[1] / length, vector[2] / length
+
+    @field_validator("travel")
+    @classmethod
+    def _perpendicular(cls, travel: Vector, info: ValidationInfo) -> Vector:
+        approach = info.data.get("approach")
+        if approach and abs(sum(a * b for a, b in zip(approach, travel, strict=True))) > 1e-6:
+            raise ValueError("must be perpendicular to frame.approach")
+        return travel
+
+
+class ControllerConfig(_Section):
+    """The force controller and its parameters."""
+
+    name: str = "predictive"
+    """One of ours or one that another package offers; a wrong name lists them."""
+    parameters: dict[str, Any] = {}
+    """Parameters of that controller that differ from their defaults."""
+
+    @field_validator("name")
+    @classmethod
+    def _known(cls, name: str) -> str:
+        try:
+            controller_kind(name)
+        except ConfigError as error:
+            raise ValueError(str(error)) from error
+        return name
+
+    @field_validator("parameters")
+    @classmethod
+    def _fitting(cls, parameters: dict[str, Any], info: ValidationInfo) -> dict[str, Any]:
+        if (name := info.data.get("name")) is not None:
+            kind: Any = controller_kind(name)
+            known = [field.name for field in dataclasses.fields(kind) if field.init]
+            if unknown := [key for key in parameters if key not in known]:
+                raise ValueError(f"{name} has no parameter {unknown[0]!r}, only {', '.join(known)}")
+            try:
+                adapter = TypeAdapter(kind)
+            except PydanticUserError as error:
+                reason = str(error).splitlines()[0]
+                raise ValueError(f"{name} has a parameter that no file can hold: {reason}") from error
+            adapter.validate_python(parameters)
+        return parameters
+
+
+class Config(_Section):
+    """Everything a run is a function of, beside the devices themselves."""
+
+    run: RunConfig = RunConfig()
+    robot: RobotConfig = RobotConfig()
+    sensor: SensorConfig = SensorConfig()
+    tool: ToolConfig = ToolConfig()
+    frame: FrameConfig = FrameConfig()
+    task: TaskParameters = TaskParameters()
+    controller: ControllerConfig = ControllerConfig()
+    limits: Limits = Limits()
+    oscillation: OscillationDetector = OscillationDetector()
+    realtime: RealTime = RealTime()
+    """How the loop's thread is run; of no meaning in virtual time."""
+    cell: CellProfile = CellProfile()
+    """The emulated cell: used by `emulate`, and by `run` for what has no URL."""
+    faults: tuple[FaultConfig, ...] = ()
+    """What goes wrong on purpose in the emulated cell, a table [[faults]] each; `hil-bridge faults` lists it all."""
+
+    @field_validator("faults")
+    @classmethod
+    def _possible(cls, faults: tuple[FaultConfig, ...], info: ValidationInfo) -> tuple[FaultConfig, ...]:
+        robot, sensor = info.data.get("robot"), info.data.get("sensor")
+        if robot is not None and sensor is not None:
+            for number, fault in enumerate(faults):
+                try:
+                    fault.check_cell(robot.url, sensor.url, sensor.emulated)
+                except ValueError as error:
+                    raise ValueError(f"{number}: {error}") from error
+        return faults
+
+
+def load_config(path: Path | None, overrides: Mapping[str, object]) -> Config:
+    """Read a TOML file, put the overrides that are not None (`section.key`) on top, and validate.
+
+    Raises ConfigError with the file, the key and what to do.
+    """
+    values: dict[str, Any] = {}
+    if path is not None:
+        values = read_toml(path)
+        _resolve_files(values, path.parent)
+    given = set()
+    for key, value in overrides.items():
+        if value is None:
+            continue
+        section, name = key.split(".")
+        table = values.setdefault(section, {})
+        if isinstance(table, dict):
+            table[name] = value
+            given.add(key)
+    try:
+        return Config.model_validate(values)
+    except ValidationError as error:
+        raise ConfigError(explain(error, path, given)) from error
+
+
+def dump(config: Config) -> str:
+    """The whole configuration as one line of JSON, for the record."""
+    return json.dumps(config.model_dump(mode="json"), separators=(",", ":"), sort_keys=True)
+
+
+def profile_rows(config: Config) -> Iterator[tuple[str, Setting]]:
+    """Every setting that carries a mark, with its dotted key."""
+    for key, section in _sections("", config):
+        if dataclasses.is_dataclass(section):
+            for item in settings(section):
+                yield f"{key}.{item.name}", item
+
+
+def schema() -> dict[str, Any]:
+    """JSON schema of a configuration file, settings described with their marks."""
+    result = Config.model_json_schema()
+    definitions = result["$defs"]
+    for key, section in (("", Config()), *_sections("", Config())):
+        definition = definitions[type(section).__name__] if key else result
+        comments = _comments(section.__class__)
+        for name, entry in definition["properties"].items():
+            described = definitions.get(entry.get("$ref", "").rpartition("/")[2], {})
+            entry["description"] = comments.get(name) or described["description"]
+    return result
+
+
+def commented_defaults() -> str:
+    """A configuration file with every setting at its default and a comment above it."""
+    lines = [
+        "# Configuration of hil-bridge. Every setting stands at its default; delete what you do not change."
+    ]
+    for key, section in (("", Config()), *_sections("", Config())):
+        comments = _comments(section.__class__)
+        plain = [(name, value) for name, value in _items(section) if not _is_section(value)]
+        if not plain:
+            continue
+        lines += ["", f"[{key}]"] if key else [""]
+        for name, value in plain:
+            lines += textwrap.wrap(comments.get(name, ""), 108, initial_indent="# ", subsequent_indent="# ")
+            lines.append(f"# {name} =" if value is None or name in _TABLES else f"{name} = {_toml(value)}")
+    return "\n".join(lines) + "\n"
+
+
+def _resolve_files(values: dict[str, Any], folder: Path) -> None:
+    """Make the files that a configuration names relative to its own place."""
+    for key in FILE_KEYS:
+        *sections, name = key.split(".")
+        table: Any = values
+        for section in sections:
+            table = table.get(section) if isinstance(table, dict) else None
+        if isinstance(table, dict) and isinstance(table.get(name), str) and table[name]:
+            table[name] = str(folder / table[name])
+
+
+def _is_section(value: object) -> bool:
+    return isinstance(value, BaseModel) or dataclasses.is_dataclass(value)
+
+
+def _items(section: object) -> list[tuple[str, Any]]:
+    if isinstance(section, BaseModel):
+        return [(name, getattr(section, name)) for name in type(section).model_fields]
+    return [(field.name, getattr(section, field.name)) for field in dataclasses.fields(section)]  # type: ignore[arg-type]
+
+
+def _sections(key: str, section: object) -> Iterator[tuple[str, Any]]:
+    """The section itself, then every section inside it, with dotted keys."""
+    if key:
+        yield key, section
+    for name, value in _items(section):
+        if _is_section(value):
+            yield from _sections(f"{key}.{name}" if key else name, value)
+
+
+@cache
+def _comments(cls: Any) -> dict[str, str]:
+    """What is said about each field of a section: the setting's meaning with unit and mark, or its docstring."""
+    comments = field_docstrings(cls)
+    if issubclass(cls, BaseModel):
+        return comments
+    for field in dataclasses.fields(cls):
+        if info := field.metadata.get("setting"):
+            unit = f", {info.unit}" if info.unit else ""
+            comments[field.name] = f"{info.meaning.rstrip('.')}{unit} [{info.mark}]"
+    return comments
+
+
+def _toml(value: object) -> str:
+    match value:
+        case bool():
+            return str(value).lower()
+        case str():
+            return json.dumps(value, ensure_ascii=False)
+        case tuple() | list():
+            return "[" + ", ".join(_toml(item) for item in value) + "]"
+        case dict():
+            return "{" + ", ".join(f"{key} = {_toml(item)}" for key, item in value.items()) + "}"
+        case _:
+            return repr(value)
+
+
+def explain(error: ValidationError, path: Path | None, given: set[str]) -> str:
+    """The first thing that is wrong as one line: where, what, what to do."""
+    first = error.errors()[0]
+    location, got = [str(part) for part in first["loc"]], f", got {shown(first['input'])}"
+    match first["type"]:
+        case "extra_forbidden" | "unexpected_keyword_argument":
+            text = f" is no setting{_instead(location)}"
+        case "value_error":
+            cause = str(first["ctx"]["error"])
+            if location == ["faults"]:  # which of them, comes first
+                number, _, cause = cause.partition(": ")
+                location.append(number)
+            text = f": {cause}"
+            # a check of a whole section begins with the setting that it blames
+            blamed, _, rest = cause.partition(" ")
+            if _at((*location, blamed)) is not None:
+                location.append(blamed)
+                text = f" {rest}"
+        case "missing":  # only a vector can lack something
+            location.pop()
+            text = f": a value is missing{got}"
+        case kind if kind in ("dict_type", "model_type") or _is_section(_at(location)):
+            text = f" must be a table of settings{got}"
+        case _:
+            text = f": {first['msg'].replace('Input should', 'must', 1)}{got}"
+    key = ".".join(location)
+    where = OPTIONS[key] if key in given else f"{path or 'configuration'}: {key}"
+    more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
+    return where + text + more
+
+
+def _at(location: Sequence[str]) -> object:
+    """What stands there in the default configuration; None for what is not there."""
+    found: Any = Config()
+    for part in location:
+        found = getattr(found, part, None)
+    return found
+
+
+def _instead(location: Sequence[str]) -> str:
+    """Names that a mistyped key may have meant; a wrong unit suffix is named as such."""
+    section = _at(location[:-1])
+    if not _is_section(section):
+        return ""
+    names = [name for name, _ in _items(section)]
+    wrong = location[-1]
+    stem = wrong.rsplit("_", 1)[0]
+    same_stem = [name for name in names if name.rsplit("_", 1)[0] == stem or name.startswith(f"{wrong}_")]
+    if same_stem:
+        return f"; the unit is part of the name: {' or '.join(same_stem)}"
+    if close := difflib.get_close_matches(wrong, names, 1):
+        return f"; did you mean {close[0]}?"
+    return f"; known here: {', '.join(names)}"

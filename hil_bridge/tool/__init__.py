@@ -1,0 +1,1 @@
+"""Measuring a tool: its mass and centre from readings in several orientations."""

@@ -1,0 +1,1 @@
+"""CAN wires: SocketCAN, slcan and python-can, and a bus in memory."""

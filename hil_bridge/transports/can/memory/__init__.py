@@ -1,0 +1,50 @@
+"""A CAN bus in memory, in real or virtual time."""
+
+import asyncio
+from collections.abc import Sequence
+from weakref import WeakKeyDictionary
+
+from hil_bridge.clock import Clock
+from hil_bridge.errors import ConfigError
+from hil_bridge.transports.can.memory.bus import BITRATE, MemoryCanBus
+from hil_bridge.transports.can.memory.confinement import ErrorCounters
+from hil_bridge.transports.can.memory.disturbance import BitErrors, Disturbance
+from hil_bridge.transports.can.memory.node import MemoryCanNode
+from protocol.can.frame import CanFilter
+
+__all__ = [
+    "BitErrors",
+    "Disturbance",
+    "ErrorCounters",
+    "MemoryCanBus",
+    "MemoryCanNode",
+    "join_memory_can",
+    "memory_can_bus",
+]
+
+_BUSES: WeakKeyDictionary[asyncio.AbstractEventLoop, dict[str, MemoryCanBus]] = WeakKeyDictionary()
+"""The buses of each loop by name."""
+
+
+def join_memory_can(
+    name: str, bitrate: int | None, clock: Clock, accept: Sequence[CanFilter] = ()
+) -> MemoryCanNode:
+    """A node on the bus of this name in this loop; the first one makes the bus and sets its bit rate.
+
+    Raises ConfigError when the bus is there with another bit rate.
+    """
+    buses = _BUSES.setdefault(clock.loop, {})
+    bus = buses.get(name)
+    if bus is None or bus.empty:
+        bus = buses[name] = MemoryCanBus(clock, bitrate or BITRATE, f"can+memory:{name}")
+    elif bitrate is not None and bitrate != bus.bitrate:
+        raise ConfigError(f"{bus.name}: bitrate={bitrate}, but the others on this bus use {bus.bitrate}")
+    return bus.connect(accept)
+
+
+def memory_can_bus(name: str, clock: Clock) -> MemoryCanBus:
+    """The bus itself, to read its load or to disturb it. Raises ConfigError when nobody is on it."""
+    bus = _BUSES.get(clock.loop, {}).get(name)
+    if bus is None or bus.empty:
+        raise ConfigError(f"can+memory:{name}: nobody is on this bus; open a node first")
+    return bus

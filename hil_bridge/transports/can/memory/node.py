@@ -1,0 +1,171 @@
+"""One node of a CAN bus in memory: a controller with its queue, its error counters and its filters."""
+
+import asyncio
+from collections.abc import Callable, Sequence
+from typing import Protocol
+
+from hil_bridge.errors import TransportError
+from hil_bridge.transports.base import Frames
+from hil_bridge.transports.can.memory.confinement import RECOVERY_SEQUENCES, ErrorCounters, state_report
+from hil_bridge.transports.can.queue import CanStatistics, SendQueue
+from hil_bridge.transports.delivery import QUEUE_FRAMES, Delivery, flush
+from protocol.can.error import CanErrorReport, ErrorClass, ErrorState, encode_error
+from protocol.can.frame import CanFilter, CanFrame
+
+_NO_CAUSE = ErrorClass(0)
+
+
+class Line(Protocol):
+    """The bus as its nodes see it."""
+
+    @property
+    def name(self) -> str:
+        """URL of the bus."""
+
+    def now(self) -> float:
+        """The bus's time, s."""
+
+    def wake(self, node: "MemoryCanNode") -> None:
+        """The node has something to send."""
+
+    def disconnect(self, node: "MemoryCanNode") -> None:
+        """The node leaves."""
+
+
+class MemoryCanNode:
+    """A transport of CAN frames. Changes of its error state arrive in band, as error frames."""
+
+    __slots__ = (
+        "_accept",
+        "_bus",
+        "_bus_off",
+        "_delivery",
+        "_drained",
+        "_received",
+        "_reports",
+        "counters",
+        "on_bus",
+        "queue",
+        "recovery",
+        "state",
+    )
+
+    def __init__(self, bus: Line, accept: Sequence[CanFilter]) -> None:
+        self._bus = bus
+        self._accept = tuple(accept)
+        self._delivery: Delivery[Frames] = Delivery(bus.name, QUEUE_FRAMES)
+        self._drained: asyncio.Future[None] | None = None
+        self._received = self._reports = self._bus_off = 0
+        self.queue = SendQueue(bus.name)
+        self.counters = ErrorCounters()
+        self.state = self.counters.state
+        """What the counters make of it."""
+        self.on_bus = True
+        """Whether it sends, receives and acknowledges: that is, not bus-off."""
+        self.recovery = 0
+        """Sequences of eleven recessive bits that it must still see while bus-off."""
+
+    @property
+    def name(self) -> str:
+        return self._delivery.name
+
+    @property
+    def statistics(self) -> CanStatistics:
+        """Counts since it was connected."""
+        return CanStatistics(
+            sent=self.queue.sent,
+            received=self._received,
+            dropped=self.queue.dropped,
+            error_frames=self._reports,
+            bus_off=self._bus_off,
+            overruns=self._delivery.overruns,
+        )
+
+    def start(self, on_data: Callable[[Frames], None], on_end: Callable[[TransportError], None]) -> None:
+        self._delivery.start(on_data, on_end)
+
+    def send(self, data: Frames) -> None:
+        self._delivery.check()
+        self.queue.put(data, self._bus.now())
+        if data:
+            self._bus.wake(self)
+
+    async def aclose(self) -> None:
+        if not self._delivery.begin_close():
+            return
+        try:
+            await flush(self._until_drained())
+        finally:
+            self.queue.clear()
+            self._bus.disconnect(self)
+            self._delivery.closed()
+
+    async def _until_drained(self) -> None:
+        if len(self.queue):
+            self._drained = asyncio.get_running_loop().create_future()
+            await self._drained
+
+    # --- for the bus
+
+    def frame_sent(self, at: float) -> None:
+        """The next frame of the queue was acknowledged."""
+        self.queue.left(at)
+        if self.counters.transmit:
+            self._count(self.counters.sent(), at)
+        if self._drained is not None:
+            self._settle()
+
+    def frame_received(self, frame: CanFrame, at: float) -> None:
+        """A frame of another node was good."""
+        if self.counters.receive:
+            self._count(self.counters.received(), at)
+        if self._accept:
+            for choice in self._accept:
+                if choice.accepts(frame):
+                    break
+            else:
+                return
+        self._received += 1
+        self._delivery.data((frame,))
+
+    def send_failed(self, acknowledge_missing: bool, at: float, times: int) -> None:
+        """An own frame failed, `times` in a row."""
+        counters = self.counters
+        for _ in range(times):
+            after = counters.send_failed(acknowledge_missing)
+            if after == counters:
+                break
+            counters = after
+        self._count(counters, at, ErrorClass.NO_ACKNOWLEDGE if acknowledge_missing else _NO_CAUSE)
+
+    def receive_failed(self, at: float) -> None:
+        """A frame of another node was spoilt."""
+        self._count(self.counters.receive_failed(), at)
+
+    def recover(self, at: float) -> None:
+        """It has seen the bus free for long enough after bus-off."""
+        self.counters, self.on_bus = ErrorCounters(), True
+        self.state = self.counters.state
+        self._report(CanErrorReport(ErrorClass.RESTARTED), at)
+
+    def give_up(self, at: float) -> None:
+        """Drop the frames that have waited for too long, and say so."""
+        if self.queue.give_up(at):
+            self._report(CanErrorReport(ErrorClass.TX_TIMEOUT), at)
+            self._settle()
+
+    def _count(self, counters: ErrorCounters, at: float, cause: ErrorClass = _NO_CAUSE) -> None:
+        before, self.counters, self.state = self.state, counters, counters.state
+        if self.state is not before:
+            if self.state is ErrorState.BUS_OFF:
+                self.on_bus, self.recovery = False, RECOVERY_SEQUENCES
+                self._bus_off += 1
+            self._report(state_report(counters, cause), at)
+
+    def _report(self, report: CanErrorReport, at: float) -> None:
+        self._reports += 1
+        self._delivery.data((encode_error(report, at),))
+
+    def _settle(self) -> None:
+        if self._drained is not None and not self._drained.done() and not len(self.queue):
+            self._drained.set_result(None)

@@ -1,0 +1,58 @@
+"""Frames, errors and descriptors of python-can in the terms of this project."""
+
+import errno
+
+import can
+
+from hil_bridge.transports import reasons
+from protocol.can.error import REPORT_BYTES
+from protocol.can.frame import CanFrame
+
+_FULL = (errno.ENOBUFS, errno.EAGAIN)
+
+
+def file_descriptor(bus: can.BusABC) -> int:
+    """What the event loop waits for, or −1 when the interface has none."""
+    try:
+        return bus.fileno()
+    except NotImplementedError:
+        return -1
+
+
+def to_message(frame: CanFrame) -> can.Message:
+    """A frame as a message; the bytes of a remote frame say how many it asks for."""
+    return can.Message(
+        arbitration_id=frame.identifier,
+        is_extended_id=frame.extended,
+        is_remote_frame=frame.remote,
+        dlc=len(frame.data),
+        data=b"" if frame.remote else frame.data,
+    )
+
+
+def from_message(message: can.Message, at: float) -> CanFrame | None:
+    """A message as a frame, or None when it is not a classical CAN frame."""
+    if message.is_fd or (len(message.data) != message.dlc and not message.is_remote_frame):
+        return None
+    if message.is_error_frame and message.dlc != REPORT_BYTES:
+        return None
+    try:
+        return CanFrame(
+            message.arbitration_id,
+            bytes(message.dlc) if message.is_remote_frame else bytes(message.data),
+            extended=message.is_extended_id,
+            remote=message.is_remote_frame,
+            error=message.is_error_frame,
+            received_at=at,
+        ).checked()
+    except ValueError:
+        return None
+
+
+def is_full(error: BaseException) -> bool:
+    """Whether sending failed only for now; python-can says it by number or in words."""
+    return (
+        reasons.error_number(error) in _FULL
+        or isinstance(error.__cause__, BlockingIOError)
+        or str(error).startswith(("Transmit buffer full", "Could not send message to one or more"))
+    )

@@ -1,0 +1,82 @@
+"""Opens every CAN interface of python-can."""
+
+import asyncio
+import errno
+import fcntl
+import os
+from collections.abc import Sequence
+from functools import partial
+from typing import Any
+
+import can
+from can.interfaces.slcan import slcanBus
+
+from hil_bridge.clock import Clock
+from hil_bridge.transports import reasons
+from hil_bridge.transports.base import Frames, Transport
+from hil_bridge.transports.can.socketcan import SocketCanLink, interface_up
+from hil_bridge.transports.can.wire import CanWire
+from hil_bridge.transports.delivery import QUEUE_FRAMES
+from protocol.can.frame import CanFilter
+
+
+async def open_python_can(
+    interface: str,
+    channel: str,
+    clock: Clock,
+    name: str,
+    accept: Sequence[CanFilter] = (),
+    **options: Any,
+) -> Transport[Frames]:
+    """Open an interface: `socketcan`, `virtual` or `slcan`. Raises TransportUnavailable."""
+    open_bus = partial(_open, interface, channel, accept, options)
+    opening = asyncio.ensure_future(asyncio.to_thread(open_bus))
+    try:
+        bus = await asyncio.shield(opening)
+    except asyncio.CancelledError:
+        # the thread cannot be stopped: what it opens must be closed when it is done
+        opening.add_done_callback(_close_opened)
+        raise
+    except (can.CanError, OSError, ValueError) as error:
+        raise reasons.unavailable(f"can+{interface}", name, channel, error) from error
+    link = SocketCanLink(channel, open_bus) if interface == "socketcan" else None
+    return CanWire(bus, interface, channel, clock, name, link)
+
+
+def _open(interface: str, channel: str, accept: Sequence[CanFilter], options: dict[str, Any]) -> can.BusABC:
+    match interface:
+        case "slcan":
+            _check_free(channel)
+            options = {"sleep_after_open": 0.0, "timeout": 0.0, **options}
+        case "virtual":
+            options = {"rx_queue_size": QUEUE_FRAMES, **options}
+        case "socketcan":
+            # error frames are on unless they are declined; a socket can be bound to an interface that is down
+            if (up := interface_up(channel)) is not True:
+                # python-can would find out too, but leave its socket open
+                number = errno.ENODEV if up is None else errno.ENETDOWN
+                raise OSError(number, os.strerror(number))
+    filters = [
+        {"can_id": choice.identifier, "can_mask": choice.mask, "extended": choice.extended}
+        for choice in accept
+    ]
+    bus = can.Bus(
+        channel=channel, interface=interface, ignore_config=True, can_filters=filters or None, **options
+    )
+    if isinstance(bus, slcanBus):
+        bus.serialPortOrig.exclusive = True
+    return bus
+
+
+def _check_free(port: str) -> None:
+    """Raise OSError when another program has locked the port: python-can would talk into its conversation."""
+    fd = os.open(port, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    try:
+        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    finally:
+        os.close(fd)
+
+
+def _close_opened(opening: "asyncio.Future[can.BusABC]") -> None:
+    if not opening.cancelled() and opening.exception() is None:
+        opening.result().shutdown()

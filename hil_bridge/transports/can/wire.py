@@ -1,0 +1,368 @@
+"""A CAN interface of python-can as a transport, driven by the event loop."""
+
+import asyncio
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+
+import can
+from can.interfaces.slcan import slcanBus
+
+from hil_bridge.clock import Clock, Timer
+from hil_bridge.errors import TransportError
+from hil_bridge.transports import reasons
+from hil_bridge.transports.base import Frames
+from hil_bridge.transports.can.message import file_descriptor, from_message, is_full, to_message
+from hil_bridge.transports.can.queue import SEND_DEADLINE_S, CanStatistics, SendQueue
+from hil_bridge.transports.can.reader import ReaderThread
+from hil_bridge.transports.can.slcan_port import SlcanPort
+from hil_bridge.transports.can.socketcan import LINK_LOST, Link
+from hil_bridge.transports.delivery import QUEUE_FRAMES, Delivery, flush
+from protocol.can.error import CanErrorReport, ErrorClass, ErrorState, decode_error, encode_error
+from protocol.can.frame import CanFrame
+
+MOST_PER_WAKE_UP = 256
+"""Reads before others have their turn. Chosen: 30 ms of a full bus at 1 Mbit/s in about 3 ms."""
+
+RETRY_S = 0.001
+"""When a frame is offered again that the interface had no room for, s. Chosen: ten frames at 1 Mbit/s, which is
+the shortest queue that interfaces have; being writable says nothing, the socket is while its interface is full."""
+
+PROBE_S = 0.05
+"""How often an interface that is down is looked at, s. Chosen."""
+
+LINK_PATIENCE_S = 10.0
+"""For how long a bus may be off or its interface down before the wire is broken, s.
+
+Chosen: a person sets an interface up again, or plugs an adapter in, within that time.
+"""
+
+_STAMPED_BY_KERNEL = ("socketcan",)
+_LONGEST_LINE = 64
+"""More than any slcan line has: an extended frame with 8 bytes and a time stamp has 30 characters."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Outage:
+    """The wire carries nothing at present."""
+
+    since: float
+    error: BaseException
+    link: bool
+    """Whether the interface is down; else its controller is bus-off."""
+
+
+class CanWire:
+    """Transport over an open python-can bus.
+
+    What the interface has no room for waits in a queue and is given up when nothing leaves for `send_deadline_s`.
+    An interface that goes down, or bus-off, has LINK_PATIENCE_S to come back. All of this is told in band, by
+    error frames: INTERFACE_DOWN and TX_TIMEOUT are made here, also RESTARTED when the interface is up again.
+
+    Frames of SocketCAN carry the kernel's receive time: python-can asks for SO_TIMESTAMPNS, and `Clock.at_wall`
+    turns that into the loop's time.
+    """
+
+    def __init__(
+        self,
+        bus: can.BusABC,
+        interface: str,
+        channel: str,
+        clock: Clock,
+        name: str,
+        link: Link | None = None,
+        send_deadline_s: float = SEND_DEADLINE_S,
+    ) -> None:
+        self._bus = bus
+        self._interface = interface
+        self._channel = channel
+        self._clock = clock
+        self._link = link
+        self._delivery: Delivery[Frames] = Delivery(name, QUEUE_FRAMES)
+        self._queue = SendQueue(name, send_deadline_s)
+        self._open = True
+        self._started = False
+        self._outage: _Outage | None = None
+        self._timer: Timer | None = None
+        self._kernel_stamps = interface in _STAMPED_BY_KERNEL
+        self._received = self._reports = self._bus_off = 0
+        self.malformed = 0
+        """Arrivals that were no classical CAN frame."""
+        self._port: SlcanPort | None = None
+        self._thread: ReaderThread | None = None
+        if isinstance(bus, slcanBus):
+            bus.serialPortOrig = self._port = SlcanPort(bus.serialPortOrig)
+        self._fd = file_descriptor(bus)
+
+    @property
+    def name(self) -> str:
+        return self._delivery.name
+
+    @property
+    def statistics(self) -> CanStatistics:
+        """Counts since it was opened."""
+        return CanStatistics(
+            sent=self._queue.sent,
+            received=self._received,
+            dropped=self._queue.dropped,
+            error_frames=self._reports,
+            bus_off=self._bus_off,
+            malformed=self.malformed,
+            overruns=self._delivery.overruns + (0 if self._thread is None else self._thread.overruns),
+        )
+
+    def start(self, on_data: Callable[[Frames], None], on_end: Callable[[TransportError], None]) -> None:
+        self._delivery.start(on_data, on_end)
+        self._started = True
+        if not self._open:
+            return
+        if self._fd >= 0:
+            if self._outage is None or not self._outage.link:
+                self._listen()
+        else:
+            self._thread = ReaderThread(self._bus, self._clock, self._from_thread, self._break)
+
+    def send(self, data: Frames) -> None:
+        self._delivery.check()
+        self._queue.put(data, self._clock.now())
+        self._push()
+        self._delivery.check()
+        self._arm()
+
+    async def aclose(self) -> None:
+        if not self._delivery.begin_close():
+            return
+        try:
+            await flush(self._drained())
+        finally:
+            thread = self._thread
+            self._close()
+            self._delivery.closed()
+            if thread is not None:
+                await asyncio.to_thread(thread.join)
+
+    async def _drained(self) -> None:
+        while self._open and (len(self._queue) or (self._port is not None and self._port.unsent)):
+            await self._clock.sleep_until(self._clock.now() + 0.002)
+
+    # --- sending
+
+    def _push(self) -> None:
+        """Give the interface what it takes. Calls nobody back, except that a wire that breaks says so."""
+        port = self._port
+        while len(self._queue) and (self._outage is None or not self._outage.link):
+            if port is not None and port.unsent:
+                break
+            try:
+                self._bus.send(to_message(self._queue.head), timeout=0)
+            except (can.CanError, OSError) as error:
+                if not is_full(error):
+                    self._fail(error)
+                break
+            self._queue.left(self._clock.now())
+        if port is not None and port.unsent and self._open:
+            self._clock.loop.add_writer(self._fd, self._writable)
+
+    def _writable(self) -> None:
+        assert self._port is not None
+        try:
+            self._port.push()
+        except OSError as error:
+            self._break(error)
+            return
+        if not self._port.unsent:
+            self._clock.loop.remove_writer(self._fd)
+            self._push()
+
+    def _arm(self) -> None:
+        """Have the timer come when there is something to look after."""
+        if self._timer is not None or not self._open:
+            return
+        now = self._clock.now()
+        if self._outage is not None:
+            when = min(now + PROBE_S, self._queue.give_up_at)
+        elif len(self._queue):
+            when = min(now + RETRY_S, self._queue.give_up_at)
+        else:
+            return
+        self._timer = self._clock.call_at(when, self._look)
+
+    def _look(self) -> None:
+        """Retry, drop what is too old, see whether an outage is over or lasts too long."""
+        self._timer = None
+        if not self._open:
+            return
+        now = self._clock.now()
+        if self._outage is not None and self._outage.link:
+            self._come_back()
+        if self._outage is not None and now >= self._outage.since + LINK_PATIENCE_S:
+            self._break(self._outage.error)
+            return
+        self._push()
+        if self._queue.give_up(now):
+            self._report(ErrorClass.TX_TIMEOUT)
+        self._arm()
+
+    # --- receiving
+
+    def _listen(self) -> None:
+        if self._started and self._fd >= 0:
+            self._clock.loop.add_reader(self._fd, self._readable)
+
+    def _readable(self) -> None:
+        if not self._open:
+            return
+        frames: list[CanFrame] = []
+        failure: BaseException | None = None
+        try:
+            if self._port is not None:
+                self._port.fill()
+            self._drain(frames)
+        except (can.CanError, OSError, ValueError) as error:
+            failure = error
+        self._arrived(frames)
+        if failure is not None:
+            self._fail(failure)
+
+    def _drain(self, frames: list[CanFrame]) -> None:
+        """Take all pending frames, up to the bound."""
+        bus, port = self._bus, self._port
+        for _ in range(MOST_PER_WAKE_UP):
+            try:
+                message = bus.recv(0)
+            except (ValueError, IndexError):
+                if port is None:
+                    raise
+                self.malformed += 1  # text that is no slcan
+                continue
+            except can.CanError as error:
+                if not isinstance(error.__cause__, UnicodeDecodeError):
+                    raise
+                self._forget_input()
+                continue
+            if message is not None:
+                at = self._clock.at_wall(message.timestamp) if self._kernel_stamps else self._clock.now()
+                self._take(message, at, frames)
+            elif port is None or not port.in_waiting:
+                # slcan says None for an acknowledgement too, though frames may follow
+                break
+        else:
+            if port is not None and port.in_waiting:
+                self._clock.loop.call_soon(self._readable)  # no event tells of what was read already
+        if port is not None and port.unfinished > _LONGEST_LINE:
+            self._forget_input()
+
+    def _forget_input(self) -> None:
+        """python-can keeps text for ever that it cannot decode or whose end does not come."""
+        assert isinstance(self._bus, slcanBus)
+        self._bus.flush()
+        self.malformed += 1
+
+    def _take(self, message: can.Message, at: float, frames: list[CanFrame]) -> None:
+        frame = from_message(message, at)
+        if frame is None:
+            self.malformed += 1
+        else:
+            frames.append(frame)
+
+    def _from_thread(self, messages: list[tuple[float, can.Message]]) -> None:
+        frames: list[CanFrame] = []
+        for at, message in messages:
+            self._take(message, at, frames)
+        if self._open:
+            self._arrived(frames)
+
+    def _arrived(self, frames: list[CanFrame]) -> None:
+        if not frames:
+            return
+        for frame in frames:
+            if frame.error:
+                self._reports += 1
+                self._judge(frame)
+            else:
+                self._received += 1
+                self._back_on_bus()
+        self._delivery.data(frames)
+        self._arm()
+
+    # --- outages
+
+    def _judge(self, frame: CanFrame) -> None:
+        """Follow the controller's error state."""
+        report = decode_error(frame)
+        if report.state is ErrorState.BUS_OFF:
+            self._bus_off += 1
+            if self._outage is None:
+                self._outage = _Outage(self._clock.now(), reasons.BusOff(), link=False)
+        elif report.state is not None:
+            self._back_on_bus()
+
+    def _back_on_bus(self) -> None:
+        if self._outage is not None and not self._outage.link:
+            self._outage = None
+            if self._timer is not None:
+                self._timer.cancel()
+                self._timer = None
+
+    def _fail(self, error: BaseException) -> None:
+        """An interface that is down may come back, anything else breaks the wire."""
+        if self._link is None or reasons.error_number(error) not in LINK_LOST:
+            self._break(error)
+        elif self._outage is None or not self._outage.link:
+            self._outage = _Outage(self._clock.now(), error, link=True)
+            if self._fd >= 0:
+                self._clock.loop.remove_reader(self._fd)
+            # may be within `send`, where nobody expects to be called back
+            self._clock.loop.call_soon(self._tell_down)
+            self._arm()
+
+    def _tell_down(self) -> None:
+        """Hand over what came before: later it would look new."""
+        if not self._open:
+            return
+        frames: list[CanFrame] = []
+        for _ in range(2):  # the socket may still have to tell its error first
+            with suppress(can.CanError, OSError):
+                self._drain(frames)
+        self._arrived(frames)
+        self._report(ErrorClass.INTERFACE_DOWN)
+
+    def _come_back(self) -> None:
+        assert self._link is not None
+        try:
+            if not self._link.up:
+                return
+            self._bus = self._link.renew(self._bus)
+        except (can.CanError, OSError):
+            return
+        self._fd = file_descriptor(self._bus)
+        self._outage = None
+        self._listen()
+        self._report(ErrorClass.RESTARTED)
+
+    def _report(self, matter: ErrorClass) -> None:
+        self._reports += 1
+        self._delivery.data([encode_error(CanErrorReport(matter), self._clock.now())])
+
+    def _break(self, error: BaseException) -> None:
+        self._close()
+        self._delivery.end(reasons.broken(f"can+{self._interface}", self.name, self._channel, error))
+
+    def _close(self) -> None:
+        if not self._open:
+            return
+        self._open = False
+        self._queue.clear()
+        if self._timer is not None:
+            self._timer.cancel()
+        if self._fd >= 0:
+            self._clock.loop.remove_reader(self._fd)
+            self._clock.loop.remove_writer(self._fd)
+        if self._thread is not None:
+            self._thread.stop()
+        with suppress(can.CanError, OSError):
+            self._bus.shutdown()
+        if self._port is not None:
+            # not reached by python-can when its last command fails
+            with suppress(OSError):
+                self._port.close()

@@ -1,0 +1,212 @@
+"""One direction of a serial line: what is sent takes its time, and the receiver reads it at its own settings."""
+
+from collections.abc import Callable
+
+from hil_bridge.clock import Clock, Timer
+from hil_bridge.transports.delivery import QUEUE_BYTES
+from hil_bridge.transports.serial.uart import (
+    COUNTED_AS,
+    Character,
+    Damaged,
+    Flaw,
+    LineErrors,
+    LineSettings,
+    Receiver,
+    taken,
+)
+
+
+class Lane:
+    """Bytes wait here for their turn on the line and are handed on in chunks, as a receiver's FIFO does.
+
+    Where both ends have the same settings nothing needs to be decoded, and nothing is.
+    """
+
+    __slots__ = (
+        "_alike",
+        "_baudrate",
+        "_begun",
+        "_bits",
+        "_clock",
+        "_connected",
+        "_damaged",
+        "_fifo",
+        "_hears",
+        "_next",
+        "_on_flaw",
+        "_passed",
+        "_receiver",
+        "_sends",
+        "_sink",
+        "_speaks",
+        "_timer",
+        "errors",
+        "lost",
+        "waiting",
+    )
+
+    def __init__(
+        self,
+        clock: Clock,
+        fifo: int,
+        sends: Callable[[], LineSettings],
+        hears: Callable[[], LineSettings],
+        damaged: Damaged,
+        sink: Callable[[bytes], None],
+        on_flaw: Callable[[Flaw], None],
+    ) -> None:
+        """`sends` and `hears` give the settings of sender and receiver as they are now. `sink` is also called, with
+        nothing, where time has passed on the line without a byte for the receiver's owner.
+        """
+        self._clock = clock
+        self._fifo = fifo
+        self._sends, self._hears = sends, hears
+        self._damaged = damaged
+        self._sink = sink
+        self._on_flaw = on_flaw
+        self._receiver = Receiver(hears())
+        self._take_settings(sends())
+        self._connected = True
+        self.errors = LineErrors()
+        """What the receiver found damaged."""
+        self.lost = 0
+        """Characters sent while the cable was off."""
+        self.waiting = bytearray()
+        self._begun = 0.0
+        """When the first start bit of the present unbroken traffic began."""
+        self._passed = 0
+        """Characters of it that were handed on."""
+        self._next = 0
+        """Characters to hand on when the timer comes; 0 when it is the receiver's."""
+        self._timer: Timer | None = None
+
+    def push(self, data: bytes) -> bool:
+        """Put bytes on the line; False, and nothing done, when its queue has no room for them.
+
+        A sender's new settings hold from the next burst on.
+        """
+        if len(self.waiting) + len(data) > QUEUE_BYTES:
+            return False
+        if not data:
+            return True
+        if not self.waiting:
+            self._begun, self._passed = self._clock.now(), 0
+            if (speaks := self._sends()) is not self._speaks:
+                self._take_settings(speaks)
+            if not self._receiver.quiet:
+                self._hear(self._begun)
+        self.waiting += data
+        if self._timer is None or self._next < min(len(self.waiting), self._fifo):
+            self._arm()
+        return True
+
+    async def drained(self) -> None:
+        """Return when the last bit is through."""
+        while self.waiting:
+            await self._clock.sleep_until(self._at(self._passed + len(self.waiting)))
+
+    def clear(self) -> None:
+        """Lose what is on the line."""
+        self.waiting.clear()
+        self._receiver = Receiver(self._receiver.settings)
+        self._disarm()
+
+    def hold(self, low: bool, delay: float = 0.0) -> None:
+        """Begin or end a break, after a delay, s; what is sent meanwhile is not seen."""
+        now = self._clock.now()
+        self._settle(now)
+        if self._connected:
+            self._receiver.hold(low, now + delay)
+            self._hear(now)
+        self._arm()
+
+    def unplug(self) -> None:
+        """From now on nothing passes; what has passed by now was received."""
+        self._settle(self._clock.now())
+        self._connected = False
+        self._receiver = Receiver(self._receiver.settings)
+        self._arm()
+
+    def plug_in(self) -> None:
+        """From the next whole character on all passes again."""
+        if self._connected:
+            return
+        self._settle(self._clock.now())
+        self._hand_on(min(1, len(self.waiting)))
+        self._connected = True
+        self._arm()
+
+    def _take_settings(self, speaks: LineSettings) -> None:
+        self._speaks = speaks
+        self._bits, self._baudrate = speaks.bits, speaks.baudrate
+        self._alike = self._receiver.settings.understands(speaks)
+
+    def _at(self, characters: int) -> float:
+        return self._begun + characters * self._bits / self._baudrate
+
+    def _disarm(self) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+
+    def _arm(self) -> None:
+        if self._timer is not None:
+            self._disarm()
+        waiting = len(self.waiting)
+        self._next = following = waiting if waiting < self._fifo else self._fifo
+        # the receiver ends on its own only what no other character can follow
+        when = self._at(self._passed + following) if following else self._receiver.deadline
+        if when is not None:
+            self._timer = self._clock.call_at(when, self._due)
+
+    def _due(self) -> None:
+        self._timer = None
+        try:
+            if self._next:
+                self._hand_on(self._next)
+            else:
+                # a timer may come a rounding step early
+                now = self._clock.now()
+                self._hear(max(now, self._receiver.deadline or now))
+        finally:
+            if self._timer is None:
+                self._arm()
+
+    def _settle(self, now: float) -> None:
+        """Hand on every character whose last bit has passed."""
+        if self.waiting:
+            complete = int((now - self._begun) * self._baudrate / self._bits) - self._passed
+            self._hand_on(max(0, min(complete, len(self.waiting))))
+
+    def _hand_on(self, count: int) -> None:
+        if count == len(self.waiting):
+            data = bytes(self.waiting)
+            self.waiting.clear()
+        else:
+            data = bytes(self.waiting[:count])
+            del self.waiting[:count]
+        first, self._passed = self._passed, self._passed + count
+        if not self._connected:
+            self.lost += count
+            self._sink(b"")
+            return
+        if (hears := self._hears()) is not self._receiver.settings:
+            self._receiver.retune(hears)
+            self._alike = hears.understands(self._speaks)
+        if self._alike and self._receiver.quiet:
+            self._sink(data)
+            return
+        for k, byte in enumerate(data):
+            self._receiver.character(byte, self._at(first + k), self._speaks)
+        self._hear(self._at(self._passed))
+
+    def _hear(self, until: float) -> None:
+        characters = self._receiver.listen(until)
+        for character in characters:
+            self._count(character)
+        self._sink(taken(characters, self._damaged))
+
+    def _count(self, character: Character) -> None:
+        if character.flaw is not None:
+            self.errors += COUNTED_AS[character.flaw]
+            self._on_flaw(character.flaw)

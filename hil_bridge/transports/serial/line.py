@@ -1,0 +1,186 @@
+"""A serial line: bytes take the time that a UART gives them, and arrive as the other end's UART reads them."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from hil_bridge.clock import Clock
+from hil_bridge.errors import TransportBroken, TransportClosed, TransportError
+from hil_bridge.transports.base import Transport
+from hil_bridge.transports.delivery import QUEUE_BYTES, Delivery, flush
+from hil_bridge.transports.serial.lane import Lane
+from hil_bridge.transports.serial.uart import COUNTED_AS, Damaged, Flaw, LineErrors, LineSettings
+from hil_bridge.transports.wrappers import Direction
+
+FIFO = 14
+"""Characters after which a UART hands over what it received.
+
+Assumed: the highest receive trigger level of a 16550A, which is what drivers choose.
+"""
+
+NOTICE_S = 1.0
+"""Shortest time between two notices of damaged characters, s. Chosen: a wrong baud rate damages every one."""
+
+
+def _no_matter(flaw: Flaw) -> None:
+    """Nobody is told."""
+
+
+@dataclass(frozen=True, slots=True)
+class LineEnd:
+    """One end of a serial line."""
+
+    settings: Callable[[], LineSettings]
+    """What its UART is set to at this moment."""
+    damaged: Damaged = Damaged.KEEP
+    """What its owner makes of damaged characters."""
+    on_flaw: Callable[[Flaw], None] = _no_matter
+    """Told of every damaged character that this end receives."""
+
+
+class LineNotices:
+    """Tells of damaged characters: of the first at once, then at most once a second."""
+
+    def __init__(
+        self, name: str, line: LineSettings, clock: Clock, on_notice: Callable[[str, str], None]
+    ) -> None:
+        self._name = name
+        self._line = line
+        self._clock = clock
+        self._on_notice = on_notice
+        self._errors = LineErrors()
+        self._next = float("-inf")
+
+    def __call__(self, flaw: Flaw) -> None:
+        self._errors += COUNTED_AS[flaw]
+        now = self._clock.now()
+        if now >= self._next:
+            self._next = now + NOTICE_S
+            self._on_notice(
+                "line_error",
+                f"{self._name}: {self._errors} on a line set to {self._line}; check baudrate and parity",
+            )
+
+
+class Paced:
+    """A byte wire at the pace of a serial line, in both directions, with a UART at each end.
+
+    A byte passes when its last bit would have: out to the wrapped transport, in as if it had come over the
+    line. Bytes are handed on in chunks: after `fifo` characters or at the end of a burst (a real UART waits
+    four character times to see that end; that wait is not modelled). Bursts queue after one another, and all
+    times of unbroken traffic are counted from its first start bit.
+
+    Each end sends at its own settings and reads at its own: where they differ, what arrives is what a UART makes
+    of such a line. No end is ever told that the other is gone or set otherwise: a serial line does not tell.
+    """
+
+    __slots__ = ("_clock", "_delivery", "_end_cause", "_in", "_inner", "_out", "overruns")
+
+    def __init__(
+        self,
+        transport: Transport[bytes],
+        line: LineSettings | LineEnd,
+        clock: Clock,
+        fifo: int = FIFO,
+        far: LineEnd | None = None,
+    ) -> None:
+        """`line` is this end, the one that holds the transport; `far` is the one behind the wrapped transport, by
+        default one with the same settings.
+        """
+        near = line if isinstance(line, LineEnd) else LineEnd(lambda: line)
+        far = far or LineEnd(near.settings)
+        self._inner = transport
+        self._clock = clock
+        self._delivery: Delivery[bytes] = Delivery(transport.name, QUEUE_BYTES)
+        self._in = Lane(clock, fifo, far.settings, near.settings, near.damaged, self._pass_in, near.on_flaw)
+        self._out = Lane(clock, fifo, near.settings, far.settings, far.damaged, self._pass_out, far.on_flaw)
+        self._end_cause: TransportError | None = None
+        self.overruns = 0
+        """Received bytes that were lost because more came than the line could carry."""
+
+    @property
+    def name(self) -> str:
+        return self._inner.name
+
+    @property
+    def line_errors(self) -> LineErrors:
+        """Damaged characters that this end has received."""
+        return self._in.errors
+
+    @property
+    def far_line_errors(self) -> LineErrors:
+        """Damaged characters that the other end has received."""
+        return self._out.errors
+
+    def start(self, on_data: Callable[[bytes], None], on_end: Callable[[TransportError], None]) -> None:
+        self._delivery.start(on_data, on_end)
+        self._inner.start(self._arrived, self._inner_ended)
+
+    def send(self, data: bytes) -> None:
+        self._delivery.check()
+        if self._end_cause is not None:
+            raise type(self._end_cause)(*self._end_cause.args) from self._end_cause
+        if not self._out.push(data):
+            raise TransportError(f"{self.name}: the queue of {QUEUE_BYTES} bytes is full; the line is slower")
+
+    def send_break(self, duration_s: float, direction: Direction = Direction.SENT) -> None:
+        """Hold one direction of the line low from now on. Characters that are under way meanwhile are damaged or
+        lost: the UART goes on sending them (PC16550D, line control register bit 6).
+        """
+        lane = self._lane(direction)
+        lane.hold(True)
+        lane.hold(False, duration_s)
+
+    def hold(self, low: bool, direction: Direction = Direction.SENT) -> None:
+        """Begin a break, or end it, as `send_break` does both."""
+        self._lane(direction).hold(low)
+
+    def disconnect(self) -> None:
+        """Pull the plug: what either end sends from now on is lost. Harmless when pulled before."""
+        self._in.unplug()
+        self._out.unplug()
+
+    def reconnect(self) -> None:
+        """Put the plug in again. Harmless when it is in."""
+        self._in.plug_in()
+        self._out.plug_in()
+
+    async def aclose(self) -> None:
+        if not self._delivery.begin_close():
+            return
+        try:
+            await flush(self._out.drained())
+        finally:
+            self._out.clear()
+            await self._inner.aclose()
+            self._in.clear()
+            self._delivery.closed()
+
+    def _lane(self, direction: Direction) -> Lane:
+        return self._out if direction is Direction.SENT else self._in
+
+    def _arrived(self, data: bytes) -> None:
+        if not self._in.push(data):
+            self.overruns += len(data)
+
+    def _pass_in(self, data: bytes) -> None:
+        if data:
+            self._delivery.data(data)
+        if self._end_cause is not None and not self._in.waiting:
+            self._delivery.end(self._end_cause)
+
+    def _pass_out(self, data: bytes) -> None:
+        if self._end_cause is not None or not data:
+            return
+        try:
+            self._inner.send(data)
+        except TransportError as error:
+            self._inner_ended(TransportBroken(f"{self.name}: {error}"))
+
+    def _inner_ended(self, error: TransportError) -> None:
+        if self._end_cause is not None:
+            return
+        self._end_cause = error
+        # what arrived before the end is still on its way
+        if not self._in.waiting or isinstance(error, TransportClosed):
+            self._in.clear()
+            self._delivery.end(error)

@@ -1,0 +1,73 @@
+"""The text that a serial CAN adapter speaks (slcan): one line per frame or command, ended by CR.
+
+Source: LAWICEL CAN232 version 3 manual, February 2010. `t`/`T` carry data frames with 11-bit and 29-bit
+identifiers, `r`/`R` remote frames; with time stamps on, a received frame ends in four digits of milliseconds.
+"""
+
+from protocol.can.frame import CanFrame
+from protocol.endpoint import LocalProtocolError, RemoteProtocolError
+
+CR = b"\r"
+BELL = b"\a"
+"""What an adapter answers instead of CR when it refuses."""
+LONGEST_LINE = 30
+"""T, 8 digits, length, 8 bytes, time stamp; without the CR."""
+TIMESTAMP_MODULUS_MS = 60000
+
+_DIGITS = frozenset(b"0123456789ABCDEFabcdef")
+_KINDS = {b"t": (False, False), b"T": (True, False), b"r": (False, True), b"R": (True, True)}
+"""First character of a frame's line: (extended, remote)."""
+_LETTERS = {flags: letter for letter, flags in _KINDS.items()}
+
+
+def encode_frame(frame: CanFrame, timestamp_ms: int | None = None) -> bytes:
+    """The line of a frame, CR included; the number of data bytes of a remote frame is what it asks for.
+
+    Raises LocalProtocolError for a frame that is none (a bus error).
+    """
+    if frame.error:
+        raise LocalProtocolError("a bus error has no line in slcan")
+    letter = _LETTERS[frame.extended, frame.remote].decode()
+    width = 8 if frame.extended else 3
+    data = "" if frame.remote else frame.data.hex().upper()
+    stamp = "" if timestamp_ms is None else f"{timestamp_ms % TIMESTAMP_MODULUS_MS:04X}"
+    return f"{letter}{frame.identifier:0{width}X}{len(frame.data)}{data}{stamp}\r".encode("ascii")
+
+
+def decode_frame(line: bytes, *, timestamp: bool = False) -> CanFrame:
+    """The frame of a line without its CR; a remote frame has as many zero bytes as it asks for.
+
+    Raises RemoteProtocolError for anything else than exactly one frame.
+    """
+    kind, body = _KINDS.get(line[:1]), line[1:]
+    if kind is None or not _DIGITS.issuperset(body):
+        raise RemoteProtocolError(f"{line!r} is no slcan frame")
+    extended, remote = kind
+    width = 8 if extended else 3
+    length = body[width] - ord("0") if len(body) > width else 9
+    if length > 8:
+        raise RemoteProtocolError(f"{line!r} has no data length 0 … 8")
+    end = width + 1 + (0 if remote else 2 * length)
+    if len(body) != end + (4 if timestamp else 0):
+        raise RemoteProtocolError(f"{line!r} does not have the {length} bytes that it announces")
+    data = bytes(length) if remote else bytes.fromhex(body[width + 1 : end].decode())
+    try:
+        return CanFrame(int(body[:width], 16), data, extended=extended, remote=remote).checked()
+    except ValueError as error:
+        raise RemoteProtocolError(f"{line!r}: {error}") from error
+
+
+class LineDecoder:
+    """Cuts a byte stream into lines at CR and holds no more than the longest line.
+
+    A line that is too long comes out cut to `LONGEST_LINE` + 1 bytes, which no frame or command has.
+    """
+
+    def __init__(self) -> None:
+        self._tail = b""
+
+    def feed(self, data: bytes) -> list[bytes]:
+        """The lines that are complete with these bytes, without their CR."""
+        *lines, tail = (self._tail + data).split(CR)
+        self._tail = tail[: LONGEST_LINE + 1]
+        return [line[: LONGEST_LINE + 1] for line in lines]

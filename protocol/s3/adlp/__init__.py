@@ -1,0 +1,86 @@
+"""ADLP-10, the data link of the S3 computer link: control bytes, blocks, and both ends of the link.
+
+What a link promises on a line where bytes get lost, doubled, changed or late, but none becomes a control byte by
+itself or one STX the other (no check character covers it), and an answer comes within `answer_timeout_s`: a telegram
+is delivered once at the most, in order. `MessageSent` says that all of a message were, `LinkFailed` that they may not
+have been; one of them comes for each message, within `bid_limit` answer time-outs for its bids, `repeat_limit` + 1 for
+each block, one for each WACK, and the line's time. A message may be delivered in pieces where its sender's EOT or our
+ACK was late. While all blocks begin with the same STX (`stx_alternation = "off"`) this holds only for a sender whose
+answer time-out is longer than the receiver's gap time-out, and of two equal telegrams in a row the second may be taken
+for a repeat when an ACK is late.
+
+What it keeps: one unfinished block, `QUEUE_LIMIT` messages to send, `MESSAGE_LIMIT` blocks of the message that comes
+in, and `EVENT_LIMIT` events; bytes to send until they are taken, no more of them than bytes came and messages say.
+"""
+
+from protocol.s3.adlp.block import (
+    BLOCK_OVERHEAD,
+    HEADER_SIZE,
+    LENGTH_STYLES,
+    SINGLE_CONTROLS,
+    Block,
+    BlockFormat,
+    BlockScanner,
+    Control,
+    Flaw,
+    Noise,
+    Token,
+    check_character,
+    encode_block,
+)
+from protocol.s3.adlp.events import (
+    INCOMING_FAILURES,
+    ROUTINE,
+    LinkEvent,
+    LinkFailed,
+    LinkFailure,
+    LinkNotice,
+    MessageReceived,
+    MessageSent,
+    NoticeKind,
+    Role,
+)
+from protocol.s3.adlp.journal import EVENT_LIMIT, Count
+from protocol.s3.adlp.link import MESSAGE_LIMIT, QUEUE_LIMIT, Link
+from protocol.s3.adlp.profile import CHUNK, DleStuffing, LengthStyle, LinkProfile
+from protocol.s3.adlp.transitions import TRANSITIONS, Action, State, Stimulus, Transition
+
+__all__ = [
+    "BLOCK_OVERHEAD",
+    "CHUNK",
+    "EVENT_LIMIT",
+    "HEADER_SIZE",
+    "INCOMING_FAILURES",
+    "LENGTH_STYLES",
+    "MESSAGE_LIMIT",
+    "QUEUE_LIMIT",
+    "ROUTINE",
+    "SINGLE_CONTROLS",
+    "TRANSITIONS",
+    "Action",
+    "Block",
+    "BlockFormat",
+    "BlockScanner",
+    "Control",
+    "Count",
+    "DleStuffing",
+    "Flaw",
+    "LengthStyle",
+    "Link",
+    "LinkEvent",
+    "LinkFailed",
+    "LinkFailure",
+    "LinkNotice",
+    "LinkProfile",
+    "MessageReceived",
+    "MessageSent",
+    "Noise",
+    "NoticeKind",
+    "Role",
+    "State",
+    "Stimulus",
+    "Token",
+    "Transition",
+    "check_character",
+    "encode_block",
+]
