@@ -1,65 +1,59 @@
-"""Controllers from other packages, found through the entry point group `hil_bridge.controllers`.
+"""What other packages offer to this one, found through entry points: controllers, robots, sensors, surfaces.
 
-A package offers one in its pyproject.toml:
+A package offers one in its pyproject.toml, for example:
 
     [project.entry-points."hil_bridge.controllers"]
     my-controller = "my_package.control:MyController"
 
-where MyController is a dataclass, its fields the parameters, that satisfies `control.types.Controller` and
-bears the entry point's name as `name`. Measurements and commands are msgspec structs: `msgspec.structs.replace` makes
-changed ones. Nothing of a package is imported before its controller is chosen.
+Nothing of a package is imported before that which it offers is chosen.
 """
 
-import dataclasses
-import inspect
-from collections.abc import Callable, Collection
+from collections.abc import Collection
+from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
-from typing import Any, cast
+from typing import Any
 
-from hil_bridge.control.types import Controller
 from hil_bridge.errors import ConfigError
 
-GROUP = "hil_bridge.controllers"
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """What a package offers under a name."""
+
+    value: Any
+    where: str
+    """The thing, its name and its package, in words for an error."""
+    source: str
+    """Module and attribute, as the package names them."""
 
 
-def plugin_names() -> list[str]:
-    """Names that other packages offer controllers under, each once, sorted."""
-    return sorted({point.name for point in entry_points(group=GROUP)})
+def plugin_names(group: str) -> list[str]:
+    """Names that other packages offer in an entry point group, each once, sorted."""
+    return sorted({point.name for point in entry_points(group=group)})
 
 
-def find_plugin(name: str, built_in: Collection[str] = ()) -> Callable[..., Controller[Any]] | None:
-    """The controller that another package offers under a name; None where no package does.
+def find_plugin(group: str, thing: str, name: str, built_in: Collection[str] = ()) -> Found | None:
+    """What another package offers under a name; None where no package does. `thing` is the word for it in an error.
 
-    Raises ConfigError that names the distribution when what it offers cannot be loaded or is no controller,
-    and when two offer the same name or one takes a name from `built_in`.
+    Raises ConfigError that names the distribution when it cannot be loaded, and when two offer the same name or one
+    takes a name from `built_in`.
     """
-    points = list(entry_points(group=GROUP, name=name))
+    points = list(entry_points(group=group, name=name))
     if not points:
         return None
     owners = sorted(_distribution(point) for point in points)
     if name in built_in:
-        raise ConfigError(f"controller {name!r} is built in, but {owners[0]} offers one of that name, too")
+        raise ConfigError(f"{thing} {name!r} is built in, but {owners[0]} offers one of that name, too")
     if len(points) > 1:
-        raise ConfigError(f"controller {name!r} is offered by {' and by '.join(owners)}; uninstall one")
-    return _load(points[0])
-
-
-def _load(point: EntryPoint) -> Callable[..., Controller[Any]]:
-    where = f"controller {point.name!r} of {_distribution(point)}"
+        raise ConfigError(f"{thing} {name!r} is offered by {' and by '.join(owners)}; uninstall one")
+    (point,) = points
+    where = f"{thing} {point.name!r} of {_distribution(point)}"
     try:
-        kind: Any = point.load()
+        return Found(point.load(), where, point.value)
     # Foreign code may raise anything while it is imported.
     except Exception as error:
         lines = str(error).splitlines() or [""]
         raise ConfigError(f"{where} cannot be loaded: {type(error).__name__}: {lines[0]}") from error
-    if not (inspect.isclass(kind) and dataclasses.is_dataclass(kind)):
-        raise ConfigError(f"{where}: {point.value} is no dataclass")
-    for method in ("initial", "step"):
-        if not callable(getattr(kind, method, None)):
-            raise ConfigError(f"{where}: {point.value} has no method {method}")
-    if getattr(kind, "name", None) != point.name:
-        raise ConfigError(f"{where}: {point.value} must bear that as its attribute `name`")
-    return cast(Callable[..., Controller[Any]], kind)
 
 
 def _distribution(point: EntryPoint) -> str:

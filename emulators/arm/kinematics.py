@@ -8,7 +8,7 @@ tool's x axis points up, so that a tool pointing down in front of the base has a
 turns about base z, which axis 2 crosses; axes 2, 3 and 5 turn about y at zero (positive: down and forward),
 axes 4 and 6 about the forearm's axis, all by the right hand.
 
-Axis 3 is read against the horizon or against the upper arm, see `S3Profile.axis_3_against`. The wrist is spherical.
+Axis 3 is read against the horizon or against the upper arm, see `ArmSize.axis_3_against`. The wrist is spherical.
 """
 
 import math
@@ -17,8 +17,8 @@ from dataclasses import dataclass
 from itertools import accumulate
 from typing import TypeAlias
 
+from emulators.arm.profile import ArmSize
 from emulators.arm.quaternions import product
-from emulators.s3.profile import S3Profile
 from protocol.geometry import Pose, Quaternion, Vector
 
 Joints: TypeAlias = tuple[float, float, float, float, float, float]
@@ -74,7 +74,7 @@ class Route:
 class Arm:
     """The arm with a tool of some length, m, from the flange along the flange's axis to the tool centre point."""
 
-    def __init__(self, profile: S3Profile, tool_length: float) -> None:
+    def __init__(self, profile: ArmSize, tool_length: float) -> None:
         self._axis_2_height = profile.axis_2_height_mm / 1000.0
         self._upper_arm = profile.upper_arm_mm / 1000.0
         self._forearm = math.hypot(profile.elbow_offset_mm, profile.forearm_mm) / 1000.0

@@ -3,8 +3,8 @@
 import math
 
 from emulators.arm.kinematics import Arm, Joints, Route
+from emulators.arm.profile import ArmSize
 from emulators.arm.quaternions import angle_between, slerp
-from emulators.s3.profile import S3Profile
 from protocol.geometry import Quaternion, Vector
 
 _SPACING_M = 0.02
@@ -27,7 +27,7 @@ class OutsideWorkArea(ValueError):
 class WorkArea:
     """What the arm reaches with a tool of some length, m. Poses are in the base frame, m, unit quaternions."""
 
-    def __init__(self, profile: S3Profile, tool_length: float) -> None:
+    def __init__(self, profile: ArmSize, tool_length: float) -> None:
         self._arm = Arm(profile, tool_length)
 
     def joints(self, position: Vector, quaternion: Quaternion, near: Joints | None = None) -> Joints:

@@ -1,11 +1,9 @@
 """What a run comes down to, from its record alone: figures of merit, durations, times and counters."""
 
-import json
 import math
 import statistics
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from enum import StrEnum
+from dataclasses import dataclass
 from pathlib import Path
 
 import msgspec
@@ -14,65 +12,17 @@ from hil_bridge.analysis.latency import latency_of
 from hil_bridge.analysis.times import Times, times_of
 from hil_bridge.control.analysis.merit import STEADY_SAMPLES, FiguresOfMerit, figures_of_merit
 from hil_bridge.recording.device_facts import devices_of, json_or_none
+from hil_bridge.recording.ending import CHECK_EVENT, PHASE_EVENT, Outcome, RunEnd
 from hil_bridge.recording.files import write_whole
 from hil_bridge.recording.reader import Recording
 from hil_bridge.recording.recorder import DROPPED_PREFIX
 from hil_bridge.recording.records import CycleRecord
 from hil_bridge.recording.topics import SENSOR, TOPICS
 
-PHASE_EVENT = "phase"
-"""Kind of the events whose text is the name of the phase that begins."""
-STOP_EVENT = "stop"
-"""Kind of the event whose text is the cause of a stop."""
-CHECK_EVENT = "check"
-"""Kind of the events that tell what was found of the sensor before the touch: full scales, model, weight, zero."""
 TRACK = "track"
 """The phase in which the force is controlled."""
 RETRACT = "retract"
 """The phase in which the tool is pulled back."""
-
-
-class Outcome(StrEnum):
-    """How a run ended."""
-
-    COMPLETED = "completed"
-    STOPPED = "stopped"
-    """The supervisor or an error ended it; there is a cause."""
-    INTERRUPTED = "interrupted"
-    """A person ended it, or the process was killed."""
-
-
-@dataclass(frozen=True, slots=True)
-class RunEnd:
-    """What only the run itself knows when it ends."""
-
-    outcome: Outcome
-    cause: str = ""
-    line_floor_s: float | None = None
-    """What the characters of one cycle take on the line at least."""
-    link: Mapping[str, float] = field(default_factory=dict)
-    """Counters of the computer link by name."""
-    sensor_lost: int | None = None
-    """Sensor frames that were sent and never came, as the client of the gateway counts them."""
-    sensor_delay_s: float | None = None
-    """How much later than the force itself the sensor's filter tells of it."""
-    left: str = ""
-    """Where the tool was left, in words; empty when it never moved."""
-    followed: tuple[str, ...] = ()
-    """What happened after the cause, in order."""
-
-    def as_metadata(self) -> dict[str, str]:
-        """For `Recorder.close`, so that a record tells its end by itself."""
-        return {
-            "outcome": self.outcome.value,
-            "cause": self.cause,
-            "line_floor_s": json.dumps(self.line_floor_s),
-            "link": json.dumps(dict(self.link), sort_keys=True),
-            "sensor_lost": json.dumps(self.sensor_lost),
-            "sensor_delay_s": json.dumps(self.sensor_delay_s),
-            "left": self.left,
-            "followed": json.dumps(self.followed),
-        }
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,7 +15,8 @@ from hil_bridge.cli.paths import FILE
 @overwrite_option
 def report(recording: Path, out: Path | None, overwrite: bool) -> None:
     """Make report.png and report.html from a recording."""
-    from hil_bridge.recording import read, summarise
+    from hil_bridge.analysis.summary import summarise
+    from hil_bridge.recording import read
     from hil_bridge.report import write_report
 
     record = read(recording)

@@ -4,7 +4,7 @@ pure.
 
 from hil_bridge.control.analysis.merit import FiguresOfMerit, figures_of_merit
 from hil_bridge.control.analysis.tool_identification import ToolEstimate, ToolPose, identify_tool
-from hil_bridge.control.controllers import CONTROLLERS, controller_kind, make_controller
+from hil_bridge.control.controllers import CONTROLLERS, controller_kind, controller_names, make_controller
 from hil_bridge.control.course.contour import Contour, ContourState, normal_force
 from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.course.loop import ControlLoop, Decision, LoopState, Proposal, Sample, one_line
@@ -57,7 +57,6 @@ from hil_bridge.control.laws.predictive import Predictive, PredictiveState
 from hil_bridge.control.laws.rules import PAPER_RULES, RuleBase, parse_rules, read_rules, rules_as_toml
 from hil_bridge.control.laws.stiffness import Pairing, Stiffness
 from hil_bridge.control.types import Command, Controller, Measurement, in_numbers
-from hil_bridge.plugins import plugin_names
 
 __all__ = [
     "CONTROLLERS",
@@ -118,6 +117,7 @@ __all__ = [
     "Wrist",
     "computed_matrix",
     "controller_kind",
+    "controller_names",
     "evaluate",
     "figures_of_merit",
     "force_along",
@@ -129,7 +129,6 @@ __all__ = [
     "normal_force",
     "one_line",
     "parse_rules",
-    "plugin_names",
     "quantise",
     "quaternion_about",
     "quaternion_product",

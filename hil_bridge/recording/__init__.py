@@ -1,14 +1,6 @@
-"""What is kept of a run: records, the file they are written to, and what is summed up from them."""
+"""What is kept of a run: records, and the file they are written to."""
 
-from hil_bridge.analysis.summary import (
-    CHECK_EVENT,
-    PHASE_EVENT,
-    STOP_EVENT,
-    Outcome,
-    RunEnd,
-    Summary,
-    summarise,
-)
+from hil_bridge.recording.ending import CHECK_EVENT, PHASE_EVENT, STOP_EVENT, Outcome, RunEnd
 from hil_bridge.recording.link_log import LINK_EVENT, LinkLog
 from hil_bridge.recording.reader import Recording, read, read_link
 from hil_bridge.recording.recorder import CHUNKS, VIRTUAL_CHUNKS, Chunks, Recorder
@@ -38,10 +30,8 @@ __all__ = [
     "Recording",
     "RunEnd",
     "SensorRecord",
-    "Summary",
     "TruthRecord",
     "WireRecord",
     "read",
     "read_link",
-    "summarise",
 ]

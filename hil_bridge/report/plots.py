@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_bridge.analysis.summary import STOP_EVENT, TRACK, PhaseSpan, Summary, phases
+from hil_bridge.analysis.summary import TRACK, PhaseSpan, Summary, phases
+from hil_bridge.recording import STOP_EVENT
 from hil_bridge.recording.reader import Recording
 from hil_bridge.recording.records import CycleRecord
 from hil_bridge.report.explanation import LEVELS

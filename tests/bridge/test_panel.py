@@ -14,10 +14,11 @@ from click.testing import CliRunner
 from emulators.cell import Cell, CellProfile
 from emulators.cell_faults import CELL_FAULTS
 from emulators.s3 import Panel
+from hil_bridge.analysis.summary import summarise
 from hil_bridge.cli import cli
 from hil_bridge.clock import Clock, run_real, run_virtual
 from hil_bridge.errors import ConfigError, DeviceError, TransportUnavailable
-from hil_bridge.recording import CycleRecord, Outcome, read, summarise
+from hil_bridge.recording import CycleRecord, Outcome, read
 from hil_bridge.robots.s3.panel import (
     CLIENT_LIMIT,
     REQUEST_LIMIT,

@@ -11,10 +11,19 @@ import numpy as np
 import pytest
 from msgspec import structs
 
-from hil_bridge.analysis.summary import Outcome, RunEnd, end_of, phases, summarise
+from hil_bridge.analysis.summary import end_of, phases, summarise
 from hil_bridge.analysis.times import times_of
 from hil_bridge.errors import ConfigError
-from hil_bridge.recording import CycleRecord, EventRecord, Recorder, Recording, SensorRecord, read
+from hil_bridge.recording import (
+    CycleRecord,
+    EventRecord,
+    Outcome,
+    Recorder,
+    Recording,
+    RunEnd,
+    SensorRecord,
+    read,
+)
 from hil_bridge.recording.device_facts import Devices, RobotFacts
 from hil_bridge.recording.files import write_whole
 

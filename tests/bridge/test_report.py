@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from msgspec import structs
 
-from hil_bridge.analysis.summary import Outcome, RunEnd, summarise
+from hil_bridge.analysis.summary import summarise
 from hil_bridge.errors import ConfigError
-from hil_bridge.recording import CycleRecord, EventRecord, Recording, SensorRecord
+from hil_bridge.recording import CycleRecord, EventRecord, Outcome, Recording, RunEnd, SensorRecord
 from hil_bridge.report import write_report
 from hil_bridge.report.plots import draw, stream_force
 

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from msgspec import structs
 
-from hil_bridge.analysis.summary import Outcome, RunEnd, summarise
+from hil_bridge.analysis.summary import summarise
 from hil_bridge.control.analysis.stability import (
     SampledPlant,
     admittance_response,
@@ -20,7 +20,7 @@ from hil_bridge.control.analysis.stability import (
     margins,
     pi_response,
 )
-from hil_bridge.recording import CycleRecord, Recording
+from hil_bridge.recording import CycleRecord, Outcome, Recording, RunEnd
 from hil_bridge.report import write_report
 from hil_bridge.report.explanation import decisions, strongest_rules
 from hil_bridge.report.plots import draw

@@ -7,7 +7,7 @@ from textwrap import dedent
 import pytest
 
 from hil_bridge.control import make_controller
-from hil_bridge.control.controllers import controller_kind
+from hil_bridge.control.controllers import GROUP, controller_kind
 from hil_bridge.errors import ConfigError
 from hil_bridge.plugins import plugin_names
 from hil_bridge.settings.configuration import load_config
@@ -62,7 +62,7 @@ def refusal(name: str) -> str:
 
 def test_a_controller_of_another_package_is_chosen_by_name_like_ours(install, tmp_path):
     install("lab", "lab_control", GOOD, steady="Steady")
-    assert plugin_names() == ["steady"]
+    assert plugin_names(GROUP) == ["steady"]
     controller = make_controller("steady", step_mm=0.5)
     assert (type(controller).__module__, controller.step_mm) == ("lab_control", 0.5)
     path = tmp_path / "c.toml"

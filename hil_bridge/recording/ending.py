@@ -1,0 +1,56 @@
+"""How a run ends and which events tell of its course: what only the run itself knows, for its record."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+PHASE_EVENT = "phase"
+"""Kind of the events whose text is the name of the phase that begins."""
+STOP_EVENT = "stop"
+"""Kind of the event whose text is the cause of a stop."""
+CHECK_EVENT = "check"
+"""Kind of the events that tell what was found of the sensor before the touch: full scales, model, weight, zero."""
+
+
+class Outcome(StrEnum):
+    """How a run ended."""
+
+    COMPLETED = "completed"
+    STOPPED = "stopped"
+    """The supervisor or an error ended it; there is a cause."""
+    INTERRUPTED = "interrupted"
+    """A person ended it, or the process was killed."""
+
+
+@dataclass(frozen=True, slots=True)
+class RunEnd:
+    """What only the run itself knows when it ends."""
+
+    outcome: Outcome
+    cause: str = ""
+    line_floor_s: float | None = None
+    """What the characters of one cycle take on the line at least."""
+    link: Mapping[str, float] = field(default_factory=dict)
+    """Counters of the computer link by name."""
+    sensor_lost: int | None = None
+    """Sensor frames that were sent and never came, as the client of the gateway counts them."""
+    sensor_delay_s: float | None = None
+    """How much later than the force itself the sensor's filter tells of it."""
+    left: str = ""
+    """Where the tool was left, in words; empty when it never moved."""
+    followed: tuple[str, ...] = ()
+    """What happened after the cause, in order."""
+
+    def as_metadata(self) -> dict[str, str]:
+        """For `Recorder.close`, so that a record tells its end by itself."""
+        return {
+            "outcome": self.outcome.value,
+            "cause": self.cause,
+            "line_floor_s": json.dumps(self.line_floor_s),
+            "link": json.dumps(dict(self.link), sort_keys=True),
+            "sensor_lost": json.dumps(self.sensor_lost),
+            "sensor_delay_s": json.dumps(self.sensor_delay_s),
+            "left": self.left,
+            "followed": json.dumps(self.followed),
+        }
