@@ -9,14 +9,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from hil_bridge.clock import Clock, run_real
-from hil_bridge.runs.compose import opened_devices
-from hil_bridge.settings.configuration import Config
 from hil_bridge.control import Wrist, force_along
-from hil_bridge.sensors.stream import ForceSensor
-from hil_bridge.robots.s3.link import RobotLink
+from hil_bridge.device_log import LogTo
 from hil_bridge.errors import SafetyStop
+from hil_bridge.robots.s3.link import RobotLink
+from hil_bridge.runs.compose import open_devices
 from hil_bridge.runs.small_steps import LIFT_SPEED_M_S, SmallSteps, bring_up, unit
 from hil_bridge.runs.zeroing import known_wrist, wrist
+from hil_bridge.sensors.stream import ForceSensor
+from hil_bridge.settings.configuration import Config
 from protocol.geometry import Quaternion
 
 
@@ -50,18 +51,14 @@ def free(config: Config, distance_mm: float, say: Callable[[str], None]) -> Free
         clock = Clock.running()
         try:
             # What a dead run left streaming counts from its zero; a stream that is stopped forgets it.
-            async with opened_devices(config, clock, _nothing, _nothing) as (robot, sensor):
-                await bring_up(robot, sensor)
-            async with opened_devices(config, clock, _nothing, _nothing) as (robot, sensor):
-                return await Freeing(config, clock, robot, sensor, say)(distance_mm)
+            async with open_devices(config, clock, LogTo()) as devices:
+                await bring_up(devices.robot, devices.sensor)
+            async with open_devices(config, clock, LogTo()) as devices:
+                return await Freeing(config, clock, devices.robot, devices.sensor, say)(distance_mm)
         finally:
             clock.close()
 
     return run_real(main)
-
-
-def _nothing(*_: object) -> None:
-    """No record is kept."""
 
 
 class Freeing:

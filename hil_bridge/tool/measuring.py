@@ -22,12 +22,12 @@ from hil_bridge.control import (
     quaternion_product,
     turn_between,
 )
+from hil_bridge.device_log import LogTo
 from hil_bridge.errors import ConfigError, DeviceError, SafetyStop
-from hil_bridge.robots.s3.link import Motion, RobotLink
-from hil_bridge.runs.compose import opened_devices
+from hil_bridge.robots.s3.link import Motion
+from hil_bridge.runs.compose import Devices, open_devices
 from hil_bridge.runs.small_steps import bring_up
 from hil_bridge.runs.zeroing import wrist
-from hil_bridge.sensors.stream import ForceSensor
 from hil_bridge.settings.configuration import Config
 from protocol.geometry import Quaternion, Vector
 from protocol.jr3 import SensorFrame
@@ -85,10 +85,9 @@ def measure(config: Config, virtual: bool, sweep: Sweep, tell: Tell) -> list[Too
     async def main() -> list[ToolPose]:
         clock = Clock.running()
         try:
-            async with opened_devices(
-                config, clock, frames.append, lambda kind, text: tell(f"{kind}: {text}")
-            ) as (robot, sensor):
-                return await _Measuring(config, clock, robot, sensor, frames, sweep, tell)()
+            log = LogTo(frames.append, lambda kind, text: tell(f"{kind}: {text}"))
+            async with open_devices(config, clock, log) as devices:
+                return await _Measuring(config, clock, devices, frames, sweep, tell)()
         finally:
             clock.close()
 
@@ -102,13 +101,13 @@ class _Measuring:
         self,
         config: Config,
         clock: Clock,
-        robot: RobotLink,
-        sensor: ForceSensor,
+        devices: Devices,
         frames: list[SensorFrame],
         sweep: Sweep,
         tell: Tell,
     ) -> None:
-        self._config, self._clock, self._robot, self._sensor = config, clock, robot, sensor
+        self._config, self._clock = config, clock
+        self._robot, self._sensor = devices.robot, devices.sensor
         self._frames = frames
         self._sweep = sweep
         self._tell = tell

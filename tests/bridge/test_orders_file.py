@@ -10,14 +10,16 @@ from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from emulators.s3 import S3Site
 from hil_bridge.cli import cli
 from hil_bridge.errors import ConfigError
+from hil_bridge.kinds import KindSettings
 from hil_bridge.robots.s3 import orders_file
 from hil_bridge.robots.s3.orders_file import parse_orders, read_orders
 from hil_bridge.robots.s3.program_folder import read_programs
+from hil_bridge.robots.s3.room import robot_site
 from hil_bridge.robots.s3.toml_lines import key_lines
-from hil_bridge.runs.compose import robot_site
-from hil_bridge.settings.configuration import load_config
+from hil_bridge.settings.configuration import Config, load_config
 from protocol.marks import Mark
 from protocol.s3.arap import KNOWN
 
@@ -239,6 +241,10 @@ def test_a_program_that_no_message_can_carry_is_refused(tmp_path: Path) -> None:
         read_programs(tmp_path, 60)
 
 
+def site_of(config: Config) -> S3Site:
+    return robot_site(KindSettings(config.robot, config.cell))
+
+
 def test_files_are_looked_for_beside_the_configuration_that_names_them(tmp_path: Path) -> None:
     programs = tmp_path / "programs"
     programs.mkdir()
@@ -253,14 +259,14 @@ def test_files_are_looked_for_beside_the_configuration_that_names_them(tmp_path:
     with pytest.raises(ConfigError, match=str(tmp_path / "rules.toml")):
         load_config(path, {})
     path.write_text(path.read_text().rpartition("[controller]")[0])
-    site = robot_site(load_config(path, {}))
+    site = site_of(load_config(path, {}))
     assert site.programs == {7: b"seven"}
     assert "read_register" in site.orders.names
     for odd in ("robot = 3", "[robot]\norders_file = 3"):
         path.write_text(odd)
         with pytest.raises(ConfigError, match=r"hil\.toml: robot"):
             load_config(path, {})
-    empty = robot_site(load_config(None, {}))
+    empty = site_of(load_config(None, {}))
     assert (empty.orders, empty.programs) == (KNOWN, {})
 
 

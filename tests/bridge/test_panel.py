@@ -17,6 +17,7 @@ from emulators.s3 import Panel
 from hil_bridge.analysis.summary import summarise
 from hil_bridge.cli import cli
 from hil_bridge.clock import Clock, run_real, run_virtual
+from hil_bridge.device_log import LogTo
 from hil_bridge.errors import ConfigError, DeviceError, TransportUnavailable
 from hil_bridge.recording import CycleRecord, Outcome, read
 from hil_bridge.robots.s3.panel import (
@@ -31,7 +32,7 @@ from hil_bridge.robots.s3.panel import (
     state_text,
 )
 from hil_bridge.runs import session
-from hil_bridge.runs.compose import Ports, emulated_cell, opened_devices
+from hil_bridge.runs.compose import Ports, emulated_cell, make_cell, open_devices
 from hil_bridge.runs.outputs import Outputs
 from hil_bridge.runs.session import execute
 from hil_bridge.settings.configuration import Config
@@ -265,21 +266,15 @@ def test_lines_are_read_strictly() -> None:
 def on_a_cell(use: Callable[[str, Cell], Awaitable[None]], **sections: Any) -> None:
     """Run `use` with the panel's URL of a served cell, and the cell."""
     config = Config.model_validate(sections)
-    cells: list[Cell] = []
 
     async def main() -> None:
         clock = Clock.running()
         try:
             async with emulated_cell(
-                config.cell,
-                1,
-                clock,
-                Ports("memory:robot", None, LOOPBACK),
-                lambda cause: pytest.fail(repr(cause)),
-                on_cell=cells.append,
-            ) as ports:
-                assert ports.panel is not None
-                await use(ports.panel, cells[0])
+                config, clock, Ports("memory:robot", None, LOOPBACK), lambda cause: pytest.fail(repr(cause))
+            ) as served:
+                assert served.panel is not None
+                await use(served.panel, served.cell)
         finally:
             clock.close()
 
@@ -378,7 +373,7 @@ def test_a_panel_has_no_place_in_virtual_time_or_at_a_real_robot() -> None:
         config = Config.model_validate({"run": {"panel_url": LOOPBACK}, "robot": {"url": robot}})
 
         async def main(config: Config = config) -> None:
-            async with opened_devices(config, Clock.running(), print, print):
+            async with open_devices(config, Clock.running(), LogTo()):
                 pass
 
         with pytest.raises(ConfigError, match="--panel"):
@@ -421,7 +416,9 @@ def test_an_emergency_stop_ends_the_orders_and_is_latched_with_the_refusal(
     """Pressed at several places of a cycle of 156 ms: also between a status that knows nothing yet and its move."""
     cells: list[Cell] = []
     pressed: list[float] = []
-    monkeypatch.setattr("hil_bridge.runs.compose.Cell", lambda *args: cells.append(Cell(*args)) or cells[0])
+    monkeypatch.setattr(
+        "hil_bridge.runs.compose.make_cell", lambda *args: cells.append(make_cell(*args)) or cells[0]
+    )
     told = session._Session.cycle
 
     def cycle(self: Any, record: CycleRecord) -> None:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from emulators.cell import Cell
 from hil_bridge.clock import VIRTUAL_EPOCH, Clock, run_virtual
 from hil_bridge.errors import DeviceError
-from hil_bridge.runs.compose import Ports, emulated_cell
+from hil_bridge.runs.compose import Ports, emulated_cell, make_cell
 from hil_bridge.runs.cycle import wrist
 from hil_bridge.settings.configuration import Config
 from hil_bridge.site.sensor_probe import Screen, probe
@@ -39,10 +39,11 @@ def probed(
     sits = wrist(Config.model_validate({"sensor": seen_as or {}}))
     said: list[str] = []
 
-    def laid_on(cell: Cell) -> None:
+    def laid_on(*arguments: Any) -> Cell:
+        cell = make_cell(*arguments)
         prepare(cell)
         if hand is None:
-            return
+            return cell
         own = cell.sensor._wrench_at
 
         def wrench(times: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -53,13 +54,15 @@ def probed(
             return wrenches
 
         cell.sensor._wrench_at = wrench
+        return cell
 
     async def main() -> None:
         clock = Clock.running()
         ports = Ports(None, URLS[before])
-        async with emulated_cell(
-            config.cell, 1, clock, ports, lambda cause: pytest.fail(repr(cause)), on_cell=laid_on
-        ):
+        monkeypatch = pytest.MonkeyPatch()
+        monkeypatch.setattr("hil_bridge.runs.compose.make_cell", laid_on)
+        async with emulated_cell(config, clock, ports, lambda cause: pytest.fail(repr(cause))):
+            monkeypatch.undo()
             entered = asyncio.Event()
             for at in enter_at:
                 clock.call_at(VIRTUAL_EPOCH + at, entered.set)

@@ -11,6 +11,7 @@ from click.testing import CliRunner
 
 from hil_bridge.cli.decode import decode
 from hil_bridge.clock import Clock, run_virtual
+from hil_bridge.device_log import LogTo
 from hil_bridge.errors import ConfigError, DeviceError, TransportUnavailable
 from hil_bridge.recording import CycleRecord, EventRecord, Outcome
 from hil_bridge.robots.s3.link import RobotLink
@@ -19,6 +20,7 @@ from hil_bridge.runs.cycle import Run
 from hil_bridge.sensors.stream import ForceSensor
 from hil_bridge.settings.configuration import Config, load_config
 from hil_bridge.transports.urls import CONNECT_BYTES, LISTEN_BYTES
+from hil_bridge.wiring import Wiring
 from protocol.jr3 import SensorFrame
 
 URL = "memory:sensor?gateway=jr3"
@@ -70,7 +72,7 @@ def test_another_gateway_is_refused(option: str) -> None:
 def refuse(url: str, error: type[Exception]) -> str:
     async def main() -> None:
         clock = Clock.running()
-        await connect_sensor(url, Config().sensor, clock, lambda frame: None, lambda kind, text: None)
+        await connect_sensor(Config(), url, Wiring("sensor", clock, LogTo()))
 
     with pytest.raises(error) as caught:
         run_virtual(main)
@@ -163,11 +165,12 @@ def with_cell(script: Callable[[Served], Awaitable[None]], **sections: Any) -> S
         def failed(cause: BaseException) -> None:
             raise cause
 
-        async with emulated_cell(config.cell, 1, clock, Ports("memory:robot", URL), failed) as ports:
+        async with emulated_cell(config, clock, Ports("memory:robot", URL), failed) as ports:
             assert ports.robot is not None
             assert ports.sensor == URL
-            robot = await connect_robot(ports.robot, config.robot.link, clock, notice)
-            sensor = await connect_sensor(ports.sensor, config.sensor, clock, frames.append, notice)
+            log = LogTo(frames.append, notice)
+            robot = await connect_robot(config, ports.robot, Wiring("robot", clock, log))
+            sensor = await connect_sensor(config, ports.sensor, Wiring("sensor", clock, log))
             kept.append(Served(clock, robot, sensor, frames, notices))
             robot.start()
             sensor.start()

@@ -29,6 +29,7 @@ from hil_bridge.clock import Clock
 from hil_bridge.control import CONTROLLERS
 from hil_bridge.errors import BridgeError
 from hil_bridge.recording import Recording, read
+from hil_bridge.runs.compose import make_cell
 from hil_bridge.runs.outputs import Outputs
 from hil_bridge.runs.replay import replay
 from hil_bridge.runs.session import execute
@@ -160,7 +161,7 @@ class Drawn:
         self.truths.clear()
 
         def watched(*arguments: Any) -> Cell:
-            cell = self.cell = Cell(*arguments)
+            cell = self.cell = make_cell(*arguments)
             clock = Clock(asyncio.get_running_loop())
             self.began = clock.now()
 
@@ -177,7 +178,7 @@ class Drawn:
 
         output, errors = io.StringIO(), io.StringIO()
         with (
-            mock.patch("hil_bridge.runs.compose.Cell", watched),
+            mock.patch("hil_bridge.runs.compose.make_cell", watched),
             contextlib.redirect_stdout(output),
             contextlib.redirect_stderr(errors),
         ):

@@ -12,9 +12,9 @@ import click
 from hil_bridge.clock import Clock, run_real
 from hil_bridge.errors import DeviceError, TransportUnavailable
 from hil_bridge.recording.files import check_place, write_whole
+from hil_bridge.robots.s3.room import robot_wire
 from hil_bridge.robots.s3.site.prober import ProbeEvent, Prober, Said, profile_of
 from hil_bridge.robots.s3.site.search import LINE_WRONG, Finding, Outcome, Reply, Search, Try, likely_lines
-from hil_bridge.runs.compose import robot_wire
 from hil_bridge.transports import LineSettings, Parity, Transport, connect_bytes
 from hil_bridge.transports.pump import Pump
 from hil_bridge.transports.urls import CONNECT_BYTES, parse_url
