@@ -15,8 +15,9 @@ from hil_bridge.device_log import LogTo
 from hil_bridge.errors import ConfigError, DeviceError, TransportUnavailable
 from hil_bridge.recording import CycleRecord, EventRecord, Outcome
 from hil_bridge.robots.s3.link import RobotLink
-from hil_bridge.runs.compose import Ports, connect_robot, connect_sensor, emulated_cell, uart_wire
+from hil_bridge.runs.compose import Ports, connect_robot, connect_sensor, emulated_cell
 from hil_bridge.runs.cycle import Run
+from hil_bridge.sensors.jr3.room import uart_form, uart_line
 from hil_bridge.sensors.stream import ForceSensor
 from hil_bridge.settings.configuration import Config, load_config
 from hil_bridge.transports.urls import CONNECT_BYTES, LISTEN_BYTES
@@ -46,7 +47,8 @@ URL = "memory:sensor?gateway=jr3"
     ],
 )
 def test_a_connecting_url_names_its_gateway_and_gets_its_line(url: str, wire: str | None) -> None:
-    assert uart_wire(url, CONNECT_BYTES) == wire
+    found = uart_form(url)
+    assert (found and uart_line(found, CONNECT_BYTES)) == wire
 
 
 @pytest.mark.parametrize(
@@ -60,13 +62,14 @@ def test_a_connecting_url_names_its_gateway_and_gets_its_line(url: str, wire: st
     ],
 )
 def test_a_listening_url_names_its_gateway_and_gets_its_line(url: str, wire: str | None) -> None:
-    assert uart_wire(url, LISTEN_BYTES) == wire
+    found = uart_form(url)
+    assert (found and uart_line(found, LISTEN_BYTES)) == wire
 
 
 @pytest.mark.parametrize("option", ["gateway=", "gateway", "gateway=can", "gateway=jr3&gateway=jr3"])
 def test_another_gateway_is_refused(option: str) -> None:
     with pytest.raises(ConfigError, match=r"gateway must be jr3, and once, got 'gateway"):
-        uart_wire(f"serial:///dev/ttyACM0?{option}", CONNECT_BYTES)
+        uart_form(f"serial:///dev/ttyACM0?{option}")
 
 
 def refuse(url: str, error: type[Exception]) -> str:

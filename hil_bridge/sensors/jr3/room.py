@@ -78,12 +78,15 @@ def slcan_address(port: str) -> str:
 # --- UART gateway
 
 
-def _uart_form(url: str) -> str | None:
-    """Raises ConfigError for another gateway than a JR3."""
+def uart_form(url: str) -> str | None:
+    """The byte wire of a URL that names a UART gateway, `?gateway=jr3`; None for every other URL.
+
+    Raises ConfigError for another gateway.
+    """
     head, _, query = url.partition("?")
     options = [option for option in query.split("&") if option]
     named = [option for option in options if option.partition("=")[0] == "gateway"]
-    if not named or head.partition(":")[0] not in {*CONNECT_BYTES, *LISTEN_BYTES}:
+    if not named or "+" in head.partition(":")[0]:
         return None
     if named != [_UART_GATEWAY]:
         raise ConfigError(f"{url!r}: gateway must be jr3, and once, got {'&'.join(named)!r}")
@@ -91,7 +94,7 @@ def _uart_form(url: str) -> str | None:
     return f"{head}?{'&'.join(options)}" if options else head
 
 
-def _uart_line(url: str, schemes: Mapping[str, Any]) -> str:
+def uart_line(url: str, schemes: Mapping[str, Any]) -> str:
     """A wire that can be paced or set gets the gateway's line, 115200 baud 8N1, where the URL says nothing else."""
     head, _, query = url.partition("?")
     known = schemes.get(head.partition(":")[0])
@@ -101,12 +104,12 @@ def _uart_line(url: str, schemes: Mapping[str, Any]) -> str:
 
 
 async def _connect_uart(url: str, settings: KindSettings, wiring: Wiring) -> tuple[Transport[Any], Any]:
-    wire = await wiring.bytes(_uart_line(url, CONNECT_BYTES))
+    wire = await wiring.bytes(uart_line(url, CONNECT_BYTES))
     return wire, UartGatewayClient(settings.client.uart, wiring.clock.now())
 
 
 async def _serve_uart(url: str, gateway: Any, settings: KindSettings, serving: Serving) -> str:
-    address = await serving.bytes(_uart_line(url, LISTEN_BYTES), gateway)
+    address = await serving.bytes(uart_line(url, LISTEN_BYTES), gateway)
     return f"{address}{'&' if '?' in address else '?'}{_UART_GATEWAY}"
 
 
@@ -156,8 +159,8 @@ UART_GATEWAY = SensorKind(
         Jr3Cell, _make_uart, _serve_uart, _usual(f"pty:?{_UART_GATEWAY}", f"memory:sensor?{_UART_GATEWAY}")
     ),
     directly=True,
-    older_form=_uart_form,
-    parse=lambda url, settings: parse_url(_uart_line(url, CONNECT_BYTES), CONNECT_BYTES),
+    older_form=uart_form,
+    parse=lambda url, settings: parse_url(uart_line(url, CONNECT_BYTES), CONNECT_BYTES),
     also="uart",
 )
 RECEIVER_BOARD = SensorKind(
