@@ -15,7 +15,8 @@ from hil_bridge.faults.bus import BusFaults
 from hil_bridge.clock import Clock, Timer, device_clock
 from hil_bridge.settings.configuration import Config, SensorConfig
 from hil_bridge.sensors.stream import ForceSensor
-from hil_bridge.robots.s3.link import RobotLink
+from hil_bridge.robots.s3.link import S3Link
+from hil_bridge.device_log import Silence
 from hil_bridge.errors import ConfigError, TransportClosed, TransportError
 from hil_bridge.robots.s3.orders_file import read_orders
 from hil_bridge.robots.s3.panel import PanelServer, panel_address
@@ -130,7 +131,7 @@ async def connect_robot(
     orders: OrderBook = KNOWN,
     on_traffic: Callable[[Direction, bytes], object] | None = None,
     on_link_event: Callable[[str], object] | None = None,
-) -> RobotLink:
+) -> S3Link:
     """The robot behind a URL, not started yet; `on_traffic` is shown every byte both ways, `on_link_event` is told
     what the link makes of them.
 
@@ -139,7 +140,23 @@ async def connect_robot(
     url, link = robot_wire(url, link)
     wire = await connect_bytes(url, clock, on_notice)
     tapped = wire if on_traffic is None else Tap(wire, on_traffic)
-    return RobotLink(tapped, link, clock, on_notice, orders, on_link_event)
+    log = _Log(on_notice, on_link_event or _nothing)
+    return S3Link(tapped, link, clock, log, orders, verbose=on_link_event is not None)
+
+
+class _Log(Silence):
+    """A log for the robot of callbacks."""
+
+    def __init__(
+        self, on_notice: Callable[[str, str], None], on_link_event: Callable[[str], object]
+    ) -> None:
+        self._on_notice, self._on_link_event = on_notice, on_link_event
+
+    def notice(self, kind: str, text: str) -> None:
+        self._on_notice(kind, text)
+
+    def link_event(self, device: str, text: str) -> None:
+        self._on_link_event(text)
 
 
 def uart_wire(url: str, schemes: Mapping[str, Any]) -> str | None:
@@ -233,7 +250,7 @@ async def opened_devices(
     on_panel: Callable[[str], object] | None = None,
     on_link_event: Callable[[str], object] | None = None,
     on_sensor_traffic: Callable[[Direction, Any], object] | None = None,
-) -> AsyncIterator[tuple[RobotLink, ForceSensor]]:
+) -> AsyncIterator[tuple[S3Link, ForceSensor]]:
     """Robot and sensor of a configuration, started; what has no URL is emulated. Closed when the context is left.
     `on_traffic` is shown the bytes of the robot's link, `on_link_event` told what it makes of them, `on_cell` is
     shown the emulated cell if there is one, `on_panel` told the URL of its panel, `on_sensor_traffic` shown the bytes

@@ -18,7 +18,7 @@ from hil_bridge.runs.compose import opened_devices, sensor_kind
 from hil_bridge.settings.configuration import Config, dump
 from hil_bridge.debugging import told_bug
 from hil_bridge.sensors.stream import ForceSensor
-from hil_bridge.robots.s3.link import RobotLink
+from hil_bridge.robots.s3.link import S3Link
 from hil_bridge.errors import BridgeError
 from hil_bridge.faults.schedule import FAULT_EVENT, FaultSchedule
 from protocol.s3.timing import line_floor
@@ -165,7 +165,7 @@ class _Session:
         self.faults: list[str] = []
         """What became of each injected fault, in words."""
         self._view: LiveView | None = None
-        self._robot: RobotLink | None = None
+        self._robot: S3Link | None = None
         self._sensor: ForceSensor | None = None
         self._run: Run | None = None
         self._result: RunResult | None = None

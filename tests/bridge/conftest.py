@@ -8,8 +8,9 @@ import pytest
 
 from emulators.cell import Cell
 from hil_bridge.clock import Clock, run_virtual
+from hil_bridge.device_log import Silence
 from hil_bridge.recording import CycleRecord, EventRecord
-from hil_bridge.robots.s3.link import RobotLink
+from hil_bridge.robots.s3.link import S3Link
 from hil_bridge.runs.cycle import Run, RunResult
 from hil_bridge.sensors.stream import ForceSensor
 from hil_bridge.settings.configuration import Config
@@ -43,7 +44,7 @@ class CutCan:
 
 
 @dataclass
-class Bench:
+class Bench(Silence):
     """One run and what it left; also the log that the run writes to."""
 
     config: Config
@@ -58,7 +59,7 @@ class Bench:
     clock: Clock = field(init=False)
     line: Faulty = field(init=False)
     can: CutCan = field(init=False)
-    robot: RobotLink = field(init=False)
+    robot: S3Link = field(init=False)
     run: Run = field(init=False)
 
     def cycle(self, record: CycleRecord) -> None:
@@ -94,7 +95,7 @@ class Bench:
         wire = await connect_bytes("memory:robot?baudrate=9600&parity=E", clock)
         self.line = Faulty(wire, Faults(), seed=config.run.seed)
         self.can = CutCan(await connect_can("can+memory:sensor", clock))
-        self.robot = robot = RobotLink(self.line, config.robot.link, clock, self.notice)
+        self.robot = robot = S3Link(self.line, config.robot.link, clock, self)
         sensor = ForceSensor(
             self.can,
             GatewayClient(config.sensor.gateway, clock.now()),

@@ -13,7 +13,7 @@ from hil_bridge.cli.decode import decode
 from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.errors import ConfigError, DeviceError, TransportUnavailable
 from hil_bridge.recording import CycleRecord, EventRecord, Outcome
-from hil_bridge.robots.s3.link import RobotLink
+from hil_bridge.robots.s3.link import S3Link
 from hil_bridge.runs.compose import Ports, connect_robot, connect_sensor, emulated_cell, uart_wire
 from hil_bridge.runs.cycle import Run
 from hil_bridge.sensors.stream import ForceSensor
@@ -142,7 +142,7 @@ class Served:
     """A cell whose sensor is behind a UART gateway, and its two devices."""
 
     clock: Clock
-    robot: RobotLink
+    robot: S3Link
     sensor: ForceSensor
     frames: list[SensorFrame]
     notices: list[tuple[str, str]]
