@@ -1,7 +1,6 @@
 """What robot and sensor tell besides their answers and frames: notices, bytes, events of the link."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any, Protocol
 
 from hil_bridge.transports import Direction
@@ -10,29 +9,49 @@ from hil_bridge.transports import Direction
 class DeviceLog(Protocol):
     """Where the devices of a run put what they tell; must not block. A device is "robot" or "sensor"."""
 
-    def frame(self, frame: Any) -> object:
+    verbose: bool
+    """Every event of a link is wanted, also the usual ones."""
+
+    def frame(self, frame: Any) -> None:
         """A complete frame of the sensor has arrived."""
 
-    def notice(self, kind: str, text: str) -> object:
+    def notice(self, kind: str, text: str) -> None:
         """Something worth a line in the record: a repeat, a time-out, noise, a spontaneous message."""
 
-    def traffic(self, device: str, direction: Direction, data: Any) -> object:
+    def traffic(self, device: str, direction: Direction, data: Any) -> None:
         """Bytes, CAN frames or datagrams have just gone over a device's wire."""
 
-    def link_event(self, device: str, text: str) -> object:
+    def link_event(self, device: str, text: str) -> None:
         """Something happened on a device's link: a bid, an acknowledgement, a repetition."""
 
 
-def _forget(*_: Any) -> None:
-    return None
-
-
-@dataclass(frozen=True, slots=True)
 class LogTo:
     """A log that hands to functions what a command wants to hear, and forgets the rest."""
 
-    frame: Callable[[Any], object] = _forget
-    """As of `DeviceLog`, like all the others."""
-    notice: Callable[[str, str], object] = _forget
-    traffic: Callable[[str, Direction, Any], object] = _forget
-    link_event: Callable[[str, str], object] = _forget
+    verbose = False
+
+    def __init__(
+        self,
+        frame: Callable[[Any], object] | None = None,
+        notice: Callable[[str, str], object] | None = None,
+        traffic: Callable[[str, Direction, Any], object] | None = None,
+    ) -> None:
+        self._frame, self._notice, self._traffic = frame, notice, traffic
+
+    def frame(self, frame: Any) -> None:
+        """Hand it on."""
+        if self._frame is not None:
+            self._frame(frame)
+
+    def notice(self, kind: str, text: str) -> None:
+        """Hand it on."""
+        if self._notice is not None:
+            self._notice(kind, text)
+
+    def traffic(self, device: str, direction: Direction, data: Any) -> None:
+        """Hand it on."""
+        if self._traffic is not None:
+            self._traffic(device, direction, data)
+
+    def link_event(self, device: str, text: str) -> None:
+        """Forget it."""

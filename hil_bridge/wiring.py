@@ -75,12 +75,12 @@ class Serving:
     stack: AsyncExitStack
     on_failure: Callable[[BaseException], object]
     """Told why a device can no longer be served."""
-    say: Callable[[str], object]
+    say: Callable[[str], None]
     """Told, a line each, of connections that ended badly."""
     pumps: list[Pump[Any, Any]] = field(default_factory=list)
     """Of every device: to be woken when a fault begins or ends."""
 
-    async def bytes(self, url: str, endpoint: Any) -> str:
+    async def serve_bytes(self, url: str, endpoint: Any) -> str:
         """Let an endpoint speak over a byte wire that listens; the URL for its client. Raises ConfigError for the URL,
         TransportUnavailable for the wire.
         """
@@ -90,17 +90,17 @@ class Serving:
 
     async def listen_bytes(self, url: str) -> Listening[bytes]:
         """A byte wire that listens, for a room that puts something between the wire and its device. Errors as
-        `bytes`.
+        `serve_bytes`.
         """
         return await listen_bytes(url, self.clock)
 
-    async def can(self, url: str, endpoint: Any, accept: Sequence[CanFilter] = ()) -> str:
+    async def serve_can(self, url: str, endpoint: Any, accept: Sequence[CanFilter] = ()) -> str:
         """The same with CAN frames, of those that one of the filters accepts; of all without filters."""
         listening = await listen_can(url, self.clock, accept)
         self.attach(endpoint, listening.transport)
         return listening.address
 
-    async def datagrams(self, url: str, endpoint: Any, speak_first: bool = False) -> str:
+    async def serve_datagrams(self, url: str, endpoint: Any, speak_first: bool = False) -> str:
         """The same with datagrams, on which the client speaks first, or the device does."""
         if speak_first:
             self.attach(endpoint, await connect_datagrams(url, self.clock))

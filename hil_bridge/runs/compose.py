@@ -179,7 +179,7 @@ async def emulated_cell(
     clock: Clock,
     ports: Ports,
     on_failure: Callable[[BaseException], object],
-    say: Callable[[str], object] = lambda text: None,
+    say: Callable[[str], None] = lambda text: None,
 ) -> AsyncIterator[ServedCell]:
     """Serve the cell's devices on the given listening URLs (None: not served) until the context is left.
 

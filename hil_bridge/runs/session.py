@@ -33,7 +33,7 @@ from hil_bridge.recording import (
     WireRecord,
 )
 from hil_bridge.recording.device_facts import Devices, SensorFacts, robot_facts
-from hil_bridge.robots.s3.link import RobotLink
+from hil_bridge.robots.s3.link import S3Link
 from hil_bridge.runs.checks import check
 from hil_bridge.runs.compose import ServedCell, open_devices, sensor_kind
 from hil_bridge.runs.cycle import BUG_EVENT, Run, RunResult
@@ -164,7 +164,7 @@ class _Session:
         self.faults: list[str] = []
         """What became of each injected fault, in words."""
         self._view: LiveView | None = None
-        self._robot: RobotLink | None = None
+        self._robot: S3Link | None = None
         self._sensor: ForceSensor | None = None
         self._run: Run | None = None
         self._result: RunResult | None = None

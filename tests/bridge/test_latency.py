@@ -30,12 +30,13 @@ from hil_bridge.analysis.site_latency import MOST_QUANTILES, site_settings
 from hil_bridge.analysis.summary import summarise
 from hil_bridge.cli import cli
 from hil_bridge.clock import Clock, run_virtual
+from hil_bridge.device_log import Silence
 from hil_bridge.errors import ConfigError
 from hil_bridge.recording import CycleRecord, Recording, SensorRecord, TruthRecord, read
 from hil_bridge.report import write_report
 from hil_bridge.report.latency_plot import LATENCY_SIZE_PX, by_owner, draw_latency
 from hil_bridge.report.page import page
-from hil_bridge.robots.s3.link import RobotLink
+from hil_bridge.robots.s3.link import S3Link
 from hil_bridge.runs.outputs import Outputs
 from hil_bridge.runs.session import execute
 from hil_bridge.runs.truth import Truths
@@ -455,9 +456,7 @@ def test_an_order_is_stamped_from_its_first_bid_to_its_last_character() -> None:
                     break
 
         peer.start(heard, lambda cause: None)
-        robot = RobotLink(
-            await connect_bytes("memory:robot", clock), LinkProfile(), clock, lambda kind, text: None
-        )
+        robot = S3Link(await connect_bytes("memory:robot", clock), LinkProfile(), clock, Silence())
         robot.start()
         try:
             assert math.isnan(robot.begun_at)

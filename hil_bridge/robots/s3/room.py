@@ -12,7 +12,7 @@ from emulators.s3 import Panel, S3Profile, S3Site
 from hil_bridge.clock import Clock
 from hil_bridge.errors import ConfigError
 from hil_bridge.kinds import KindSettings, RobotEmulation, RobotKind
-from hil_bridge.robots.s3.link import RobotLink
+from hil_bridge.robots.s3.link import S3Link
 from hil_bridge.robots.s3.orders_file import read_orders
 from hil_bridge.robots.s3.panel import PanelServer
 from hil_bridge.robots.s3.program_folder import read_programs
@@ -66,7 +66,7 @@ def robot_site(settings: KindSettings) -> S3Site:
     )
 
 
-async def connect(url: str, settings: KindSettings, wiring: Wiring) -> RobotLink:
+async def connect(url: str, settings: KindSettings, wiring: Wiring) -> S3Link:
     """The controller behind a byte wire, not started yet.
 
     Raises ConfigError for the URL and the orders file, TransportUnavailable for the wire.
@@ -75,15 +75,14 @@ async def connect(url: str, settings: KindSettings, wiring: Wiring) -> RobotLink
     orders = read_orders(Path(orders_file), link.max_telegram) if orders_file else KNOWN
     url, link = robot_wire(url, link)
     wire = await wiring.bytes(url)
-    log = wiring.log
-    return RobotLink(wire, link, wiring.clock, log.notice, orders, partial(log.link_event, wiring.device))
+    return S3Link(wire, link, wiring.clock, wiring.log, orders, verbose=wiring.log.verbose)
 
 
 async def serve(url: str, robot: Any, settings: KindSettings, serving: Serving) -> str:
     """Let the emulated controller listen; a port in memory that names no line has the controller's."""
     line = _line(settings.emulated.link)
     unnamed = url.startswith("memory:") and "?" not in url  # its address does not tell the line
-    address = await serving.bytes(with_line(url, line) if unnamed else url, robot)
+    address = await serving.serve_bytes(with_line(url, line) if unnamed else url, robot)
     return with_line(address, line) if unnamed else address
 
 

@@ -59,7 +59,7 @@ async def _connect_can(url: str, settings: KindSettings, wiring: Wiring) -> tupl
 
 async def _serve_can(url: str, gateway: Any, settings: KindSettings, serving: Serving) -> str:
     if not url.startswith(SLCAN):
-        return await serving.can(url, gateway, heard_by_gateway(settings.emulated.gateway.node))
+        return await serving.serve_can(url, gateway, heard_by_gateway(settings.emulated.gateway.node))
     if not url.startswith(f"{SLCAN}pty:"):
         raise ConfigError(f"{url!r}: an slcan adapter is a serial port; for example {SLCAN}pty:")
     listening = await serving.listen_bytes(url.removeprefix(SLCAN))
@@ -109,7 +109,7 @@ async def _connect_uart(url: str, settings: KindSettings, wiring: Wiring) -> tup
 
 
 async def _serve_uart(url: str, gateway: Any, settings: KindSettings, serving: Serving) -> str:
-    address = await serving.bytes(uart_line(url, LISTEN_BYTES), gateway)
+    address = await serving.serve_bytes(uart_line(url, LISTEN_BYTES), gateway)
     return f"{address}{'&' if '?' in address else '?'}{_UART_GATEWAY}"
 
 
