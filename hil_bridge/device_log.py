@@ -3,12 +3,13 @@
 from typing import Any, Protocol
 
 from hil_bridge.transports import Direction
+from protocol.wrench import WrenchFrame
 
 
 class DeviceLog(Protocol):
     """Where the devices of a run put what they tell; must not block. A device is "robot" or "sensor"."""
 
-    def frame(self, frame: Any) -> None:
+    def frame(self, frame: WrenchFrame) -> None:
         """A complete frame of the sensor has arrived."""
 
     def notice(self, kind: str, text: str) -> None:
@@ -24,7 +25,7 @@ class DeviceLog(Protocol):
 class Silence:
     """A log that keeps nothing, for tools that look at a device without recording it."""
 
-    def frame(self, frame: Any) -> None:
+    def frame(self, frame: WrenchFrame) -> None:
         """Forget it."""
 
     def notice(self, kind: str, text: str) -> None:

@@ -15,6 +15,7 @@ from hil_bridge.faults.bus import BusFaults
 from hil_bridge.clock import Clock, Timer, device_clock
 from hil_bridge.settings.configuration import Config, SensorConfig
 from hil_bridge.sensors.stream import ForceSensor
+from hil_bridge.device_log import Silence
 from hil_bridge.robots.s3.link import RobotLink
 from hil_bridge.errors import ConfigError, TransportClosed, TransportError
 from hil_bridge.robots.s3.orders_file import read_orders
@@ -42,13 +43,12 @@ from protocol.jr3 import (
     GATEWAY_BITRATE,
     UART_BAUDRATE,
     GatewayClient,
-    SensorClient,
-    SensorFrame,
     UartGatewayClient,
     heard_by_client,
     heard_by_gateway,
 )
 from protocol.jr3.registers import BoardClient
+from protocol.wrench import SensorClient, WrenchFrame
 
 _MEMORY_CAN = "can+memory:"
 SLCAN = "can+slcan+"
@@ -181,11 +181,26 @@ def _check_can(url: str) -> None:
         )
 
 
+class _Callbacks(Silence):
+    """Two callbacks as a log of devices."""
+
+    def __init__(
+        self, on_frame: Callable[[WrenchFrame], None], on_notice: Callable[[str, str], None]
+    ) -> None:
+        self._on_frame, self._on_notice = on_frame, on_notice
+
+    def frame(self, frame: WrenchFrame) -> None:
+        self._on_frame(frame)
+
+    def notice(self, kind: str, text: str) -> None:
+        self._on_notice(kind, text)
+
+
 async def connect_sensor(
     url: str,
     sensor: SensorConfig,
     clock: Clock,
-    on_frame: Callable[[SensorFrame], None],
+    on_frame: Callable[[WrenchFrame], None],
     on_notice: Callable[[str, str], None],
     on_traffic: Callable[[Direction, Any], object] | None = None,
 ) -> ForceSensor:
@@ -207,7 +222,7 @@ async def connect_sensor(
         wire = await connect_can(url, clock, heard_by_client(sensor.gateway.node))
         client = GatewayClient(sensor.gateway, clock.now())
     tapped = wire if on_traffic is None else Tap[Any](wire, on_traffic)
-    return ForceSensor(tapped, client, clock, on_frame, on_notice)
+    return ForceSensor(tapped, client, clock, _Callbacks(on_frame, on_notice))
 
 
 def check_panel(config: Config, virtual: bool) -> None:
@@ -226,7 +241,7 @@ def check_panel(config: Config, virtual: bool) -> None:
 async def opened_devices(
     config: Config,
     clock: Clock,
-    on_frame: Callable[[SensorFrame], None],
+    on_frame: Callable[[WrenchFrame], None],
     on_notice: Callable[[str, str], None],
     on_traffic: Callable[[Direction, bytes], object] | None = None,
     on_cell: Callable[[Cell], object] | None = None,

@@ -40,7 +40,7 @@ from hil_bridge.runs.small_steps import bring_up
 from hil_bridge.runs.zeroing import Zeroing, wrist
 from protocol.s3.arap import Status
 from protocol.geometry import Quaternion, Vector
-from protocol.jr3 import AXES, FULL_SCALE_COUNTS, SensorFrame
+from protocol.wrench import AXES, WrenchFrame
 
 THEN_EVENT = "then"
 """Kind of the events whose text is what followed the cause of a stop."""
@@ -110,7 +110,6 @@ class Run:
         self._way_out = WayOut(config, clock, robot, sensor)
         self._heart = Heartbeat(clock)
         self._answer_time = answer_time(robot.profile)
-        self._filter_delay = sensor.delay
         self._start: Status
         self._orientation: Quaternion
         """Of the start: every order keeps it."""
@@ -143,6 +142,7 @@ class Run:
         """
         self._enter("connect")
         start = await bring_up(self._robot, self._sensor)
+        self._filter_delay = self._sensor.delay
         self._loop.initial(start.position)  # refuses a start outside the workspace
         self._enter("tare")
         await self._zeroing.weigh(start)
@@ -178,8 +178,7 @@ class Run:
             self._start = zero.start
             self._quaternion_tare = self._orientation if self._config.sensor.tare else None
             facing = self._facing(zero.start)
-            scales = tuple(scale / FULL_SCALE_COUNTS for scale in self._sensor.full_scales)
-            self._sensor.peaks = Peaks(facing, scales, zero.contact)
+            self._sensor.peaks = Peaks(facing, self._sensor.facts.scales, zero.contact)
             self._state = self._loop.initial(zero.start.position)
             await self._cycles(motion)
         except BridgeError as error:
@@ -307,7 +306,7 @@ class Run:
             beat = next_beat
             await self._clock.sleep_until(anchor + beat * period)
 
-    def _sample(self, status: Status, frame: SensorFrame) -> Sample:
+    def _sample(self, status: Status, frame: WrenchFrame) -> Sample:
         """The newest of everything, now that the robot has answered."""
         sensor, position = self._sensor, status.position
         fault = self._robot.fault(status)
@@ -350,7 +349,7 @@ class Run:
             tilt,
         )
 
-    def _frame(self) -> SensorFrame:
+    def _frame(self) -> WrenchFrame:
         """The newest frame of the sensor."""
         frame = self._sensor.newest
         assert frame is not None, "the tare waited for a frame"

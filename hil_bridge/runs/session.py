@@ -47,7 +47,7 @@ from hil_bridge.runs.signals import Signals, unless_hung_up
 from hil_bridge.transports import Direction, Frames
 from hil_bridge.runs.truth import Truths
 from hil_bridge.view import REFRESH_SECONDS, Health
-from protocol.jr3 import FULL_SCALE_COUNTS, SensorFrame
+from protocol.wrench import WrenchFrame
 from protocol.marks import Mark, settings
 
 if TYPE_CHECKING:
@@ -234,16 +234,15 @@ class _Session:
         marks = {
             one.name: one.info.mark if one.value == one.default else Mark.CHOSEN for one in settings(servo)
         }
-        scales = tuple(scale / FULL_SCALE_COUNTS for scale in sensor.full_scales)
         return Devices(
             robot_facts(asdict(servo), self._link, not config.robot.url, marks=marks),
             SensorFacts(
                 sensor_kind(config.sensor),
-                sensor.model,
-                sensor.full_scales,
-                scales,
-                sensor.delay,
-                sensor.period,
+                sensor.facts.model,
+                sensor.facts.full_scales or (),
+                sensor.facts.scales,
+                sensor.facts.delay,
+                sensor.facts.period,
             ),
         )
 
@@ -271,8 +270,8 @@ class _Session:
         if self._view is not None:  # where a line is short
             self._view.warn(text.replace(f" {self._record_path}", ""))
 
-    def _frame(self, frame: SensorFrame) -> None:
-        self._recorder.put(SensorRecord(frame.at, frame.sequence, frame.counts))
+    def _frame(self, frame: WrenchFrame) -> None:
+        self._recorder.put(SensorRecord(frame.at, frame.sequence, frame.values))
 
     def _notice(self, kind: str, text: str) -> None:
         self.event(EventRecord(self._clock.now(), kind, text))
@@ -368,7 +367,7 @@ class _Session:
             line_floor(self._link),
             dict(self._robot.counters) if self._robot else {},
             self._sensor.lost if self._sensor else None,
-            self._sensor.delay if self._sensor else None,
+            self._sensor.delay if self._sensor and self._sensor.is_ready else None,
             result.left,
             result.followed,
         )

@@ -30,8 +30,8 @@ from hil_bridge.runs.zeroing import wrist
 from hil_bridge.sensors.stream import ForceSensor
 from hil_bridge.settings.configuration import Config
 from protocol.geometry import Quaternion, Vector
-from protocol.jr3 import SensorFrame
 from protocol.s3.arap import Status, round_position
+from protocol.wrench import WrenchFrame
 
 Tell = Callable[[str], None]
 
@@ -80,7 +80,7 @@ def measure(config: Config, virtual: bool, sweep: Sweep, tell: Tell) -> list[Too
     `tell` is given a line of progress now and then. Raises SafetyStop when a limit was met, and BridgeError as a
     run does.
     """
-    frames: list[SensorFrame] = []
+    frames: list[WrenchFrame] = []
 
     async def main() -> list[ToolPose]:
         clock = Clock.running()
@@ -104,7 +104,7 @@ class _Measuring:
         clock: Clock,
         robot: RobotLink,
         sensor: ForceSensor,
-        frames: list[SensorFrame],
+        frames: list[WrenchFrame],
         sweep: Sweep,
         tell: Tell,
     ) -> None:

@@ -8,6 +8,7 @@ import pytest
 
 from emulators.cell import Cell
 from hil_bridge.clock import Clock, run_virtual
+from hil_bridge.device_log import Silence
 from hil_bridge.recording import CycleRecord, EventRecord
 from hil_bridge.robots.s3.link import RobotLink
 from hil_bridge.runs.cycle import Run, RunResult
@@ -43,7 +44,7 @@ class CutCan:
 
 
 @dataclass
-class Bench:
+class Bench(Silence):
     """One run and what it left; also the log that the run writes to."""
 
     config: Config
@@ -99,8 +100,7 @@ class Bench:
             self.can,
             GatewayClient(config.sensor.gateway, clock.now()),
             clock,
-            lambda frame: None,
-            self.notice,
+            self,
         )
         robot.start()
         sensor.start()
