@@ -12,7 +12,7 @@ class DeviceLog(Protocol):
     verbose: bool
     """Every event of a link is wanted, also the usual ones."""
 
-    def frame(self, frame: Any) -> None:
+    def frame(self, frame: WrenchFrame) -> None:
         """A complete frame of the sensor has arrived."""
 
     def notice(self, kind: str, text: str) -> None:
@@ -32,13 +32,13 @@ class LogTo:
 
     def __init__(
         self,
-        frame: Callable[[Any], object] | None = None,
+        frame: Callable[[WrenchFrame], object] | None = None,
         notice: Callable[[str, str], object] | None = None,
         traffic: Callable[[str, Direction, Any], object] | None = None,
     ) -> None:
         self._frame, self._notice, self._traffic = frame, notice, traffic
 
-    def frame(self, frame: Any) -> None:
+    def frame(self, frame: WrenchFrame) -> None:
         """Hand it on."""
         if self._frame is not None:
             self._frame(frame)

@@ -46,7 +46,8 @@ from hil_bridge.runs.zeroing import Zeroing, wrist
 from hil_bridge.sensors.stream import ForceSensor
 from hil_bridge.settings.configuration import Config
 from protocol.geometry import Pose, Quaternion, Vector
-from protocol.jr3 import AXES, FULL_SCALE_COUNTS, SensorFrame
+from protocol.jr3 import AXES
+from protocol.wrench import AXES, WrenchFrame
 
 THEN_EVENT = "then"
 """Kind of the events whose text is what followed the cause of a stop."""
@@ -115,7 +116,7 @@ class Run:
         self._zeroing = Zeroing(config, clock, robot, sensor, lambda text: self._event(CHECK_EVENT, text))
         self._way_out = WayOut(config, clock, robot, sensor)
         self._heart = Heartbeat(clock)
-        self._filter_delay = sensor.delay
+        self._filter_delay = math.nan
         self._start: RobotReport
         self._orientation: Quaternion
         """Of the start: every order keeps it."""
@@ -148,6 +149,7 @@ class Run:
         """
         self._enter("connect")
         start = await bring_up(self._robot, self._sensor)
+        self._filter_delay = self._sensor.delay
         self._loop.initial(start.pose.position)  # refuses a start outside the workspace
         self._enter("tare")
         await self._zeroing.weigh(start)
@@ -189,8 +191,7 @@ class Run:
             self._start = zero.start
             self._quaternion_tare = self._orientation if self._config.sensor.tare else None
             facing = self._facing(zero.start.pose.quaternion)
-            scales = tuple(scale / FULL_SCALE_COUNTS for scale in self._sensor.full_scales)
-            self._sensor.peaks = Peaks(facing, scales, zero.contact)
+            self._sensor.peaks = Peaks(facing, self._sensor.facts.scales, zero.contact)
             self._state = self._loop.initial(zero.start.pose.position)
             await self._cycles(motion)
         except BridgeError as error:
@@ -320,7 +321,7 @@ class Run:
             beat = next_beat
             await self._clock.sleep_until(anchor + beat * period)
 
-    def _sample(self, report: RobotReport, frame: SensorFrame) -> Sample:
+    def _sample(self, report: RobotReport, frame: WrenchFrame) -> Sample:
         """The newest of everything, now that the robot has told where it is."""
         sensor, (position, quaternion), fault = self._sensor, report.pose, report.fault
         try:
@@ -360,7 +361,7 @@ class Run:
             tilt,
         )
 
-    def _frame(self) -> SensorFrame:
+    def _frame(self) -> WrenchFrame:
         """The newest frame of the sensor."""
         frame = self._sensor.newest
         assert frame is not None, "the tare waited for a frame"

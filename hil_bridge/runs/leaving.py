@@ -121,7 +121,7 @@ class WayOut:
         sensor, newest, now = self._sensor, self._sensor.newest, self._clock.now()
         resultant, fault = math.nan, ""
         if newest is not None and sensor.peaks is not None:
-            resultant = sensor.peaks.resultant(newest.counts)
+            resultant = sensor.peaks.resultant(newest.values)
         try:
             sensor.check()
         except BridgeError as error:
@@ -175,4 +175,4 @@ class WayOut:
             return math.nan
         if newest is None or peaks is None or newest.at < since:
             return math.nan
-        return peaks.resultant(newest.counts)
+        return peaks.resultant(newest.values)

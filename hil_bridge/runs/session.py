@@ -33,7 +33,7 @@ from hil_bridge.recording import (
     WireRecord,
 )
 from hil_bridge.recording.device_facts import Devices, SensorFacts, robot_facts
-from hil_bridge.robots.s3.link import S3Link
+from hil_bridge.robots.seam import RobotLink
 from hil_bridge.runs.checks import check
 from hil_bridge.runs.compose import ServedCell, open_devices, sensor_kind
 from hil_bridge.runs.cycle import BUG_EVENT, Run, RunResult
@@ -45,9 +45,9 @@ from hil_bridge.sensors.stream import ForceSensor
 from hil_bridge.settings.configuration import Config, dump
 from hil_bridge.transports import Direction
 from hil_bridge.view import REFRESH_SECONDS, Health
-from protocol.jr3 import FULL_SCALE_COUNTS
 from protocol.marks import Mark, settings
 from protocol.s3.timing import line_floor
+from protocol.wrench import WrenchFrame
 
 if TYPE_CHECKING:
     from hil_bridge.view.live import LiveView
@@ -164,7 +164,7 @@ class _Session:
         self.faults: list[str] = []
         """What became of each injected fault, in words."""
         self._view: LiveView | None = None
-        self._robot: S3Link | None = None
+        self._robot: RobotLink | None = None
         self._sensor: ForceSensor | None = None
         self._run: Run | None = None
         self._result: RunResult | None = None
@@ -184,6 +184,9 @@ class _Session:
         """Tracebacks that the run told."""
         self.hurried = False
         """A further signal came when the movement had ended already: the process shall end at once."""
+
+    verbose = True
+    """Of a `DeviceLog`: the record holds every event of a link."""
 
     # --- what the run and the devices tell
 
@@ -233,16 +236,15 @@ class _Session:
         marks = {
             one.name: one.info.mark if one.value == one.default else Mark.CHOSEN for one in settings(servo)
         }
-        scales = tuple(scale / FULL_SCALE_COUNTS for scale in sensor.full_scales)
         return Devices(
             robot_facts(asdict(servo), self._link, not config.robot.url, marks=marks),
             SensorFacts(
-                sensor_kind(config.sensor),
-                sensor.model,
-                sensor.full_scales,
-                scales,
-                sensor.delay,
-                sensor.period,
+                sensor_kind(config).name,
+                sensor.facts.model,
+                sensor.facts.full_scales or (),
+                sensor.facts.scales,
+                sensor.facts.delay,
+                sensor.facts.period,
             ),
         )
 
@@ -272,7 +274,7 @@ class _Session:
 
     def frame(self, frame: WrenchFrame) -> None:
         """A complete frame of the sensor has arrived."""
-        self._recorder.put(SensorRecord(frame.at, frame.sequence, frame.counts))
+        self._recorder.put(SensorRecord(frame.at, frame.sequence, frame.values))
 
     def notice(self, kind: str, text: str) -> None:
         """A device tells something that is worth a line in the record."""
@@ -283,7 +285,7 @@ class _Session:
         self._logs[device].take(self._clock.now(), direction, data)
         if device == "robot" and direction is Direction.SENT and len(data) > 1:
             # a block is on the line, and nothing can answer it before its last character
-            seconds = len(data) * self._character_time
+            seconds = len(data) * self._byte_time
             self._recorder.pause(seconds)
             if seconds >= _DRAWING_S:
                 self._may_draw.set()
@@ -373,7 +375,7 @@ class _Session:
             line_floor(self._link),
             dict(self._robot.counters) if self._robot else {},
             self._sensor.lost if self._sensor else None,
-            self._sensor.delay if self._sensor else None,
+            self._sensor.delay if self._sensor and self._sensor.is_ready else None,
             result.left,
             result.followed,
         )

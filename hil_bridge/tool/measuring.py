@@ -30,7 +30,7 @@ from hil_bridge.runs.small_steps import bring_up
 from hil_bridge.runs.zeroing import wrist
 from hil_bridge.settings.configuration import Config
 from protocol.geometry import Pose, Quaternion, Vector
-from protocol.jr3 import SensorFrame
+from protocol.wrench import WrenchFrame
 
 Tell = Callable[[str], None]
 
@@ -79,7 +79,7 @@ def measure(config: Config, virtual: bool, sweep: Sweep, tell: Tell) -> list[Too
     `tell` is given a line of progress now and then. Raises SafetyStop when a limit was met, and BridgeError as a
     run does.
     """
-    frames: list[SensorFrame] = []
+    frames: list[WrenchFrame] = []
 
     async def main() -> list[ToolPose]:
         clock = Clock.running()
@@ -101,7 +101,7 @@ class _Measuring:
         config: Config,
         clock: Clock,
         devices: Devices,
-        frames: list[SensorFrame],
+        frames: list[WrenchFrame],
         sweep: Sweep,
         tell: Tell,
     ) -> None:

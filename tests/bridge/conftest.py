@@ -9,7 +9,7 @@ import pytest
 
 from emulators.cell import Cell
 from hil_bridge.clock import Clock, run_virtual
-from hil_bridge.device_log import LogTo, Silence
+from hil_bridge.device_log import LogTo
 from hil_bridge.recording import CycleRecord, EventRecord
 from hil_bridge.robots.s3.link import S3Link
 from hil_bridge.runs.compose import make_cell, open_devices
@@ -34,7 +34,7 @@ class CutCan:
 
 
 @dataclass
-class Bench(Silence):
+class Bench:
     """One run and what it left; also the log that the run writes to."""
 
     config: Config

@@ -30,7 +30,6 @@ from hil_bridge.sensors.jr3.registers import (
 from hil_bridge.sensors.stream import ForceSensor
 from hil_bridge.settings.configuration import Config
 from protocol.endpoint import RemoteProtocolError
-from protocol.jr3 import SensorFrame
 from protocol.jr3.board import REGISTERS, Registers, check_range, pack_words, to_signed
 from protocol.jr3.registers import (
     BoardClient,
@@ -48,6 +47,7 @@ from protocol.jr3.registers import (
     response_reader,
     start_up,
 )
+from protocol.wrench import WrenchFrame
 
 
 class Memory:
@@ -140,9 +140,9 @@ def test_wrong_listening_urls(url: str, text: str) -> None:
 
 
 def test_a_sensor_behind_registers_in_virtual_time() -> None:
-    frames: list[SensorFrame] = []
+    frames: list[WrenchFrame] = []
 
-    async def main() -> tuple[float, ...]:
+    async def main() -> tuple[float, ...] | None:
         clock = Clock.running()
         logged: list[str] = []
         served = await serve_board(
@@ -156,9 +156,11 @@ def test_a_sensor_behind_registers_in_virtual_time() -> None:
         assert served.address == "jr3+memory:b"
         wire, profile = await connect_board("jr3+memory:b?filter=2", BoardClientProfile(), clock)
         begin = clock.now()
-        sensor = ForceSensor(wire, BoardClient(profile, begin), clock, frames.append, lambda kind, text: None)
+        log = Silence()
+        log.frame = frames.append  # type: ignore[method-assign]
+        sensor = ForceSensor(wire, BoardClient(profile, begin), clock, log)
         sensor.start()
-        scales = await sensor.ready()
+        scales = (await sensor.ready()).full_scales
         assert clock.now() - begin == pytest.approx(10.224, abs=1e-3)
         await sensor.tare()
         await clock.sleep_until(clock.now() + 1.0)
@@ -172,7 +174,7 @@ def test_a_sensor_behind_registers_in_virtual_time() -> None:
 
     assert run_virtual(main) == (200.0, 200.0, 400.0, 5.0, 5.0, 6.0)
     assert len(frames) == pytest.approx(112, abs=1)
-    assert frames[-1].counts == (0, 0, -4096, 0, 0, 0)
+    assert frames[-1].values == (0, 0, -4096, 0, 0, 0)
 
 
 def test_a_memory_wire_survives_a_lost_client() -> None:
@@ -459,9 +461,9 @@ def test_the_start_up_as_written_brings_the_emulated_board_up(reach: Callable[[B
     assert fz == pytest.approx(-50.0, abs=0.05)
 
 
-def closed_loop(**board: object) -> tuple[list[CycleRecord], list[str], list[SensorFrame]]:
+def closed_loop(**board: object) -> tuple[list[CycleRecord], list[str], list[WrenchFrame]]:
     """A run of five seconds in virtual time whose sensor is the emulated cell's receiver board."""
-    cycles, notices, frames = list[CycleRecord](), list[str](), list[SensorFrame]()
+    cycles, notices, frames = list[CycleRecord](), list[str](), list[WrenchFrame]()
 
     class Log:
         def cycle(self, record: CycleRecord) -> None:

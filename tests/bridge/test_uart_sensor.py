@@ -22,7 +22,7 @@ from hil_bridge.sensors.stream import ForceSensor
 from hil_bridge.settings.configuration import Config, load_config
 from hil_bridge.transports.urls import CONNECT_BYTES, LISTEN_BYTES
 from hil_bridge.wiring import Wiring
-from protocol.jr3 import SensorFrame
+from protocol.wrench import WrenchFrame
 
 URL = "memory:sensor?gateway=jr3"
 
@@ -149,7 +149,7 @@ class Served:
     clock: Clock
     robot: S3Link
     sensor: ForceSensor
-    frames: list[SensorFrame]
+    frames: list[WrenchFrame]
     notices: list[tuple[str, str]]
 
 
@@ -159,7 +159,7 @@ def with_cell(script: Callable[[Served], Awaitable[None]], **sections: Any) -> S
 
     async def main() -> None:
         clock = Clock.running()
-        frames: list[SensorFrame] = []
+        frames: list[WrenchFrame] = []
         notices: list[tuple[str, str]] = []
 
         def notice(kind: str, text: str) -> None:
@@ -192,12 +192,12 @@ def test_ready_tare_and_stop() -> None:
 
     async def script(served: Served) -> None:
         begun = served.clock.now()
-        assert await served.sensor.ready() == (115.0, 111.0, 185.0, 5.6, 5.2, 6.1)
+        assert (await served.sensor.ready()).full_scales == (115.0, 111.0, 185.0, 5.6, 5.2, 6.1)
         times.append(served.clock.now() - begun)
         await served.sensor.tare()
         times.append(served.clock.now() - begun)
         await served.clock.sleep_until(served.clock.now() + 10.0)
-        assert max(map(abs, served.frames[-1].counts)) <= 4
+        assert max(map(abs, served.frames[-1].values)) <= 4
 
     served = with_cell(script, sensor={"uart": {"period_ms": 2.0}})
     # Boot 5.033 s, then two pauses of 1.1 s until the start, one more until the zero.

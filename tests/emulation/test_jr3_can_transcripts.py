@@ -15,15 +15,8 @@ import pytest
 from numpy.typing import NDArray
 
 from emulators.jr3 import Gateway, GatewayProfile, Jr3Sensor, SensorProfile
-from protocol.jr3 import (
-    GatewayClient,
-    GatewayClientProfile,
-    SensorFrame,
-    SensorNotice,
-    SensorReady,
-    Zeroed,
-    parse_frame,
-)
+from protocol.jr3 import GatewayClient, GatewayClientProfile, parse_frame
+from protocol.wrench import SensorNotice, SensorReady, WrenchFrame, Zeroed
 
 T0 = 4321.0
 TS_MS = 0.1285
@@ -420,7 +413,7 @@ def test_the_client_says_to_the_gateway_what_is_in_the_transcript() -> None:
         at_ms, direction, text = line.split(maxsplit=2)
         wanted += [(float(at_ms), direction, frame) for frame in frames(text)]
     assert told[: len(wanted)] == wanted
-    samples = [event for event in events if isinstance(event, SensorFrame)]
+    samples = [event for event in events if isinstance(event, WrenchFrame)]
     assert [type(event) for event in events[:3]] == [SensorReady, SensorNotice, Zeroed]
     assert {b.sequence - a.sequence for a, b in itertools.pairwise(samples)} == {933, 934}
     wraps = [(a.counter, b.counter) for a, b in itertools.pairwise(samples) if b.counter < a.counter]

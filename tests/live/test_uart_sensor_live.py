@@ -10,7 +10,7 @@ from hil_bridge.device_log import LogTo
 from hil_bridge.runs.compose import Ports, connect_sensor, emulated_cell
 from hil_bridge.settings.configuration import Config
 from hil_bridge.wiring import Wiring
-from protocol.jr3 import SensorFrame
+from protocol.wrench import WrenchFrame
 
 pytestmark = pytest.mark.live
 
@@ -23,7 +23,7 @@ QUICK = {
 
 def test_a_sensor_on_a_pseudo_terminal() -> None:
     config = Config.model_validate(QUICK)
-    frames: list[SensorFrame] = []
+    frames: list[WrenchFrame] = []
 
     def failed(cause: BaseException) -> None:
         raise cause
@@ -49,4 +49,4 @@ def test_a_sensor_on_a_pseudo_terminal() -> None:
     assert len(frames) > 50
     # The emulator leaves out nothing, and a pseudo-terminal loses nothing.
     assert {later.sequence - earlier.sequence for earlier, later in itertools.pairwise(frames)} == {31, 32}
-    assert max(map(abs, frames[-1].counts)) <= 4
+    assert max(map(abs, frames[-1].values)) <= 4

@@ -11,7 +11,7 @@ from hil_bridge.runs.compose import Ports, connect_robot, connect_sensor, emulat
 from hil_bridge.runs.cycle import Run
 from hil_bridge.settings.configuration import Config
 from hil_bridge.wiring import Wiring
-from protocol.jr3 import SensorFrame
+from protocol.wrench import WrenchFrame
 
 CAN, BOARD = "can+memory:sensor", "jr3+memory:sensor"
 """Where a cell's sensor listens: behind its CAN gateway, or on a receiver board behind its registers."""
@@ -30,7 +30,7 @@ class CellRun:
     sensor: str = CAN
     on_cycle: Callable[[CycleRecord], object] = lambda record: None
     on_event: Callable[[EventRecord], object] = lambda record: None
-    on_frame: Callable[[SensorFrame], object] = lambda frame: None
+    on_frame: Callable[[WrenchFrame], object] = lambda frame: None
     cycles: int = 0
     frames: int = 0
     simulated: float = 0.0
@@ -46,7 +46,7 @@ class CellRun:
         """Something happened beside the cycles."""
         self.on_event(record)
 
-    def _frame(self, frame: SensorFrame) -> None:
+    def _frame(self, frame: WrenchFrame) -> None:
         self.frames += 1
         self.on_frame(frame)
 
