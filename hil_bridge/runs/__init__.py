@@ -1,0 +1,1 @@
+"""Runs: the composition of devices, the cycle of a run, its ways out, and its replay."""
