@@ -7,12 +7,12 @@ from collections.abc import Callable, Iterator, Mapping
 
 from emulators.cell import Cell
 from hil_bridge.clock import VIRTUAL_EPOCH
-from hil_bridge.runs.compose import check_panel, robot_site
-from hil_bridge.settings.configuration import Config
-from hil_bridge.errors import ConfigError
 from hil_bridge.clock.realtime import scheduled
+from hil_bridge.errors import ConfigError
+from hil_bridge.runs.compose import check_panel, robot_site
 from hil_bridge.runs.cycle import control_loop
 from hil_bridge.runs.zeroing import known_wrist
+from hil_bridge.settings.configuration import Config
 
 
 def check(config: Config, virtual: bool) -> None:

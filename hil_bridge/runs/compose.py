@@ -11,17 +11,16 @@ from emulators.cell_faults import CELL_FAULTS
 from emulators.faults import Ledger
 from emulators.s3 import EMPTY_SITE, Panel, S3Site
 from emulators.wires.slcan_adapter import SlcanAdapter, SlcanProfile
-from hil_bridge.faults.bus import BusFaults
 from hil_bridge.clock import Clock, Timer, device_clock
-from hil_bridge.settings.configuration import Config, SensorConfig
-from hil_bridge.sensors.stream import ForceSensor
-from hil_bridge.robots.s3.link import RobotLink
 from hil_bridge.errors import ConfigError, TransportClosed, TransportError
+from hil_bridge.faults.bus import BusFaults
+from hil_bridge.robots.s3.link import RobotLink
 from hil_bridge.robots.s3.orders_file import read_orders
 from hil_bridge.robots.s3.panel import PanelServer, panel_address
 from hil_bridge.robots.s3.program_folder import read_programs
-from hil_bridge.transports.pump import Pump
 from hil_bridge.sensors.jr3.registers import BOARD, ListenerProfile, connect_board, serve_board
+from hil_bridge.sensors.stream import ForceSensor
+from hil_bridge.settings.configuration import Config, SensorConfig
 from hil_bridge.transports import (
     Direction,
     Frames,
@@ -35,9 +34,8 @@ from hil_bridge.transports import (
     listen_can,
 )
 from hil_bridge.transports.can.memory import memory_can_bus
+from hil_bridge.transports.pump import Pump
 from hil_bridge.transports.urls import CONNECT_BYTES, LISTEN_BYTES, SERIAL_PORTS, parse_url, with_line
-from protocol.s3.adlp import LinkProfile
-from protocol.s3.arap import KNOWN, OrderBook
 from protocol.jr3 import (
     GATEWAY_BITRATE,
     UART_BAUDRATE,
@@ -49,6 +47,8 @@ from protocol.jr3 import (
     heard_by_gateway,
 )
 from protocol.jr3.registers import BoardClient
+from protocol.s3.adlp import LinkProfile
+from protocol.s3.arap import KNOWN, OrderBook
 
 _MEMORY_CAN = "can+memory:"
 SLCAN = "can+slcan+"

@@ -13,7 +13,6 @@ from typing import Any, Protocol
 from msgspec.structs import replace
 
 from hil_bridge.clock import Clock, Heartbeat
-from hil_bridge.settings.configuration import Config
 from hil_bridge.control import (
     Command,
     ControlLoop,
@@ -30,17 +29,18 @@ from hil_bridge.control import (
     one_line,
     turn_between,
 )
-from hil_bridge.robots.s3.link import UNIT_TOLERANCE, Motion, RobotLink
-from hil_bridge.sensors.stream import ForceSensor
 from hil_bridge.errors import BridgeError
-from hil_bridge.runs.leaving import ARRIVED_M, Left, WayOut, stand_still
-from protocol.s3.timing import answer_time
 from hil_bridge.recording import CHECK_EVENT, PHASE_EVENT, STOP_EVENT, CycleRecord, EventRecord, Outcome
+from hil_bridge.robots.s3.link import UNIT_TOLERANCE, Motion, RobotLink
+from hil_bridge.runs.leaving import ARRIVED_M, Left, WayOut, stand_still
 from hil_bridge.runs.small_steps import bring_up
 from hil_bridge.runs.zeroing import Zeroing, wrist
-from protocol.s3.arap import Status
+from hil_bridge.sensors.stream import ForceSensor
+from hil_bridge.settings.configuration import Config
 from protocol.geometry import Quaternion, Vector
 from protocol.jr3 import AXES, FULL_SCALE_COUNTS, SensorFrame
+from protocol.s3.arap import Status
+from protocol.s3.timing import answer_time
 
 THEN_EVENT = "then"
 """Kind of the events whose text is what followed the cause of a stop."""

@@ -12,11 +12,11 @@ from typing import Any
 from msgspec.structs import replace
 from pydantic import ValidationError
 
-from hil_bridge.settings.configuration import Config, explain
 from hil_bridge.control import Decision
 from hil_bridge.errors import ConfigError
 from hil_bridge.recording import CycleRecord, Recording
 from hil_bridge.runs.cycle import control_loop
+from hil_bridge.settings.configuration import Config, explain
 from hil_bridge.text_files import parse_json, read_toml
 from protocol.geometry import Vector
 

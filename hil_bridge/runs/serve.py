@@ -10,10 +10,10 @@ from contextlib import suppress
 import click
 
 from hil_bridge.clock import Clock, run_real
+from hil_bridge.clock.realtime import scheduled
+from hil_bridge.errors import BridgeError, DeviceError
 from hil_bridge.runs.compose import Ports, emulated_cell, robot_site
 from hil_bridge.settings.configuration import Config
-from hil_bridge.errors import BridgeError, DeviceError
-from hil_bridge.clock.realtime import scheduled
 
 
 def serve(config: Config, ports: Ports, as_json: bool) -> None:

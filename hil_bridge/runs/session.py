@@ -12,18 +12,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from emulators.cell import Cell
-from hil_bridge.runs.checks import check
+from hil_bridge.analysis.latency import AnswerTimes
 from hil_bridge.clock import Clock, run_real, run_virtual
-from hil_bridge.runs.compose import opened_devices, sensor_kind
-from hil_bridge.settings.configuration import Config, dump
+from hil_bridge.clock.realtime import collect_young, prompt_threads, quiet_garbage, scheduled
 from hil_bridge.debugging import told_bug
-from hil_bridge.sensors.stream import ForceSensor
-from hil_bridge.robots.s3.link import RobotLink
 from hil_bridge.errors import BridgeError
 from hil_bridge.faults.schedule import FAULT_EVENT, FaultSchedule
-from protocol.s3.timing import line_floor
-from hil_bridge.runs.outputs import Outputs, record_path, settled, write_outputs
-from hil_bridge.clock.realtime import collect_young, prompt_threads, quiet_garbage, scheduled
 from hil_bridge.recording import (
     CHECK_EVENT,
     CHUNKS,
@@ -40,15 +34,21 @@ from hil_bridge.recording import (
     WireRecord,
 )
 from hil_bridge.recording.device_facts import Devices, SensorFacts, robot_facts
-from hil_bridge.analysis.latency import AnswerTimes
+from hil_bridge.robots.s3.link import RobotLink
+from hil_bridge.runs.checks import check
+from hil_bridge.runs.compose import opened_devices, sensor_kind
 from hil_bridge.runs.cycle import BUG_EVENT, Run, RunResult
+from hil_bridge.runs.outputs import Outputs, record_path, settled, write_outputs
 from hil_bridge.runs.screen import LEAVE_SECONDS, Terminal
 from hil_bridge.runs.signals import Signals, unless_hung_up
-from hil_bridge.transports import Direction, Frames
 from hil_bridge.runs.truth import Truths
+from hil_bridge.sensors.stream import ForceSensor
+from hil_bridge.settings.configuration import Config, dump
+from hil_bridge.transports import Direction, Frames
 from hil_bridge.view import REFRESH_SECONDS, Health
 from protocol.jr3 import FULL_SCALE_COUNTS, SensorFrame
 from protocol.marks import Mark, settings
+from protocol.s3.timing import line_floor
 
 if TYPE_CHECKING:
     from hil_bridge.view.live import LiveView

@@ -9,11 +9,11 @@ from collections.abc import Sequence
 
 from hil_bridge.clock import Clock
 from hil_bridge.control import Reading, reading
-from hil_bridge.sensors.stream import ForceSensor
-from hil_bridge.robots.s3.link import Motion, RobotLink
 from hil_bridge.errors import DeviceError, SafetyStop
-from protocol.s3.arap import Status
+from hil_bridge.robots.s3.link import Motion, RobotLink
+from hil_bridge.sensors.stream import ForceSensor
 from protocol.geometry import Quaternion, Vector
+from protocol.s3.arap import Status
 
 STREAM_PATIENCE_S = 5.0
 """Chosen: how long a sensor that is ready may send no whole frame."""

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from functools import partial
 
 from emulators.cell import Cell, TrueState
-from hil_bridge.settings.configuration import SensorConfig
 from hil_bridge.recording import CycleRecord, TruthRecord
+from hil_bridge.settings.configuration import SensorConfig
 
 _AT_ONCE = 8
 """Cycles that are asked for together, unless the material would have forgotten. Chosen: a third of the cost of one
