@@ -1,8 +1,12 @@
-"""The commands that measure the house: its arrows and its lines."""
+"""The commands that measure the house: its arrows, its lines, and whether a run is the same as before."""
 
 import subprocess
 import sys
 from pathlib import Path
+
+import pytest
+
+from tools.same_run import Run, compared, read
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -68,3 +72,41 @@ def test_lines_are_counted_by_room_and_long_and_wide_functions_are_named(tmp_pat
         "       4 hil_bridge/room/wide.py:2 take",
         "       0 tools/long.py:1 act",
     ]
+
+
+@pytest.fixture(scope="module")
+def recordings(tmp_path_factory):
+    """Three short virtual runs: two of one seed, one of another."""
+    place = tmp_path_factory.mktemp("runs")
+    paths = [place / f"{name}.mcap" for name in ("one", "again", "other")]
+    for path, seed in zip(paths, (7, 7, 8), strict=True):
+        command = f"run --virtual --no-view --duration 3 --seed {seed} --record {path}".split()
+        subprocess.run(
+            [sys.executable, "-m", "hil_bridge", *command], cwd=ROOT, check=True, stdout=subprocess.DEVNULL
+        )
+    return [read(path) for path in paths]
+
+
+def test_a_run_of_the_same_seed_is_the_same_run(recordings):
+    one, again, other = recordings
+    assert compared(one, again) == ([], True)
+    told, equal = compared(one, other)
+    assert not equal
+    assert any(line.startswith("DIFFERENT forces: force in ") for line in told)
+    assert "metadata: run.seed: 7 before, 8 after" in told
+
+
+def test_a_field_or_a_key_that_one_recording_lacks_is_named(recordings):
+    one = recordings[0]
+    cycles = [
+        {("bias" if name == "gain" else name): value for name, value in each.items()} for each in one.cycles
+    ]
+    keys = {name.replace("run.config.task", "run.config.aim"): value for name, value in one.metadata.items()}
+    told, equal = compared(one, Run(cycles, keys))
+    assert equal
+    assert told[:2] == ["field only before: gain", "field only after: bias"]
+    assert "metadata only before: run.config.task.force_n" in told
+    assert "metadata only after: run.config.aim.force_n" in told
+    without = [{name: value for name, value in each.items() if name != "force"} for each in one.cycles]
+    assert not compared(one, Run(without, one.metadata))[1]
+    assert not compared(Run([], {}), Run([], {}))[1]
