@@ -8,7 +8,7 @@ The messages are read as they stand in the file, so recordings of different vers
 import argparse
 import json
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple, TypeAlias
 
@@ -39,7 +39,7 @@ Values: TypeAlias = Mapping[str, object]
 class Run(NamedTuple):
     """What a recording says, each value by its dotted name."""
 
-    cycles: list[Values]
+    cycles: Sequence[Values]
     metadata: Values
 
 

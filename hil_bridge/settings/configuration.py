@@ -28,7 +28,7 @@ from hil_bridge.control.controllers import controller_kind
 from hil_bridge.errors import ConfigError
 from hil_bridge.faults.settings import FaultConfig
 from hil_bridge.field_docstrings import field_docstrings
-from hil_bridge.text_files import read_toml, shown
+from hil_bridge.text_files import read_toml, shown, toml_pair
 from protocol.geometry import Quaternion, Vector
 from protocol.jr3 import GatewayClientProfile, UartGatewayClientProfile
 from protocol.jr3.registers import BoardClientProfile
@@ -306,7 +306,7 @@ def commented_defaults() -> str:
         lines += ["", f"[{key}]"] if key else [""]
         for name, value in plain:
             lines += textwrap.wrap(comments.get(name, ""), 108, initial_indent="# ", subsequent_indent="# ")
-            lines.append(f"# {name} =" if value is None or name in _TABLES else f"{name} = {_toml(value)}")
+            lines.append(f"# {name} =" if value is None or name in _TABLES else toml_pair(name, value))
     return "\n".join(lines) + "\n"
 
 
@@ -351,20 +351,6 @@ def _comments(cls: Any) -> dict[str, str]:
             unit = f", {info.unit}" if info.unit else ""
             comments[field.name] = f"{info.meaning.rstrip('.')}{unit} [{info.mark}]"
     return comments
-
-
-def _toml(value: object) -> str:
-    match value:
-        case bool():
-            return str(value).lower()
-        case str():
-            return json.dumps(value, ensure_ascii=False)
-        case tuple() | list():
-            return "[" + ", ".join(_toml(item) for item in value) + "]"
-        case dict():
-            return "{" + ", ".join(f"{key} = {_toml(item)}" for key, item in value.items()) + "}"
-        case _:
-            return repr(value)
 
 
 def explain(error: ValidationError, path: Path | None, given: set[str]) -> str:
