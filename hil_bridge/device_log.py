@@ -4,6 +4,7 @@ from collections.abc import Callable
 from typing import Any, Protocol
 
 from hil_bridge.transports import Direction
+from protocol.wrench import WrenchFrame
 
 
 class DeviceLog(Protocol):
@@ -25,18 +26,33 @@ class DeviceLog(Protocol):
         """Something happened on a device's link: a bid, an acknowledgement, a repetition."""
 
 
-class LogTo:
-    """A log that hands to functions what a command wants to hear, and forgets the rest."""
+class Silence:
+    """A log that keeps nothing."""
 
     verbose = False
+
+    def frame(self, frame: WrenchFrame) -> None:
+        """Forget it."""
+
+    def notice(self, kind: str, text: str) -> None:
+        """Forget it."""
+
+    def traffic(self, device: str, direction: Direction, data: Any) -> None:
+        """Forget it."""
+
+    def link_event(self, device: str, text: str) -> None:
+        """Forget it."""
+
+
+class LogTo(Silence):
+    """A log that hands frames and notices to functions, where they are wanted, and forgets the rest."""
 
     def __init__(
         self,
         frame: Callable[[WrenchFrame], object] | None = None,
         notice: Callable[[str, str], object] | None = None,
-        traffic: Callable[[str, Direction, Any], object] | None = None,
     ) -> None:
-        self._frame, self._notice, self._traffic = frame, notice, traffic
+        self._frame, self._notice = frame, notice
 
     def frame(self, frame: WrenchFrame) -> None:
         """Hand it on."""
@@ -47,11 +63,3 @@ class LogTo:
         """Hand it on."""
         if self._notice is not None:
             self._notice(kind, text)
-
-    def traffic(self, device: str, direction: Direction, data: Any) -> None:
-        """Hand it on."""
-        if self._traffic is not None:
-            self._traffic(device, direction, data)
-
-    def link_event(self, device: str, text: str) -> None:
-        """Forget it."""

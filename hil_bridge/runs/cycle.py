@@ -46,7 +46,6 @@ from hil_bridge.runs.zeroing import Zeroing, wrist
 from hil_bridge.sensors.stream import ForceSensor
 from hil_bridge.settings.configuration import Config
 from protocol.geometry import Pose, Quaternion, Vector
-from protocol.jr3 import AXES
 from protocol.wrench import AXES, WrenchFrame
 
 THEN_EVENT = "then"

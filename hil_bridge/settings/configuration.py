@@ -30,7 +30,7 @@ from hil_bridge.faults.settings import FaultConfig
 from hil_bridge.field_docstrings import field_docstrings
 from hil_bridge.kinds import ROBOTS, SENSORS, emulated_sensor
 from hil_bridge.settings.kinds import Chosen, cell_section, chosen_in, merged_section
-from hil_bridge.text_files import read_toml, shown
+from hil_bridge.text_files import read_toml, shown, toml_pair
 from protocol.geometry import Quaternion, Vector
 from protocol.marks import Setting, settings
 
@@ -375,7 +375,7 @@ def commented_defaults() -> str:
         lines += ["", f"[{key}]"] if key else [""]
         for name, value in plain:
             lines += textwrap.wrap(comments.get(name, ""), 108, initial_indent="# ", subsequent_indent="# ")
-            lines.append(f"# {name} =" if value is None or name in _TABLES else f"{name} = {_toml(value)}")
+            lines.append(f"# {name} =" if value is None or name in _TABLES else toml_pair(name, value))
     return "\n".join(lines) + "\n"
 
 
@@ -420,20 +420,6 @@ def _comments(cls: Any) -> dict[str, str]:
             unit = f", {info.unit}" if info.unit else ""
             comments[field.name] = f"{info.meaning.rstrip('.')}{unit} [{info.mark}]"
     return comments
-
-
-def _toml(value: object) -> str:
-    match value:
-        case bool():
-            return str(value).lower()
-        case str():
-            return json.dumps(value, ensure_ascii=False)
-        case tuple() | list():
-            return "[" + ", ".join(_toml(item) for item in value) + "]"
-        case dict():
-            return "{" + ", ".join(f"{key} = {_toml(item)}" for key, item in value.items()) + "}"
-        case _:
-            return repr(value)
 
 
 def explain(error: ValidationError, path: Path | None, given: set[str]) -> str:

@@ -34,7 +34,6 @@ from hil_bridge.site.push import (
     push_threshold,
 )
 from hil_bridge.wiring import Wiring
-from protocol.jr3 import AXES
 from protocol.wrench import AXES, WrenchFrame
 
 NOISE_S = 1.0

@@ -344,13 +344,13 @@ def test_every_transition_of_the_table_is_taken_by_some_transcript(monkeypatch):
     original = Link._step
 
     def spy(self, stimulus, size=0):
-        before = self._state
+        before = self.state
         original(self, stimulus, size)
         if (before, stimulus) in TRANSITIONS:
-            assert self._state in TRANSITIONS[before, stimulus].next
-            taken.add((before, stimulus, self._state))
+            assert self.state in TRANSITIONS[before, stimulus].next
+            taken.add((before, stimulus, self.state))
         else:
-            assert self._state is before
+            assert self.state is before
 
     monkeypatch.setattr(Link, "_step", spy)
     for transcript in LINKS:
