@@ -32,7 +32,9 @@ from hil_bridge.control import (
 )
 from hil_bridge.robots.s3.link import UNIT_TOLERANCE, Motion, RobotLink
 from hil_bridge.sensors.stream import ForceSensor
-from hil_bridge.errors import BridgeError
+from hil_bridge.control.controllers import sample_time
+from hil_bridge.control.types import POSITION_STEP_MM
+from hil_bridge.errors import BridgeError, ConfigError
 from hil_bridge.runs.leaving import ARRIVED_M, Left, WayOut, stand_still
 from protocol.s3.timing import answer_time
 from hil_bridge.recording import CHECK_EVENT, PHASE_EVENT, STOP_EVENT, CycleRecord, EventRecord, Outcome
@@ -81,16 +83,30 @@ class RunResult:
     """What happened after the first cause."""
 
 
-def control_loop(config: Config) -> ControlLoop:
-    """All that decides in a run with this configuration. Raises ConfigError for an unfit parameter."""
+def control_loop(
+    config: Config, position_step: float | None = POSITION_STEP_MM * 1e-3, fixed_dt: float | None = None
+) -> ControlLoop:
+    """All that decides in a run with this configuration, for a robot with this position step, m, or none.
+
+    With `fixed_dt` each cycle counts as that long, s. Raises ConfigError for an unfit parameter.
+    """
     controller = make_controller(config.controller.name, **config.controller.parameters)
+    tuned = sample_time(controller, config.controller.sample_ms)
+    detector, samples = config.oscillation, 2 * config.oscillation.peaks
+    if fixed_dt is None and detector.window_ms * 1e-3 < samples * tuned:
+        raise ConfigError(
+            f"oscillation.window_ms of {detector.window_ms:g} ms must hold at least {samples} samples of "
+            f"{tuned * 1e3:g} ms, twice oscillation.peaks: set it to {samples * tuned * 1e3:g} or more"
+        )
     return ControlLoop(
-        Task(config.task, controller, config.limits.force_limit_n),
+        Task(config.task, controller, config.limits.force_limit_n, position_step),
         Supervisor(config.limits, config.robot.velocity_mm_s * 1e-3),
         config.frame.approach,
         config.frame.travel,
         config.oscillation if config.limits.oscillation_guard else None,
         config.frame.contour if config.frame.follow_normal else None,
+        tuned,
+        fixed_dt,
     )
 
 
@@ -107,7 +123,7 @@ class Run:
         self._wrist = wrist(config)
         self._loop = control_loop(config)
         self._zeroing = Zeroing(config, clock, robot, sensor, lambda text: self._event(CHECK_EVENT, text))
-        self._way_out = WayOut(config, clock, robot, sensor)
+        self._way_out = WayOut(config, clock, robot, sensor, self._loop)
         self._heart = Heartbeat(clock)
         self._answer_time = answer_time(robot.profile)
         self._filter_delay = sensor.delay
@@ -348,6 +364,7 @@ class Run:
             peak_resultant,
             peak_moment,
             tilt,
+            unchanged=frame.at - sensor.unchanged_since,
         )
 
     def _frame(self) -> SensorFrame:

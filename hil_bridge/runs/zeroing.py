@@ -189,7 +189,7 @@ class Zeroing:
     async def _lift(self, motion: Motion, start: Status, interrupted: Callable[[], bool]) -> Status:
         """The way to the zero, step by step; the status at its end."""
         task, approach = self._config.task, self._config.frame.approach
-        step = min(task.zero_step_mm, task.approach_step_mm)
+        step = min(task.zero_step_mm, task.single_step_mm)
         count = math.ceil(task.zero_lift_mm / step - 1e-9)
         status, orientation, velocity = start, start.quaternion, motion.velocity
         motion.velocity = min(velocity, LIFT_SPEED_M_S)

@@ -55,6 +55,8 @@ class ForceSensor:
         """Complete frames so far."""
         self.repeated = 0
         """How many of the newest frames in a row carried identical counts on all axes."""
+        self.unchanged_since = math.nan
+        """When the first of these frames arrived, s on the run's clock."""
         self.peaks: Peaks | None = None
         """Shown every frame; None while nothing judges them."""
         self._watch = AxisWatch()
@@ -200,6 +202,8 @@ class ForceSensor:
                 previous = self.newest
                 same = previous is not None and previous.counts == event.counts
                 self.repeated = self.repeated + 1 if same else 0
+                if not same:
+                    self.unchanged_since = event.at
                 self.newest = event
                 self.decoded_at = self._clock.now()
                 self._history.append(event)

@@ -156,14 +156,12 @@ class _Measuring:
         Raises SafetyStop for a limit, DeviceError when the robot does not come.
         """
         status = await self._robot.read_status()
-        turned, waited, received = _unit(status.quaternion), 0, self._sensor.received
+        turned, waited, began = _unit(status.quaternion), 0, self._clock.now()
         while not _is_there(status, position, orientation):
             before = self._state.position, turned
             # A tool that only moves keeps its weight on the same axes, so its counts may well repeat.
-            repeated = (
-                min(self._sensor.repeated, self._sensor.received - received) if turned != orientation else 0
-            )
-            at = self._supervised(status, _moved(self._state.position, position), repeated)
+            judged_from = max(self._sensor.unchanged_since, began) if turned != orientation else math.inf
+            at = self._supervised(status, _moved(self._state.position, position), judged_from)
             turned = _turned(turned, orientation)
             if (at, turned) != before:
                 await motion.to(round_position(at), turned)
@@ -176,10 +174,11 @@ class _Measuring:
             status = await self._robot.read_status()
         return status
 
-    def _supervised(self, status: Status, target: Vector, repeated: int) -> Vector:
+    def _supervised(self, status: Status, target: Vector, judged_from: float) -> Vector:
         """The target after the supervisor's clamps, m. Raises SafetyStop for its stop.
 
-        Forces are those that came since the start; what the weight adds by turning is not known yet and part of them.
+        Counts that repeat are judged from that moment on, s. Forces are those that came since the start; what the
+        weight adds by turning is not known yet and part of them.
         """
         frame, approach = self._sensor.newest, self._config.frame.approach
         assert frame is not None, "bringing up waits for the stream"
@@ -193,7 +192,7 @@ class _Measuring:
             resultant=math.hypot(*wrench[:3]),
             sensor_at=frame.at,
             sensor_sequence=frame.sequence,
-            repeated_frames=repeated,
+            unchanged=max(frame.at - judged_from, 0.0),
             saturated=bool(self._sensor.saturated),
             fault=f"robot on {self._robot.name} is in emergency stop" if status.emergency_stop else "",
         )
