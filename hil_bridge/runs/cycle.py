@@ -29,7 +29,9 @@ from hil_bridge.control import (
     one_line,
     turn_between,
 )
-from hil_bridge.errors import BridgeError
+from hil_bridge.control.controllers import sample_time
+from hil_bridge.control.types import POSITION_STEP_MM
+from hil_bridge.errors import BridgeError, ConfigError
 from hil_bridge.recording import CHECK_EVENT, PHASE_EVENT, STOP_EVENT, CycleRecord, EventRecord, Outcome
 from hil_bridge.robots.seam import (
     QUESTION_LEFT,
@@ -87,16 +89,30 @@ class RunResult:
     """What happened after the first cause."""
 
 
-def control_loop(config: Config) -> ControlLoop:
-    """All that decides in a run with this configuration. Raises ConfigError for an unfit parameter."""
+def control_loop(
+    config: Config, position_step: float | None = POSITION_STEP_MM * 1e-3, fixed_dt: float | None = None
+) -> ControlLoop:
+    """All that decides in a run with this configuration, for a robot with this position step, m, or none.
+
+    With `fixed_dt` each cycle counts as that long, s. Raises ConfigError for an unfit parameter.
+    """
     controller = make_controller(config.controller.name, **config.controller.parameters)
+    tuned = sample_time(controller, config.controller.sample_ms)
+    detector, samples = config.oscillation, 2 * config.oscillation.peaks
+    if fixed_dt is None and detector.window_ms * 1e-3 < samples * tuned:
+        raise ConfigError(
+            f"oscillation.window_ms of {detector.window_ms:g} ms must hold at least {samples} samples of "
+            f"{tuned * 1e3:g} ms, twice oscillation.peaks: set it to {samples * tuned * 1e3:g} or more"
+        )
     return ControlLoop(
-        Task(config.task, controller, config.limits.force_limit_n),
+        Task(config.task, controller, config.limits.force_limit_n, position_step),
         Supervisor(config.limits, config.robot.velocity_mm_s * 1e-3),
         config.frame.approach,
         config.frame.travel,
         config.oscillation if config.limits.oscillation_guard else None,
         config.frame.contour if config.frame.follow_normal else None,
+        tuned,
+        fixed_dt,
     )
 
 
@@ -113,7 +129,7 @@ class Run:
         self._wrist = wrist(config)
         self._loop = control_loop(config)
         self._zeroing = Zeroing(config, clock, robot, sensor, lambda text: self._event(CHECK_EVENT, text))
-        self._way_out = WayOut(config, clock, robot, sensor)
+        self._way_out = WayOut(config, clock, robot, sensor, self._loop)
         self._heart = Heartbeat(clock)
         self._filter_delay = math.nan
         self._start: RobotReport
@@ -358,6 +374,7 @@ class Run:
             peak_resultant,
             peak_moment,
             tilt,
+            unchanged=frame.at - sensor.unchanged_since,
         )
 
     def _frame(self) -> WrenchFrame:

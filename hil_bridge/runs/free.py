@@ -91,7 +91,7 @@ class Freeing:
         async with self._robot.motion(MotionLimits(LIFT_SPEED_M_S)) as motion:
             while moved < distance_mm - 1e-9:
                 careful = moved < task.zero_lift_mm - 1e-9
-                step = min(task.zero_step_mm if careful else task.approach_step_mm, distance_mm - moved)
+                step = min(task.zero_step_mm if careful else task.single_step_mm, distance_mm - moved)
                 x, y, z = (
                     p - n * (moved + step) * 1e-3
                     for p, n in zip(start.pose.position, config.frame.approach, strict=True)
@@ -108,7 +108,9 @@ class Freeing:
 def _check_alive(sensor: ForceSensor, config: Config) -> None:
     """Raise SafetyStop for a sensor that cannot tell a force that rises."""
     sensor.check()
-    if sensor.saturated or sensor.dead or sensor.repeated >= config.limits.frozen_after_frames:
+    newest = sensor.newest
+    unchanged_ms = 0.0 if newest is None else (newest.at - sensor.unchanged_since) * 1e3
+    if sensor.saturated or sensor.dead or unchanged_ms >= config.limits.frozen_after_ms:
         raise SafetyStop("the force sensor is stuck, dead or saturated: free the tool by hand")
 
 

@@ -190,7 +190,7 @@ class Zeroing:
     async def _lift(self, motion: Motion, start: RobotReport, interrupted: Callable[[], bool]) -> RobotReport:
         """The way to the zero, step by step; where the robot is at its end."""
         task, approach = self._config.task, self._config.frame.approach
-        step = min(task.zero_step_mm, task.approach_step_mm)
+        step = min(task.zero_step_mm, task.single_step_mm)
         count = math.ceil(task.zero_lift_mm / step - 1e-9)
         report, orientation, speed = start, start.pose.quaternion, motion.speed
         motion.speed = min(speed, LIFT_SPEED_M_S)

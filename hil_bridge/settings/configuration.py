@@ -29,6 +29,7 @@ from hil_bridge.errors import ConfigError
 from hil_bridge.faults.settings import FaultConfig
 from hil_bridge.field_docstrings import field_docstrings
 from hil_bridge.kinds import ROBOTS, SENSORS, emulated_sensor
+from hil_bridge.settings.earlier import told_of
 from hil_bridge.settings.kinds import Chosen, cell_section, chosen_in, merged_section
 from hil_bridge.text_files import read_toml, shown, toml_pair
 from protocol.geometry import Quaternion, Vector
@@ -69,7 +70,7 @@ class RunConfig(_Section):
     seed: int = Field(default=1, ge=0)
     """Seed of every random draw in the emulated cell."""
     period_ms: float = Field(default=0.0, ge=0)
-    """Control cycle; 0 runs as fast as the computer link answers."""
+    """Control period; 0 runs as fast as the robot's link answers."""
     panel_url: str = ""
     """Where the emulated controller's panel listens, tcp-listen://127.0.0.1:0; empty: nowhere."""
 
@@ -84,7 +85,7 @@ class RobotSection(_Section):
     emulated: str = "s3"
     """Kind of the emulated robot: s3, or one that another package offers."""
     velocity_mm_s: float = Field(default=50.0, gt=0, le=1000)
-    """Path velocity given with every point; it must outrun one step a cycle."""
+    """Path velocity given with every point; no speed of the task may be above it."""
 
     @field_validator("emulated")
     @classmethod
@@ -228,6 +229,10 @@ class ControllerConfig(_Section):
     """One of ours or one that another package offers; a wrong name lists them."""
     parameters: dict[str, Any] = {}
     """Parameters of that controller that differ from their defaults."""
+    sample_ms: float | None = Field(default=None, gt=0)
+    """Sample time that these parameters are tuned for; nothing: what the controller declares, 180 ms for ours. A
+    control period that differs from it by more than a factor of two is refused.
+    """
 
     @field_validator("name")
     @classmethod
@@ -273,6 +278,19 @@ class Config(_Section):
     """The emulated cell: used by `emulate`, and by `run` for what has no URL."""
     faults: tuple[FaultConfig, ...] = ()
     """What goes wrong on purpose in the emulated cell, a table [[faults]] each; `hil-bridge faults` lists it all."""
+
+    @field_validator("task")
+    @classmethod
+    def _within_reach(cls, task: TaskParameters, info: ValidationInfo) -> TaskParameters:
+        robot = info.data.get("robot")
+        for name in ("speed_mm_s", "approach_speed_mm_s", "retract_speed_mm_s"):
+            speed = getattr(task, name)
+            if robot is not None and speed > robot.velocity_mm_s:
+                raise ValueError(
+                    f"{name} of {speed:g} mm/s is faster than the robot's path velocity: lower it, or set "
+                    f"robot.velocity_mm_s, now {robot.velocity_mm_s:g}, to {speed:g} or more"
+                )
+        return task
 
     @field_validator("faults")
     @classmethod
@@ -428,7 +446,8 @@ def explain(error: ValidationError, path: Path | None, given: set[str]) -> str:
     location, got = [str(part) for part in first["loc"]], f", got {shown(first['input'])}"
     match first["type"]:
         case "extra_forbidden" | "unexpected_keyword_argument":
-            text = f" is no setting{_instead(location)}"
+            old = told_of(".".join(location), first["input"])
+            text = old or f" is no setting{_instead(location)}"
         case "value_error":
             cause = str(first["ctx"]["error"])
             if location == ["faults"]:  # which of them, comes first

@@ -156,15 +156,13 @@ class _Measuring:
         Raises SafetyStop for a limit, DeviceError when the robot does not come.
         """
         report = await self._robot.report()
-        turned, received = _unit(report.pose.quaternion), self._sensor.received
-        patience = self._clock.now() + ARRIVAL_S
+        turned, began = _unit(report.pose.quaternion), self._clock.now()
+        patience = began + ARRIVAL_S
         while not _is_there(report.pose, position, orientation):
             before = self._state.position, turned
             # A tool that only moves keeps its weight on the same axes, so its counts may well repeat.
-            repeated = (
-                min(self._sensor.repeated, self._sensor.received - received) if turned != orientation else 0
-            )
-            at = self._supervised(report, _moved(self._state.position, position), repeated)
+            judged_from = max(self._sensor.unchanged_since, began) if turned != orientation else math.inf
+            at = self._supervised(report, _moved(self._state.position, position), judged_from)
             turned = _turned(turned, orientation)
             if (at, turned) != before:
                 await motion.to(Pose(at, turned))
@@ -178,10 +176,11 @@ class _Measuring:
             report = await self._robot.report()
         return report
 
-    def _supervised(self, report: RobotReport, target: Vector, repeated: int) -> Vector:
+    def _supervised(self, report: RobotReport, target: Vector, judged_from: float) -> Vector:
         """The target after the supervisor's clamps, m. Raises SafetyStop for its stop.
 
-        Forces are those that came since the start; what the weight adds by turning is not known yet and part of them.
+        Counts that repeat are judged from that moment on, s. Forces are those that came since the start; what the
+        weight adds by turning is not known yet and part of them.
         """
         frame, approach = self._sensor.newest, self._config.frame.approach
         quaternion = report.pose.quaternion
@@ -196,7 +195,7 @@ class _Measuring:
             resultant=math.hypot(*wrench[:3]),
             sensor_at=frame.at,
             sensor_sequence=frame.sequence,
-            repeated_frames=repeated,
+            unchanged=max(frame.at - judged_from, 0.0),
             saturated=bool(self._sensor.saturated),
             fault=report.fault,
         )

@@ -13,7 +13,7 @@ from emulators.jr3 import Jr3Sensor, SensorProfile
 from emulators.jr3.board import Board, BoardProfile, IsaPorts, IsaProfile
 from hil_bridge.cli import cli
 from hil_bridge.clock import Clock, run_virtual
-from hil_bridge.device_log import LogTo
+from hil_bridge.device_log import LogTo, Silence
 from hil_bridge.errors import BridgeError, ConfigError, DeviceError, TransportUnavailable
 from hil_bridge.recording import CycleRecord, EventRecord, Outcome
 from hil_bridge.runs.compose import Ports, emulated_cell, open_devices

@@ -150,7 +150,7 @@ class Drawn:
     @property
     def bound(self) -> float:
         """Largest true force that may come of what was ordered: the limit, and what is under way."""
-        return LIMIT_N + self.stiffness * self.config.task.approach_step_mm * 1e-3 * LATENCY_CYCLES
+        return LIMIT_N + self.stiffness * self.config.task.single_step_mm * 1e-3 * LATENCY_CYCLES
 
     def hits(self, cause: str) -> bool:
         """A hard surface may be hit, or swung upon, without any fault."""

@@ -66,10 +66,11 @@ CONFIG = f"""\
 [run]
 duration_s = 600.0
 [task]
-step_mm = 0.0
+speed_mm_s = 0.0
+approach_speed_mm_s = 40.0
 retract_mm = 1.0
 [limits]
-still_after_cycles = 100
+correction_mm_s = 50.0
 [robot.link]
 baudrate = 1000000
 [sensor.uart]
