@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emulators.arm.kinematics import Joints
-from emulators.arm.servo import ServoProfile
+from emulators.arm.loops import ServoProfile
 from emulators.cell_faults import CELL_FAULTS
 from emulators.faults import Handler, Injection, Ledger
 from emulators.jr3 import Gateway, GatewayProfile, Jr3Sensor, SensorProfile, UartGateway, UartGatewayProfile
@@ -141,13 +141,13 @@ class Cell:
         self._profile = profile
         self._powered_at = now
         self._seed = seed
-        self._motion = self.robot.motion
+        self._motion = self.robot.motion.path
         self._contact = Contact(profile.surface, self._changed)
         self._obstacles = Obstacles(profile.obstacle, z, self._tip_height, self._changed)
         motion = self._motion
         # A material that remembers cannot unlearn what came otherwise.
-        foreseen_until = None if self.remembers else motion.foreseen_until
-        self.sensor = Jr3Sensor(profile.sensor, self.wrench, seed, motion.certain_until, foreseen_until)
+        foreseen_until = None if self.remembers else motion.predicted_until
+        self.sensor = Jr3Sensor(profile.sensor, self.wrench, seed, motion.committed_until, foreseen_until)
         """What every receiver of the sensor reads. A sensor has one plug: use one receiver of a cell."""
         motion.on_change = self.sensor.forget
         self.sensor.on_change = self._contact.rewind

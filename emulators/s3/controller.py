@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from emulators.arm.kinematics import Joints
-from emulators.arm.servo import ServoProfile
+from emulators.arm.loops import ServoProfile
 from emulators.faults.ledger import Handler, Injection, Ledger
 from emulators.faults.wire import BYTES, FaultyWire
 from emulators.quantiles import draw

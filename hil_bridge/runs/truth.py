@@ -58,14 +58,14 @@ class Truths:
     def cycle(self, record: CycleRecord) -> None:
         """A cycle has just ended, and no further order is under way."""
         cell, cycles = self._cell, self._cycles
-        cell.robot.motion.advance(record.answered_at)
+        cell.robot.motion.path.advance(record.answered_at)
         sampled_at = self._sampled_at(record.sensor_counter)
         cycles.append(
             _Cycle(
                 record.cycle,
                 cell.tellable_from(record.answered_at),
                 math.nan if sampled_at is None else sampled_at,
-                cell.robot.motion.accepted,
+                cell.robot.motion.path.accepted,
             )
         )
         late = cycles[-1].at - cycles[0].at > _PATIENCE_S
@@ -86,7 +86,7 @@ class Truths:
             self._waiting.append((cycle, state))
 
     def _tell(self, everything: bool = False) -> None:
-        motion, waiting = self._cell.robot.motion, self._waiting
+        motion, waiting = self._cell.robot.motion.path, self._waiting
         while waiting:
             cycle, state = waiting[0]
             begun = motion.begun_at(cycle.point)

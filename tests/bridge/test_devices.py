@@ -5,7 +5,7 @@ from collections.abc import Awaitable, Callable, Mapping
 
 import pytest
 
-from emulators.arm.servo import ServoProfile
+from emulators.arm.loops import ServoProfile
 from emulators.s3 import EMPTY_SITE, S3Controller, S3Profile, S3Site
 from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.errors import DeviceError, OrderRefused, TransportClosed, TransportEnded

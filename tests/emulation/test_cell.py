@@ -8,8 +8,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from pydantic import TypeAdapter, ValidationError
 
-from emulators.arm.motion import Motion
-from emulators.arm.servo import Waypoint
+from emulators.arm.history import History
+from emulators.arm.waypoints import Waypoint
 from emulators.cell import Cell, CellProfile, ToolProfile, force_to_wrench, rotation_matrix
 from emulators.jr3 import GatewayProfile, SensorProfile
 from emulators.surface.contact import SurfaceProfile
@@ -210,6 +210,6 @@ def test_the_sensor_reads_the_same_however_far_it_looks_ahead(orders: Orders, ma
     profile = TypeAdapter(CellProfile).validate_python({"surface": {"material": {"kind": material}}})
     looking = frames_of(profile, orders)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Motion, "foreseen_until", Motion.certain_until)
+        patch.setattr(History, "predicted_until", History.committed_until)
         assert frames_of(profile, orders) == looking
     assert len(looking) > 80

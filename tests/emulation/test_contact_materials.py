@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import TypeAdapter, ValidationError
 
-from emulators.arm.servo import Waypoint
+from emulators.arm.waypoints import Waypoint
 from emulators.cell import Cell, CellProfile, ToolProfile
 from emulators.surface.contact import Contact, SurfaceKind, SurfaceProfile
 from emulators.surface.materials import MaterialKind, MaterialProfile

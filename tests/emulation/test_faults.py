@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from emulators.arm.servo import Waypoint
+from emulators.arm.waypoints import Waypoint
 from emulators.cell import Cell, CellProfile
 from emulators.faults import Ledger
 from emulators.faults.ledger import INJECTION_LIMIT

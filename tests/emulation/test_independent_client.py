@@ -8,7 +8,7 @@ import struct
 
 import pytest
 
-from emulators.arm.servo import ServoProfile
+from emulators.arm.loops import ServoProfile
 from emulators.s3 import S3Controller, S3Profile
 from protocol.s3.adlp import LinkProfile  # for the emulator's side only
 

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from emulators.arm.motion import Motion
-from emulators.arm.servo import ServoProfile, Waypoint
+from emulators.arm.loops import ServoProfile
+from emulators.arm.waypoints import Waypoint, WaypointArm
 from emulators.cell import Cell, CellProfile
 from emulators.jr3 import (
     Gateway,
@@ -28,6 +28,7 @@ from emulators.s3 import S3Controller, S3Profile
 from emulators.surface.contact import SurfaceProfile
 from emulators.surface.materials import MaterialKind, MaterialProfile
 from protocol.can.frame import CanFrame
+from protocol.geometry import Pose
 from protocol.s3.adlp import LinkProfile
 
 T0 = 1234.5
@@ -228,19 +229,19 @@ def test_frames_never_overtake_each_other() -> None:
 
 
 def test_a_motion_begins_when_the_loops_take_its_first_set_point() -> None:
-    motion = Motion(ServoProfile(), START, DOWN, T0)
+    motion = WaypointArm(ServoProfile(), Pose(START, DOWN), T0)
     motion.enqueue(Waypoint((0.91, -0.1, 0.6), DOWN, 0.1), T0 + 0.005)
     motion.enqueue(Waypoint((0.91, -0.1, 0.59), DOWN, 0.1), T0 + 0.006)
-    assert motion.accepted == 2
-    assert motion.begun_at(1) is None, "nobody has looked on since"
-    motion.advance(T0 + 1.0)
-    first, second = motion.begun_at(1), motion.begun_at(2)
+    assert motion.path.accepted == 2
+    assert motion.path.begun_at(1) is None, "nobody has looked on since"
+    motion.path.advance(T0 + 1.0)
+    first, second = motion.path.begun_at(1), motion.path.begun_at(2)
     assert first == pytest.approx(T0 + TICK + DELAY)
     # 10 mm at 100 mm/s are five ticks.
     assert second == pytest.approx(T0 + 6 * TICK + DELAY)
     assert first is not None
     assert second is not None
-    positions, _ = motion.trajectory(np.array([first, first + 1e-3, second, second + 1e-3]))
+    positions, _ = motion.path.trajectory(np.array([first, first + 1e-3, second, second + 1e-3]))
     assert positions[0, 0] == pytest.approx(0.9, abs=1e-12)
     assert positions[1, 0] > 0.9
     assert positions[2, 2] == pytest.approx(0.6, abs=1e-12)
@@ -248,26 +249,26 @@ def test_a_motion_begins_when_the_loops_take_its_first_set_point() -> None:
 
 
 def test_what_is_forgotten_never_begins_and_the_next_one_does() -> None:
-    motion = Motion(ServoProfile(), START, DOWN, T0)
+    motion = WaypointArm(ServoProfile(), Pose(START, DOWN), T0)
     for x in (0.95, 0.96):
         motion.enqueue(Waypoint((x, -0.1, 0.6), DOWN, 0.1), T0 + 0.005)
     motion.halt(T0 + 0.05)
     motion.enqueue(Waypoint(START, DOWN, 0.1), T0 + 0.051)
-    motion.advance(T0 + 1.0)
-    begun = motion.begun_at(2)
+    motion.path.advance(T0 + 1.0)
+    begun = motion.path.begun_at(2)
     assert begun is not None
     assert math.isnan(begun)
-    assert motion.begun_at(1) == pytest.approx(T0 + TICK + DELAY)
-    assert motion.begun_at(3) == pytest.approx(T0 + 3 * TICK + DELAY)
-    assert motion.begun_at(4) is None
+    assert motion.path.begun_at(1) == pytest.approx(T0 + TICK + DELAY)
+    assert motion.path.begun_at(3) == pytest.approx(T0 + 3 * TICK + DELAY)
+    assert motion.path.begun_at(4) is None
 
 
 def test_begins_are_kept_for_a_while_only() -> None:
-    motion = Motion(ServoProfile(), START, DOWN, T0)
+    motion = WaypointArm(ServoProfile(), Pose(START, DOWN), T0)
     for k in range(300):
         motion.enqueue(Waypoint((0.9 + 1e-3 * (k % 2), -0.1, 0.6), DOWN, 10.0), T0 + 0.02 * k)
-    motion.advance(T0 + 10.0)
-    forgotten, kept = motion.begun_at(10), motion.begun_at(300)
+    motion.path.advance(T0 + 10.0)
+    forgotten, kept = motion.path.begun_at(10), motion.path.begun_at(300)
     assert forgotten is not None
     assert math.isnan(forgotten)
     assert kept == pytest.approx(T0 + 300 * TICK + DELAY)

@@ -11,7 +11,7 @@ from operator import xor
 
 import pytest
 
-from emulators.arm.servo import ServoProfile
+from emulators.arm.loops import ServoProfile
 from emulators.s3 import S3Controller, S3Profile
 from protocol.s3.adlp import LinkProfile
 

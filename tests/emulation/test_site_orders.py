@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 
-from emulators.arm.servo import ServoProfile
+from emulators.arm.loops import ServoProfile
 from emulators.s3 import S3Controller, S3Profile, S3Site, SiteOrders
 from protocol.fields import Field, Layout
 from protocol.marks import Mark

@@ -22,7 +22,7 @@ from pathlib import Path
 
 import pytest
 
-from emulators.arm.servo import ServoProfile
+from emulators.arm.loops import ServoProfile
 from emulators.s3 import S3Controller, S3Profile
 from protocol.s3.adlp import (
     TRANSITIONS,
