@@ -2,6 +2,7 @@
 
 from emulators.jr3.board import Board, BoardProfile, IsaPorts, IsaProfile
 from emulators.jr3.can_gateway import Gateway, GatewayProfile
+from emulators.jr3.making import make_board, make_gateway, make_uart
 from emulators.jr3.sensor import SENSOR_RATE_HZ, Jr3Sensor, SensorProfile
 from emulators.jr3.uart_gateway import UartGateway, UartGatewayProfile
 
@@ -17,4 +18,7 @@ __all__ = [
     "SensorProfile",
     "UartGateway",
     "UartGatewayProfile",
+    "make_board",
+    "make_gateway",
+    "make_uart",
 ]

@@ -12,11 +12,10 @@ from typing import TypeAlias
 import numpy as np
 
 from emulators.arm.kinematics import Joints
-from emulators.arm.loops import ServoProfile
 from emulators.arm.quaternions import normalised
 from emulators.arm.waypoints import Waypoint, WaypointArm
 from emulators.arm.work_area import OutsideWorkArea, WorkArea
-from emulators.s3.profile import S3Profile
+from emulators.s3.profile import S3Profile, S3Profiles
 from emulators.s3.programs import MoveStep, ProgramRun, Step, WaitStep, read_steps
 from emulators.s3.reporting import Reporting
 from emulators.s3.site import S3Site, SiteOrders
@@ -29,9 +28,9 @@ from emulators.s3.state import (
     refusal,
     status_flags,
 )
+from emulators.seams import StartPose
 from protocol.endpoint import RemoteProtocolError
 from protocol.geometry import Pose, Quaternion, Vector
-from protocol.s3.adlp import LinkProfile
 from protocol.s3.arap import (
     MOVE_LENGTHS,
     FunctionCode,
@@ -86,30 +85,26 @@ class Executive:
 
     def __init__(
         self,
-        profile: S3Profile,
-        link_profile: LinkProfile,
-        servo_profile: ServoProfile,
-        start_position: Vector,
-        start_quaternion: Quaternion,
+        profiles: S3Profiles,
+        start: StartPose,
         powered_at: float,
-        tool_length: float,
         site: S3Site,
     ) -> None:
-        self._profile = profile
+        self._profile = profile = profiles.robot
         self._site = site
         self._site_orders = SiteOrders(site.orders)
         self._programs = _read_programs(profile, site)
-        self._move_lengths = frozenset((*MOVE_LENGTHS, link_profile.move_length))
-        self._work_area = WorkArea(profile, tool_length)
+        self._move_lengths = frozenset((*MOVE_LENGTHS, profiles.link.move_length))
+        self._work_area = WorkArea(profile, start.tool_length)
         try:
-            joints = self._work_area.joints(start_position, normalised(start_quaternion))
+            joints = self._work_area.joints(start.position, normalised(start.quaternion))
         except OutsideWorkArea as error:
             raise ValueError(
-                f"the start position {start_position} m with the quaternion {start_quaternion} is outside the "
+                f"the start position {start.position} m with the quaternion {start.quaternion} is outside the "
                 f"robot's work area: {error}"
             ) from None
         self.motion = WaypointArm(
-            servo_profile, Pose(start_position, start_quaternion), powered_at, joints, _LOOK_AHEAD_S
+            profiles.servo, Pose(start.position, start.quaternion), powered_at, joints, _LOOK_AHEAD_S
         )
         """True and reported place of the tool centre point."""
         self.reporting = Reporting(self.motion)
@@ -132,13 +127,13 @@ class Executive:
         the end of a range.
         """
         x, y, z = self.motion.path.trajectory(np.array([now]))[0][0].tolist()
-        return self.joints_holding((x, y, z), self.motion.path.orientation(now), now)
+        return self.joints_holding(Pose((x, y, z), self.motion.path.orientation(now)), now)
 
-    def joints_holding(self, position: Vector, quaternion: Quaternion, now: float) -> Joints:
-        """The same for a true tool pose at `now` that is known already, m, unit quaternion."""
-        set_point = self.motion.joints(now)
+    def joints_holding(self, pose: Pose, at: float) -> Joints:
+        """The same for a true tool pose of the time `at`, s, that is known already; a unit quaternion."""
+        set_point = self.motion.joints(at)
         try:
-            return self._work_area.joints(position, quaternion, set_point)
+            return self._work_area.joints(pose.position, pose.quaternion, set_point)
         except OutsideWorkArea:
             return set_point
 

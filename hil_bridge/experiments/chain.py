@@ -6,7 +6,7 @@ Paced wires, the emulated cell, and the bridge's own devices and run, joined by 
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from emulators.cell import Cell
+from emulators.s3_jr3_cell import PaperCell
 from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.errors import ConfigError
 from hil_bridge.faults.schedule import FaultSchedule
@@ -62,7 +62,7 @@ class _Bench:
         def notice(kind: str, text: str) -> None:
             self.event(EventRecord(clock.now(), kind, text))
 
-        def emulated(cell: Cell) -> None:
+        def emulated(cell: PaperCell) -> None:
             self.faults = FaultSchedule(config.faults, cell, clock, notice)
 
         try:

@@ -5,7 +5,7 @@
 
 from collections.abc import Callable, Iterator, Mapping
 
-from emulators.cell import Cell
+from emulators.s3_jr3_cell import s3_jr3_cell
 from hil_bridge.clock import VIRTUAL_EPOCH
 from hil_bridge.runs.compose import check_panel, robot_site
 from hil_bridge.settings.configuration import Config
@@ -63,7 +63,7 @@ def _cell(config: Config, virtual: bool) -> None:
     if config.robot.url and config.sensor.url:
         return
     try:
-        Cell(config.cell, VIRTUAL_EPOCH, config.run.seed, site)
+        s3_jr3_cell(config.cell, VIRTUAL_EPOCH, config.run.seed, site)
     except ValueError as error:
         raise ConfigError(f"cell: {error}") from error
 

@@ -6,10 +6,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from emulators.cell import Cell, CellProfile
 from emulators.cell_faults import CELL_FAULTS
 from emulators.faults import Ledger
+from emulators.jr3 import Board
 from emulators.s3 import EMPTY_SITE, Panel, S3Site
+from emulators.s3_jr3_cell import PaperCell, PaperCellProfile, Receiver, s3_jr3_cell
 from emulators.wires.slcan_adapter import SlcanAdapter, SlcanProfile
 from hil_bridge.faults.bus import BusFaults
 from hil_bridge.clock import Clock, Timer, device_clock
@@ -229,7 +230,7 @@ async def opened_devices(
     on_frame: Callable[[SensorFrame], None],
     on_notice: Callable[[str, str], None],
     on_traffic: Callable[[Direction, bytes], object] | None = None,
-    on_cell: Callable[[Cell], object] | None = None,
+    on_cell: Callable[[PaperCell], object] | None = None,
     on_panel: Callable[[str], object] | None = None,
     on_link_event: Callable[[str], object] | None = None,
     on_sensor_traffic: Callable[[Direction, Any], object] | None = None,
@@ -260,6 +261,7 @@ async def opened_devices(
                     lambda cause: on_notice("emulator", repr(cause)),
                     site,
                     on_cell,
+                    filter_number=config.sensor.board.filter,
                 )
             )
             robot_url, sensor_url = robot_url or served.robot or "", sensor_url or served.sensor or ""
@@ -322,24 +324,26 @@ class SlcanPort:
 
 @asynccontextmanager
 async def emulated_cell(
-    profile: CellProfile,
+    profile: PaperCellProfile,
     seed: int,
     clock: Clock,
     ports: Ports,
     on_failure: Callable[[BaseException], None],
     site: S3Site = EMPTY_SITE,
-    on_cell: Callable[[Cell], object] | None = None,
+    on_cell: Callable[[PaperCell], object] | None = None,
     on_log: Callable[[str], None] | None = None,
+    filter_number: int = 0,
 ) -> AsyncIterator[Ports]:
     """Serve the cell's devices on the given listening URLs (None: not served) until the context is left.
 
     `on_failure` is told when a device can no longer be served. `site` is what the robot controller holds. `on_cell`
-    is given the cell before anybody speaks to it, `on_log` a line for every connection to it that ends badly. Raises
-    ConfigError for a URL and for a cell that cannot be, TransportUnavailable for a wire.
+    is given the cell before anybody speaks to it, `on_log` a line for every connection to it that ends badly.
+    `filter_number` is the filter of a receiver board that the client reads, for the ground truth. Raises ConfigError
+    for a URL and for a cell that cannot be, TransportUnavailable for a wire.
     """
     clock = device_clock(clock)
     try:
-        cell = Cell(profile, clock.now(), seed, site)
+        cell = s3_jr3_cell(profile, clock.now(), seed, site, _receiver(ports.sensor, filter_number))
     except ValueError as error:
         raise ConfigError(f"cell: {error}") from error
     if on_cell is not None:
@@ -369,19 +373,19 @@ async def emulated_cell(
             unnamed = url.startswith("memory:") and "?" not in url
             bytes_at = await listen_bytes(with_line(url, line) if unnamed else url, clock)
             robot = with_line(bytes_at.address, line) if unnamed else bytes_at.address
-            pump = attach(cell.robot, bytes_at.transport)
+            pump = attach(cell.robot.endpoint, bytes_at.transport)
             if ports.panel is not None:
                 panel = await stack.enter_async_context(_panel(cell, ports.panel, clock, pump.kick))
         uart = None if ports.sensor is None else uart_wire(ports.sensor, LISTEN_BYTES)
-        if ports.sensor is not None and ports.sensor.startswith(BOARD):
+        if ports.sensor is not None and isinstance(cell.sensor, Board):
             served = await serve_board(
-                ports.sensor, cell.board, ListenerProfile(), clock, on_log or _nothing, ended
+                ports.sensor, cell.sensor.endpoint, ListenerProfile(), clock, on_log or _nothing, ended
             )
             stack.push_async_callback(served.aclose)
             sensor = served.address
         elif uart is not None:
             bytes_at = await listen_bytes(uart, clock)
-            attach(cell.uart_gateway, bytes_at.transport)
+            attach(cell.sensor.endpoint, bytes_at.transport)
             sensor = bytes_at.address + ("&" if "?" in bytes_at.address else "?") + _UART_GATEWAY
         elif ports.sensor is not None and ports.sensor.startswith(SLCAN):
             if not ports.sensor.startswith(f"{SLCAN}pty:"):
@@ -389,18 +393,25 @@ async def emulated_cell(
                     f"{ports.sensor!r}: an slcan adapter is a serial port; for example {SLCAN}pty:"
                 )
             bytes_at = await listen_bytes(ports.sensor.removeprefix(SLCAN), clock)
-            attach(cell.gateway, SlcanPort(bytes_at.transport, clock))
+            attach(cell.sensor.endpoint, SlcanPort(bytes_at.transport, clock))
             sensor = slcan_address(bytes_at.address)
         elif ports.sensor is not None:
             _check_can(ports.sensor)
             frames_at = await listen_can(ports.sensor, clock, heard_by_gateway(profile.gateway.node))
-            attach(cell.gateway, frames_at.transport)
+            attach(cell.sensor.endpoint, frames_at.transport)
             sensor = frames_at.address
             if sensor.startswith(_MEMORY_CAN):
                 bus = BusFaults(memory_can_bus(sensor.removeprefix(_MEMORY_CAN), clock), clock, seed)
                 cell.ledger.attach("bus", bus.handlers)
                 stack.callback(bus.close)
         yield Ports(robot, sensor, panel)
+
+
+def _receiver(url: str | None, filter_number: int) -> Receiver:
+    """Which device reads the sensor out that listens on this URL; None is for a sensor that is not served."""
+    if url is not None and url.startswith(BOARD):
+        return Receiver("board", filter_number)
+    return Receiver("gateway" if url is None or uart_wire(url, LISTEN_BYTES) is None else "uart")
 
 
 class _FaultEnd:
@@ -432,7 +443,7 @@ def slcan_address(port: str) -> str:
 
 
 @asynccontextmanager
-async def _panel(cell: Cell, url: str, clock: Clock, kick: Callable[[], None]) -> AsyncIterator[str]:
+async def _panel(cell: PaperCell, url: str, clock: Clock, kick: Callable[[], None]) -> AsyncIterator[str]:
     """The panel of the cell's controller on a listening URL; where it is asked. `kick` wakes the controller."""
     board = Panel(cell.robot, cell.ledger, CELL_FAULTS)
 

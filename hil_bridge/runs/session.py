@@ -11,7 +11,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from emulators.cell import Cell
+from emulators.s3_jr3_cell import PaperCell
 from hil_bridge.runs.checks import check
 from hil_bridge.clock import Clock, run_real, run_virtual
 from hil_bridge.runs.compose import opened_devices, sensor_kind
@@ -45,7 +45,7 @@ from hil_bridge.runs.cycle import BUG_EVENT, Run, RunResult
 from hil_bridge.runs.screen import LEAVE_SECONDS, Terminal
 from hil_bridge.runs.signals import Signals, unless_hung_up
 from hil_bridge.transports import Direction, Frames
-from hil_bridge.runs.truth import Truths
+from hil_bridge.runs.truth import GroundTruth
 from hil_bridge.view import REFRESH_SECONDS, Health
 from protocol.jr3 import FULL_SCALE_COUNTS, SensorFrame
 from protocol.marks import Mark, settings
@@ -160,7 +160,7 @@ class _Session:
         self._recorder: Recorder
         self._link_log: LinkLog
         self._sensor_log: LinkLog
-        self._truths: Truths | None = None
+        self._truths: GroundTruth | None = None
         self._faults: FaultSchedule | None = None
         self.faults: list[str] = []
         """What became of each injected fault, in words."""
@@ -292,8 +292,8 @@ class _Session:
     def _link_event(self, text: str) -> None:
         self._link_log.note(self._clock.now(), text)
 
-    def _emulated(self, cell: Cell) -> None:
-        self._truths = Truths(cell, self._config.sensor, self._recorder.put)
+    def _emulated(self, cell: PaperCell) -> None:
+        self._truths = GroundTruth(cell, not self._config.sensor.url, self._recorder.put)
         self._faults = FaultSchedule(self._config.faults, cell, self._clock, self._notice, self._pause)
 
     # --- the run

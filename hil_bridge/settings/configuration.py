@@ -21,7 +21,7 @@ from pydantic import (
     field_validator,
 )
 
-from emulators.cell import CellProfile
+from emulators.s3_jr3_cell import PaperCellProfile
 from hil_bridge.clock.realtime import RealTime
 from hil_bridge.control import Contour, Limits, OscillationDetector, TaskParameters
 from hil_bridge.control.controllers import controller_kind
@@ -225,7 +225,7 @@ class Config(_Section):
     oscillation: OscillationDetector = OscillationDetector()
     realtime: RealTime = RealTime()
     """How the loop's thread is run; of no meaning in virtual time."""
-    cell: CellProfile = CellProfile()
+    cell: PaperCellProfile = PaperCellProfile()
     """The emulated cell: used by `emulate`, and by `run` for what has no URL."""
     faults: tuple[FaultConfig, ...] = ()
     """What goes wrong on purpose in the emulated cell, a table [[faults]] each; `hil-bridge faults` lists it all."""

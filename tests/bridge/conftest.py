@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from emulators.cell import Cell
+from emulators.s3_jr3_cell import PaperCell, s3_jr3_cell
 from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.recording import CycleRecord, EventRecord
 from hil_bridge.robots.s3.link import RobotLink
@@ -54,7 +54,7 @@ class Bench:
     meddle: Callable[["Bench", CycleRecord], None] = lambda bench, record: None
     prepare: Callable[["Bench"], None] = lambda bench: None
     """Called when the cell stands and nobody has spoken to it yet."""
-    cell: Cell = field(init=False)
+    cell: PaperCell = field(init=False)
     clock: Clock = field(init=False)
     line: Faulty = field(init=False)
     can: CutCan = field(init=False)
@@ -85,11 +85,11 @@ class Bench:
     async def main(self) -> None:
         self.clock = clock = Clock.running()
         config = self.config
-        self.cell = cell = Cell(config.cell, clock.now(), config.run.seed)
+        self.cell = cell = s3_jr3_cell(config.cell, clock.now(), config.run.seed)
         self.prepare(self)
         robot_port = await listen_bytes("memory:robot", clock)
         sensor_port = await listen_can("can+memory:sensor", clock)
-        for endpoint, port in ((cell.robot, robot_port), (cell.gateway, sensor_port)):
+        for endpoint, port in ((cell.robot, robot_port), (cell.sensor.endpoint, sensor_port)):
             Pump[Any, Any](endpoint, port.transport, clock, lambda event: None, lambda cause: None).start()
         wire = await connect_bytes("memory:robot?baudrate=9600&parity=E", clock)
         self.line = Faulty(wire, Faults(), seed=config.run.seed)

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from emulators.cell import Cell, CellProfile
+from emulators.s3_jr3_cell import PaperCell, PaperCellProfile, s3_jr3_cell
 from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.errors import ConfigError, TransportUnavailable
 from hil_bridge.recording import Outcome as RunOutcome
@@ -40,7 +40,7 @@ class Probed:
     said: list[str] = field(default_factory=list)
     sent: bytes = b""
     took: float = 0.0
-    cell: Cell | None = None
+    cell: PaperCell | None = None
 
 
 def probed(
@@ -48,15 +48,15 @@ def probed(
     url: str = "memory:robot",
     listen: str | None = None,
     position_mm: tuple[float, float, float] = (900.0, -100.0, 600.0),
-    prepare: Callable[[Cell, float], object] = lambda cell, now: None,
+    prepare: Callable[[PaperCell, float], object] = lambda cell, now: None,
 ) -> Probed:
     """Probe an emulated controller with these settings."""
     result = Probed()
 
     async def main() -> None:
         clock = Clock.running()
-        result.cell = cell = Cell(
-            replace(CellProfile(), link=link, start_position_mm=position_mm), clock.now(), 1
+        result.cell = cell = s3_jr3_cell(
+            replace(PaperCellProfile(), link=link, start_position_mm=position_mm), clock.now(), 1
         )
         listening = await listen_bytes(
             listen or f"memory:robot?baudrate={link.baudrate}&parity={link.parity}", clock
@@ -129,7 +129,7 @@ def test_what_the_probe_writes_is_run_once_the_hints_are_filled_in(tmp_path: Pat
         listen = f"memory:robot?baudrate={link.baudrate}&parity={link.parity}"
         async with (
             emulated_cell(
-                replace(CellProfile(), link=link),
+                replace(PaperCellProfile(), link=link),
                 1,
                 clock,
                 Ports(listen, "can+memory:sensor"),

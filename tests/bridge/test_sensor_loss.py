@@ -5,7 +5,8 @@ from typing import Any
 
 import pytest
 
-from emulators.cell import Cell
+from emulators.jr3 import Board
+from emulators.s3_jr3_cell import PaperCell
 from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.recording import CycleRecord, EventRecord, Outcome
 from hil_bridge.runs.compose import Ports, connect_robot, connect_sensor, emulated_cell
@@ -25,6 +26,7 @@ class Silenced:
 
     def __init__(self, endpoint: Any) -> None:
         self._endpoint = endpoint
+        self.endpoint, self.handlers = self, endpoint.handlers
         self.silent = False
 
     def receive(self, data: Any, now: float) -> None:
@@ -45,13 +47,13 @@ class Silenced:
         self._endpoint.handle_deadline(now)
 
 
-def run_until_lost(url: str, lose: Callable[[Cell, float], None]) -> tuple[RunResult, float]:
+def run_until_lost(url: str, lose: Callable[[Any, float], None]) -> tuple[RunResult, float]:
     """A run whose sensor is lost in its tenth cycle of tracking; its end, and what presses then in N."""
     kept: list[Any] = []
 
     async def main() -> None:
         clock, config, tracked = Clock.running(), Config(), list[CycleRecord]()
-        cells: list[Cell] = []
+        cells: list[PaperCell] = []
 
         class Log:
             def cycle(self, record: CycleRecord) -> None:
@@ -66,10 +68,10 @@ def run_until_lost(url: str, lose: Callable[[Cell, float], None]) -> tuple[RunRe
         def notice(kind: str, text: str) -> None:
             pass
 
-        def prepare(cell: Cell) -> None:
+        def prepare(cell: PaperCell) -> None:
             # The board has no wire of its own: its server goes on when its sensor is unplugged.
-            for name in ("gateway", "uart_gateway"):
-                setattr(cell, name, Silenced(getattr(cell, name)))
+            if not isinstance(cell.sensor, Board):
+                cell.sensor = Silenced(cell.sensor)  # type: ignore[assignment]
             cells.append(cell)
 
         ports = Ports("memory:robot", url)
@@ -95,7 +97,7 @@ def run_until_lost(url: str, lose: Callable[[Cell, float], None]) -> tuple[RunRe
 
 
 def silence(cell: Any, now: float) -> None:
-    cell.gateway.silent = cell.uart_gateway.silent = True
+    cell.sensor.silent = True
 
 
 @pytest.mark.parametrize("device", ["CAN gateway", "UART gateway"])
@@ -108,7 +110,7 @@ def test_a_gateway_that_falls_silent_stops_the_run_and_the_tool_retracts(device:
 
 
 def test_a_sensor_unplugged_from_its_board_stops_the_run_and_the_tool_retracts() -> None:
-    result, force = run_until_lost(URLS["receiver board"], lambda cell, now: cell.board.unplug(now))
+    result, force = run_until_lost(URLS["receiver board"], lambda cell, now: cell.sensor.unplug(now))
     assert result.outcome is Outcome.STOPPED
     assert "watch dog" in result.cause
     assert "\n" not in result.cause

@@ -12,10 +12,10 @@ from emulators.arm.kinematics import Arm, Joints, Route
 from emulators.arm.loops import ServoProfile
 from emulators.arm.waypoints import Waypoint, WaypointArm
 from emulators.arm.work_area import OutsideWorkArea, WorkArea
-from emulators.cell import Cell, CellProfile
-from emulators.s3 import S3Controller, S3Profile
+from emulators.s3 import S3Controller, S3Profile, S3Profiles
+from emulators.s3_jr3_cell import PaperCellProfile, s3_jr3_cell
+from emulators.seams import StartPose
 from protocol.geometry import Pose
-from protocol.s3.adlp import LinkProfile
 
 T0 = 99.5
 TOOL = 0.2
@@ -313,11 +313,11 @@ def test_a_slowed_line_takes_the_time_of_its_slowest_joint() -> None:
 
 
 def controller(servo: ServoProfile | None = None) -> S3Controller:
-    return S3Controller(S3Profile(), LinkProfile(), servo or ServoProfile(), START, DOWN, T0, 1, TOOL)
+    return S3Controller(S3Profiles(servo=servo or ServoProfile()), StartPose(START, DOWN, TOOL), T0, 1)
 
 
 def test_the_true_joints_hold_the_true_pose() -> None:
-    cell, arm = Cell(CellProfile(), T0, 1), Arm(S3Profile(), TOOL)
+    cell, arm = s3_jr3_cell(PaperCellProfile(), T0, 1), Arm(S3Profile(), TOOL)
     area = WorkArea(S3Profile(), TOOL)
     there = (0.8, 0.3, 0.9)
     turned = (0.0, math.cos(0.3), math.sin(0.3), 0.0)

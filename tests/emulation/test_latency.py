@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from emulators.arm.loops import ServoProfile
 from emulators.arm.waypoints import Waypoint, WaypointArm
-from emulators.cell import Cell, CellProfile
 from emulators.jr3 import (
     Gateway,
     GatewayProfile,
@@ -24,12 +23,14 @@ from emulators.jr3 import (
     UartGatewayProfile,
 )
 from emulators.quantiles import draw
-from emulators.s3 import S3Controller, S3Profile
+from emulators.s3 import S3Controller, S3Profile, S3Profiles
+from emulators.s3_jr3_cell import PaperCell, PaperCellProfile, s3_jr3_cell
+from emulators.seams import StartPose
+from emulators.sensing import KnownWrench
 from emulators.surface.contact import SurfaceProfile
 from emulators.surface.materials import MaterialKind, MaterialProfile
 from protocol.can.frame import CanFrame
 from protocol.geometry import Pose
-from protocol.s3.adlp import LinkProfile
 
 T0 = 1234.5
 TICK, DELAY = 0.02, 0.02
@@ -93,7 +94,7 @@ STATUS, STOP, START_MOVE = block(19), block(3), block(24, 2, bytes(44))
 
 def turnarounds(profile: S3Profile, order: bytes, count: int, seed: int = 1) -> list[float]:
     """From the end of an order to the bid for its answer, s, of many in a row on a line without time."""
-    robot = S3Controller(profile, LinkProfile(), ServoProfile(), START, DOWN, T0, seed, tool_length=0.2)
+    robot = S3Controller(S3Profiles(profile), StartPose(START, DOWN, 0.2), T0, seed)
     now, waits = T0 + 1.0, []
     for _ in range(count):
         for piece, reply in ((b"\x05", b"\x06"), (order, b"\x06"), (b"\x04", b"")):
@@ -145,7 +146,7 @@ def sensor() -> Jr3Sensor:
         wrench[:, 0] = np.maximum(times - T0, 0.0) % 0.3 * COUNTS_PER_S * UNIT
         return wrench
 
-    return Jr3Sensor(SensorProfile(noise_counts=0.0), ramp, seed=3)
+    return Jr3Sensor(SensorProfile(noise_counts=0.0), KnownWrench(ramp), seed=3)
 
 
 def can_frames(
@@ -277,10 +278,10 @@ def test_begins_are_kept_for_a_while_only() -> None:
 # --- the truth of many moments
 
 
-def lowered(kind: MaterialKind) -> Cell:
+def lowered(kind: MaterialKind) -> PaperCell:
     """A cell whose tool goes 2 mm down into the surface and then along it."""
     surface = SurfaceProfile(material=MaterialProfile(kind))
-    cell = Cell(CellProfile(surface=surface), T0, seed=1)
+    cell = s3_jr3_cell(PaperCellProfile(surface=surface), T0, seed=1)
     for position in ((0.9, -0.1, 0.588), (0.9, -0.05, 0.588)):
         cell.robot.motion.enqueue(Waypoint(position, DOWN, 0.05), T0)
     return cell
@@ -301,10 +302,10 @@ def test_many_truths_at_once_are_those_of_each(kind: MaterialKind) -> None:
 
 
 def test_a_material_that_remembers_tells_from_its_newest_sample_on() -> None:
-    assert not lowered(MaterialKind.LINEAR).remembers
-    assert lowered(MaterialKind.LINEAR).tellable_from(T0 + 0.5) == T0 + 0.5
+    assert not lowered(MaterialKind.LINEAR).has_memory
+    assert lowered(MaterialKind.LINEAR).truth_available_from(T0 + 0.5) == T0 + 0.5
     cell = lowered(MaterialKind.STANDARD_LINEAR_SOLID)
-    assert cell.remembers
+    assert cell.has_memory
     cell.wrench(np.arange(T0, T0 + 0.5, 1 / 8000))
-    assert cell.tellable_from(T0 + 0.3) == pytest.approx(T0 + 0.5, abs=2e-4)
-    assert cell.tellable_from(T0 + 0.7) == T0 + 0.7
+    assert cell.truth_available_from(T0 + 0.3) == pytest.approx(T0 + 0.5, abs=2e-4)
+    assert cell.truth_available_from(T0 + 0.7) == T0 + 0.7

@@ -14,7 +14,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from emulators.arm.loops import ServoProfile
 from emulators.s3 import (
     CHANGES,
     S3_FAULTS,
@@ -23,6 +22,7 @@ from emulators.s3 import (
     Panel,
     S3Controller,
     S3Profile,
+    S3Profiles,
     S3Site,
     State,
     Stimulus,
@@ -30,6 +30,7 @@ from emulators.s3 import (
     read_steps,
     refusal,
 )
+from emulators.seams import StartPose
 from protocol.s3.adlp import LinkProfile
 from protocol.s3.arap import (
     Answered,
@@ -62,9 +63,7 @@ class Bench:
     def __init__(self, profile: S3Profile = PROFILE, **programs: bytes) -> None:
         site = S3Site(programs={int(name.removeprefix("p")): text for name, text in programs.items()})
         self.now = T0
-        self.robot = S3Controller(
-            profile, LinkProfile(), ServoProfile(), START, DOWN, T0, 1, tool_length=0.2, site=site
-        )
+        self.robot = S3Controller(S3Profiles(profile), StartPose(START, DOWN, 0.2), T0, 1, site)
         self.panel = Panel(self.robot)
         self.host = ArapHost(LinkProfile())
         self.told: list[ArapEvent] = []

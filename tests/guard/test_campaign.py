@@ -23,8 +23,8 @@ from unittest import mock
 import numpy as np
 import pytest
 
-from emulators.cell import Cell
 from emulators.cell_faults import CELL_FAULTS
+from emulators.s3_jr3_cell import PaperCell, s3_jr3_cell
 from hil_bridge.clock import Clock
 from hil_bridge.control import CONTROLLERS
 from hil_bridge.errors import BridgeError
@@ -104,7 +104,7 @@ class Drawn:
     """Time, s, and the largest true contact force since the one before, N."""
     goals: list[tuple[float, float]] = field(default_factory=list)
     """Time, s, and the height that the robot was last ordered to, m."""
-    cell: Cell | None = None
+    cell: PaperCell | None = None
     began: float = 0.0
     said: str = ""
 
@@ -159,8 +159,8 @@ class Drawn:
         """Run it, and watch it; exit code, and what was recorded of cycles."""
         self.truths.clear()
 
-        def watched(*arguments: Any) -> Cell:
-            cell = self.cell = Cell(*arguments)
+        def watched(*arguments: Any) -> PaperCell:
+            cell = self.cell = s3_jr3_cell(*arguments)
             clock = Clock(asyncio.get_running_loop())
             self.began = clock.now()
 
@@ -177,7 +177,7 @@ class Drawn:
 
         output, errors = io.StringIO(), io.StringIO()
         with (
-            mock.patch("hil_bridge.runs.compose.Cell", watched),
+            mock.patch("hil_bridge.runs.compose.s3_jr3_cell", watched),
             contextlib.redirect_stdout(output),
             contextlib.redirect_stderr(errors),
         ):

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from emulators.cell import Cell
+from emulators.s3_jr3_cell import PaperCell
 from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.errors import DeviceError, SafetyStop
 from hil_bridge.runs.compose import opened_devices
@@ -22,17 +22,17 @@ def left_with(stiffness: float, force: float, **more: Any) -> dict[str, Any]:
 
 
 def freed(
-    config: Config, distance_mm: float, prepare: Callable[[Cell], object] = lambda cell: None
+    config: Config, distance_mm: float, prepare: Callable[[PaperCell], object] = lambda cell: None
 ) -> tuple[Freed, float]:
     """What came of it, and the true contact force at the end, N."""
-    cells: list[Cell] = []
+    cells: list[PaperCell] = []
     forces: list[float] = []
     said: list[str] = []
 
     async def main() -> Freed:
         clock = Clock.running()
 
-        def emulated(cell: Cell) -> None:
+        def emulated(cell: PaperCell) -> None:
             cells.append(cell)
             prepare(cell)
 
