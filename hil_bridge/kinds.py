@@ -15,14 +15,17 @@ stand in the configuration's sections `[robot.NAME]` or `[sensor.NAME]`, and `[c
 
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from contextlib import AbstractAsyncContextManager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib import import_module
 from typing import Any, Generic, TypeVar
 
 from emulators.cell import CellProfile
+from emulators.faults import Fault
+from emulators.seams import RobotFactory, SensorFactory, SurfaceFactory
 from hil_bridge.errors import ConfigError
 from hil_bridge.plugins import find_plugin, plugin_names
 from hil_bridge.transports.urls import CONNECT_BYTES, WireUrl, parse_url
+from protocol.marks import Mark, setting
 
 _ROBOTS = {"s3": "hil_bridge.robots.s3.room:ROBOT"}
 _SENSORS = {
@@ -56,14 +59,16 @@ class RobotEmulation:
 
     settings: type[Any]
     """Dataclass of its section `[cell.NAME]`."""
-    make: Callable[[KindSettings, Any, float, int], Any]
-    """The robot: from settings, `emulators.seams.StartPose`, the time, s, and a seed; an `EmulatedRobot`."""
+    make: Callable[[KindSettings], RobotFactory]
+    """A factory of robots with these settings. Raises ConfigError for a file that they name."""
     serve: Callable[[str, Any, KindSettings, Any], Awaitable[str]]
     """Let the robot listen on a URL: from the URL, the robot, the settings and a `wiring.Serving`. Gives the URL for
     its client, without the kind.
     """
     usual: Callable[[KindSettings, bool], str]
     """The URL to listen on where a configuration names none; the second argument says whether in virtual time."""
+    faults: Mapping[str, Mapping[str, Fault]] = field(default_factory=dict)
+    """What can go wrong with it, in words, by target and name; its handlers do it."""
     panel: Callable[..., AbstractAsyncContextManager[str]] | None = None
     """The panel of the emulated controller, for people; None for a kind without one."""
 
@@ -99,13 +104,13 @@ class SensorEmulation:
 
     settings: type[Any]
     """Dataclass of its section `[cell.NAME]`."""
-    make: Callable[[KindSettings, Any, float, int], Any]
-    """The sensor: from settings, the `emulators.seams.WrenchSource` that it reads, the time, s, and a seed; an
-    `EmulatedSensor`.
-    """
+    make: Callable[[KindSettings], SensorFactory]
+    """A factory of sensors with these settings."""
     serve: Callable[[str, Any, KindSettings, Any], Awaitable[str]]
     """As of a `RobotEmulation`."""
     usual: Callable[[KindSettings, bool], str]
+    """As of a `RobotEmulation`."""
+    faults: Mapping[str, Mapping[str, Fault]] = field(default_factory=dict)
     """As of a `RobotEmulation`."""
 
 
@@ -148,10 +153,8 @@ class SurfaceKind:
     """One line for people."""
     settings: type[Any]
     """Dataclass of that section."""
-    make: Callable[..., Any]
-    """The surface, an `emulators.seams.Surface`: from the settings and the function that it calls with a time, s, when
-    its force changes from that time on.
-    """
+    make: Callable[[Any], SurfaceFactory]
+    """A factory of surfaces with these settings."""
 
 
 _Kind = TypeVar("_Kind", RobotKind, SensorKind, SurfaceKind)
@@ -193,11 +196,18 @@ class Registry(Generic[_Kind]):
         return (name, wire) if plus and name in self.names else ("", url)
 
 
-CELL_PROFILE = CellProfile
-"""What every emulated cell has, whatever its devices: the base of the section `[cell]`."""
+@dataclass(frozen=True)
+class CellSection(CellProfile):
+    """What every emulated cell has, whatever its devices: the base of the section `[cell]`."""
+
+    surface_kind: str = setting(
+        "", Mark.CHOSEN, "kind of surface that another package offers; empty: ours, by [cell.surface]"
+    )
+
+
 ROBOTS = Registry("robot", "hil_bridge.robots", _ROBOTS, RobotKind)
 SENSORS = Registry("sensor", "hil_bridge.sensors", _SENSORS, SensorKind)
-SURFACES = Registry[SurfaceKind]("surface", "hil_bridge.surfaces", {}, SurfaceKind)
+SURFACES: Registry[SurfaceKind] = Registry("surface", "hil_bridge.surfaces", {}, SurfaceKind)
 
 
 def robot_of(url: str) -> tuple[RobotKind, str]:

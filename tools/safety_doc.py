@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from emulators.cell import Cell
+from emulators.s3_jr3_cell import PaperCell
 from hil_bridge.analysis.summary import RETRACT, TRACK
 from hil_bridge.clock import Clock, Timer, run_virtual
 from hil_bridge.control.course.conditions import When
@@ -151,7 +151,7 @@ class _Watched:
         self.pressed_at = math.nan
         self.schedule: FaultSchedule | None = None
         self.clock: Clock
-        self.cell: Cell
+        self.cell: PaperCell
         self.run: Run
 
     def cycle(self, record: CycleRecord) -> None:

@@ -5,7 +5,6 @@ configuration names.
 from collections.abc import AsyncIterator, Callable
 from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 from emulators.cell import Cell, Parts
@@ -49,7 +48,7 @@ class Ports:
 class ServedCell:
     """An emulated cell, and the URLs at which its devices are reached; None for what is not served."""
 
-    cell: Cell
+    cell: Cell[Any, Any]
     robot: str | None
     sensor: str | None
     panel: str | None
@@ -65,7 +64,7 @@ class Devices:
     sensor_kind: SensorKind
 
     @property
-    def cell(self) -> Cell | None:
+    def cell(self) -> Cell[Any, Any] | None:
         """The emulated cell; None where both devices are real."""
         return None if self.served is None else self.served.cell
 
@@ -105,14 +104,14 @@ def check_panel(config: Config, virtual: bool) -> None:
     panel_address(config.run.panel_url)
 
 
-def make_cell(config: Config, robot: RobotKind, sensor: SensorKind, now: float) -> Cell:
+def make_cell(config: Config, robot: RobotKind, sensor: SensorKind, now: float) -> Cell[Any, Any]:
     """The emulated cell of a configuration with these devices. Raises ConfigError for one that cannot be."""
-    of_robot, of_sensor = settings_of(config, robot), settings_of(config, sensor)
-    surface = None
-    if name := config.cell.surface_kind:
-        surface = partial(SURFACES.kind(name).make, getattr(config.cell, field_name(name)))
+    name, of_robot, of_sensor = config.cell.surface_kind, _emulation(robot), _emulation(sensor)
     parts = Parts(
-        partial(_emulation(robot).make, of_robot), partial(_emulation(sensor).make, of_sensor), surface
+        of_robot.make(settings_of(config, robot)),
+        of_sensor.make(settings_of(config, sensor)),
+        SURFACES.kind(name).make(getattr(config.cell, field_name(name))) if name else None,
+        {**of_robot.faults, **of_sensor.faults},
     )
     try:
         return Cell(config.cell, now, config.run.seed, parts)
@@ -218,7 +217,7 @@ async def emulated_cell(
         yield ServedCell(cell, robot_at, sensor_at, panel_at)
 
 
-def _follow_faults(cell: Cell, serving: Serving) -> None:
+def _follow_faults(cell: Cell[Any, Any], serving: Serving) -> None:
     """Wake the devices when a fault begins or ends, and end faults at their times."""
     changes, stack = cell.ledger.on_change, serving.stack
     end = _FaultEnd(cell, serving.clock)
@@ -231,7 +230,7 @@ def _follow_faults(cell: Cell, serving: Serving) -> None:
 class _FaultEnd:
     """Ends the faults of a cell at their times."""
 
-    def __init__(self, cell: Cell, clock: Clock) -> None:
+    def __init__(self, cell: Cell[Any, Any], clock: Clock) -> None:
         self._ledger = cell.ledger
         self._clock = clock
         self._timer: Timer | None = None

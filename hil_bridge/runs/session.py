@@ -40,7 +40,7 @@ from hil_bridge.runs.cycle import BUG_EVENT, Run, RunResult
 from hil_bridge.runs.outputs import Outputs, record_path, settled, write_outputs
 from hil_bridge.runs.screen import LEAVE_SECONDS, Terminal
 from hil_bridge.runs.signals import Signals, unless_hung_up
-from hil_bridge.runs.truth import Truths
+from hil_bridge.runs.truth import GroundTruth
 from hil_bridge.sensors.stream import ForceSensor
 from hil_bridge.settings.configuration import Config, dump
 from hil_bridge.transports import Direction
@@ -155,11 +155,13 @@ class _Session:
         self.terminal = terminal
         self.signals = signals
         self._link = config.robot.link
+        self._byte_time = 0.0
+        """What a byte takes on the robot's wire, s."""
         self._clock: Clock
         self._recorder: Recorder
         self._logs: dict[str, LinkLog]
         """Of the devices' wires, by device."""
-        self._truths: Truths | None = None
+        self._truths: GroundTruth | None = None
         self._faults: FaultSchedule | None = None
         self.faults: list[str] = []
         """What became of each injected fault, in words."""
@@ -298,7 +300,7 @@ class _Session:
         cell = served.cell
         if served.panel is not None:
             self.terminal.out.say(f"panel: {served.panel}")
-        self._truths = Truths(cell, self._config.sensor, self._recorder.put)
+        self._truths = GroundTruth(cell, not self._config.sensor.url, self._recorder.put)
         self._faults = FaultSchedule(self._config.faults, cell, self._clock, self.notice, self._pause)
 
     # --- the run
@@ -384,6 +386,7 @@ class _Session:
         config, clock = self._config, self._clock
         async with open_devices(config, clock, self) as devices:
             robot, sensor = self._robot, self._sensor = devices.robot, devices.sensor
+            self._byte_time = robot.facts.byte_time or 0.0
             if devices.served is not None:
                 self._emulated(devices.served)
             run = self._run = Run(config, clock, robot, sensor, self)

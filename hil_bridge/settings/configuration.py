@@ -28,7 +28,7 @@ from hil_bridge.control.controllers import controller_kind
 from hil_bridge.errors import ConfigError
 from hil_bridge.faults.settings import FaultConfig
 from hil_bridge.field_docstrings import field_docstrings
-from hil_bridge.kinds import ROBOTS, SENSORS, emulated_sensor
+from hil_bridge.kinds import ROBOTS, SENSORS, CellSection, emulated_sensor
 from hil_bridge.settings.earlier import told_of
 from hil_bridge.settings.kinds import Chosen, cell_section, chosen_in, merged_section
 from hil_bridge.text_files import read_toml, shown, toml_pair
@@ -168,7 +168,7 @@ if TYPE_CHECKING:
     class SensorConfig(SensorSection):
         """The force/torque sensor, with the settings of our own kinds."""
 
-    class CellConfig:
+    class CellConfig(CellSection):
         """The emulated cell, with the settings of our own emulated devices."""
 
         def __getattr__(self, name: str) -> Any:

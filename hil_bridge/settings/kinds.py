@@ -7,10 +7,10 @@ from typing import Any
 from pydantic import BaseModel, create_model
 
 from hil_bridge.kinds import (
-    CELL_PROFILE,
     ROBOTS,
     SENSORS,
     SURFACES,
+    CellSection,
     KindSettings,
     Registry,
     RobotKind,
@@ -61,11 +61,11 @@ def cell_section(chosen: Chosen) -> Any:
     more |= {field_name(kind.name): kind.settings for kind in map(SURFACES.kind, chosen.surfaces)}
     fields = [(name, kind, dataclasses.field(default_factory=kind)) for name, kind in more.items()]
     return dataclasses.make_dataclass(
-        CELL_PROFILE.__name__,
+        "CellConfig",
         fields,
-        bases=(CELL_PROFILE, *ours),
+        bases=(CellSection, *ours),
         frozen=True,
-        namespace={"__module__": CELL_PROFILE.__module__, "__doc__": CELL_PROFILE.__doc__},
+        namespace={"__module__": CellSection.__module__},
     )
 
 

@@ -7,7 +7,7 @@ from unittest import mock
 
 import pytest
 
-from emulators.cell import Cell
+from emulators.s3_jr3_cell import PaperCell
 from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.device_log import LogTo
 from hil_bridge.recording import CycleRecord, EventRecord
@@ -45,7 +45,7 @@ class Bench:
     meddle: Callable[["Bench", CycleRecord], None] = lambda bench, record: None
     prepare: Callable[["Bench"], None] = lambda bench: None
     """Called when the cell stands and nobody has spoken to it yet."""
-    cell: Cell = field(init=False)
+    cell: PaperCell = field(init=False)
     clock: Clock = field(init=False)
     line: Faulty = field(init=False)
     can: CutCan = field(init=False)
@@ -76,7 +76,7 @@ class Bench:
     async def main(self) -> None:
         self.clock = clock = Clock.running()
 
-        def prepared(*arguments: Any) -> Cell:
+        def prepared(*arguments: Any) -> PaperCell:
             self.cell = make_cell(*arguments)
             self.prepare(self)
             return self.cell

@@ -5,8 +5,8 @@ from collections.abc import Awaitable, Callable, Mapping
 
 import pytest
 
-from emulators.arm.servo import ServoProfile
-from emulators.s3 import EMPTY_SITE, S3Controller, S3Profile, S3Site
+from emulators.s3 import EMPTY_SITE, S3Controller, S3Profiles, S3Site
+from emulators.seams import StartPose
 from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.device_log import Silence
 from hil_bridge.errors import DeviceError, OrderRefused, TransportClosed, TransportEnded
@@ -277,9 +277,7 @@ def with_robot(script: Robot, site: S3Site = EMPTY_SITE) -> None:
     async def main() -> None:
         clock = Clock.running()
         position, down = (0.9, -0.1, 0.6), (0.0, 1.0, 0.0, 0.0)
-        controller = S3Controller(
-            S3Profile(), LinkProfile(), ServoProfile(), position, down, clock.now(), 1, 0.2, site
-        )
+        controller = S3Controller(S3Profiles(), StartPose(position, down, 0.2), clock.now(), 1, site)
         port = (await listen_bytes("memory:s3", clock)).transport
         Pump(controller, port, clock, lambda event: None, lambda cause: None).start()
         wire = await connect_bytes("memory:s3?baudrate=9600&parity=E", clock)

@@ -11,9 +11,9 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
-from emulators.cell import Cell, CellProfile
 from emulators.cell_faults import CELL_FAULTS
 from emulators.s3 import Panel
+from emulators.s3_jr3_cell import PaperCell, PaperCellProfile, s3_jr3_cell
 from hil_bridge.analysis.summary import summarise
 from hil_bridge.cli import cli
 from hil_bridge.clock import Clock, run_real, run_virtual
@@ -263,7 +263,7 @@ def test_lines_are_read_strictly() -> None:
             decode(line)
 
 
-def on_a_cell(use: Callable[[str, Cell], Awaitable[None]], **sections: Any) -> None:
+def on_a_cell(use: Callable[[str, PaperCell], Awaitable[None]], **sections: Any) -> None:
     """Run `use` with the panel's URL of a served cell, and the cell."""
     config = Config.model_validate(sections)
 
@@ -288,7 +288,7 @@ def invoke(url: str, *arguments: str) -> str:
 
 
 def test_every_command_reaches_the_controller() -> None:
-    def flags(cell: Cell) -> list[bool]:
+    def flags(cell: PaperCell) -> list[bool]:
         state = cell.robot.state
         return [
             state.emergency_stop,
@@ -299,7 +299,7 @@ def test_every_command_reaches_the_controller() -> None:
             state.interrupt_permitted,
         ]
 
-    async def use(url: str, cell: Cell) -> None:
+    async def use(url: str, cell: PaperCell) -> None:
         async def do(*arguments: str) -> str:
             return await asyncio.to_thread(invoke, url, *arguments)
 
@@ -354,7 +354,7 @@ def test_a_parameter_without_a_value_is_a_usage_error() -> None:
 
 
 def test_what_is_shown_can_be_read_and_survives_an_odd_answer() -> None:
-    cell = Cell(Config().cell, 100.0, 1)
+    cell = s3_jr3_cell(Config().cell, 100.0, 1)
     cell.robot.press_emergency_stop(100.0)
     shown = json.loads(json.dumps(Panel(cell.robot).perform({"do": "show"}, 101.0)))["state"]
     lines = state_text(shown).splitlines()
@@ -381,7 +381,7 @@ def test_a_panel_has_no_place_in_virtual_time_or_at_a_real_robot() -> None:
 
 
 def test_what_is_done_at_the_panel_is_told_to_the_record() -> None:
-    cell, said = Cell(CellProfile(), 100.0, 1), []
+    cell, said = s3_jr3_cell(PaperCellProfile(), 100.0, 1), []
     cell.ledger.on_fault = said.append
     board = Panel(cell.robot, cell.ledger, CELL_FAULTS)
     board.perform({"do": "key", "to": "manual"}, 101.0)
@@ -414,7 +414,7 @@ def test_an_emergency_stop_ends_the_orders_and_is_latched_with_the_refusal(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], offset_ms: int
 ) -> None:
     """Pressed at several places of a cycle of 156 ms: also between a status that knows nothing yet and its move."""
-    cells: list[Cell] = []
+    cells: list[PaperCell] = []
     pressed: list[float] = []
     monkeypatch.setattr(
         "hil_bridge.runs.compose.make_cell", lambda *args: cells.append(make_cell(*args)) or cells[0]

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from emulators.cell import Cell, CellProfile
+from emulators.s3_jr3_cell import PaperCell, PaperCellProfile, s3_jr3_cell
 from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.device_log import LogTo
 from hil_bridge.errors import ConfigError, TransportUnavailable
@@ -41,7 +41,7 @@ class Probed:
     said: list[str] = field(default_factory=list)
     sent: bytes = b""
     took: float = 0.0
-    cell: Cell | None = None
+    cell: PaperCell | None = None
 
 
 def probed(
@@ -49,15 +49,15 @@ def probed(
     url: str = "memory:robot",
     listen: str | None = None,
     position_mm: tuple[float, float, float] = (900.0, -100.0, 600.0),
-    prepare: Callable[[Cell, float], object] = lambda cell, now: None,
+    prepare: Callable[[PaperCell, float], object] = lambda cell, now: None,
 ) -> Probed:
     """Probe an emulated controller with these settings."""
     result = Probed()
 
     async def main() -> None:
         clock = Clock.running()
-        result.cell = cell = Cell(
-            replace(CellProfile(), link=link, start_position_mm=position_mm), clock.now(), 1
+        result.cell = cell = s3_jr3_cell(
+            replace(PaperCellProfile(), link=link, start_position_mm=position_mm), clock.now(), 1
         )
         listening = await listen_bytes(
             listen or f"memory:robot?baudrate={link.baudrate}&parity={link.parity}", clock

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from emulators.jr3 import Jr3Sensor, SensorProfile
 from emulators.jr3.board import Board, BoardProfile, IsaPorts, IsaProfile
+from emulators.sensing import KnownWrench
 from hil_bridge.cli import cli
 from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.device_log import LogTo, Silence
@@ -426,7 +427,7 @@ def press(times: NDArray[np.float64]) -> NDArray[np.float64]:
 def board_at(now: float, **profile: object) -> Board:
     return Board(
         BoardProfile(**profile),  # type: ignore[arg-type]
-        Jr3Sensor(SensorProfile(noise_counts=0.0), press, seed=1),
+        Jr3Sensor(SensorProfile(noise_counts=0.0), KnownWrench(press), seed=1),
         now,
     )
 

@@ -7,7 +7,7 @@ from unittest import mock
 
 import pytest
 
-from emulators.cell import Cell
+from emulators.s3_jr3_cell import PaperCell
 from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.device_log import LogTo
 from hil_bridge.recording import CycleRecord, EventRecord, Outcome
@@ -28,6 +28,7 @@ class Silenced:
 
     def __init__(self, endpoint: Any) -> None:
         self._endpoint = endpoint
+        self.endpoint, self.handlers = self, endpoint.handlers
         self.silent = False
 
     def receive(self, data: Any, now: float) -> None:
@@ -48,13 +49,13 @@ class Silenced:
         self._endpoint.handle_deadline(now)
 
 
-def run_until_lost(url: str, lose: Callable[[Cell, float], None]) -> tuple[RunResult, float]:
+def run_until_lost(url: str, lose: Callable[[Any, float], None]) -> tuple[RunResult, float]:
     """A run whose sensor is lost in its tenth cycle of tracking; its end, and what presses then in N."""
     kept: list[Any] = []
 
     async def main() -> None:
         clock, config, tracked = Clock.running(), Config(), list[CycleRecord]()
-        cells: list[Cell] = []
+        cells: list[PaperCell] = []
         stack = AsyncExitStack()
 
         class Log:
@@ -67,7 +68,7 @@ def run_until_lost(url: str, lose: Callable[[Cell, float], None]) -> tuple[RunRe
             def event(self, record: EventRecord) -> None:
                 pass
 
-        def prepared(*arguments: Any) -> Cell:
+        def prepared(*arguments: Any) -> PaperCell:
             cell = make_cell(*arguments)
             # The board has no wire of its own: its server goes on when its sensor is unplugged.
             if not url.startswith("jr3+"):
@@ -112,7 +113,7 @@ def test_a_gateway_that_falls_silent_stops_the_run_and_the_tool_retracts(device:
 
 
 def test_a_sensor_unplugged_from_its_board_stops_the_run_and_the_tool_retracts() -> None:
-    result, force = run_until_lost(URLS["receiver board"], lambda cell, now: cell.board.unplug(now))
+    result, force = run_until_lost(URLS["receiver board"], lambda cell, now: cell.sensor.unplug(now))
     assert result.outcome is Outcome.STOPPED
     assert "watch dog" in result.cause
     assert "\n" not in result.cause

@@ -8,7 +8,7 @@ from unittest import mock
 
 import pytest
 
-from emulators.cell import Cell
+from emulators.s3_jr3_cell import PaperCell
 from hil_bridge.clock import Clock, Timer, run_virtual
 from hil_bridge.device_log import LogTo
 from hil_bridge.errors import BridgeError, TransportClosed
@@ -40,7 +40,7 @@ class Guarded:
     error: BridgeError | None = None
     """What refused the run before it moved."""
     clock: Clock = field(init=False)
-    cell: Cell = field(init=False)
+    cell: PaperCell = field(init=False)
     run: Run = field(init=False)
     schedule: FaultSchedule | None = None
 
@@ -85,7 +85,7 @@ class Guarded:
         self.run._robot.exchange = dead
         raise Killed
 
-    async def main(self, cell: Cell | None = None) -> "Guarded":
+    async def main(self, cell: PaperCell | None = None) -> "Guarded":
         """Run, in a cell of its own or in one that is there."""
         self.clock = clock = Clock.running()
         timers: list[Timer] = []
@@ -95,7 +95,7 @@ class Guarded:
             self.truths.append((now, math.hypot(*self.cell.true_state(now).contact_force)))
             timers[:] = [clock.call_at(now + WATCH_S, watch)]
 
-        def same(*arguments: Any) -> Cell:
+        def same(*arguments: Any) -> PaperCell:
             return make_cell(*arguments) if cell is None else cell
 
         with mock.patch("hil_bridge.runs.compose.make_cell", same):

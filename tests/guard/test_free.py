@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from emulators.cell import Cell
+from emulators.s3_jr3_cell import PaperCell
 from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.device_log import LogTo
 from hil_bridge.errors import DeviceError, SafetyStop
@@ -23,7 +23,7 @@ def left_with(stiffness: float, force: float, **more: Any) -> dict[str, Any]:
 
 
 def freed(
-    config: Config, distance_mm: float, prepare: Callable[[Cell], object] = lambda cell: None
+    config: Config, distance_mm: float, prepare: Callable[[PaperCell], object] = lambda cell: None
 ) -> tuple[Freed, float]:
     """What came of it, and the true contact force at the end, N."""
     forces: list[float] = []

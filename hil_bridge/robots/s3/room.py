@@ -2,12 +2,12 @@
 
 from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import asynccontextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
-from emulators.arm.servo import ServoProfile
-from emulators.s3 import Panel, S3Profile, S3Site
+from emulators.s3 import S3_FAULTS, Panel, S3Profiles, S3Site, make_robot
+from emulators.seams import RobotFactory
 from hil_bridge.clock import Clock
 from hil_bridge.errors import ConfigError
 from hil_bridge.kinds import KindSettings, RobotEmulation, RobotKind
@@ -21,17 +21,6 @@ from hil_bridge.transports.urls import CONNECT_BYTES, SERIAL_PORTS, parse_url, w
 from hil_bridge.wiring import Serving, Wiring
 from protocol.s3.adlp import LinkProfile
 from protocol.s3.arap import KNOWN
-
-
-@dataclass(frozen=True)
-class S3Cell:
-    """What stands in `[cell]` for an emulated S3."""
-
-    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
-
-    robot: S3Profile = field(default_factory=S3Profile)
-    servo: ServoProfile = field(default_factory=ServoProfile)
-    link: LinkProfile = field(default_factory=LinkProfile)
 
 
 def robot_wire(url: str, link: LinkProfile) -> tuple[str, LinkProfile]:
@@ -77,11 +66,16 @@ async def connect(url: str, settings: KindSettings, wiring: Wiring) -> S3Link:
     return S3Link(wire, link, wiring.clock, wiring.log, orders, verbose=wiring.log.verbose)
 
 
+def make(settings: KindSettings) -> RobotFactory:
+    """The controller that a cell's section describes, with the orders and programs of its site."""
+    return make_robot(settings.emulated, robot_site(settings))
+
+
 async def serve(url: str, robot: Any, settings: KindSettings, serving: Serving) -> str:
     """Let the emulated controller listen; a port in memory that names no line has the controller's."""
     line = _line(settings.emulated.link)
     unnamed = url.startswith("memory:") and "?" not in url  # its address does not tell the line
-    address = await serving.serve_bytes(with_line(url, line) if unnamed else url, robot)
+    address = await serving.serve_bytes(with_line(url, line) if unnamed else url, robot.endpoint)
     return with_line(address, line) if unnamed else address
 
 
@@ -114,7 +108,7 @@ ROBOT = RobotKind(
     "ABB S3 controller by its computer link",
     S3Settings,
     connect,
-    RobotEmulation(S3Cell, make, serve, usual, panel),
+    RobotEmulation(S3Profiles, make, serve, usual, S3_FAULTS, panel),
     directly=True,
     check=robot_site,
     parse=lambda url, settings: parse_url(url, CONNECT_BYTES),

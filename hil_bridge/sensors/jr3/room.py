@@ -1,11 +1,11 @@
 """The JR3's room, as the house sees it: a sensor behind a CAN gateway, a UART gateway or a receiver board."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import Any
 
-from emulators.jr3 import GatewayProfile, SensorProfile, UartGatewayProfile
-from emulators.jr3.board import BoardProfile
+from emulators.jr3 import Jr3Profiles, make_board, make_gateway, make_uart
+from emulators.jr3.faults import JR3_FAULTS
+from emulators.seams import SensorFactory
 from emulators.wires.slcan_adapter import SlcanAdapter, SlcanProfile
 from hil_bridge.errors import ConfigError
 from hil_bridge.kinds import KindSettings, SensorEmulation, SensorKind
@@ -32,18 +32,6 @@ _UART_GATEWAY = "gateway=jr3"
 _BOARD_WIRES = ("tcp", "tcp-listen", "memory")
 
 
-@dataclass(frozen=True)
-class Jr3Cell:
-    """What stands in `[cell]` for an emulated JR3."""
-
-    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
-
-    sensor: SensorProfile = field(default_factory=SensorProfile)
-    gateway: GatewayProfile = field(default_factory=GatewayProfile)
-    uart_gateway: UartGatewayProfile = field(default_factory=UartGatewayProfile)
-    board: BoardProfile = field(default_factory=BoardProfile)
-
-
 # --- CAN gateway
 
 
@@ -59,12 +47,14 @@ async def _connect_can(url: str, settings: KindSettings, wiring: Wiring) -> tupl
 
 async def _serve_can(url: str, gateway: Any, settings: KindSettings, serving: Serving) -> str:
     if not url.startswith(SLCAN):
-        return await serving.serve_can(url, gateway, heard_by_gateway(settings.emulated.gateway.node))
+        return await serving.serve_can(
+            url, gateway.endpoint, heard_by_gateway(settings.emulated.gateway.node)
+        )
     if not url.startswith(f"{SLCAN}pty:"):
         raise ConfigError(f"{url!r}: an slcan adapter is a serial port; for example {SLCAN}pty:")
     listening = await serving.listen_bytes(url.removeprefix(SLCAN))
     adapter = SlcanAdapter(SlcanProfile())
-    serving.attach(gateway, SlcanDevice(listening.transport, adapter, serving.clock))
+    serving.attach(gateway.endpoint, SlcanDevice(listening.transport, adapter, serving.clock))
     return slcan_address(listening.address)
 
 
@@ -73,6 +63,10 @@ def slcan_address(port: str) -> str:
     found = parse_url(port, CONNECT_BYTES)
     rate = found.options.get("baudrate")
     return f"can+slcan://{found.target}?bitrate={GATEWAY_BITRATE}{f'&tty_baudrate={rate}' if rate else ''}"
+
+
+def _make_gateway(settings: KindSettings) -> SensorFactory:
+    return make_gateway(settings.emulated.sensor, settings.emulated.gateway)
 
 
 # --- UART gateway
@@ -109,8 +103,12 @@ async def _connect_uart(url: str, settings: KindSettings, wiring: Wiring) -> tup
 
 
 async def _serve_uart(url: str, gateway: Any, settings: KindSettings, serving: Serving) -> str:
-    address = await serving.serve_bytes(uart_line(url, LISTEN_BYTES), gateway)
+    address = await serving.serve_bytes(uart_line(url, LISTEN_BYTES), gateway.endpoint)
     return f"{address}{'&' if '?' in address else '?'}{_UART_GATEWAY}"
+
+
+def _make_uart(settings: KindSettings) -> SensorFactory:
+    return make_uart(settings.emulated.sensor, settings.emulated.uart_gateway)
 
 
 # --- receiver board
@@ -127,9 +125,16 @@ async def _connect_board(url: str, settings: KindSettings, wiring: Wiring) -> tu
 
 
 async def _serve_board(url: str, board: Any, settings: KindSettings, serving: Serving) -> str:
-    served = await serve_board(url, board, ListenerProfile(), serving.clock, serving.say, serving.ended)
+    served = await serve_board(
+        url, board.endpoint, ListenerProfile(), serving.clock, serving.say, serving.ended
+    )
     serving.stack.push_async_callback(served.aclose)
     return served.address
+
+
+def _make_board(settings: KindSettings) -> SensorFactory:
+    """A client's URL may name another filter than its settings; the ground truth then is that of the settings."""
+    return make_board(settings.emulated.sensor, settings.emulated.board, settings.client.board.filter)
 
 
 # --- kinds
@@ -144,7 +149,9 @@ CAN_GATEWAY = SensorKind(
     "JR3 sensor behind a CAN gateway",
     Jr3Settings,
     _connect_can,
-    SensorEmulation(Jr3Cell, _make_gateway, _serve_can, _usual(f"{SLCAN}pty:", "can+memory:sensor")),
+    SensorEmulation(
+        Jr3Profiles, _make_gateway, _serve_can, _usual(f"{SLCAN}pty:", "can+memory:sensor"), JR3_FAULTS
+    ),
     directly=True,
     older_form=_can_form,
     parse=lambda url, settings: parse_url(url, CONNECT_CAN),
@@ -156,7 +163,11 @@ UART_GATEWAY = SensorKind(
     Jr3Settings,
     _connect_uart,
     SensorEmulation(
-        Jr3Cell, _make_uart, _serve_uart, _usual(f"pty:?{_UART_GATEWAY}", f"memory:sensor?{_UART_GATEWAY}")
+        Jr3Profiles,
+        _make_uart,
+        _serve_uart,
+        _usual(f"pty:?{_UART_GATEWAY}", f"memory:sensor?{_UART_GATEWAY}"),
+        JR3_FAULTS,
     ),
     directly=True,
     older_form=uart_form,
@@ -169,10 +180,11 @@ RECEIVER_BOARD = SensorKind(
     Jr3Settings,
     _connect_board,
     SensorEmulation(
-        Jr3Cell,
+        Jr3Profiles,
         _make_board,
         _serve_board,
         _usual(f"{BOARD}tcp-listen://127.0.0.1:0", f"{BOARD}memory:sensor"),
+        JR3_FAULTS,
     ),
     directly=True,
     older_form=_board_form,

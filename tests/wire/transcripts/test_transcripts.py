@@ -22,8 +22,8 @@ from pathlib import Path
 
 import pytest
 
-from emulators.arm.servo import ServoProfile
-from emulators.s3 import S3Controller, S3Profile
+from emulators.s3 import S3Controller, S3Profile, S3Profiles
+from emulators.seams import StartPose
 from protocol.s3.adlp import (
     TRANSITIONS,
     Action,
@@ -206,11 +206,11 @@ class Controller:
 
     def __init__(self, transcript, end):
         self.endpoint = S3Controller(
-            S3Profile(**{"turnaround_ms": 12.0, "turnaround_spread_ms": 0.0, **transcript.robot}),
-            LinkProfile(**{"baudrate": 11000, **transcript.link}),
-            ServoProfile(),
-            (0.9, -0.1, 0.6),
-            (0.0, 1.0, 0.0, 0.0),
+            S3Profiles(
+                S3Profile(**{"turnaround_ms": 12.0, "turnaround_spread_ms": 0.0, **transcript.robot}),
+                LinkProfile(**{"baudrate": 11000, **transcript.link}),
+            ),
+            StartPose((0.9, -0.1, 0.6), (0.0, 1.0, 0.0, 0.0)),
             EPOCH,
             seed=1,
         )
