@@ -23,7 +23,7 @@ from protocol.marks import Mark, check_settings, setting
 
 Floats: TypeAlias = NDArray[np.float64]
 
-_REST_M = 1e-10
+REST_M = 1e-10
 """An axis nearer than this to where it is pulled, and slower than this in a time constant, is at rest."""
 NOTHING: Vector = (0.0, 0.0, 0.0)
 """No offset, m."""
@@ -148,7 +148,7 @@ class Mechanics:
         self.ticks = Ticks(powered_at, profile.interpolation_ms / 1000.0, profile.transport_delay_ms / 1000.0)
         self.step = profile.resolution_mm / 1000.0
         self.turn_rate = math.radians(profile.reorientation_deg_s)
-        self.rest_speed = _REST_M * profile.natural_frequency_rad_s
+        self.rest_speed = REST_M * profile.natural_frequency_rad_s
         self.loop = PositionLoop(profile.natural_frequency_rad_s, profile.damping_ratio)
         self.over_a_tick = self.loop.over(self.ticks.period)
         self._band = profile.dead_band_steps
@@ -226,7 +226,7 @@ class Loops:
                 else:
                     pull = position
                 error = position - pull
-            if abs(error) < _REST_M and abs(velocity) < mechanics.rest_speed:
+            if abs(error) < REST_M and abs(velocity) < mechanics.rest_speed:
                 pull, error, velocity = position, 0.0, 0.0
                 resting &= reported == set_point
             else:
