@@ -13,7 +13,6 @@ from typing import Any, Protocol
 from msgspec.structs import replace
 
 from hil_bridge.clock import Clock, Heartbeat
-from hil_bridge.settings.configuration import Config
 from hil_bridge.control import (
     Command,
     ControlLoop,
@@ -30,6 +29,8 @@ from hil_bridge.control import (
     one_line,
     turn_between,
 )
+from hil_bridge.errors import BridgeError
+from hil_bridge.recording import CHECK_EVENT, PHASE_EVENT, STOP_EVENT, CycleRecord, EventRecord, Outcome
 from hil_bridge.robots.seam import (
     QUESTION_LEFT,
     Motion,
@@ -39,12 +40,11 @@ from hil_bridge.robots.seam import (
     Sent,
     orientation_fault,
 )
-from hil_bridge.sensors.stream import ForceSensor
-from hil_bridge.errors import BridgeError
 from hil_bridge.runs.leaving import ARRIVED_M, Left, WayOut, stand_still
-from hil_bridge.recording import CHECK_EVENT, PHASE_EVENT, STOP_EVENT, CycleRecord, EventRecord, Outcome
 from hil_bridge.runs.small_steps import bring_up
 from hil_bridge.runs.zeroing import Zeroing, wrist
+from hil_bridge.sensors.stream import ForceSensor
+from hil_bridge.settings.configuration import Config
 from protocol.geometry import Pose, Quaternion, Vector
 from protocol.jr3 import AXES, FULL_SCALE_COUNTS, SensorFrame
 

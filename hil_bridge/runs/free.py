@@ -9,14 +9,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from hil_bridge.clock import Clock, run_real
-from hil_bridge.runs.compose import opened_devices
-from hil_bridge.settings.configuration import Config
 from hil_bridge.control import Wrist, force_along
-from hil_bridge.sensors.stream import ForceSensor
-from hil_bridge.robots.seam import MotionLimits, RobotLink
 from hil_bridge.errors import SafetyStop
+from hil_bridge.robots.seam import MotionLimits, RobotLink
+from hil_bridge.runs.compose import opened_devices
 from hil_bridge.runs.small_steps import LIFT_SPEED_M_S, SmallSteps, bring_up, unit
 from hil_bridge.runs.zeroing import known_wrist, wrist
+from hil_bridge.sensors.stream import ForceSensor
+from hil_bridge.settings.configuration import Config
 from protocol.geometry import Quaternion
 
 

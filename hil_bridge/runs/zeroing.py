@@ -11,7 +11,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from hil_bridge.clock import Clock
-from hil_bridge.settings.configuration import Config
 from hil_bridge.control import (
     Reading,
     Wrist,
@@ -21,10 +20,11 @@ from hil_bridge.control import (
     weight_fault,
     weight_reading,
 )
-from hil_bridge.sensors.stream import ForceSensor
-from hil_bridge.robots.seam import Motion, RobotLink, RobotReport
 from hil_bridge.errors import ConfigError, DeviceError, SafetyStop
+from hil_bridge.robots.seam import Motion, RobotLink, RobotReport
 from hil_bridge.runs.small_steps import LIFT_SPEED_M_S, SmallSteps, numbers, unit
+from hil_bridge.sensors.stream import ForceSensor
+from hil_bridge.settings.configuration import Config
 from protocol.geometry import Quaternion, Vector
 
 ZERO_PATIENCE_S = 20.0
