@@ -294,7 +294,7 @@ class S3Link:
             facts = (*shown, *self._said_before(self._clock.now()))
             return f"robot on {self.name} cannot move; its status now shows: {'; '.join(facts)}"
         fault = orientation_fault(status.quaternion)
-        return fault and f"robot on {self.name} {fault}"
+        return fault and f"robot on {self.name} reports {fault}"
 
     def _said_before(self, now: float) -> list[str]:
         """What the robot said unasked shortly before, in words."""
