@@ -10,12 +10,12 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 from hil_bridge.clock import Clock
-from hil_bridge.settings.configuration import Config
 from hil_bridge.control import ControlLoop, LoopState, Observation, Request, Stop, Supervisor
-from hil_bridge.sensors.stream import ForceSensor
-from hil_bridge.robots.s3.link import Motion, RobotLink
 from hil_bridge.errors import BridgeError, DeviceError, OrderRefused, TransportError
-from protocol.geometry import Quaternion, Vector
+from hil_bridge.robots.seam import Motion, Pacing, RobotLink, Sent
+from hil_bridge.sensors.stream import ForceSensor
+from hil_bridge.settings.configuration import Config
+from protocol.geometry import Pose, Quaternion, Vector
 
 TRY_AGAIN_S = 0.3
 """Chosen: pause before an order that was refused is given again."""
@@ -37,10 +37,11 @@ FRAME_S = 1.0
 """Chosen: how long is waited for a frame of that moment."""
 
 
-async def stand_still(motion: Motion) -> None:
+async def stand_still(motion: Motion) -> Sent:
     """Let the robot forget what it was ordered to. Where it does not take that, the last order stays the last."""
     with suppress(BridgeError):
-        await motion.halt()
+        return await motion.halt()
+    return Sent(math.nan)
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +106,8 @@ class WayOut:
                 await stand_still(motion)
                 return
             try:
-                await motion.to(verdict.position, orientation)
+                await motion.to(Pose(verdict.position, orientation))
+                await motion.settled()
             except BridgeError as error:
                 blame(str(error))
                 if isinstance(error, TransportError) or self._clock.now() >= patience:
@@ -132,7 +134,7 @@ class WayOut:
         sensor, newest, now = self._sensor, self._sensor.newest, self._clock.now()
         resultant, fault = math.nan, ""
         if newest is not None and sensor.peaks is not None:
-            resultant = sensor.peaks.resultant(newest.counts)
+            resultant = sensor.peaks.resultant(newest.values)
         try:
             sensor.check()
         except BridgeError as error:
@@ -151,17 +153,19 @@ class WayOut:
     async def rest(self, start: Vector, commanded: Vector, answers: bool) -> tuple[float, float]:
         """Wait until the robot has come to rest at the last order; its depth from the start, m, and the force, N.
 
-        Where it does not answer the depth is that of the last order. NaN for what cannot be known any more.
+        Where it does not answer the depth is that of the last order, to which a robot that is asked goes by itself; a
+        streamed one may not have been given it. NaN for what cannot be known any more.
         """
-        depth = self._depth(start, commanded)
+        asked = self._robot.facts.pacing is Pacing.ASKED
+        depth = self._depth(start, commanded) if asked else math.nan
         patience = self._clock.now() + ARRIVAL_S
         try:
             if not answers:
                 raise DeviceError("the robot does not answer")
             while True:
-                status = await self._robot.read_status()
-                depth = self._depth(start, status.position)
-                if math.dist(status.position, commanded) <= ARRIVED_M or self._clock.now() > patience:
+                position = (await self._robot.report()).pose.position
+                depth = self._depth(start, position)
+                if math.dist(position, commanded) <= ARRIVED_M or self._clock.now() > patience:
                     break
             settled = self._clock.now() + REST_S + TIME_CONSTANTS * self._sensor.delay
             await self._clock.sleep_until(settled)
@@ -184,4 +188,4 @@ class WayOut:
             return math.nan
         if newest is None or peaks is None or newest.at < since:
             return math.nan
-        return peaks.resultant(newest.counts)
+        return peaks.resultant(newest.values)

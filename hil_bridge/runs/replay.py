@@ -12,12 +12,12 @@ from typing import Any
 from msgspec.structs import replace
 from pydantic import ValidationError
 
-from hil_bridge.settings.configuration import Config, explain
 from hil_bridge.control import Decision
 from hil_bridge.errors import ConfigError
 from hil_bridge.recording import CycleRecord, Recording
-from hil_bridge.runs.cycle import control_loop
 from hil_bridge.recording.device_facts import json_or_none
+from hil_bridge.runs.cycle import control_loop
+from hil_bridge.settings.configuration import Config, explain
 from hil_bridge.settings.earlier import FRAME_MS, RECORDED_CYCLE_S, is_counted, translated
 from hil_bridge.text_files import parse_json, read_toml
 from protocol.geometry import Vector

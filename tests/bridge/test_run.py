@@ -477,7 +477,7 @@ def test_one_setting_serves_soft_and_hard_surfaces(
 
 def freeze_fz(bench: Bench, at: float | None) -> None:
     """From now on the sensor's Fz channel says the same; `at` is that value in counts, None for the newest."""
-    sensor = bench.cell.sensor
+    sensor = bench.cell.sensor.jr3
     counts_from = sensor.counts_from
 
     def frozen(first: int, last: int) -> Any:

@@ -202,9 +202,7 @@ def test_an_slcan_adapter_is_a_serial_port() -> None:
         with pytest.raises(
             ConfigError, match=r"an slcan adapter is a serial port; for example can\+slcan\+pty:"
         ):
-            async with emulated_cell(
-                load_config(None, {}).cell, 1, Clock.running(), ports, lambda cause: None
-            ):
+            async with emulated_cell(load_config(None, {}), Clock.running(), ports, lambda cause: None):
                 pass
 
     run_virtual(main)

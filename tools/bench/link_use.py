@@ -18,6 +18,7 @@ from hil_bridge.errors import ConfigError
 from hil_bridge.experiments.chain import run_cell
 from hil_bridge.recording import CycleRecord, read
 from hil_bridge.settings.configuration import Config
+from hil_bridge.text_files import toml_pair
 from protocol.s3.adlp import LinkProfile
 from protocol.s3.timing import line_floor
 from tools.bench.figures import Cost, Figure, Report, Target
@@ -120,9 +121,7 @@ def _toml(sections: object, key: str = "") -> str:
     """Nested tables of plain values."""
     assert isinstance(sections, dict)
     lines = [f"[{key}]"] if key else []
-    lines += [
-        f"{name} = {json.dumps(value)}" for name, value in sections.items() if not isinstance(value, dict)
-    ]
+    lines += [toml_pair(name, value) for name, value in sections.items() if not isinstance(value, dict)]
     for name, value in sections.items():
         if isinstance(value, dict):
             lines.append(_toml(value, f"{key}.{name}" if key else name))

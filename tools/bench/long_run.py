@@ -76,7 +76,7 @@ async def track(record: Path, minutes: int, look: Callable[[], object]) -> dict[
         config,
         on_cycle=recorder.put,
         on_event=recorder.put,
-        on_frame=lambda frame: recorder.put(SensorRecord(frame.at, frame.sequence, frame.counts)),
+        on_frame=lambda frame: recorder.put(SensorRecord(frame.at, frame.sequence, frame.values)),
     )
 
     async def looking() -> None:
