@@ -360,7 +360,7 @@ def test_a_sites_latency_comes_back_from_its_emulation(tmp_path: Path, sensor: s
     measured = settings["cell"]
     assert settings.get("sensor") == (None if sensor == "gateway" else {"emulated": sensor})
     assert "robot" not in settings, "the line is the usual one"
-    again = run(tmp_path / "again.mcap", **settings, run={"duration_s": 20.0, "seed": 5})
+    again = run(tmp_path / "again.mcap", **settings, run={"duration_s": 40.0, "seed": 5})
     emulated = tomllib.loads(site_settings(again, LinkProfile(), sensor))["cell"]
     for section, name, odd, apart_ms in (
         ("robot", "status_turnaround_ms", ODD_STATUS, 8.0),
