@@ -200,7 +200,16 @@ def bridge_command(wires: Wires, place: Path, busy_poll_ms: float = 0.0) -> list
     config.write_text(CONFIG % busy_poll_ms, encoding="utf-8")
     robot, sensor = wires.urls
     wires_of = ("--robot", robot, "--sensor", sensor)
-    run = ("run", config, *wires_of, "--no-view", "--record", place / "run.mcap", "--overwrite")
+    run = (
+        "run",
+        config,
+        *wires_of,
+        "--unchecked",
+        "--no-view",
+        "--record",
+        place / "run.mcap",
+        "--overwrite",
+    )
     return [sys.executable, "-m", "hil_bridge", *run]
 
 
