@@ -112,7 +112,7 @@ def wire(url: WireUrl, root: Path, details: Mapping[str, Mapping[str, Any]] | No
             return _port(url.target, root)
         case "can+socketcan":
             return facts.can_interface(root, url.target, details)
-        case "tcp" | "rfc2217":
+        case "tcp" | "rfc2217" | "can+slcan+tcp":
             return _host(*url.host_port)
         case _:
             return fail(url.text, "such a wire exists inside one process only", "name a port or an interface")
