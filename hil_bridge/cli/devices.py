@@ -44,9 +44,9 @@ def device_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
 def device_settings(robot: str | None, sensor: str | None, surface: str | None) -> Mapping[str, object]:
     """What these options say in a configuration, by key."""
-    from hil_bridge.kinds import ROBOTS, SENSORS
 
     settings: dict[str, object] = {"cell.surface_kind": surface}
-    for section, registry, said in (("robot", ROBOTS, robot), ("sensor", SENSORS, sensor)):
-        settings[f"{section}.emulated" if said in registry.names else f"{section}.url"] = said
+    for section, said in (("robot", robot), ("sensor", sensor)):
+        named = said is not None and ":" not in said  # every URL has a colon
+        settings[f"{section}.emulated" if named else f"{section}.url"] = said
     return settings
