@@ -296,7 +296,8 @@ def test_no_course_of_packets_and_targets_moves_the_set_point_too_fast(
     check_bounded(seen)
     for first, last in itertools.combinations(range(0, len(seen), 5), 2):
         way = math.dist(seen[first].position, seen[last].position)
-        assert way <= SPEED * (at[last] - at[first]) + SLACK, "a burst adds up to a jump"
+        passed = at[last] - at[first] + CYCLE  # a step may make up for a packet that came before
+        assert way <= SPEED * passed + SLACK, "a burst adds up to a jump"
 
 
 # --- the dead-man's switch
