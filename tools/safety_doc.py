@@ -19,14 +19,15 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from emulators.cell import Cell
+from emulators.s3_jr3_cell import PaperCell
 from hil_bridge.analysis.summary import RETRACT, TRACK
 from hil_bridge.clock import Clock, Timer, run_virtual
 from hil_bridge.control.course.conditions import When
+from hil_bridge.device_log import LogTo
 from hil_bridge.faults.schedule import FaultSchedule
 from hil_bridge.guard.conditions import CONDITIONS, HEAD, cells
 from hil_bridge.recording import PHASE_EVENT, STOP_EVENT, CycleRecord, EventRecord
-from hil_bridge.runs.compose import opened_devices
+from hil_bridge.runs.compose import open_devices
 from hil_bridge.runs.cycle import Run
 from hil_bridge.settings.configuration import Config
 from protocol.s3.arap import FunctionCode
@@ -150,7 +151,7 @@ class _Watched:
         self.pressed_at = math.nan
         self.schedule: FaultSchedule | None = None
         self.clock: Clock
-        self.cell: Cell
+        self.cell: PaperCell
         self.run: Run
 
     def cycle(self, record: CycleRecord) -> None:
@@ -174,9 +175,6 @@ class _Watched:
         self.pressed_at = self.clock.now()
         self.run.interrupt()
 
-    def _emulated(self, cell: Cell) -> None:
-        self.cell = cell
-
     async def main(self) -> Times:
         """Run to the end."""
         self.clock = clock = Clock.running()
@@ -193,11 +191,12 @@ class _Watched:
                 self.forces.append((at, math.hypot(*state.contact_force)))
             timers[:] = [clock.call_at(now + WATCH_S, watch)]
 
-        async with opened_devices(
-            self.config, clock, lambda frame: None, self.notice, on_cell=self._emulated
-        ) as (robot, sensor):
+        async with open_devices(self.config, clock, LogTo(notice=self.notice)) as devices:
+            assert devices.cell is not None
+            self.cell = devices.cell
             watch()
-            self.run = Run(self.config, clock, _Robot(robot, clock, self.orders), sensor, self)
+            robot = _Robot(devices.robot, clock, self.orders)
+            self.run = Run(self.config, clock, robot, devices.sensor, self)
             self.schedule = FaultSchedule(
                 self.config.faults, self.cell, clock, self.notice, self.run.stand_still
             )

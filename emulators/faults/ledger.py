@@ -73,7 +73,7 @@ class Ledger:
     """Injects the faults of a table into the devices that are attached."""
 
     def __init__(self, table: Mapping[str, Mapping[str, Fault]]) -> None:
-        self._table = table
+        self.table = table
         self._handlers: dict[str, dict[str, Handler]] = {}
         self.injections: list[Injection] = []
         """All of them, in order."""
@@ -90,7 +90,7 @@ class Ledger:
         self, target: str, fault: str, given: Mapping[str, object]
     ) -> tuple[dict[str, FaultValue], float | None]:
         """Parameters and duration of a fault. Raises ValueError, in one line, for one that this cell cannot have."""
-        found = find(self._table, target, fault).values(fault, given)
+        found = find(self.table, target, fault).values(fault, given)
         if fault not in self._handlers.get(target, {}):
             raise ValueError(f"this cell cannot have {target}: {fault}; it has nothing that could")
         return found

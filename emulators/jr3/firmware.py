@@ -72,7 +72,7 @@ class Firmware:
         self.initialised = False
         """Whether the sensor's calibration has been read."""
         self._sensor = sensor
-        sensor.on_forget.append(self._forget)
+        sensor.on_invalidate.append(self._invalidate)
         self._scales = WrongScales()
         self._frozen_counters: list[Injection] = []
         self._slow: list[Injection] = []
@@ -251,7 +251,7 @@ class Firmware:
         numbers = np.floor(times * SENSOR_RATE_HZ).astype(np.int64)
         sampling.ahead = np.concatenate((rest, counts.take(numbers - first, axis=0)))
 
-    def _forget(self, first: int) -> None:
+    def _invalidate(self, first: int) -> None:
         """The sensor's samples from this number on will be others."""
         sampling = self._sampling
         if sampling is None:

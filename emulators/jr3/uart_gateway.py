@@ -8,7 +8,7 @@ over what it read before, takes the first frame in it and sleeps for a second, w
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 from emulators.faults.ledger import Handler
 from emulators.faults.wire import BYTES, FaultyWire
@@ -90,6 +90,8 @@ class UartGateway:
     def __init__(
         self, profile: UartGatewayProfile, sensor: Jr3Sensor, powered_at: float, seed: int = 0
     ) -> None:
+        self.jr3 = sensor
+        """The sensor behind it."""
         self._profile = profile
         self._connected = sensor.profile.connected
         self._firmware = Firmware(
@@ -105,9 +107,18 @@ class UartGateway:
 
     @property
     def handlers(self) -> Mapping[str, Mapping[str, Handler]]:
-        """What can go wrong here, by target, for a ledger."""
+        """What can go wrong here and with the sensor, by target, for a ledger."""
         own = self._firmware.handlers
-        return {**own, "frames": {**self._wire.handlers, **own["frames"]}}
+        return {
+            **own,
+            "frames": {**self._wire.handlers, **own["frames"]},
+            "signal": self.jr3.signal.handlers,
+        }
+
+    @property
+    def endpoint(self) -> Self:
+        """The gateway itself is the end of its wire."""
+        return self
 
     # --- endpoint
 

@@ -8,22 +8,23 @@ import random
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Self
 
 from emulators.arm.kinematics import Joints
-from emulators.arm.servo import ServoProfile
 from emulators.faults.ledger import Handler, Injection, Ledger
 from emulators.faults.wire import BYTES, FaultyWire
 from emulators.quantiles import draw
 from emulators.s3.executive import Executive, Order
 from emulators.s3.faults import S3_FAULTS, target_of
 from emulators.s3.line import FaultyLine, Strike
-from emulators.s3.profile import S3Profile
+from emulators.s3.profile import S3Profiles
 from emulators.s3.programs import ProgramRun
 from emulators.s3.site import EMPTY_SITE, S3Site
 from emulators.s3.state import State, Stimulus
+from emulators.seams import ArmPath, StartPose
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
-from protocol.geometry import Quaternion, Vector
-from protocol.s3.adlp import LinkProfile, MessageReceived
+from protocol.geometry import Pose
+from protocol.s3.adlp import MessageReceived
 from protocol.s3.arap import (
     FunctionCode,
     Refusal,
@@ -60,33 +61,20 @@ class S3Controller:
 
     def __init__(
         self,
-        profile: S3Profile,
-        link_profile: LinkProfile,
-        servo_profile: ServoProfile,
-        start_position: Vector,
-        start_quaternion: Quaternion,
+        profiles: S3Profiles,
+        start: StartPose,
         powered_at: float,
         seed: int,
-        tool_length: float = 0.0,
         site: S3Site = EMPTY_SITE,
     ) -> None:
-        self.profile = profile
-        self._executive = Executive(
-            profile,
-            link_profile,
-            servo_profile,
-            start_position,
-            start_quaternion,
-            powered_at,
-            tool_length,
-            site,
-        )
+        self.profile = profile = profiles.robot
+        self._executive = Executive(profiles, start, powered_at, site)
         self.motion = self._executive.motion
         """True and reported place of the tool centre point."""
         self.tally = Tally()
         """What became of the orders so far."""
-        self._max_telegram = link_profile.max_telegram
-        self._line = FaultyLine(link_profile, profile.spontaneous_eot, seed, self._restart)
+        self._max_telegram = profiles.link.max_telegram
+        self._line = FaultyLine(profiles.link, profile.spontaneous_eot, seed, self._restart)
         self._random = random.Random(seed)
         self._orders: deque[Order] = deque()
         self._ready_at: float | None = None
@@ -139,9 +127,30 @@ class S3Controller:
         """
         return self._executive.joints(now)
 
-    def joints_holding(self, position: Vector, quaternion: Quaternion, now: float) -> Joints:
-        """The same for a true tool pose at `now` that is known already, m, unit quaternion."""
-        return self._executive.joints_holding(position, quaternion, now)
+    # --- as a cell knows it, see `emulators.seams.EmulatedRobot`
+
+    @property
+    def endpoint(self) -> Self:
+        """The controller itself is the end of the computer link."""
+        return self
+
+    @property
+    def path(self) -> ArmPath:
+        """The path of the arm."""
+        return self.motion.path
+
+    @property
+    def accepted(self) -> int:
+        """Points taken so far."""
+        return self.motion.path.accepted
+
+    def begun_at(self, target: int) -> float | None:
+        """When the motion to the point of this number began, s; None before that is known, NaN if it was given up."""
+        return self.motion.path.begun_at(target)
+
+    def joints_holding(self, pose: Pose, at: float) -> Joints:
+        """Axes 1 to 6 for a true tool pose of the time `at`, s, that is known already, rad."""
+        return self._executive.joints_holding(pose, at)
 
     # --- endpoint
 

@@ -151,7 +151,7 @@ class Panel:
             points_waiting=waiting,
             queue_depth=controller.profile.queue_depth,
             position_mm=_millimetres(motion.reported(now)),
-            true_position_mm=_millimetres(motion.trajectory(np.array([now]))[0][0].tolist()),
+            true_position_mm=_millimetres(motion.path.trajectory(np.array([now]))[0][0].tolist()),
             joints_deg=tuple(round(math.degrees(angle), 3) for angle in controller.joints(now)),
             answered=tally.answered,
             refused=tally.refused,

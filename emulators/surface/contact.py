@@ -9,7 +9,7 @@ Source of the default stiffness: project specification of the force control, sec
 import copy
 import math
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 from itertools import pairwise
@@ -18,6 +18,7 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from emulators.faults.ledger import Handler
 from emulators.surface.faults import SurfaceFaults
 from emulators.surface.materials import MaterialProfile, Memory
 from protocol.marks import Mark, check_settings, setting
@@ -30,7 +31,7 @@ _UP = np.array([0.0, 0.0, 1.0])
 """Base z."""
 
 
-def _nobody(time: float) -> None:
+def _unread(time: float) -> None:
     """Nothing was computed ahead."""
 
 
@@ -43,7 +44,7 @@ class SurfaceKind(StrEnum):
     CIRCULAR_ARC = "circular_arc"
 
 
-class Surface(Protocol):
+class Shape(Protocol):
     """A solid below a line in the plane of path coordinate and height."""
 
     def depth_and_normal(self, along: Floats, height: Floats) -> tuple[Floats, Floats, Floats]:
@@ -170,7 +171,7 @@ class SurfaceProfile:
         if self.begin_mm is not None and self.end_mm is not None and not self.begin_mm < self.end_mm:
             raise ValueError(f"end_mm must be more than begin_mm, {self.begin_mm:g}, got {self.end_mm:g}")
 
-    def shape(self) -> Surface:
+    def shape(self) -> Shape:
         """The surface in m and rad."""
         height = self.height_mm / 1000.0
         match self.kind:
@@ -187,7 +188,7 @@ class SurfaceProfile:
 class Contact:
     """The force that a surface exerts on the tool tip."""
 
-    def __init__(self, profile: SurfaceProfile, on_change: Callable[[float], object] = _nobody) -> None:
+    def __init__(self, profile: SurfaceProfile, on_change: Callable[[float], object] = _unread) -> None:
         """`on_change` is told since when the surface is another, s."""
         self._surface = profile.shape()
         self._material = profile.material.law(profile.stiffness_n_m, profile.damping_ns_m)
@@ -196,7 +197,7 @@ class Contact:
         """Those of the last times, oldest first."""
         self._counts = True
         self.faults = SurfaceFaults(on_change)
-        """What has become of the surface."""
+        """Changes of the surface by its faults."""
         places = [(place / 1000.0, factor) for place, factor in profile.stiffness_profile]
         self._factors = np.array(places or [(0.0, 1.0)]).T
         self._uniform = not places
@@ -214,6 +215,11 @@ class Contact:
         if isinstance(self._surface, Plane) and not self._ends:
             depth, normals = self._depth_and_normal(np.zeros((3, 1)))
             self._level = float(depth[0]), normals
+
+    @property
+    def handlers(self) -> Mapping[str, Handler]:
+        """What can go wrong with it, for a ledger."""
+        return self.faults.handlers
 
     def depth_and_normal(self, positions: Floats) -> tuple[Floats, Floats]:
         """Depth (n,) of the tip below the surface, m, negative outside, and the outward normals (n, 3).

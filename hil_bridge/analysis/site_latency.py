@@ -9,6 +9,7 @@ import numpy as np
 from hil_bridge.analysis.latency import answer_times, earliest_arrivals, moments
 from hil_bridge.errors import ConfigError
 from hil_bridge.recording.reader import Recording
+from hil_bridge.text_files import toml_pair
 from protocol.s3.adlp import LinkProfile
 
 FEWEST_QUANTILES, MOST_QUANTILES = 21, 201
@@ -59,7 +60,7 @@ def site_settings(recording: Recording, link: LinkProfile, sensor: str) -> str:
     ]
     for section, values in sections.items():
         if values:
-            lines += ["", f"[{section}]", *(f"{name} = {_toml(value)}" for name, value in values.items())]
+            lines += ["", f"[{section}]", *(toml_pair(name, value) for name, value in values.items())]
     return "\n".join(lines) + "\n"
 
 
@@ -80,7 +81,3 @@ def _quantiles_ms(values: Sequence[float], what: str) -> list[float]:
         )
     found = np.quantile(known, np.linspace(0.0, 1.0, min(len(known), MOST_QUANTILES)))
     return [round(float(value), _DIGITS) for value in found]
-
-
-def _toml(value: object) -> str:
-    return f'"{value}"' if isinstance(value, str) else repr(value)

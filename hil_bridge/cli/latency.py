@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from hil_bridge.settings.configuration import Config
     from protocol.s3.adlp import LinkProfile
 
-_UNHEARD = {"board": "; the delay of a receiver board's samples is not emulated"}
+_UNHEARD = {"jr3-board": "; the delay of a receiver board's samples is not emulated"}
 """What of a site's latency a run of the emulated cell leaves out, by what stands before the sensor."""
 
 
@@ -48,7 +48,7 @@ def latency(recording: Path, output: Path | None, overwrite: bool) -> None:
         lines.append("the recording is cut short or damaged: this is what came before")
     if output is not None:  # before anything is said: whoever reads it may have gone
         config = recorded_config(record, {})
-        sensor = sensor_kind(config.sensor)
+        sensor = sensor_kind(config).name
         write_whole(output, site_settings(record, _line(config), sensor).encode(), overwrite)
         lines.append(f"wrote {output}{_UNHEARD.get(sensor, '')}")
     for line in lines:
@@ -82,7 +82,7 @@ def _figures(*seconds: float) -> str:
 
 def _line(config: "Config") -> "LinkProfile":
     """The line as it was: a URL may have set it."""
-    from hil_bridge.runs.compose import robot_wire
+    from hil_bridge.robots.s3.room import robot_wire
 
     url, link = config.robot.url, config.robot.link
     return robot_wire(url, link)[1] if url else link

@@ -14,7 +14,8 @@ Vector: TypeAlias = Annotated[tuple[float, ...], Meta(min_length=3, max_length=3
 Quaternion: TypeAlias = Annotated[tuple[float, ...], Meta(min_length=4, max_length=4)]
 Six: TypeAlias = Annotated[tuple[float, ...], Meta(min_length=6, max_length=6)]
 """A wrench, or the joints of a robot."""
-Counts: TypeAlias = Annotated[tuple[int, ...], Meta(min_length=6, max_length=6)]
+Values: TypeAlias = Annotated[tuple[int | float, ...], Meta(min_length=6, max_length=6)]
+"""Six values of a sensor: whole numbers of a device that counts."""
 
 
 class CycleRecord(Struct, frozen=True):
@@ -96,14 +97,14 @@ class CycleRecord(Struct, frozen=True):
 
 
 class SensorRecord(Struct, frozen=True):
-    """One complete frame of the sensor's stream, as counts and as it arrived."""
+    """One complete frame of the sensor's stream, with its values as they came."""
 
     at: float
     """Arrival of the frame, s on the run's clock."""
     sequence: int
     """Frame counter, unwrapped."""
-    counts: Counts
-    """fx fy fz mx my mz, full scale = 16384."""
+    counts: Values
+    """fx fy fz mx my mz from the zero as the device counts; the scales of the sensor's facts make N and N·m of them."""
 
 
 class LinkRecord(Struct, frozen=True):

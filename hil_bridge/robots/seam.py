@@ -98,6 +98,8 @@ class RobotFacts:
     """Resolution of an ordered position, m; None: finer than matters."""
     line_floor: float | None = None
     """Least time of a control cycle on the wire, s; None: too short to matter."""
+    byte_time: float | None = None
+    """What a byte takes on the wire, s; None: too short to matter."""
     servo: ServoFacts | None = None
     """None where nothing is known."""
     routine: frozenset[str] = frozenset()

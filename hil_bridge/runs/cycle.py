@@ -29,7 +29,9 @@ from hil_bridge.control import (
     one_line,
     turn_between,
 )
-from hil_bridge.errors import BridgeError
+from hil_bridge.control.controllers import sample_time
+from hil_bridge.control.types import POSITION_STEP_MM
+from hil_bridge.errors import BridgeError, ConfigError
 from hil_bridge.recording import CHECK_EVENT, PHASE_EVENT, STOP_EVENT, CycleRecord, EventRecord, Outcome
 from hil_bridge.robots.seam import (
     QUESTION_LEFT,
@@ -46,7 +48,7 @@ from hil_bridge.runs.zeroing import Zeroing, wrist
 from hil_bridge.sensors.stream import ForceSensor
 from hil_bridge.settings.configuration import Config
 from protocol.geometry import Pose, Quaternion, Vector
-from protocol.jr3 import AXES, FULL_SCALE_COUNTS, SensorFrame
+from protocol.wrench import AXES, WrenchFrame
 
 THEN_EVENT = "then"
 """Kind of the events whose text is what followed the cause of a stop."""
@@ -87,16 +89,30 @@ class RunResult:
     """What happened after the first cause."""
 
 
-def control_loop(config: Config) -> ControlLoop:
-    """All that decides in a run with this configuration. Raises ConfigError for an unfit parameter."""
+def control_loop(
+    config: Config, position_step: float | None = POSITION_STEP_MM * 1e-3, fixed_dt: float | None = None
+) -> ControlLoop:
+    """All that decides in a run with this configuration, for a robot with this position step, m, or none.
+
+    With `fixed_dt` each cycle counts as that long, s. Raises ConfigError for an unfit parameter.
+    """
     controller = make_controller(config.controller.name, **config.controller.parameters)
+    tuned = sample_time(controller, config.controller.sample_ms)
+    detector, samples = config.oscillation, 2 * config.oscillation.peaks
+    if fixed_dt is None and detector.window_ms * 1e-3 < samples * tuned:
+        raise ConfigError(
+            f"oscillation.window_ms of {detector.window_ms:g} ms must hold at least {samples} samples of "
+            f"{tuned * 1e3:g} ms, twice oscillation.peaks: set it to {samples * tuned * 1e3:g} or more"
+        )
     return ControlLoop(
-        Task(config.task, controller, config.limits.force_limit_n),
+        Task(config.task, controller, config.limits.force_limit_n, position_step),
         Supervisor(config.limits, config.robot.velocity_mm_s * 1e-3),
         config.frame.approach,
         config.frame.travel,
         config.oscillation if config.limits.oscillation_guard else None,
         config.frame.contour if config.frame.follow_normal else None,
+        tuned,
+        fixed_dt,
     )
 
 
@@ -113,9 +129,9 @@ class Run:
         self._wrist = wrist(config)
         self._loop = control_loop(config)
         self._zeroing = Zeroing(config, clock, robot, sensor, lambda text: self._event(CHECK_EVENT, text))
-        self._way_out = WayOut(config, clock, robot, sensor)
+        self._way_out = WayOut(config, clock, robot, sensor, self._loop)
         self._heart = Heartbeat(clock)
-        self._filter_delay = sensor.delay
+        self._filter_delay = math.nan
         self._start: RobotReport
         self._orientation: Quaternion
         """Of the start: every order keeps it."""
@@ -148,6 +164,7 @@ class Run:
         """
         self._enter("connect")
         start = await bring_up(self._robot, self._sensor)
+        self._filter_delay = self._sensor.delay
         self._loop.initial(start.pose.position)  # refuses a start outside the workspace
         self._enter("tare")
         await self._zeroing.weigh(start)
@@ -189,8 +206,7 @@ class Run:
             self._start = zero.start
             self._quaternion_tare = self._orientation if self._config.sensor.tare else None
             facing = self._facing(zero.start.pose.quaternion)
-            scales = tuple(scale / FULL_SCALE_COUNTS for scale in self._sensor.full_scales)
-            self._sensor.peaks = Peaks(facing, scales, zero.contact)
+            self._sensor.peaks = Peaks(facing, self._sensor.facts.scales, zero.contact)
             self._state = self._loop.initial(zero.start.pose.position)
             await self._cycles(motion)
         except BridgeError as error:
@@ -320,7 +336,7 @@ class Run:
             beat = next_beat
             await self._clock.sleep_until(anchor + beat * period)
 
-    def _sample(self, report: RobotReport, frame: SensorFrame) -> Sample:
+    def _sample(self, report: RobotReport, frame: WrenchFrame) -> Sample:
         """The newest of everything, now that the robot has told where it is."""
         sensor, (position, quaternion), fault = self._sensor, report.pose, report.fault
         try:
@@ -358,9 +374,10 @@ class Run:
             peak_resultant,
             peak_moment,
             tilt,
+            unchanged=frame.at - sensor.unchanged_since,
         )
 
-    def _frame(self) -> SensorFrame:
+    def _frame(self) -> WrenchFrame:
         """The newest frame of the sensor."""
         frame = self._sensor.newest
         assert frame is not None, "the tare waited for a frame"

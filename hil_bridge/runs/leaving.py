@@ -10,7 +10,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 from hil_bridge.clock import Clock
-from hil_bridge.control import LoopState, Observation, Request, Stop, Supervisor
+from hil_bridge.control import ControlLoop, LoopState, Observation, Request, Stop, Supervisor
 from hil_bridge.errors import BridgeError, DeviceError, OrderRefused, TransportError
 from hil_bridge.robots.seam import Motion, Pacing, RobotLink, Sent
 from hil_bridge.sensors.stream import ForceSensor
@@ -27,6 +27,12 @@ TIME_CONSTANTS = 7.0
 """Of the sensor's filter, waited for at the end. Derived: after as many less than 0.1 % is left."""
 REST_S = 0.05
 """Chosen: waited for beside the filter, for a servo to come to rest."""
+HASTE = 2.0
+"""Chosen: how many times faster than `task.retract_speed_mm_s` the tool leaves when a run can decide no more. An order
+alone takes about half of a cycle, and each goes as far as in a cycle.
+"""
+SOONEST_S = 0.02
+"""Chosen: time from one such order to the next at least, for a robot that takes them at once."""
 FRAME_S = 1.0
 """Chosen: how long is waited for a frame of that moment."""
 
@@ -65,8 +71,11 @@ class Left:
 class WayOut:
     """Retracts a tool whose run can decide no more."""
 
-    def __init__(self, config: Config, clock: Clock, robot: RobotLink, sensor: ForceSensor) -> None:
+    def __init__(
+        self, config: Config, clock: Clock, robot: RobotLink, sensor: ForceSensor, loop: ControlLoop
+    ) -> None:
         self._config, self._clock, self._robot, self._sensor = config, clock, robot, sensor
+        self._loop = loop
         self._supervisor = Supervisor(config.limits)
 
     async def retract(
@@ -81,14 +90,15 @@ class WayOut:
         Orders that are refused or not answered are given again for `limits.retract_patience_s`. `blame` is told what
         stands against it. Raises nothing but what cancels the task.
         """
-        limits, step = self._config.limits, self._config.task.retract_step_mm * 1e-3
+        limits, loop = self._config.limits, self._loop
+        speed_mm_s, took = HASTE * loop.task.parameters.retract_speed_mm_s, loop.sample_time / HASTE
         supervisor = state.supervisor
         patience = self._clock.now() + limits.retract_patience_s
         goal = 0.0
         if state.task.in_contact:  # a surface may have risen above the start
             goal = min(goal, supervisor.depth - self._config.task.retract_mm * 1e-3)
         while supervisor.depth > goal:
-            depth = max(supervisor.depth - step, goal)
+            begun, depth = self._clock.now(), max(supervisor.depth - loop.task.way(speed_mm_s, took), goal)
             request = self._request(supervisor.depth, supervisor.position, depth)
             after, verdict = self._supervisor.retreat(supervisor, self._observe(state), request)
             if isinstance(verdict, Stop):
@@ -109,6 +119,9 @@ class WayOut:
             if verdict.depth >= supervisor.depth:
                 return  # held back at the border of the workspace
             supervisor = after
+            if self._clock.now() < begun + SOONEST_S:
+                await self._clock.sleep_until(begun + SOONEST_S)
+            took = min(self._clock.now() - begun, loop.sample_time)
             patience = self._clock.now() + limits.retract_patience_s
 
     def _request(self, before: float, position: Vector, depth: float) -> Request:
@@ -121,7 +134,7 @@ class WayOut:
         sensor, newest, now = self._sensor, self._sensor.newest, self._clock.now()
         resultant, fault = math.nan, ""
         if newest is not None and sensor.peaks is not None:
-            resultant = sensor.peaks.resultant(newest.counts)
+            resultant = sensor.peaks.resultant(newest.values)
         try:
             sensor.check()
         except BridgeError as error:
@@ -175,4 +188,4 @@ class WayOut:
             return math.nan
         if newest is None or peaks is None or newest.at < since:
             return math.nan
-        return peaks.resultant(newest.counts)
+        return peaks.resultant(newest.values)

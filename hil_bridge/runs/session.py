@@ -9,21 +9,14 @@ from dataclasses import asdict, replace
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from emulators.cell import Cell
-from hil_bridge.runs.checks import check
+from hil_bridge.analysis.latency import AnswerTimes
 from hil_bridge.clock import Clock, run_real, run_virtual
-from hil_bridge.runs.compose import opened_devices, sensor_kind
-from hil_bridge.settings.configuration import Config, dump
+from hil_bridge.clock.realtime import collect_young, prompt_threads, quiet_garbage, scheduled
 from hil_bridge.debugging import told_bug
-from hil_bridge.sensors.stream import ForceSensor
-from hil_bridge.robots.s3.link import S3Link
 from hil_bridge.errors import BridgeError
 from hil_bridge.faults.schedule import FAULT_EVENT, FaultSchedule
-from protocol.s3.timing import line_floor
-from hil_bridge.runs.outputs import Outputs, record_path, settled, write_outputs
-from hil_bridge.clock.realtime import collect_young, prompt_threads, quiet_garbage, scheduled
 from hil_bridge.recording import (
     CHECK_EVENT,
     CHUNKS,
@@ -40,15 +33,21 @@ from hil_bridge.recording import (
     WireRecord,
 )
 from hil_bridge.recording.device_facts import Devices, SensorFacts, robot_facts
-from hil_bridge.analysis.latency import AnswerTimes
+from hil_bridge.robots.seam import RobotLink
+from hil_bridge.runs.checks import check
+from hil_bridge.runs.compose import ServedCell, open_devices, sensor_kind
 from hil_bridge.runs.cycle import BUG_EVENT, Run, RunResult
+from hil_bridge.runs.outputs import Outputs, record_path, settled, write_outputs
 from hil_bridge.runs.screen import LEAVE_SECONDS, Terminal
 from hil_bridge.runs.signals import Signals, unless_hung_up
-from hil_bridge.transports import Direction, Frames
-from hil_bridge.runs.truth import Truths
+from hil_bridge.runs.truth import GroundTruth
+from hil_bridge.sensors.stream import ForceSensor
+from hil_bridge.settings.configuration import Config, dump
+from hil_bridge.transports import Direction
 from hil_bridge.view import REFRESH_SECONDS, Health
-from protocol.jr3 import FULL_SCALE_COUNTS, SensorFrame
 from protocol.marks import Mark, settings
+from protocol.s3.timing import line_floor
+from protocol.wrench import WrenchFrame
 
 if TYPE_CHECKING:
     from hil_bridge.view.live import LiveView
@@ -156,16 +155,18 @@ class _Session:
         self.terminal = terminal
         self.signals = signals
         self._link = config.robot.link
+        self._byte_time = 0.0
+        """What a byte takes on the robot's wire, s."""
         self._clock: Clock
         self._recorder: Recorder
-        self._link_log: LinkLog
-        self._sensor_log: LinkLog
-        self._truths: Truths | None = None
+        self._logs: dict[str, LinkLog]
+        """Of the devices' wires, by device."""
+        self._truths: GroundTruth | None = None
         self._faults: FaultSchedule | None = None
         self.faults: list[str] = []
         """What became of each injected fault, in words."""
         self._view: LiveView | None = None
-        self._robot: S3Link | None = None
+        self._robot: RobotLink | None = None
         self._sensor: ForceSensor | None = None
         self._run: Run | None = None
         self._result: RunResult | None = None
@@ -185,6 +186,9 @@ class _Session:
         """Tracebacks that the run told."""
         self.hurried = False
         """A further signal came when the movement had ended already: the process shall end at once."""
+
+    verbose = True
+    """Of a `DeviceLog`: the record holds every event of a link."""
 
     # --- what the run and the devices tell
 
@@ -234,16 +238,15 @@ class _Session:
         marks = {
             one.name: one.info.mark if one.value == one.default else Mark.CHOSEN for one in settings(servo)
         }
-        scales = tuple(scale / FULL_SCALE_COUNTS for scale in sensor.full_scales)
         return Devices(
             robot_facts(asdict(servo), self._link, not config.robot.url, marks=marks),
             SensorFacts(
-                sensor_kind(config.sensor),
-                sensor.model,
-                sensor.full_scales,
-                scales,
-                sensor.delay,
-                sensor.period,
+                sensor_kind(config).name,
+                sensor.facts.model,
+                sensor.facts.full_scales or (),
+                sensor.facts.scales,
+                sensor.facts.delay,
+                sensor.facts.period,
             ),
         )
 
@@ -266,35 +269,39 @@ class _Session:
     def _tell_trouble(self, text: str) -> None:
         """Of the recorder, at once; the run goes on, since nothing in it depends on its record."""
         self._trouble_told = True
-        self._notice("recorder", text)
+        self.notice("recorder", text)
         self.terminal.err.say(f"hil-bridge: {text}; the run goes on")
         if self._view is not None:  # where a line is short
             self._view.warn(text.replace(f" {self._record_path}", ""))
 
-    def _frame(self, frame: SensorFrame) -> None:
-        self._recorder.put(SensorRecord(frame.at, frame.sequence, frame.counts))
+    def frame(self, frame: WrenchFrame) -> None:
+        """A complete frame of the sensor has arrived."""
+        self._recorder.put(SensorRecord(frame.at, frame.sequence, frame.values))
 
-    def _notice(self, kind: str, text: str) -> None:
+    def notice(self, kind: str, text: str) -> None:
+        """A device tells something that is worth a line in the record."""
         self.event(EventRecord(self._clock.now(), kind, text))
 
-    def _sensor_traffic(self, direction: Direction, data: bytes | Frames) -> None:
-        self._sensor_log.take(self._clock.now(), direction, data)
-
-    def _traffic(self, direction: Direction, data: bytes) -> None:
-        self._link_log.take(self._clock.now(), direction, data)
-        if direction is Direction.SENT and len(data) > 1:
+    def traffic(self, device: str, direction: Direction, data: Any) -> None:
+        """Data have just gone over a device's wire."""
+        self._logs[device].take(self._clock.now(), direction, data)
+        if device == "robot" and direction is Direction.SENT and len(data) > 1:
             # a block is on the line, and nothing can answer it before its last character
-            seconds = len(data) * self._link.character_time
+            seconds = len(data) * self._byte_time
             self._recorder.pause(seconds)
             if seconds >= _DRAWING_S:
                 self._may_draw.set()
 
-    def _link_event(self, text: str) -> None:
-        self._link_log.note(self._clock.now(), text)
+    def link_event(self, device: str, text: str) -> None:
+        """Something happened on a device's link."""
+        self._logs[device].note(self._clock.now(), text)
 
-    def _emulated(self, cell: Cell) -> None:
-        self._truths = Truths(cell, self._config.sensor, self._recorder.put)
-        self._faults = FaultSchedule(self._config.faults, cell, self._clock, self._notice, self._pause)
+    def _emulated(self, served: ServedCell) -> None:
+        cell = served.cell
+        if served.panel is not None:
+            self.terminal.out.say(f"panel: {served.panel}")
+        self._truths = GroundTruth(cell, not self._config.sensor.url, self._recorder.put)
+        self._faults = FaultSchedule(self._config.faults, cell, self._clock, self.notice, self._pause)
 
     # --- the run
 
@@ -316,8 +323,10 @@ class _Session:
             },
         )
         put = self._recorder.put
-        self._link_log = LinkLog(lambda at, pieces: put(LinkRecord(at, pieces)))
-        self._sensor_log = LinkLog(lambda at, pieces: put(WireRecord(at, "sensor", pieces)))
+        self._logs = {
+            "robot": LinkLog(lambda at, pieces: put(LinkRecord(at, pieces))),
+            "sensor": LinkLog(lambda at, pieces: put(WireRecord(at, "sensor", pieces))),
+        }
         try:
             if self._recorder.error is not None:
                 raise self._recorder.error
@@ -338,8 +347,8 @@ class _Session:
 
     def _close_record(self) -> None:
         """Finish the record. Harmless when called again."""
-        self._link_log.flush()
-        self._sensor_log.flush()
+        for log in self._logs.values():
+            log.flush()
         if self._faults is not None:
             self._faults.close()
         if self._truths is not None:
@@ -368,25 +377,18 @@ class _Session:
             line_floor(self._link),
             dict(self._robot.counters) if self._robot else {},
             self._sensor.lost if self._sensor else None,
-            self._sensor.delay if self._sensor else None,
+            self._sensor.delay if self._sensor and self._sensor.is_ready else None,
             result.left,
             result.followed,
         )
 
     async def _with_devices(self) -> RunResult:
         config, clock = self._config, self._clock
-        async with opened_devices(
-            config,
-            clock,
-            self._frame,
-            self._notice,
-            self._traffic,
-            self._emulated,
-            lambda url: self.terminal.out.say(f"panel: {url}"),
-            self._link_event,
-            self._sensor_traffic,
-        ) as (robot, sensor):
-            self._robot, self._sensor, self._link = robot, sensor, robot.profile
+        async with open_devices(config, clock, self) as devices:
+            robot, sensor = self._robot, self._sensor = devices.robot, devices.sensor
+            self._byte_time = robot.facts.byte_time or 0.0
+            if devices.served is not None:
+                self._emulated(devices.served)
             run = self._run = Run(config, clock, robot, sensor, self)
             async with self._shown():
                 self._result = await run()
@@ -415,7 +417,7 @@ class _Session:
             if self._run is not None and self._moving:
                 self._moved = True
                 self._run.interrupt()
-            loop.call_soon_threadsafe(self._notice, "signal", number.name)
+            loop.call_soon_threadsafe(self.notice, "signal", number.name)
             loop.call_soon_threadsafe(ended)
 
         with self.signals.leading_to(interrupted):

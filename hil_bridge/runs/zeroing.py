@@ -111,7 +111,7 @@ class Zeroing:
 
         Raises DeviceError with the axis and what it looks like.
         """
-        self._say(f"full scales {numbers(self._sensor.full_scales)} N, N·m{self._told_model()}")
+        self._say(self._told_facts())
         self._quaternion = unit(start.pose.quaternion)
         self._first = self._before = await self._steps.steady(self._config.task.zero_change_n)
         if self._known is None:
@@ -129,8 +129,10 @@ class Zeroing:
                 "lifts off a tool that presses"
             )
 
-    def _told_model(self) -> str:
-        return f"; {self._sensor.model}" if self._sensor.model else ""
+    def _told_facts(self) -> str:
+        facts = self._sensor.facts
+        told = "not told" if facts.full_scales is None else f"{numbers(facts.full_scales)} N, N·m"
+        return f"full scales {told}{facts.model and f'; {facts.model}'}"
 
     @property
     def contact_force(self) -> float:
@@ -188,7 +190,7 @@ class Zeroing:
     async def _lift(self, motion: Motion, start: RobotReport, interrupted: Callable[[], bool]) -> RobotReport:
         """The way to the zero, step by step; where the robot is at its end."""
         task, approach = self._config.task, self._config.frame.approach
-        step = min(task.zero_step_mm, task.approach_step_mm)
+        step = min(task.zero_step_mm, task.single_step_mm)
         count = math.ceil(task.zero_lift_mm / step - 1e-9)
         report, orientation, speed = start, start.pose.quaternion, motion.speed
         motion.speed = min(speed, LIFT_SPEED_M_S)

@@ -3,28 +3,30 @@
 import asyncio
 import math
 from collections import deque
-from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
 from hil_bridge.clock import Clock
 from hil_bridge.control.course.peaks import Peaks
+from hil_bridge.device_log import DeviceLog
 from hil_bridge.errors import BridgeError, DeviceError, TransportClosed
 from hil_bridge.sensors.axis_watch import AxisWatch
 from hil_bridge.transports import Transport
 from hil_bridge.transports.pump import Pump
 from protocol.geometry import Wrench
-from protocol.jr3 import (
+from protocol.wrench import (
+    AXES,
     SensorClient,
     SensorEvent,
+    SensorFacts,
     SensorFailed,
-    SensorFrame,
     SensorNotice,
     SensorReady,
     SensorRestarted,
     SensorStopped,
+    WrenchFrame,
     Zeroed,
-    wrench_from_counts,
+    wrench_of,
 )
 
 _HISTORY = 256
@@ -32,45 +34,38 @@ _HISTORY = 256
 
 
 class ForceSensor:
-    """A JR3 sensor behind whatever stands before it: `client` speaks its language over `transport`.
-
-    `on_frame` is given every complete six-axis frame, `on_notice(kind, text)` what is worth a line in the
-    record.
-    """
+    """A sensor of any make: `client` speaks its language over `transport`. `log` is told every frame and notice."""
 
     def __init__(
-        self,
-        transport: Transport[Any],
-        client: SensorClient[Any],
-        clock: Clock,
-        on_frame: Callable[[SensorFrame], None],
-        on_notice: Callable[[str, str], None],
+        self, transport: Transport[Any], client: SensorClient[Any], clock: Clock, log: DeviceLog
     ) -> None:
         self.name = transport.name
-        self.newest: SensorFrame | None = None
+        self.newest: WrenchFrame | None = None
         """The frame that arrived last, or None before the first and before the first since a zero."""
         self.decoded_at = math.nan
         """When it had been decoded, s on the run's clock; `at` of the frame is when it arrived."""
         self.received = 0
         """Complete frames so far."""
         self.repeated = 0
-        """How many of the newest frames in a row carried identical counts on all axes."""
+        """How many of the newest frames in a row carried identical values on all axes."""
+        self.unchanged_since = math.nan
+        """When the first of these frames arrived, s on the run's clock."""
+        self.saturated_axes = 0
+        """Bit k: axis k was at the end of its range in the frame that arrived last."""
         self.peaks: Peaks | None = None
         """Shown every frame; None while nothing judges them."""
-        self._watch = AxisWatch()
-        self._history: deque[SensorFrame] = deque(maxlen=_HISTORY)
+        self._history: deque[WrenchFrame] = deque(maxlen=_HISTORY)
         self._transport = transport
         self._clock = clock
-        self._on_frame = on_frame
-        self._on_notice = on_notice
+        self._log = log
         self._client = client
         self._pump: Pump[Any, SensorEvent] = Pump(client, transport, clock, self._take, self._ended)
-        self.zeroed_from: SensorFrame | None = None
+        self.zeroed_from: WrenchFrame | None = None
         """The newest frame when the device said that it had taken its zero; None before."""
-        self.model = ""
-        """What the device says of the sensor; empty where it says nothing."""
-        self._full_scales: tuple[float, ...] | None = None
-        self._converted: SensorFrame | None = None
+        self._facts: SensorFacts | None = None
+        self._watch: AxisWatch
+        """Of the device since it was ready."""
+        self._converted: WrenchFrame | None = None
         """The frame whose wrench was asked for last."""
         self._wrench: Wrench = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
         """That wrench."""
@@ -83,19 +78,26 @@ class ForceSensor:
         return self._client.statistics.lost
 
     @property
-    def delay(self) -> float:
-        """How much later than the force itself the device's filter tells of it, s."""
-        return self._client.delay
+    def is_ready(self) -> bool:
+        """The device has streamed, so that its facts are known."""
+        return self._facts is not None
 
     @property
-    def period(self) -> float | None:
-        """Between two frames by the device's cadence, s; None where each has to be asked for."""
-        return self._client.period
+    def facts(self) -> SensorFacts:
+        """What the device tells of itself; known once it is ready."""
+        assert self._facts is not None, "the device is ready first"
+        return self._facts
+
+    @property
+    def delay(self) -> float:
+        """How much later than the force itself the device's filter tells of it, s; known once it is ready."""
+        return self.facts.delay
 
     @property
     def saturated(self) -> tuple[str, ...]:
         """Axes that were at the end of their range in the newest frame."""
-        return self._watch.saturated
+        bits = self.saturated_axes
+        return tuple([axis for k, axis in enumerate(AXES) if bits >> k & 1]) if bits else ()
 
     @property
     def dead(self) -> tuple[int, ...]:
@@ -106,39 +108,32 @@ class ForceSensor:
         """Begin to listen and to bring the device up."""
         self._pump.start()
 
-    async def ready(self) -> tuple[float, ...]:
-        """Wait until the device streams; its full scales fx fy fz mx my mz, N and N·m.
+    async def ready(self) -> SensorFacts:
+        """Wait until the device streams; what it tells of itself.
 
         Raises DeviceError with the reason when it stays silent, has no sensor, or names an impossible full
         scale.
         """
-        if self._full_scales is None:
+        if self._facts is None:
             await self._until(SensorReady)
-        assert self._full_scales is not None
-        return self._full_scales
+        return self.facts
 
     async def tare(self) -> None:
         """Let the device take its present filtered output as zero. Frames from before are forgotten.
 
-        What the output was is looked at first: the zero moves the counts, and the end of the range stays where it is.
+        What the output was is looked at first: a zero moves the values, and the end of the range stays where it is.
         """
         await self.frame()
         self._client.zero()
         self._pump.kick()
         await self._until(Zeroed)
 
-    async def frame(self) -> SensorFrame:
+    async def frame(self) -> WrenchFrame:
         """The newest frame; where there is none yet, or none since the zero, the next."""
         if self.newest is None:
-            await self._until(SensorFrame)
+            await self._until(WrenchFrame)
         assert self.newest is not None
         return self.newest
-
-    @property
-    def full_scales(self) -> tuple[float, ...]:
-        """What the device told: fx fy fz in N, mx my mz in N·m; known once it is ready."""
-        assert self._full_scales is not None, "the device is ready first"
-        return self._full_scales
 
     def window(self, since: float) -> list[tuple[float, ...]]:
         """Wrenches as `wrench` gives them of the frames kept that arrived after this time, s, oldest first."""
@@ -149,11 +144,11 @@ class ForceSensor:
         if self._failure is not None:
             raise self._failure
 
-    def wrench(self, frame: SensorFrame) -> Wrench:
+    def wrench(self, frame: WrenchFrame) -> Wrench:
         """Wrench of a frame in the sensor frame: fx fy fz mx my mz, N and N·m."""
         if frame is not self._converted:
-            assert self._full_scales is not None, "no frame comes before the full scales"
-            self._wrench = wrench_from_counts(frame.counts, self._full_scales)
+            assert self._facts is not None, "no frame comes before the facts"
+            self._wrench = wrench_of(frame.values, self._facts.scales)
             self._converted = frame
         return self._wrench
 
@@ -163,7 +158,7 @@ class ForceSensor:
 
         The newest one for a moment after it; None before the oldest frame kept since the last tare.
         """
-        later: SensorFrame | None = None
+        later: WrenchFrame | None = None
         for frame in reversed(self._history):
             if frame.at <= at:
                 if later is None:
@@ -196,35 +191,43 @@ class ForceSensor:
 
     def _take(self, event: SensorEvent) -> None:
         match event:
-            case SensorFrame():
+            case WrenchFrame():
+                if not math.isfinite(sum(event.values, event.at)):  # no limit could be met by such a value
+                    self._fail(
+                        DeviceError(f"force sensor on {self.name} told a value that is no number: {event}")
+                    )
+                    return
                 previous = self.newest
-                same = previous is not None and previous.counts == event.counts
+                same = previous is not None and previous.values == event.values
                 self.repeated = self.repeated + 1 if same else 0
+                if not same:
+                    self.unchanged_since = event.at
                 self.newest = event
                 self.decoded_at = self._clock.now()
                 self._history.append(event)
-                for text in self._watch.frame(event.counts):
-                    self._on_notice("sensor", text)
+                self._watch.frame(event.values)
+                self.saturated_axes = event.saturated
                 if (peaks := self.peaks) is not None:
-                    peaks.frame(event.counts)
-                    if self._watch.saturated:
+                    peaks.frame(event.values)
+                    if event.saturated:
                         peaks.saturated = True
                 self.received += 1
-                self._on_frame(event)
-            case SensorReady(full_scales=full_scales, model=model):
-                self._full_scales, self._converted, self.model = full_scales, None, model
+                self._log.frame(event)
+            case SensorReady(facts=facts):
+                self._facts, self._converted = facts, None
+                self._watch = AxisWatch(facts)
             case Zeroed():
-                self._watch.zeroed(None if self.newest is None else self.newest.counts)
+                self._watch.zeroed()
                 self.zeroed_from = self.newest
                 self.newest = None
                 self._history.clear()
             case SensorNotice(text=text):
-                self._on_notice("sensor", text)
+                self._log.notice("sensor", text)
             case SensorFailed(text=text):
                 self._fail(DeviceError(f"force sensor on {self.name}: {text}"))
             case SensorRestarted():
-                if self._full_scales is None:
-                    self._on_notice("sensor", "the device booted")
+                if self._facts is None:
+                    self._log.notice("sensor", "the device booted")
                 else:
                     self._fail(
                         DeviceError(
@@ -255,7 +258,7 @@ class ForceSensor:
             return
         self._failure = failure
         if not quiet:
-            self._on_notice("sensor", str(failure))
+            self._log.notice("sensor", str(failure))
         waiters, self._waiters = self._waiters, []
         for _, waiter in waiters:
             if not waiter.done():

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from hil_bridge.control import Wrist
 from protocol.geometry import Quaternion
-from protocol.jr3 import AXES
+from protocol.wrench import AXES
 
 LEAST_N = 5.0
 """Least force that counts as a push. Chosen: a light one, far above the weight of a hand at rest."""

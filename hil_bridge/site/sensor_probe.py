@@ -18,6 +18,7 @@ from typing import TypeVar
 import click
 
 from hil_bridge.clock import Clock, run_real
+from hil_bridge.device_log import LogTo
 from hil_bridge.errors import DeviceError
 from hil_bridge.runs.compose import connect_sensor
 from hil_bridge.runs.zeroing import wrist
@@ -32,7 +33,8 @@ from hil_bridge.site.push import (
     mounting_of,
     push_threshold,
 )
-from protocol.jr3 import AXES, SensorFrame
+from hil_bridge.wiring import Wiring
+from protocol.wrench import AXES, WrenchFrame
 
 NOISE_S = 1.0
 """For so long the stream's rate and noise are measured, and what is there before a push. Chosen."""
@@ -137,9 +139,9 @@ async def probe(
 
     `entered` is set by somebody who wants to go on without the push that is asked for.
     """
-    frames: deque[SensorFrame] = deque()
+    frames: deque[WrenchFrame] = deque()
 
-    def take(frame: SensorFrame) -> None:
+    def take(frame: WrenchFrame) -> None:
         frames.append(frame)
         while frame.at - frames[0].at > 2.0 * NOISE_S:
             frames.popleft()
@@ -147,7 +149,7 @@ async def probe(
     def note(kind: str, text: str) -> None:
         screen.say(f"{kind} says: {text}")
 
-    sensor = await connect_sensor(url, config.sensor, clock, take, note)
+    sensor = await connect_sensor(config, url, Wiring("sensor", clock, LogTo(take, note)))
     sensor.start()
     try:
         look = _Look(sensor, frames, clock)
@@ -162,7 +164,7 @@ async def probe(
 class _Look:
     """The stream of the last moments."""
 
-    def __init__(self, sensor: ForceSensor, frames: Sequence[SensorFrame], clock: Clock) -> None:
+    def __init__(self, sensor: ForceSensor, frames: Sequence[WrenchFrame], clock: Clock) -> None:
         self._sensor = sensor
         self._frames = frames
         self._clock = clock
@@ -192,7 +194,7 @@ class _Look:
 
 async def _tell(sensor: ForceSensor, look: _Look, url: str, screen: Screen) -> tuple[float, ...]:
     """What the device says of itself, and what its stream is like; the noise of each axis."""
-    scales = await sensor.ready()
+    scales = (await sensor.ready()).full_scales
     try:
         async with asyncio.timeout(FIRST_S):
             await sensor.frame()
@@ -204,7 +206,10 @@ async def _tell(sensor: ForceSensor, look: _Look, url: str, screen: Screen) -> t
     stream = look.back(NOISE_S)
     for name, text in (
         ("sensor", url),
-        ("full scales", f"{_row(scales, 0, 1)}; compare them with the sensor's plate"),
+        (
+            "full scales",
+            f"{_row(scales, 0, 1)}; compare them with the sensor's plate" if scales else "not told",
+        ),
         ("filter delay", f"{sensor.delay * 1e3:.1f} ms"),
         ("stream", f"{stream.rate_hz:.0f} frames a second"),
         ("noise", f"{_row(stream.rms, 3, 4)} rms over {NOISE_S:g} s"),

@@ -22,15 +22,15 @@ from hil_bridge.control import (
     quaternion_product,
     turn_between,
 )
+from hil_bridge.device_log import LogTo
 from hil_bridge.errors import ConfigError, DeviceError, SafetyStop
-from hil_bridge.robots.seam import GIVE_UP_AFTER_S, Motion, MotionLimits, RobotLink, RobotReport
-from hil_bridge.runs.compose import opened_devices
+from hil_bridge.robots.seam import GIVE_UP_AFTER_S, Motion, MotionLimits, RobotReport
+from hil_bridge.runs.compose import Devices, open_devices
 from hil_bridge.runs.small_steps import bring_up
 from hil_bridge.runs.zeroing import wrist
-from hil_bridge.sensors.stream import ForceSensor
 from hil_bridge.settings.configuration import Config
 from protocol.geometry import Pose, Quaternion, Vector
-from protocol.jr3 import SensorFrame
+from protocol.wrench import WrenchFrame
 
 Tell = Callable[[str], None]
 
@@ -79,15 +79,14 @@ def measure(config: Config, virtual: bool, sweep: Sweep, tell: Tell) -> list[Too
     `tell` is given a line of progress now and then. Raises SafetyStop when a limit was met, and BridgeError as a
     run does.
     """
-    frames: list[SensorFrame] = []
+    frames: list[WrenchFrame] = []
 
     async def main() -> list[ToolPose]:
         clock = Clock.running()
         try:
-            async with opened_devices(
-                config, clock, frames.append, lambda kind, text: tell(f"{kind}: {text}")
-            ) as (robot, sensor):
-                return await _Measuring(config, clock, robot, sensor, frames, sweep, tell)()
+            log = LogTo(frames.append, lambda kind, text: tell(f"{kind}: {text}"))
+            async with open_devices(config, clock, log) as devices:
+                return await _Measuring(config, clock, devices, frames, sweep, tell)()
         finally:
             clock.close()
 
@@ -101,13 +100,13 @@ class _Measuring:
         self,
         config: Config,
         clock: Clock,
-        robot: RobotLink,
-        sensor: ForceSensor,
-        frames: list[SensorFrame],
+        devices: Devices,
+        frames: list[WrenchFrame],
         sweep: Sweep,
         tell: Tell,
     ) -> None:
-        self._config, self._clock, self._robot, self._sensor = config, clock, robot, sensor
+        self._config, self._clock = config, clock
+        self._robot, self._sensor = devices.robot, devices.sensor
         self._frames = frames
         self._sweep = sweep
         self._tell = tell
@@ -157,15 +156,13 @@ class _Measuring:
         Raises SafetyStop for a limit, DeviceError when the robot does not come.
         """
         report = await self._robot.report()
-        turned, received = _unit(report.pose.quaternion), self._sensor.received
-        patience = self._clock.now() + ARRIVAL_S
+        turned, began = _unit(report.pose.quaternion), self._clock.now()
+        patience = began + ARRIVAL_S
         while not _is_there(report.pose, position, orientation):
             before = self._state.position, turned
             # A tool that only moves keeps its weight on the same axes, so its counts may well repeat.
-            repeated = (
-                min(self._sensor.repeated, self._sensor.received - received) if turned != orientation else 0
-            )
-            at = self._supervised(report, _moved(self._state.position, position), repeated)
+            judged_from = max(self._sensor.unchanged_since, began) if turned != orientation else math.inf
+            at = self._supervised(report, _moved(self._state.position, position), judged_from)
             turned = _turned(turned, orientation)
             if (at, turned) != before:
                 await motion.to(Pose(at, turned))
@@ -179,10 +176,11 @@ class _Measuring:
             report = await self._robot.report()
         return report
 
-    def _supervised(self, report: RobotReport, target: Vector, repeated: int) -> Vector:
+    def _supervised(self, report: RobotReport, target: Vector, judged_from: float) -> Vector:
         """The target after the supervisor's clamps, m. Raises SafetyStop for its stop.
 
-        Forces are those that came since the start; what the weight adds by turning is not known yet and part of them.
+        Counts that repeat are judged from that moment on, s. Forces are those that came since the start; what the
+        weight adds by turning is not known yet and part of them.
         """
         frame, approach = self._sensor.newest, self._config.frame.approach
         quaternion = report.pose.quaternion
@@ -197,7 +195,7 @@ class _Measuring:
             resultant=math.hypot(*wrench[:3]),
             sensor_at=frame.at,
             sensor_sequence=frame.sequence,
-            repeated_frames=repeated,
+            unchanged=max(frame.at - judged_from, 0.0),
             saturated=bool(self._sensor.saturated),
             fault=report.fault,
         )

@@ -1,4 +1,4 @@
-"""The JR3 force/torque sensor on a wire: what every client of one tells, and the devices that stand between."""
+"""The JR3 force/torque sensor on a wire: the devices that stand between, and the clients of them."""
 
 from protocol.jr3.can_gateway import (
     GATEWAY_BITRATE,
@@ -22,35 +22,16 @@ from protocol.jr3.can_gateway import (
     parse_frame,
     split,
 )
-from protocol.jr3.counts import (
-    AXES,
-    FULL_SCALE_COUNTS,
-    SATURATED_COUNTS,
-    counts_from_wrench,
-    full_scales_si,
-    wrench_from_counts,
-)
+from protocol.jr3.counts import FULL_SCALE_COUNTS, counts_from_wrench, facts_of, full_scales_si
 from protocol.jr3.firmware import COUNTER_MODULUS, GatewayState
-from protocol.jr3.session import (
-    SensorClient,
-    SensorEvent,
-    SensorFailed,
-    SensorFrame,
-    SensorNotice,
-    SensorReady,
-    SensorRestarted,
-    SensorStatistics,
-    SensorStopped,
-    Zeroed,
-)
 from protocol.jr3.uart_gateway import UART_BAUDRATE, UartGatewayClient, UartGatewayClientProfile
+from protocol.wrench import AXES
 
 __all__ = [
     "AXES",
     "COUNTER_MODULUS",
     "FULL_SCALE_COUNTS",
     "GATEWAY_BITRATE",
-    "SATURATED_COUNTS",
     "UART_BAUDRATE",
     "Acknowledge",
     "Command",
@@ -59,19 +40,9 @@ __all__ = [
     "GatewayState",
     "Op",
     "Phase",
-    "SensorClient",
-    "SensorEvent",
-    "SensorFailed",
-    "SensorFrame",
-    "SensorNotice",
-    "SensorReady",
-    "SensorRestarted",
-    "SensorStatistics",
-    "SensorStopped",
     "Triple",
     "UartGatewayClient",
     "UartGatewayClientProfile",
-    "Zeroed",
     "counts_from_wrench",
     "decode_acknowledge",
     "decode_command",
@@ -80,11 +51,11 @@ __all__ = [
     "encode_acknowledge",
     "encode_command",
     "encode_sample",
+    "facts_of",
     "full_scales_si",
     "heard_by_client",
     "heard_by_gateway",
     "identifier",
     "parse_frame",
     "split",
-    "wrench_from_counts",
 ]

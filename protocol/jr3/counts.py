@@ -4,15 +4,12 @@ import math
 from collections.abc import Sequence
 
 from protocol.geometry import Wrench
+from protocol.wrench import SensorFacts
 
-AXES = ("fx", "fy", "fz", "mx", "my", "mz")
 FULL_SCALE_COUNTS = 16384
 """Counts that mean full scale; twice as much is representable. Source: JR3 manual 5907E."""
-SATURATED_COUNTS = 32752
-"""Counts from which an axis may be at the end of its range, whatever the converter.
-
-Derived: 32768 − 2^(16 − bits), the manual's default, for the coarsest converter of 12 bits.
-"""
+_RANGE_FULL_SCALES = 2.0
+"""Full scales to the end of the counts. Derived: from 16 bits."""
 
 
 def full_scales_si(forces: Sequence[int], moments: Sequence[int]) -> tuple[float, ...]:
@@ -20,10 +17,21 @@ def full_scales_si(forces: Sequence[int], moments: Sequence[int]) -> tuple[float
     return (*(float(word) for word in forces), *(word / 10 for word in moments))
 
 
-def wrench_from_counts(counts: Sequence[int], full_scales: Sequence[float]) -> Wrench:
-    """Six counts in N and N·m; full scales in N and N·m."""
-    (fx, fy, fz, mx, my, mz), (a, b, c, d, e, f), one = counts, full_scales, FULL_SCALE_COUNTS
-    return fx * a / one, fy * b / one, fz * c / one, mx * d / one, my * e / one, mz * f / one
+def facts_of(
+    full_scales: Sequence[float], period: float | None, delay: float, model: str = ""
+) -> SensorFacts:
+    """Facts of a JR3 sensor with these full scales in N and N·m; it takes its zero itself."""
+    a, b, c, d, e, f = full_scales
+    whole: Wrench = (a, b, c, d, e, f)
+    return SensorFacts(
+        model=model,
+        scales=_times(whole, 1.0 / FULL_SCALE_COUNTS),
+        full_scales=whole,
+        range=_times(whole, _RANGE_FULL_SCALES),
+        period=period,
+        delay=delay,
+        tares="device",
+    )
 
 
 def counts_from_wrench(wrench: Sequence[float], full_scales: Sequence[float]) -> tuple[int, ...]:
@@ -32,3 +40,8 @@ def counts_from_wrench(wrench: Sequence[float], full_scales: Sequence[float]) ->
         math.floor(value * FULL_SCALE_COUNTS / scale + 0.5)
         for value, scale in zip(wrench, full_scales, strict=True)
     )
+
+
+def _times(six: Wrench, factor: float) -> Wrench:
+    a, b, c, d, e, f = six
+    return a * factor, b * factor, c * factor, d * factor, e * factor, f * factor

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from enum import IntEnum
 
 from protocol.fields import Field, Layout
-from protocol.jr3.session import SensorStatistics
 from protocol.marks import Mark
+from protocol.wrench import SensorStatistics
 
 COUNTER_MODULUS = 65536
 """The firmware counts its samples of the sensor, about 7782 a second, in 16 bits: 8.4 s to the wrap."""

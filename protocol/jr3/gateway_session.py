@@ -30,17 +30,19 @@ from enum import Enum, IntEnum
 from typing import Generic, Protocol, TypeVar
 
 from protocol.endpoint import LocalProtocolError
-from protocol.jr3.counts import AXES, full_scales_si
+from protocol.jr3.counts import facts_of, full_scales_si
 from protocol.jr3.firmware import UNFILTERED, GatewayState, SampleCounter, first_order_delay
-from protocol.jr3.session import (
+from protocol.jr3.range import Range
+from protocol.wrench import (
+    AXES,
     SensorEvent,
     SensorFailed,
-    SensorFrame,
     SensorNotice,
     SensorReady,
     SensorRestarted,
     SensorStatistics,
     SensorStopped,
+    WrenchFrame,
     Zeroed,
 )
 
@@ -100,6 +102,8 @@ class Dialect(Generic[Op]):
     stop: Op
     pause_s: float | None
     """Between an acknowledge and the next order, s, for a gateway that is deaf then; None for one that is not."""
+    period: float | None
+    """Between two samples by the gateway's clock, s; None where each has to be asked for."""
     counter_step: float
     """See SampleCounter."""
     counter_behind: int
@@ -130,6 +134,7 @@ class GatewaySession(Generic[Op]):
         """What orders carry; 0 is unfiltered."""
         self.statistics = SensorStatistics()
         self._counter = SampleCounter(self.statistics, dialect.counter_step, dialect.counter_behind)
+        self._range = Range()
         self._asks_scales = frozenset(op for phase, op in dialect.steps if phase in _ASK_SCALES)
         self._events: deque[SensorEvent] = deque()
         self._queue: deque[Op] = deque()
@@ -143,6 +148,7 @@ class GatewaySession(Generic[Op]):
         self._quiet_until: float | None = None
         self._foreign_acknowledges = 0
         self._counter.restart()
+        self._range.restart()
         self._enqueue(self._first_step())
 
     def _first_step(self) -> Op:
@@ -153,11 +159,6 @@ class GatewaySession(Generic[Op]):
         self._steps: Iterator[tuple[Phase, Op]] = iter(self._dialect.steps)
         self.phase, order = next(self._steps)
         return order
-
-    @property
-    def delay(self) -> float:
-        """How much later than the force itself a sample with the present cut-off tells of it, s."""
-        return first_order_delay(self.cutoff_hz)
 
     @property
     def stop_patience(self) -> float:
@@ -213,7 +214,10 @@ class GatewaySession(Generic[Op]):
     def sample(self, counts: tuple[int, int, int, int, int, int], counter: int, at: float) -> None:
         """A sample came, complete at this time; to be told only when READY."""
         if (sequence := self._counter.follow(counter)) is not None:
-            self._events.append(SensorFrame(counts, counter, sequence, at))
+            saturated = self._range.saturated(counts)
+            if self._range.warnings:
+                self._events.extend(map(SensorNotice, self._range.warnings))
+            self._events.append(WrenchFrame(counts, counter, sequence, at, saturated))
 
     def boot_up(self, now: float) -> None:
         """The gateway has begun anew and knows nothing of this session."""
@@ -293,7 +297,7 @@ class GatewaySession(Generic[Op]):
             self._on_timeout(self._flight)
         if self.phase is _SETTLING and now >= self._settled_at:
             self.phase = _READY
-            self._events.append(SensorReady(self._full_scales))
+            self._tell_facts()
             if not self.cutoff_hz:
                 self._events.append(SensorNotice(UNFILTERED))
             if self._zero_wanted:
@@ -340,14 +344,22 @@ class GatewaySession(Generic[Op]):
     def _advance(self, answered: Op, words: Sequence[int], now: float) -> None:
         """The next step of the session after the acknowledge of an order."""
         if answered is self._dialect.zero:
+            self._range.zeroed(self._range.newest)
             self._events.append(Zeroed())
         elif answered is self._dialect.stop:
             self.phase = Phase.STOPPED
             self._events.append(SensorStopped())
-        elif answered is not self._dialect.set_filter:  # a new cut-off changes nothing here
+        elif answered is self._dialect.set_filter:
+            if self.phase is _READY:
+                self._tell_facts()
+        else:
             if answered in self._asks_scales and not self._accept_scales(words):
                 return
             self._next_step(now)
+
+    def _tell_facts(self) -> None:
+        delay = first_order_delay(self.cutoff_hz)
+        self._events.append(SensorReady(facts_of(self._full_scales, self._dialect.period, delay)))
 
     def _accept_scales(self, words: Sequence[int]) -> bool:
         for axis, word in zip(AXES[len(self._words) :], words, strict=False):

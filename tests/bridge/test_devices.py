@@ -5,8 +5,8 @@ from collections.abc import Awaitable, Callable, Mapping
 
 import pytest
 
-from emulators.arm.servo import ServoProfile
-from emulators.s3 import EMPTY_SITE, S3Controller, S3Profile, S3Site
+from emulators.s3 import EMPTY_SITE, S3Controller, S3Profiles, S3Site
+from emulators.seams import StartPose
 from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.device_log import Silence
 from hil_bridge.errors import DeviceError, OrderRefused, TransportClosed, TransportEnded
@@ -26,9 +26,19 @@ SCALES = {"481#": "101#0073006F00B900", "501#": "101#00380034003D00"}
 Script = Callable[[ForceSensor, Clock, Callable[[str], None]], Awaitable[None]]
 
 
+class Notices(Silence):
+    """Keeps what a device says beside its frames and answers."""
+
+    def __init__(self) -> None:
+        self.notices: list[tuple[str, str]] = []
+
+    def notice(self, kind: str, text: str) -> None:
+        self.notices.append((kind, text))
+
+
 def with_sensor(script: Script, answers: Mapping[str, str], default: str = "101#00") -> list[tuple[str, str]]:
     """Run a script with a sensor whose gateway answers frames as told; what the sensor told the record."""
-    notices: list[tuple[str, str]] = []
+    log = Notices()
 
     async def main() -> None:
         clock = Clock.running()
@@ -48,8 +58,7 @@ def with_sensor(script: Script, answers: Mapping[str, str], default: str = "101#
             wire,
             GatewayClient(GatewayClientProfile(), clock.now()),
             clock,
-            lambda frame: None,
-            lambda kind, text: notices.append((kind, text)),
+            log,
         )
         sensor.start()
         try:
@@ -59,12 +68,12 @@ def with_sensor(script: Script, answers: Mapping[str, str], default: str = "101#
             await bus.aclose()
 
     run_virtual(main)
-    return notices
+    return log.notices
 
 
 def test_a_sensor_tells_its_full_scales_and_scales_counts_by_them() -> None:
     async def script(sensor: ForceSensor, clock: Clock, say: Callable[[str], None]) -> None:
-        assert await sensor.ready() == (115.0, 111.0, 185.0, 5.6, 5.2, 6.1)
+        assert (await sensor.ready()).full_scales == (115.0, 111.0, 185.0, 5.6, 5.2, 6.1)
         say("601#0020000000C00100")
         say("681#0040000000000100")
         await clock.sleep_until(clock.now() + 0.01)
@@ -268,9 +277,7 @@ def with_robot(script: Robot, site: S3Site = EMPTY_SITE) -> None:
     async def main() -> None:
         clock = Clock.running()
         position, down = (0.9, -0.1, 0.6), (0.0, 1.0, 0.0, 0.0)
-        controller = S3Controller(
-            S3Profile(), LinkProfile(), ServoProfile(), position, down, clock.now(), 1, 0.2, site
-        )
+        controller = S3Controller(S3Profiles(), StartPose(position, down, 0.2), clock.now(), 1, site)
         port = (await listen_bytes("memory:s3", clock)).transport
         Pump(controller, port, clock, lambda event: None, lambda cause: None).start()
         wire = await connect_bytes("memory:s3?baudrate=9600&parity=E", clock)

@@ -141,7 +141,8 @@ def test_the_sample_that_stopped_the_run_counts_for_the_largest_force() -> None:
 
 def test_a_run_stopped_for_force_shows_the_force(bench: Callable[..., Any]) -> None:
     run = bench(
-        task={"expected_stiffness_n_m": 500.0, "approach_step_mm": 2.0},
+        task={"expected_stiffness_n_m": 500.0, "approach_speed_mm_s": 11.1},
+        limits={"correction_mm_s": 20.0},
         cell={"surface": {"stiffness_n_m": 5e4}},
     )
     limit = next(cycle for cycle in run.cycles if cycle.verdict == "stop")

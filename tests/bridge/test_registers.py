@@ -11,11 +11,13 @@ from numpy.typing import NDArray
 
 from emulators.jr3 import Jr3Sensor, SensorProfile
 from emulators.jr3.board import Board, BoardProfile, IsaPorts, IsaProfile
+from emulators.sensing import KnownWrench
 from hil_bridge.cli import cli
 from hil_bridge.clock import Clock, run_virtual
+from hil_bridge.device_log import LogTo, Silence
 from hil_bridge.errors import BridgeError, ConfigError, DeviceError, TransportUnavailable
 from hil_bridge.recording import CycleRecord, EventRecord, Outcome
-from hil_bridge.runs.compose import Ports, emulated_cell, opened_devices
+from hil_bridge.runs.compose import Ports, emulated_cell, open_devices
 from hil_bridge.runs.cycle import Run
 from hil_bridge.sensors.jr3.registers import (
     ListenerProfile,
@@ -29,7 +31,6 @@ from hil_bridge.sensors.jr3.registers import (
 from hil_bridge.sensors.stream import ForceSensor
 from hil_bridge.settings.configuration import Config
 from protocol.endpoint import RemoteProtocolError
-from protocol.jr3 import SensorFrame
 from protocol.jr3.board import REGISTERS, Registers, check_range, pack_words, to_signed
 from protocol.jr3.registers import (
     BoardClient,
@@ -47,6 +48,7 @@ from protocol.jr3.registers import (
     response_reader,
     start_up,
 )
+from protocol.wrench import WrenchFrame
 
 
 class Memory:
@@ -139,9 +141,9 @@ def test_wrong_listening_urls(url: str, text: str) -> None:
 
 
 def test_a_sensor_behind_registers_in_virtual_time() -> None:
-    frames: list[SensorFrame] = []
+    frames: list[WrenchFrame] = []
 
-    async def main() -> tuple[float, ...]:
+    async def main() -> tuple[float, ...] | None:
         clock = Clock.running()
         logged: list[str] = []
         served = await serve_board(
@@ -155,9 +157,11 @@ def test_a_sensor_behind_registers_in_virtual_time() -> None:
         assert served.address == "jr3+memory:b"
         wire, profile = await connect_board("jr3+memory:b?filter=2", BoardClientProfile(), clock)
         begin = clock.now()
-        sensor = ForceSensor(wire, BoardClient(profile, begin), clock, frames.append, lambda kind, text: None)
+        log = Silence()
+        log.frame = frames.append  # type: ignore[method-assign]
+        sensor = ForceSensor(wire, BoardClient(profile, begin), clock, log)
         sensor.start()
-        scales = await sensor.ready()
+        scales = (await sensor.ready()).full_scales
         assert clock.now() - begin == pytest.approx(10.224, abs=1e-3)
         await sensor.tare()
         await clock.sleep_until(clock.now() + 1.0)
@@ -171,7 +175,7 @@ def test_a_sensor_behind_registers_in_virtual_time() -> None:
 
     assert run_virtual(main) == (200.0, 200.0, 400.0, 5.0, 5.0, 6.0)
     assert len(frames) == pytest.approx(112, abs=1)
-    assert frames[-1].counts == (0, 0, -4096, 0, 0, 0)
+    assert frames[-1].values == (0, 0, -4096, 0, 0, 0)
 
 
 def test_a_memory_wire_survives_a_lost_client() -> None:
@@ -423,7 +427,7 @@ def press(times: NDArray[np.float64]) -> NDArray[np.float64]:
 def board_at(now: float, **profile: object) -> Board:
     return Board(
         BoardProfile(**profile),  # type: ignore[arg-type]
-        Jr3Sensor(SensorProfile(noise_counts=0.0), press, seed=1),
+        Jr3Sensor(SensorProfile(noise_counts=0.0), KnownWrench(press), seed=1),
         now,
     )
 
@@ -458,9 +462,9 @@ def test_the_start_up_as_written_brings_the_emulated_board_up(reach: Callable[[B
     assert fz == pytest.approx(-50.0, abs=0.05)
 
 
-def closed_loop(**board: object) -> tuple[list[CycleRecord], list[str], list[SensorFrame]]:
+def closed_loop(**board: object) -> tuple[list[CycleRecord], list[str], list[WrenchFrame]]:
     """A run of five seconds in virtual time whose sensor is the emulated cell's receiver board."""
-    cycles, notices, frames = list[CycleRecord](), list[str](), list[SensorFrame]()
+    cycles, notices, frames = list[CycleRecord](), list[str](), list[WrenchFrame]()
 
     class Log:
         def cycle(self, record: CycleRecord) -> None:
@@ -475,18 +479,17 @@ def closed_loop(**board: object) -> tuple[list[CycleRecord], list[str], list[Sen
             {"run": {"duration_s": 5.0}, "sensor": {"board": board}, "tool": {"mass_kg": 0.5}}
         )
         ports = Ports("memory:robot", "jr3+memory:sensor")
-        async with emulated_cell(config.cell, 1, clock, ports, lambda cause: None) as at:
+        async with emulated_cell(config, clock, ports, lambda cause: None) as at:
             sections = {
                 "robot": config.robot.model_copy(update={"url": at.robot}),
                 "sensor": config.sensor.model_copy(update={"url": f"{at.sensor}?filter=2"}),
             }
             connected = config.model_copy(update=sections)
-            async with opened_devices(
-                connected, clock, frames.append, lambda kind, text: notices.append(text)
-            ) as (robot, sensor):
-                result = await Run(connected, clock, robot, sensor, Log())()
+            log = LogTo(frames.append, lambda kind, text: notices.append(text))
+            async with open_devices(connected, clock, log) as devices:
+                result = await Run(connected, clock, devices.robot, devices.sensor, Log())()
                 assert result.outcome is Outcome.COMPLETED, result.cause
-                assert sensor.lost == 0
+                assert devices.sensor.lost == 0
 
     run_virtual(main)
     return cycles, notices, frames

@@ -15,15 +15,9 @@ import pytest
 from numpy.typing import NDArray
 
 from emulators.jr3 import Gateway, GatewayProfile, Jr3Sensor, SensorProfile
-from protocol.jr3 import (
-    GatewayClient,
-    GatewayClientProfile,
-    SensorFrame,
-    SensorNotice,
-    SensorReady,
-    Zeroed,
-    parse_frame,
-)
+from emulators.sensing import KnownWrench
+from protocol.jr3 import GatewayClient, GatewayClientProfile, parse_frame
+from protocol.wrench import SensorNotice, SensorReady, WrenchFrame, Zeroed
 
 T0 = 4321.0
 TS_MS = 0.1285
@@ -338,7 +332,7 @@ def constant(times: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def powered(connected: bool = True) -> Gateway:
-    sensor = Jr3Sensor(SensorProfile(noise_counts=0.0, connected=connected), constant, seed=3)
+    sensor = Jr3Sensor(SensorProfile(noise_counts=0.0, connected=connected), KnownWrench(constant), seed=3)
     return Gateway(GatewayProfile(), sensor, powered_at=T0)
 
 
@@ -420,7 +414,7 @@ def test_the_client_says_to_the_gateway_what_is_in_the_transcript() -> None:
         at_ms, direction, text = line.split(maxsplit=2)
         wanted += [(float(at_ms), direction, frame) for frame in frames(text)]
     assert told[: len(wanted)] == wanted
-    samples = [event for event in events if isinstance(event, SensorFrame)]
+    samples = [event for event in events if isinstance(event, WrenchFrame)]
     assert [type(event) for event in events[:3]] == [SensorReady, SensorNotice, Zeroed]
     assert {b.sequence - a.sequence for a, b in itertools.pairwise(samples)} == {933, 934}
     wraps = [(a.counter, b.counter) for a, b in itertools.pairwise(samples) if b.counter < a.counter]

@@ -10,19 +10,19 @@ import pytest
 from numpy.typing import NDArray
 
 from emulators.jr3 import Gateway, GatewayProfile, Jr3Sensor, SensorProfile, UartGateway, UartGatewayProfile
+from emulators.sensing import KnownWrench
 from protocol.can.frame import CanFrame
-from protocol.jr3 import (
-    GatewayClient,
-    GatewayClientProfile,
+from protocol.jr3 import GatewayClient, GatewayClientProfile, UartGatewayClient, UartGatewayClientProfile
+from protocol.jr3.counts import facts_of
+from protocol.jr3.firmware import first_order_delay
+from protocol.wrench import (
     SensorEvent,
     SensorFailed,
-    SensorFrame,
     SensorNotice,
     SensorReady,
     SensorRestarted,
     SensorStopped,
-    UartGatewayClient,
-    UartGatewayClientProfile,
+    WrenchFrame,
     Zeroed,
 )
 
@@ -30,7 +30,9 @@ T0 = 1234.567
 COUNTS = (1000, -2000, 3000, 400, -500, 600)
 UNITS = np.array([115, 111, 185, 5.6, 5.2, 6.1]) / 16384
 NOTICE = SensorNotice("the gateway's filter is off (cut-off 0): every sample is as noisy as the sensor")
-READY = SensorReady((115.0, 111.0, 185.0, 5.6, 5.2, 6.1))
+SCALES = (115.0, 111.0, 185.0, 5.6, 5.2, 6.1)
+READY = SensorReady(facts_of(SCALES, 0.01, 0.0))
+FILTERED = SensorReady(facts_of(SCALES, 0.01, first_order_delay(10.0)))
 
 Wrench = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
@@ -57,7 +59,7 @@ class Pair:
         self, at: float = T0, wrench: Wrench = CONSTANT, connected: bool = True, **profile: object
     ) -> Any:
         """The gateway, switched on at a time."""
-        sensor = Jr3Sensor(SensorProfile(noise_counts=0.0, connected=connected), wrench, seed=3)
+        sensor = Jr3Sensor(SensorProfile(noise_counts=0.0, connected=connected), KnownWrench(wrench), seed=3)
         return self.gateway(self.gateway_profile(**profile), sensor, powered_at=at)
 
     def bench(self, gateway: Any = None, now: float = T0, **profile: object) -> "Bench":
@@ -109,8 +111,8 @@ class Bench:
             self._settle()
 
 
-def samples(events: list[SensorEvent]) -> list[SensorFrame]:
-    return [event for event in events if isinstance(event, SensorFrame)]
+def samples(events: list[SensorEvent]) -> list[WrenchFrame]:
+    return [event for event in events if isinstance(event, WrenchFrame)]
 
 
 # --- both
@@ -127,13 +129,13 @@ def test_session_from_power_up_over_the_wrap_to_the_end(pair: Pair, profile: dic
     assert events[:2] == [READY, NOTICE]
     told = samples(events)
     assert len(told) == len(events) - 2 > 3000
-    assert {event.counts for event in told} == {COUNTS}
+    assert {event.values for event in told} == {COUNTS}
     assert {b.sequence - a.sequence for a, b in itertools.pairwise(told)} == {77, 78}
     assert told[-1].sequence > 3 * 65536
     bench.client.zero()
     events = bench.run(T0 + 42)
     assert Zeroed() in events
-    assert samples(events)[-1].counts == (0,) * 6
+    assert samples(events)[-1].values == (0,) * 6
     bench.client.stop()
     assert bench.run(T0 + 50) == [SensorStopped()]
     statistics = bench.client.statistics
@@ -152,12 +154,12 @@ def test_a_gateway_that_reboots_loses_its_zero_and_is_started_again(pair: Pair) 
     bench = pair.bench(cutoff_hz=0.0)
     bench.client.zero()
     before = samples(bench.run(T0 + 12))
-    assert before[-1].counts == (0,) * 6
+    assert before[-1].values == (0,) * 6
     bench.gateway = pair.powered(at=bench.now)
     rebooted, ready, notice, *after = bench.run(T0 + 20)
     assert (rebooted, ready, notice) == (SensorRestarted(), READY, NOTICE)
     assert samples(after)[0].sequence == before[-1].sequence + 1
-    assert samples(after)[-1].counts == COUNTS
+    assert samples(after)[-1].values == COUNTS
 
 
 @on_both
@@ -196,11 +198,11 @@ def test_a_gateway_without_power() -> None:
 
 def test_synchronous_session() -> None:
     bench = CAN.bench(mode="sync", cutoff_hz=0.0)
-    assert bench.run(T0 + 3) == [READY, NOTICE]
+    assert bench.run(T0 + 3) == [SensorReady(facts_of(SCALES, None, 0.0)), NOTICE]
     for k in range(5):
         bench.client.sync()
         (frame,) = samples(bench.run(T0 + 3.01 + k * 0.01))
-        assert frame.counts == COUNTS
+        assert frame.values == COUNTS
 
 
 def test_the_cell_is_never_asked_backwards_or_ahead() -> None:
@@ -245,7 +247,7 @@ def test_counts_that_look_like_delimiters_arrive_whole() -> None:
     bench = UART.bench(UART.powered(wrench=of(looks)), cutoff_hz=0.0, period_ms=4.0)
     told = samples(bench.run(T0 + 30))
     assert len(told) > 5000
-    assert {event.counts for event in told} == {looks}
+    assert {event.values for event in told} == {looks}
     assert bench.client.statistics.malformed == 0
 
 
@@ -263,7 +265,7 @@ def test_commands_that_are_lost_on_the_line_are_repeated() -> None:
     bench = UART.bench()
     seen = itertools.count()
     bench.down = lambda data: b"" if next(seen) % 2 == 0 else data
-    assert READY in bench.run(T0 + 30)
+    assert FILTERED in bench.run(T0 + 30)
 
 
 def test_commands_that_are_torn_on_the_line_are_repeated() -> None:
@@ -271,7 +273,7 @@ def test_commands_that_are_torn_on_the_line_are_repeated() -> None:
     bench = UART.bench()
     seen = itertools.count()
     bench.down = lambda data: data[: len(data) // 2] if next(seen) % 3 == 0 else data
-    assert READY in bench.run(T0 + 30)
+    assert FILTERED in bench.run(T0 + 30)
 
 
 def test_a_client_that_joins_a_running_stream() -> None:
@@ -281,6 +283,6 @@ def test_a_client_that_joins_a_running_stream() -> None:
     cut = itertools.count()
     second.up = lambda data: data[7:] if next(cut) == 0 else data
     events = second.run(T0 + 20)
-    assert events[0] == READY
+    assert events[0] == SensorReady(facts_of(SCALES, 0.02, 0.0))
     steps = {b.sequence - a.sequence for a, b in itertools.pairwise(samples(events))}
     assert steps == {155, 156}

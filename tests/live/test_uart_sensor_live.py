@@ -6,9 +6,11 @@ import itertools
 import pytest
 
 from hil_bridge.clock import Clock, run_real
+from hil_bridge.device_log import LogTo
 from hil_bridge.runs.compose import Ports, connect_sensor, emulated_cell
 from hil_bridge.settings.configuration import Config
-from protocol.jr3 import SensorFrame
+from hil_bridge.wiring import Wiring
+from protocol.wrench import WrenchFrame
 
 pytestmark = pytest.mark.live
 
@@ -21,7 +23,7 @@ QUICK = {
 
 def test_a_sensor_on_a_pseudo_terminal() -> None:
     config = Config.model_validate(QUICK)
-    frames: list[SensorFrame] = []
+    frames: list[WrenchFrame] = []
 
     def failed(cause: BaseException) -> None:
         raise cause
@@ -29,13 +31,11 @@ def test_a_sensor_on_a_pseudo_terminal() -> None:
     async def main() -> None:
         clock = Clock.running()
         try:
-            async with emulated_cell(config.cell, 1, clock, Ports(None, "pty:?gateway=jr3"), failed) as ports:
+            async with emulated_cell(config, clock, Ports(None, "pty:?gateway=jr3"), failed) as ports:
                 url = ports.sensor or ""
                 assert url.startswith("serial:///dev/pts/")
                 assert url.endswith("?baudrate=115200&parity=N&stopbits=1&gateway=jr3")
-                sensor = await connect_sensor(
-                    url, config.sensor, clock, frames.append, lambda kind, text: None
-                )
+                sensor = await connect_sensor(config, url, Wiring("sensor", clock, LogTo(frames.append)))
                 sensor.start()
                 async with asyncio.timeout(30.0):
                     assert await sensor.ready() == (115.0, 111.0, 185.0, 5.6, 5.2, 6.1)
@@ -49,4 +49,4 @@ def test_a_sensor_on_a_pseudo_terminal() -> None:
     assert len(frames) > 50
     # The emulator leaves out nothing, and a pseudo-terminal loses nothing.
     assert {later.sequence - earlier.sequence for earlier, later in itertools.pairwise(frames)} == {31, 32}
-    assert max(map(abs, frames[-1].counts)) <= 4
+    assert max(map(abs, frames[-1].values)) <= 4

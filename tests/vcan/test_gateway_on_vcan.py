@@ -12,12 +12,15 @@ import pytest
 from numpy.typing import NDArray
 
 from emulators.jr3 import Gateway, GatewayProfile, Jr3Sensor, SensorProfile
+from emulators.sensing import KnownWrench
 from hil_bridge.clock import Clock, run_real
+from hil_bridge.device_log import Silence
 from hil_bridge.sensors.stream import ForceSensor
 from hil_bridge.transports import connect_can
 from hil_bridge.transports.pump import Pump
 from protocol.can.frame import CanFilter
-from protocol.jr3 import GatewayClient, GatewayClientProfile, SensorFrame
+from protocol.jr3 import GatewayClient, GatewayClientProfile
+from protocol.wrench import WrenchFrame
 
 pytestmark = pytest.mark.vcan
 
@@ -47,7 +50,9 @@ class Bus:
         port = await connect_can(self._url, self.clock, accept)
         self._stack.push_async_callback(port.aclose)
         sensor = Jr3Sensor(
-            SensorProfile(noise_counts=0.0), lambda times: np.tile(wrench, (len(times), 1)), seed=1
+            SensorProfile(noise_counts=0.0),
+            KnownWrench(lambda times: np.tile(wrench, (len(times), 1))),
+            seed=1,
         )
         endpoint = Gateway(GatewayProfile(node=node, boot_s=0.0), sensor, self.clock.now())
         Pump[Any, Any](endpoint, port, self.clock, lambda event: None, lambda cause: None).start()
@@ -57,23 +62,25 @@ class Bus:
         node: int,
         period_ms: float = 10.0,
         accept: Sequence[CanFilter] = (),
-        on_frame: Callable[[SensorFrame], None] = lambda frame: None,
+        on_frame: Callable[[WrenchFrame], None] = lambda frame: None,
     ) -> ForceSensor:
         """A client that has been told the full scales and is sent frames."""
         profile = GatewayClientProfile(
             node=node, period_ms=period_ms, ack_timeout_s=ANSWER_S, ready_timeout_s=PATIENCE
         )
+        log = Silence()
+        log.frame = on_frame  # type: ignore[method-assign,assignment]
+        log.notice = lambda kind, text: self.notices.append(text)  # type: ignore[method-assign]
         sensor = ForceSensor(
             await connect_can(self._url, self.clock, accept),
             GatewayClient(profile, self.clock.now()),
             self.clock,
-            on_frame,
-            lambda kind, text: self.notices.append(text),
+            log,
         )
         self._stack.push_async_callback(sensor.aclose)
         sensor.start()
         async with asyncio.timeout(PATIENCE):
-            assert await sensor.ready() == pytest.approx(SCALES)
+            assert (await sensor.ready()).full_scales == pytest.approx(SCALES)
         return sensor
 
     async def frames(self, sensor: ForceSensor, number: int) -> None:

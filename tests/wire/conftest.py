@@ -11,18 +11,18 @@ from protocol.can.frame import CanFrame
 from protocol.jr3 import (
     GatewayClient,
     GatewayClientProfile,
-    SensorEvent,
-    SensorFrame,
-    SensorReady,
     UartGatewayClient,
     UartGatewayClientProfile,
     encode_sample,
     parse_frame,
 )
+from protocol.jr3.counts import facts_of
+from protocol.jr3.firmware import first_order_delay
 from protocol.jr3.uart_gateway import encode_data
+from protocol.wrench import SensorEvent, SensorReady, WrenchFrame
 
 T0 = 1000.25
-READY = SensorReady((115.0, 111.0, 185.0, 5.6, 5.2, 6.1))
+READY = SensorReady(facts_of((115.0, 111.0, 185.0, 5.6, 5.2, 6.1), 0.01, first_order_delay(10.0)))
 
 
 @dataclass(frozen=True)
@@ -96,11 +96,11 @@ class Wire:
         """What the client has told since the last time."""
         return list(iter(client.next_event, None))
 
-    def feed(self, client: Any, counters: Iterable[int], now: float = T0 + 10) -> list[SensorFrame]:
+    def feed(self, client: Any, counters: Iterable[int], now: float = T0 + 10) -> list[WrenchFrame]:
         """The samples that come of these counters."""
         for counter in counters:
             client.receive(self.sample(counter % 65536), now)
-        return [event for event in self.events(client) if isinstance(event, SensorFrame)]
+        return [event for event in self.events(client) if isinstance(event, WrenchFrame)]
 
 
 def _words(words: list[int]) -> str:

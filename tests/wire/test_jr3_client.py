@@ -7,18 +7,14 @@ import pytest
 from protocol.can.error import CanErrorReport, ErrorClass, encode_error
 from protocol.can.frame import CanFrame
 from protocol.endpoint import LocalProtocolError
-from protocol.jr3 import (
-    Phase,
-    SensorFailed,
-    SensorFrame,
-    SensorNotice,
-    SensorReady,
-    encode_sample,
-)
+from protocol.jr3 import Phase, encode_sample
+from protocol.jr3.counts import facts_of
+from protocol.jr3.firmware import first_order_delay
+from protocol.wrench import SensorFailed, SensorNotice, SensorReady, WrenchFrame
 
 T0 = 1000.25
 NOTICE = SensorNotice("the gateway's filter is off (cut-off 0): every sample is as noisy as the sensor")
-READY = SensorReady((115.0, 111.0, 185.0, 5.6, 5.2, 6.1))
+READY = SensorReady(facts_of((115.0, 111.0, 185.0, 5.6, 5.2, 6.1), 0.01, first_order_delay(10.0)))
 FORCE_SCALES, MOMENT_SCALES = "101#0073006F00B900", "101#00380034003D00"
 
 
@@ -31,7 +27,7 @@ def test_synchronous_session_with_known_full_scales(can: Any) -> None:
         client.sync()
     client.handle_deadline(T0 + 0.1)
     # A cut-off of 0 is possible on purpose, and said.
-    assert can.events(client) == [SensorReady(scales), NOTICE]
+    assert can.events(client) == [SensorReady(facts_of(scales, None, 0.0)), NOTICE]
     client.sync()
     client.sync()
     assert can.orders(client, T0 + 0.2) == ["080#", "080#"]
@@ -105,8 +101,8 @@ def test_a_sample_tells_counts_and_when_it_was_complete(can: Any) -> None:
     late = CanFrame(moments.identifier, bytes(6) + b"\x00\x01", received_at=T0 + 1.5)
     client.receive([CanFrame(forces.identifier, bytes(6) + b"\x00\x01"), late], T0 + 2)
     assert can.events(client) == [
-        SensorFrame((1, -2, 3, -4, 5, -6), 77, 77, T0 + 1),
-        SensorFrame((0, 0, 0, 0, 0, 0), 256, 256, T0 + 1.5),
+        WrenchFrame((1, -2, 3, -4, 5, -6), 77, 77, T0 + 1),
+        WrenchFrame((0, 0, 0, 0, 0, 0), 256, 256, T0 + 1.5),
     ]
 
 

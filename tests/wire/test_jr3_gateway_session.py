@@ -5,6 +5,7 @@ What one wire alone has is tested beside this file.
 
 import functools
 import operator
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -12,19 +13,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from protocol.endpoint import LocalProtocolError
-from protocol.jr3 import (
-    SensorFailed,
-    SensorNotice,
-    SensorReady,
-    SensorRestarted,
-    SensorStopped,
-    Zeroed,
-)
+from protocol.jr3.counts import facts_of
+from protocol.jr3.firmware import first_order_delay
 from protocol.jr3.gateway_session import Phase
+from protocol.wrench import SensorFailed, SensorNotice, SensorReady, SensorRestarted, SensorStopped, Zeroed
 
 T0 = 1000.25
 NOTICE = SensorNotice("the gateway's filter is off (cut-off 0): every sample is as noisy as the sensor")
-READY = SensorReady((115.0, 111.0, 185.0, 5.6, 5.2, 6.1))
+READY = SensorReady(facts_of((115.0, 111.0, 185.0, 5.6, 5.2, 6.1), 0.01, first_order_delay(10.0)))
 SCALES = (50.0, 50.0, 100.0, 4.0, 4.0, 4.0)
 
 
@@ -60,8 +56,7 @@ def test_known_full_scales_are_not_asked_for_and_no_filter_is_said(wire: Any) ->
     wire.exchange(client, T0, wire.ok, expect=wire.state)
     wire.exchange(client, T0 + wire.step, wire.ok, expect=wire.start("0000"))
     client.handle_deadline(T0 + wire.step + 0.125)
-    assert wire.events(client) == [SensorReady(SCALES), NOTICE]
-    assert client.delay == 0.0
+    assert wire.events(client) == [SensorReady(facts_of(SCALES, 0.01, 0.0)), NOTICE]
 
 
 def test_a_client_that_streams_waits_for_nothing_but_its_command(wire: Any) -> None:
@@ -84,7 +79,8 @@ def test_set_filter_now_and_at_the_next_start(wire: Any) -> None:
     client = wire.ready()
     client.set_filter(2.0)
     wire.exchange(client, T0 + 10, wire.ok, expect=wire.set_filter("C800"))
-    assert wire.events(client) == []
+    (told,) = wire.events(client)
+    assert told == SensorReady(replace(READY.facts, delay=first_order_delay(2.0)))
     client.receive(wire.data(wire.boot_up), T0 + 20)
     wire.establish(client, T0 + 20, "C800")
     client = wire.begin()
@@ -96,10 +92,12 @@ def test_set_filter_now_and_at_the_next_start(wire: Any) -> None:
 
 
 def test_the_delay_follows_the_cut_off(wire: Any) -> None:
+    assert READY.facts.delay == wire.profile().delay == pytest.approx(0.0159, abs=1e-4)
     client = wire.begin()
-    assert client.delay == wire.profile().delay == pytest.approx(0.0159, abs=1e-4)
     client.set_filter(0.0)
-    assert client.delay == 0.0
+    wire.establish(client, T0, "0000")
+    ready, notice = wire.events(client)
+    assert (ready.facts.delay, notice) == (0.0, NOTICE)
 
 
 # --- silence, repetitions, late answers

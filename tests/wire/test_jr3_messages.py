@@ -21,15 +21,16 @@ from protocol.jr3 import (
     encode_acknowledge,
     encode_command,
     encode_sample,
+    facts_of,
     full_scales_si,
     heard_by_client,
     heard_by_gateway,
     identifier,
     parse_frame,
     split,
-    wrench_from_counts,
 )
 from protocol.jr3.can_gateway.messages import ACKNOWLEDGED, FORCES, MOMENTS
+from protocol.wrench import wrench_of
 
 GOLDEN_COMMANDS = {
     # Example of the gateway firmware's description.
@@ -138,7 +139,10 @@ def test_identifiers() -> None:
 def test_counts_and_units() -> None:
     scales = full_scales_si((115, 111, 185), (56, 52, 61))
     assert scales == (115.0, 111.0, 185.0, 5.6, 5.2, 6.1)
-    assert wrench_from_counts((16384, -8192, 0, 16384, 0, -32768), scales) == (
+    facts = facts_of(scales, None, 0.0)
+    assert facts.full_scales == scales
+    assert facts.range == tuple(2.0 * scale for scale in scales)
+    assert wrench_of((16384, -8192, 0, 16384, 0, -32768), facts.scales) == (
         115.0,
         -55.5,
         0.0,
@@ -147,9 +151,9 @@ def test_counts_and_units() -> None:
         -12.2,
     )
     # Moments as the wire has it: count · (N·m×10) / 163840.
-    assert wrench_from_counts((0, 0, 0, 1234, 0, 0), scales)[3] == pytest.approx(1234 * 56 / 163840)
+    assert wrench_of((0, 0, 0, 1234, 0, 0), facts.scales)[3] == pytest.approx(1234 * 56 / 163840)
     sample = (1, -2, 3, -4, 5, 16384)
-    assert counts_from_wrench(wrench_from_counts(sample, scales), scales) == sample
+    assert counts_from_wrench(wrench_of(sample, facts.scales), scales) == sample
 
 
 def test_describe_tells_values_with_units() -> None:

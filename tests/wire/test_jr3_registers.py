@@ -12,16 +12,6 @@ from hypothesis import strategies as st
 
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
 from protocol.fields import Layout
-from protocol.jr3 import (
-    SensorEvent,
-    SensorFailed,
-    SensorFrame,
-    SensorNotice,
-    SensorReady,
-    SensorRestarted,
-    SensorStopped,
-    Zeroed,
-)
 from protocol.jr3.board import REGISTERS, CommandCode, check_range, from_signed, pack_words
 from protocol.jr3.registers import (
     BURST,
@@ -56,6 +46,16 @@ from protocol.jr3.registers import (
     request_reader,
     response_reader,
     start_up,
+)
+from protocol.wrench import (
+    SensorEvent,
+    SensorFailed,
+    SensorNotice,
+    SensorReady,
+    SensorRestarted,
+    SensorStopped,
+    WrenchFrame,
+    Zeroed,
 )
 
 EPOCH = 4321.5
@@ -542,8 +542,8 @@ class Pair:
         events, self.events = self.events, []
         return events
 
-    def frames(self, until: float) -> list[SensorFrame]:
-        return [event for event in self.run(until) if isinstance(event, SensorFrame)]
+    def frames(self, until: float) -> list[WrenchFrame]:
+        return [event for event in self.run(until) if isinstance(event, WrenchFrame)]
 
 
 FAST = BoardClientProfile(offset_polls=0)
@@ -580,15 +580,15 @@ def test_client_starts_up_and_streams() -> None:
     assert board.resets == 1
     assert board.commands == [0x0500, 0x0A00, 0x0600, 0x0700]
     assert notice == SensorNotice("board: sensor model 67, serial number 4711")
-    assert ready.full_scales == (400.0, 400.0, 800.0, 25.0, 25.0, 26.0)
-    assert ready.model == "sensor model 67, serial number 4711"
+    assert ready.facts.full_scales == (400.0, 400.0, 800.0, 25.0, 25.0, 26.0)
+    assert ready.facts.model == "sensor model 67, serial number 4711"
     # start-up 10.125 s, settling 15 × 6.598 ms, then a sample every 10 ms
-    assert [frame.at - EPOCH for frame in frames if isinstance(frame, SensorFrame)] == pytest.approx(
+    assert [frame.at - EPOCH for frame in frames if isinstance(frame, WrenchFrame)] == pytest.approx(
         [10.22397 + 0.01 * k for k in range(1, 11)]
     )
-    assert {frame.counts for frame in frames} == {(0, 0, 100, 0, 0, 0)}
+    assert {frame.values for frame in frames} == {(0, 0, 100, 0, 0, 0)}
     assert {b.sequence - a.sequence for a, b in itertools.pairwise(frames)} == {20}
-    assert pair.client.delay == FILTER_DELAYS[2]
+    assert (ready.facts.delay, ready.facts.period) == (FILTER_DELAYS[2], 0.01)
     assert pair.client.statistics.lost == pair.client.statistics.repeated == 0
 
 
@@ -646,7 +646,7 @@ def test_zero_is_told_once_it_has_settled(pair: Pair) -> None:
     events = pair.run(0.5)
     at = next(i for i, event in enumerate(events) if isinstance(event, Zeroed))
     before = events[at - 1]
-    assert isinstance(before, SensorFrame)
+    assert isinstance(before, WrenchFrame)
     assert before.at - EPOCH == pytest.approx(0.225 + 0.02 + 0.099, abs=0.011)
     assert pair.board.commands[-1] == 0x0800
     assert sum(isinstance(event, Zeroed) for event in events) == 1
@@ -655,7 +655,7 @@ def test_zero_is_told_once_it_has_settled(pair: Pair) -> None:
 def test_a_zero_before_the_start_up_is_over_waits_for_it() -> None:
     pair = Pair(Ticking(), FAST)
     pair.client.zero()
-    events = [event for event in pair.run(1.0) if not isinstance(event, SensorFrame)]
+    events = [event for event in pair.run(1.0) if not isinstance(event, WrenchFrame)]
     assert [type(event) for event in events] == [SensorNotice, SensorReady, Zeroed]
 
 
@@ -702,7 +702,7 @@ def test_a_second_client_takes_the_board_as_it_is() -> None:
     ready = next(
         e for e in Pair(board, replace(FAST, start_up="none")).run(0.2) if isinstance(e, SensorReady)
     )
-    assert ready.full_scales == (100.0, 101.0, 102.0, 10.3, 10.4, 10.5)
+    assert ready.facts.full_scales == (100.0, 101.0, 102.0, 10.3, 10.4, 10.5)
     assert (board.resets, board.commands) == (0, [])
 
 
@@ -724,10 +724,10 @@ def test_a_changed_sensor_begins_again_without_a_reset(pair: Pair) -> None:
     before = pair.frames(0.3)[-1].sequence
     pair.board.poke("errors", 0x0800)
     events = pair.run(3.0)
-    kinds = [type(event) for event in events if not isinstance(event, SensorFrame)]
+    kinds = [type(event) for event in events if not isinstance(event, WrenchFrame)]
     assert kinds == [SensorRestarted, SensorNotice, SensorReady]
     assert pair.board.resets == 1
-    first = next(event for event in events if isinstance(event, SensorFrame))
+    first = next(event for event in events if isinstance(event, WrenchFrame))
     assert first.sequence == before + 1
 
 
@@ -742,6 +742,20 @@ def test_saturation_is_told_once_and_again_after_a_quiet_time(pair: Pair) -> Non
     assert texts(0.5, 0x04, 0x06) == []
     assert texts(1.6, 0, 0) == []
     assert texts(1.7, 0, 0x20) == ["board: raw mz near saturation"]
+
+
+def test_the_end_of_the_range_stays_where_it_is_when_a_zero_is_taken(pair: Pair) -> None:
+    """Frames count from a board's zero before the board says that it holds: the offset is that of its order."""
+    tick(pair.board, 0, 20000)
+    assert pair.frames(0.3)[-1].saturated == 0
+    pair.client.zero()
+    pair.exchange()
+    tick(pair.board, 0, 0)
+    assert any(isinstance(event, Zeroed) for event in pair.run(0.5))
+    tick(pair.board, 0, 32764 - 20000)
+    saturated, *_ = reversed(pair.run(0.6))
+    assert isinstance(saturated, WrenchFrame)
+    assert saturated.saturated == 0b100
 
 
 def test_no_sample_is_taken_while_the_board_is_busy(pair: Pair) -> None:

@@ -5,17 +5,13 @@ from typing import Any
 import pytest
 
 from protocol.endpoint import LocalProtocolError
-from protocol.jr3 import (
-    SensorFailed,
-    SensorFrame,
-    SensorReady,
-    SensorStopped,
-    Zeroed,
-)
+from protocol.jr3.counts import facts_of
+from protocol.jr3.firmware import first_order_delay
 from protocol.jr3.uart_gateway import Phase, encode_data
+from protocol.wrench import SensorFailed, SensorReady, SensorStopped, WrenchFrame, Zeroed
 
 T0 = 1000.25
-READY = SensorReady((115.0, 111.0, 185.0, 5.6, 5.2, 6.1))
+READY = SensorReady(facts_of((115.0, 111.0, 185.0, 5.6, 5.2, 6.1), 0.01, first_order_delay(10.0)))
 STATE, SCALES, STOP, ZERO = b"<06>", b"<07>", b"<03>", b"<04>"
 START = b"<02" + bytes.fromhex("E80310270000") + b">"
 OK, NOT_READY = b"<01\x00>", b"<01\x01>"
@@ -50,7 +46,7 @@ def test_session_with_a_pause_after_every_acknowledge(uart: Any) -> None:
 def test_a_sample_is_told_whole_with_its_time(uart: Any) -> None:
     client = uart.ready()
     client.receive(encode_data((1, -2, 3, -4, 5, 0x3E3E), 77), T0 + 10)
-    assert uart.events(client) == [SensorFrame((1, -2, 3, -4, 5, 0x3E3E), 77, 77, T0 + 10)]
+    assert uart.events(client) == [WrenchFrame((1, -2, 3, -4, 5, 0x3E3E), 77, 77, T0 + 10)]
 
 
 @pytest.mark.parametrize(

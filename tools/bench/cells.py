@@ -5,11 +5,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from hil_bridge.clock import Clock, run_virtual
+from hil_bridge.device_log import LogTo
 from hil_bridge.recording import CycleRecord, EventRecord, Outcome
 from hil_bridge.runs.compose import Ports, connect_robot, connect_sensor, emulated_cell
 from hil_bridge.runs.cycle import Run
 from hil_bridge.settings.configuration import Config
-from protocol.jr3 import SensorFrame
+from hil_bridge.wiring import Wiring
+from protocol.wrench import WrenchFrame
 
 CAN, BOARD = "can+memory:sensor", "jr3+memory:sensor"
 """Where a cell's sensor listens: behind its CAN gateway, or on a receiver board behind its registers."""
@@ -28,7 +30,7 @@ class CellRun:
     sensor: str = CAN
     on_cycle: Callable[[CycleRecord], object] = lambda record: None
     on_event: Callable[[EventRecord], object] = lambda record: None
-    on_frame: Callable[[SensorFrame], object] = lambda frame: None
+    on_frame: Callable[[WrenchFrame], object] = lambda frame: None
     cycles: int = 0
     frames: int = 0
     simulated: float = 0.0
@@ -44,7 +46,7 @@ class CellRun:
         """Something happened beside the cycles."""
         self.on_event(record)
 
-    def _frame(self, frame: SensorFrame) -> None:
+    def _frame(self, frame: WrenchFrame) -> None:
         self.frames += 1
         self.on_frame(frame)
 
@@ -57,16 +59,12 @@ class CellRun:
         def notice(kind: str, text: str) -> None:
             self.event(EventRecord(clock.now(), kind, text))
 
-        config = self.config
-        async with emulated_cell(
-            config.cell,
-            config.run.seed + self.number,
-            clock,
-            ports,
-            lambda cause: self.faults.append(repr(cause)),
-        ) as at:
-            robot = await connect_robot(at.robot or "", config.robot.link, clock, notice)
-            sensor = await connect_sensor(at.sensor or "", config.sensor, clock, self._frame, notice)
+        seeded = self.config.run.model_copy(update={"seed": self.config.run.seed + self.number})
+        config = self.config.model_copy(update={"run": seeded})
+        log = LogTo(self._frame, notice)
+        async with emulated_cell(config, clock, ports, lambda cause: self.faults.append(repr(cause))) as at:
+            robot = await connect_robot(config, at.robot or "", Wiring("robot", clock, log))
+            sensor = await connect_sensor(config, at.sensor or "", Wiring("sensor", clock, log))
             robot.start()
             sensor.start()
             try:

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from tools.bench.figures import Cost, Figure, Report
+from tools.bench.figures import Figure, Report
 
 QUIET = 1.5
 """Load up to which it is that of the benchmark before."""
@@ -26,8 +26,6 @@ def renewed(text: str, results: Mapping[str, Any]) -> str:
 def benchmark_part(report: Report, load: float) -> str:
     """Figures, what was left out, and how busy the machine was."""
     parts = [figures_table(report.figures), *(f"Left out: {text}" for text in report.left_out)]
-    for name, costs in report.profiles.items():
-        parts += [f"{name}:", costs_table(costs)]
     parts.append(
         f"Processes that wanted a processor when it began, average of a minute: {load:.1f}.{BUSY * (load > QUIET)}"
     )
@@ -37,15 +35,6 @@ def benchmark_part(report: Report, load: float) -> str:
 def figures_table(figures: Iterable[Figure]) -> str:
     """All figures, one in a row."""
     return _table(HEAD, (figure.cells() for figure in figures))
-
-
-def costs_table(costs: Iterable[Cost]) -> str:
-    """A profile; what is a name in the code is written like one."""
-
-    def where(cost: Cost) -> str:
-        return cost.where if " " in cost.where else f"`{cost.where}`"
-
-    return _table(("where", "share"), ((where(cost), f"{cost.share:.1%}") for cost in costs))
 
 
 def _placed(text: str, name: str, content: str) -> str:

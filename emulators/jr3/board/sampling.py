@@ -1,5 +1,5 @@
 """The board's samples: which have been computed, how far ahead, and what becomes of them when settings change, or
-when the sensor's will be others than was foreseen.
+when the sensor's will be others than was predicted.
 """
 
 from collections.abc import Callable
@@ -15,7 +15,7 @@ Samples = NDArray[np.int64]
 _LONGEST = 8192
 """Most samples computed at once: as many as the processor's cache holds."""
 _AHEAD = 2048
-"""Most samples computed ahead. Chosen: more than a sensor foresees."""
+"""Most samples computed ahead. Chosen: more than a sensor predicts."""
 
 
 class RawSamples:
@@ -41,13 +41,13 @@ class RawSamples:
         self._first -= len(samples)
         self._kept = np.concatenate([samples, self._kept])
 
-    def forget(self, first: int) -> None:
+    def invalidate(self, first: int) -> None:
         """Samples from this number on will be others than were read."""
         self._kept = self._kept[: max(0, first - self._first)]
 
 
 class Sampling:
-    """Runs the data path up to the sample asked for, and further as far as the sensor foresees.
+    """Runs the data path up to the sample asked for, and further as far as the sensor predicts.
 
     Samples have the numbers 0, 1, … from `origin`, the absolute number of the first one.
     """
@@ -89,10 +89,10 @@ class Sampling:
         self.resume(state)
         return state
 
-    def forget(self, first: int) -> None:
+    def invalidate(self, first: int) -> None:
         """The sensor's samples from this absolute number on will be others; what a host has seen it has seen."""
         self._end_block(max(first - self._origin, self.sample + 1))
-        self._raw.forget(first)
+        self._raw.invalidate(first)
 
     def _end_block(self, end: int) -> None:
         """Give up what was computed from this sample on."""

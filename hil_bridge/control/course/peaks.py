@@ -16,7 +16,7 @@ class Peaks:
 
     def __init__(self, facing: Facing, scales: Sequence[float], zero: Sequence[float] = NO_WRENCH) -> None:
         """`facing` is the wrist at the orientation that the tool keeps, its first direction the approach. `scales`
-        are N and N·m for a count of each axis, `zero` the contact wrench that was taken for zero, N and N·m.
+        are those of the sensor's facts, `zero` is the contact wrench that was taken for zero, N and N·m.
         """
         rows = [[value * scale for value, scale in zip(row, scales, strict=True)] for row in facing.matrix]
         self._matrix = tuple(map(tuple, rows))
@@ -27,9 +27,9 @@ class Peaks:
         self.saturated = False
         """An axis was at the end of its range in one of the frames since `take`."""
 
-    def frame(self, counts: Sequence[int]) -> None:
-        """A frame has come: six counts. In single numbers, for this runs for every frame of a stream."""
-        fx, fy, fz, mx, my, mz = counts
+    def frame(self, values: Sequence[float]) -> None:
+        """A frame has come: its six values. In single numbers, for this runs for every frame of a stream."""
+        fx, fy, fz, mx, my, mz = values
         (a, b, c, _, _, _), (d, e, f, _, _, _), (g, h, i, _, _, _), r, s, t = self._matrix
         ox, oy, oz, ou, ov, ow = self._offset
         x, y, z = a * fx + b * fy + c * fz + ox, d * fx + e * fy + f * fz + oy, g * fx + h * fy + i * fz + oz
@@ -49,10 +49,10 @@ class Peaks:
         if square > self._moment:
             self._moment = square
 
-    def resultant(self, counts: Sequence[int]) -> float:
+    def resultant(self, values: Sequence[float]) -> float:
         """Length of the contact force of one frame from the zero, N."""
         rows = zip(self._matrix[:3], self._offset[:3], strict=True)
-        return math.hypot(*(sum(m * n for m, n in zip(row, counts, strict=True)) + o for row, o in rows))
+        return math.hypot(*(sum(m * n for m, n in zip(row, values, strict=True)) + o for row, o in rows))
 
     def take(self) -> tuple[float, float, float, bool]:
         """Force along the approach farthest from 0, N, largest resultant, N, and moment, N·m, of all frames since the

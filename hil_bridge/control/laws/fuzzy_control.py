@@ -20,7 +20,7 @@ from hil_bridge.control.course.checks import (
 from hil_bridge.control.laws.estimate import Gates, StiffnessEstimate, contact_lost, update
 from hil_bridge.control.laws.fuzzy import InferenceSystem, Surface, paper_system
 from hil_bridge.control.laws.rules import read_rules
-from hil_bridge.control.types import Command, Measurement
+from hil_bridge.control.types import POSITION_STEP_MM, SAMPLE_MS, Command, Measurement
 
 
 class FuzzyState(Struct, frozen=True):
@@ -46,8 +46,9 @@ class FuzzyPi:
 
     __pydantic_config__: ClassVar = FORBID_EXTRA
     name: ClassVar[str] = "fuzzy"
+    sample_ms: ClassVar[float] = SAMPLE_MS
 
-    output_step_mm: float = 0.125
+    output_step_mm: float = POSITION_STEP_MM
     """K: correction of one output level. The paper takes one resolution step of the robot."""
     surface: Surface = Surface.PAPER
     """Printed matrix, matrix computed from the rules, or the rules without quantisation."""
@@ -89,15 +90,16 @@ class FuzzyAdaptive:
 
     __pydantic_config__: ClassVar = FORBID_EXTRA
     name: ClassVar[str] = "fuzzy-adaptive"
+    sample_ms: ClassVar[float] = SAMPLE_MS
 
-    output_step_mm: float = 0.125
+    output_step_mm: float = POSITION_STEP_MM
     """K: correction of one output level."""
     surface: Surface = Surface.PAPER
     """Printed matrix, matrix computed from the rules, or the rules without quantisation."""
     rules_file: str = ""
     """TOML file with a rule base; empty takes the paper's."""
     _system: InferenceSystem = field(init=False, repr=False, compare=False)
-    resolution_mm: float = 0.125
+    resolution_mm: float = POSITION_STEP_MM
     """Smallest step of the reported position."""
     force_uncertainty_n: float = 0.5
     """Half-width of the force noise, as the paper assumes it."""
@@ -155,15 +157,16 @@ class ResolutionAware:
 
     __pydantic_config__: ClassVar = FORBID_EXTRA
     name: ClassVar[str] = "resolution-aware"
+    sample_ms: ClassVar[float] = SAMPLE_MS
 
-    output_step_mm: float = 0.125
+    output_step_mm: float = POSITION_STEP_MM
     """K: correction of one output level of the fuzzy PI."""
     surface: Surface = Surface.PAPER
     """Printed matrix, matrix computed from the rules, or the rules without quantisation."""
     rules_file: str = ""
     """TOML file with a rule base; empty takes the paper's."""
     _system: InferenceSystem = field(init=False, repr=False, compare=False)
-    resolution_mm: float = 0.125
+    resolution_mm: float = POSITION_STEP_MM
     """Smallest step of the robot's position."""
     force_uncertainty_n: float = 0.5
     """Half-width of the force noise; widens the band of rest."""

@@ -111,6 +111,7 @@ class S3Link:
             pacing=Pacing.ASKED,
             position_step=1.0 / STEPS_PER_METRE,
             line_floor=line_floor(profile),
+            byte_time=profile.character_time,
             routine=_UNDISTURBED,
         )
         self._transport = Tap(transport, self._passed)

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 from protocol.endpoint import RemoteProtocolError
 from protocol.jr3.board.words import MEMORY_WORDS, to_signed
-from protocol.jr3.counts import AXES
 from protocol.marks import Mark
+from protocol.wrench import AXES
 
 SLOTS = 16
 """Slots of offsets, of load envelopes and of transforms."""

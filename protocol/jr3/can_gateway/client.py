@@ -22,7 +22,7 @@ from protocol.jr3.can_gateway.messages import (
 from protocol.jr3.can_gateway.profile import GatewayClientProfile
 from protocol.jr3.firmware import check_cutoff
 from protocol.jr3.gateway_session import Dialect, GatewaySession, Phase
-from protocol.jr3.session import SensorNotice
+from protocol.wrench import SensorNotice
 
 STRAGGLER_S = 0.5
 """Chosen: a counter that steps back by less than this is an old frame; by more, it is a far step forward."""
@@ -65,6 +65,7 @@ class GatewayClient:
             set_filter=Op.SET_FILTER,
             stop=Op.STOP,
             pause_s=None,
+            period=self._profile.period_ms * 1e-3 if streamed else None,
             counter_step=self._profile.period_ms * 1e-3 * samples_per_second if streamed else 0.0,
             # Answers to SYNC come in order and after any time: there only the same counter is an old sample.
             counter_behind=int(STRAGGLER_S * samples_per_second) if streamed else 0,
@@ -81,16 +82,6 @@ class GatewayClient:
     def phase(self) -> Phase:
         """Where the session is."""
         return self._session.phase
-
-    @property
-    def period(self) -> float | None:
-        """Between two samples by the gateway's clock, s; None where it answers each SYNC."""
-        return self._profile.period_ms * 1e-3 if self._profile.mode == "async" else None
-
-    @property
-    def delay(self) -> float:
-        """How much later than the force itself a sample with the present cut-off tells of it, s."""
-        return self._session.delay
 
     @property
     def stop_patience(self) -> float:

@@ -12,7 +12,7 @@ from functools import cache
 from protocol.can.frame import CanFilter, CanFrame
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
 from protocol.fields import Field, Layout
-from protocol.jr3.counts import AXES, FULL_SCALE_COUNTS
+from protocol.jr3.counts import FULL_SCALE_COUNTS
 from protocol.jr3.firmware import (
     ACKNOWLEDGE,
     CUTOFF,
@@ -25,6 +25,7 @@ from protocol.jr3.firmware import (
     read_start,
 )
 from protocol.marks import Mark
+from protocol.wrench import AXES
 
 GATEWAY_BITRATE = 1_000_000
 """bit/s. Source: the firmware."""

@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
-from protocol.jr3.counts import AXES
 from protocol.jr3.firmware import MAX_CUTOFF_HZ, check_cutoff, first_order_delay
 from protocol.marks import Mark, check_settings, setting
+from protocol.wrench import AXES
 
 
 @dataclass(frozen=True)

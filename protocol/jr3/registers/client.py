@@ -6,11 +6,13 @@ so that data, counter and errors are of one moment.
 
 import struct
 from collections import deque
+from collections.abc import Sequence
 from enum import Enum
 
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
 from protocol.jr3.board import REGISTERS, SATURATIONS, Errors, pack_words
-from protocol.jr3.counts import AXES
+from protocol.jr3.counts import facts_of
+from protocol.jr3.range import Range
 from protocol.jr3.registers.profile import BoardClientProfile
 from protocol.jr3.registers.startup import (
     DEAF,
@@ -39,15 +41,17 @@ from protocol.jr3.registers.telegrams import (
     encode_request,
     response_reader,
 )
-from protocol.jr3.session import (
+from protocol.wrench import (
+    AXES,
     SensorEvent,
+    SensorFacts,
     SensorFailed,
-    SensorFrame,
     SensorNotice,
     SensorReady,
     SensorRestarted,
     SensorStatistics,
     SensorStopped,
+    WrenchFrame,
     Zeroed,
 )
 
@@ -106,8 +110,10 @@ class BoardClient:
         self._answer_by: float | None = None
         self._zero_wanted = False
         self._settled_at: float | None = None
-        self._full_scales: tuple[float, ...] = ()
-        self._model = ""
+        self._facts: SensorFacts
+        self._range = Range()
+        self._zero_from: Sequence[int] | None = None
+        """The newest counts when the zero under way was ordered."""
 
         self._data_tag: int | None = None
         self._delivery_head: bytes | None = None
@@ -133,16 +139,6 @@ class BoardClient:
     def phase(self) -> BoardPhase:
         """Where the session is."""
         return self._phase
-
-    @property
-    def period(self) -> float:
-        """Between two samples that the server sends, s."""
-        return self._profile.period
-
-    @property
-    def delay(self) -> float:
-        """How much later than the force itself the board's filter tells of it, s, at low frequencies."""
-        return self._profile.delay
 
     @property
     def stop_patience(self) -> float:
@@ -202,6 +198,9 @@ class BoardClient:
         """The request whose turn it is."""
         if self._zero_wanted and self._phase is BoardPhase.READY and self._steps is None:
             self._zero_wanted = False
+            self._zero_from = (
+                self._range.newest
+            )  # frames count from the zero before the board says that it holds
             self._steps = zero(self._profile)
             self._advance((), now)
         elif self._phase is BoardPhase.STOPPING and self._answer_by is None:
@@ -240,6 +239,7 @@ class BoardClient:
         self._drop_steps()
         self._settled_at = self._data_by = self._data_tag = self._delivery_head = None
         self._poll_under_way = False
+        self._range.restart()
         self._steps = steps
         self._advance((), now)
 
@@ -313,14 +313,15 @@ class BoardClient:
 
     def _on_done(self, result: BoardIdentity | None, now: float) -> None:
         if result is not None:
-            self._full_scales = result.full_scales
             self._phase = BoardPhase.SETTLING
-            self._model = f"sensor model {result.model_no}, serial number {result.serial_no}"
-            self._events.append(SensorNotice(f"board: {self._model}"))
+            model = f"sensor model {result.model_no}, serial number {result.serial_no}"
+            self._facts = facts_of(result.full_scales, self._profile.period, self._profile.delay, model)
+            self._events.append(SensorNotice(f"board: {model}"))
         self._settled_at = now + self._profile.settling
 
     def _on_settled(self, now: float) -> None:
         if self._phase is BoardPhase.READY:
+            self._range.zeroed(self._zero_from)
             self._events.append(Zeroed())
             return
         self._phase = BoardPhase.READY
@@ -328,7 +329,7 @@ class BoardClient:
         self._asked_at = self._sampled_at = self._heard_at = now
         self._polls = 0
         self._data_by = now + self._data_timeout
-        self._events.append(SensorReady(self._full_scales, self._model))
+        self._events.append(SensorReady(self._facts))
         if not self._by_poll:
             period_us = round(self._profile.period * 1e6)
             self._ask(Op.STREAM, period_us, self._profile.bursts)
@@ -433,7 +434,11 @@ class BoardClient:
             else:
                 sequence += (counter - self._counter) % _COUNTER_MODULUS
             self._sequence, self._counter, self._sampled_at = sequence, counter, now
-            self._events.append(SensorFrame((fx, fy, fz, mx, my, mz), counter, sequence, self._dated))
+            counts = fx, fy, fz, mx, my, mz
+            saturated = self._range.saturated(counts)
+            if self._range.warnings:
+                self._events.extend(map(SensorNotice, self._range.warnings))
+            self._events.append(WrenchFrame(counts, counter, sequence, self._dated, saturated))
 
     def _usable(self, errors: int, warnings: int, now: float) -> bool:
         """Whether the data of a burst with these bits are of its moment; tell what is to be told of the bits."""

@@ -20,8 +20,8 @@ from protocol.jr3.board import (
     command_info,
     to_signed,
 )
-from protocol.jr3.counts import AXES
 from protocol.jr3.registers.profile import BoardClientProfile
+from protocol.wrench import AXES
 
 
 @dataclass(frozen=True, slots=True)

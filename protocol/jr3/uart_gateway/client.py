@@ -51,6 +51,7 @@ class UartGatewayClient:
             set_filter=Op.SET_FILTER,
             stop=Op.STOP,
             pause_s=self._profile.pause_s,
+            period=self._profile.period_ms * 1e-3,
             counter_step=self._profile.period_ms * 1e3 / self._profile.sample_period_us,
             counter_behind=0,  # bytes do not overtake each other: only the same counter is an old sample
             check_cutoff=check_uart_cutoff,
@@ -70,16 +71,6 @@ class UartGatewayClient:
     def phase(self) -> Phase:
         """Where the session is."""
         return self._session.phase
-
-    @property
-    def period(self) -> float:
-        """Between two samples by the gateway's clock, s."""
-        return self._profile.period_ms * 1e-3
-
-    @property
-    def delay(self) -> float:
-        """How much later than the force itself a sample with the present cut-off tells of it, s."""
-        return self._session.delay
 
     @property
     def stop_patience(self) -> float:

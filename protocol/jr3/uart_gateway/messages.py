@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
 from protocol.fields import Layout
-from protocol.jr3.counts import AXES, FULL_SCALE_COUNTS
+from protocol.jr3.counts import FULL_SCALE_COUNTS
 from protocol.jr3.firmware import (
     ACKNOWLEDGE,
     CUTOFF,
@@ -24,6 +24,7 @@ from protocol.jr3.firmware import (
     payload_layout,
     read_start,
 )
+from protocol.wrench import AXES
 
 UART_BAUDRATE = 115_200
 """8 data bits, no parity, one stop bit. Source: the firmware."""

@@ -3,10 +3,10 @@
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from protocol.jr3.counts import AXES
 from protocol.jr3.firmware import MAX_CUTOFF_HZ, check_cutoff, first_order_delay
 from protocol.jr3.uart_gateway.messages import DATA_FRAME_S, UART_BAUDRATE, sendable_near
 from protocol.marks import Mark, check_settings, setting
+from protocol.wrench import AXES
 
 
 @dataclass(frozen=True)
