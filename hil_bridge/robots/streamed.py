@@ -111,9 +111,8 @@ class StreamedLink(Generic[Data]):
             why = answering.lost or "the movement has ended"
             raise DeviceError(f"robot on {self.name}: {why}; begin another movement")
         assert self._newest is not None, "a movement begins with a report"
-        silent = self._clock.now() - self._newest.received_at
-        if silent > SILENT_S:
-            raise DeviceError(f"robot on {self.name} has sent nothing for {silent:.1f} s; {_WENT_ON}")
+        if self._clock.now() - self._newest.received_at > SILENT_S:
+            raise self._silent(SILENT_S, _WENT_ON)
 
     async def _next_packet(self) -> RobotReport:
         return await self._next(SILENT_S, _WENT_ON)
@@ -127,7 +126,7 @@ class StreamedLink(Generic[Data]):
             async with asyncio.timeout(patience):
                 return await waiting
         except TimeoutError:
-            raise DeviceError(f"robot on {self.name} sent nothing for {patience:g} s; {remedy}") from None
+            raise self._silent(patience, remedy) from None
         finally:
             self._waiting.discard(waiting)
 
@@ -146,6 +145,9 @@ class StreamedLink(Generic[Data]):
                 self._fail(lost)
             case StreamNotice(kind=kind, text=text):
                 self._log.notice(kind, text)
+
+    def _silent(self, seconds: float, remedy: str) -> DeviceError:
+        return DeviceError(f"robot on {self.name} sent nothing for {seconds:g} s; {remedy}")
 
     def _faulty(self, words: str) -> str:
         return f"robot on {self.name} cannot move: {words}"
