@@ -5,7 +5,7 @@ import signal
 import time
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager, contextmanager, suppress
-from dataclasses import asdict, replace
+from dataclasses import replace
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
@@ -21,7 +21,7 @@ from hil_bridge.sensors.stream import ForceSensor
 from hil_bridge.robots.s3.link import RobotLink
 from hil_bridge.errors import BridgeError
 from hil_bridge.faults.schedule import FAULT_EVENT, FaultSchedule
-from protocol.s3.timing import line_floor
+from hil_bridge.robots.s3.facts import robot_facts
 from hil_bridge.runs.outputs import Outputs, record_path, settled, write_outputs
 from hil_bridge.clock.realtime import collect_young, prompt_threads, quiet_garbage, scheduled
 from hil_bridge.recording import (
@@ -39,8 +39,7 @@ from hil_bridge.recording import (
     SensorRecord,
     WireRecord,
 )
-from hil_bridge.recording.device_facts import Devices, SensorFacts, robot_facts
-from hil_bridge.analysis.latency import AnswerTimes
+from hil_bridge.recording.facts import Devices, RobotFacts, Sensor
 from hil_bridge.runs.cycle import BUG_EVENT, Run, RunResult
 from hil_bridge.runs.screen import LEAVE_SECONDS, Terminal
 from hil_bridge.runs.signals import Signals, unless_hung_up
@@ -48,7 +47,6 @@ from hil_bridge.transports import Direction, Frames
 from hil_bridge.runs.truth import Truths
 from hil_bridge.view import REFRESH_SECONDS, Health
 from protocol.wrench import WrenchFrame
-from protocol.marks import Mark, settings
 
 if TYPE_CHECKING:
     from hil_bridge.view.live import LiveView
@@ -69,9 +67,6 @@ _COLLECT_EVERY = 64
 """Cycles between two collections. Chosen: only what is still in use costs one time, and that is as much however
 rarely it comes.
 """
-
-TROUBLE = ("block repeated", "bid repeated", "time-out", "bad block", "bad checksum", "gap in block")
-"""Counters of the link that the view adds up as link errors."""
 
 
 def execute(
@@ -228,23 +223,14 @@ class _Session:
 
     def _devices(self) -> Devices:
         """What is known of robot and sensor, both being ready."""
-        config, sensor = self._config, self._sensor
-        assert sensor is not None
-        servo = config.cell.servo
-        marks = {
-            one.name: one.info.mark if one.value == one.default else Mark.CHOSEN for one in settings(servo)
-        }
+        assert self._sensor is not None
         return Devices(
-            robot_facts(asdict(servo), self._link, not config.robot.url, marks=marks),
-            SensorFacts(
-                sensor_kind(config.sensor),
-                sensor.facts.model,
-                sensor.facts.full_scales or (),
-                sensor.facts.scales,
-                sensor.facts.delay,
-                sensor.facts.period,
-            ),
+            self._robot_facts(), Sensor(sensor_kind(self._config.sensor), self._sensor.facts)
         )
+
+    def _robot_facts(self) -> RobotFacts:
+        """What is known of the robot behind its link as the URL has set it."""
+        return robot_facts(self._link, self._config.cell.servo, not self._config.robot.url)
 
     def _pause(self, seconds: float) -> None:
         """A fault of the computer: it stands still."""
@@ -364,7 +350,7 @@ class _Session:
         return RunEnd(
             result.outcome,
             result.cause,
-            line_floor(self._link),
+            self._robot_facts().line_floor_s,
             dict(self._robot.counters) if self._robot else {},
             self._sensor.lost if self._sensor else None,
             self._sensor.delay if self._sensor and self._sensor.is_ready else None,
@@ -441,8 +427,7 @@ class _Session:
             config.run.duration_s,
             config.task.force_n,
             screen.stream,
-            line_floor(self._link),
-            AnswerTimes.on(self._link),
+            self._robot_facts(),
         )
         task = asyncio.create_task(self._refresh(view), name="view")
         try:
@@ -470,7 +455,7 @@ class _Session:
         assert self._sensor is not None
         counters, newest = self._robot.counters, self._sensor.newest
         return Health(
-            link_errors=sum(counters.get(name, 0) for name in TROUBLE),
+            link_errors=sum(counters.get(name, 0) for name in self._robot_facts().errors),
             frames_lost=self._sensor.lost,
             sensor_at=None if newest is None else newest.at,
             link=dict(counters),

@@ -24,7 +24,7 @@ from hil_bridge.recording import (
     SensorRecord,
     read,
 )
-from hil_bridge.recording.device_facts import Devices, RobotFacts
+from hil_bridge.recording.facts import Devices, RobotFacts
 from hil_bridge.recording.files import write_whole
 
 PERIOD, LSB = 0.25, 0.000125
