@@ -23,6 +23,7 @@ from emulators.cell import CellProfile
 from emulators.faults import Fault
 from emulators.seams import RobotFactory, SensorFactory, SurfaceFactory
 from hil_bridge.errors import ConfigError
+from hil_bridge.facts import RobotFacts
 from hil_bridge.plugins import find_plugin, plugin_names
 from hil_bridge.transports.urls import CONNECT_BYTES, WireUrl, parse_url
 from protocol.marks import Mark, setting
@@ -71,6 +72,8 @@ class RobotEmulation:
     """What can go wrong with it, in words, by target and name; its handlers do it."""
     panel: Callable[..., AbstractAsyncContextManager[str]] | None = None
     """The panel of the emulated controller, for people; None for a kind without one."""
+    check_panel: Callable[[str], object] | None = None
+    """Raises ConfigError for a URL at which no panel can listen."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,6 +90,8 @@ class RobotKind:
     """The robot behind a wire's URL: from the URL, the settings and a `wiring.Wiring`. Gives a `robots.seam.RobotLink`
     that is not started yet. Raises ConfigError for the URL, TransportUnavailable for the wire.
     """
+    facts: Callable[[str, KindSettings], RobotFacts]
+    """What is known of the robot behind a wire's URL, "" for the emulated one, before anything is opened."""
     emulation: RobotEmulation | None = None
     directly: bool = False
     """Its settings stand in `[robot]` and `[cell]` themselves, as they did when there was no other robot."""

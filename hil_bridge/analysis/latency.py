@@ -6,30 +6,26 @@ from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
+from msgspec import inspect
 from numpy.typing import NDArray
 
-from hil_bridge.analysis.hops import (
-    ANSWER,
-    INTERPOLATION,
-    JITTER,
-    MIDDLE,
-    MOVING,
-    SENSOR,
-    STATUS,
-    TURNAROUND,
-    Hop,
-)
+from hil_bridge.analysis.hops import JITTER, MIDDLE, SENSOR
 from hil_bridge.analysis.times import Times, times_of
-from hil_bridge.recording.device_facts import Devices, devices_of
+from hil_bridge.facts import Devices, Hop, RobotHops
+from hil_bridge.recording.device_facts import devices_of
 from hil_bridge.recording.reader import Recording
 from hil_bridge.recording.records import CycleRecord, SensorRecord, TruthRecord
-from protocol.s3.adlp import LinkProfile
-from protocol.s3.timing import answer_time, move_answer_time
 
 Floats: TypeAlias = NDArray[np.float64]
 
 _WAIT_TICKS = 0.5
 """Ticks of the interpolator that a point waits on the mean for its first set point."""
+_STAMPS = frozenset(
+    field.name
+    for field in inspect.type_info(CycleRecord).fields  # type: ignore[attr-defined]
+    if isinstance(field.type, inspect.FloatType) and field.name.endswith("_at")
+)
+"""Of a cycle: names that a recording's facts may use."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,19 +43,6 @@ class Constant:
     words: str
     seconds: float
     source: str
-
-
-@dataclass(frozen=True, slots=True)
-class AnswerTimes:
-    """What the characters of the answers take on the line, s."""
-
-    status: float
-    move: float
-
-    @classmethod
-    def on(cls, profile: LinkProfile) -> "AnswerTimes":
-        """On a link with this profile."""
-        return cls(answer_time(profile), move_answer_time(profile))
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,30 +85,30 @@ class Latency:
 
 
 def latency_of(recording: Recording) -> Latency | None:
-    """The latency of a recorded run; None where its cycles were not stamped or its link is not known."""
-    answers = answer_times(recording)
-    if answers is None:
+    """The latency of a recorded run; None where its cycles were not stamped or its robot's hops are not known."""
+    devices = devices_of(recording)
+    if devices.robot.hops is None:
         return None
     known = any(math.isfinite(truth.sampled_at) for truth in recording.truths)
     earliest = {} if known else earliest_arrivals(recording.sensors)
-    found = budget(recording.cycles, answers, recording.truths, earliest)
-    return None if found is None else replace(found, constants=_constants(devices_of(recording), found))
+    found = budget(recording.cycles, devices.robot.hops, recording.truths, earliest)
+    return None if found is None else replace(found, constants=_constants(devices, found))
 
 
 def budget(
     cycles: Sequence[CycleRecord],
-    answers: AnswerTimes,
+    robot: RobotHops,
     truths: Sequence[TruthRecord] = (),
     earliest: Mapping[int, float] | None = None,
 ) -> Latency | None:
     """The latency of these cycles, without its constants; None where they were not stamped.
 
-    `earliest` are the earliest arrivals by the frame's sequence.
+    `robot` are the hops behind the hand-over, `earliest` the earliest arrivals by the frame's sequence.
     """
-    moment = moments(cycles, answers, truths, earliest)
+    moment = moments(cycles, robot, truths, earliest)
 
-    def took(begin: str, end: str) -> Times | None:
-        return times_of((moment(end) - moment(begin)).tolist())
+    def took(hop: Hop) -> Times | None:
+        return times_of((moment(hop.end) - moment(hop.begin)).tolist())
 
     def known(name: str) -> bool:
         return bool(np.isfinite(moment(name)).any())
@@ -138,31 +121,28 @@ def budget(
         ),
         (None, "sample's arrival"),
     )
-    last: tuple[Hop, ...] = (TURNAROUND, ANSWER)
-    if moving := known("motion_at"):
-        # Where a point is answered only once it is reached, the answer comes after the motion.
-        behind = np.nanmin(moment("motion_at") - moment("replied_at")) < 0.0
-        last = (MOVING,) if behind else (TURNAROUND, INTERPOLATION)
+    last = robot.to_answer
+    if moving := bool(robot.to_motion) and known("motion_at"):
+        last = next((way for way in robot.to_motion if not _ends_early(way, moment)), robot.to_motion[-1])
     hops = (*((first,) if first else ()), *MIDDLE, *last)
-    chain = tuple(Part(hop, times) for hop in hops if (times := took(hop.begin, hop.end)) is not None)
-    total = took(hops[0].begin, hops[-1].end)
+    chain = tuple(Part(hop, times) for hop in hops if (times := took(hop)) is not None)
+    total = times_of((moment(hops[-1].end) - moment(hops[0].begin)).tolist())
     if len(chain) < len(hops) or total is None:
         return None
-    others = (*STATUS, *((TURNAROUND, ANSWER) if moving else ()))
     beside = tuple(
         Part(hop, times)
-        for hop in others
-        if hop not in hops and (times := took(hop.begin, hop.end)) is not None
+        for hop in (*robot.beside, *robot.to_answer)
+        if hop not in hops and (times := took(hop)) is not None
     )
     return Latency(chain, beside, f"{begin} to {'motion' if moving else 'answer'}", total)
 
 
-def answer_times(recording: Recording) -> AnswerTimes | None:
-    """On the line of the recorded run; None when the record does not say enough."""
-    robot = devices_of(recording).robot
-    if robot.status_answer_s is None or robot.move_answer_s is None:
-        return None
-    return AnswerTimes(robot.status_answer_s, robot.move_answer_s)
+def _ends_early(way: Sequence[Hop], moment: Callable[[str], Floats]) -> bool:
+    """Whether its last hop ends before it begins in any cycle."""
+    if not way:
+        return True
+    took = moment(way[-1].end) - moment(way[-1].begin)
+    return bool((took < 0.0).any())
 
 
 def earliest_arrivals(frames: Sequence[SensorRecord]) -> dict[int, float]:
@@ -196,36 +176,35 @@ def _falls_below(a: tuple[int, float], b: tuple[int, float], c: tuple[int, float
 
 def moments(
     cycles: Sequence[CycleRecord],
-    answers: AnswerTimes,
+    robot: RobotHops,
     truths: Sequence[TruthRecord] = (),
     earliest: Mapping[int, float] | None = None,
 ) -> Callable[[str], Floats]:
-    """Looks a moment (see `hops`) of every cycle up by its name, s; NaN where it is not known.
+    """Looks a moment (see `hil_bridge.facts`) of every cycle up by its name, s; NaN where it is not known.
 
     `earliest` are the earliest arrivals by the frame's sequence.
     """
-    earliest = earliest or {}
+    arrivals = earliest or {}
     of_cycle = {truth.cycle: truth for truth in truths}
+    derived = {moment.name: moment for moment in robot.moments}
     made: dict[str, Floats] = {}
 
-    def column(values: Sequence[float]) -> Floats:
+    def stamp(name: str) -> Floats:
+        match name:
+            case "sampled_at" | "motion_at":
+                values = [getattr(of_cycle.get(cycle.cycle), name, math.nan) for cycle in cycles]
+            case "earliest_at":
+                values = [arrivals.get(cycle.sensor_sequence, math.nan) for cycle in cycles]
+            case _ if name in _STAMPS:
+                values = [getattr(cycle, name) for cycle in cycles]
+            case _:
+                values = [math.nan] * len(cycles)
         return np.array(values, dtype=np.float64)
 
     def moment(name: str) -> Floats:
         if name not in made:
-            match name:
-                case "sampled_at" | "motion_at":
-                    made[name] = column(
-                        [getattr(of_cycle.get(cycle.cycle), name, math.nan) for cycle in cycles]
-                    )
-                case "earliest_at":
-                    made[name] = column([earliest.get(cycle.sensor_sequence, math.nan) for cycle in cycles])
-                case "replied_at":
-                    made[name] = moment("answered_at") - answers.move
-                case "status_replied_at":
-                    made[name] = moment("status_at") - answers.status
-                case _:
-                    made[name] = column([getattr(cycle, name) for cycle in cycles])
+            known = derived.get(name)
+            made[name] = stamp(name) if known is None else stamp(known.stamp) - known.earlier_s
         return made[name]
 
     return moment

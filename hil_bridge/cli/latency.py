@@ -12,11 +12,9 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from hil_bridge.analysis.latency import Latency, Part
+    from hil_bridge.recording import Recording
     from hil_bridge.settings.configuration import Config
     from protocol.s3.adlp import LinkProfile
-
-_UNHEARD = {"jr3-board": "; the delay of a receiver board's samples is not emulated"}
-"""What of a site's latency a run of the emulated cell leaves out, by what stands before the sensor."""
 
 
 @click.command(short_help="Tell where the time from force to motion goes.")
@@ -32,12 +30,9 @@ def latency(recording: Path, output: Path | None, overwrite: bool) -> None:
     then draws them anew, by the seed, in an emulated cell with the same gateway or board.
     """
     from hil_bridge.analysis.latency import latency_of
-    from hil_bridge.analysis.site_latency import site_settings
     from hil_bridge.errors import ConfigError
     from hil_bridge.recording import read
     from hil_bridge.recording.files import write_whole
-    from hil_bridge.runs.compose import sensor_kind
-    from hil_bridge.runs.replay import recorded_config
 
     record = read(recording)
     found = latency_of(record)
@@ -47,12 +42,38 @@ def latency(recording: Path, output: Path | None, overwrite: bool) -> None:
     if record.truncated:
         lines.append("the recording is cut short or damaged: this is what came before")
     if output is not None:  # before anything is said: whoever reads it may have gone
-        config = recorded_config(record, {})
-        sensor = sensor_kind(config).name
-        write_whole(output, site_settings(record, _line(config), sensor).encode(), overwrite)
-        lines.append(f"wrote {output}{_UNHEARD.get(sensor, '')}")
+        text, left_out = _site(record)
+        write_whole(output, text.encode(), overwrite)
+        lines.append(f"wrote {output}{left_out and f'; {left_out}'}")
     for line in lines:
         click.echo(line)
+
+
+def _site(record: "Recording") -> tuple[str, str]:
+    """A configuration file whose emulated cell is as late as the recorded one, and what it leaves out, if anything."""
+    from hil_bridge.runs.replay import recorded_config
+    from hil_bridge.sensors.jr3.latency import NOT_EMULATED, is_emulated
+    from hil_bridge.settings.kinds import sensor_kind
+
+    config = recorded_config(record, {})
+    kind = sensor_kind(config).also
+    return site_settings(record, _line(config), kind), "" if is_emulated(kind) else NOT_EMULATED
+
+
+def site_settings(record: "Recording", line: "LinkProfile", sensor: str) -> str:
+    """A configuration file whose emulated cell is as late as the recorded one.
+
+    `line` is the line as it was, `sensor` what stood before the sensor, as `sensor.emulated` names it. Raises
+    ConfigError for a recording that is too short or was not stamped.
+    """
+    from hil_bridge.analysis.site_latency import as_configuration, frame_quantiles_ms, robot_quantiles_ms
+    from hil_bridge.robots.s3 import latency as robot
+    from hil_bridge.sensors.jr3 import latency as jr3
+
+    sections = robot.late_settings(robot_quantiles_ms(record), line)
+    note, more = jr3.late_settings(sensor, lambda: frame_quantiles_ms(record))
+    notes = (*robot.NOTES, note, "In a file that has a section already, its lines go there.")
+    return as_configuration(notes, {**sections, **more})
 
 
 def _lines(found: "Latency") -> "Iterator[str]":

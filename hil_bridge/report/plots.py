@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from hil_bridge.analysis.stream import stream_force
 from hil_bridge.analysis.summary import TRACK, PhaseSpan, Summary, phases
 from hil_bridge.recording import STOP_EVENT
 from hil_bridge.recording.reader import Recording
@@ -25,10 +26,6 @@ SIZE_PX = (1400, 1600)
 _LEVELS_PX = 230
 """Additional height for the levels."""
 _DPI = 100
-_STREAM_BINS = 3000
-_FIT_SAMPLES = 8
-_FIT_TOLERANCE = 0.02
-"""Share of the force range by which the stream may miss the cycle samples and still be drawn. Chosen."""
 
 _LEAST_DEPTH_ROOM_MM = 0.25
 
@@ -303,37 +300,3 @@ def _draw_table(ax: "Axes", left: Sequence[Row], right: Sequence[Row]) -> None:
             ax.text(
                 at + 0.272, y, row.explanation, transform=ax.transAxes, va="top", color="#606060", size=7.5
             )
-
-
-def stream_force(recording: Recording) -> tuple[Array, Array, Array] | None:
-    """The sensor's whole stream in N: time, lowest and highest force of each of at most some thousand bins.
-
-    The stream is kept as counts. Bias, scale and direction are found again by least squares from the cycles,
-    which name the frame that they used; where that does not reproduce their force (the tool turned, the
-    bridge filtered), the answer is None and nothing is drawn.
-    """
-    by_sequence = {sensor.sequence: sensor.counts[:3] for sensor in recording.sensors}
-    pairs = [
-        (by_sequence[cycle.sensor_sequence], cycle.force)
-        for cycle in recording.cycles
-        if cycle.sensor_sequence in by_sequence and math.isfinite(cycle.force)
-    ]
-    if len(pairs) < _FIT_SAMPLES:
-        return None
-    design = _with_offset(np.array([counts for counts, _ in pairs], dtype=np.float64))
-    force = np.array([value for _, value in pairs])
-    solution = np.linalg.lstsq(design, force, rcond=None)[0]
-    if np.abs(design @ solution - force).max() > _FIT_TOLERANCE * max(float(np.ptp(force)), 1e-9):
-        return None
-    at = np.array([sensor.at for sensor in recording.sensors])
-    stream = (
-        _with_offset(np.array([sensor.counts[:3] for sensor in recording.sensors], dtype=np.float64))
-        @ solution
-    )
-    size = max(1, math.ceil(len(at) / _STREAM_BINS))
-    starts = np.arange(0, len(at), size)
-    return at[starts], np.minimum.reduceat(stream, starts), np.maximum.reduceat(stream, starts)
-
-
-def _with_offset(counts: Any) -> Array:
-    return np.column_stack((np.ones(len(counts)), counts))

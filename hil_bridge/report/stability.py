@@ -24,7 +24,8 @@ from hil_bridge.control.analysis.stability import (
     pi_response,
 )
 from hil_bridge.control.laws.linear import Admittance, Pi
-from hil_bridge.recording.device_facts import Devices, devices_of, recorded_configuration
+from hil_bridge.facts import ACCEPTED, Devices
+from hil_bridge.recording.device_facts import devices_of, recorded_configuration
 from hil_bridge.recording.reader import Recording
 from hil_bridge.recording.records import CycleRecord
 
@@ -189,7 +190,8 @@ def _plant(track: Sequence[CycleRecord], devices: Devices) -> tuple[SampledPlant
         return None
     source = _source(devices.robot.emulated)
     taken = statistics.median(waits)
-    if (answer := devices.robot.move_answer_s) is None:
+    hops = devices.robot.hops
+    if (answer := None if hops is None else hops.earlier_s(ACCEPTED)) is None:
         taking = Part(
             "frame's arrival to the move's answer",
             taken,

@@ -17,17 +17,15 @@ import math
 from collections.abc import Mapping
 from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass
-from enum import StrEnum
 from typing import NamedTuple, Protocol
 
+from hil_bridge.facts import Pacing, RobotFacts
 from protocol.geometry import Pose, Vector
-from protocol.marks import Mark
 from protocol.robot import UNIT_TOLERANCE, RobotReport, orientation_fault
 
 __all__ = [
     "QUESTION_LEFT",
     "UNIT_TOLERANCE",
-    "Fact",
     "Motion",
     "MotionLimits",
     "Pacing",
@@ -35,7 +33,6 @@ __all__ = [
     "RobotLink",
     "RobotReport",
     "Sent",
-    "ServoFacts",
     "orientation_fault",
 ]
 
@@ -47,63 +44,6 @@ GIVE_UP_AFTER_S = 60.0
 """Chosen: the same for `give_up_after`; longer than a run waits between two targets, which is for a zero of 20 s."""
 TURN_SPEED_RAD_S = math.radians(20.0)
 """Chosen: the same for `turn_speed`; twice what a sweep of `identify-tool` turns on a slow link."""
-
-
-class Pacing(StrEnum):
-    """Which side drives the cycle."""
-
-    ASKED = "asked"
-    """A report comes when it is asked for."""
-    STREAMED = "streamed"
-    """Reports come by the robot's clock, and each is answered at once."""
-
-
-@dataclass(frozen=True, slots=True)
-class Fact:
-    """A number that is known of a robot."""
-
-    value: float
-    """In the unit that its field says."""
-    mark: Mark
-    """How well it is known; a report prints it beside the value."""
-
-
-@dataclass(frozen=True, slots=True)
-class ServoFacts:
-    """How the robot follows its points, as a loop of second order behind a dead time."""
-
-    natural_frequency: Fact
-    """rad/s"""
-    damping_ratio: Fact
-    """1"""
-    interpolation: Fact
-    """Between two set points of the interpolator, s."""
-    transport_delay: Fact
-    """From the interpolator to the position loops, s."""
-    dead_band: Fact
-    """How far the position may be off without being corrected, either way, m."""
-
-
-@dataclass(frozen=True, slots=True)
-class RobotFacts:
-    """What is known of a robot and of the wire to it."""
-
-    model: str
-    """Maker, controller and protocol, for people."""
-    pacing: Pacing
-    """Which side drives the cycle."""
-    cycle: float | None = None
-    """Time between two reports, s; None: as fast as questions are answered."""
-    position_step: float | None = None
-    """Resolution of an ordered position, m; None: finer than matters."""
-    line_floor: float | None = None
-    """Least time of a control cycle on the wire, s; None: too short to matter."""
-    byte_time: float | None = None
-    """What a byte takes on the wire, s; None: too short to matter."""
-    servo: ServoFacts | None = None
-    """None where nothing is known."""
-    routine: frozenset[str] = frozenset()
-    """Counters that go up while all is well. All others tell of trouble."""
 
 
 class Sent(NamedTuple):

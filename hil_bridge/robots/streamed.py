@@ -37,13 +37,13 @@ class StreamedLink(Generic[Data]):
         log: DeviceLog,
     ) -> None:
         """`facts` name the robot's cycle. Raises ValueError where they do not."""
-        if not facts.cycle:
+        if not facts.cycle_s:
             raise ValueError(f"{facts.model}: a robot that streams has a cycle")
         self.name = wire.name
         self.facts = facts
-        self._fresh = FRESH_CYCLES * facts.cycle
+        self._fresh = FRESH_CYCLES * facts.cycle_s
         self._wire, self._clock, self._log = wire, clock, log
-        self._answering = Answering(client, facts.cycle)
+        self._answering = Answering(client, facts.cycle_s)
         self._pump: Pump[Data, StreamEvent] = Pump(self._answering, wire, clock, self._take, self._ended)
         self._newest: RobotReport | None = None
         self._handed_out = False

@@ -23,11 +23,10 @@ from hil_bridge.kinds import (
     robot_of,
     sensor_of,
 )
-from hil_bridge.robots.s3.panel import panel_address
 from hil_bridge.robots.seam import RobotLink
 from hil_bridge.sensors.stream import ForceSensor
 from hil_bridge.settings.configuration import Config
-from hil_bridge.settings.kinds import field_name, settings_of
+from hil_bridge.settings.kinds import field_name, sensor_kind, settings_of
 from hil_bridge.transports.can.memory import memory_can_bus
 from hil_bridge.wiring import Serving, Wiring, Wrap, unwrapped
 
@@ -78,16 +77,6 @@ def cell_ports(config: Config, virtual: bool) -> Ports:
     )
 
 
-def robot_kind(config: Config) -> RobotKind:
-    """The kind of robot that a run has. Raises ConfigError."""
-    return robot_of(config.robot.url)[0] if config.robot.url else ROBOTS.kind(config.robot.emulated)
-
-
-def sensor_kind(config: Config) -> SensorKind:
-    """The kind of sensor that a run has. Raises ConfigError."""
-    return sensor_of(config.sensor.url)[0] if config.sensor.url else emulated_sensor(config.sensor.emulated)
-
-
 def check_panel(config: Config, virtual: bool) -> None:
     """Raise ConfigError for a panel where there is none, and for a URL that can be none."""
     if not config.run.panel_url:
@@ -97,11 +86,12 @@ def check_panel(config: Config, virtual: bool) -> None:
             "run.panel_url (--panel) is the emulated controller's panel; leave it out "
             f"{'with a real robot' if config.robot.url else 'in virtual time, where nobody could press in time'}"
         )
-    if _emulation(ROBOTS.kind(config.robot.emulated)).panel is None:
+    check = _emulation(ROBOTS.kind(config.robot.emulated)).check_panel
+    if check is None:
         raise ConfigError(
             f"an emulated {config.robot.emulated} has no panel; leave run.panel_url (--panel) out"
         )
-    panel_address(config.run.panel_url)
+    check(config.run.panel_url)
 
 
 def make_cell(config: Config, robot: RobotKind, sensor: SensorKind, now: float) -> Cell[Any, Any]:

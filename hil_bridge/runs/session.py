@@ -5,17 +5,17 @@ import signal
 import time
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager, contextmanager, suppress
-from dataclasses import asdict, replace
+from dataclasses import replace
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hil_bridge.analysis.latency import AnswerTimes
 from hil_bridge.clock import Clock, run_real, run_virtual
 from hil_bridge.clock.realtime import collect_young, prompt_threads, quiet_garbage, scheduled
 from hil_bridge.debugging import told_bug
 from hil_bridge.errors import BridgeError
+from hil_bridge.facts import Devices, Sensor
 from hil_bridge.faults.schedule import FAULT_EVENT, FaultSchedule
 from hil_bridge.recording import (
     CHECK_EVENT,
@@ -32,10 +32,9 @@ from hil_bridge.recording import (
     SensorRecord,
     WireRecord,
 )
-from hil_bridge.recording.device_facts import Devices, SensorFacts, robot_facts
 from hil_bridge.robots.seam import RobotLink
 from hil_bridge.runs.checks import check
-from hil_bridge.runs.compose import ServedCell, open_devices, sensor_kind
+from hil_bridge.runs.compose import ServedCell, open_devices
 from hil_bridge.runs.cycle import BUG_EVENT, Run, RunResult
 from hil_bridge.runs.outputs import Outputs, record_path, settled, write_outputs
 from hil_bridge.runs.screen import LEAVE_SECONDS, Terminal
@@ -43,10 +42,9 @@ from hil_bridge.runs.signals import Signals, unless_hung_up
 from hil_bridge.runs.truth import GroundTruth
 from hil_bridge.sensors.stream import ForceSensor
 from hil_bridge.settings.configuration import Config, dump
+from hil_bridge.settings.kinds import facts_of, recorded_facts, sensor_kind
 from hil_bridge.transports import Direction
 from hil_bridge.view import REFRESH_SECONDS, Health
-from protocol.marks import Mark, settings
-from protocol.s3.timing import line_floor
 from protocol.wrench import WrenchFrame
 
 if TYPE_CHECKING:
@@ -68,9 +66,6 @@ _COLLECT_EVERY = 64
 """Cycles between two collections. Chosen: only what is still in use costs one time, and that is as much however
 rarely it comes.
 """
-
-TROUBLE = ("block repeated", "bid repeated", "time-out", "bad block", "bad checksum", "gap in block")
-"""Counters of the link that the view adds up as link errors."""
 
 
 def execute(
@@ -154,9 +149,8 @@ class _Session:
         self._view_wanted = view
         self.terminal = terminal
         self.signals = signals
-        self._link = config.robot.link
-        self._byte_time = 0.0
-        """What a byte takes on the robot's wire, s."""
+        self._facts = facts_of(config)
+        """Of the robot; with the line of its URL once it is connected."""
         self._clock: Clock
         self._recorder: Recorder
         self._logs: dict[str, LinkLog]
@@ -232,23 +226,8 @@ class _Session:
 
     def _devices(self) -> Devices:
         """What is known of robot and sensor, both being ready."""
-        config, sensor = self._config, self._sensor
-        assert sensor is not None
-        servo = config.cell.servo
-        marks = {
-            one.name: one.info.mark if one.value == one.default else Mark.CHOSEN for one in settings(servo)
-        }
-        return Devices(
-            robot_facts(asdict(servo), self._link, not config.robot.url, marks=marks),
-            SensorFacts(
-                sensor_kind(config).name,
-                sensor.facts.model,
-                sensor.facts.full_scales or (),
-                sensor.facts.scales,
-                sensor.facts.delay,
-                sensor.facts.period,
-            ),
-        )
+        assert self._sensor is not None
+        return Devices(self._facts, Sensor(sensor_kind(self._config).name, self._sensor.facts))
 
     def _pause(self, seconds: float) -> None:
         """A fault of the computer: it stands still."""
@@ -287,7 +266,7 @@ class _Session:
         self._logs[device].take(self._clock.now(), direction, data)
         if device == "robot" and direction is Direction.SENT and len(data) > 1:
             # a block is on the line, and nothing can answer it before its last character
-            seconds = len(data) * self._byte_time
+            seconds = len(data) * (self._facts.byte_time_s or 0.0)
             self._recorder.pause(seconds)
             if seconds >= _DRAWING_S:
                 self._may_draw.set()
@@ -374,7 +353,7 @@ class _Session:
         return RunEnd(
             result.outcome,
             result.cause,
-            line_floor(self._link),
+            self._facts.line_floor_s,
             dict(self._robot.counters) if self._robot else {},
             self._sensor.lost if self._sensor else None,
             self._sensor.delay if self._sensor and self._sensor.is_ready else None,
@@ -386,7 +365,7 @@ class _Session:
         config, clock = self._config, self._clock
         async with open_devices(config, clock, self) as devices:
             robot, sensor = self._robot, self._sensor = devices.robot, devices.sensor
-            self._byte_time = robot.facts.byte_time or 0.0
+            self._facts = recorded_facts(config, robot.facts)
             if devices.served is not None:
                 self._emulated(devices.served)
             run = self._run = Run(config, clock, robot, sensor, self)
@@ -444,8 +423,7 @@ class _Session:
             config.run.duration_s,
             config.task.force_n,
             screen.stream,
-            line_floor(self._link),
-            AnswerTimes.on(self._link),
+            self._facts,
         )
         task = asyncio.create_task(self._refresh(view), name="view")
         try:
@@ -473,7 +451,7 @@ class _Session:
         assert self._sensor is not None
         counters, newest = self._robot.counters, self._sensor.newest
         return Health(
-            link_errors=sum(counters.get(name, 0) for name in TROUBLE),
+            link_errors=sum(counters.get(name, 0) for name in self._facts.errors),
             frames_lost=self._sensor.lost,
             sensor_at=None if newest is None else newest.at,
             link=dict(counters),

@@ -4,8 +4,10 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import msgspec
 from pydantic import BaseModel, create_model
 
+from hil_bridge.facts import RobotFacts
 from hil_bridge.kinds import (
     ROBOTS,
     SENSORS,
@@ -15,6 +17,9 @@ from hil_bridge.kinds import (
     Registry,
     RobotKind,
     SensorKind,
+    emulated_sensor,
+    robot_of,
+    sensor_of,
 )
 
 
@@ -81,6 +86,28 @@ def settings_of(config: Any, kind: RobotKind | SensorKind) -> KindSettings:
         return KindSettings(client, config.cell)
     name = field_name(kind.name)
     return KindSettings(getattr(client, name), getattr(config.cell, name, None))
+
+
+def robot_kind(config: Any) -> RobotKind:
+    """The kind of robot that a run has. Raises ConfigError."""
+    return robot_of(config.robot.url)[0] if config.robot.url else ROBOTS.kind(config.robot.emulated)
+
+
+def sensor_kind(config: Any) -> SensorKind:
+    """The kind of sensor that a run has. Raises ConfigError."""
+    return sensor_of(config.sensor.url)[0] if config.sensor.url else emulated_sensor(config.sensor.emulated)
+
+
+def facts_of(config: Any) -> RobotFacts:
+    """What is known of a run's robot before anything is opened. Raises ConfigError for its URL."""
+    url = config.robot.url
+    kind, wire = robot_of(url) if url else (ROBOTS.kind(config.robot.emulated), "")
+    return recorded_facts(config, kind.facts(wire, settings_of(config, kind)))
+
+
+def recorded_facts(config: Any, facts: RobotFacts) -> RobotFacts:
+    """The facts that a robot tells, with the name of its kind and whether it is emulated."""
+    return msgspec.structs.replace(facts, kind=robot_kind(config).name, emulated=not config.robot.url)
 
 
 def _table(values: Mapping[str, Any], name: str) -> Mapping[str, Any]:

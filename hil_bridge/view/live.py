@@ -7,7 +7,7 @@ from typing import Self, TextIO
 from rich.console import Console
 from rich.live import Live
 
-from hil_bridge.analysis.latency import AnswerTimes
+from hil_bridge.facts import RobotFacts
 from hil_bridge.recording.records import CycleRecord
 from hil_bridge.view.model import Health, Snapshot, ViewModel
 from hil_bridge.view.panel import WIDTH, panel
@@ -23,15 +23,8 @@ class LiveView:
     own. A terminal that goes away ends the view, not the run.
     """
 
-    def __init__(
-        self,
-        total_s: float | None,
-        reference_n: float,
-        stream: TextIO,
-        line_floor_s: float | None = None,
-        answers: AnswerTimes | None = None,
-    ) -> None:
-        self._model = ViewModel(total_s, reference_n, line_floor_s, answers)
+    def __init__(self, total_s: float | None, reference_n: float, stream: TextIO, robot: RobotFacts) -> None:
+        self._model = ViewModel(total_s, reference_n, robot)
         self._stream = stream
         console = Console(file=stream, highlight=False)
         redrawable = console.is_terminal and not console.is_dumb_terminal

@@ -5,22 +5,13 @@ from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from hil_bridge.analysis.latency import AnswerTimes, Latency, budget
+from hil_bridge.analysis.latency import Latency, budget
+from hil_bridge.facts import RobotFacts
 from hil_bridge.recording.records import CycleRecord
-from protocol.s3.adlp import ROUTINE, Count, NoticeKind
 
 REFRESH_SECONDS = 0.2
 """How often a run should have the view drawn at most."""
 HISTORY_CYCLES = 60
-_UNDISTURBED = {
-    *ROUTINE,
-    NoticeKind.NOISE,
-    Count.BLOCKS_SENT,
-    Count.BLOCKS_RECEIVED,
-    Count.MESSAGES_SENT,
-    Count.MESSAGES_RECEIVED,
-}
-"""Counters of the link that go up in every exchange, and that of noise, whose bytes are counted."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +19,7 @@ class Health:
     """What the cycle record does not say about the wires."""
 
     link_errors: int = 0
-    """Repeated blocks, refusals and time-outs of the robot link so far."""
+    """Troubles of the robot link so far, as its facts add them up."""
     frames_lost: int = 0
     """Sensor frames missing in the stream so far."""
     sensor_at: float | None = None
@@ -58,6 +49,8 @@ class Snapshot:
     sensor_age_s: float | None
     link_errors: int
     frames_lost: int
+    robot: RobotFacts
+    """Which counters of the robot link tell of what."""
     link: Mapping[str, int]
     """Counters of the robot link by name."""
     check: str = ""
@@ -72,7 +65,8 @@ class Snapshot:
     @property
     def link_troubles(self) -> dict[str, int]:
         """Counters of the robot link that are not 0 and would be in an undisturbed run, the largest first."""
-        counts = {name: count for name, count in self.link.items() if count and name not in _UNDISTURBED}
+        routine = self.robot.routine
+        counts = {name: count for name, count in self.link.items() if count and name not in routine}
         return dict(sorted(counts.items(), key=lambda item: -item[1]))
 
     @property
@@ -85,17 +79,10 @@ class Snapshot:
 class ViewModel:
     """The newest of everything. `update` and `enter` only store, so that the control path may call them."""
 
-    def __init__(
-        self,
-        total_s: float | None,
-        reference_n: float,
-        line_floor_s: float | None = None,
-        answers: AnswerTimes | None = None,
-    ) -> None:
+    def __init__(self, total_s: float | None, reference_n: float, robot: RobotFacts) -> None:
         self._total_s = total_s
         self._reference_n = reference_n
-        self._line_floor_s = line_floor_s
-        self._answers = answers
+        self._robot = robot
         self._began: float | None = None
         self._track_since: float | None = None
         self._track_until: float | None = None
@@ -137,13 +124,14 @@ class ViewModel:
             tracked_s=(self._track_until or 0.0) - (self._track_since or 0.0),
             total_s=self._total_s,
             reference_n=newest.force_reference if newest else self._reference_n,
-            line_floor_s=self._line_floor_s,
+            line_floor_s=self._robot.line_floor_s,
             newest=newest,
             forces_n=tuple(cycle.force for cycle in cycles),
-            latency=budget(cycles, self._answers) if cycles and self._answers else None,
+            latency=budget(cycles, self._robot.hops) if cycles and self._robot.hops else None,
             sensor_age_s=None if health.sensor_at is None else max(0.0, now - health.sensor_at),
             link_errors=health.link_errors,
             frames_lost=health.frames_lost,
+            robot=self._robot,
             link=health.link,
             warning=self._warning,
             check=self._check,

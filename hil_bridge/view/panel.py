@@ -13,7 +13,6 @@ from rich.table import Table
 from rich.text import Text
 
 from hil_bridge.view.model import HISTORY_CYCLES, Snapshot
-from protocol.s3.adlp import Count, NoticeKind
 
 WIDTH = 80
 CHART_ROWS = 8
@@ -166,14 +165,11 @@ def _latency(snapshot: Snapshot) -> tuple[Text, Text]:
 def _link(snapshot: Snapshot) -> tuple[Text, Text]:
     """What went over the robot's link, and the counters of all that went wrong there."""
     line = Text("link        ", style="dim", no_wrap=True, overflow="ellipsis")
-    bids, blocks = (
-        f"{snapshot.link.get(sent, 0)} {what} sent, {snapshot.link.get(received, 0)} received"
-        for what, sent, received in (
-            ("bids", NoticeKind.BID_SENT, NoticeKind.BID_RECEIVED),
-            ("blocks", Count.BLOCKS_SENT, Count.BLOCKS_RECEIVED),
-        )
+    counts = (
+        f"{snapshot.link.get(one.sent, 0)} {one.what} sent, {snapshot.link.get(one.received, 0)} received"
+        for one in snapshot.robot.traffic
     )
-    line.append(f"{bids}; {blocks}")
+    line.append("; ".join(counts))
     troubles = ", ".join(f"{name} {count}" for name, count in snapshot.link_troubles.items())
     found = (troubles, "yellow") if troubles else ("undisturbed", "green")
     return line, Text.assemble(" " * 12, found, no_wrap=True, overflow="ellipsis")

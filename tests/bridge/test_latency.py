@@ -19,23 +19,27 @@ from msgspec import structs
 
 from emulators.quantiles import draw
 from emulators.s3_jr3_cell import PaperCellProfile, s3_jr3_cell
-from hil_bridge.analysis.hops import HOPS, Owner
+from hil_bridge.analysis.hops import JITTER, MIDDLE, SENSOR
 from hil_bridge.analysis.latency import (
-    answer_times,
+    budget,
     earliest_arrivals,
     latency_of,
     moments,
 )
-from hil_bridge.analysis.site_latency import MOST_QUANTILES, site_settings
+from hil_bridge.analysis.site_latency import MOST_QUANTILES
 from hil_bridge.analysis.summary import summarise
 from hil_bridge.cli import cli
+from hil_bridge.cli.latency import site_settings
 from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.device_log import Silence
 from hil_bridge.errors import ConfigError
+from hil_bridge.facts import Hop, Owner, RobotHops
 from hil_bridge.recording import CycleRecord, Recording, SensorRecord, TruthRecord, read
+from hil_bridge.recording.device_facts import devices_of
 from hil_bridge.report import write_report
 from hil_bridge.report.latency_plot import LATENCY_SIZE_PX, by_owner, draw_latency
 from hil_bridge.report.page import page
+from hil_bridge.robots.s3.hops import robot_hops
 from hil_bridge.robots.s3.link import S3Link
 from hil_bridge.runs.outputs import Outputs
 from hil_bridge.runs.session import execute
@@ -124,11 +128,13 @@ def medians(found: Any) -> dict[str, float]:
 
 
 def test_every_hop_is_a_row_of_one_table() -> None:
-    assert len({hop.name for hop in HOPS}) == len(HOPS)
-    assert {hop.owner for hop in HOPS} == set(Owner)
+    robot = robot_hops(LinkProfile())
+    hops = {SENSOR, JITTER, *MIDDLE, *robot.to_answer, *robot.beside, *itertools.chain(*robot.to_motion)}
+    assert len({hop.name for hop in hops}) == len(hops)
+    assert {hop.owner for hop in hops} == set(Owner)
     known = {field.name for kind in (CycleRecord, TruthRecord) for field in structs.fields(kind)}
-    derived = {"earliest_at", "replied_at", "status_replied_at"}
-    assert {name for hop in HOPS for name in (hop.begin, hop.end)} <= known | derived
+    derived = {"earliest_at", *(moment.name for moment in robot.moments)}
+    assert {name for hop in hops for name in (hop.begin, hop.end)} <= known | derived
 
 
 def test_with_the_truth_the_chain_goes_from_sample_to_motion() -> None:
@@ -215,11 +221,32 @@ def test_the_line_is_taken_as_it_was_and_not_as_configured() -> None:
     """A URL set 19200 baud: the floor says so."""
     slow = recording(CYCLES)
     fast = dataclasses.replace(slow, end={"line_floor_s": json.dumps(line_floor(LinkProfile()) / 2)})
-    before, after = answer_times(slow), answer_times(fast)
-    assert before is not None
-    assert after is not None
-    assert (before.status, before.move) == pytest.approx((STATUS_ANSWER, MOVE_ANSWER))
-    assert (after.status, after.move) == pytest.approx((STATUS_ANSWER / 2, MOVE_ANSWER / 2))
+    for told, share in ((slow, 1.0), (fast, 0.5)):
+        hops = devices_of(told).robot.hops
+        assert hops is not None
+        earlier = {moment.name: moment.earlier_s for moment in hops.moments}
+        wanted = {"status_replied_at": STATUS_ANSWER * share, "replied_at": MOVE_ANSWER * share}
+        assert earlier == pytest.approx(wanted)
+
+
+def test_a_recording_of_before_divides_a_cycle_as_the_robot_does_now() -> None:
+    assert devices_of(recording(CYCLES)).robot.hops == robot_hops(LinkProfile())
+
+
+def test_hops_of_another_robot_are_told_as_they_are() -> None:
+    """One that says when it took the order, and nothing of a motion."""
+    taken = Hop("taken", "sent_at", "answered_at", Owner.ROBOT, "robot's answer")
+    found = budget(CYCLES, RobotHops((taken,)))
+    assert found is not None
+    assert found.name == "sample's arrival to answer"
+    assert [part.hop.name for part in found.chain] == [*(hop.name for hop in MIDDLE), "taken"]
+    assert found.beside == ()
+
+
+@pytest.mark.parametrize("name", ["phase", "explanation", "of no cycle", "__class__"])
+def test_a_hop_between_moments_that_are_none_has_no_time(name: str) -> None:
+    """A recording's facts are not trusted."""
+    assert budget(CYCLES, RobotHops((Hop("odd", "sent_at", name, Owner.LINE, ""),))) is None
 
 
 @pytest.mark.parametrize(
@@ -303,9 +330,9 @@ def run(path: Path, **sections: Any) -> Recording:
 
 
 def turnarounds_ms(recorded: Recording) -> dict[str, Any]:
-    answers = answer_times(recorded)
-    assert answers is not None
-    moment = moments(recorded.cycles, answers)
+    hops = devices_of(recorded).robot.hops
+    assert hops is not None
+    moment = moments(recorded.cycles, hops)
     return {
         "status": (moment("status_replied_at") - moment("status_transmitted_at")) * 1e3,
         "move": (moment("replied_at") - moment("transmitted_at")) * 1e3,

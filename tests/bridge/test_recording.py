@@ -24,6 +24,7 @@ from msgspec import structs
 from hil_bridge.control import Predictive
 from hil_bridge.errors import BridgeError, ConfigError
 from hil_bridge.experiments import run_cell
+from hil_bridge.facts import ACCEPTED, Devices, RobotFacts, Sensor
 from hil_bridge.recording import (
     VIRTUAL_CHUNKS,
     CycleRecord,
@@ -35,7 +36,7 @@ from hil_bridge.recording import (
 )
 from hil_bridge.recording import reader as reader_module
 from hil_bridge.recording import recorder as recorder_module
-from hil_bridge.recording.device_facts import Devices, RobotFacts, devices_of
+from hil_bridge.recording.device_facts import devices_of
 from hil_bridge.recording.recorder import Chunks
 from hil_bridge.recording.records import WireRecord
 from hil_bridge.recording.topics import CYCLE, SENSOR, TOPICS, WIRE, Record
@@ -43,6 +44,7 @@ from hil_bridge.runs.outputs import Outputs
 from hil_bridge.runs.replay import recorded_config, replay
 from hil_bridge.runs.session import execute
 from hil_bridge.settings.configuration import Config
+from protocol.wrench import SensorFacts
 
 METADATA = {"seed": "7", "controller": "fuzzy-pi", "configuration": '{"force_n": 50.0}'}
 
@@ -620,14 +622,43 @@ def test_a_run_records_what_its_devices_are(tmp_path: Path, emulated: str) -> No
     assert robot.servo.marks["resolution_mm"] == "chosen"
     assert robot.line_floor_s == json.loads(recording.end["line_floor_s"])
     assert sensor.kind == emulated
-    assert sensor.scales == pytest.approx([scale / 16384 for scale in sensor.full_scales])
+    assert sensor.facts is not None
+    assert sensor.facts.full_scales is not None
+    assert sensor.facts.scales == tuple(scale / 16384 for scale in sensor.facts.full_scales)
     assert sensor.delay_s == json.loads(recording.end["sensor_delay_s"])
-    assert sensor.period_s is not None
+    assert sensor.facts.period is not None
     # An older recording has the robot's facts too, from its configuration.
     older = devices_of(replace(recording, devices={}))
     assert msgspec.structs.replace(robot.servo, marks={}) == older.robot.servo
-    assert msgspec.structs.replace(older.robot, servo=robot.servo) == robot
+    told_now = {name: getattr(robot, name) for name in ("servo", "routine", "errors", "traffic")}
+    assert msgspec.structs.replace(older.robot, **told_now) == robot
+    assert older.sensor.facts is not None
+    assert older.sensor.facts.scales == pytest.approx(sensor.facts.scales)
     assert older.sensor.delay_s == sensor.delay_s
+
+
+def test_facts_under_the_names_of_version_0_2_are_read() -> None:
+    told = {
+        "robot": '{"kind":"s3","position_step_m":0.000125,"status_answer_s":0.047,"move_answer_s":0.0195}',
+        "sensor": '{"kind":"uart","model":"67","full_scales":[16384.0,1,1,1,1,1],"scales":[1.0,2,3,4,5,6],'
+        '"delay_s":0.015,"period_s":null}',
+    }
+    found = devices_of(Recording((), devices=told))
+    assert found.robot.hops is not None
+    assert found.robot.hops.earlier_s(ACCEPTED) == 0.0195
+    assert (found.robot.kind, found.robot.position_step_m) == ("s3", 0.125e-3)
+    scales, full_scales = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0), (16384.0, 1.0, 1.0, 1.0, 1.0, 1.0)
+    facts = SensorFacts("67", scales, full_scales, None, None, 0.015, "device")
+    assert found.sensor == Sensor("uart", facts)
+
+
+def test_an_older_recording_has_the_full_scales_that_its_sensor_told() -> None:
+    config = {"sensor": {"url": "can+socketcan://can0", "gateway": {"cutoff_hz": 10.0}}}
+    event = EventRecord(1.0, "check", "full scales 115.00 111.00 185.00 5.60 5.20 6.10 N, N·m; sensor 67")
+    found = devices_of(Recording((), events=(event,), metadata={"config": json.dumps(config)})).sensor
+    assert found.facts is not None
+    assert found.facts.scales == tuple(scale / 16384 for scale in (115.0, 111.0, 185.0, 5.6, 5.2, 6.1))
+    assert devices_of(Recording((), metadata={"config": json.dumps(config)})).sensor.facts is None
 
 
 def test_facts_are_written_before_the_run_ends(tmp_path: Path) -> None:

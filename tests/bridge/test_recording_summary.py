@@ -14,6 +14,7 @@ from msgspec import structs
 from hil_bridge.analysis.summary import end_of, phases, summarise
 from hil_bridge.analysis.times import times_of
 from hil_bridge.errors import ConfigError
+from hil_bridge.facts import Devices, RobotFacts
 from hil_bridge.recording import (
     CycleRecord,
     EventRecord,
@@ -24,7 +25,6 @@ from hil_bridge.recording import (
     SensorRecord,
     read,
 )
-from hil_bridge.recording.device_facts import Devices, RobotFacts
 from hil_bridge.recording.files import write_whole
 
 PERIOD, LSB = 0.25, 0.000125

@@ -4,16 +4,20 @@ import math
 import random
 import struct
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from msgspec import structs
 
+from hil_bridge.analysis.stream import stream_force
 from hil_bridge.analysis.summary import summarise
 from hil_bridge.errors import ConfigError
+from hil_bridge.facts import Devices, Sensor
 from hil_bridge.recording import CycleRecord, EventRecord, Outcome, Recording, RunEnd, SensorRecord
 from hil_bridge.report import write_report
-from hil_bridge.report.plots import draw, stream_force
+from hil_bridge.report.plots import draw
+from protocol.wrench import SensorFacts
 
 EVIL = "<script>alert('1')</script> & $x^"
 END = RunEnd(Outcome.STOPPED, EVIL, 0.156, {EVIL: 1}, left=f"left {EVIL}", followed=("first", EVIL))
@@ -57,8 +61,17 @@ def run(seconds: float = 8.0) -> Recording:
                 )
             )
     events = (EventRecord(25.0, "stop", EVIL), EventRecord(24.0, EVIL, EVIL))
+    settings = {
+        "sensor": {"quaternion": [1, 0, 0, 0], "mounting_deg": 90, "flip_fx_mx": False},
+        "frame": {"approach": [0, 0, 1]},
+    }
+    facts = SensorFacts("", (NEWTON_PER_COUNT,) * 6, None, None, None, 0.0, "device")
     return Recording(
-        tuple(cycles), tuple(sensors), events, {"controller": EVIL, "configuration": '{"a":[1,2]}'}
+        tuple(cycles),
+        tuple(sensors),
+        events,
+        {"controller": EVIL, "configuration": '{"a":[1,2]}', "config": json.dumps(settings)},
+        devices=Devices(sensor=Sensor(facts=facts)).as_metadata(),
     )
 
 
@@ -96,7 +109,7 @@ def test_little_of_a_run_still_gives_a_picture() -> None:
     assert draw(recording, summarise(recording)).startswith(b"\x89PNG")
 
 
-def test_the_stream_is_scaled_by_what_the_cycles_say() -> None:
+def test_the_stream_is_scaled_by_the_facts_and_shifted_to_the_cycles() -> None:
     recording = run()
     stream = stream_force(recording)
     assert stream is not None
@@ -116,6 +129,11 @@ def test_a_stream_that_the_cycles_do_not_follow_is_not_drawn() -> None:
     )
     assert stream_force(dataclasses.replace(recording, cycles=turned)) is None
     assert stream_force(dataclasses.replace(recording, sensors=())) is None
+
+
+@pytest.mark.parametrize("unknown", [{"devices": {}}, {"metadata": {}}])
+def test_a_stream_is_not_drawn_without_scale_or_direction(unknown: dict[str, Any]) -> None:
+    assert stream_force(dataclasses.replace(run(), **unknown)) is None
 
 
 def test_a_place_that_cannot_be_written_is_told(tmp_path: Path) -> None:

@@ -35,7 +35,7 @@ SPEED = 0.05
 DOWN = (0.0, 1.0, 0.0, 0.0)
 START = Pose((0.9, -0.1, 0.6), DOWN)
 LIMITS = MotionLimits(SPEED, hold_after=0.1, give_up_after=2.0)
-FACTS = RobotFacts("toy", Pacing.STREAMED, CYCLE)
+FACTS = RobotFacts("toy", Pacing.STREAMED, cycle_s=CYCLE)
 PACKET, ANSWER = struct.Struct("!Q7d?"), struct.Struct("!Q?7d")
 SLACK = 1e-9
 

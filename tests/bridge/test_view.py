@@ -9,9 +9,11 @@ import pytest
 from msgspec import structs
 from rich.console import Console
 
-from hil_bridge.analysis.latency import AnswerTimes
+from emulators.arm.servo import ServoProfile
 from hil_bridge.clock import Clock
+from hil_bridge.facts import RobotFacts
 from hil_bridge.recording import CycleRecord
+from hil_bridge.robots.s3.facts import robot_facts
 from hil_bridge.runs import screen
 from hil_bridge.runs.outputs import Outputs
 from hil_bridge.runs.session import _Session
@@ -20,7 +22,7 @@ from hil_bridge.settings.configuration import Config
 from hil_bridge.view import Health, Snapshot, ViewModel
 from hil_bridge.view.live import LiveView, line
 from hil_bridge.view.panel import panel
-from protocol.s3.adlp import Count, NoticeKind
+from protocol.s3.adlp import Count, LinkProfile, NoticeKind
 
 CYCLE = CycleRecord(
     cycle=42,
@@ -47,6 +49,9 @@ CYCLE = CycleRecord(
 )
 
 
+ROBOT = robot_facts(LinkProfile(), ServoProfile(), emulated=True)
+
+
 class Terminal(io.StringIO):
     """A stream that says it is a terminal."""
 
@@ -63,7 +68,7 @@ def text_of(snapshot: Snapshot, width: int = 80) -> str:
 
 
 def model(*records: CycleRecord, total_s: float | None = 30.0) -> ViewModel:
-    made = ViewModel(total_s, 50.0, 0.156, AnswerTimes(0.047, 0.0196))
+    made = ViewModel(total_s, 50.0, ROBOT)
     made.snapshot(100.0, Health())
     for record in records:
         made.update(record)
@@ -82,7 +87,7 @@ def test_the_panel_says_what_the_cycle_and_the_wires_do() -> None:
         "-0.125 mm ×0.5",
         "20.10 N/mm",
         "161.0 ms",
-        "156.0 ms",
+        "155.8 ms",
         "0.7 ms",
         "lost 7",
         "allow",
@@ -128,7 +133,7 @@ def test_the_panel_says_where_the_time_goes() -> None:
     lines = text_of(model(STAMPED).snapshot(110.17, Health())).splitlines()
     at = next(k for k, line in enumerate(lines) if "latency" in line)
     assert "98 ms p50, 98 p99, 98 max  sample's arrival to answer" in lines[at]
-    assert "waiting 6 + line 59 + turnaround 12 + answer 20 ms" in " ".join(lines[at + 1].split())
+    assert "waiting 6 + line 59 + turnaround 12 + answer 19 ms" in " ".join(lines[at + 1].split())
     unstamped = text_of(model(CYCLE).snapshot(110.17, Health()))
     assert "latency     –" in unstamped
     assert len(unstamped.splitlines()) == len(lines)
@@ -178,7 +183,7 @@ def test_the_chart_draws_columns_up_to_the_target() -> None:
 
 def test_plain_lines_come_once_a_second_and_when_the_phase_changes() -> None:
     stream = io.StringIO()
-    with LiveView(30.0, 50.0, stream, 0.156) as view:
+    with LiveView(30.0, 50.0, stream, ROBOT) as view:
         for tick in range(40):
             if tick == 3:
                 view.enter("approach")
@@ -202,7 +207,7 @@ def test_plain_lines_come_once_a_second_and_when_the_phase_changes() -> None:
 def test_a_terminal_is_redrawn_and_given_back(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TERM", "xterm-256color")
     stream = Terminal()
-    with LiveView(30.0, 50.0, stream) as view:
+    with LiveView(30.0, 50.0, stream, RobotFacts()) as view:
         view.update(CYCLE)
         view.refresh(110.0, Health())
         view.refresh(110.2, Health())
@@ -218,7 +223,7 @@ def test_a_terminal_that_goes_away_does_not_end_the_run(
 ) -> None:
     monkeypatch.setenv("TERM", "xterm-256color")
     stream = kind()
-    view = LiveView(30.0, 50.0, stream)
+    view = LiveView(30.0, 50.0, stream, RobotFacts())
     view.refresh(100.0, Health())
     stream.close()
     for tick in range(30):

@@ -10,7 +10,7 @@ from protocol.endpoint import LocalProtocolError
 from protocol.jr3 import Phase, encode_sample
 from protocol.jr3.counts import facts_of
 from protocol.jr3.firmware import first_order_delay
-from protocol.wrench import SensorFailed, SensorNotice, SensorReady, WrenchFrame
+from protocol.wrench import SensorFailed, SensorNotice, SensorReady, WrenchFrame, Zeroed
 
 T0 = 1000.25
 NOTICE = SensorNotice("the gateway's filter is off (cut-off 0): every sample is as noisy as the sensor")
@@ -103,6 +103,20 @@ def test_a_sample_tells_counts_and_when_it_was_complete(can: Any) -> None:
     assert can.events(client) == [
         WrenchFrame((1, -2, 3, -4, 5, -6), 77, 77, T0 + 1),
         WrenchFrame((0, 0, 0, 0, 0, 0), 256, 256, T0 + 1.5),
+    ]
+
+
+def test_a_client_tells_which_axes_are_saturated_behind_its_zero(can: Any) -> None:
+    client = can.ready()
+    client.receive(encode_sample(1, (0, 0, 20000, 0, 0, 0), 77), T0 + 1)
+    client.zero()
+    can.exchange(client, T0 + 1, "101#00", expect="301#")
+    client.receive(encode_sample(1, (0, 32767, 32767 - 20000, 0, 0, 0), 155), T0 + 2)
+    before, zeroed, *notices, after = can.events(client)
+    assert (before.saturated, zeroed) == (0, Zeroed())
+    assert after.saturated == 0b000110
+    assert notices == [
+        SensorNotice(f"{axis} is at 100% of what the sensor can tell") for axis in ("fy", "fz")
     ]
 
 

@@ -8,7 +8,7 @@ from protocol.endpoint import LocalProtocolError
 from protocol.jr3.counts import facts_of
 from protocol.jr3.firmware import first_order_delay
 from protocol.jr3.uart_gateway import Phase, encode_data
-from protocol.wrench import SensorFailed, SensorReady, SensorStopped, WrenchFrame, Zeroed
+from protocol.wrench import SensorFailed, SensorNotice, SensorReady, SensorStopped, WrenchFrame, Zeroed
 
 T0 = 1000.25
 READY = SensorReady(facts_of((115.0, 111.0, 185.0, 5.6, 5.2, 6.1), 0.01, first_order_delay(10.0)))
@@ -47,6 +47,14 @@ def test_a_sample_is_told_whole_with_its_time(uart: Any) -> None:
     client = uart.ready()
     client.receive(encode_data((1, -2, 3, -4, 5, 0x3E3E), 77), T0 + 10)
     assert uart.events(client) == [WrenchFrame((1, -2, 3, -4, 5, 0x3E3E), 77, 77, T0 + 10)]
+
+
+def test_a_client_tells_which_axes_are_saturated(uart: Any) -> None:
+    client = uart.ready()
+    client.receive(encode_data((0, 0, 0, 0, -32768, 0), 77), T0 + 10)
+    notice, frame = uart.events(client)
+    assert notice == SensorNotice("my is at 100% of what the sensor can tell")
+    assert frame.saturated == 0b010000
 
 
 @pytest.mark.parametrize(

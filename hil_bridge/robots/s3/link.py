@@ -11,13 +11,12 @@ from hil_bridge.clock import Clock
 from hil_bridge.device_log import DeviceLog
 from hil_bridge.errors import BridgeError, DeviceError, OrderRefused
 from hil_bridge.robots.asked import Asking
+from hil_bridge.robots.s3.facts import robot_facts
 from hil_bridge.robots.s3.motion import S3Motion
 from hil_bridge.robots.s3.standing import hindrance, stop
 from hil_bridge.robots.seam import (
     QUESTION_LEFT,
     MotionLimits,
-    Pacing,
-    RobotFacts,
     RobotReport,
     Sent,
     orientation_fault,
@@ -33,11 +32,9 @@ from protocol.s3.adlp import (
     LinkFailure,
     LinkNotice,
     LinkProfile,
-    NoticeKind,
 )
 from protocol.s3.arap import (
     KNOWN,
-    STEPS_PER_METRE,
     Answered,
     ArapEvent,
     ArapHost,
@@ -61,7 +58,7 @@ from protocol.s3.arap import (
     refusal_remedy,
     write_mode,
 )
-from protocol.s3.timing import answer_time, line_floor
+from protocol.s3.timing import answer_time
 
 _Raw = TypeVar("_Raw")
 _Meaning = TypeVar("_Meaning")
@@ -82,8 +79,6 @@ SAID_S = 15.0
 and its start-up.
 """
 _QUANTITIES = (Count.BLOCKS_SENT, Count.BLOCKS_RECEIVED, Count.MESSAGES_SENT, Count.MESSAGES_RECEIVED)
-_UNDISTURBED = frozenset(map(str, (*ROUTINE, NoticeKind.NOISE, *_QUANTITIES)))
-"""Counters of the link that go up in every exchange, and that of noise, whose bytes are counted."""
 
 
 class S3Link:
@@ -106,14 +101,7 @@ class S3Link:
         """With `verbose` the log is told of each bid and ACK too, which costs time in every cycle."""
         self.name = transport.name
         self.profile = profile
-        self.facts = RobotFacts(
-            model="ABB S3, computer link",
-            pacing=Pacing.ASKED,
-            position_step=1.0 / STEPS_PER_METRE,
-            line_floor=line_floor(profile),
-            byte_time=profile.character_time,
-            routine=_UNDISTURBED,
-        )
+        self.facts = robot_facts(profile)
         self._transport = Tap(transport, self._passed)
         self._clock = clock
         self._log = log

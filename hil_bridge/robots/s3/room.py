@@ -10,10 +10,12 @@ from emulators.s3 import S3_FAULTS, Panel, S3Profiles, S3Site, make_robot
 from emulators.seams import RobotFactory
 from hil_bridge.clock import Clock
 from hil_bridge.errors import ConfigError
+from hil_bridge.facts import RobotFacts
 from hil_bridge.kinds import KindSettings, RobotEmulation, RobotKind
+from hil_bridge.robots.s3.facts import robot_facts
 from hil_bridge.robots.s3.link import S3Link
 from hil_bridge.robots.s3.orders_file import read_orders
-from hil_bridge.robots.s3.panel import PanelServer
+from hil_bridge.robots.s3.panel import PanelServer, panel_address
 from hil_bridge.robots.s3.program_folder import read_programs
 from hil_bridge.robots.s3.settings import S3Settings
 from hil_bridge.transports import LineSettings, Parity
@@ -63,7 +65,15 @@ async def connect(url: str, settings: KindSettings, wiring: Wiring) -> S3Link:
     orders = read_orders(Path(orders_file), link.max_telegram) if orders_file else KNOWN
     url, link = robot_wire(url, link)
     wire = await wiring.bytes(url)
-    return S3Link(wire, link, wiring.clock, wiring.log, orders, verbose=wiring.log.verbose)
+    robot = S3Link(wire, link, wiring.clock, wiring.log, orders, verbose=wiring.log.verbose)
+    robot.facts = robot_facts(link, settings.emulated.servo)
+    return robot
+
+
+def facts(url: str, settings: KindSettings) -> RobotFacts:
+    """What is known of a controller behind this wire; its servo is as assumed of the emulated one."""
+    link = robot_wire(url, settings.client.link)[1] if url else settings.client.link
+    return robot_facts(link, settings.emulated.servo)
 
 
 def make(settings: KindSettings) -> RobotFactory:
@@ -108,7 +118,8 @@ ROBOT = RobotKind(
     "ABB S3 controller by its computer link",
     S3Settings,
     connect,
-    RobotEmulation(S3Profiles, make, serve, usual, S3_FAULTS, panel),
+    facts,
+    RobotEmulation(S3Profiles, make, serve, usual, S3_FAULTS, panel, panel_address),
     directly=True,
     check=robot_site,
     parse=lambda url, settings: parse_url(url, CONNECT_BYTES),

@@ -30,7 +30,9 @@ from toydevices.wire import (
 class LoadProfile:
     """What may differ between one load cell and the next."""
 
-    noise_n: float = setting(0.02, Mark.CHOSEN, "noise of the forces, root mean square", unit="N", minimum=0.0)
+    noise_n: float = setting(
+        0.02, Mark.CHOSEN, "noise of the forces, root mean square", unit="N", minimum=0.0
+    )
 
     def __post_init__(self) -> None:
         check_settings(self)

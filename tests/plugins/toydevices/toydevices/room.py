@@ -35,7 +35,7 @@ def usual(name: str, virtual: bool) -> str:
 
 async def connect_arm(url: str, settings: KindSettings, wiring: Wiring) -> StreamedLink[Datagrams]:
     wire = await wiring.datagrams(url)
-    facts = RobotFacts("toy arm", Pacing.STREAMED, cycle=ARM_CYCLE_S)
+    facts = RobotFacts("toy arm", Pacing.STREAMED, cycle_s=ARM_CYCLE_S)
     return StreamedLink(wire, ArmClient(wiring.clock.now()), facts, wiring.clock, wiring.log)
 
 

@@ -1,0 +1,156 @@
+"""Facts of the devices of a run, as plain values: a run sees them, a recording keeps them, reports need no more.
+
+The rooms of the devices tell them when a run begins. A hop is a stretch of a cycle between two moments. A moment is
+a stamp of the cycle (`CycleRecord`), a truth of an emulated cell (`TruthRecord`), `earliest_at` (see
+`analysis.latency.earliest_arrivals`), or one that the robot's facts derive from a stamp.
+"""
+
+from enum import StrEnum
+from typing import Annotated, TypeAlias
+
+import msgspec
+from msgspec import Meta, Struct
+
+from protocol.wrench import SensorFacts
+
+_Positive: TypeAlias = Annotated[float, Meta(gt=0.0)]
+_NotNegative: TypeAlias = Annotated[float, Meta(ge=0.0)]
+
+ACCEPTED = "replied_at"
+"""The moment at which the robot has taken the cycle's order: it begins to answer it."""
+
+
+class Owner(StrEnum):
+    """Whose time a hop is."""
+
+    DEVICE = "device"
+    """The sensor's electronics."""
+    BUS = "bus"
+    """The sensor's wire and whatever converts it."""
+    SOFTWARE = "software"
+    LINE = "line"
+    ROBOT = "robot"
+
+
+class Hop(Struct, frozen=True):
+    """A stretch of a cycle between two moments."""
+
+    name: str
+    begin: str
+    end: str
+    owner: Owner
+    words: str
+    """What takes the time, for a sentence."""
+
+
+class Moment(Struct, frozen=True):
+    """A moment that no device stamps."""
+
+    name: str
+    stamp: str
+    """The stamp that it is derived from."""
+    earlier_s: float
+    """How much earlier it is than its stamp."""
+
+
+class RobotHops(Struct, frozen=True):
+    """How a robot's stamps divide a cycle from `sent_at` on."""
+
+    to_answer: tuple[Hop, ...]
+    """From `sent_at` to the answer of the order, each beginning where one ends."""
+    to_motion: tuple[tuple[Hop, ...], ...] = ()
+    """Ways from `sent_at` to the motion. The first holds whose last hop never ends before it begins, else the last."""
+    beside: tuple[Hop, ...] = ()
+    """Hops that the sample does not wait for."""
+    moments: tuple[Moment, ...] = ()
+
+    def earlier_s(self, name: str) -> float | None:
+        """How much earlier than its stamp a derived moment is, s; None for one that is not derived."""
+        return next((moment.earlier_s for moment in self.moments if moment.name == name), None)
+
+
+class Traffic(Struct, frozen=True):
+    """Two counters of the robot's link that tell how much goes over it."""
+
+    what: str
+    """bids, blocks, packets …"""
+    sent: str
+    """Name of the counter."""
+    received: str
+
+
+class ServoFacts(Struct, frozen=True):
+    """How the robot follows its points."""
+
+    interpolation_s: _Positive
+    """Between two set points of the interpolator."""
+    transport_delay_s: _NotNegative
+    natural_frequency_rad_s: _Positive
+    damping_ratio: _Positive
+    dead_band_steps: _NotNegative = 0.0
+    """How far the position may be off without being corrected, either way, in steps of the position."""
+    marks: dict[str, str] = {}
+    """How well each of them is known, see `protocol.marks`, by the name of its setting."""
+
+
+class Pacing(StrEnum):
+    """Which side drives the cycle."""
+
+    ASKED = "asked"
+    """A report comes when it is asked for."""
+    STREAMED = "streamed"
+    """Reports come by the robot's clock, and each is answered at once."""
+
+
+class RobotFacts(Struct, frozen=True):
+    """What is known of the robot and of the wire to it."""
+
+    model: str = ""
+    """Maker, controller and protocol, for people."""
+    pacing: Pacing = Pacing.ASKED
+    """Which side drives the cycle."""
+    kind: str = ""
+    """Name of its kind, by which its room is found; empty where it is not known."""
+    emulated: bool = False
+    cycle_s: _Positive | None = None
+    """Time between two reports; None: as fast as questions are answered."""
+    position_step_m: _Positive | None = None
+    """Resolution of an ordered position; None: finer than matters, or not known."""
+    line_floor_s: _Positive | None = None
+    """What one cycle takes on the robot's wire at least; None: too short to matter."""
+    byte_time_s: _Positive | None = None
+    """What a byte takes on the wire; None: too short to matter."""
+    servo: ServoFacts | None = None
+    hops: RobotHops | None = None
+    routine: tuple[str, ...] = ()
+    """Counters of its link that go up while all is well; every other one tells of trouble."""
+    errors: tuple[str, ...] = ()
+    """Counters of trouble that a view adds up."""
+    traffic: tuple[Traffic, ...] = ()
+
+
+class Sensor(Struct, frozen=True, omit_defaults=True):
+    """What is known of the sensor and of what stands before it."""
+
+    kind: str = ""
+    """gateway, uart or board, or what its room is called; empty where it is not known."""
+    facts: SensorFacts | None = None
+    """As its client tells them; None where they are not known."""
+    older_delay_s: _NotNegative | None = None
+    """`delay_s` where it is known and the facts are not, as in an old recording."""
+
+    @property
+    def delay_s(self) -> float | None:
+        """How much later than the force itself its filter tells of it, at low frequencies; None if not known."""
+        return self.older_delay_s if self.facts is None else self.facts.delay
+
+
+class Devices(Struct, frozen=True):
+    """Robot and sensor of a run."""
+
+    robot: RobotFacts = RobotFacts()
+    sensor: Sensor = Sensor()
+
+    def as_metadata(self) -> dict[str, str]:
+        """For a recording: JSON by device."""
+        return {name: msgspec.json.encode(getattr(self, name)).decode() for name in self.__struct_fields__}
