@@ -45,7 +45,7 @@ OWN_FAULTS: Mapping[str, Mapping[str, Fault]] = {
     "obstacle": OBSTACLE_FAULTS,
     "computer": COMPUTER_FAULTS,
 }
-"""Faults beside those of the devices, by target. The bridge lends its hands for bus and computer."""
+"""Faults beside those of the devices, by target. The bridge carries out those of bus and computer."""
 
 Robot = TypeVar("Robot", bound=EmulatedRobot)
 Sensor = TypeVar("Sensor", bound=EmulatedSensor)
@@ -77,7 +77,7 @@ class ToolProfile:
 
 @dataclass(frozen=True, slots=True)
 class CellProfile:
-    """What an emulated cell is made of beside its devices."""
+    """Tool, surface and start of an emulated cell: all but its devices."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
 
@@ -102,7 +102,7 @@ class CellProfile:
 
 @dataclass(frozen=True, slots=True)
 class TrueState:
-    """What the emulator knows and no device tells: for tests and comparisons."""
+    """The truth, which no device tells: for tests and comparisons."""
 
     position: Vector
     """Tool centre point in the base frame, m."""
@@ -111,7 +111,7 @@ class TrueState:
     quaternion: Quaternion
     """Tool frame in the base frame, w x y z."""
     contact_force: Vector
-    """Force of the surface, and of what hangs above, on the tool tip in the base frame, N."""
+    """Force of surface and obstacles on the tool tip in the base frame, N."""
     joints: Joints | None
     """Axes of the robot, axis 1 first, rad; None where the robot tells none."""
 
@@ -127,7 +127,7 @@ class Parts(Generic[Robot, Sensor]):
     surface: SurfaceFactory | None = None
     """The contact model; by default that of the cell's profile."""
     faults: Mapping[str, Mapping[str, Fault]] = field(default_factory=dict)
-    """Words for what can go wrong with the devices, by target; their handlers do it."""
+    """Words for the faults of the devices, by target; their handlers carry them out."""
 
 
 class Cell(Generic[Robot, Sensor]):
@@ -155,14 +155,14 @@ class Cell(Generic[Robot, Sensor]):
         """Told by the cell since when the wrench is another than it could be read, s; set by the sensor."""
         self.committed_until = path.committed_until
         """Up to when the wrench may be read at a given time and stays unless a fault changes it, s."""
-        # A surface with memory cannot unlearn what came otherwise.
+        # A surface with memory would have to be shown a changed future again.
         self.predicted_until = path.committed_until if self.has_memory else path.predicted_until
         """Up to when it may be read by a sensor that minds `on_change`, s."""
         path.on_change = self._moved_otherwise
         self.sensor = parts.sensor(self, now, seed)
         """Powered up with the cell."""
         self.ledger = Ledger({**parts.faults, **OWN_FAULTS})
-        """What goes wrong on purpose."""
+        """The faults of the cell."""
         for device in (self.robot, self.sensor):
             for target, handlers in device.handlers.items():
                 self.ledger.attach(target, handlers)
@@ -254,7 +254,7 @@ class Cell(Generic[Robot, Sensor]):
         return self._surface.remembered_until is not None
 
     def _contact_force(self, surface: Surface, times: Floats, count: bool = True) -> Floats:
-        """Force of the surface, and of what hangs above the tool, (n, 3) at ascending `times` (n,), base frame, N.
+        """Force of surface and obstacles on the tool tip, (n, 3) at ascending `times` (n,), base frame, N.
 
         A surface with memory is first shown the samples that were never read, so that its force depends on the
         motion and not on the reads. Where it cannot go back far enough, it answers as if the tip jumped there.

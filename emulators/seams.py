@@ -1,4 +1,4 @@
-"""What the parts of an emulated cell know of each other: the whole of it, for authors of emulated devices.
+"""The parts of an emulated cell as they know each other: all that an author of an emulated device needs.
 
 A cell joins a robot, a tool, a surface and a sensor. The robot tells the path of its arm, the surface answers with a
 force, and the sensor reads the wrench that both exert on the tool. Each device sits behind the wire of the real one.
@@ -11,7 +11,7 @@ velocities m/s, forces N, moments N·m. The base frame is the robot's, z up. The
 flange; the sensor frame has the tool frame's orientation and lies in the flange. Arrays are `float64`.
 
 Nothing here reads a clock, opens a port or starts a thread. A device that is asked twice answers the same: results
-may depend on what was ordered and when, not on who looked in between.
+depend on the orders and their times, not on reads in between.
 """
 
 from collections.abc import Callable, Mapping
@@ -30,7 +30,7 @@ Joints: TypeAlias = tuple[float, ...]
 """Angles of a robot's axes, rad, axis 1 first."""
 
 Handlers: TypeAlias = Mapping[str, Mapping[str, Handler]]
-"""What can go wrong with a device: by target, then by name of the fault. Empty where nothing can."""
+"""Faults of a device: by target, then by name of the fault. Empty where there are none."""
 
 
 class StartPose(NamedTuple):
@@ -48,7 +48,7 @@ class ArmPath(Protocol):
     """Where an arm was, is, and will be. `emulators.arm.history.History` implements it.
 
     The path is *committed* up to a time when no order that comes from now on can change it before that time. It may be
-    read further, up to `predicted_until`, as if nothing more were ordered; then `on_change` tells what came otherwise.
+    read further, up to `predicted_until`, as if nothing more were ordered; `on_change` tells when an order comes.
     """
 
     on_change: Callable[[float], object]
@@ -88,7 +88,7 @@ class EmulatedRobot(Protocol):
 
     @property
     def handlers(self) -> Handlers:
-        """What can go wrong with it."""
+        """Its faults."""
 
     @property
     def accepted(self) -> int:
@@ -104,7 +104,7 @@ class EmulatedRobot(Protocol):
 
 
 class WrenchSource(Protocol):
-    """What a sensor feels. The cell implements it.
+    """The true wrench that a sensor feels. The cell implements it.
 
     It may be asked for a time again: after `on_change`, or when a reader begins anew.
     """
@@ -115,7 +115,7 @@ class WrenchSource(Protocol):
     def wrench(self, times: Floats) -> Floats:
         """Wrench (n, 6) on the tool about the sensor's origin in the sensor frame: fx fy fz in N, mx my mz in N·m.
 
-        It is what surface and gravity exert: pressing down on a surface gives a negative fz where the tool points
+        Surface and gravity exert it: pressing down on a surface gives a negative fz where the tool points
         down. `times` (n,) ascend, s.
         """
 
@@ -131,27 +131,27 @@ class EmulatedSensor(Protocol):
 
     @property
     def endpoint(self) -> Any:
-        """What its room serves on a wire: an `Endpoint` of bytes, datagrams or CAN frames that tells no events, or for
-        a device of registers `protocol.jr3.board.Registers`.
+        """The end of its wire that its room serves: an `Endpoint` of bytes, datagrams or CAN frames that tells no
+        events, or for a device of registers `protocol.jr3.board.Registers`.
         """
 
     @property
     def handlers(self) -> Handlers:
-        """What can go wrong with it."""
+        """Its faults."""
 
     def sampled_at(self, counter: int) -> float | None:
         """When it measured the newest sample that it told with this counter, s; None where there is none."""
 
 
 class Surface(Protocol):
-    """A contact model: what pushes back when the tool's tip comes to it. `emulators.surface.contact.Contact` is one.
+    """A contact model: it pushes back when the tool's tip comes to it. `emulators.surface.contact.Contact` is one.
 
     A model without memory answers None to `remembered_until`, itself to `aside`, and does nothing in `rewind`.
     """
 
     @property
     def handlers(self) -> Mapping[str, Handler]:
-        """What can go wrong with it, by name of the fault; the target is `surface`. Empty where nothing can."""
+        """Its faults, by name; their target is `surface`. Empty where there are none."""
 
     @property
     def remembered_until(self) -> float | None:
@@ -167,7 +167,7 @@ class Surface(Protocol):
         """
 
     def aside(self) -> "Surface":
-        """A copy for questions: they must change nothing of what is remembered here, or counted."""
+        """A copy for questions: they must change neither the memory nor the counts of this one."""
 
     def rewind(self, time: float) -> None:
         """Go back to before this time, s, as far as is known: the samples from then on are shown again."""

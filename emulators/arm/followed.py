@@ -21,7 +21,7 @@ from protocol.marks import Mark, check_settings, setting
 
 @dataclass(frozen=True, slots=True)
 class FollowedProfile:
-    """How a streamed robot follows; a robot's room gives what is known of it."""
+    """The motion of a streamed robot; its room gives the values that are known of it."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
 
@@ -45,7 +45,7 @@ class FollowedProfile:
 
 
 class _Mechanics:
-    """What stays the same as long as the arm is powered."""
+    """Constants of a powered arm."""
 
     def __init__(self, profile: FollowedProfile, powered_at: float) -> None:
         period = profile.cycle_ms / 1000.0
@@ -151,7 +151,7 @@ class FollowedArm:
     def __init__(
         self, profile: FollowedProfile, start: Pose, powered_at: float, look_ahead: float = 0.0
     ) -> None:
-        """At rest at `start`. `look_ahead` is for how long the path may be read beyond what is committed, s: a stream
+        """At rest at `start`. `look_ahead` is for how long the path may be read beyond its committed end, s: a stream
         whose next target comes within a cycle or two makes it useless.
         """
         mechanics = _Mechanics(profile, powered_at)

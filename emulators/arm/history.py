@@ -1,9 +1,9 @@
-"""A motion in time: its past, the present tick, and what is ahead unless more is ordered.
+"""A motion in time: its past, the present tick, and its future unless more is ordered.
 
 Time runs on two shifted grids: the ticks of a servo, and one transport delay later the moments at which the
 position loops take their set points. Ticks are computed one by one, samples between them as arrays.
 
-The path may be read ahead of what is committed, as if nothing more were ordered: ticks are computed once, those ahead
+The path may be read beyond its committed end, as if nothing more were ordered: ticks are computed once, those ahead
 as well, and those that an order overtakes are computed anew.
 """
 
@@ -65,7 +65,7 @@ class History(Generic[S]):
     """The path of an arm: `emulators.seams.ArmPath`. It keeps the last ten seconds."""
 
     def __init__(self, servo: S, ticks: Ticks, loop: PositionLoop, look_ahead: float) -> None:
-        """`look_ahead` is for how long the path may be read beyond what is committed, s."""
+        """`look_ahead` is for how long the path may be read beyond its committed end, s."""
         self._ticks = ticks
         self._loop = loop
         self._look_ahead = look_ahead
@@ -75,7 +75,7 @@ class History(Generic[S]):
         self._ahead: deque[S] = deque()
         """After the ticks behind it, as if nothing were ordered meanwhile."""
         self.on_change: Callable[[float], object] = _unread
-        """Told up to when the path stays as it could be read before, s, when an order changes what was ahead."""
+        """Told up to when the path stays as it could be read before, s, when an order changes the ticks ahead."""
         self.accepted = 0
         """Targets taken so far; the first has the number 1."""
         self._begun = 0
@@ -93,7 +93,7 @@ class History(Generic[S]):
         self._rows[:] = servo.factors()
         self._servos = [servo] * self._size
 
-    # --- what is ordered
+    # --- orders
 
     def at_tick(self, now: float) -> S:
         """The servo as of the last tick up to `now`; not to be changed."""
@@ -248,7 +248,7 @@ class History(Generic[S]):
         return tick
 
     def _noted(self, servo: S) -> S:
-        """Let others read what the loops do from this tick's set point on."""
+        """Let the path be read from this tick's set point on."""
         row = servo.tick % self._size
         self._rows[row] = servo.factors()
         self._servos[row] = servo

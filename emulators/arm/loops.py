@@ -142,7 +142,7 @@ class Ticks:
 
 
 class Mechanics:
-    """What stays the same as long as a servo is powered: its times, its grid, its loop."""
+    """Constants of a powered servo: its times, its grid, its loop."""
 
     def __init__(self, profile: ServoProfile, powered_at: float) -> None:
         self.ticks = Ticks(powered_at, profile.interpolation_ms / 1000.0, profile.transport_delay_ms / 1000.0)
@@ -162,7 +162,7 @@ class Mechanics:
 class Loops:
     """Three axes at the moment at which they take a set point; `taking` makes those of the next one.
 
-    All is in the controller's own measure; the true position is less by what the encoders are off.
+    All is in the controller's own measure; the true position is less by the offset of the encoders.
     """
 
     __slots__ = ("_error", "_input", "_mechanics", "_velocity", "offset", "reported", "resting", "set_point")

@@ -152,7 +152,7 @@ class WaypointArm:
     """The arm in time: points to move to, and the path that it takes.
 
     Set points, the loops' state and reported steps are in the controller's own measure; the true path is less by
-    what its encoders are off.
+    the offset of its encoders.
     """
 
     def __init__(
@@ -169,7 +169,7 @@ class WaypointArm:
         self.path: History[_WaypointServo] = History(servo, mechanics.ticks, mechanics.loop, look_ahead)
         """Where the arm was, is, and will be unless it is told more."""
 
-    # --- what is ordered
+    # --- orders
 
     def enqueue(self, waypoint: Waypoint, now: float) -> None:
         """Add a point behind those waiting; the first tick after `now` sees it."""

@@ -1,4 +1,4 @@
-"""What can go wrong with the bridge's own computer: its words; the bridge lends the hands."""
+"""Words for the faults of the bridge's own computer; the bridge carries them out."""
 
 from collections.abc import Mapping
 

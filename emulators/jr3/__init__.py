@@ -1,4 +1,4 @@
-"""The emulated JR3 force/torque sensor and what stands before it."""
+"""The emulated JR3 force/torque sensor and its receivers."""
 
 from emulators.jr3.board import Board, BoardProfile, IsaPorts, IsaProfile
 from emulators.jr3.can_gateway import Gateway, GatewayProfile

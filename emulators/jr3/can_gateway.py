@@ -86,7 +86,7 @@ class Gateway:
 
     @property
     def handlers(self) -> Mapping[str, Mapping[str, Handler]]:
-        """What can go wrong here and with the sensor, by target, for a ledger."""
+        """Faults of the receiver and the sensor, by target, for a ledger."""
         own = self._firmware.handlers
         return {
             **own,

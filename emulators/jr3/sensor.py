@@ -96,7 +96,7 @@ class Jr3Sensor:
         self._source = source
         self._samples = samples = Samples(source, SENSOR_RATE_HZ, self._counts)
         self.on_invalidate = samples.on_invalidate
-        """Told the number of the first sample that may be another than was read ahead of what is committed."""
+        """Told the number of the first sample that may be another than was read ahead."""
         self.invalidate = samples.invalidate
         """Samples from a time on, s, are others than could be read."""
         self.committed_until = samples.committed_until
@@ -113,9 +113,9 @@ class Jr3Sensor:
         self._saturation_counts = float(profile.saturation_counts)
         self._raw_per_wrench = self._counts_per_unit[:, np.newaxis] * profile.coupling_matrix
         self.calibration: NDArray[np.float64] = np.asarray(np.linalg.inv(self._raw_per_wrench), np.float64)
-        """What makes a wrench in N and N·m of raw channels 1 … 6: wrench = raw @ calibration."""
+        """Matrix (6, 6) from raw channels 1 … 6 to N and N·m: wrench = raw @ calibration."""
         self.signal = Signal(SENSOR_RATE_HZ, profile.noise_counts, samples.invalidate_from)
-        """What can go wrong before the converter."""
+        """Faults before the converter."""
 
     def counts(self, indices: NDArray[np.int64]) -> NDArray[np.int64]:
         """Six counts (n, 6) of the samples with these numbers k, which do not fall.

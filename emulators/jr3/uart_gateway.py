@@ -1,8 +1,8 @@
 """A microcontroller between a JR3 sensor's serial link and a serial line.
 
 Behaves as the firmware roboticslab-uc3m/jr3-mbed-firmware-usb does, which was read for facts only. It misreads
-what it receives in its own ways, and a client has to live with that: it reads what is there in one go, lays it
-over what it read before, takes the first frame in it and sleeps for a second, whatever that frame was.
+what it receives in its own ways, and a client has to live with that: it reads all bytes in one go, lays them
+over those of the read before, takes the first frame in it and sleeps for a second, whatever that frame was.
 """
 
 from collections.abc import Mapping
@@ -107,7 +107,7 @@ class UartGateway:
 
     @property
     def handlers(self) -> Mapping[str, Mapping[str, Handler]]:
-        """What can go wrong here and with the sensor, by target, for a ledger."""
+        """Faults of the receiver and the sensor, by target, for a ledger."""
         own = self._firmware.handlers
         return {
             **own,
@@ -170,13 +170,13 @@ class UartGateway:
         """The truth: when the sensor measured the newest sample sent with this counter, s; None if there is none."""
         return self._firmware.sampled_at(counter)
 
-    # --- what it does one after another
+    # --- its states one after another
 
     def _enter(self, state: _State, until: float) -> None:
         self._state, self._until = state, until
 
     def _go_on(self, at: float) -> None:
-        """What comes next is begun."""
+        """Begin the next state."""
         match self._state:
             case _State.BOOTING if self._connected:
                 self._enter(_State.CALIBRATING, at + self._profile.calibration_s)

@@ -1,4 +1,4 @@
-"""The S3 controller as its surroundings know it: a computer link, a panel, and what can go wrong with either.
+"""The S3 controller as its surroundings know it: a computer link, a panel, and the faults of both.
 
 Source: project specification of the computer link, sections 3 and 5.
 """
@@ -38,12 +38,12 @@ from protocol.s3.arap import (
 )
 
 _OFFSET_LIMIT = 0.1
-"""Chosen: encoders are off by this at most, m, so that what is measured always fits the status."""
+"""Chosen: encoders are off by this at most, m, so that a measured position always fits the status."""
 
 
 @dataclass(slots=True)
 class Tally:
-    """What became of the orders so far."""
+    """Counts of the orders so far."""
 
     answered: int = 0
     refused: int = 0
@@ -72,7 +72,7 @@ class S3Controller:
         self.motion = self._executive.motion
         """True and reported place of the tool centre point."""
         self.tally = Tally()
-        """What became of the orders so far."""
+        """Counts of the orders so far."""
         self._max_telegram = profiles.link.max_telegram
         self._line = FaultyLine(profiles.link, profile.spontaneous_eot, seed, self._restart)
         self._random = random.Random(seed)
@@ -95,7 +95,7 @@ class S3Controller:
             },
             "link": {**self._wire.handlers, **self._link_handlers()},
         }
-        """What can go wrong, by target, for a ledger."""
+        """Its faults, by target, for a ledger."""
         self.faults = Ledger(S3_FAULTS)
         """Of a controller without a cell."""
         for target, handlers in self.handlers.items():
@@ -162,7 +162,7 @@ class S3Controller:
         self._take_messages(now)
 
     def next_event(self) -> None:
-        """A robot tells nothing to those who run it."""
+        """A controller tells no events."""
 
     def data_to_send(self, now: float) -> bytes:
         """Bytes for the line."""
@@ -179,7 +179,7 @@ class S3Controller:
         return self._wire.next_deadline(due) if self._wire.bad else due
 
     def handle_deadline(self, now: float) -> None:
-        """Act on the link's time-outs, carry on what runs and answer what is due."""
+        """Act on the link's time-outs, carry the program on and answer the orders that are due."""
         if self._ready_at is not None and self._ready_at <= now:
             self._ready_at = None
             self._executive.happen(Stimulus.READY, now)
@@ -198,7 +198,7 @@ class S3Controller:
             self._orders.popleft()
             self._say(answer)
 
-    # --- what people do at the robot
+    # --- acts of people at the robot
 
     def press_emergency_stop(self, now: float) -> None:
         """Stop moving and running, fall into standby, tell the PC."""
@@ -221,7 +221,7 @@ class S3Controller:
         self._executive.happen(Stimulus.KEY_AUTO if auto else Stimulus.KEY_MANUAL, now)
 
     def set_link_control(self, given: bool, now: float) -> None:
-        """Give the link control at the pendant, or take it back; what moves goes on."""
+        """Give the link control at the pendant, or take it back; a motion goes on."""
         self._executive.happen(Stimulus.CONTROL_GIVEN if given else Stimulus.CONTROL_TAKEN, now)
 
     def set_programming_unit(self, connected: bool, now: float) -> None:
@@ -243,7 +243,7 @@ class S3Controller:
         self._line.disarm()
         self._late = self._refuse = self._restarts = None
 
-    # --- what faults do
+    # --- faults
 
     def _robot_handlers(self) -> dict[str, Handler]:
         return {
@@ -286,7 +286,7 @@ class S3Controller:
         press: Callable[["S3Controller", float], object],
         release: Callable[["S3Controller", float], object] | None = None,
     ) -> Handler:
-        """What a person does at the panel; it has an effect where it changes the state."""
+        """An act of a person at the panel; it has an effect where it changes the state."""
 
         def begin(injection: Injection) -> None:
             before, now = self.state, injection.injected_at
@@ -333,7 +333,7 @@ class S3Controller:
             self._restart(injection.injected_at)
 
     def _restart(self, now: float) -> None:
-        """Begin anew, silent at first; what stands on the controller's disc and in its arm stays."""
+        """Begin anew, silent at first; disc and arm of the controller stay as they are."""
         self._executive.happen(Stimulus.POWER_UP, now)
         self._orders.clear()
         self._ready_at = now + self.profile.start_up_s
@@ -384,7 +384,7 @@ class S3Controller:
         self._orders.append(Order(telegram, function, due, len(telegrams)))
 
     def _turnaround_ms(self, function: int) -> float:
-        """What it takes to come to answering this order; one number is drawn for each."""
+        """Time from this order to its answer, ms; one number is drawn for each."""
         profile = self.profile
         measured: tuple[float, ...] = ()
         match function:
@@ -398,7 +398,7 @@ class S3Controller:
         return profile.turnaround_ms + self._random.uniform(-spread, spread)
 
     def _answer(self, order: Order, now: float) -> Telegram | None:
-        """What to say to an order, or None while its time has not come."""
+        """The answer to an order, or None while its time has not come."""
         answer: Telegram | int | None
         refuse = self._refuse
         if refuse is not None and refuse.number("function") in (0, order.function):
@@ -424,6 +424,6 @@ class S3Controller:
     def _say(self, telegram: Telegram) -> None:
         if self.state.starting:
             return
-        # A full queue means that nobody has listened for many time-outs: one telegram more helps nobody.
+        # A full queue means that the host has not listened for many time-outs: one telegram more is useless.
         with contextlib.suppress(LocalProtocolError):
             self._line.send([block.encode() for block in split_telegram(telegram, self._max_telegram)])

@@ -1,6 +1,6 @@
-"""What the S3 controller does with an order: its state, its arm, its programs; without a link and without delay.
+"""Orders of the S3 controller: its state, its arm, its programs; without a link and without delay.
 
-Which order is refused in which state, and what changes the state, are the tables of `emulators.s3.state`.
+The orders that a state refuses, and the events that change it, are the tables of `emulators.s3.state`.
 Source: project specification of the computer link, section 3.
 """
 
@@ -108,7 +108,7 @@ class Executive:
         )
         """True and reported place of the tool centre point."""
         self.reporting = Reporting(self.motion)
-        """What may be wrong with what is told of them."""
+        """Faults of the reported place."""
         self.state = initial(profile)
         """Everything that decides which orders are taken."""
         self.run: ProgramRun | None = None
@@ -148,7 +148,7 @@ class Executive:
             self.run = None
 
     def status(self, now: float) -> Status:
-        """What read status is answered."""
+        """The answer to read status."""
         run = self.run
         status = Status(
             position_words(self.motion.reported(now)),
@@ -186,7 +186,7 @@ class Executive:
     # --- orders
 
     def judge(self, order: Order, now: float) -> Answer:
-        """What holds for every order; what holds for one is its handler's matter."""
+        """Apply the rules of every order; its handler applies those of one."""
         telegram = order.telegram
         if telegram is None:
             return RefusalCode.TELEGRAM_INCOMPLETE

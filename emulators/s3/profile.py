@@ -1,4 +1,4 @@
-"""What may differ between one S3 controller and the next, or is not known of any."""
+"""Settings that may differ between one S3 controller and the next, or are not known of any."""
 
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Literal
@@ -102,7 +102,7 @@ class S3Profile:
     spontaneous_eot: Literal["always", "sometimes", "never"] = setting(
         "always",
         Mark.OBSERVED,
-        "whether a message that nobody asked for ends with EOT: always, sometimes (one in two, drawn), never",
+        "whether an unasked message ends with EOT: always, sometimes (one in two, drawn), never",
     )
     start_up_s: float = setting(
         5.0,

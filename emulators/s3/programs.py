@@ -103,7 +103,7 @@ class ProgramRun:
         self.due = None
 
     def advance(self, now: float, motion: WaypointArm, move: Callable[[MoveStep, float], None]) -> None:
-        """Do what is due by `now`; `move` sends the arm on its way and may raise, the step is then not begun."""
+        """Take the steps due by `now`; `move` sends the arm on its way and may raise, the step is then not begun."""
         while self.due is not None and self.due <= now:
             if self.ended:
                 self.due = None

@@ -1,4 +1,4 @@
-"""What the status reports while encoders or the status itself are wrong; the arm goes on as ever."""
+"""The status while encoders or the status itself are wrong; the arm goes on as ever."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -12,12 +12,12 @@ from protocol.s3.arap import Status, position_words, quaternion_words
 
 _AXES = "xyz"
 _LIMIT = 4.095875
-"""The end of what a status can tell, m. Mark: observed."""
+"""Largest coordinate that a status can tell, m. Mark: observed."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Report:
-    """What is told."""
+    """Place and mode that are told."""
 
     position: Vector
     quaternion: Quaternion
@@ -30,11 +30,11 @@ class _Wrong:
 
     injection: Injection
     began: _Report
-    """What was told when it began."""
+    """The report at its begin."""
 
 
 class Reporting:
-    """Falsifies what a controller tells of its pose and mode."""
+    """Falsifies the told pose and mode of a controller."""
 
     def __init__(self, motion: WaypointArm) -> None:
         self._motion = motion

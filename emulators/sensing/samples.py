@@ -29,7 +29,7 @@ class KnownWrench:
     """A `WrenchSource` that a function of time tells: for a sensor without a cell.
 
     `wrench_at` is given times (n,), s, and answers with the wrench (n, 6), N and N·m. The others are given the present
-    time and tell what those of `WrenchSource` do; by default nothing is read ahead.
+    time and answer as those of `WrenchSource`; by default nothing is read ahead.
     """
 
     def __init__(
@@ -45,7 +45,7 @@ class KnownWrench:
 
 
 class Samples:
-    """What a sensor makes of a wrench, sample by sample, each computed once and some of them ahead.
+    """Samples of a sensor, each computed once and some of them ahead.
 
     `make` is given the number of the first sample and of the one behind the last, and answers with them (n, …).
     """
@@ -58,7 +58,7 @@ class Samples:
         """The samples from number `_ready_from` on that were computed already."""
         self._ready_from = 0
         self.on_invalidate: list[Callable[[int], object]] = []
-        """Told the number of the first sample that may be another than was read ahead of what is committed."""
+        """Told the number of the first sample that may be another than was read ahead."""
         source.on_change = self.invalidate
 
     def starting(self, first: int, last: int) -> Floats:
@@ -73,7 +73,7 @@ class Samples:
         if last >= stop:
             ahead = math.floor(self.predicted_until(last / self._rate) * self._rate)
             fresh = self._make(stop, max(last + 1, min(ahead, last + _AHEAD)))
-            # What was read last is kept: a reader may begin anew at the same moment.
+            # The last samples are kept: a reader may begin anew at the same moment.
             ready = (
                 fresh if ready is None or stop <= first else np.concatenate((ready[first - begin :], fresh))
             )
@@ -118,7 +118,7 @@ class NumberedNoise:
     def add(self, samples: Floats, first: int, alter: Callable[[Floats, int], Floats] | None = None) -> None:
         """To six rows (6, n) of the samples from number `first` on, in place.
 
-        `alter` is given the noise (6, m) of the samples from a number on and answers with what is added instead.
+        `alter` is given the noise (6, m) of the samples from a number on, and answers with the noise to add instead.
         """
         stop = first + samples.shape[1]
         for number in range(first // _CHUNK, (stop - 1) // _CHUNK + 1):

@@ -26,7 +26,7 @@ from protocol.marks import Mark, check_settings, setting
 Floats = NDArray[np.float64]
 
 _REMEMBERED = 64
-"""Chosen: more blocks of samples than lie between what is certain of the robot's path and the present."""
+"""Chosen: more blocks of samples than lie between the end of the committed path and the present."""
 _UP = np.array([0.0, 0.0, 1.0])
 """Base z."""
 
@@ -218,7 +218,7 @@ class Contact:
 
     @property
     def handlers(self) -> Mapping[str, Handler]:
-        """What can go wrong with it, for a ledger."""
+        """Its faults, for a ledger."""
         return self.faults.handlers
 
     def depth_and_normal(self, positions: Floats) -> tuple[Floats, Floats]:
@@ -231,14 +231,14 @@ class Contact:
         return depth, np.broadcast_to(normal.T, positions.shape)
 
     def aside(self) -> "Contact":
-        """A copy for questions that must not change what is remembered or counted here."""
+        """A copy for questions: they change neither the memory nor the counts of this one."""
         twin = copy.copy(self)
         twin._memories, twin._counts = deque(maxlen=1), False
         return twin
 
     def rewind(self, time: float) -> None:
-        """Forget what came from this time on, s: it is shown again, for something is other than it was."""
-        if not self._material.remembers:
+        """Go back to before this time, s: the samples from then on are shown again."""
+        if not self._material.has_memory:
             return
         while self._memories and self._memory.time >= time:
             self._memory = self._memories.pop()
@@ -246,7 +246,7 @@ class Contact:
     @property
     def remembered_until(self) -> float | None:
         """Time of the newest sample of a material with a memory, s; None for one that has none."""
-        return self._memory.time if self._material.remembers else None
+        return self._memory.time if self._material.has_memory else None
 
     def force(self, positions: Floats, velocities: Floats, times: Floats | None = None) -> Floats:
         """Force on the tool tip in the base frame (n, 3), N, for tip positions and velocities (n, 3).
@@ -260,12 +260,12 @@ class Contact:
         # One row an axis: numpy is quickest along the last dimension, and three is too short for it.
         depth, normal = self._depth_and_normal(positions.T)
         material = self._material
-        if not material.remembers and not (depth > 0.0).any():
+        if not material.has_memory and not (depth > 0.0).any():
             return np.zeros_like(positions)
         velocity = velocities.T
         leaving = np.einsum("ij,ij->j", velocity, normal)
         factor = hardness if self._uniform else self._factor(positions) * hardness
-        if material.remembers:
+        if material.has_memory:
             self._memories.append(self._memory)
         pressing, self._memory = material.press(depth, -leaving, factor, times, self._memory)
         sliding = velocity - leaving * normal

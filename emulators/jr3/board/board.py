@@ -1,8 +1,8 @@
 """The JR3 DSP receiver board: a memory that a sensor fills and a host reads and writes, told the time.
 
 Samples are computed in blocks up to the time asked for, and further as far as the sensor predicts, so that a read
-is a look-up; a host's write that changes the computation throws away what was computed ahead, and so does a sensor
-whose samples will be others.
+is a look-up; a host's write that changes the computation throws away the samples computed ahead, and so
+does a sensor whose samples will be others.
 """
 
 import math
@@ -23,15 +23,15 @@ from protocol.jr3 import AXES
 from protocol.jr3.board import REGISTERS, WORD_MODULUS, Errors, check_range, from_signed
 
 _EPSILON = 1e-6
-"""Of a sample period: what a time may lack of its sample's by rounding."""
+"""Of a sample period: by so much a time may be too early through rounding."""
 _AHEAD_S = 1.0
-"""More than is ever computed ahead, for a source that is certain for ever."""
+"""More than is ever computed ahead, for a source that is committed for ever."""
 _FULL_SCALES = REGISTERS["full_scale"].address
 _COMMAND_WORDS = REGISTERS["command_word2"].address
 
 
 class Phase(Enum):
-    """What the board waits for."""
+    """Phases of the board's start."""
 
     BOOT = auto()
     SILENT = auto()
@@ -43,7 +43,7 @@ class Phase(Enum):
 
 
 class _Due(Enum):
-    """What happens at a time; in this order when times are equal."""
+    """Events that are due at a time; in this order when times are equal."""
 
     BOOTED = auto()
     CALIBRATED = auto()
@@ -114,7 +114,7 @@ class Board:
 
     @property
     def handlers(self) -> Mapping[str, Mapping[str, Handler]]:
-        """What can go wrong here and with the sensor, by target, for a ledger."""
+        """Faults of the receiver and the sensor, by target, for a ledger."""
         return {
             "scales": self._scales.handlers,
             "frames": {"unplugged": Handler(self._pulled, self._put_back)},
@@ -154,7 +154,7 @@ class Board:
         return self._due.get(_Due.COMMAND, self._now)
 
     def reset(self, now: float) -> None:
-        """Start the board's program anew. Assumed: what the host had written is lost."""
+        """Start the board's program anew. Assumed: the words that the host had written are lost."""
         self._advance(now)
         self._processor.sampling.cut()
         self._start(self._now)

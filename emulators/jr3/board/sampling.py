@@ -1,4 +1,4 @@
-"""The board's samples: which have been computed, how far ahead, and what becomes of them when settings change, or
+"""The board's samples: which have been computed, how far ahead, and how they end when settings change, or
 when the sensor's will be others than was predicted.
 """
 
@@ -19,7 +19,7 @@ _AHEAD = 2048
 
 
 class RawSamples:
-    """The sensor's readings by absolute sample number; what was read too early is kept, none is read twice."""
+    """The sensor's readings by absolute sample number; one that was taken too early is kept, none is taken twice."""
 
     def __init__(self, sensor: Jr3Sensor) -> None:
         self._sensor = sensor
@@ -37,7 +37,7 @@ class RawSamples:
         return np.concatenate([kept, fresh]) if len(kept) else fresh
 
     def give_back(self, samples: Samples) -> None:
-        """Keep what was taken last but not used."""
+        """Keep the readings that were taken last but not used."""
         self._first -= len(samples)
         self._kept = np.concatenate([samples, self._kept])
 
@@ -83,19 +83,19 @@ class Sampling:
         self.reach(sample)
 
     def cut(self) -> PathState:
-        """Give up what was computed ahead and tell the state after the newest sample."""
+        """Give up the samples computed ahead and tell the state after the newest sample."""
         self._end_block(self.sample + 1)
         state = self.block.after()
         self.resume(state)
         return state
 
     def invalidate(self, first: int) -> None:
-        """The sensor's samples from this absolute number on will be others; what a host has seen it has seen."""
+        """The sensor's samples from this absolute number on will be others; those that a host has seen stay."""
         self._end_block(max(first - self._origin, self.sample + 1))
         self._raw.invalidate(first)
 
     def _end_block(self, end: int) -> None:
-        """Give up what was computed from this sample on."""
+        """Give up the words computed from this sample on."""
         ahead = self.block
         if ahead.source is not None and end < ahead.end:
             self._raw.give_back(ahead.source.raw[end - ahead.start : ahead.end - ahead.start])
