@@ -5,14 +5,13 @@ figures go to docs/safety.json; it takes some minutes. With --check nothing is w
 document is not up to date.
 """
 
-import argparse
 import gc
 import json
 import math
 import random
 import statistics
 import sys
-from collections.abc import AsyncIterator, Iterable, Mapping, Sequence
+from collections.abc import AsyncIterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
@@ -31,6 +30,7 @@ from hil_bridge.runs.compose import open_devices
 from hil_bridge.runs.cycle import Run
 from hil_bridge.settings.configuration import Config
 from protocol.s3.arap import FunctionCode
+from tools.pages import parser, placed, table, write
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 DOCUMENT, FIGURES = DOCS / "safety.md", DOCS / "safety.json"
@@ -272,14 +272,6 @@ def _rounded(value: float | None) -> float | None:
     return None if value is None else round(value, 3)
 
 
-def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """A table in Markdown."""
-    lines = [head, ["---"] * len(head), *rows]
-    return "\n".join(
-        "| " + " | ".join(str(cell).replace("|", "\\|") for cell in line) + " |" for line in lines
-    )
-
-
 def conditions_table() -> str:
     """Every condition, a table for each time at which it is looked."""
     parts = []
@@ -359,14 +351,7 @@ def renewed(text: str, figures: Mapping[str, Any]) -> str:
         "times": times_table(figures),
         "uncovered": uncovered_table(figures),
     }
-    for name, content in tables.items():
-        begin, end = f"<!-- {name}: begin -->", f"<!-- {name}: end -->"
-        before, has_begin, behind = text.partition(begin)
-        _, has_end, after = behind.partition(end)
-        if not (has_begin and has_end):
-            raise ValueError(f"the document has no place for the table {name!r}: {begin} … {end}")
-        text = f"{before}{begin}\n{content}\n{end}{after}"
-    return text
+    return placed(text, tables)
 
 
 def _as_json(figures: Mapping[str, Any]) -> str:
@@ -383,18 +368,13 @@ def _as_json(figures: Mapping[str, Any]) -> str:
 
 def main() -> int:
     """Measure if wanted, then write the document, or check it."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--measure", action="store_true", help="make the runs first")
-    parser.add_argument("--check", action="store_true", help="write nothing, say whether it is up to date")
-    wanted = parser.parse_args()
+    options = parser(__doc__)
+    options.add_argument("--measure", action="store_true", help="make the runs first")
+    wanted = options.parse_args()
     if wanted.measure:
         FIGURES.write_text(_as_json(measure()), encoding="utf-8")
-    before = DOCUMENT.read_text(encoding="utf-8")
-    after = renewed(before, json.loads(FIGURES.read_text(encoding="utf-8")))
-    if wanted.check:
-        return int(after != before)
-    DOCUMENT.write_text(after, encoding="utf-8")
-    return 0
+    figures = json.loads(FIGURES.read_text(encoding="utf-8"))
+    return write(DOCUMENT, lambda text: renewed(text, figures), wanted.check)
 
 
 if __name__ == "__main__":

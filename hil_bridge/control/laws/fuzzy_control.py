@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 from msgspec import Struct
-from msgspec.structs import replace
 
 from hil_bridge.control.course.checks import (
     FORBID_EXTRA,
@@ -128,10 +127,8 @@ class FuzzyAdaptive:
         if not measurement.is_finite:
             return state, _stay(measurement, state.estimate.stiffness)
         error = measurement.force - reference
-        estimate = _estimate(self, state.estimate, measurement)
-        explanation = _infer(self._system, state.error, error, reference)
-        state = AdaptiveState(error, estimate)
-        stiffness = estimate.stiffness
+        state, explanation = _observed(self, state, measurement, measurement.force, reference)
+        stiffness = state.estimate.stiffness
         if stiffness is None:
             return state, _correct(measurement, explanation, self.output_step_mm)
         gain = scheduled_gain(stiffness)
@@ -195,20 +192,16 @@ class ResolutionAware:
         if not measurement.is_finite:
             return state, _stay(measurement, state.estimate.stiffness)
         error = measurement.force - reference
-        aligned = replace(measurement, force=measurement.force_at_position)
-        estimate = _estimate(self, state.estimate, aligned)
-        explanation = _infer(self._system, state.error, error, reference)
-        state = AdaptiveState(error, estimate)
-        stiffness = estimate.stiffness
+        aligned = measurement.force_at_position
+        state, explanation = _observed(self, state, measurement, aligned, reference)
+        stiffness = state.estimate.stiffness
         if stiffness is None or not measurement.in_contact:
             return state, _correct(measurement, explanation, self.output_step_mm, 1.0, stiffness)
         band = stiffness * self.resolution_mm * 1e-3 / 2 + self.force_uncertainty_n
         explanation["band_n"] = band
         if abs(error) <= band:
             return state, Command(measurement.commanded, 0.0, stiffness, 1.0, True, explanation)
-        feedforward = _feedforward(
-            self.feedforward_limit_mm, measurement, aligned.force - reference, stiffness
-        )
+        feedforward = _feedforward(self.feedforward_limit_mm, measurement, aligned - reference, stiffness)
         explanation["feedforward_m"] = feedforward
         return state, Command(feedforward, 0.0, stiffness, 1.0, False, explanation)
 
@@ -261,13 +254,21 @@ def _correct(
     return Command(measurement.commanded + correction, correction, stiffness, gain, False, explanation)
 
 
-def _estimate(
-    model: FuzzyAdaptive | ResolutionAware, estimate: StiffnessEstimate, measurement: Measurement
-) -> StiffnessEstimate:
+def _observed(
+    model: FuzzyAdaptive | ResolutionAware,
+    state: AdaptiveState,
+    measurement: Measurement,
+    force: float,
+    reference: float,
+) -> tuple[AdaptiveState, dict[str, float]]:
+    """The state behind a sample, and what the fuzzy PI makes of it. `force` (N) is that of the reported position."""
+    error = measurement.force - reference
+    explanation = _infer(model._system, state.error, error, reference)
     if not measurement.in_contact:
-        return contact_lost(estimate)
+        return AdaptiveState(error, contact_lost(state.estimate)), explanation
     gates = Gates(position_change=model.resolution_mm * 1e-3 / 2, force_change=2 * model.force_uncertainty_n)
-    return update(estimate, gates, measurement.position, measurement.force)
+    estimate = update(state.estimate, gates, measurement.position, force)
+    return AdaptiveState(error, estimate), explanation
 
 
 def _feedforward(limit_mm: float | None, measurement: Measurement, error: float, stiffness: float) -> float:
