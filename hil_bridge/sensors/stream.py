@@ -205,7 +205,7 @@ class ForceSensor:
                 self.newest = event
                 self.decoded_at = self._clock.now()
                 self._history.append(event)
-                self._watch.frame(event.values)
+                self._watch.frame(event.values, event.at)
                 self.saturated_axes = event.saturated
                 if (peaks := self.peaks) is not None:
                     peaks.frame(event.values)
