@@ -727,7 +727,8 @@ def test_a_tool_is_known_to_be_retracted_only_where_the_robot_tells_so() -> None
 
     async def script(cell: Cell) -> None:
         await cell.link.ready()
-        way_out = WayOut(Config(), cell.clock, cell.link, NO_SENSOR)
+        config = Config()
+        way_out = WayOut(config, cell.clock, cell.link, NO_SENSOR, control_loop(config))
         rests.append(await way_out.rest(START.position, START.position, True))
         rests.append(await way_out.rest(START.position, START.position, False))
         cell.robot.silent = True
@@ -767,7 +768,7 @@ def test_a_retraction_is_judged_again_after_each_step_that_the_robot_was_given()
                 def __getattr__(self, name: str) -> object:
                     return getattr(motion, name)
 
-            way_out = WayOut(config, cell.clock, cell.link, NO_SENSOR)
+            way_out = WayOut(config, cell.clock, cell.link, NO_SENSOR, control_loop(config))
             await way_out.retract(Noted(), replace(state, supervisor=deep), DOWN, blamed.append)
         assert len(ordered) > 2
 
