@@ -86,7 +86,9 @@ class WrenchFrame(NamedTuple):
     at: float
     """When the sample was complete, s on the receiver's clock."""
     saturated: int = 0
-    """Bit k: axis k is at the end of its range, so that its value may be anything above."""
+    """Bit k: axis k is at the end of its range, so that its value may be anything above. A run trusts these bits alone
+    and retracts on any. So a client of a device that tells none compares the raw values with the end of their range.
+    """
 
 
 @dataclass(frozen=True, slots=True)
