@@ -115,7 +115,9 @@ class RobotFacts(Struct, frozen=True):
     cycle_s: _Positive | None = None
     """Time between two reports; None: as fast as questions are answered."""
     position_step_m: _Positive | None = None
-    """Resolution of an ordered position; None: finer than matters, or not known."""
+    """Resolution of the position that is reached; None: finer than matters, or not known."""
+    order_step_m: _Positive | None = None
+    """Resolution of a position that is ordered; None: finer than matters, or not known."""
     line_floor_s: _Positive | None = None
     """What one cycle takes on the robot's wire at least; None: too short to matter."""
     byte_time_s: _Positive | None = None

@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 from importlib import import_module
 from typing import Any, Generic, TypeVar
 
-from emulators.cell import CellProfile
+from emulators.cell import OWN_FAULTS, CellProfile
 from emulators.faults import Fault
 from emulators.seams import RobotFactory, SensorFactory, SurfaceFactory
 from hil_bridge.errors import ConfigError
@@ -241,3 +241,12 @@ def emulated_sensor(name: str) -> SensorKind:
         if name == kind.also:
             return kind
     return SENSORS.kind(name)
+
+
+def faults_of(robot: str, sensor: str) -> Mapping[str, Mapping[str, Fault]]:
+    """What can go wrong in a cell with these emulated devices, by target and name. Raises ConfigError."""
+    devices = ROBOTS.kind(robot).emulation, emulated_sensor(sensor).emulation
+    return {
+        **OWN_FAULTS,
+        **{on: table for device in devices if device for on, table in device.faults.items()},
+    }

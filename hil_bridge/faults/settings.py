@@ -4,17 +4,19 @@ import operator
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, Self
+from typing import TYPE_CHECKING, Any, Literal, Self, TypeAlias
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from emulators.cell_faults import CELL_FAULTS, FELT_BY_SENSOR, RECEIVERS
-from emulators.faults import find
+from emulators.cell_faults import FELT_BY_SENSOR, RECEIVERS
+from emulators.faults import Fault, find
 from hil_bridge.errors import ConfigError
 
 if TYPE_CHECKING:
     from hil_bridge.recording import CycleRecord
 
+Faults: TypeAlias = Mapping[str, Mapping[str, Fault]]
+"""What can go wrong, by target and name."""
 _QUANTITIES: Mapping[str, Callable[["CycleRecord"], float]] = {
     "force": lambda record: record.force,
     "depth_mm": lambda record: record.depth * 1e3,
@@ -76,14 +78,14 @@ class FaultConfig(BaseModel):
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
-        find(CELL_FAULTS, self.on, self.fault).values(f"{self.on}: {self.fault}", self.given)
         if self.when:
             Condition.read(self.when)
         return self
 
-    def check_cell(self, robot_url: str, sensor_url: str, receiver: str) -> None:
-        """Raise ValueError where it concerns a real device, or one that the cell has not got."""
+    def check_cell(self, robot_url: str, sensor_url: str, receiver: str, faults: Faults) -> None:
+        """Raise ValueError where it concerns a real device, or is none of the `faults` that the cell can have."""
         name = f"{self.on}: {self.fault}"
+        find(faults, self.on, self.fault).values(name, self.given)
         if robot_url:
             raise ValueError(f"{name} needs the emulated cell, but robot.url names a real robot")
         if sensor_url and self.on in FELT_BY_SENSOR:

@@ -111,7 +111,7 @@ def control_loop(
     if fixed_dt is None:
         check_period(config.run.period_ms * 1e-3 or robot.cycle_s, controller, config.controller.sample_ms)
     return ControlLoop(
-        Task(config.task, controller, config.limits.force_limit_n, robot.position_step_m),
+        Task(config.task, controller, config.limits.force_limit_n, robot.order_step_m),
         Supervisor(config.limits, config.robot.velocity_mm_s * 1e-3),
         config.frame.approach,
         config.frame.travel,

@@ -18,7 +18,7 @@ from hil_bridge.facts import RobotFacts
 from hil_bridge.recording import CycleRecord, Recording
 from hil_bridge.recording.device_facts import json_or_none
 from hil_bridge.runs.cycle import control_loop
-from hil_bridge.settings.configuration import Config, explain
+from hil_bridge.settings.configuration import Config, explain, read_config
 from hil_bridge.settings.earlier import FRAME_MS, RECORDED_CYCLE_S, is_counted, translated
 from hil_bridge.text_files import parse_json, read_toml
 from protocol.geometry import Vector
@@ -58,8 +58,10 @@ def recorded_config(recording: Recording, changes: Mapping[str, Any]) -> Config:
         recorded = parse_json(recording.metadata.get("config", ""))
     except ValueError as error:
         raise ConfigError("the recording holds no configuration: it cannot be replayed") from error
+    if not isinstance(recorded, dict):
+        raise ConfigError("the recording holds no configuration: it cannot be replayed")
     try:
-        values = Config.model_validate(translated(recorded)).model_dump(mode="json")
+        values = read_config(translated(recorded)).model_dump(mode="json")
     except ValidationError as error:
         raise ConfigError(
             f"the recording's configuration is not one of this version: {explain(error, None, set())}"
@@ -68,7 +70,7 @@ def recorded_config(recording: Recording, changes: Mapping[str, Any]) -> Config:
         case {"name": name} if name != values["controller"]["name"]:
             values["controller"] = {}  # the parameters belong to the other one
     try:
-        return Config.model_validate(_merged(values, changes))
+        return read_config(_merged(values, changes))
     except ValidationError as error:
         raise ConfigError(explain(error, None, set())) from error
 

@@ -28,7 +28,7 @@ from hil_bridge.control.controllers import controller_kind
 from hil_bridge.errors import ConfigError
 from hil_bridge.faults.settings import FaultConfig
 from hil_bridge.field_docstrings import field_docstrings
-from hil_bridge.kinds import ROBOTS, SENSORS, CellSection, emulated_sensor
+from hil_bridge.kinds import ROBOTS, SENSORS, CellSection, emulated_sensor, faults_of
 from hil_bridge.settings.earlier import told_of
 from hil_bridge.settings.kinds import Chosen, cell_section, chosen_in, merged_section
 from hil_bridge.text_files import read_toml, shown, toml_pair
@@ -296,10 +296,11 @@ class Config(_Section):
     @classmethod
     def _possible(cls, faults: tuple[FaultConfig, ...], info: ValidationInfo) -> tuple[FaultConfig, ...]:
         robot, sensor = info.data.get("robot"), info.data.get("sensor")
-        if robot is not None and sensor is not None:
+        if faults and robot is not None and sensor is not None:
+            possible = faults_of(robot.emulated, sensor.emulated)
             for number, fault in enumerate(faults):
                 try:
-                    fault.check_cell(robot.url, sensor.url, sensor.emulated)
+                    fault.check_cell(robot.url, sensor.url, sensor.emulated, possible)
                 except ValueError as error:
                     raise ValueError(f"{number}: {error}") from error
         return faults

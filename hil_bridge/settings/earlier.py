@@ -76,9 +76,9 @@ def is_counted(recorded: object) -> bool:
     )
 
 
-def translated(recorded: object) -> object:
+def translated(recorded: Mapping[str, Any]) -> Mapping[str, Any]:
     """A recorded configuration with the settings of now, where its cycles count as `RECORDED_CYCLE_S`."""
-    if not (isinstance(recorded, Mapping) and is_counted(recorded)):
+    if not is_counted(recorded):
         return recorded
     result: dict[str, Any] = dict(recorded)
     for old, renamed in RENAMED.items():

@@ -29,11 +29,12 @@ _TRAFFIC = (
 
 def robot_facts(profile: LinkProfile, servo: ServoProfile | None = None) -> RobotFacts:
     """From the link as its URL has set it, and the servo as the configuration says, where it is known."""
-    step_m = 1.0 / STEPS_PER_METRE if servo is None else servo.resolution_mm * 1e-3
+    order_step_m = 1.0 / STEPS_PER_METRE
     return RobotFacts(
         model="ABB S3, computer link",
         pacing=Pacing.ASKED,
-        position_step_m=step_m,
+        position_step_m=order_step_m if servo is None else servo.resolution_mm * 1e-3,
+        order_step_m=order_step_m,
         line_floor_s=line_floor(profile),
         byte_time_s=profile.character_time,
         servo=None if servo is None else _servo_facts(servo),
