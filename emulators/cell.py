@@ -1,4 +1,4 @@
-"""The emulated cell: robot, tool, surface and sensor coupled, each behind the wire of the real one.
+"""The emulated cell: any robot and any sensor, coupled by a tool and a surface. See `emulators.seams` for its parts.
 
 Frames: base with z up; the tool frame's z axis points out of the flange, so that a tool pointing down has the
 quaternion (0, 1, 0, 0); the sensor frame has the tool frame's orientation and lies in the flange. The sensor
@@ -6,36 +6,53 @@ reads the wrench that surface and gravity exert on the tool: pressing down on th
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
-from typing import Any, ClassVar, Protocol, TypeVar
+from typing import Any, ClassVar, Generic, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from emulators.arm.kinematics import Joints
-from emulators.arm.servo import ServoProfile
-from emulators.cell_faults import CELL_FAULTS
-from emulators.faults import Handler, Injection, Ledger
-from emulators.jr3 import Gateway, GatewayProfile, Jr3Sensor, SensorProfile, UartGateway, UartGatewayProfile
-from emulators.jr3.board import Board, BoardProfile
-from emulators.jr3.sensor import SENSOR_RATE_HZ
-from emulators.s3 import EMPTY_SITE, S3Controller, S3Profile, S3Site
+from emulators.faults import Fault, Injection, Ledger
+from emulators.faults.bus import BUS_FAULTS
+from emulators.faults.computer import COMPUTER_FAULTS
+from emulators.seams import (
+    EmulatedRobot,
+    EmulatedSensor,
+    Floats,
+    Joints,
+    StartPose,
+    Surface,
+    SurfaceFactory,
+    WrenchSource,
+)
 from emulators.surface.contact import Contact, SurfaceProfile
-from emulators.surface.faults import ObstacleProfile, Obstacles
-from protocol.geometry import Quaternion, Vector
+from emulators.surface.faults import OBSTACLE_FAULTS, SURFACE_FAULTS, ObstacleProfile, Obstacles
+from protocol.geometry import Pose, Quaternion, Vector
 from protocol.marks import Mark, check_settings, setting
-from protocol.s3.adlp import LinkProfile
-
-Floats = NDArray[np.float64]
 
 _GRAVITY = np.array([0.0, 0.0, -9.80665])
 """Standard gravity in the base frame, m/s²."""
 _UP = np.array([0.0, 0.0, 1.0])
 """Base z."""
 _PAST_S = 10.0
-"""How much of what nobody measured a material is shown: as much as the motion keeps."""
+"""How much of the motion a surface with memory is shown late, s: as much as an arm's path keeps."""
+_MEMORY_RATE_HZ = 8000
+"""Chosen: a surface with memory is shown at least so many samples a second, as many as our sensor takes."""
+
+OWN_FAULTS: Mapping[str, Mapping[str, Fault]] = {
+    "bus": BUS_FAULTS,
+    "surface": SURFACE_FAULTS,
+    "obstacle": OBSTACLE_FAULTS,
+    "computer": COMPUTER_FAULTS,
+}
+"""Faults beside those of the devices, by target. The bridge carries out those of bus and computer."""
+
+Robot = TypeVar("Robot", bound=EmulatedRobot)
+Sensor = TypeVar("Sensor", bound=EmulatedSensor)
+
+
+def _unread(time: float) -> None:
+    """No sensor has read anything."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,20 +77,13 @@ class ToolProfile:
 
 @dataclass(frozen=True, slots=True)
 class CellProfile:
-    """Everything that an emulated cell is made of."""
+    """Tool, surface and start of an emulated cell: all but its devices."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
 
-    robot: S3Profile = field(default_factory=S3Profile)
-    servo: ServoProfile = field(default_factory=ServoProfile)
-    link: LinkProfile = field(default_factory=LinkProfile)
     tool: ToolProfile = field(default_factory=ToolProfile)
     surface: SurfaceProfile = field(default_factory=SurfaceProfile)
     obstacle: ObstacleProfile = field(default_factory=ObstacleProfile)
-    sensor: SensorProfile = field(default_factory=SensorProfile)
-    gateway: GatewayProfile = field(default_factory=GatewayProfile)
-    uart_gateway: UartGatewayProfile = field(default_factory=UartGatewayProfile)
-    board: BoardProfile = field(default_factory=BoardProfile)
     start_position_mm: Vector = setting(
         (900.0, -100.0, 600.0),
         Mark.CHOSEN,
@@ -92,7 +102,7 @@ class CellProfile:
 
 @dataclass(frozen=True, slots=True)
 class TrueState:
-    """What the emulator knows and no device tells: for tests and comparisons."""
+    """The truth, which no device tells: for tests and comparisons."""
 
     position: Vector
     """Tool centre point in the base frame, m."""
@@ -101,87 +111,66 @@ class TrueState:
     quaternion: Quaternion
     """Tool frame in the base frame, w x y z."""
     contact_force: Vector
-    """Force of the surface, and of what hangs above, on the tool tip in the base frame, N."""
-    joints: Joints
-    """Axes 1 to 6, rad; zero position as assumed in `emulators.arm.kinematics`."""
+    """Force of surface and obstacles on the tool tip in the base frame, N."""
+    joints: Joints | None
+    """Axes of the robot, axis 1 first, rad; None where the robot tells none."""
 
 
-class _Faulty(Protocol):
-    """A receiver of the sensor that can go wrong."""
+@dataclass(frozen=True, slots=True)
+class Parts(Generic[Robot, Sensor]):
+    """The devices of a cell, and how each is made; see `emulators.seams` for the factories."""
 
-    @property
-    def handlers(self) -> Mapping[str, Mapping[str, Handler]]:
-        """By target."""
+    robot: Callable[[StartPose, float, int], Robot]
+    """A `RobotFactory`: start, time of power-up in s, seed."""
+    sensor: Callable[[WrenchSource, float, int], Sensor]
+    """A `SensorFactory`: what it feels, time of power-up in s, seed."""
+    surface: SurfaceFactory | None = None
+    """The contact model; by default that of the cell's profile."""
+    faults: Mapping[str, Mapping[str, Fault]] = field(default_factory=dict)
+    """Words for the faults of the devices, by target; their handlers carry them out."""
 
 
-_Receiver = TypeVar("_Receiver", bound=_Faulty)
+class Cell(Generic[Robot, Sensor]):
+    """A robot, and a sensor that touches the same surface as the robot's tool: the sensor's `WrenchSource`.
 
-
-class Cell:
-    """A robot, and a sensor that touches what it touches, each behind its wire.
-
-    `robot` and `uart_gateway` are endpoints of bytes, `gateway` is one of CAN frames, `board` is registers. Raises
-    ValueError for a start outside the robot's work area.
+    Raises ValueError for a start that the robot cannot hold.
     """
 
-    def __init__(self, profile: CellProfile, now: float, seed: int, site: S3Site = EMPTY_SITE) -> None:
+    def __init__(self, profile: CellProfile, now: float, seed: int, parts: Parts[Robot, Sensor]) -> None:
         x, y, z = (p / 1000.0 for p in profile.start_position_mm)
         length = profile.tool.length_mm / 1000.0
-        self.robot = S3Controller(
-            profile.robot,
-            profile.link,
-            profile.servo,
-            (x, y, z),
-            profile.start_quaternion,
-            now,
-            seed,
-            tool_length=length,
-            site=site,
+        self.robot = parts.robot(StartPose((x, y, z), profile.start_quaternion, length), now, seed)
+        """Powered up with the cell."""
+        self._path = path = self.robot.path
+        self._surface: Surface = (
+            Contact(profile.surface, self._changed) if parts.surface is None else parts.surface(self._changed)
         )
-        self._profile = profile
-        self._powered_at = now
-        self._seed = seed
-        self._motion = self.robot.motion
-        self._contact = Contact(profile.surface, self._changed)
         self._obstacles = Obstacles(profile.obstacle, z, self._tip_height, self._changed)
-        motion = self._motion
-        # A material that remembers cannot unlearn what came otherwise.
-        foreseen_until = None if self.remembers else motion.foreseen_until
-        self.sensor = Jr3Sensor(profile.sensor, self.wrench, seed, motion.certain_until, foreseen_until)
-        """What every receiver of the sensor reads. A sensor has one plug: use one receiver of a cell."""
-        motion.on_change = self.sensor.forget
-        self.sensor.on_change = self._contact.rewind
-        self.ledger = Ledger(CELL_FAULTS)
-        """What goes wrong on purpose."""
-        for target, handlers in self.robot.handlers.items():
-            self.ledger.attach(target, handlers)
-        self.ledger.attach("signal", self.sensor.signal.handlers)
-        self.ledger.attach("surface", self._contact.faults.handlers)
-        self.ledger.attach("obstacle", self._obstacles.handlers)
         self._tip = np.array([0.0, 0.0, length])
         self._centre_of_gravity = np.array(profile.tool.centre_of_gravity_mm) / 1000.0
         self._weight = profile.tool.mass_kg * _GRAVITY
-        self._turn(self._motion.orientation(now))
-
-    @cached_property
-    def gateway(self) -> Gateway:
-        """The sensor's CAN gateway, powered with the cell."""
-        return self._with_faults(Gateway(self._profile.gateway, self.sensor, self._powered_at, self._seed))
-
-    @cached_property
-    def uart_gateway(self) -> UartGateway:
-        """The sensor's UART gateway, powered with the cell."""
-        return self._with_faults(
-            UartGateway(self._profile.uart_gateway, self.sensor, self._powered_at, self._seed)
-        )
-
-    @cached_property
-    def board(self) -> Board:
-        """The sensor's receiver board, powered with the cell."""
-        return self._with_faults(Board(self._profile.board, self.sensor, self._powered_at))
+        ((_, quaternion),) = path.orientations(np.array([now]))
+        self._turn(quaternion)
+        self.on_change: Callable[[float], object] = _unread
+        """Told by the cell since when the wrench is another than it could be read, s; set by the sensor."""
+        self.committed_until = path.committed_until
+        """Up to when the wrench may be read at a given time and stays unless a fault changes it, s."""
+        # A surface with memory would have to be shown a changed future again.
+        self.predicted_until = path.committed_until if self.has_memory else path.predicted_until
+        """Up to when it may be read by a sensor that minds `on_change`, s."""
+        path.on_change = self._moved_otherwise
+        self.sensor = parts.sensor(self, now, seed)
+        """Powered up with the cell."""
+        self.ledger = Ledger({**parts.faults, **OWN_FAULTS})
+        """The faults of the cell."""
+        for device in (self.robot, self.sensor):
+            for target, handlers in device.handlers.items():
+                self.ledger.attach(target, handlers)
+        self.ledger.attach("surface", self._surface.handlers)
+        self.ledger.attach("obstacle", self._obstacles.handlers)
 
     def inject(self, target: str, fault: str, now: float, **parameters: object) -> Injection:
-        """Let a fault of `CELL_FAULTS` happen from now on, or at its next opportunity; `for_s` is a parameter too.
+        """Let a fault happen from now on, or at its next opportunity; `for_s` is a parameter too.
 
         Raises ValueError, in one line, for one that this cell cannot have and for a wrong parameter.
         """
@@ -192,17 +181,17 @@ class Cell:
         """All that were injected so far: target, fault, begin, end, and how often each had an effect."""
         return self.ledger.injections
 
-    def _with_faults(self, receiver: _Receiver) -> _Receiver:
-        for target, handlers in receiver.handlers.items():
-            self.ledger.attach(target, handlers)
-        return receiver
+    def _moved_otherwise(self, time: float) -> None:
+        """An order has changed the path from this time on, s."""
+        self.on_change(time)
 
     def _changed(self, time: float) -> None:
-        """What the tool touches is another from this time on, s."""
-        self.sensor.change(math.ceil(time * SENSOR_RATE_HZ - 1e-6))
+        """Surface or obstacle are others from this time on, s."""
+        self._surface.rewind(time)
+        self.on_change(time)
 
     def _tip_height(self, time: float) -> float:
-        return float(self._motion.trajectory(np.array([time]))[0][0, 2])
+        return float(self._path.trajectory(np.array([time]))[0][0, 2])
 
     def wrench(self, times: Floats) -> Floats:
         """Wrench (n, 6) on the tool about the sensor's origin in the sensor frame, N and N·m.
@@ -212,8 +201,11 @@ class Cell:
         wrenches = np.empty((6, len(times)))
         if not len(times):
             return wrenches.T
-        forces = self._contact_force(self._contact, times).T
-        for part, quaternion in self._motion.orientations(times):
+        shown = self._surface.remembered_until
+        if shown is not None and shown >= times[0]:
+            self._surface.rewind(float(times[0]))
+        forces = self._contact_force(self._surface, times).T
+        for part, quaternion in self._path.orientations(times):
             if quaternion != self._turned:
                 self._turn(quaternion)
             np.matmul(self._force_to_wrench, forces[:, part], out=wrenches[:, part])
@@ -234,50 +226,48 @@ class Cell:
     def true_states(self, times: Sequence[float]) -> list[TrueState]:
         """The truth at each of these ascending times, s; many at once cost little more than one."""
         at = np.array(times)
-        positions, velocities = self._motion.trajectory(at)
-        # A copy: whoever asks for the truth must not change what the sensor will read.
-        forces = self._contact_force(self._contact.aside(), at, count=False)
-        quaternions = [q for part, q in self._motion.orientations(at) for _ in range(part.start, part.stop)]
+        positions, velocities = self._path.trajectory(at)
+        # A copy, because a question for the truth must not change the sensor's samples.
+        forces = self._contact_force(self._surface.aside(), at, count=False)
+        quaternions = [q for part, q in self._path.orientations(at) for _ in range(part.start, part.stop)]
         states = []
         for k, time in enumerate(times):
             position, quaternion = _vector(positions[k]), quaternions[k]
-            joints = self.robot.joints_holding(position, quaternion, time)
+            joints = self.robot.joints_holding(Pose(position, quaternion), time)
             states.append(TrueState(position, _vector(velocities[k]), quaternion, _vector(forces[k]), joints))
         return states
 
     def contact_forces(self, times: Floats) -> Floats:
         """Force of the surface on the tool tip (n, 3) at ascending `times` (n,), s, base frame, N."""
-        return self._contact_force(self._contact.aside(), times, count=False)
+        return self._contact_force(self._surface.aside(), times, count=False)
 
-    def tellable_from(self, time: float) -> float:
-        """The earliest moment from `time` on, s, of which the truth can still be told: a material that remembers has
-        forgotten what was before the newest sample that it was shown.
+    def truth_available_from(self, time: float) -> float:
+        """The earliest moment from `time` on, s, of which the truth is still known: a surface with memory has
+        forgotten all before the newest sample that it was shown.
         """
-        shown = self._contact.remembered_until
+        shown = self._surface.remembered_until
         return time if shown is None else max(time, shown)
 
     @property
-    def remembers(self) -> bool:
+    def has_memory(self) -> bool:
         """Whether the force depends on more than the present motion, so that truths have to be asked for in time."""
-        return self._contact.remembered_until is not None
+        return self._surface.remembered_until is not None
 
-    def _contact_force(self, contact: Contact, times: Floats, count: bool = True) -> Floats:
-        """Force of the surface, and of what hangs above the tool, (n, 3) at ascending `times` (n,), base frame, N.
+    def _contact_force(self, surface: Surface, times: Floats, count: bool = True) -> Floats:
+        """Force of surface and obstacles on the tool tip, (n, 3) at ascending `times` (n,), base frame, N.
 
-        A material that remembers is first shown the samples that nobody read, so that its force is one of
-        the motion and not of who looked when. It cannot go back: for times before what it was shown, it
-        answers as if the tip jumped there.
+        A surface with memory is first shown the samples that were never read, so that its force depends on the
+        motion and not on the reads. Where it cannot go back far enough, it answers as if the tip jumped there.
         """
-        shown = contact.remembered_until
-        if shown is not None:
-            begin = max(shown, times[0] - _PAST_S) * SENSOR_RATE_HZ
+        if (shown := surface.remembered_until) is not None:
+            begin = max(shown, times[0] - _PAST_S) * _MEMORY_RATE_HZ
             # Samples are numbered; a millionth keeps rounding from moving one across.
-            missed = np.arange(math.floor(begin + 1e-6) + 1, math.ceil(times[0] * SENSOR_RATE_HZ - 1e-6))
+            missed = np.arange(math.floor(begin + 1e-6) + 1, math.ceil(times[0] * _MEMORY_RATE_HZ - 1e-6))
             if len(missed):
-                past = missed / SENSOR_RATE_HZ
-                contact.force(*self._motion.trajectory(past), past)
-        positions, velocities = self._motion.trajectory(times)
-        force = contact.force(positions, velocities, times)
+                past = missed / _MEMORY_RATE_HZ
+                surface.force(*self._path.trajectory(past), past)
+        positions, velocities = self._path.trajectory(times)
+        force = surface.force(positions, velocities, times)
         if self._obstacles.any:
             force = force + np.outer(self._obstacles.force(positions[:, 2], times, count), _UP)
         return force

@@ -1,26 +1,17 @@
-"""Every fault that a cell can have, by target: one table, collected from the devices."""
+"""Every fault that a cell of S3 and JR3 can have, by target: one table, collected from the devices."""
 
 from collections.abc import Mapping
 
-from emulators.faults import Fault, Parameter
+from emulators.cell import OWN_FAULTS
+from emulators.faults import Fault
 from emulators.faults.bus import BUS_FAULTS
 from emulators.jr3.faults import BOARD_FRAMES_FAULTS, FRAMES_FAULTS, JR3_FAULTS
 from emulators.s3.faults import S3_FAULTS
-from emulators.surface.faults import OBSTACLE_FAULTS, SURFACE_FAULTS
-
-COMPUTER_FAULTS: Mapping[str, Fault] = {
-    "pause": Fault(
-        "the bridge's process stands still", {"seconds": Parameter(0.5, "how long", 0.0, 60.0, "s")}
-    )
-}
 
 CELL_FAULTS: Mapping[str, Mapping[str, Fault]] = {
     **S3_FAULTS,
     **JR3_FAULTS,
-    "bus": BUS_FAULTS,
-    "surface": SURFACE_FAULTS,
-    "obstacle": OBSTACLE_FAULTS,
-    "computer": COMPUTER_FAULTS,
+    **OWN_FAULTS,
 }
 """By target."""
 

@@ -1,5 +1,6 @@
 """What robot and sensor tell besides their answers and frames: notices, bytes, events of the link."""
 
+from collections.abc import Callable
 from typing import Any, Protocol
 
 from hil_bridge.transports import Direction
@@ -8,6 +9,9 @@ from protocol.wrench import WrenchFrame
 
 class DeviceLog(Protocol):
     """Where the devices of a run put what they tell; must not block. A device is "robot" or "sensor"."""
+
+    verbose: bool
+    """Every event of a link is wanted, also the usual ones."""
 
     def frame(self, frame: WrenchFrame) -> None:
         """A complete frame of the sensor has arrived."""
@@ -23,7 +27,9 @@ class DeviceLog(Protocol):
 
 
 class Silence:
-    """A log that keeps nothing, for tools that look at a device without recording it."""
+    """A log that keeps nothing."""
+
+    verbose = False
 
     def frame(self, frame: WrenchFrame) -> None:
         """Forget it."""
@@ -36,3 +42,24 @@ class Silence:
 
     def link_event(self, device: str, text: str) -> None:
         """Forget it."""
+
+
+class LogTo(Silence):
+    """A log that hands frames and notices to functions, where they are wanted, and forgets the rest."""
+
+    def __init__(
+        self,
+        frame: Callable[[WrenchFrame], object] | None = None,
+        notice: Callable[[str, str], object] | None = None,
+    ) -> None:
+        self._frame, self._notice = frame, notice
+
+    def frame(self, frame: WrenchFrame) -> None:
+        """Hand it on."""
+        if self._frame is not None:
+            self._frame(frame)
+
+    def notice(self, kind: str, text: str) -> None:
+        """Hand it on."""
+        if self._notice is not None:
+            self._notice(kind, text)

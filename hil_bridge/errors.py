@@ -42,8 +42,8 @@ class SafetyStop(BridgeError):
 
 
 class OrderRefused(DeviceError):
-    """The robot controller refused an order; `code` is its refusal code."""
+    """The robot refused an order; `code` is its own number for the reason, 0 where it tells none."""
 
-    def __init__(self, text: str, code: int) -> None:
+    def __init__(self, text: str, code: int = 0) -> None:
         super().__init__(text)
         self.code = code

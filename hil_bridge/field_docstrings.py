@@ -8,7 +8,10 @@ from functools import cache
 
 def field_docstrings(cls: type) -> dict[str, str]:
     """The text right under each field of a class as one line, by field; empty where Python has no source of it."""
-    return dict(_by_class(cls.__module__).get(cls.__name__, {}))
+    found: dict[str, str] = {}
+    for base in reversed(cls.__mro__):
+        found |= _by_class(base.__module__).get(base.__name__, {})
+    return found
 
 
 @cache

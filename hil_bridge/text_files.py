@@ -4,6 +4,7 @@ Whatever is in a file, reading it ends in values of ordinary size or in one line
 """
 
 import json
+import re
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
@@ -23,6 +24,7 @@ SHOWN_CHARACTERS = 80
 """Of a wrong value in a message at most. Chosen: a line of a terminal."""
 
 _PIECE_BYTES = 1 << 20
+_BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 
 
 def read_text(path: Path, limit: int = TEXT_LIMIT_BYTES, encoding: str = "utf-8") -> str:
@@ -65,6 +67,29 @@ def parse_toml(text: str, source: str) -> dict[str, Any]:
     for problem in _problems(values):
         raise ConfigError(f"{source}: {problem}")
     return values
+
+
+def toml_value(value: object) -> str:
+    """A plain value, an array or an inline table as TOML writes it.
+
+    The standard library writes no TOML, and no small library writes the comments that our files mostly are.
+    """
+    match value:
+        case bool():
+            return str(value).lower()
+        case str():
+            return json.dumps(value, ensure_ascii=False)
+        case tuple() | list():
+            return "[" + ", ".join(map(toml_value, value)) + "]"
+        case dict():
+            return "{" + ", ".join(toml_pair(key, item) for key, item in value.items()) + "}"
+        case _:
+            return repr(value)
+
+
+def toml_pair(key: str, value: object) -> str:
+    """`key = value`; a key that is no bare one is quoted."""
+    return f"{key if _BARE_KEY.fullmatch(key) else toml_value(key)} = {toml_value(value)}"
 
 
 def parse_json(text: str) -> Any:

@@ -3,6 +3,7 @@
 SI units inside: m, N, N·m. The base frame is the robot's own. The tool frame lies in the tool centre point.
 """
 
+import math
 from typing import NamedTuple, TypeAlias
 
 Vector: TypeAlias = tuple[float, float, float]
@@ -20,3 +21,24 @@ class Pose(NamedTuple):
     """Tool centre point in the base frame, m."""
     quaternion: Quaternion
     """Tool frame in the base frame, w x y z."""
+
+
+def towards(start: Pose, goal: Pose, distance: float, angle: float) -> Pose:
+    """The next pose on the straight way from `start` to `goal`; the goal itself when it is near enough.
+
+    It is at most `distance`, m, and `angle`, rad, away from the start. Way and turn end together; the turn is the
+    shorter one. Both orientations have unit length within rounding.
+    """
+    apart = math.dist(start.position, goal.position)
+    cosine = sum(a * b for a, b in zip(start.quaternion, goal.quaternion, strict=True))
+    half = math.acos(min(1.0, abs(cosine) / (math.hypot(*start.quaternion) * math.hypot(*goal.quaternion))))
+    share = min(distance / apart if apart else 1.0, angle / (2.0 * half) if half else 1.0)
+    if share >= 1.0 - 1e-9:  # what rounding leaves of a way
+        return goal
+    here, there = 1.0 - share, math.copysign(share, cosine)
+    if half > 1e-6:  # below, the chord is the arc
+        here, there = (math.copysign(math.sin(abs(part) * half), part) for part in (here, there))
+    mixed = [here * a + there * b for a, b in zip(start.quaternion, goal.quaternion, strict=True)]
+    w, i, j, k = (part / math.hypot(*mixed) for part in mixed)
+    x, y, z = (a + (b - a) * share for a, b in zip(start.position, goal.position, strict=True))
+    return Pose((x, y, z), (w, i, j, k))

@@ -4,9 +4,8 @@ The prose between the tables is left as it is. With --check nothing is written; 
 document is not up to date.
 """
 
-import argparse
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 
 from protocol.fields import Field, Layout
@@ -32,16 +31,9 @@ from protocol.s3.arap import (
     suffix_text,
     write_mode,
 )
+from tools.pages import parser, placed, table, write
 
 DOCUMENT = Path(__file__).resolve().parent.parent / "docs" / "computer-link.md"
-
-
-def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """A table in Markdown."""
-    lines = [head, ["---"] * len(head), *rows]
-    return "\n".join(
-        "| " + " | ".join(str(cell).replace("|", "\\|") for cell in line) + " |" for line in lines
-    )
 
 
 def control_bytes() -> str:
@@ -206,28 +198,8 @@ TABLES: dict[str, Callable[[], str]] = {
 
 def renewed(text: str) -> str:
     """The document with every table as the code has it now. Raises ValueError for a table without its place."""
-    for name, make in TABLES.items():
-        begin, end = f"<!-- {name}: begin -->", f"<!-- {name}: end -->"
-        before, has_begin, behind = text.partition(begin)
-        _, has_end, after = behind.partition(end)
-        if not (has_begin and has_end):
-            raise ValueError(f"the document has no place for the table {name!r}: {begin} … {end}")
-        text = f"{before}{begin}\n{make()}\n{end}{after}"
-    return text
-
-
-def main() -> int:
-    """Write the document, or check it."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--check", action="store_true", help="write nothing, say whether it is up to date")
-    check = parser.parse_args().check
-    before = DOCUMENT.read_text(encoding="utf-8")
-    after = renewed(before)
-    if check:
-        return int(after != before)
-    DOCUMENT.write_text(after, encoding="utf-8")
-    return 0
+    return placed(text, {name: make() for name, make in TABLES.items()})
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(write(DOCUMENT, renewed, parser(__doc__).parse_args().check))

@@ -4,16 +4,15 @@ Only the section between the marks of the state diagrams is written. With --chec
 when the section is not up to date.
 """
 
-import argparse
 import sys
 import textwrap
 from collections.abc import Iterator
 from pathlib import Path
 
 from protocol.s3.adlp import TRANSITIONS, Action, LinkProfile, Role, State, Stimulus
+from tools.pages import parser, placed, write
 
 DOCUMENT = Path(__file__).resolve().parent.parent / "docs" / "computer-link.md"
-BEGIN, END = "<!-- state diagrams: begin -->", "<!-- state diagrams: end -->"
 
 SENDING = {State.BIDDING, State.HOLDING, State.AWAITING_ACK}
 """States whose arrows are drawn with the sender; those of the idle ones go with what they lead to."""
@@ -152,25 +151,8 @@ def section() -> str:
 
 def renewed(text: str) -> str:
     """The document with the section as the table has it now. Raises ValueError for a document without its place."""
-    before, has_begin, behind = text.partition(BEGIN)
-    _, has_end, after = behind.partition(END)
-    if not (has_begin and has_end):
-        raise ValueError(f"the document has no place for the state diagrams: {BEGIN} … {END}")
-    return f"{before}{BEGIN}\n{section()}\n{END}{after}"
-
-
-def main() -> int:
-    """Write the section, or check it."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--check", action="store_true", help="write nothing, say whether it is up to date")
-    check = parser.parse_args().check
-    before = DOCUMENT.read_text(encoding="utf-8")
-    after = renewed(before)
-    if check:
-        return int(after != before)
-    DOCUMENT.write_text(after, encoding="utf-8")
-    return 0
+    return placed(text, {"state diagrams": section()})
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(write(DOCUMENT, renewed, parser(__doc__).parse_args().check))

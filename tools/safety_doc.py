@@ -5,31 +5,32 @@ figures go to docs/safety.json; it takes some minutes. With --check nothing is w
 document is not up to date.
 """
 
-import argparse
 import gc
 import json
 import math
 import random
 import statistics
 import sys
-from collections.abc import AsyncIterator, Iterable, Mapping, Sequence
+from collections.abc import AsyncIterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from emulators.cell import Cell
+from emulators.s3_jr3_cell import PaperCell
 from hil_bridge.analysis.summary import RETRACT, TRACK
 from hil_bridge.clock import Clock, Timer, run_virtual
 from hil_bridge.control.course.conditions import When
+from hil_bridge.device_log import LogTo
 from hil_bridge.faults.schedule import FaultSchedule
 from hil_bridge.guard.conditions import CONDITIONS, HEAD, cells
 from hil_bridge.recording import PHASE_EVENT, STOP_EVENT, CycleRecord, EventRecord
-from hil_bridge.runs.compose import opened_devices
+from hil_bridge.runs.compose import open_devices
 from hil_bridge.runs.cycle import Run
 from hil_bridge.settings.configuration import Config
 from protocol.s3.arap import FunctionCode
+from tools.pages import parser, placed, table, write
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 DOCUMENT, FIGURES = DOCS / "safety.md", DOCS / "safety.json"
@@ -150,7 +151,7 @@ class _Watched:
         self.pressed_at = math.nan
         self.schedule: FaultSchedule | None = None
         self.clock: Clock
-        self.cell: Cell
+        self.cell: PaperCell
         self.run: Run
 
     def cycle(self, record: CycleRecord) -> None:
@@ -174,9 +175,6 @@ class _Watched:
         self.pressed_at = self.clock.now()
         self.run.interrupt()
 
-    def _emulated(self, cell: Cell) -> None:
-        self.cell = cell
-
     async def main(self) -> Times:
         """Run to the end."""
         self.clock = clock = Clock.running()
@@ -193,11 +191,12 @@ class _Watched:
                 self.forces.append((at, math.hypot(*state.contact_force)))
             timers[:] = [clock.call_at(now + WATCH_S, watch)]
 
-        async with opened_devices(
-            self.config, clock, lambda frame: None, self.notice, on_cell=self._emulated
-        ) as (robot, sensor):
+        async with open_devices(self.config, clock, LogTo(notice=self.notice)) as devices:
+            assert devices.cell is not None
+            self.cell = devices.cell
             watch()
-            self.run = Run(self.config, clock, _Robot(robot, clock, self.orders), sensor, self)
+            robot = _Robot(devices.robot, clock, self.orders)
+            self.run = Run(self.config, clock, robot, devices.sensor, self)
             self.schedule = FaultSchedule(
                 self.config.faults, self.cell, clock, self.notice, self.run.stand_still
             )
@@ -271,14 +270,6 @@ def columns(runs: Sequence[Times]) -> dict[str, list[Any]]:
 
 def _rounded(value: float | None) -> float | None:
     return None if value is None else round(value, 3)
-
-
-def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """A table in Markdown."""
-    lines = [head, ["---"] * len(head), *rows]
-    return "\n".join(
-        "| " + " | ".join(str(cell).replace("|", "\\|") for cell in line) + " |" for line in lines
-    )
 
 
 def conditions_table() -> str:
@@ -360,14 +351,7 @@ def renewed(text: str, figures: Mapping[str, Any]) -> str:
         "times": times_table(figures),
         "uncovered": uncovered_table(figures),
     }
-    for name, content in tables.items():
-        begin, end = f"<!-- {name}: begin -->", f"<!-- {name}: end -->"
-        before, has_begin, behind = text.partition(begin)
-        _, has_end, after = behind.partition(end)
-        if not (has_begin and has_end):
-            raise ValueError(f"the document has no place for the table {name!r}: {begin} … {end}")
-        text = f"{before}{begin}\n{content}\n{end}{after}"
-    return text
+    return placed(text, tables)
 
 
 def _as_json(figures: Mapping[str, Any]) -> str:
@@ -384,18 +368,13 @@ def _as_json(figures: Mapping[str, Any]) -> str:
 
 def main() -> int:
     """Measure if wanted, then write the document, or check it."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--measure", action="store_true", help="make the runs first")
-    parser.add_argument("--check", action="store_true", help="write nothing, say whether it is up to date")
-    wanted = parser.parse_args()
+    options = parser(__doc__)
+    options.add_argument("--measure", action="store_true", help="make the runs first")
+    wanted = options.parse_args()
     if wanted.measure:
         FIGURES.write_text(_as_json(measure()), encoding="utf-8")
-    before = DOCUMENT.read_text(encoding="utf-8")
-    after = renewed(before, json.loads(FIGURES.read_text(encoding="utf-8")))
-    if wanted.check:
-        return int(after != before)
-    DOCUMENT.write_text(after, encoding="utf-8")
-    return 0
+    figures = json.loads(FIGURES.read_text(encoding="utf-8"))
+    return write(DOCUMENT, lambda text: renewed(text, figures), wanted.check)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""What an arm's kinematics need to know of its size; every robot's profile that names these settings will do."""
+"""Size of an arm, as its kinematics need it; every robot's profile that names these settings will do."""
 
 from typing import Literal, Protocol
 
@@ -39,7 +39,7 @@ class ArmSize(Protocol):
 
     @property
     def axis_3_against(self) -> Literal["horizon", "upper_arm"]:
-        """What the forearm's angle is read against."""
+        """Reference of the forearm's angle."""
 
     @property
     def axis_speeds_deg_s(self) -> PerAxis:

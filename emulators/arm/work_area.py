@@ -25,7 +25,7 @@ class OutsideWorkArea(ValueError):
 
 
 class WorkArea:
-    """What the arm reaches with a tool of some length, m. Poses are in the base frame, m, unit quaternions."""
+    """Reach of the arm with a tool of some length, m. Poses are in the base frame, m, unit quaternions."""
 
     def __init__(self, profile: ArmSize, tool_length: float) -> None:
         self._arm = Arm(profile, tool_length)

@@ -1,4 +1,4 @@
-"""What can go wrong on purpose with emulated devices: the words for it, and the ledger of what was injected.
+"""Faults of emulated devices: the words for them, and the ledger of those that were injected.
 
 Facts of one device stand with that device; `emulators.cell_faults` collects them.
 """

@@ -1,4 +1,4 @@
-"""What can go wrong on a CAN bus: its words; an emulated bus lends the hands."""
+"""Words for the faults of a CAN bus; the bus in memory carries them out."""
 
 from collections.abc import Mapping
 

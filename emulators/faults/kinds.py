@@ -30,7 +30,7 @@ class Parameter:
 
     @property
     def range_text(self) -> str:
-        """What may be given, for people to read."""
+        """Allowed values, for people to read."""
         if self.choices:
             return " or ".join(self.choices)
         return f"{self.minimum:g} … {self.maximum:g}{f' {self.unit}' if self.unit else ''}"
@@ -85,7 +85,7 @@ class Fault:
     def values(self, name: str, given: Mapping[str, object]) -> tuple[dict[str, FaultValue], float | None]:
         """All parameters, with defaults for those not given, and the duration in s, None where it has none.
 
-        `name` is the fault's, for what is said. Raises ValueError in one line.
+        `name` is the fault's, for the error. Raises ValueError in one line.
         """
         known = self.all_parameters
         if self.lasts_s is not None:

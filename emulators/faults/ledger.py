@@ -1,4 +1,4 @@
-"""The ledger of a cell's faults: what was injected, since when, until when, and how often it had an effect.
+"""The ledger of a cell's faults: each injection, since when, until when, and how often it had an effect.
 
 A device that can go wrong gives a table of handlers, name by name. It is handed the injection itself, looks at its
 times where they matter, and counts on it.
@@ -62,7 +62,7 @@ class Injection:
 
 @dataclass(frozen=True, slots=True)
 class Handler:
-    """What a device does at the begin and at the end of a fault. `begin` raises ValueError for one that cannot be."""
+    """The acts of a device at the begin and at the end of a fault. `begin` raises ValueError for one that cannot be."""
 
     begin: Callable[[Injection], object]
     end: Callable[[Injection, float], object] | None = None
@@ -73,7 +73,7 @@ class Ledger:
     """Injects the faults of a table into the devices that are attached."""
 
     def __init__(self, table: Mapping[str, Mapping[str, Fault]]) -> None:
-        self._table = table
+        self.table = table
         self._handlers: dict[str, dict[str, Handler]] = {}
         self.injections: list[Injection] = []
         """All of them, in order."""
@@ -90,7 +90,7 @@ class Ledger:
         self, target: str, fault: str, given: Mapping[str, object]
     ) -> tuple[dict[str, FaultValue], float | None]:
         """Parameters and duration of a fault. Raises ValueError, in one line, for one that this cell cannot have."""
-        found = find(self._table, target, fault).values(fault, given)
+        found = find(self.table, target, fault).values(fault, given)
         if fault not in self._handlers.get(target, {}):
             raise ValueError(f"this cell cannot have {target}: {fault}; it has nothing that could")
         return found
@@ -113,13 +113,13 @@ class Ledger:
         return injection
 
     def disarm(self, now: float) -> None:
-        """What waits for its moment is over; the devices have forgotten it."""
+        """End the faults that wait for their moment; the devices have forgotten them."""
         for injection in self.injections:
             if injection.ends_at is None:
                 injection.finish(now)
 
     def mend(self, now: float) -> None:
-        """What lasts is over."""
+        """End the faults that last."""
         self._end([injection for injection in self.injections if injection.ends_at is not None], now)
 
     def active(self, now: float) -> tuple[str, ...]:
@@ -172,7 +172,7 @@ class Ledger:
 
 
 def find(table: Mapping[str, Mapping[str, Fault]], target: str, fault: str) -> Fault:
-    """The fault of a table. Raises ValueError that says what there is."""
+    """The fault of a table. Raises ValueError with the names that there are."""
     if target not in table:
         raise ValueError(f"no target is called {target!r}; known: {', '.join(table)}")
     if fault not in table[target]:

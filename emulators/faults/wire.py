@@ -1,4 +1,4 @@
-"""What a bad wire does to what passes: a filter between a device and its wire, for bytes or for frames."""
+"""A bad wire: a filter between a device and its wire, for bytes or for frames."""
 
 import random
 from collections import deque
@@ -73,14 +73,14 @@ FRAMES: Pieces[Sequence[CanFrame]] = Pieces(
 
 
 class _Way(Generic[Data]):
-    """One direction, with draws of its own: what happens to one does not depend on the traffic of the other."""
+    """One direction, with draws of its own: so that neither direction depends on the traffic of the other."""
 
     def __init__(self, pieces: Pieces[Data], draw: random.Random) -> None:
         self._pieces = pieces
         self._draw = draw
         self.faults: list[Injection] = []
         self.under_way: deque[tuple[float, Data]] = deque()
-        """What is late, with the time at which it comes, s."""
+        """Late data, each with the time at which they come, s."""
 
     def take(self, data: Data, now: float) -> None:
         """Let data begin their way."""
@@ -101,14 +101,14 @@ class _Way(Generic[Data]):
             self.under_way.append((at, self._pieces.join(pieces)))
 
     def arrived(self, now: float) -> Data:
-        """What has come through by now."""
+        """Data that have come through by now."""
         found: list[Any] = []
         while self.under_way and self.under_way[0][0] <= now:
             found += self.under_way.popleft()[1]
         return self._pieces.join(found)
 
     def _damaged(self, pieces: list[Any], injection: Injection, now: float) -> list[Any]:
-        """What is left of the pieces, and what has become of them."""
+        """The pieces that are left, damaged or not."""
         fault, draw = injection.fault, self._draw
         if fault == "off":
             injection.struck += len(pieces)
@@ -147,18 +147,18 @@ class FaultyWire(Generic[Data]):
         """For a ledger."""
 
     def incoming(self, data: Data, now: float) -> Data:
-        """Data that were sent to the device: what of them, or of earlier ones, it receives now."""
+        """Take data sent to the device; those, of them or of earlier ones, that it receives now."""
         self._in.take(data, now)
         return self._in.arrived(now)
 
     def outgoing(self, data: Data, now: float) -> Data:
-        """Data that the device sends: what of them, or of earlier ones, comes out now."""
+        """Take data that the device sends; those, of them or of earlier ones, that come out now."""
         if len(data):
             self._out.take(data, now)
         return self._out.arrived(now)
 
     def arrived(self, now: float) -> Data:
-        """What the device receives now of what was late."""
+        """Late data that the device receives now."""
         return self._in.arrived(now)
 
     def next_deadline(self, other: float | None) -> float | None:

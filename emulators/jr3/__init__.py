@@ -1,7 +1,8 @@
-"""The emulated JR3 force/torque sensor and what stands before it."""
+"""The emulated JR3 force/torque sensor and its receivers."""
 
 from emulators.jr3.board import Board, BoardProfile, IsaPorts, IsaProfile
 from emulators.jr3.can_gateway import Gateway, GatewayProfile
+from emulators.jr3.making import Jr3Profiles, make_board, make_gateway, make_uart
 from emulators.jr3.sensor import SENSOR_RATE_HZ, Jr3Sensor, SensorProfile
 from emulators.jr3.uart_gateway import UartGateway, UartGatewayProfile
 
@@ -13,8 +14,12 @@ __all__ = [
     "GatewayProfile",
     "IsaPorts",
     "IsaProfile",
+    "Jr3Profiles",
     "Jr3Sensor",
     "SensorProfile",
     "UartGateway",
     "UartGatewayProfile",
+    "make_board",
+    "make_gateway",
+    "make_uart",
 ]

@@ -6,7 +6,7 @@ Behaves as the firmware roboticslab-uc3m/jr3-mbed-firmware-can does, which was r
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 from emulators.faults.ledger import Handler
 from emulators.faults.wire import FRAMES, FaultyWire
@@ -70,6 +70,8 @@ class Gateway:
     """Endpoint of the gateway: takes and gives sequences of CAN frames, tells no events."""
 
     def __init__(self, profile: GatewayProfile, sensor: Jr3Sensor, powered_at: float, seed: int = 0) -> None:
+        self.jr3 = sensor
+        """The sensor behind it."""
         self._profile = profile
         self._firmware = Firmware(
             sensor, profile.sample_period_us, profile.shortest_period_us, profile.delay_ms, seed
@@ -84,9 +86,18 @@ class Gateway:
 
     @property
     def handlers(self) -> Mapping[str, Mapping[str, Handler]]:
-        """What can go wrong here, by target, for a ledger."""
+        """Faults of the receiver and the sensor, by target, for a ledger."""
         own = self._firmware.handlers
-        return {**own, "frames": {**self._wire.handlers, **own["frames"]}}
+        return {
+            **own,
+            "frames": {**self._wire.handlers, **own["frames"]},
+            "signal": self.jr3.signal.handlers,
+        }
+
+    @property
+    def endpoint(self) -> Self:
+        """The gateway itself is the end of its wire."""
+        return self
 
     # --- endpoint
 

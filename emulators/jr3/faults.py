@@ -1,4 +1,4 @@
-"""What can be made to go wrong with a JR3 sensor and the device before it: one table a target."""
+"""Faults of a JR3 sensor and its receivers: one table a target."""
 
 from collections.abc import Mapping
 

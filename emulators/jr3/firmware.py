@@ -1,4 +1,4 @@
-"""What runs in both gateways of a JR3 sensor: it reads and filters the sensor, zeroes, counts and streams.
+"""The program of both gateways of a JR3 sensor: it reads and filters the sensor, zeroes, counts and streams.
 
 Behaves as the firmware roboticslab-uc3m/jr3-mbed-firmware does, which was read for facts only. A gateway around
 it adds its wire, and when it listens.
@@ -67,12 +67,12 @@ class Firmware:
         delay_ms: Sequence[float] = (),
         seed: int = 0,
     ) -> None:
-        """`shortest_period_us` is what the wire allows the stream, `delay_ms` the quantiles of how late it is."""
+        """`shortest_period_us` is the least period on the wire, `delay_ms` the quantiles of the stream's delay."""
         self._late = LateSamples(delay_ms, seed) if delay_ms else None
         self.initialised = False
         """Whether the sensor's calibration has been read."""
         self._sensor = sensor
-        sensor.on_forget.append(self._forget)
+        sensor.on_invalidate.append(self._invalidate)
         self._scales = WrongScales()
         self._frozen_counters: list[Injection] = []
         self._slow: list[Injection] = []
@@ -89,7 +89,7 @@ class Firmware:
 
     @property
     def state(self) -> GatewayState:
-        """What acknowledges say."""
+        """The state that acknowledges tell."""
         return GatewayState.READY if self.initialised else GatewayState.NOT_INITIALISED
 
     @property
@@ -102,7 +102,7 @@ class Firmware:
 
     @property
     def handlers(self) -> Mapping[str, Mapping[str, Handler]]:
-        """What can go wrong here, by target, for a ledger."""
+        """Faults of the firmware, by target, for a ledger."""
         return {
             "scales": self._scales.handlers,
             "frames": {
@@ -114,7 +114,7 @@ class Firmware:
     # --- commands
 
     def start(self, cutoff_centihertz: int, now: float) -> None:
-        """Sample, and send when asked: ends the stream; what runs already goes on counting."""
+        """Sample, and send when asked: ends the stream; a sampling that runs goes on counting."""
         self.set_filter(cutoff_centihertz, now)
         self._stream = None
         self._begin_sampling(now)
@@ -124,7 +124,7 @@ class Firmware:
         it waits for.
         """
         if not self._streamed:
-            # The firmware's first start of a stream since power-up first stops what runs.
+            # The firmware's first start of a stream since power-up first stops the sampling that runs.
             self.stop()
             self._streamed = True
         self.set_filter(cutoff_centihertz, now)
@@ -161,7 +161,7 @@ class Firmware:
         return None if self._sampling is None else self._newest(self._sampling, at)
 
     def due_samples(self, now: float) -> Iterator[Sample]:
-        """Those of the stream to be sent now: their time has come, and what they are late has passed."""
+        """Those of the stream to be sent now: their time has come, and their delay has passed."""
         samples = self._stream_samples(now)
         return samples if self._late is None else self._late.arrived(samples, now)
 
@@ -226,7 +226,7 @@ class Firmware:
             self._sampling = _Sampling(now)
 
     def _take_samples(self, until: float) -> None:
-        """Read and filter what the sensor has given up to a time."""
+        """Read and filter the sensor's samples up to a time."""
         sampling = self._sampling
         if sampling is None:
             return
@@ -251,7 +251,7 @@ class Firmware:
         numbers = np.floor(times * SENSOR_RATE_HZ).astype(np.int64)
         sampling.ahead = np.concatenate((rest, counts.take(numbers - first, axis=0)))
 
-    def _forget(self, first: int) -> None:
+    def _invalidate(self, first: int) -> None:
         """The sensor's samples from this number on will be others."""
         sampling = self._sampling
         if sampling is None:

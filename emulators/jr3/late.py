@@ -1,4 +1,4 @@
-"""What lies between a gateway's frames and their arrival beyond the wire itself: a delay that differs."""
+"""A delay between a gateway's frames and their arrival that differs from frame to frame."""
 
 import random
 from collections import deque
@@ -10,7 +10,7 @@ from emulators.quantiles import draw
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """What a gateway sends of the sensor."""
+    """One reading that a gateway sends."""
 
     counts: list[int]
     """Filtered and zeroed: fx fy fz mx my mz."""

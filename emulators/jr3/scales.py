@@ -18,12 +18,12 @@ class WrongScales:
 
     @property
     def faulty(self) -> bool:
-        """Whether what is told is another than what is."""
+        """Whether other full scales are told than the true ones."""
         self._faults = [injection for injection in self._faults if injection.ended_at is None]
         return bool(self._faults)
 
     def told(self, words: Sequence[int]) -> tuple[int, ...]:
-        """What is told in place of full scales, forces first, or of the first of them."""
+        """The falsified full scales, forces first, for all or the first of the true ones."""
         told = tuple(words)
         for injection in self._faults:
             which, before = injection.values["of"], told

@@ -1,4 +1,4 @@
-"""A sensor's signal with faults: what becomes of the wrench before the converter, and of the converter's output.
+"""A sensor's signal with faults: they change the wrench before the converter, or the converter's output.
 
 A fault holds for the samples whose time lies in it, its begin included and its end excluded, whenever they are
 computed.
@@ -17,9 +17,9 @@ from protocol.jr3 import AXES
 Floats = NDArray[np.float64]
 
 _EPSILON = 1e-6
-"""Of a sample period: what a time may lack of its sample's by rounding."""
+"""Of a sample period: by so much a time may be too early through rounding."""
 _ROUNDING_S = 1e-9
-"""What a time since a begin may lack of a whole period by rounding."""
+"""By so much the time since a begin may fall short of a whole period through rounding."""
 _STUCK, _NOISE = "stuck", "noise"
 
 
@@ -48,7 +48,7 @@ class Signal:
         return bool(self._faults)
 
     def wrench(self, wrench: Floats, first: int) -> Floats:
-        """What is told of a wrench (6, n) of the samples from number `first` on."""
+        """The falsified wrench for the true one (6, n) of the samples from number `first` on."""
         wrench = wrench.copy()
         for injection, part in self._parts(first, wrench.shape[1]):
             if injection.fault in _CHANGES:
@@ -71,7 +71,7 @@ class Signal:
         return noise
 
     def output(self, counts: Floats, first: int) -> None:
-        """What comes out in place of counts (6, n) of the samples from number `first` on."""
+        """Falsify, in place, counts (6, n) of the samples from number `first` on."""
         for injection, part in self._parts(first, counts.shape[1]):
             if injection.fault == _STUCK:
                 held = self._held.setdefault(injection, counts[:, part.start].copy())[:, None]
@@ -99,7 +99,7 @@ class Signal:
 
     def _end(self, injection: Injection, now: float) -> None:
         assert injection.ended_at is not None
-        if injection.ends_at != injection.ended_at:  # earlier than could be foreseen
+        if injection.ends_at != injection.ended_at:  # earlier than predicted
             self._on_change(self._number(injection.ended_at))
 
 
@@ -158,4 +158,4 @@ _CHANGES: Mapping[str, Callable[[Injection, Floats, Floats], None]] = {
     "spike": _offset,
     "intermittent": _intermittent,
 }
-"""What each does to a wrench (6, n) in place, given the times (n,) since its begin, s."""
+"""Each changes a wrench (6, n) in place, given the times (n,) since its begin, s."""

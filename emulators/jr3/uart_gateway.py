@@ -1,14 +1,14 @@
 """A microcontroller between a JR3 sensor's serial link and a serial line.
 
 Behaves as the firmware roboticslab-uc3m/jr3-mbed-firmware-usb does, which was read for facts only. It misreads
-what it receives in its own ways, and a client has to live with that: it reads what is there in one go, lays it
-over what it read before, takes the first frame in it and sleeps for a second, whatever that frame was.
+what it receives in its own ways, and a client has to live with that: it reads all bytes in one go, lays them
+over those of the read before, takes the first frame in it and sleeps for a second, whatever that frame was.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 from emulators.faults.ledger import Handler
 from emulators.faults.wire import BYTES, FaultyWire
@@ -90,6 +90,8 @@ class UartGateway:
     def __init__(
         self, profile: UartGatewayProfile, sensor: Jr3Sensor, powered_at: float, seed: int = 0
     ) -> None:
+        self.jr3 = sensor
+        """The sensor behind it."""
         self._profile = profile
         self._connected = sensor.profile.connected
         self._firmware = Firmware(
@@ -105,9 +107,18 @@ class UartGateway:
 
     @property
     def handlers(self) -> Mapping[str, Mapping[str, Handler]]:
-        """What can go wrong here, by target, for a ledger."""
+        """Faults of the receiver and the sensor, by target, for a ledger."""
         own = self._firmware.handlers
-        return {**own, "frames": {**self._wire.handlers, **own["frames"]}}
+        return {
+            **own,
+            "frames": {**self._wire.handlers, **own["frames"]},
+            "signal": self.jr3.signal.handlers,
+        }
+
+    @property
+    def endpoint(self) -> Self:
+        """The gateway itself is the end of its wire."""
+        return self
 
     # --- endpoint
 
@@ -159,13 +170,13 @@ class UartGateway:
         """The truth: when the sensor measured the newest sample sent with this counter, s; None if there is none."""
         return self._firmware.sampled_at(counter)
 
-    # --- what it does one after another
+    # --- its states one after another
 
     def _enter(self, state: _State, until: float) -> None:
         self._state, self._until = state, until
 
     def _go_on(self, at: float) -> None:
-        """What comes next is begun."""
+        """Begin the next state."""
         match self._state:
             case _State.BOOTING if self._connected:
                 self._enter(_State.CALIBRATING, at + self._profile.calibration_s)

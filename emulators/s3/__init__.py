@@ -2,8 +2,9 @@
 
 from emulators.s3.controller import S3Controller
 from emulators.s3.faults import S3_FAULTS
+from emulators.s3.making import make_robot
 from emulators.s3.panel import Panel, PanelState
-from emulators.s3.profile import S3Profile
+from emulators.s3.profile import S3Profile, S3Profiles
 from emulators.s3.programs import MoveStep, Step, WaitStep, read_steps
 from emulators.s3.site import EMPTY_SITE, S3Site, SiteOrders
 from emulators.s3.state import CHANGES, REFUSALS, Activity, State, Stimulus, refusal
@@ -19,12 +20,14 @@ __all__ = [
     "PanelState",
     "S3Controller",
     "S3Profile",
+    "S3Profiles",
     "S3Site",
     "SiteOrders",
     "State",
     "Step",
     "Stimulus",
     "WaitStep",
+    "make_robot",
     "read_steps",
     "refusal",
 ]

@@ -1,4 +1,4 @@
-"""The S3 controller as its surroundings know it: a computer link, a panel, and what can go wrong with either.
+"""The S3 controller as its surroundings know it: a computer link, a panel, and the faults of both.
 
 Source: project specification of the computer link, sections 3 and 5.
 """
@@ -8,22 +8,23 @@ import random
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Self
 
 from emulators.arm.kinematics import Joints
-from emulators.arm.servo import ServoProfile
 from emulators.faults.ledger import Handler, Injection, Ledger
 from emulators.faults.wire import BYTES, FaultyWire
 from emulators.quantiles import draw
 from emulators.s3.executive import Executive, Order
 from emulators.s3.faults import S3_FAULTS, target_of
 from emulators.s3.line import FaultyLine, Strike
-from emulators.s3.profile import S3Profile
+from emulators.s3.profile import S3Profiles
 from emulators.s3.programs import ProgramRun
 from emulators.s3.site import EMPTY_SITE, S3Site
 from emulators.s3.state import State, Stimulus
+from emulators.seams import ArmPath, StartPose
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
-from protocol.geometry import Quaternion, Vector
-from protocol.s3.adlp import LinkProfile, MessageReceived
+from protocol.geometry import Pose
+from protocol.s3.adlp import MessageReceived
 from protocol.s3.arap import (
     FunctionCode,
     Refusal,
@@ -37,12 +38,12 @@ from protocol.s3.arap import (
 )
 
 _OFFSET_LIMIT = 0.1
-"""Chosen: encoders are off by this at most, m, so that what is measured always fits the status."""
+"""Chosen: encoders are off by this at most, m, so that a measured position always fits the status."""
 
 
 @dataclass(slots=True)
 class Tally:
-    """What became of the orders so far."""
+    """Counts of the orders so far."""
 
     answered: int = 0
     refused: int = 0
@@ -60,33 +61,20 @@ class S3Controller:
 
     def __init__(
         self,
-        profile: S3Profile,
-        link_profile: LinkProfile,
-        servo_profile: ServoProfile,
-        start_position: Vector,
-        start_quaternion: Quaternion,
+        profiles: S3Profiles,
+        start: StartPose,
         powered_at: float,
         seed: int,
-        tool_length: float = 0.0,
         site: S3Site = EMPTY_SITE,
     ) -> None:
-        self.profile = profile
-        self._executive = Executive(
-            profile,
-            link_profile,
-            servo_profile,
-            start_position,
-            start_quaternion,
-            powered_at,
-            tool_length,
-            site,
-        )
+        self.profile = profile = profiles.robot
+        self._executive = Executive(profiles, start, powered_at, site)
         self.motion = self._executive.motion
         """True and reported place of the tool centre point."""
         self.tally = Tally()
-        """What became of the orders so far."""
-        self._max_telegram = link_profile.max_telegram
-        self._line = FaultyLine(link_profile, profile.spontaneous_eot, seed, self._restart)
+        """Counts of the orders so far."""
+        self._max_telegram = profiles.link.max_telegram
+        self._line = FaultyLine(profiles.link, profile.spontaneous_eot, seed, self._restart)
         self._random = random.Random(seed)
         self._orders: deque[Order] = deque()
         self._ready_at: float | None = None
@@ -107,7 +95,7 @@ class S3Controller:
             },
             "link": {**self._wire.handlers, **self._link_handlers()},
         }
-        """What can go wrong, by target, for a ledger."""
+        """Its faults, by target, for a ledger."""
         self.faults = Ledger(S3_FAULTS)
         """Of a controller without a cell."""
         for target, handlers in self.handlers.items():
@@ -139,9 +127,30 @@ class S3Controller:
         """
         return self._executive.joints(now)
 
-    def joints_holding(self, position: Vector, quaternion: Quaternion, now: float) -> Joints:
-        """The same for a true tool pose at `now` that is known already, m, unit quaternion."""
-        return self._executive.joints_holding(position, quaternion, now)
+    # --- as a cell knows it, see `emulators.seams.EmulatedRobot`
+
+    @property
+    def endpoint(self) -> Self:
+        """The controller itself is the end of the computer link."""
+        return self
+
+    @property
+    def path(self) -> ArmPath:
+        """The path of the arm."""
+        return self.motion.path
+
+    @property
+    def accepted(self) -> int:
+        """Points taken so far."""
+        return self.motion.path.accepted
+
+    def begun_at(self, target: int) -> float | None:
+        """When the motion to the point of this number began, s; None before that is known, NaN if it was given up."""
+        return self.motion.path.begun_at(target)
+
+    def joints_holding(self, pose: Pose, at: float) -> Joints:
+        """Axes 1 to 6 for a true tool pose of the time `at`, s, that is known already, rad."""
+        return self._executive.joints_holding(pose, at)
 
     # --- endpoint
 
@@ -153,7 +162,7 @@ class S3Controller:
         self._take_messages(now)
 
     def next_event(self) -> None:
-        """A robot tells nothing to those who run it."""
+        """A controller tells no events."""
 
     def data_to_send(self, now: float) -> bytes:
         """Bytes for the line."""
@@ -170,7 +179,7 @@ class S3Controller:
         return self._wire.next_deadline(due) if self._wire.bad else due
 
     def handle_deadline(self, now: float) -> None:
-        """Act on the link's time-outs, carry on what runs and answer what is due."""
+        """Act on the link's time-outs, carry the program on and answer the orders that are due."""
         if self._ready_at is not None and self._ready_at <= now:
             self._ready_at = None
             self._executive.happen(Stimulus.READY, now)
@@ -189,7 +198,7 @@ class S3Controller:
             self._orders.popleft()
             self._say(answer)
 
-    # --- what people do at the robot
+    # --- acts of people at the robot
 
     def press_emergency_stop(self, now: float) -> None:
         """Stop moving and running, fall into standby, tell the PC."""
@@ -212,7 +221,7 @@ class S3Controller:
         self._executive.happen(Stimulus.KEY_AUTO if auto else Stimulus.KEY_MANUAL, now)
 
     def set_link_control(self, given: bool, now: float) -> None:
-        """Give the link control at the pendant, or take it back; what moves goes on."""
+        """Give the link control at the pendant, or take it back; a motion goes on."""
         self._executive.happen(Stimulus.CONTROL_GIVEN if given else Stimulus.CONTROL_TAKEN, now)
 
     def set_programming_unit(self, connected: bool, now: float) -> None:
@@ -234,7 +243,7 @@ class S3Controller:
         self._line.disarm()
         self._late = self._refuse = self._restarts = None
 
-    # --- what faults do
+    # --- faults
 
     def _robot_handlers(self) -> dict[str, Handler]:
         return {
@@ -277,7 +286,7 @@ class S3Controller:
         press: Callable[["S3Controller", float], object],
         release: Callable[["S3Controller", float], object] | None = None,
     ) -> Handler:
-        """What a person does at the panel; it has an effect where it changes the state."""
+        """An act of a person at the panel; it has an effect where it changes the state."""
 
         def begin(injection: Injection) -> None:
             before, now = self.state, injection.injected_at
@@ -324,7 +333,7 @@ class S3Controller:
             self._restart(injection.injected_at)
 
     def _restart(self, now: float) -> None:
-        """Begin anew, silent at first; what stands on the controller's disc and in its arm stays."""
+        """Begin anew, silent at first; disc and arm of the controller stay as they are."""
         self._executive.happen(Stimulus.POWER_UP, now)
         self._orders.clear()
         self._ready_at = now + self.profile.start_up_s
@@ -375,7 +384,7 @@ class S3Controller:
         self._orders.append(Order(telegram, function, due, len(telegrams)))
 
     def _turnaround_ms(self, function: int) -> float:
-        """What it takes to come to answering this order; one number is drawn for each."""
+        """Time from this order to its answer, ms; one number is drawn for each."""
         profile = self.profile
         measured: tuple[float, ...] = ()
         match function:
@@ -389,7 +398,7 @@ class S3Controller:
         return profile.turnaround_ms + self._random.uniform(-spread, spread)
 
     def _answer(self, order: Order, now: float) -> Telegram | None:
-        """What to say to an order, or None while its time has not come."""
+        """The answer to an order, or None while its time has not come."""
         answer: Telegram | int | None
         refuse = self._refuse
         if refuse is not None and refuse.number("function") in (0, order.function):
@@ -415,6 +424,6 @@ class S3Controller:
     def _say(self, telegram: Telegram) -> None:
         if self.state.starting:
             return
-        # A full queue means that nobody has listened for many time-outs: one telegram more helps nobody.
+        # A full queue means that the host has not listened for many time-outs: one telegram more is useless.
         with contextlib.suppress(LocalProtocolError):
             self._line.send([block.encode() for block in split_telegram(telegram, self._max_telegram)])

@@ -1,6 +1,6 @@
-"""What the S3 controller does with an order: its state, its arm, its programs; without a link and without delay.
+"""Orders of the S3 controller: its state, its arm, its programs; without a link and without delay.
 
-Which order is refused in which state, and what changes the state, are the tables of `emulators.s3.state`.
+The orders that a state refuses, and the events that change it, are the tables of `emulators.s3.state`.
 Source: project specification of the computer link, section 3.
 """
 
@@ -12,11 +12,10 @@ from typing import TypeAlias
 import numpy as np
 
 from emulators.arm.kinematics import Joints
-from emulators.arm.motion import Motion
 from emulators.arm.quaternions import normalised
-from emulators.arm.servo import ServoProfile, Waypoint
+from emulators.arm.waypoints import Waypoint, WaypointArm
 from emulators.arm.work_area import OutsideWorkArea, WorkArea
-from emulators.s3.profile import S3Profile
+from emulators.s3.profile import S3Profile, S3Profiles
 from emulators.s3.programs import MoveStep, ProgramRun, Step, WaitStep, read_steps
 from emulators.s3.reporting import Reporting
 from emulators.s3.site import S3Site, SiteOrders
@@ -29,9 +28,9 @@ from emulators.s3.state import (
     refusal,
     status_flags,
 )
+from emulators.seams import StartPose
 from protocol.endpoint import RemoteProtocolError
-from protocol.geometry import Quaternion, Vector
-from protocol.s3.adlp import LinkProfile
+from protocol.geometry import Pose, Quaternion, Vector
 from protocol.s3.arap import (
     MOVE_LENGTHS,
     FunctionCode,
@@ -52,6 +51,11 @@ from protocol.s3.arap import (
 
 _UNIT_TOLERANCE = 0.01
 """Assumed: how far a quaternion's norm may be from 1; words of 1/16384 alone make up 0.0001."""
+
+_LOOK_AHEAD_S = 0.14
+"""Chosen: from one move order to the next on a link of 9600 baud, less the transport delay, for so much of the path
+is committed anyway; ticks computed beyond an order are in vain.
+"""
 
 Answer: TypeAlias = Telegram | int | None
 """A response, a refusal code, or None: not yet."""
@@ -81,32 +85,30 @@ class Executive:
 
     def __init__(
         self,
-        profile: S3Profile,
-        link_profile: LinkProfile,
-        servo_profile: ServoProfile,
-        start_position: Vector,
-        start_quaternion: Quaternion,
+        profiles: S3Profiles,
+        start: StartPose,
         powered_at: float,
-        tool_length: float,
         site: S3Site,
     ) -> None:
-        self._profile = profile
+        self._profile = profile = profiles.robot
         self._site = site
         self._site_orders = SiteOrders(site.orders)
         self._programs = _read_programs(profile, site)
-        self._move_lengths = frozenset((*MOVE_LENGTHS, link_profile.move_length))
-        self._work_area = WorkArea(profile, tool_length)
+        self._move_lengths = frozenset((*MOVE_LENGTHS, profiles.link.move_length))
+        self._work_area = WorkArea(profile, start.tool_length)
         try:
-            joints = self._work_area.joints(start_position, normalised(start_quaternion))
+            joints = self._work_area.joints(start.position, normalised(start.quaternion))
         except OutsideWorkArea as error:
             raise ValueError(
-                f"the start position {start_position} m with the quaternion {start_quaternion} is outside the "
+                f"the start position {start.position} m with the quaternion {start.quaternion} is outside the "
                 f"robot's work area: {error}"
             ) from None
-        self.motion = Motion(servo_profile, start_position, start_quaternion, powered_at, joints)
+        self.motion = WaypointArm(
+            profiles.servo, Pose(start.position, start.quaternion), powered_at, joints, _LOOK_AHEAD_S
+        )
         """True and reported place of the tool centre point."""
         self.reporting = Reporting(self.motion)
-        """What may be wrong with what is told of them."""
+        """Faults of the reported place."""
         self.state = initial(profile)
         """Everything that decides which orders are taken."""
         self.run: ProgramRun | None = None
@@ -124,14 +126,14 @@ class Executive:
         """Axes 1 to 6 of the true tool pose at `now`, rad; those of the set point where the servo swings beyond
         the end of a range.
         """
-        x, y, z = self.motion.trajectory(np.array([now]))[0][0].tolist()
-        return self.joints_holding((x, y, z), self.motion.orientation(now), now)
+        x, y, z = self.motion.path.trajectory(np.array([now]))[0][0].tolist()
+        return self.joints_holding(Pose((x, y, z), self.motion.path.orientation(now)), now)
 
-    def joints_holding(self, position: Vector, quaternion: Quaternion, now: float) -> Joints:
-        """The same for a true tool pose at `now` that is known already, m, unit quaternion."""
-        set_point = self.motion.joints(now)
+    def joints_holding(self, pose: Pose, at: float) -> Joints:
+        """The same for a true tool pose of the time `at`, s, that is known already; a unit quaternion."""
+        set_point = self.motion.joints(at)
         try:
-            return self._work_area.joints(position, quaternion, set_point)
+            return self._work_area.joints(pose.position, pose.quaternion, set_point)
         except OutsideWorkArea:
             return set_point
 
@@ -146,11 +148,11 @@ class Executive:
             self.run = None
 
     def status(self, now: float) -> Status:
-        """What read status is answered."""
+        """The answer to read status."""
         run = self.run
         status = Status(
             position_words(self.motion.reported(now)),
-            quaternion_words(self.motion.orientation(now)),
+            quaternion_words(self.motion.path.orientation(now)),
             program=run.number if run is not None else 0,
             instruction=run.instruction if run is not None else 0,
             **status_flags(self.state, self.motion.waiting(now) > 0),
@@ -184,7 +186,7 @@ class Executive:
     # --- orders
 
     def judge(self, order: Order, now: float) -> Answer:
-        """What holds for every order; what holds for one is its handler's matter."""
+        """Apply the rules of every order; its handler applies those of one."""
         telegram = order.telegram
         if telegram is None:
             return RefusalCode.TELEGRAM_INCOMPLETE

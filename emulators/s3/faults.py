@@ -1,4 +1,4 @@
-"""What can be made to go wrong with an S3 controller, its encoders and its link: one table a target."""
+"""Faults of an S3 controller, its encoders and its link: one table a target."""
 
 from collections.abc import Mapping
 
@@ -19,7 +19,7 @@ def _millimetres(axis: str, default: float, limit: float) -> Parameter:
 
 
 ROBOT_FAULTS: Mapping[str, Fault] = {
-    # --- what people do at the panel
+    # --- acts of people at the panel
     "emergency-stop": Fault("the emergency stop is pressed, and released at the end", {}, FOREVER),
     "work-stop": Fault("the work stop is on", {}, FOREVER),
     "key-manual": Fault("the key is turned to MANUAL, and back at the end", {}, FOREVER),

@@ -1,4 +1,4 @@
-"""The controller's end of the link with what can go wrong on it: a filter between the link and the wire.
+"""The controller's end of the link with its faults: a filter between the link and the wire.
 
 The link never knows: a byte that is lost here was sent, one that is damaged here came so.
 """
@@ -26,12 +26,12 @@ from protocol.s3.arap import FunctionCode
 SpontaneousEot = Literal["always", "sometimes", "never"]
 
 _BREAK = b"\0"
-"""What a receiver reads of a line held in break. Mark: standard."""
+"""A receiver reads this of a line held in break. Mark: standard."""
 _FUNCTION_BYTE = 4
 
 
 class Strike(StrEnum):
-    """What waits for its moment on the line; the spelling is that of the fault."""
+    """Faults that wait for their moment on the line; spelled as the fault."""
 
     DROP_BLOCK_ACK = "drop-ack of a block"
     DROP_BID_ACK = "drop-ack of a bid"
@@ -41,7 +41,7 @@ class Strike(StrEnum):
 
 
 class FaultyLine:
-    """An endpoint for bytes around a robot's `Link`. Without a fault it passes on what it is given.
+    """An endpoint for bytes around a robot's `Link`. Without a fault it passes all bytes on.
 
     `on_reset` is called when a reset asked for by `reset_after` is due.
     """
@@ -65,7 +65,7 @@ class FaultyLine:
         self._armed: dict[Strike, Injection] = {}
         """Each with its `count` of how often it will strike."""
         self._watch: BlockScanner | None = None
-        """Follows what comes in while a block is to be damaged."""
+        """Follows the incoming bytes while a block is to be damaged."""
         self._reset_after: int | None = None
         self._spontaneous = False
         """The newest block that went out was a spontaneous one."""
@@ -123,14 +123,14 @@ class FaultyLine:
         """Act on the link's time-outs up to now."""
         self._link.handle_deadline(now)
 
-    # --- what goes wrong
+    # --- faults
 
     def arm(self, strike: Strike, injection: Injection) -> None:
         """Let it happen the next times, as many as the fault's `count`."""
         self._armed[strike] = injection
 
     def disarm(self) -> None:
-        """Let nothing of what was armed happen, nor a reset that was asked for."""
+        """Drop all faults that were armed, and a reset that was asked for."""
         self._armed.clear()
         self._reset_after = None
 
@@ -187,7 +187,7 @@ class FaultyLine:
         """Incoming bytes with the check character of a block made wrong."""
         if self._watch is None:
             if self._link.state is not State.IDLE:
-                return data  # in mid-message nobody knows where a block begins
+                return data  # in mid-message the begin of a block is not known
             self._watch = BlockScanner(
                 BlockFormat(self._profile.dle_stuffing, LENGTH_STYLES, self._profile.max_telegram)
             )
@@ -201,7 +201,7 @@ class FaultyLine:
         return bytes(spoiled)
 
     def _spoiled(self, data: bytes, now: float) -> bytes:
-        """Outgoing bytes, which are whole blocks and control bytes, with what was asked for taken out or changed."""
+        """Outgoing bytes, which are whole blocks and control bytes, with the armed faults carried out."""
         scanner = BlockScanner(
             BlockFormat(self._profile.dle_stuffing, LENGTH_STYLES[:1], self._profile.max_telegram)
         )

@@ -1,6 +1,6 @@
-"""The panel of an emulated controller: what people press, turn and see there, for tests and for a control socket.
+"""The panel of an emulated controller: its buttons, keys and lamps, for tests and for a control socket.
 
-A request is a table as JSON has it, from somebody who is not trusted:
+A request is a table as JSON has it, from a client that is not trusted:
 
 | `do` | more | what it does |
 |---|---|---|
@@ -34,12 +34,12 @@ from emulators.s3.state import status_flags
 
 @dataclass(frozen=True, slots=True)
 class PanelState:
-    """What a panel shows of a controller."""
+    """State of a controller that a panel shows."""
 
     mode: str
     """standby, operation, synchronise, operation synchronise; starting while it is not ready."""
     activity: str
-    """Who tells the arm where to go: none, movement sequence, program."""
+    """Source of the arm's orders: none, movement sequence, program."""
     flags: dict[str, bool]
     """Those of the status answer, and the work stop."""
     program: int
@@ -108,7 +108,7 @@ class Panel:
         self._table = table
 
     def perform(self, request: Mapping[str, object], now: float) -> dict[str, Any]:
-        """Do what is asked. Raises ValueError, in one line, for what cannot be asked."""
+        """Carry out a request. Raises ValueError, in one line, for one that cannot be."""
         action = request.get("do")
         controller = self._controller
         if action == "faults":
@@ -138,7 +138,7 @@ class Panel:
         return {"state": asdict(self.state(now))}
 
     def state(self, now: float) -> PanelState:
-        """What is shown at `now`."""
+        """State to show at `now`."""
         controller, motion = self._controller, self._controller.motion
         state, run, tally = controller.state, controller.program, controller.tally
         waiting = motion.waiting(now)
@@ -151,7 +151,7 @@ class Panel:
             points_waiting=waiting,
             queue_depth=controller.profile.queue_depth,
             position_mm=_millimetres(motion.reported(now)),
-            true_position_mm=_millimetres(motion.trajectory(np.array([now]))[0][0].tolist()),
+            true_position_mm=_millimetres(motion.path.trajectory(np.array([now]))[0][0].tolist()),
             joints_deg=tuple(round(math.degrees(angle), 3) for angle in controller.joints(now)),
             answered=tally.answered,
             refused=tally.refused,

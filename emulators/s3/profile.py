@@ -1,10 +1,12 @@
-"""What may differ between one S3 controller and the next, or is not known of any."""
+"""Settings that may differ between one S3 controller and the next, or are not known of any."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, ClassVar, Literal
 
+from emulators.arm.loops import ServoProfile
 from emulators.quantiles import check_quantiles
 from protocol.marks import Mark, check_settings, setting
+from protocol.s3.adlp import LinkProfile
 from protocol.s3.arap import Mode, RefusalCode
 
 
@@ -100,7 +102,7 @@ class S3Profile:
     spontaneous_eot: Literal["always", "sometimes", "never"] = setting(
         "always",
         Mark.OBSERVED,
-        "whether a message that nobody asked for ends with EOT: always, sometimes (one in two, drawn), never",
+        "whether an unasked message ends with EOT: always, sometimes (one in two, drawn), never",
     )
     start_up_s: float = setting(
         5.0,
@@ -157,3 +159,12 @@ class S3Profile:
                 f"turnaround_spread_ms must be at most turnaround_ms ({self.turnaround_ms:g}), "
                 f"got {self.turnaround_spread_ms:g}"
             )
+
+
+@dataclass(frozen=True)  # without slots, so that a cell's profile may inherit it beside others
+class S3Profiles:
+    """Everything that may differ between one S3 robot and the next. Its fields stand in `[cell]`."""
+
+    robot: S3Profile = field(default_factory=S3Profile)
+    link: LinkProfile = field(default_factory=LinkProfile)
+    servo: ServoProfile = field(default_factory=ServoProfile)

@@ -14,7 +14,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TypeAlias
 
-from emulators.arm.motion import Motion
+from emulators.arm.waypoints import WaypointArm
 from protocol.geometry import Vector
 
 FIRST_LINE = "# emulated program"
@@ -102,8 +102,8 @@ class ProgramRun:
         """Assumed: a step that was not finished is done again from its beginning."""
         self.due = None
 
-    def advance(self, now: float, motion: Motion, move: Callable[[MoveStep, float], None]) -> None:
-        """Do what is due by `now`; `move` sends the arm on its way and may raise, the step is then not begun."""
+    def advance(self, now: float, motion: WaypointArm, move: Callable[[MoveStep, float], None]) -> None:
+        """Take the steps due by `now`; `move` sends the arm on its way and may raise, the step is then not begun."""
         while self.due is not None and self.due <= now:
             if self.ended:
                 self.due = None

@@ -1,23 +1,23 @@
-"""What the status reports while encoders or the status itself are wrong; the arm goes on as ever."""
+"""The status while encoders or the status itself are wrong; the arm goes on as ever."""
 
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
-from emulators.arm.motion import Motion
 from emulators.arm.quaternions import product
+from emulators.arm.waypoints import WaypointArm
 from emulators.faults.ledger import Handler, Injection
 from protocol.geometry import Quaternion, Vector
 from protocol.s3.arap import Status, position_words, quaternion_words
 
 _AXES = "xyz"
 _LIMIT = 4.095875
-"""The end of what a status can tell, m. Mark: observed."""
+"""Largest coordinate that a status can tell, m. Mark: observed."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Report:
-    """What is told."""
+    """Place and mode that are told."""
 
     position: Vector
     quaternion: Quaternion
@@ -30,13 +30,13 @@ class _Wrong:
 
     injection: Injection
     began: _Report
-    """What was told when it began."""
+    """The report at its begin."""
 
 
 class Reporting:
-    """Falsifies what a controller tells of its pose and mode."""
+    """Falsifies the told pose and mode of a controller."""
 
-    def __init__(self, motion: Motion) -> None:
+    def __init__(self, motion: WaypointArm) -> None:
         self._motion = motion
         self._wrong: list[_Wrong] = []
         self.handlers: Mapping[str, Handler] = {name: Handler(self._begin) for name in _FALSIFY}
@@ -64,7 +64,7 @@ class Reporting:
         )
 
     def _true(self, now: float, standby: bool) -> _Report:
-        return _Report(self._motion.reported(now), self._motion.orientation(now), standby)
+        return _Report(self._motion.reported(now), self._motion.path.orientation(now), standby)
 
     def _begin(self, injection: Injection) -> None:
         self._wrong.append(_Wrong(injection, self._true(injection.injected_at, False)))
@@ -75,26 +75,26 @@ def _moved(report: _Report, by: Vector) -> _Report:
     return replace(report, position=(x, y, z))
 
 
-def _offset(wrong: _Wrong, report: _Report, motion: Motion, now: float) -> _Report:
+def _offset(wrong: _Wrong, report: _Report, motion: WaypointArm, now: float) -> _Report:
     x, y, z = (wrong.injection.number(f"{axis}_mm") * 1e-3 for axis in _AXES)
     return _moved(report, (x, y, z))
 
 
-def _drift(wrong: _Wrong, report: _Report, motion: Motion, now: float) -> _Report:
+def _drift(wrong: _Wrong, report: _Report, motion: WaypointArm, now: float) -> _Report:
     since = now - wrong.injection.injected_at
     x, y, z = (wrong.injection.number(f"{axis}_mm_s") * 1e-3 * since for axis in _AXES)
     return _moved(report, (x, y, z))
 
 
-def _frozen(wrong: _Wrong, report: _Report, motion: Motion, now: float) -> _Report:
+def _frozen(wrong: _Wrong, report: _Report, motion: WaypointArm, now: float) -> _Report:
     return replace(report, position=wrong.began.position, quaternion=wrong.began.quaternion)
 
 
-def _late(wrong: _Wrong, report: _Report, motion: Motion, now: float) -> _Report:
+def _late(wrong: _Wrong, report: _Report, motion: WaypointArm, now: float) -> _Report:
     return replace(report, position=motion.reported(now - wrong.injection.number("ms") * 1e-3))
 
 
-def _mirrored(wrong: _Wrong, report: _Report, motion: Motion, now: float) -> _Report:
+def _mirrored(wrong: _Wrong, report: _Report, motion: WaypointArm, now: float) -> _Report:
     axis = _AXES.index(str(wrong.injection.values["axis"]))
     by = [0.0, 0.0, 0.0]
     by[axis] = 2.0 * (wrong.began.position[axis] - report.position[axis])
@@ -102,7 +102,7 @@ def _mirrored(wrong: _Wrong, report: _Report, motion: Motion, now: float) -> _Re
     return _moved(report, (x, y, z))
 
 
-def _turned(wrong: _Wrong, report: _Report, motion: Motion, now: float) -> _Report:
+def _turned(wrong: _Wrong, report: _Report, motion: WaypointArm, now: float) -> _Report:
     half = math.radians(wrong.injection.number("degrees")) / 2.0
     x, y, z = (math.sin(half) * (axis == wrong.injection.values["axis"]) for axis in _AXES)
     turned = product((math.cos(half), x, y, z), report.quaternion)
@@ -110,11 +110,11 @@ def _turned(wrong: _Wrong, report: _Report, motion: Motion, now: float) -> _Repo
     return replace(report, quaternion=(w, x, y, z))
 
 
-def _standby(wrong: _Wrong, report: _Report, motion: Motion, now: float) -> _Report:
+def _standby(wrong: _Wrong, report: _Report, motion: WaypointArm, now: float) -> _Report:
     return replace(report, standby=True)
 
 
-_FALSIFY: Mapping[str, Callable[[_Wrong, _Report, Motion, float], _Report]] = {
+_FALSIFY: Mapping[str, Callable[[_Wrong, _Report, WaypointArm, float], _Report]] = {
     "offset": _offset,
     "drift": _drift,
     "frozen": _frozen,

@@ -1,4 +1,4 @@
-"""What a site has put into its controller: programs with their contents, and orders that only this site knows."""
+"""A site's own contents of a controller: programs with their steps, and orders that only this site knows."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -24,11 +24,11 @@ class S3Site:
 
 
 EMPTY_SITE = S3Site()
-"""Nothing beside what every controller has."""
+"""No programs and orders beside those of every controller."""
 
 
 class SiteOrders:
-    """Answers to the orders that a site defines: what was written into a memory is read from it."""
+    """Answers to the orders that a site defines: a value that was written into a memory is read from it."""
 
     def __init__(self, book: OrderBook) -> None:
         self._book = book

@@ -1,4 +1,4 @@
-"""States of the S3 controller as three tables: what changes them, what the status tells of them, what they refuse.
+"""States of the S3 controller as three tables: events that change them, bits in the status, orders that they refuse.
 
 The codes are observed, the conditions under which they are given are assumed, as is whatever a row does not
 mark otherwise. Source: project specification of the computer link, section 3.
@@ -15,7 +15,7 @@ from protocol.s3.arap import FunctionCode, Mode, MoveKind, RefusalCode
 
 
 class Activity(StrEnum):
-    """Who tells the arm where to go."""
+    """Source of the arm's orders."""
 
     NONE = "none"
     SEQUENCE = "movement sequence"
@@ -48,7 +48,7 @@ class State:
 
 
 class Stimulus(StrEnum):
-    """What can happen to a controller."""
+    """Events that change a controller's state."""
 
     POWER_UP = "power-up"
     READY = "ready"
@@ -77,7 +77,7 @@ class Stimulus(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """What a stimulus does to the state."""
+    """Effect of a stimulus on the state."""
 
     values: Mapping[str, Any]
     halts: bool
@@ -104,7 +104,7 @@ CHANGES: Mapping[Stimulus, Change] = {
     Stimulus.KEY_AUTO: _sets(key_auto=True),
     Stimulus.KEY_MANUAL: _halts(key_auto=False),  # the mode stays
     Stimulus.CONTROL_GIVEN: _sets(Mark.OBSERVED, link_control=True),
-    Stimulus.CONTROL_TAKEN: _sets(link_control=False),  # what moves goes on
+    Stimulus.CONTROL_TAKEN: _sets(link_control=False),  # a motion goes on
     Stimulus.UNIT_CONNECTED: _sets(programming_unit=True),
     Stimulus.UNIT_REMOVED: _sets(programming_unit=False),
     Stimulus.INTERRUPT_PERMITTED: _sets(interrupt_permitted=True),
@@ -116,12 +116,12 @@ CHANGES: Mapping[Stimulus, Change] = {
     Stimulus.OPERATION_SYNCHRONISE: _sets(Mark.OBSERVED, mode=Mode.OPERATION_SYNCHRONISE),
     #
     Stimulus.SEQUENCE_START: _sets(Mark.OBSERVED, activity=Activity.SEQUENCE),
-    Stimulus.SEQUENCE_END: _sets(Mark.OBSERVED, activity=Activity.NONE),  # what is queued is moved to
+    Stimulus.SEQUENCE_END: _sets(Mark.OBSERVED, activity=Activity.NONE),  # queued points are moved to
     Stimulus.PROGRAM_START: _sets(Mark.OBSERVED, activity=Activity.PROGRAM),
     Stimulus.PROGRAM_END: _sets(activity=Activity.NONE),
     Stimulus.STOP: _halts(Mark.OBSERVED),  # assumed: a movement sequence as well
 }
-"""Every stimulus in every state: what it does not name stays."""
+"""Every stimulus in every state: a field that it does not name stays."""
 
 MODE_ORDERS: Mapping[Mode, Stimulus] = {
     Mode.STANDBY: Stimulus.STANDBY,
@@ -137,7 +137,7 @@ def initial(profile: S3Profile) -> State:
 
 
 def after(state: State, stimulus: Stimulus, profile: S3Profile) -> State:
-    """The state that follows. What is pressed, turned or plugged in stays so over a power-up."""
+    """The state that follows. Buttons, keys and plugs stay as they are over a power-up."""
     if stimulus is Stimulus.POWER_UP:
         state = replace(state, mode=Mode(profile.power_up_mode), link_control=profile.link_control)
     return replace(state, **CHANGES[stimulus].values)
@@ -196,7 +196,7 @@ REFUSALS: tuple[RefusalRule, ...] = (
         taken_too=False,
     ),
 )
-"""The first rule that fits refuses; what an order itself has wrong is looked at afterwards."""
+"""The first rule that fits refuses; errors of the order itself are looked at afterwards."""
 
 
 def refusal(state: State, function: int, suffix: int, profile: S3Profile, taken: bool = False) -> int | None:

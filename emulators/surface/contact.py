@@ -9,7 +9,7 @@ Source of the default stiffness: project specification of the force control, sec
 import copy
 import math
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 from itertools import pairwise
@@ -18,6 +18,7 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from emulators.faults.ledger import Handler
 from emulators.surface.faults import SurfaceFaults
 from emulators.surface.materials import MaterialProfile, Memory
 from protocol.marks import Mark, check_settings, setting
@@ -25,12 +26,12 @@ from protocol.marks import Mark, check_settings, setting
 Floats = NDArray[np.float64]
 
 _REMEMBERED = 64
-"""Chosen: more blocks of samples than lie between what is certain of the robot's path and the present."""
+"""Chosen: more blocks of samples than lie between the end of the committed path and the present."""
 _UP = np.array([0.0, 0.0, 1.0])
 """Base z."""
 
 
-def _nobody(time: float) -> None:
+def _unread(time: float) -> None:
     """Nothing was computed ahead."""
 
 
@@ -43,7 +44,7 @@ class SurfaceKind(StrEnum):
     CIRCULAR_ARC = "circular_arc"
 
 
-class Surface(Protocol):
+class Shape(Protocol):
     """A solid below a line in the plane of path coordinate and height."""
 
     def depth_and_normal(self, along: Floats, height: Floats) -> tuple[Floats, Floats, Floats]:
@@ -170,7 +171,7 @@ class SurfaceProfile:
         if self.begin_mm is not None and self.end_mm is not None and not self.begin_mm < self.end_mm:
             raise ValueError(f"end_mm must be more than begin_mm, {self.begin_mm:g}, got {self.end_mm:g}")
 
-    def shape(self) -> Surface:
+    def shape(self) -> Shape:
         """The surface in m and rad."""
         height = self.height_mm / 1000.0
         match self.kind:
@@ -187,7 +188,7 @@ class SurfaceProfile:
 class Contact:
     """The force that a surface exerts on the tool tip."""
 
-    def __init__(self, profile: SurfaceProfile, on_change: Callable[[float], object] = _nobody) -> None:
+    def __init__(self, profile: SurfaceProfile, on_change: Callable[[float], object] = _unread) -> None:
         """`on_change` is told since when the surface is another, s."""
         self._surface = profile.shape()
         self._material = profile.material.law(profile.stiffness_n_m, profile.damping_ns_m)
@@ -196,7 +197,7 @@ class Contact:
         """Those of the last times, oldest first."""
         self._counts = True
         self.faults = SurfaceFaults(on_change)
-        """What has become of the surface."""
+        """Changes of the surface by its faults."""
         places = [(place / 1000.0, factor) for place, factor in profile.stiffness_profile]
         self._factors = np.array(places or [(0.0, 1.0)]).T
         self._uniform = not places
@@ -215,6 +216,11 @@ class Contact:
             depth, normals = self._depth_and_normal(np.zeros((3, 1)))
             self._level = float(depth[0]), normals
 
+    @property
+    def handlers(self) -> Mapping[str, Handler]:
+        """Its faults, for a ledger."""
+        return self.faults.handlers
+
     def depth_and_normal(self, positions: Floats) -> tuple[Floats, Floats]:
         """Depth (n,) of the tip below the surface, m, negative outside, and the outward normals (n, 3).
 
@@ -225,14 +231,14 @@ class Contact:
         return depth, np.broadcast_to(normal.T, positions.shape)
 
     def aside(self) -> "Contact":
-        """A copy for questions that must not change what is remembered or counted here."""
+        """A copy for questions: they change neither the memory nor the counts of this one."""
         twin = copy.copy(self)
         twin._memories, twin._counts = deque(maxlen=1), False
         return twin
 
     def rewind(self, time: float) -> None:
-        """Forget what came from this time on, s: it is shown again, for something is other than it was."""
-        if not self._material.remembers:
+        """Go back to before this time, s: the samples from then on are shown again."""
+        if not self._material.has_memory:
             return
         while self._memories and self._memory.time >= time:
             self._memory = self._memories.pop()
@@ -240,7 +246,7 @@ class Contact:
     @property
     def remembered_until(self) -> float | None:
         """Time of the newest sample of a material with a memory, s; None for one that has none."""
-        return self._memory.time if self._material.remembers else None
+        return self._memory.time if self._material.has_memory else None
 
     def force(self, positions: Floats, velocities: Floats, times: Floats | None = None) -> Floats:
         """Force on the tool tip in the base frame (n, 3), N, for tip positions and velocities (n, 3).
@@ -254,12 +260,12 @@ class Contact:
         # One row an axis: numpy is quickest along the last dimension, and three is too short for it.
         depth, normal = self._depth_and_normal(positions.T)
         material = self._material
-        if not material.remembers and not (depth > 0.0).any():
+        if not material.has_memory and not (depth > 0.0).any():
             return np.zeros_like(positions)
         velocity = velocities.T
         leaving = np.einsum("ij,ij->j", velocity, normal)
         factor = hardness if self._uniform else self._factor(positions) * hardness
-        if material.remembers:
+        if material.has_memory:
             self._memories.append(self._memory)
         pressing, self._memory = material.press(depth, -leaving, factor, times, self._memory)
         sliding = velocity - leaving * normal

@@ -1,4 +1,4 @@
-"""What can be made to go wrong with the surface, and the obstacle that may hang above the tool.
+"""The faults of the surface, and the obstacle that may hang above the tool.
 
 Heights and stiffness change over a ramp, for a surface that jumps would hit the tool with any force.
 """
@@ -123,7 +123,7 @@ class SurfaceFaults:
 
     def _end(self, injection: Injection, now: float) -> None:
         assert injection.ended_at is not None
-        if injection.ends_at != injection.ended_at:  # earlier than could be foreseen
+        if injection.ends_at != injection.ended_at:  # earlier than predicted
             self._on_change(injection.ended_at)
 
 
@@ -189,7 +189,7 @@ class _Plane:
 
 
 class Obstacles:
-    """The force of what hangs above the tool: it pushes straight down, without friction."""
+    """The force of the obstacles above the tool: they push straight down, without friction."""
 
     def __init__(
         self,

@@ -21,7 +21,7 @@ _LEVEL_M = 1e-12
 
 
 class MaterialKind(StrEnum):
-    """What the surface is made of."""
+    """Laws of materials."""
 
     LINEAR = "linear"
     """Spring and damper."""
@@ -33,7 +33,7 @@ class MaterialKind(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class MaterialProfile:
-    """What the surface is made of, beside its stiffness."""
+    """Material of the surface, beside its stiffness."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
 
@@ -90,7 +90,7 @@ class MaterialProfile:
 
 @dataclass(frozen=True, slots=True)
 class Memory:
-    """What a material knows of its past: that of one that has none, or was never touched, by default."""
+    """State of a material by its past; by default of one that has none, or was never touched."""
 
     time: float = -math.inf
     """Of the newest sample, s."""
@@ -104,7 +104,7 @@ class Material(Protocol):
     """A law from depth to force."""
 
     @property
-    def remembers(self) -> bool:
+    def has_memory(self) -> bool:
         """Whether the force depends on the past: then every sample must be shown, with its time."""
 
     def press(
@@ -112,7 +112,7 @@ class Material(Protocol):
     ) -> tuple[Floats, Memory]:
         """Forces (n,), N, for depth, m, and its rate of change, m/s; `factor` scales the stiffness.
 
-        `times` (n,) ascend, s. Raises ValueError when they are missing and the material remembers.
+        `times` (n,) ascend, s. Raises ValueError when they are missing and the material has a memory.
         """
 
 
@@ -122,7 +122,7 @@ class Linear:
 
     stiffness: float
     damping: float
-    remembers: ClassVar[bool] = False
+    has_memory: ClassVar[bool] = False
 
     def press(
         self, depth: Floats, approach: Floats, factor: Floats | float, times: Floats | None, memory: Memory
@@ -142,7 +142,7 @@ class HuntCrossley:
     exponent: float
     reference_depth: float
     dissipation: float
-    remembers: ClassVar[bool] = False
+    has_memory: ClassVar[bool] = False
 
     def press(
         self, depth: Floats, approach: Floats, factor: Floats | float, times: Floats | None, memory: Memory
@@ -167,13 +167,13 @@ class StandardLinearSolid:
     stiffness: float
     share: float
     relaxation_time: float
-    remembers: ClassVar[bool] = True
+    has_memory: ClassVar[bool] = True
 
     def press(
         self, depth: Floats, approach: Floats, factor: Floats | float, times: Floats | None, memory: Memory
     ) -> tuple[Floats, Memory]:
         if times is None:
-            raise ValueError("a material that remembers must be told the times of the samples")
+            raise ValueError("a material with memory must be told the times of the samples")
         time = max(memory.time, float(times[-1]))
         if memory.dent == 0.0 and not (depth > 0.0).any():
             return np.zeros_like(depth), Memory(time)

@@ -90,7 +90,7 @@ class SlcanAdapter:
             self._say(self._answer(line, now))
 
     def next_event(self) -> CanFrame | None:
-        """The oldest frame that the host put on the bus and nobody has taken yet."""
+        """The oldest frame that the host put on the bus and that was not taken yet."""
         return self._frames.popleft() if self._frames else None
 
     def data_to_send(self, now: float) -> bytes:
@@ -186,7 +186,7 @@ class SlcanAdapter:
         except RemoteProtocolError:
             return slcan.BELL
         if not self._on_bus():
-            self._flags |= _BUS_ERROR  # accepted, and never acknowledged by anybody on the bus
+            self._flags |= _BUS_ERROR  # accepted, and never acknowledged by a node on the bus
         elif len(self._frames) < self._profile.frames_limit:
             self._frames.append(frame)
         else:

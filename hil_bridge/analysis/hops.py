@@ -1,9 +1,9 @@
 """The hops of a cycle that are the same with every robot: from the force's sample to the hand-over of the order.
 
-Those behind them are in the robot's facts, see `recording.facts`.
+Those behind them are in the robot's facts, see `hil_bridge.facts`.
 """
 
-from hil_bridge.recording.facts import Hop, Owner
+from hil_bridge.facts import Hop, Owner
 
 SENSOR = Hop(
     "sensor", "sampled_at", "sensor_at", Owner.BUS, "way of the sample from the sensor to its arrival"

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from hil_bridge.analysis.hops import JITTER, MIDDLE, SENSOR
 from hil_bridge.analysis.times import Times, times_of
+from hil_bridge.facts import Devices, Hop, RobotHops
 from hil_bridge.recording.device_facts import devices_of
-from hil_bridge.recording.facts import Devices, Hop, RobotHops
 from hil_bridge.recording.reader import Recording
 from hil_bridge.recording.records import CycleRecord, SensorRecord, TruthRecord
 
@@ -180,7 +180,7 @@ def moments(
     truths: Sequence[TruthRecord] = (),
     earliest: Mapping[int, float] | None = None,
 ) -> Callable[[str], Floats]:
-    """Looks a moment (see `recording.facts`) of every cycle up by its name, s; NaN where it is not known.
+    """Looks a moment (see `hil_bridge.facts`) of every cycle up by its name, s; NaN where it is not known.
 
     `earliest` are the earliest arrivals by the frame's sequence.
     """

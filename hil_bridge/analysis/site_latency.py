@@ -10,9 +10,10 @@ import numpy as np
 
 from hil_bridge.analysis.latency import earliest_arrivals, moments
 from hil_bridge.errors import ConfigError
+from hil_bridge.facts import Owner
 from hil_bridge.recording.device_facts import devices_of
-from hil_bridge.recording.facts import Owner
 from hil_bridge.recording.reader import Recording
+from hil_bridge.text_files import toml_pair
 
 FEWEST_QUANTILES, MOST_QUANTILES = 21, 201
 """Of each distribution, ends included: one for every value, but no fewer than these, for that is no distribution, and
@@ -51,7 +52,7 @@ def as_configuration(notes: Sequence[str], sections: Mapping[str, Mapping[str, o
     lines = [f"# {note}" for note in notes]
     for section, values in sections.items():
         if values:
-            lines += ["", f"[{section}]", *(f"{name} = {_toml(value)}" for name, value in values.items())]
+            lines += ["", f"[{section}]", *(toml_pair(name, value) for name, value in values.items())]
     return "\n".join(lines) + "\n"
 
 
@@ -65,7 +66,3 @@ def _quantiles_ms(values: Sequence[float], what: str) -> list[float]:
         )
     found = np.quantile(known, np.linspace(0.0, 1.0, min(len(known), MOST_QUANTILES)))
     return [round(float(value), _DIGITS) for value in found]
-
-
-def _toml(value: object) -> str:
-    return f'"{value}"' if isinstance(value, str) else repr(value)

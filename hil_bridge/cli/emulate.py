@@ -10,6 +10,9 @@ from hil_bridge.cli.paths import FILE
 @click.command(short_help="Serve the emulated cell, its robot or its sensor.")
 @click.argument("what", type=click.Choice(["cell", "robot", "sensor"]))
 @click.argument("config_file", metavar="[CONFIG.toml]", required=False, type=FILE)
+@click.option("--robot", metavar="KIND", help="Kind of the robot.  [default: robot.emulated, s3]")
+@click.option("--sensor", metavar="KIND", help="Kind of the sensor.  [default: sensor.emulated, gateway]")
+@click.option("--surface", metavar="KIND", help="Kind of the surface, from a plug-in.")
 @click.option(
     "--robot-port", metavar="URL", help="Where the robot listens.  [default: a paced pseudo-terminal]"
 )
@@ -24,6 +27,9 @@ from hil_bridge.cli.paths import FILE
 def emulate(
     what: str,
     config_file: Path | None,
+    robot: str | None,
+    sensor: str | None,
+    surface: str | None,
     robot_port: str | None,
     sensor_port: str | None,
     panel: str | None,
@@ -47,7 +53,16 @@ def emulate(
     from hil_bridge.runs.serve import serve
     from hil_bridge.settings.configuration import load_config
 
-    config = load_config(config_file, {"run.seed": seed, "run.panel_url": panel})
+    config = load_config(
+        config_file,
+        {
+            "run.seed": seed,
+            "run.panel_url": panel,
+            "robot.emulated": robot,
+            "sensor.emulated": sensor,
+            "cell.surface_kind": surface,
+        },
+    )
     if what == "sensor" and panel:
         raise click.UsageError("--panel is the robot controller's; leave it out where there is none")
     refuse_faults(config.faults, "hil-bridge emulate")

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import click
 
+from hil_bridge.cli.devices import not_empty
 from hil_bridge.cli.options import overwrite_option
 from hil_bridge.cli.paths import FILE
-from hil_bridge.cli.run import not_empty
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -51,12 +51,12 @@ def latency(recording: Path, output: Path | None, overwrite: bool) -> None:
 
 def _site(record: "Recording") -> tuple[str, str]:
     """A configuration file whose emulated cell is as late as the recorded one, and what it leaves out, if anything."""
-    from hil_bridge.runs.compose import sensor_kind
     from hil_bridge.runs.replay import recorded_config
     from hil_bridge.sensors.jr3.latency import NOT_EMULATED, is_emulated
+    from hil_bridge.settings.kinds import sensor_kind
 
     config = recorded_config(record, {})
-    kind = sensor_kind(config.sensor)
+    kind = sensor_kind(config).also
     return site_settings(record, _line(config), kind), "" if is_emulated(kind) else NOT_EMULATED
 
 
@@ -103,7 +103,7 @@ def _figures(*seconds: float) -> str:
 
 def _line(config: "Config") -> "LinkProfile":
     """The line as it was: a URL may have set it."""
-    from hil_bridge.runs.compose import robot_wire
+    from hil_bridge.robots.s3.room import robot_wire
 
     url, link = config.robot.url, config.robot.link
     return robot_wire(url, link)[1] if url else link

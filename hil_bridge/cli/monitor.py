@@ -29,7 +29,8 @@ def monitor(
     """
     from hil_bridge.errors import ConfigError
     from hil_bridge.robots.s3.orders_file import read_orders
-    from hil_bridge.robots.s3.site.monitor import monitor_can, monitor_file, monitor_link
+    from hil_bridge.robots.s3.site.monitor import monitor_file, monitor_link
+    from hil_bridge.sensors.jr3.monitor import monitor_can
     from hil_bridge.settings.configuration import load_config
     from protocol.s3.arap import KNOWN
 

@@ -31,59 +31,36 @@ def panel(context: click.Context, url: str) -> None:
         _do(context, {"do": "show"})
 
 
-@panel.command()
-@click.pass_context
-def show(context: click.Context) -> None:
-    """Show mode, flags, queue, position, joints and orders."""
-    _do(context, {"do": "show"})
+_COMMANDS: dict[str, tuple[str, tuple[str, ...]]] = {
+    "show": ("Show mode, flags, queue, position, joints and orders.", ()),
+    "key": ("Turn the key.", ("auto", "manual")),
+    "link-control": ("Give the link control at the pendant, or take it back.", ("give", "take")),
+    "work-stop": ("Stop work, or let it go on.", ("on", "off")),
+    "programming-unit": (
+        "Connect the programming unit, or remove it.",
+        ("connect", "remove"),
+    ),
+    "interrupt": ("Permit interrupts, or forbid them; the status tells it.", ("permit", "forbid")),
+    "disarm": ("Forget the faults that wait for their moment.", ()),
+    "mend": ("End the faults that last.", ()),
+}
+"""Commands that are one request: what each does, and what may be said to it."""
 
 
-@panel.command("emergency-stop")
-@click.argument("to", type=click.Choice(["press", "release"]), default="press")
-@click.pass_context
-def emergency_stop(context: click.Context, to: str) -> None:
-    """Press the emergency stop, or release it."""
-    _do(context, {"do": "emergency-stop", "to": to})
+def _command(name: str, text: str, choices: tuple[str, ...], default: str | None = None) -> click.Command:
+    @click.pass_context
+    def act(context: click.Context, /, **said: str) -> None:
+        _do(context, {"do": name, **said})
+
+    to = click.Argument(["to"], type=click.Choice(choices), default=default, required=default is None)
+    return click.Command(name, callback=act, params=[to] if choices else [], help=text, short_help=text)
 
 
-@panel.command()
-@click.argument("to", type=click.Choice(["auto", "manual"]))
-@click.pass_context
-def key(context: click.Context, to: str) -> None:
-    """Turn the key."""
-    _do(context, {"do": "key", "to": to})
-
-
-@panel.command("link-control")
-@click.argument("to", type=click.Choice(["give", "take"]))
-@click.pass_context
-def link_control(context: click.Context, to: str) -> None:
-    """Give the link control at the pendant, or take it back."""
-    _do(context, {"do": "link-control", "to": to})
-
-
-@panel.command("work-stop")
-@click.argument("to", type=click.Choice(["on", "off"]))
-@click.pass_context
-def work_stop(context: click.Context, to: str) -> None:
-    """Stop work, or let it go on."""
-    _do(context, {"do": "work-stop", "to": to})
-
-
-@panel.command("programming-unit", short_help="Connect the programming unit, or remove it.")
-@click.argument("to", type=click.Choice(["connect", "remove"]))
-@click.pass_context
-def programming_unit(context: click.Context, to: str) -> None:
-    """Connect the programming unit, or remove it; the status tells it."""
-    _do(context, {"do": "programming-unit", "to": to})
-
-
-@panel.command()
-@click.argument("to", type=click.Choice(["permit", "forbid"]))
-@click.pass_context
-def interrupt(context: click.Context, to: str) -> None:
-    """Permit interrupts, or forbid them; the status tells it."""
-    _do(context, {"do": "interrupt", "to": to})
+for _name, (_text, _choices) in _COMMANDS.items():
+    panel.add_command(_command(_name, _text, _choices))
+panel.add_command(
+    _command("emergency-stop", "Press the emergency stop, or release it.", ("press", "release"), "press")
+)
 
 
 @panel.command()
@@ -103,20 +80,6 @@ def inject(context: click.Context, words: tuple[str, ...]) -> None:
             raise click.BadParameter(f"each parameter once, as NAME=VALUE, got {item!r}")
         given[name] = value
     _do(context, {"do": "inject", **target, "fault": rest[0], "with": given})
-
-
-@panel.command()
-@click.pass_context
-def disarm(context: click.Context) -> None:
-    """Forget the faults that wait for their moment."""
-    _do(context, {"do": "disarm"})
-
-
-@panel.command()
-@click.pass_context
-def mend(context: click.Context) -> None:
-    """End the faults that last."""
-    _do(context, {"do": "mend"})
 
 
 @panel.command(short_help="List the faults that can be injected.")

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import click
 
+from hil_bridge.cli.devices import device_options, device_settings
 from hil_bridge.cli.options import overwrite_option
 from hil_bridge.cli.paths import FILE
 from hil_bridge.debugging import debug_option
@@ -15,28 +16,9 @@ _BESIDE = Path("-")
 """Stands for the recording's folder where --report names none."""
 
 
-def not_empty(context: click.Context, parameter: click.Parameter, url: str | None) -> str | None:
-    """An empty URL is an unset shell variable, not the wish for an emulated device."""
-    if url == "":
-        raise click.BadParameter("it is empty; leave the option out for the emulated device")
-    return url
-
-
 @click.command(short_help="Run the force control, and record and report it.")
 @click.argument("config_file", metavar="[CONFIG.toml]", required=False, type=FILE)
-@click.option(
-    "--robot",
-    metavar="URL",
-    callback=not_empty,
-    help="Robot's computer link: serial:///dev/ttyUSB0?baudrate=9600&parity=E, tcp://host:port.",
-)
-@click.option(
-    "--sensor",
-    metavar="URL",
-    callback=not_empty,
-    help="Sensor's CAN gateway: can+socketcan://can0, can+slcan:///dev/ttyACM0; its UART gateway: "
-    "serial:///dev/ttyACM0?gateway=jr3; its receiver board: jr3+tcp://host:1762?filter=2.",
-)
+@device_options
 @click.option(
     "--tool-mass-kg",
     type=click.FloatRange(min=0.0),
@@ -75,6 +57,7 @@ def run(
     config_file: Path | None,
     robot: str | None,
     sensor: str | None,
+    surface: str | None,
     tool_mass_kg: float | None,
     unchecked: bool,
     controller: str | None,
@@ -107,8 +90,7 @@ def run(
     config = load_config(
         config_file,
         {
-            "robot.url": robot,
-            "sensor.url": sensor,
+            **device_settings(robot, sensor, surface),
             "sensor.unchecked": unchecked or None,
             "tool.mass_kg": tool_mass_kg,
             "controller.name": controller,

@@ -6,6 +6,7 @@ point's name as `name`. Measurements and commands are msgspec structs: `msgspec.
 
 import dataclasses
 import inspect
+import math
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import Any, cast
@@ -13,7 +14,7 @@ from typing import Any, cast
 from hil_bridge.control.laws.fuzzy_control import FuzzyAdaptive, FuzzyPi, ResolutionAware
 from hil_bridge.control.laws.linear import Admittance, Pi
 from hil_bridge.control.laws.predictive import Predictive
-from hil_bridge.control.types import Controller
+from hil_bridge.control.types import SAMPLE_MS, Controller
 from hil_bridge.errors import ConfigError
 from hil_bridge.plugins import Found, find_plugin, plugin_names
 
@@ -51,6 +52,39 @@ def make_controller(name: str, **parameters: Any) -> Controller[Any]:
         return kind(**parameters)
     except (TypeError, ValueError) as error:
         raise ConfigError(f"controller {name}: {error}") from error
+
+
+PERIOD_FACTOR = 2.0
+"""How many times longer or shorter than a controller's sample time a control period may be. Chosen: half and double the
+sample time change a loop's delay, but not by an order of magnitude.
+"""
+
+
+def sample_time(controller: Controller[Any], sample_ms: float | None = None) -> float:
+    """Sample time that a controller is tuned for, s: `sample_ms` where a configuration gives it, else what the
+    controller declares, else `SAMPLE_MS`. Raises ConfigError when it declares no number above 0.
+    """
+    if sample_ms is None:
+        sample_ms = getattr(controller, "sample_ms", SAMPLE_MS)
+    if isinstance(sample_ms, bool) or not isinstance(sample_ms, (int, float)):
+        raise ConfigError(f"controller {controller.name}: its sample_ms is no number: {sample_ms!r}")
+    if not (math.isfinite(sample_ms) and sample_ms > 0):
+        raise ConfigError(f"controller {controller.name}: its sample_ms must be above 0, got {sample_ms:g}")
+    return sample_ms * 1e-3
+
+
+def check_period(period_s: float | None, controller: Controller[Any], sample_ms: float | None = None) -> None:
+    """Raise ConfigError when the control period, s, is off by more than `PERIOD_FACTOR` from the sample time that the
+    controller is tuned for. None for a period that is not known before the run: the link sets it.
+    """
+    tuned = sample_time(controller, sample_ms)
+    if period_s is None or tuned / PERIOD_FACTOR <= period_s <= tuned * PERIOD_FACTOR:
+        return
+    raise ConfigError(
+        f"controller {controller.name} is tuned for a sample every {tuned * 1e3:g} ms, but the control period is "
+        f"{period_s * 1e3:g} ms: set controller.sample_ms = {period_s * 1e3:g} when its parameters fit that period, "
+        f"or run.period_ms = {tuned * 1e3:g}"
+    )
 
 
 def _checked(found: Found, name: str) -> Callable[..., Controller[Any]]:

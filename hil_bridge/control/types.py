@@ -10,6 +10,13 @@ from typing import Any, Protocol, TypeVar
 
 from msgspec import Struct
 
+SAMPLE_MS = 180.0
+"""Sample time that a controller is taken to be tuned for when it declares none. Source: the paper's chain, whose cycle
+takes 172 … 187 ms on the computer link at 9600 baud.
+"""
+POSITION_STEP_MM = 0.125
+"""Step of a robot's position where no other is given. Source: the position words of the paper's robot, observed."""
+
 
 class Measurement(Struct, frozen=True):
     """One sample of the force-controlled direction."""
@@ -38,6 +45,8 @@ class Measurement(Struct, frozen=True):
     """Share of a step along the travel direction that moves the tool by a whole step along the surface."""
     saturated: bool = False
     """An axis of the sensor is at the end of its range: the force may be anything above."""
+    dt: float = SAMPLE_MS * 1e-3
+    """Time since the sample before, s, at most twice the controller's sample time; that time for the first sample."""
 
     @property
     def is_finite(self) -> bool:
@@ -120,7 +129,13 @@ State = TypeVar("State")
 
 
 class Controller(Protocol[State]):
-    """A pure control law: same state, measurement and reference, same answer. No clock, no I/O."""
+    """A pure control law: same state, measurement and reference, same answer. No clock, no I/O.
+
+    Gains may count per sample. A controller says for which sample time it is tuned by an attribute `sample_ms`, in ms;
+    one without it is taken for `SAMPLE_MS`, and `controller.sample_ms` of a configuration goes before both. A run whose
+    control period differs from it by more than a factor of two is refused. `Measurement.dt` is the measured time, for
+    a controller that counts in seconds.
+    """
 
     @property
     def name(self) -> str:

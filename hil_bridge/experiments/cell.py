@@ -15,6 +15,14 @@ from hil_bridge.settings.configuration import Config
 
 Floats = NDArray[np.float64]
 
+CYCLE_S = {9600: 0.18, 19200: 0.102}
+"""What a cycle takes by the rate of the link, s, by which a way in a sample is turned into a speed. Source: measured in
+virtual time; the spread of 4 % either way does not change how many position steps a sample asks for.
+"""
+CORRECTION_MM = 2.1
+"""Chosen: what the supervisor lets the command go deeper in a sample, just above what most controllers allow
+themselves.
+"""
 LIMIT_N = 1000.0
 """The supervisor's force limits in experiments: what a controller does is to be seen, not stopped."""
 
@@ -57,11 +65,11 @@ class CellJob:
     duration: float = 16.0
     """Of TRACK, s."""
     step_mm: float = 1.0
-    """Travel along the surface a sample."""
+    """Travel along the surface in a sample."""
     contour: bool = False
     """Sinusoidal surface, 10 mm amplitude and 200 mm period, instead of the flat one."""
     approach_step_mm: float = 0.125
-    """Depth added per cycle while approaching: small, so that a hard surface is not hit."""
+    """Depth added in a sample while approaching: small, so that a hard surface is not hit."""
     follow_normal: bool = False
     """Force along the estimated normal of the surface instead of the fixed direction of the paper."""
     baudrate: int = 9600
@@ -74,7 +82,7 @@ class CellJob:
     def config(self) -> Config:
         """The configuration of the run; what is not named here stands at its default."""
         # The approach is short, so that time goes into tracking.
-        link = {"baudrate": self.baudrate}
+        link, cycle = {"baudrate": self.baudrate}, CYCLE_S[self.baudrate]
         surface: dict[str, Any] = {"stiffness_n_m": self.stiffness}
         if self.contour:
             surface |= {"kind": "sinusoidal", "amplitude_mm": 10.0, "period_mm": 200.0, "origin_y_mm": -100.0}
@@ -82,15 +90,20 @@ class CellJob:
             {
                 "run": {"duration_s": self.duration, "seed": self.seed},
                 "robot": {"link": link},
-                "controller": {"name": self.controller, "parameters": dict(self.parameters)},
+                "controller": {
+                    "name": self.controller,
+                    "parameters": dict(self.parameters),
+                    "sample_ms": cycle * 1e3,
+                },
                 # a zero is whole counts, and where a reference lies between two words one count decides
                 "sensor": {"tare": False},
                 "tool": {"mass_kg": 0.5, "centre_of_gravity_mm": (0.0, 0.0, 80.0)},
                 "frame": {"follow_normal": self.follow_normal},
                 "task": {
                     "force_n": self.reference,
-                    "step_mm": self.step_mm,
-                    "approach_step_mm": self.approach_step_mm,
+                    "speed_mm_s": self.step_mm / cycle,
+                    "approach_speed_mm_s": self.approach_step_mm / cycle,
+                    "loss_ms": 4.5 * cycle * 1e3,
                     "retract_mm": 5.0,  # off the contour, however it rises
                     "zero_lift_mm": 0.0,  # the start is free, and the approach as long as it says
                     "loss_limit": 1000,
@@ -99,6 +112,7 @@ class CellJob:
                 "limits": {
                     "force_limit_n": LIMIT_N,
                     "resultant_limit_n": LIMIT_N,
+                    "correction_mm_s": CORRECTION_MM / cycle,
                     "oscillation_guard": False,  # what a controller does by itself is the question
                 },
                 "cell": {

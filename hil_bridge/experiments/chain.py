@@ -6,12 +6,12 @@ Paced wires, the emulated cell, and the bridge's own devices and run, joined by 
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from emulators.cell import Cell
 from hil_bridge.clock import Clock, run_virtual
+from hil_bridge.device_log import LogTo
 from hil_bridge.errors import ConfigError
 from hil_bridge.faults.schedule import FaultSchedule
 from hil_bridge.recording import CycleRecord, EventRecord
-from hil_bridge.runs.compose import opened_devices
+from hil_bridge.runs.compose import open_devices
 from hil_bridge.runs.cycle import Run, RunResult
 from hil_bridge.settings.configuration import Config
 
@@ -62,15 +62,11 @@ class _Bench:
         def notice(kind: str, text: str) -> None:
             self.event(EventRecord(clock.now(), kind, text))
 
-        def emulated(cell: Cell) -> None:
-            self.faults = FaultSchedule(config.faults, cell, clock, notice)
-
         try:
-            async with opened_devices(config, clock, lambda frame: None, notice, on_cell=emulated) as (
-                robot,
-                sensor,
-            ):
-                result = await Run(config, clock, robot, sensor, self)()
+            async with open_devices(config, clock, LogTo(notice=notice)) as devices:
+                assert devices.cell is not None
+                self.faults = FaultSchedule(config.faults, devices.cell, clock, notice)
+                result = await Run(config, clock, devices.robot, devices.sensor, self)()
         finally:
             if self.faults is not None:
                 self.faults.close()

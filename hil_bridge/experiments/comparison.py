@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from hil_bridge.control import CONTROLLERS
-from hil_bridge.experiments.cell import CellJob, CellTrace
+from hil_bridge.experiments.cell import CYCLE_S, CellJob, CellTrace
 from hil_bridge.experiments.drawing import COLOURS, MARKERS, Sheet
 from hil_bridge.experiments.results import (
     Claim,
@@ -26,11 +26,9 @@ NOISES = {"quiet": 1.0, "noisy": 100.0}
 """Noise before the sensor's filters, counts rms: as recorded, and such that ± 0.5 N is left."""
 SAMPLES = 50
 """Of a run, about. Chosen: the slowest that reach the force on the sponge do so in a third of it."""
-BAUDRATES = {9600: 0.18, 19200: 0.102}
-"""Rate of the link, and s that a sample takes at it."""
 STEADY_SAMPLES = 20
 """At the end of a run. Chosen: what the rise of fixed gains on the sponge leaves, with as much to spare."""
-CONDITIONS = tuple((baudrate, noise) for baudrate in BAUDRATES for noise in NOISES)
+CONDITIONS = tuple((baudrate, noise) for baudrate in CYCLE_S for noise in NOISES)
 REFERENCE_N = 20.0
 RESOLUTION = 0.125e-3
 """m"""
@@ -58,7 +56,7 @@ def jobs(seeds: int) -> list[CellJob]:
             seed,
             stiffness,
             REFERENCE_N,
-            SAMPLES * BAUDRATES[baudrate],
+            SAMPLES * CYCLE_S[baudrate],
             baudrate=baudrate,
             noise_counts=NOISES[noise],
             steady_samples=STEADY_SAMPLES,

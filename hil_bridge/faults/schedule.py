@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from functools import partial
+from typing import Any
 
 from emulators.cell import Cell
 from emulators.faults import Handler, Injection
@@ -25,7 +26,7 @@ class FaultSchedule:
     def __init__(
         self,
         faults: Sequence[FaultConfig],
-        cell: Cell,
+        cell: Cell[Any, Any],
         clock: Clock,
         tell: Callable[[str, str], object],
         on_pause: Callable[[float], object] | None = None,

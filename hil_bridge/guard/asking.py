@@ -46,10 +46,10 @@ class Situation:
     """Largest length of the moment vector since the decision before."""
     age_ms: float = 0.0
     """Age of the newest frame."""
-    repeated: int = 0
-    """Frames in a row with identical counts."""
-    still_cycles: int = 0
-    """Cycles in a row without a new frame, this one included."""
+    unchanged_ms: float = 0.0
+    """For how long frames have carried identical counts."""
+    still_ms: float = 0.0
+    """Time of the cycles without a new frame, this one included."""
     counter_back: int = 0
     """By how much the frame counter went back."""
     depth_mm: float | None = None
@@ -67,7 +67,9 @@ class Situation:
     moved_mm: float = 0.0
     """How far the reported position moved since the cycle before."""
     cycle_ms: float | None = None
-    """How long ago that was; by default what a cycle takes on the line at least."""
+    """How long ago that was; by default what a cycle takes on the line at least, and for what is ordered the sample
+    time of the controller.
+    """
     tilt_deg: float = 0.0
     """Turn of the reported orientation from that of the start."""
     gap_ms: float = 0.0
@@ -120,29 +122,30 @@ class Asked:
             resultant,
             _NOW - seen.age_ms * 1e-3,
             _SEQUENCE - seen.counter_back,
-            seen.repeated,
-            seen.saturated,
-            seen.dead_axis,
-            seen.fault,
+            saturated=seen.saturated,
+            dead_axis=seen.dead_axis,
+            fault=seen.fault,
             peak_force=peak,
             peak_resultant=max(resultant, abs(peak)),
             peak_moment=seen.moment_nm,
             tilt=math.radians(seen.tilt_deg),
             gap=seen.gap_ms * 1e-3,
+            unchanged=seen.unchanged_ms * 1e-3,
         )
+        dt = loop.since(None if seen.cycle_ms is None else _NOW - seen.cycle_ms * 1e-3, _NOW)
         pressing = seen.phase is not Phase.APPROACH and force > config.task.loss_threshold_n
         supervisor = SupervisorState(
             commanded,
             loop.supervisor.initial(self._at(start, commanded)).position,
-            _SEQUENCE if seen.still_cycles or seen.counter_back else _SEQUENCE - 1,
-            max(seen.still_cycles - 1, 0),
+            _SEQUENCE if seen.still_ms or seen.counter_back else _SEQUENCE - 1,
+            seen.still_ms * 1e-3 - dt if seen.still_ms else 0.0,
             (force, depth - seen.unanswered_mm * 1e-3) if pressing else None,
             None,
             (_NOW - self._cycle(seen), before),
             self._retreat(seen, resultant, depth) if seen.phase is Phase.RETRACT else None,
         )
         task = TaskState(seen.phase, in_contact=pressing)
-        measurement = Measurement(_NOW, force, depth, commanded, pressing, saturated=seen.saturated)
+        measurement = Measurement(_NOW, force, depth, commanded, pressing, saturated=seen.saturated, dt=dt)
         task, output = self._output(task, measurement, seen)
         advice = Advice(Finding.PERSISTING, 1.0, True, seen.swing_n) if seen.swing_n else None
         proposal = Proposal(
@@ -196,8 +199,9 @@ class Asked:
         """What task and controller would like. The task's own word where it needs no controller's memory."""
         if seen.phase is Phase.RETRACT and seen.wanted_mm is None:
             return self._loop.task.step(task, measurement)
-        step = self.config.task.approach_step_mm if seen.phase is Phase.APPROACH else 0.0
-        wanted = measurement.commanded + step * 1e-3 if seen.wanted_mm is None else seen.wanted_mm * 1e-3
+        speed_mm_s = self.config.task.approach_speed_mm_s if seen.phase is Phase.APPROACH else 0.0
+        step = self._loop.task.way(speed_mm_s, measurement.dt)
+        wanted = measurement.commanded + step if seen.wanted_mm is None else seen.wanted_mm * 1e-3
         command = None
         if seen.phase is Phase.TRACK:
             command = Command(wanted, wanted - measurement.commanded, seen.stiffness_n_m)

@@ -98,7 +98,7 @@ def explain(config: Config, situation: Situation) -> Explanation:
     )
 
 
-_FAR, _MANY = 1e9, 10**9
+_FAR = 1e9
 LOOSE: Mapping[str, Any] = {
     **dict.fromkeys(
         (
@@ -110,17 +110,17 @@ LOOSE: Mapping[str, Any] = {
             "limits.following_error_mm",
             "limits.tilt_deg",
             "limits.cycle_deadline_ms",
-            "limits.correction_per_cycle_mm",
+            "limits.correction_mm_s",
             "limits.correction_total_mm",
-            "limits.travel_per_cycle_mm",
+            "limits.travel_mm_s",
             "limits.retract_rise_n",
             "limits.retract_grace_ms",
+            "limits.frozen_after_ms",
+            "limits.still_after_ms",
             "robot.velocity_mm_s",
         ),
         _FAR,
     ),
-    "limits.frozen_after_frames": _MANY,
-    "limits.still_after_cycles": _MANY,
     "limits.workspace_min_m": (-_FAR,) * 3,
     "limits.workspace_max_m": (_FAR,) * 3,
     "limits.force_margin_share": 0.0,

@@ -17,9 +17,7 @@ class Margin(NamedTuple):
     unit: str
     value: float
     limit: float
-    """The largest value that does not stop; for what is counted the least that does."""
-    whole: bool = False
-    """It is counted."""
+    """The largest value that does not stop."""
 
     @property
     def share(self) -> float:
@@ -31,8 +29,7 @@ class Margin(NamedTuple):
         """In words."""
         left, unit = self.limit - self.value, f" {self.unit}" if self.unit else ""
         room = f"{number(left)} left" if left >= 0 else f"{number(-left)} too much"
-        stops = "stops at" if self.whole else "stops beyond"
-        return f"{number(self.value)}{unit}, {stops} {number(self.limit)}{unit}: {room}"
+        return f"{number(self.value)}{unit}, stops beyond {number(self.limit)}{unit}: {room}"
 
 
 def number(value: float) -> str:
@@ -51,7 +48,6 @@ class _Quantity(NamedTuple):
     """Where the search ends."""
     make: Callable[[Situation, float], Situation]
     """A calm situation with this value."""
-    whole: bool = False
 
 
 def _field(name: str) -> Callable[[Asked, Situation], float]:
@@ -61,10 +57,6 @@ def _field(name: str) -> Callable[[Asked, Situation], float]:
 def _put(name: str, calm: Situation, value: Any) -> Situation:
     change: dict[str, Any] = {name: value}
     return dataclasses.replace(calm, **change)
-
-
-def _put_whole(name: str, calm: Situation, value: float) -> Situation:
-    return _put(name, calm, round(value))
 
 
 def _lagging(calm: Situation, value: float) -> Situation:
@@ -89,17 +81,13 @@ def _simple(name: str, unit: str, cause: Cause, key: str, largest: float) -> _Qu
     return _Quantity(name, unit, (cause,), _field(key), largest, partial(_put, key))
 
 
-def _counted(name: str, cause: Cause, key: str) -> _Quantity:
-    return _Quantity(name, "", (cause,), _field(key), 1e6, partial(_put_whole, key), True)
-
-
 _QUANTITIES = (
     _Quantity("force", "N", (Cause.FORCE,), _largest_force, 1e6, partial(_put, "peak_n")),
     _Quantity("resultant", "N", (Cause.RESULTANT_FORCE,), _resultant, 1e6, partial(_put, "resultant_n")),
     _simple("moment", "N·m", Cause.MOMENT, "moment_nm", 1e6),
     _simple("age", "ms", Cause.STALE, "age_ms", 1e6),
-    _counted("repeated", Cause.FROZEN, "repeated"),
-    _counted("still cycles", Cause.FROZEN, "still_cycles"),
+    _simple("unchanged", "ms", Cause.FROZEN, "unchanged_ms", 1e6),
+    _simple("still", "ms", Cause.FROZEN, "still_ms", 1e6),
     _simple("unanswered", "mm", Cause.FROZEN, "unanswered_mm", 1e6),
     _Quantity("following", "mm", (Cause.POSE,), _lag, 1e6, _lagging),
     _simple("jump", "mm", Cause.POSE, "moved_mm", 1e6),
@@ -136,7 +124,7 @@ def margins(ask: Asked, situation: Situation) -> Iterator[Margin]:
         value = quantity.value(ask, situation)
         limit = _limit(ask, calm, quantity)
         if limit is not None and math.isfinite(value):
-            yield Margin(quantity.name, quantity.unit, value, limit, quantity.whole)
+            yield Margin(quantity.name, quantity.unit, value, limit)
 
 
 def _limit(ask: Asked, calm: Situation, quantity: _Quantity) -> float | None:
@@ -149,11 +137,8 @@ def _limit(ask: Asked, calm: Situation, quantity: _Quantity) -> float | None:
     low, high = 0.0, quantity.largest
     if stops(low) or not stops(high):
         return None
-    finest = 1.0 if quantity.whole else 0.0
-    while high - low > max(finest, 1e-9 * high):
+    while high - low > 1e-9 * high:
         middle = (low + high) / 2
-        if quantity.whole:
-            middle = float(math.floor(middle))
         if stops(middle):
             high = middle
         else:

@@ -6,8 +6,8 @@ from typing import Any, TypeVar
 import msgspec
 from msgspec import Struct
 
+from hil_bridge.facts import Devices, RobotFacts, Sensor
 from hil_bridge.recording.ending import CHECK_EVENT
-from hil_bridge.recording.facts import Devices, RobotFacts, Sensor
 from hil_bridge.recording.older_facts import from_configuration, with_present_names
 from hil_bridge.recording.reader import Recording
 from hil_bridge.text_files import parse_json

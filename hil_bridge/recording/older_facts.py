@@ -12,7 +12,7 @@ from typing import Any
 
 import msgspec
 
-from hil_bridge.recording.facts import (
+from hil_bridge.facts import (
     ACCEPTED,
     Devices,
     Hop,

@@ -5,7 +5,7 @@ from itertools import cycle
 from typing import TYPE_CHECKING
 
 from hil_bridge.analysis.latency import Latency, Part
-from hil_bridge.recording.facts import Owner
+from hil_bridge.facts import Owner
 from hil_bridge.report.plots import STYLE
 
 if TYPE_CHECKING:

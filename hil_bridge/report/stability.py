@@ -24,8 +24,8 @@ from hil_bridge.control.analysis.stability import (
     pi_response,
 )
 from hil_bridge.control.laws.linear import Admittance, Pi
+from hil_bridge.facts import ACCEPTED, Devices
 from hil_bridge.recording.device_facts import devices_of, recorded_configuration
-from hil_bridge.recording.facts import ACCEPTED, Devices
 from hil_bridge.recording.reader import Recording
 from hil_bridge.recording.records import CycleRecord
 

@@ -5,14 +5,16 @@
 
 from collections.abc import Callable, Iterator, Mapping
 
-from emulators.cell import Cell
 from hil_bridge.clock import VIRTUAL_EPOCH
-from hil_bridge.runs.compose import check_panel, robot_site
-from hil_bridge.settings.configuration import Config
-from hil_bridge.errors import ConfigError
 from hil_bridge.clock.realtime import scheduled
+from hil_bridge.control.controllers import check_period
+from hil_bridge.errors import ConfigError
+from hil_bridge.kinds import ROBOTS, emulated_sensor
+from hil_bridge.runs.compose import check_panel, make_cell
 from hil_bridge.runs.cycle import control_loop
 from hil_bridge.runs.zeroing import known_wrist
+from hil_bridge.settings.configuration import Config
+from hil_bridge.settings.kinds import robot_kind, settings_of
 
 
 def check(config: Config, virtual: bool) -> None:
@@ -54,18 +56,20 @@ def _tool(config: Config, virtual: bool) -> None:
 
 
 def _controller(config: Config, virtual: bool) -> None:
-    control_loop(config)
+    """The controller's parameters, and that it is tuned for the control period, as far as the settings tell it."""
+    period_s = config.run.period_ms * 1e-3 or None
+    check_period(period_s, control_loop(config).task.controller, config.controller.sample_ms)
 
 
 def _cell(config: Config, virtual: bool) -> None:
-    """The orders file, and of an emulated cell what it holds and whether it can be at all."""
-    site = robot_site(config)
-    if config.robot.url and config.sensor.url:
-        return
-    try:
-        Cell(config.cell, VIRTUAL_EPOCH, config.run.seed, site)
-    except ValueError as error:
-        raise ConfigError(f"cell: {error}") from error
+    """The files of the robot's kind, and of an emulated cell what it holds and whether it can be at all."""
+    robot = robot_kind(config)
+    if robot.check is not None:
+        robot.check(settings_of(config, robot))
+    if not (config.robot.url and config.sensor.url):
+        make_cell(
+            config, ROBOTS.kind(config.robot.emulated), emulated_sensor(config.sensor.emulated), VIRTUAL_EPOCH
+        )
 
 
 def _thread(config: Config, virtual: bool) -> None:

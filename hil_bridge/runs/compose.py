@@ -1,67 +1,41 @@
-"""The composition root: which wire, which device and which emulator are joined. No other module knows both sides."""
+"""The composition root: which robot, which sensor, which surface and which wires are joined, by the kinds that a
+configuration names.
+"""
 
-from collections.abc import AsyncIterator, Callable, Mapping
+from collections.abc import AsyncIterator, Callable
 from contextlib import AsyncExitStack, asynccontextmanager
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import dataclass
 from typing import Any
 
-from emulators.cell import Cell, CellProfile
-from emulators.cell_faults import CELL_FAULTS
-from emulators.faults import Ledger
-from emulators.s3 import EMPTY_SITE, Panel, S3Site
-from emulators.wires.slcan_adapter import SlcanAdapter, SlcanProfile
-from hil_bridge.faults.bus import BusFaults
+from emulators.cell import Cell, Parts
 from hil_bridge.clock import Clock, Timer, device_clock
-from hil_bridge.settings.configuration import Config, SensorConfig
+from hil_bridge.device_log import DeviceLog
+from hil_bridge.errors import ConfigError
+from hil_bridge.faults.bus import BusFaults
+from hil_bridge.kinds import (
+    ROBOTS,
+    SURFACES,
+    RobotEmulation,
+    RobotKind,
+    SensorEmulation,
+    SensorKind,
+    emulated_sensor,
+    robot_of,
+    sensor_of,
+)
+from hil_bridge.robots.seam import RobotLink
 from hil_bridge.sensors.stream import ForceSensor
-from hil_bridge.device_log import Silence
-from hil_bridge.robots.s3.link import RobotLink
-from hil_bridge.errors import ConfigError, TransportClosed, TransportError
-from hil_bridge.robots.s3.orders_file import read_orders
-from hil_bridge.robots.s3.panel import PanelServer, panel_address
-from hil_bridge.robots.s3.program_folder import read_programs
-from hil_bridge.transports.pump import Pump
-from hil_bridge.sensors.jr3.registers import BOARD, ListenerProfile, connect_board, serve_board
-from hil_bridge.transports import (
-    Direction,
-    Frames,
-    LineSettings,
-    Parity,
-    Tap,
-    Transport,
-    connect_bytes,
-    connect_can,
-    listen_bytes,
-    listen_can,
-)
+from hil_bridge.settings.configuration import Config
+from hil_bridge.settings.kinds import field_name, sensor_kind, settings_of
 from hil_bridge.transports.can.memory import memory_can_bus
-from hil_bridge.transports.urls import CONNECT_BYTES, LISTEN_BYTES, SERIAL_PORTS, parse_url, with_line
-from protocol.s3.adlp import LinkProfile
-from protocol.s3.arap import KNOWN, OrderBook
-from protocol.jr3 import (
-    GATEWAY_BITRATE,
-    UART_BAUDRATE,
-    GatewayClient,
-    UartGatewayClient,
-    heard_by_client,
-    heard_by_gateway,
-)
-from protocol.jr3.registers import BoardClient
-from protocol.wrench import SensorClient, WrenchFrame
+from hil_bridge.wiring import Serving, Wiring, Wrap, unwrapped
 
 _MEMORY_CAN = "can+memory:"
-SLCAN = "can+slcan+"
-"""Before a listening byte URL: an emulated slcan adapter on that wire."""
-
-
-_UART_GATEWAY = "gateway=jr3"
-"""Option of a sensor URL that is a byte wire: a JR3 UART gateway is at its other end."""
 
 
 @dataclass(frozen=True, slots=True)
 class Ports:
-    """One URL each for robot, sensor and panel, to listen on or to connect to; None for what is not served."""
+    """One URL each for robot, sensor and panel to listen on; None for what is not served."""
 
     robot: str | None
     sensor: str | None
@@ -69,160 +43,38 @@ class Ports:
     """Of the emulated controller, for people."""
 
 
-_REAL_SENSORS = {
-    "gateway": f"{SLCAN}pty:",
-    "uart": f"pty:?{_UART_GATEWAY}",
-    "board": f"{BOARD}tcp-listen://127.0.0.1:0",
-}
-_VIRTUAL_SENSORS = {
-    "gateway": "can+memory:sensor",
-    "uart": f"memory:sensor?{_UART_GATEWAY}",
-    "board": f"{BOARD}memory:sensor",
-}
-"""Where the emulated sensor listens, by `sensor.emulated`."""
+@dataclass(frozen=True, slots=True)
+class ServedCell:
+    """An emulated cell, and the URLs at which its devices are reached; None for what is not served."""
+
+    cell: Cell[Any, Any]
+    robot: str | None
+    sensor: str | None
+    panel: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class Devices:
+    """Robot and sensor of a run, started, and the emulated cell if there is one."""
+
+    robot: RobotLink
+    sensor: ForceSensor
+    served: ServedCell | None
+    sensor_kind: SensorKind
+
+    @property
+    def cell(self) -> Cell[Any, Any] | None:
+        """The emulated cell; None where both devices are real."""
+        return None if self.served is None else self.served.cell
 
 
 def cell_ports(config: Config, virtual: bool) -> Ports:
-    """Where the cell of a configuration listens, with no panel. In real time the robot has a line as the real one's,
-    and a CAN gateway an slcan adapter.
-    """
-    if virtual:
-        return Ports("memory:robot", _VIRTUAL_SENSORS[config.sensor.emulated])
-    return Ports(with_line("pty:", _line(config.cell.link)), _REAL_SENSORS[config.sensor.emulated])
-
-
-def robot_wire(url: str, link: LinkProfile) -> tuple[str, LinkProfile]:
-    """A robot URL with what it leaves out of its serial line taken from the profile, and the profile with what
-    the URL says of the line. Raises ConfigError.
-    """
-    parsed = parse_url(url, CONNECT_BYTES)
-    options = parsed.options
-    try:
-        link = replace(
-            link,
-            baudrate=options.get("baudrate", link.baudrate),
-            parity=Parity(options.get("parity", link.parity)).value,
-            stop_bits=options.get("stopbits", link.stop_bits),
-        )
-    except ValueError as error:
-        raise ConfigError(f"{url!r}: {error}") from error
-    return (with_line(url, _line(link)) if parsed.scheme in SERIAL_PORTS else url), link
-
-
-def _line(link: LinkProfile) -> LineSettings:
-    return LineSettings(link.baudrate, Parity(link.parity), link.stop_bits)
-
-
-def robot_site(config: Config) -> S3Site:
-    """What the files of a configuration say of the robot controller's orders and programs. Raises ConfigError."""
-    orders, programs = config.robot.orders_file, config.cell.robot.program_folder
-    return S3Site(
-        read_orders(Path(orders), config.robot.link.max_telegram) if orders else KNOWN,
-        read_programs(Path(programs), config.cell.link.max_telegram) if programs else {},
+    """Where the cell of a configuration listens, with no panel."""
+    robot, sensor = ROBOTS.kind(config.robot.emulated), emulated_sensor(config.sensor.emulated)
+    return Ports(
+        _with_kind(robot, _emulation(robot).usual(settings_of(config, robot), virtual)),
+        _with_kind(sensor, _emulation(sensor).usual(settings_of(config, sensor), virtual)),
     )
-
-
-async def connect_robot(
-    url: str,
-    link: LinkProfile,
-    clock: Clock,
-    on_notice: Callable[[str, str], None],
-    orders: OrderBook = KNOWN,
-    on_traffic: Callable[[Direction, bytes], object] | None = None,
-    on_link_event: Callable[[str], object] | None = None,
-) -> RobotLink:
-    """The robot behind a URL, not started yet; `on_traffic` is shown every byte both ways, `on_link_event` is told
-    what the link makes of them.
-
-    Raises ConfigError for the URL, TransportUnavailable for the wire.
-    """
-    url, link = robot_wire(url, link)
-    wire = await connect_bytes(url, clock, on_notice)
-    tapped = wire if on_traffic is None else Tap(wire, on_traffic)
-    return RobotLink(tapped, link, clock, on_notice, orders, on_link_event)
-
-
-def uart_wire(url: str, schemes: Mapping[str, Any]) -> str | None:
-    """The byte wire of a sensor URL that names a UART gateway, `?gateway=jr3`; None for every other URL.
-
-    A wire that can be paced or set gets the gateway's line, 115200 baud 8N1, where the URL says nothing else.
-    `schemes` are those of the URL's side. Raises ConfigError for another gateway.
-    """
-    head, _, query = url.partition("?")
-    options = [option for option in query.split("&") if option]
-    named = [option for option in options if option.partition("=")[0] == "gateway"]
-    scheme = head.partition(":")[0]
-    if not named or scheme.startswith("can+"):
-        return None
-    if named != [_UART_GATEWAY]:
-        raise ConfigError(f"{url!r}: gateway must be jr3, and once, got {'&'.join(named)!r}")
-    options.remove(_UART_GATEWAY)
-    if (known := schemes.get(scheme)) is not None and "baudrate" in known.options:
-        given = any(option.startswith("baudrate=") for option in options)
-        options = options if given else [f"baudrate={UART_BAUDRATE}", *options]
-    return f"{head}?{'&'.join(options)}" if options else head
-
-
-def sensor_kind(sensor: SensorConfig) -> str:
-    """What stands before the sensor, as `sensor.emulated` names it: by the scheme of its URL, if it has one."""
-    if not sensor.url:
-        return sensor.emulated
-    if sensor.url.startswith(BOARD):
-        return "board"
-    return "gateway" if uart_wire(sensor.url, CONNECT_BYTES) is None else "uart"
-
-
-def _check_can(url: str) -> None:
-    """Say what sensors there are where a URL names none. Raises ConfigError."""
-    if not url.startswith("can+"):
-        raise ConfigError(
-            f"{url!r}: unknown scheme {url.partition(':')[0]!r}; allowed: can+… for a CAN gateway, a serial port with "
-            "?gateway=jr3 for a UART gateway, jr3+tcp… for a receiver board"
-        )
-
-
-class _Callbacks(Silence):
-    """Two callbacks as a log of devices."""
-
-    def __init__(
-        self, on_frame: Callable[[WrenchFrame], None], on_notice: Callable[[str, str], None]
-    ) -> None:
-        self._on_frame, self._on_notice = on_frame, on_notice
-
-    def frame(self, frame: WrenchFrame) -> None:
-        self._on_frame(frame)
-
-    def notice(self, kind: str, text: str) -> None:
-        self._on_notice(kind, text)
-
-
-async def connect_sensor(
-    url: str,
-    sensor: SensorConfig,
-    clock: Clock,
-    on_frame: Callable[[WrenchFrame], None],
-    on_notice: Callable[[str, str], None],
-    on_traffic: Callable[[Direction, Any], object] | None = None,
-) -> ForceSensor:
-    """The sensor behind a URL, not started yet: the URL's scheme says which device stands between. `on_traffic` is
-    shown the bytes or CAN frames of its wire both ways.
-
-    Raises ConfigError for the URL, TransportUnavailable for the wire.
-    """
-    wire: Transport[Any]
-    client: SensorClient[Any]
-    if url.startswith(BOARD):
-        wire, board = await connect_board(url, sensor.board, clock)
-        client = BoardClient(board, clock.now())
-    elif (line := uart_wire(url, CONNECT_BYTES)) is not None:
-        wire = await connect_bytes(line, clock, on_notice)
-        client = UartGatewayClient(sensor.uart, clock.now())
-    else:
-        _check_can(url)
-        wire = await connect_can(url, clock, heard_by_client(sensor.gateway.node))
-        client = GatewayClient(sensor.gateway, clock.now())
-    tapped = wire if on_traffic is None else Tap[Any](wire, on_traffic)
-    return ForceSensor(tapped, client, clock, _Callbacks(on_frame, on_notice))
 
 
 def check_panel(config: Config, virtual: bool) -> None:
@@ -234,195 +86,142 @@ def check_panel(config: Config, virtual: bool) -> None:
             "run.panel_url (--panel) is the emulated controller's panel; leave it out "
             f"{'with a real robot' if config.robot.url else 'in virtual time, where nobody could press in time'}"
         )
-    panel_address(config.run.panel_url)
+    check = _emulation(ROBOTS.kind(config.robot.emulated)).check_panel
+    if check is None:
+        raise ConfigError(
+            f"an emulated {config.robot.emulated} has no panel; leave run.panel_url (--panel) out"
+        )
+    check(config.run.panel_url)
+
+
+def make_cell(config: Config, robot: RobotKind, sensor: SensorKind, now: float) -> Cell[Any, Any]:
+    """The emulated cell of a configuration with these devices. Raises ConfigError for one that cannot be."""
+    name, of_robot, of_sensor = config.cell.surface_kind, _emulation(robot), _emulation(sensor)
+    parts = Parts(
+        of_robot.make(settings_of(config, robot)),
+        of_sensor.make(settings_of(config, sensor)),
+        SURFACES.kind(name).make(getattr(config.cell, field_name(name))) if name else None,
+        {**of_robot.faults, **of_sensor.faults},
+    )
+    try:
+        return Cell(config.cell, now, config.run.seed, parts)
+    except ValueError as error:
+        raise ConfigError(f"cell: {error}") from error
 
 
 @asynccontextmanager
-async def opened_devices(
-    config: Config,
-    clock: Clock,
-    on_frame: Callable[[WrenchFrame], None],
-    on_notice: Callable[[str, str], None],
-    on_traffic: Callable[[Direction, bytes], object] | None = None,
-    on_cell: Callable[[Cell], object] | None = None,
-    on_panel: Callable[[str], object] | None = None,
-    on_link_event: Callable[[str], object] | None = None,
-    on_sensor_traffic: Callable[[Direction, Any], object] | None = None,
-) -> AsyncIterator[tuple[RobotLink, ForceSensor]]:
+async def open_devices(
+    config: Config, clock: Clock, log: DeviceLog, wrap: Wrap = unwrapped
+) -> AsyncIterator[Devices]:
     """Robot and sensor of a configuration, started; what has no URL is emulated. Closed when the context is left.
-    `on_traffic` is shown the bytes of the robot's link, `on_link_event` told what it makes of them, `on_cell` is
-    shown the emulated cell if there is one, `on_panel` told the URL of its panel, `on_sensor_traffic` shown the bytes
-    or CAN frames of the sensor's wire.
 
-    Raises ConfigError for a URL, TransportUnavailable for a wire.
+    `wrap` may put something between each wire and its client. Raises ConfigError for a URL, TransportUnavailable for
+    a wire.
     """
     check_panel(config, clock.is_virtual)
-    robot_url, sensor_url, panel_url = config.robot.url, config.sensor.url, config.run.panel_url
-    site = robot_site(config)
+    robot_url, sensor_url = config.robot.url, config.sensor.url
     async with AsyncExitStack() as stack:
+        served = None
         if not (robot_url and sensor_url):
-            ports = cell_ports(config, clock.is_virtual)
+            usual = cell_ports(config, clock.is_virtual)
+            ports = Ports(
+                None if robot_url else usual.robot,
+                None if sensor_url else usual.sensor,
+                config.run.panel_url or None,
+            )
             served = await stack.enter_async_context(
-                emulated_cell(
-                    config.cell,
-                    config.run.seed,
-                    clock,
-                    Ports(
-                        None if robot_url else ports.robot,
-                        None if sensor_url else ports.sensor,
-                        panel_url or None,
-                    ),
-                    lambda cause: on_notice("emulator", repr(cause)),
-                    site,
-                    on_cell,
-                )
+                emulated_cell(config, clock, ports, lambda cause: log.notice("emulator", repr(cause)))
             )
             robot_url, sensor_url = robot_url or served.robot or "", sensor_url or served.sensor or ""
-            if on_panel is not None and served.panel is not None:
-                on_panel(served.panel)
-        robot = await connect_robot(
-            robot_url, config.robot.link, clock, on_notice, site.orders, on_traffic, on_link_event
-        )
+        robot = await connect_robot(config, robot_url, Wiring("robot", clock, log, wrap))
         stack.push_async_callback(robot.aclose)
-        sensor = await connect_sensor(
-            sensor_url, config.sensor, clock, on_frame, on_notice, on_sensor_traffic
-        )
+        sensor = await connect_sensor(config, sensor_url, Wiring("sensor", clock, log, wrap))
         stack.push_async_callback(sensor.aclose)
         robot.start()
         sensor.start()
-        yield robot, sensor
+        yield Devices(robot, sensor, served, sensor_kind(config))
 
 
-class SlcanPort:
-    """The emulated adapter between a byte wire and its CAN side: a transport of frames for the gateway."""
+async def connect_robot(config: Config, url: str, wiring: Wiring) -> RobotLink:
+    """The robot behind a URL, not started yet.
 
-    def __init__(self, serial: Transport[bytes], clock: Clock) -> None:
-        self._serial = serial
-        self._clock = clock
-        self._adapter = SlcanAdapter(SlcanProfile())
-        self._on_frames: Callable[[Frames], None] = lambda frames: None
+    Raises ConfigError for the URL, TransportUnavailable for the wire.
+    """
+    kind, wire = robot_of(url)
+    robot: RobotLink = await kind.connect(wire, settings_of(config, kind), wiring)
+    return robot
 
-    @property
-    def name(self) -> str:
-        """The URL of the byte wire."""
-        return self._serial.name
 
-    def start(self, on_data: Callable[[Frames], None], on_end: Callable[[TransportError], None]) -> None:
-        """Begin to serve the host that talks to the adapter."""
-        self._on_frames = on_data
-        self._serial.start(self._from_host, on_end)
+async def connect_sensor(config: Config, url: str, wiring: Wiring) -> ForceSensor:
+    """The sensor behind a URL, not started yet: the URL says which device stands between.
 
-    def send(self, data: Frames) -> None:
-        """Frames seen on the adapter's bus, for the host if its channel is open."""
-        self._adapter.send_frames(data, self._clock.now())
-        self._answer()
-
-    async def aclose(self) -> None:
-        """Close the byte wire."""
-        await self._serial.aclose()
-
-    def _from_host(self, data: bytes) -> None:
-        self._adapter.receive(data, self._clock.now())
-        self._answer()
-        frames = []
-        while (frame := self._adapter.next_event()) is not None:
-            frames.append(frame)
-        if frames:
-            self._on_frames(frames)
-
-    def _answer(self) -> None:
-        if text := self._adapter.data_to_send(self._clock.now()):
-            self._serial.send(text)
+    Raises ConfigError for the URL, TransportUnavailable for the wire.
+    """
+    kind, wire_url = sensor_of(url)
+    wire, client = await kind.connect(wire_url, settings_of(config, kind), wiring)
+    return ForceSensor(wire, client, wiring.clock, wiring.log)
 
 
 @asynccontextmanager
 async def emulated_cell(
-    profile: CellProfile,
-    seed: int,
+    config: Config,
     clock: Clock,
     ports: Ports,
-    on_failure: Callable[[BaseException], None],
-    site: S3Site = EMPTY_SITE,
-    on_cell: Callable[[Cell], object] | None = None,
-    on_log: Callable[[str], None] | None = None,
-) -> AsyncIterator[Ports]:
+    on_failure: Callable[[BaseException], object],
+    say: Callable[[str], None] = lambda text: None,
+) -> AsyncIterator[ServedCell]:
     """Serve the cell's devices on the given listening URLs (None: not served) until the context is left.
 
-    `on_failure` is told when a device can no longer be served. `site` is what the robot controller holds. `on_cell`
-    is given the cell before anybody speaks to it, `on_log` a line for every connection to it that ends badly. Raises
-    ConfigError for a URL and for a cell that cannot be, TransportUnavailable for a wire.
+    `on_failure` is told when a device can no longer be served, `say` a line for every connection that ends badly.
+    Raises ConfigError for a URL and for a cell that cannot be, TransportUnavailable for a wire.
     """
     clock = device_clock(clock)
-    try:
-        cell = Cell(profile, clock.now(), seed, site)
-    except ValueError as error:
-        raise ConfigError(f"cell: {error}") from error
-    if on_cell is not None:
-        on_cell(cell)
+    robot, robot_url = robot_of(ports.robot or _named(config.robot.emulated))
+    sensor, sensor_url = (
+        sensor_of(ports.sensor) if ports.sensor else (emulated_sensor(config.sensor.emulated), "")
+    )
+    cell = make_cell(config, robot, sensor, clock.now())
     async with AsyncExitStack() as stack:
-        changes = cell.ledger.on_change
-        stack.callback(changes.clear)
-        end = _FaultEnd(cell.ledger, clock)
-        stack.callback(end.cancel)
-        changes.append(end.arm)
-
-        def ended(cause: BaseException) -> None:
-            if not isinstance(cause, TransportClosed):
-                on_failure(cause)
-
-        def attach(endpoint: Any, transport: Transport[Any]) -> Pump[Any, Any]:
-            stack.push_async_callback(transport.aclose)
-            pump = Pump(endpoint, transport, clock, _nothing, ended)
-            pump.start()
-            changes.append(pump.kick)
-            return pump
-
-        robot = sensor = panel = None
+        serving = Serving(clock, stack, on_failure, say)
+        _follow_faults(cell, serving)
+        robot_at = sensor_at = panel_at = None
         if ports.robot is not None:
-            url, line = ports.robot, _line(profile.link)
-            # a port in memory that names no line has the controller's, which its address does not tell
-            unnamed = url.startswith("memory:") and "?" not in url
-            bytes_at = await listen_bytes(with_line(url, line) if unnamed else url, clock)
-            robot = with_line(bytes_at.address, line) if unnamed else bytes_at.address
-            pump = attach(cell.robot, bytes_at.transport)
-            if ports.panel is not None:
-                panel = await stack.enter_async_context(_panel(cell, ports.panel, clock, pump.kick))
-        uart = None if ports.sensor is None else uart_wire(ports.sensor, LISTEN_BYTES)
-        if ports.sensor is not None and ports.sensor.startswith(BOARD):
-            served = await serve_board(
-                ports.sensor, cell.board, ListenerProfile(), clock, on_log or _nothing, ended
+            emulation = _emulation(robot)
+            robot_at = _with_kind(
+                robot, await emulation.serve(robot_url, cell.robot, settings_of(config, robot), serving)
             )
-            stack.push_async_callback(served.aclose)
-            sensor = served.address
-        elif uart is not None:
-            bytes_at = await listen_bytes(uart, clock)
-            attach(cell.uart_gateway, bytes_at.transport)
-            sensor = bytes_at.address + ("&" if "?" in bytes_at.address else "?") + _UART_GATEWAY
-        elif ports.sensor is not None and ports.sensor.startswith(SLCAN):
-            if not ports.sensor.startswith(f"{SLCAN}pty:"):
-                raise ConfigError(
-                    f"{ports.sensor!r}: an slcan adapter is a serial port; for example {SLCAN}pty:"
+            if ports.panel is not None and emulation.panel is not None:
+                kick = serving.pumps[0].kick
+                panel_at = await stack.enter_async_context(emulation.panel(cell, ports.panel, clock, kick))
+        if ports.sensor is not None:
+            sensor_at = _with_kind(
+                sensor,
+                await _emulation(sensor).serve(sensor_url, cell.sensor, settings_of(config, sensor), serving),
+            )
+            if sensor_at.startswith(_MEMORY_CAN):
+                bus = BusFaults(
+                    memory_can_bus(sensor_at.removeprefix(_MEMORY_CAN), clock), clock, config.run.seed
                 )
-            bytes_at = await listen_bytes(ports.sensor.removeprefix(SLCAN), clock)
-            attach(cell.gateway, SlcanPort(bytes_at.transport, clock))
-            sensor = slcan_address(bytes_at.address)
-        elif ports.sensor is not None:
-            _check_can(ports.sensor)
-            frames_at = await listen_can(ports.sensor, clock, heard_by_gateway(profile.gateway.node))
-            attach(cell.gateway, frames_at.transport)
-            sensor = frames_at.address
-            if sensor.startswith(_MEMORY_CAN):
-                bus = BusFaults(memory_can_bus(sensor.removeprefix(_MEMORY_CAN), clock), clock, seed)
                 cell.ledger.attach("bus", bus.handlers)
                 stack.callback(bus.close)
-        yield Ports(robot, sensor, panel)
+        yield ServedCell(cell, robot_at, sensor_at, panel_at)
+
+
+def _follow_faults(cell: Cell[Any, Any], serving: Serving) -> None:
+    """Wake the devices when a fault begins or ends, and end faults at their times."""
+    changes, stack = cell.ledger.on_change, serving.stack
+    end = _FaultEnd(cell, serving.clock)
+    stack.callback(changes.clear)
+    stack.callback(end.cancel)
+    changes.append(end.arm)
+    changes.append(serving.wake)
 
 
 class _FaultEnd:
     """Ends the faults of a cell at their times."""
 
-    def __init__(self, ledger: Ledger, clock: Clock) -> None:
-        self._ledger = ledger
+    def __init__(self, cell: Cell[Any, Any], clock: Clock) -> None:
+        self._ledger = cell.ledger
         self._clock = clock
         self._timer: Timer | None = None
 
@@ -439,31 +238,18 @@ class _FaultEnd:
             self._timer = None
 
 
-def slcan_address(port: str) -> str:
-    """The CAN URL of an emulated adapter on a pseudo-terminal, with the rate of its line if it has one."""
-    found = parse_url(port, CONNECT_BYTES)
-    rate = found.options.get("baudrate")
-    return f"can+slcan://{found.target}?bitrate={GATEWAY_BITRATE}{f'&tty_baudrate={rate}' if rate else ''}"
+def _emulation(kind: Any) -> Any:
+    """What emulates a kind of device. Raises ConfigError where nothing does."""
+    found: RobotEmulation | SensorEmulation | None = kind.emulation
+    if found is None:
+        raise ConfigError(f"{kind.name} has no emulator; give the URL of a real one")
+    return found
 
 
-@asynccontextmanager
-async def _panel(cell: Cell, url: str, clock: Clock, kick: Callable[[], None]) -> AsyncIterator[str]:
-    """The panel of the cell's controller on a listening URL; where it is asked. `kick` wakes the controller."""
-    board = Panel(cell.robot, cell.ledger, CELL_FAULTS)
-
-    def perform(request: Mapping[str, Any]) -> Mapping[str, Any]:
-        try:
-            return board.perform(request, clock.now())
-        finally:
-            kick()
-
-    server = PanelServer(perform, clock)
-    address = await server.listen(url)
-    try:
-        yield address
-    finally:
-        await server.aclose()
+def _with_kind(kind: RobotKind | SensorKind, url: str) -> str:
+    """A URL that names its kind; ours are known by their wires, too."""
+    return url if kind.directly else f"{kind.name}+{url}"
 
 
-def _nothing(event: object) -> None:
-    """A device keeps to its wire: nobody beside it is told what happened."""
+def _named(robot: str) -> str:
+    return "" if robot in ROBOTS.built_in else f"{robot}+"

@@ -1,7 +1,7 @@
-"""One run of the closed loop: connect, check, zero, then cycle by cycle status → force → decision → move → record.
+"""One run of the closed loop: connect, check, zero, then cycle by cycle report → force → decision → move → record.
 
 The shell around the pure `ControlLoop`: it stamps the hops, hands data one way along them, and waits for
-nothing but the robot's answers.
+nothing but the robot.
 """
 
 import math
@@ -13,7 +13,6 @@ from typing import Any, Protocol
 from msgspec.structs import replace
 
 from hil_bridge.clock import Clock, Heartbeat
-from hil_bridge.settings.configuration import Config
 from hil_bridge.control import (
     Command,
     ControlLoop,
@@ -30,16 +29,25 @@ from hil_bridge.control import (
     one_line,
     turn_between,
 )
-from hil_bridge.robots.s3.link import UNIT_TOLERANCE, Motion, RobotLink
-from hil_bridge.sensors.stream import ForceSensor
-from hil_bridge.errors import BridgeError
-from hil_bridge.runs.leaving import ARRIVED_M, Left, WayOut, stand_still
-from protocol.s3.timing import answer_time
+from hil_bridge.control.controllers import sample_time
+from hil_bridge.control.types import POSITION_STEP_MM
+from hil_bridge.errors import BridgeError, ConfigError
 from hil_bridge.recording import CHECK_EVENT, PHASE_EVENT, STOP_EVENT, CycleRecord, EventRecord, Outcome
+from hil_bridge.robots.seam import (
+    QUESTION_LEFT,
+    Motion,
+    MotionLimits,
+    RobotLink,
+    RobotReport,
+    Sent,
+    orientation_fault,
+)
+from hil_bridge.runs.leaving import ARRIVED_M, Left, WayOut, stand_still
 from hil_bridge.runs.small_steps import bring_up
 from hil_bridge.runs.zeroing import Zeroing, wrist
-from protocol.s3.arap import Status
-from protocol.geometry import Quaternion, Vector
+from hil_bridge.sensors.stream import ForceSensor
+from hil_bridge.settings.configuration import Config
+from protocol.geometry import Pose, Quaternion, Vector
 from protocol.wrench import AXES, WrenchFrame
 
 THEN_EVENT = "then"
@@ -81,16 +89,30 @@ class RunResult:
     """What happened after the first cause."""
 
 
-def control_loop(config: Config) -> ControlLoop:
-    """All that decides in a run with this configuration. Raises ConfigError for an unfit parameter."""
+def control_loop(
+    config: Config, position_step: float | None = POSITION_STEP_MM * 1e-3, fixed_dt: float | None = None
+) -> ControlLoop:
+    """All that decides in a run with this configuration, for a robot with this position step, m, or none.
+
+    With `fixed_dt` each cycle counts as that long, s. Raises ConfigError for an unfit parameter.
+    """
     controller = make_controller(config.controller.name, **config.controller.parameters)
+    tuned = sample_time(controller, config.controller.sample_ms)
+    detector, samples = config.oscillation, 2 * config.oscillation.peaks
+    if fixed_dt is None and detector.window_ms * 1e-3 < samples * tuned:
+        raise ConfigError(
+            f"oscillation.window_ms of {detector.window_ms:g} ms must hold at least {samples} samples of "
+            f"{tuned * 1e3:g} ms, twice oscillation.peaks: set it to {samples * tuned * 1e3:g} or more"
+        )
     return ControlLoop(
-        Task(config.task, controller, config.limits.force_limit_n),
+        Task(config.task, controller, config.limits.force_limit_n, position_step),
         Supervisor(config.limits, config.robot.velocity_mm_s * 1e-3),
         config.frame.approach,
         config.frame.travel,
         config.oscillation if config.limits.oscillation_guard else None,
         config.frame.contour if config.frame.follow_normal else None,
+        tuned,
+        fixed_dt,
     )
 
 
@@ -107,16 +129,16 @@ class Run:
         self._wrist = wrist(config)
         self._loop = control_loop(config)
         self._zeroing = Zeroing(config, clock, robot, sensor, lambda text: self._event(CHECK_EVENT, text))
-        self._way_out = WayOut(config, clock, robot, sensor)
+        self._way_out = WayOut(config, clock, robot, sensor, self._loop)
         self._heart = Heartbeat(clock)
-        self._answer_time = answer_time(robot.profile)
-        self._start: Status
+        self._filter_delay = math.nan
+        self._start: RobotReport
         self._orientation: Quaternion
         """Of the start: every order keeps it."""
         self._quaternion_tare: Quaternion | None = None
         self._state: LoopState | None = None
         """After the last order that the robot took; None before the first cycle."""
-        self._faced: tuple[tuple[int, ...], Facing] | None = None
+        self._faced: tuple[Quaternion, Facing] | None = None
         self._interrupted = False
         self._phase = ""
         self._outcome, self._cause = Outcome.COMPLETED, ""
@@ -143,15 +165,15 @@ class Run:
         self._enter("connect")
         start = await bring_up(self._robot, self._sensor)
         self._filter_delay = self._sensor.delay
-        self._loop.initial(start.position)  # refuses a start outside the workspace
+        self._loop.initial(start.pose.position)  # refuses a start outside the workspace
         self._enter("tare")
         await self._zeroing.weigh(start)
-        self._orientation = start.quaternion
+        self._orientation = start.pose.quaternion
         self.moving, moved, answers = True, False, True
-        commanded = start.position
+        commanded = start.pose.position
         self._heart.start()
         try:
-            async with self._robot.motion(self._config.robot.velocity_mm_s * 1e-3) as motion:
+            async with self._robot.motion(self._limits()) as motion:
                 try:
                     await self._guarded(motion, start)
                 finally:
@@ -166,7 +188,13 @@ class Run:
         self._enter("end")
         return RunResult(self._outcome, self._cause, left, tuple(self._followed))
 
-    async def _guarded(self, motion: Motion, start: Status) -> None:
+    def _limits(self) -> MotionLimits:
+        """Of the movement: a stream holds when no decision comes for longer than one may last."""
+        config = self._config
+        hold_after = (config.limits.cycle_deadline_ms + config.run.period_ms) * 1e-3
+        return MotionLimits(config.robot.velocity_mm_s * 1e-3, hold_after)
+
+    async def _guarded(self, motion: Motion, start: RobotReport) -> None:
         """All between the start and the end of the movement sequence. Whatever ends it, the tool is retracted as far
         as the robot takes orders.
         """
@@ -177,9 +205,9 @@ class Run:
                 return
             self._start = zero.start
             self._quaternion_tare = self._orientation if self._config.sensor.tare else None
-            facing = self._facing(zero.start)
+            facing = self._facing(zero.start.pose.quaternion)
             self._sensor.peaks = Peaks(facing, self._sensor.facts.scales, zero.contact)
-            self._state = self._loop.initial(zero.start.position)
+            self._state = self._loop.initial(zero.start.pose.position)
             await self._cycles(motion)
         except BridgeError as error:
             self._blame(str(error))
@@ -200,9 +228,9 @@ class Run:
         self._enter(Phase.RETRACT)
         await self._way_out.retract(motion, self._state, self._orientation, self._blame)
 
-    async def _left(self, start: Status, commanded: Vector, answers: bool) -> str:
+    async def _left(self, start: RobotReport, commanded: Vector, answers: bool) -> str:
         """Where the tool was left, in words; a tool that is left pressing has not completed."""
-        origin = start.position if self._state is None else self._start.position
+        origin = (start if self._state is None else self._start).pose.position
         depth, force = await self._way_out.rest(origin, commanded, answers)
         limits = self._config.limits
         away = depth <= ARRIVED_M
@@ -212,7 +240,12 @@ class Run:
             away, pressing = True, not force <= limits.weight_tolerance_n
         told = f"{force:.1f} N" if math.isfinite(force) else "an unknown force"
         if self._outcome is not Outcome.STOPPED and not away:
-            self._blame(f"the robot reports the tool {depth * 1e3:.1f} mm from the start, with {told}")
+            where = (
+                f"reports the tool {depth * 1e3:.1f} mm from the start"
+                if math.isfinite(depth)
+                else "does not tell where the tool was left"
+            )
+            self._blame(f"the robot {where}, with {told}")
         elif self._outcome is not Outcome.STOPPED and pressing:
             self._blame(
                 f"{told} after the retraction: the tool touches something, or the sensor's zero has changed"
@@ -232,10 +265,9 @@ class Run:
             if self._log_error is not None:
                 raise self._log_error
             commanded_before = state.supervisor.depth
-            status = await self._robot.read_status(announce=True)
-            status_transmitted_at = self._robot.transmitted_at
+            report = await self._robot.report(soon=True)
             frame, decoded_at = self._frame(), self._sensor.decoded_at
-            sample = self._sample(status, frame)
+            sample = self._sample(report, frame)
             asked = ""
             if self._interrupted and self._outcome is Outcome.COMPLETED:
                 self._outcome = Outcome.INTERRUPTED
@@ -260,25 +292,23 @@ class Run:
             if decision.output.failed:
                 self._blame(decision.output.cause)
             if decision.stands:
-                await stand_still(motion)
+                sent = await stand_still(motion)
             else:
-                await motion.to(decision.position, self._orientation, announce=unpaced)
+                sent = await motion.to(Pose(decision.position, self._orientation), soon=unpaced)
             state = self._state = after
             self._log.cycle(
                 self._record(
-                    status,
+                    report,
                     sample,
                     decision,
+                    sent,
                     cycle=cycle,
                     started_at=started_at,
-                    status_transmitted_at=status_transmitted_at,
                     decoded_at=decoded_at,
                     proposed_at=proposed_at,
                     controlled_at=controlled_at,
-                    sent_at=self._robot.begun_at,
-                    transmitted_at=self._robot.transmitted_at,
                     sensor_counter=frame.counter,
-                    start=self._start.position,
+                    start=self._start.pose.position,
                     asked=asked,
                     correction=decision.target.depth - commanded_before,
                 )
@@ -289,7 +319,7 @@ class Run:
             self._cause = state.task.cause
 
     async def _beats(self) -> AsyncIterator[tuple[int, float]]:
-        """Number and begin of each cycle: as fast as the link answers, or on the period's absolute beats.
+        """Number and begin of each cycle: as fast as the robot reports, or on the period's absolute beats.
 
         After an overrun the beats missed are skipped, never caught up.
         """
@@ -306,27 +336,24 @@ class Run:
             beat = next_beat
             await self._clock.sleep_until(anchor + beat * period)
 
-    def _sample(self, status: Status, frame: WrenchFrame) -> Sample:
-        """The newest of everything, now that the robot has answered."""
-        sensor, position = self._sensor, status.position
-        fault = self._robot.fault(status)
+    def _sample(self, report: RobotReport, frame: WrenchFrame) -> Sample:
+        """The newest of everything, now that the robot has told where it is."""
+        sensor, (position, quaternion), fault = self._sensor, report.pose, report.fault
         try:
             sensor.check()
         except BridgeError as error:
             fault = fault or str(error)
         assert sensor.peaks is not None
         peak_force, peak_resultant, peak_moment, saturated = sensor.peaks.take()
-        if abs(math.hypot(*status.quaternion) - 1.0) > UNIT_TOLERANCE:
-            status = self._start  # the fault says so
-        quaternion = status.quaternion
+        if orientation_fault(quaternion):
+            quaternion = self._start.pose.quaternion  # the fault says so
         _, tilt = (
             (None, 0.0) if quaternion == self._orientation else turn_between(self._orientation, quaternion)
         )
         now = self._clock.now()
-        composed_at = now - self._answer_time
-        facing = self._facing(status)
+        facing = self._facing(quaternion)
         wrench = facing.contact_wrench(sensor.wrench(frame))
-        paired = sensor.wrench_at(composed_at + self._filter_delay)
+        paired = sensor.wrench_at(report.pose_at + self._filter_delay)
         # by place, in the order of the fields: by name every one costs as much as to read it
         return Sample(
             now,
@@ -337,16 +364,17 @@ class Run:
             frame.sequence,
             sensor.repeated,
             saturated or bool(sensor.saturated),
-            self._dead_axis(status),
+            self._dead_axis(quaternion),
             fault,
             facing.force_along(_TRAVEL, wrench),
             wrench,
-            composed_at,
+            report.pose_at,
             None if paired is None else facing.force_along(_APPROACH, facing.contact_force(paired)),
             peak_force,
             peak_resultant,
             peak_moment,
             tilt,
+            unchanged=frame.at - sensor.unchanged_since,
         )
 
     def _frame(self) -> WrenchFrame:
@@ -355,11 +383,11 @@ class Run:
         assert frame is not None, "the tare waited for a frame"
         return frame
 
-    def _dead_axis(self, status: Status) -> str:
+    def _dead_axis(self, quaternion: Quaternion) -> str:
         """What is wrong with a force axis that the controlled force mainly lies on; empty while nothing is."""
         if not self._sensor.dead:
             return ""
-        shares = self._wrist.seen_by_sensor(self._config.frame.approach, status.quaternion).tolist()
+        shares = self._wrist.seen_by_sensor(self._config.frame.approach, quaternion).tolist()
         dead = [
             AXES[k] for k, share in enumerate(shares) if k in self._sensor.dead and abs(share) >= MAIN_SHARE
         ]
@@ -369,18 +397,17 @@ class Run:
             f"{' and '.join(dead)} of the force sensor did not change since the zero while other axes moved"
         )
 
-    def _facing(self, status: Status) -> Facing:
+    def _facing(self, quaternion: Quaternion) -> Facing:
         """The wrist at this orientation, made anew only when the tool has turned."""
-        words = status.quaternion_words
-        if self._faced is None or self._faced[0] != words:
+        if self._faced is None or self._faced[0] != quaternion:
             frame = self._config.frame
-            facing = self._wrist.facing(
-                status.quaternion, self._quaternion_tare, frame.approach, frame.travel
-            )
-            self._faced = words, facing
+            facing = self._wrist.facing(quaternion, self._quaternion_tare, frame.approach, frame.travel)
+            self._faced = quaternion, facing
         return self._faced[1]
 
-    def _record(self, status: Status, sample: Sample, decision: Decision, **known: Any) -> CycleRecord:
+    def _record(
+        self, report: RobotReport, sample: Sample, decision: Decision, sent: Sent, **known: Any
+    ) -> CycleRecord:
         """What the cycle came to; `known` is what only its course knows, by the record's names."""
         output = decision.output
         command = output.command or Command(decision.target.depth, 0.0)
@@ -394,8 +421,11 @@ class Run:
             force=decision.force,
             force_reference=self._config.task.force_n,
             wrench=sample.wrench,
-            position=status.position,
-            quaternion=status.quaternion,
+            position=report.pose.position,
+            quaternion=report.pose.quaternion,
+            status_transmitted_at=dict(report.stamps).get(QUESTION_LEFT, math.nan),
+            sent_at=sent.begun_at,
+            transmitted_at=sent.left_at,
             depth=decision.depth,
             depth_commanded=decision.target.depth,
             travel_commanded=decision.target.travel,

@@ -9,14 +9,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from hil_bridge.clock import Clock, run_real
-from hil_bridge.runs.compose import opened_devices
-from hil_bridge.settings.configuration import Config
 from hil_bridge.control import Wrist, force_along
-from hil_bridge.sensors.stream import ForceSensor
-from hil_bridge.robots.s3.link import RobotLink
+from hil_bridge.device_log import LogTo
 from hil_bridge.errors import SafetyStop
+from hil_bridge.robots.seam import MotionLimits, RobotLink
+from hil_bridge.runs.compose import open_devices
 from hil_bridge.runs.small_steps import LIFT_SPEED_M_S, SmallSteps, bring_up, unit
 from hil_bridge.runs.zeroing import known_wrist, wrist
+from hil_bridge.sensors.stream import ForceSensor
+from hil_bridge.settings.configuration import Config
 from protocol.geometry import Quaternion
 
 
@@ -50,18 +51,14 @@ def free(config: Config, distance_mm: float, say: Callable[[str], None]) -> Free
         clock = Clock.running()
         try:
             # What a dead run left streaming counts from its zero; a stream that is stopped forgets it.
-            async with opened_devices(config, clock, _nothing, _nothing) as (robot, sensor):
-                await bring_up(robot, sensor)
-            async with opened_devices(config, clock, _nothing, _nothing) as (robot, sensor):
-                return await Freeing(config, clock, robot, sensor, say)(distance_mm)
+            async with open_devices(config, clock, LogTo()) as devices:
+                await bring_up(devices.robot, devices.sensor)
+            async with open_devices(config, clock, LogTo()) as devices:
+                return await Freeing(config, clock, devices.robot, devices.sensor, say)(distance_mm)
         finally:
             clock.close()
 
     return run_real(main)
-
-
-def _nothing(*_: object) -> None:
-    """No record is kept."""
 
 
 class Freeing:
@@ -82,22 +79,22 @@ class Freeing:
         """Move away by so much. Raises as `free` does."""
         config, task = self._config, self._config.task
         start = await bring_up(self._robot, self._sensor)
-        await self._robot.close_sequence(start)
+        await self._robot.release(start)
         known = known_wrist(config) if config.tool.mass_kg or not config.sensor.url else None
-        seen, orientation = known or wrist(config), start.quaternion
+        seen, orientation = known or wrist(config), start.pose.quaternion
         watch = _Watch(config, known is not None, orientation)
         reading = await self._steps.steady(task.zero_change_n)
         before = after = _force(seen, orientation, reading.mean)
         watch.see(before, 0.0)
         self._say(f"force {math.hypot(*before):.1f} N; moving away by {distance_mm:g} mm")
         moved = 0.0
-        async with self._robot.motion(LIFT_SPEED_M_S) as motion:
+        async with self._robot.motion(MotionLimits(LIFT_SPEED_M_S)) as motion:
             while moved < distance_mm - 1e-9:
                 careful = moved < task.zero_lift_mm - 1e-9
-                step = min(task.zero_step_mm if careful else task.approach_step_mm, distance_mm - moved)
+                step = min(task.zero_step_mm if careful else task.single_step_mm, distance_mm - moved)
                 x, y, z = (
                     p - n * (moved + step) * 1e-3
-                    for p, n in zip(start.position, config.frame.approach, strict=True)
+                    for p, n in zip(start.pose.position, config.frame.approach, strict=True)
                 )
                 await self._steps.to(motion, (x, y, z), orientation, step * 1e-3)
                 moved += step
@@ -111,7 +108,9 @@ class Freeing:
 def _check_alive(sensor: ForceSensor, config: Config) -> None:
     """Raise SafetyStop for a sensor that cannot tell a force that rises."""
     sensor.check()
-    if sensor.saturated or sensor.dead or sensor.repeated >= config.limits.frozen_after_frames:
+    newest = sensor.newest
+    unchanged_ms = 0.0 if newest is None else (newest.at - sensor.unchanged_since) * 1e3
+    if sensor.saturated or sensor.dead or unchanged_ms >= config.limits.frozen_after_ms:
         raise SafetyStop("the force sensor is stuck, dead or saturated: free the tool by hand")
 
 

@@ -10,12 +10,12 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 from hil_bridge.clock import Clock
-from hil_bridge.settings.configuration import Config
-from hil_bridge.control import LoopState, Observation, Request, Stop, Supervisor
-from hil_bridge.sensors.stream import ForceSensor
-from hil_bridge.robots.s3.link import Motion, RobotLink
+from hil_bridge.control import ControlLoop, LoopState, Observation, Request, Stop, Supervisor
 from hil_bridge.errors import BridgeError, DeviceError, OrderRefused, TransportError
-from protocol.geometry import Quaternion, Vector
+from hil_bridge.robots.seam import Motion, Pacing, RobotLink, Sent
+from hil_bridge.sensors.stream import ForceSensor
+from hil_bridge.settings.configuration import Config
+from protocol.geometry import Pose, Quaternion, Vector
 
 TRY_AGAIN_S = 0.3
 """Chosen: pause before an order that was refused is given again."""
@@ -27,14 +27,21 @@ TIME_CONSTANTS = 7.0
 """Of the sensor's filter, waited for at the end. Derived: after as many less than 0.1 % is left."""
 REST_S = 0.05
 """Chosen: waited for beside the filter, for a servo to come to rest."""
+HASTE = 2.0
+"""Chosen: how many times faster than `task.retract_speed_mm_s` the tool leaves when a run can decide no more. An order
+alone takes about half of a cycle, and each goes as far as in a cycle.
+"""
+SOONEST_S = 0.02
+"""Chosen: time from one such order to the next at least, for a robot that takes them at once."""
 FRAME_S = 1.0
 """Chosen: how long is waited for a frame of that moment."""
 
 
-async def stand_still(motion: Motion) -> None:
+async def stand_still(motion: Motion) -> Sent:
     """Let the robot forget what it was ordered to. Where it does not take that, the last order stays the last."""
     with suppress(BridgeError):
-        await motion.halt()
+        return await motion.halt()
+    return Sent(math.nan)
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,8 +71,11 @@ class Left:
 class WayOut:
     """Retracts a tool whose run can decide no more."""
 
-    def __init__(self, config: Config, clock: Clock, robot: RobotLink, sensor: ForceSensor) -> None:
+    def __init__(
+        self, config: Config, clock: Clock, robot: RobotLink, sensor: ForceSensor, loop: ControlLoop
+    ) -> None:
         self._config, self._clock, self._robot, self._sensor = config, clock, robot, sensor
+        self._loop = loop
         self._supervisor = Supervisor(config.limits)
 
     async def retract(
@@ -80,14 +90,15 @@ class WayOut:
         Orders that are refused or not answered are given again for `limits.retract_patience_s`. `blame` is told what
         stands against it. Raises nothing but what cancels the task.
         """
-        limits, step = self._config.limits, self._config.task.retract_step_mm * 1e-3
+        limits, loop = self._config.limits, self._loop
+        speed_mm_s, took = HASTE * loop.task.parameters.retract_speed_mm_s, loop.sample_time / HASTE
         supervisor = state.supervisor
         patience = self._clock.now() + limits.retract_patience_s
         goal = 0.0
         if state.task.in_contact:  # a surface may have risen above the start
             goal = min(goal, supervisor.depth - self._config.task.retract_mm * 1e-3)
         while supervisor.depth > goal:
-            depth = max(supervisor.depth - step, goal)
+            begun, depth = self._clock.now(), max(supervisor.depth - loop.task.way(speed_mm_s, took), goal)
             request = self._request(supervisor.depth, supervisor.position, depth)
             after, verdict = self._supervisor.retreat(supervisor, self._observe(state), request)
             if isinstance(verdict, Stop):
@@ -95,7 +106,8 @@ class WayOut:
                 await stand_still(motion)
                 return
             try:
-                await motion.to(verdict.position, orientation)
+                await motion.to(Pose(verdict.position, orientation))
+                await motion.settled()
             except BridgeError as error:
                 blame(str(error))
                 if isinstance(error, TransportError) or self._clock.now() >= patience:
@@ -107,6 +119,9 @@ class WayOut:
             if verdict.depth >= supervisor.depth:
                 return  # held back at the border of the workspace
             supervisor = after
+            if self._clock.now() < begun + SOONEST_S:
+                await self._clock.sleep_until(begun + SOONEST_S)
+            took = min(self._clock.now() - begun, loop.sample_time)
             patience = self._clock.now() + limits.retract_patience_s
 
     def _request(self, before: float, position: Vector, depth: float) -> Request:
@@ -138,17 +153,19 @@ class WayOut:
     async def rest(self, start: Vector, commanded: Vector, answers: bool) -> tuple[float, float]:
         """Wait until the robot has come to rest at the last order; its depth from the start, m, and the force, N.
 
-        Where it does not answer the depth is that of the last order. NaN for what cannot be known any more.
+        Where it does not answer the depth is that of the last order, to which a robot that is asked goes by itself; a
+        streamed one may not have been given it. NaN for what cannot be known any more.
         """
-        depth = self._depth(start, commanded)
+        asked = self._robot.facts.pacing is Pacing.ASKED
+        depth = self._depth(start, commanded) if asked else math.nan
         patience = self._clock.now() + ARRIVAL_S
         try:
             if not answers:
                 raise DeviceError("the robot does not answer")
             while True:
-                status = await self._robot.read_status()
-                depth = self._depth(start, status.position)
-                if math.dist(status.position, commanded) <= ARRIVED_M or self._clock.now() > patience:
+                position = (await self._robot.report()).pose.position
+                depth = self._depth(start, position)
+                if math.dist(position, commanded) <= ARRIVED_M or self._clock.now() > patience:
                     break
             settled = self._clock.now() + REST_S + TIME_CONSTANTS * self._sensor.delay
             await self._clock.sleep_until(settled)

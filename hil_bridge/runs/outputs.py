@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from hil_bridge.analysis.summary import Summary, summarise
 from hil_bridge.clock import wall_time
 from hil_bridge.errors import BridgeError, ConfigError
-from hil_bridge.analysis.summary import Summary, summarise
 from hil_bridge.recording import read
 from hil_bridge.recording.files import check_place, check_record_place
 

@@ -12,11 +12,13 @@ from typing import Any
 from msgspec.structs import replace
 from pydantic import ValidationError
 
-from hil_bridge.settings.configuration import Config, explain
 from hil_bridge.control import Decision
 from hil_bridge.errors import ConfigError
 from hil_bridge.recording import CycleRecord, Recording
+from hil_bridge.recording.device_facts import json_or_none
 from hil_bridge.runs.cycle import control_loop
+from hil_bridge.settings.configuration import Config, explain
+from hil_bridge.settings.earlier import FRAME_MS, RECORDED_CYCLE_S, is_counted, translated
 from hil_bridge.text_files import parse_json, read_toml
 from protocol.geometry import Vector
 
@@ -27,6 +29,8 @@ class ReplayedCycle:
 
     record: CycleRecord
     decision: Decision
+    same_words: bool = True
+    """The version that recorded it gave its reasons in the words of this one."""
 
     @property
     def differences(self) -> dict[str, tuple[object, object]]:
@@ -38,8 +42,9 @@ class ReplayedCycle:
             "depth_commanded": (record.depth_commanded, decision.target.depth),
             "travel_commanded": (record.travel_commanded, decision.target.travel),
             "verdict": (record.verdict, str(decision.verdict.kind)),
-            "reasons": (record.reasons, decision.reasons),
         }
+        if self.same_words:
+            pairs["reasons"] = record.reasons, decision.reasons
         return {name: pair for name, pair in pairs.items() if pair[0] != pair[1]}
 
 
@@ -53,7 +58,7 @@ def recorded_config(recording: Recording, changes: Mapping[str, Any]) -> Config:
     except ValueError as error:
         raise ConfigError("the recording holds no configuration: it cannot be replayed") from error
     try:
-        values = Config.model_validate(recorded).model_dump(mode="json")
+        values = Config.model_validate(translated(recorded)).model_dump(mode="json")
     except ValidationError as error:
         raise ConfigError(
             f"the recording's configuration is not one of this version: {explain(error, None, set())}"
@@ -84,22 +89,30 @@ def replay(recording: Recording, config: Config, forced: bool) -> Iterator[Repla
     `forced` begins each cycle from what was commanded before it in reality, not in the replay. Raises ConfigError
     for a cycle whose inputs are not there.
     """
-    loop = control_loop(config)
-    cycles = recording.cycles
+    cycles, counted = recording.cycles, _is_counted(recording)
+    loop = control_loop(config, None, RECORDED_CYCLE_S) if counted else control_loop(config)
     state = loop.initial(_vector(cycles[0].start))
     for number, record in enumerate(cycles):
         if record.sample is None or record.cycle != number:
             raise ConfigError(f"the inputs of cycle {number} are not in the recording: replay ends there")
         if record.asked:
             state = loop.finish(state, record.asked)
-        state, decision = loop.step(state, record.sample)
-        replayed = ReplayedCycle(record, decision)
+        sample = record.sample
+        if counted:
+            sample = replace(sample, unchanged=sample.repeated_frames * FRAME_MS * 1e-3)
+        state, decision = loop.step(state, sample)
+        replayed = ReplayedCycle(record, decision, same_words=not counted)
         if forced and replayed.differences:
             commanded = replace(
                 state.supervisor, depth=record.depth_commanded, position=_vector(record.target)
             )
             state = replace(state, supervisor=commanded)
         yield replayed
+
+
+def _is_counted(recording: Recording) -> bool:
+    """Whether it was made by a version that counted cycles and did not measure how long they took."""
+    return is_counted(json_or_none(recording.metadata.get("config")))
 
 
 def _merged(values: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:

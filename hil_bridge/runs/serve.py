@@ -10,10 +10,10 @@ from contextlib import suppress
 import click
 
 from hil_bridge.clock import Clock, run_real
-from hil_bridge.runs.compose import Ports, emulated_cell, robot_site
-from hil_bridge.settings.configuration import Config
-from hil_bridge.errors import BridgeError, DeviceError
 from hil_bridge.clock.realtime import scheduled
+from hil_bridge.errors import BridgeError, DeviceError
+from hil_bridge.runs.compose import Ports, emulated_cell
+from hil_bridge.settings.configuration import Config
 
 
 def serve(config: Config, ports: Ports, as_json: bool) -> None:
@@ -37,10 +37,7 @@ async def _serve(config: Config, ports: Ports, as_json: bool, executor: ThreadPo
         for number in (signal.SIGINT, signal.SIGTERM):
             loop.add_signal_handler(number, stopped.set)
     try:
-        site = robot_site(config)
-        async with emulated_cell(
-            config.cell, config.run.seed, clock, ports, failed, site, on_log=_log
-        ) as served:
+        async with emulated_cell(config, clock, ports, failed, _log) as served:
             devices = {"robot": served.robot, "sensor": served.sensor, "panel": served.panel}
             where = {device: url for device, url in devices.items() if url is not None}
             if served.sensor is not None:

@@ -9,21 +9,14 @@ from dataclasses import replace
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from emulators.cell import Cell
-from hil_bridge.runs.checks import check
 from hil_bridge.clock import Clock, run_real, run_virtual
-from hil_bridge.runs.compose import opened_devices, sensor_kind
-from hil_bridge.settings.configuration import Config, dump
-from hil_bridge.debugging import told_bug
-from hil_bridge.sensors.stream import ForceSensor
-from hil_bridge.robots.s3.link import RobotLink
-from hil_bridge.errors import BridgeError
-from hil_bridge.faults.schedule import FAULT_EVENT, FaultSchedule
-from hil_bridge.robots.s3.facts import robot_facts
-from hil_bridge.runs.outputs import Outputs, record_path, settled, write_outputs
 from hil_bridge.clock.realtime import collect_young, prompt_threads, quiet_garbage, scheduled
+from hil_bridge.debugging import told_bug
+from hil_bridge.errors import BridgeError
+from hil_bridge.facts import Devices, Sensor
+from hil_bridge.faults.schedule import FAULT_EVENT, FaultSchedule
 from hil_bridge.recording import (
     CHECK_EVENT,
     CHUNKS,
@@ -39,12 +32,18 @@ from hil_bridge.recording import (
     SensorRecord,
     WireRecord,
 )
-from hil_bridge.recording.facts import Devices, RobotFacts, Sensor
+from hil_bridge.robots.seam import RobotLink
+from hil_bridge.runs.checks import check
+from hil_bridge.runs.compose import ServedCell, open_devices
 from hil_bridge.runs.cycle import BUG_EVENT, Run, RunResult
+from hil_bridge.runs.outputs import Outputs, record_path, settled, write_outputs
 from hil_bridge.runs.screen import LEAVE_SECONDS, Terminal
 from hil_bridge.runs.signals import Signals, unless_hung_up
-from hil_bridge.transports import Direction, Frames
-from hil_bridge.runs.truth import Truths
+from hil_bridge.runs.truth import GroundTruth
+from hil_bridge.sensors.stream import ForceSensor
+from hil_bridge.settings.configuration import Config, dump
+from hil_bridge.settings.kinds import facts_of, recorded_facts, sensor_kind
+from hil_bridge.transports import Direction
 from hil_bridge.view import REFRESH_SECONDS, Health
 from protocol.wrench import WrenchFrame
 
@@ -150,12 +149,13 @@ class _Session:
         self._view_wanted = view
         self.terminal = terminal
         self.signals = signals
-        self._link = config.robot.link
+        self._facts = facts_of(config)
+        """Of the robot; with the line of its URL once it is connected."""
         self._clock: Clock
         self._recorder: Recorder
-        self._link_log: LinkLog
-        self._sensor_log: LinkLog
-        self._truths: Truths | None = None
+        self._logs: dict[str, LinkLog]
+        """Of the devices' wires, by device."""
+        self._truths: GroundTruth | None = None
         self._faults: FaultSchedule | None = None
         self.faults: list[str] = []
         """What became of each injected fault, in words."""
@@ -180,6 +180,9 @@ class _Session:
         """Tracebacks that the run told."""
         self.hurried = False
         """A further signal came when the movement had ended already: the process shall end at once."""
+
+    verbose = True
+    """Of a `DeviceLog`: the record holds every event of a link."""
 
     # --- what the run and the devices tell
 
@@ -224,13 +227,7 @@ class _Session:
     def _devices(self) -> Devices:
         """What is known of robot and sensor, both being ready."""
         assert self._sensor is not None
-        return Devices(
-            self._robot_facts(), Sensor(sensor_kind(self._config.sensor), self._sensor.facts)
-        )
-
-    def _robot_facts(self) -> RobotFacts:
-        """What is known of the robot behind its link as the URL has set it."""
-        return robot_facts(self._link, self._config.cell.servo, not self._config.robot.url)
+        return Devices(self._facts, Sensor(sensor_kind(self._config).name, self._sensor.facts))
 
     def _pause(self, seconds: float) -> None:
         """A fault of the computer: it stands still."""
@@ -251,35 +248,39 @@ class _Session:
     def _tell_trouble(self, text: str) -> None:
         """Of the recorder, at once; the run goes on, since nothing in it depends on its record."""
         self._trouble_told = True
-        self._notice("recorder", text)
+        self.notice("recorder", text)
         self.terminal.err.say(f"hil-bridge: {text}; the run goes on")
         if self._view is not None:  # where a line is short
             self._view.warn(text.replace(f" {self._record_path}", ""))
 
-    def _frame(self, frame: WrenchFrame) -> None:
+    def frame(self, frame: WrenchFrame) -> None:
+        """A complete frame of the sensor has arrived."""
         self._recorder.put(SensorRecord(frame.at, frame.sequence, frame.values))
 
-    def _notice(self, kind: str, text: str) -> None:
+    def notice(self, kind: str, text: str) -> None:
+        """A device tells something that is worth a line in the record."""
         self.event(EventRecord(self._clock.now(), kind, text))
 
-    def _sensor_traffic(self, direction: Direction, data: bytes | Frames) -> None:
-        self._sensor_log.take(self._clock.now(), direction, data)
-
-    def _traffic(self, direction: Direction, data: bytes) -> None:
-        self._link_log.take(self._clock.now(), direction, data)
-        if direction is Direction.SENT and len(data) > 1:
+    def traffic(self, device: str, direction: Direction, data: Any) -> None:
+        """Data have just gone over a device's wire."""
+        self._logs[device].take(self._clock.now(), direction, data)
+        if device == "robot" and direction is Direction.SENT and len(data) > 1:
             # a block is on the line, and nothing can answer it before its last character
-            seconds = len(data) * self._link.character_time
+            seconds = len(data) * (self._facts.byte_time_s or 0.0)
             self._recorder.pause(seconds)
             if seconds >= _DRAWING_S:
                 self._may_draw.set()
 
-    def _link_event(self, text: str) -> None:
-        self._link_log.note(self._clock.now(), text)
+    def link_event(self, device: str, text: str) -> None:
+        """Something happened on a device's link."""
+        self._logs[device].note(self._clock.now(), text)
 
-    def _emulated(self, cell: Cell) -> None:
-        self._truths = Truths(cell, self._config.sensor, self._recorder.put)
-        self._faults = FaultSchedule(self._config.faults, cell, self._clock, self._notice, self._pause)
+    def _emulated(self, served: ServedCell) -> None:
+        cell = served.cell
+        if served.panel is not None:
+            self.terminal.out.say(f"panel: {served.panel}")
+        self._truths = GroundTruth(cell, not self._config.sensor.url, self._recorder.put)
+        self._faults = FaultSchedule(self._config.faults, cell, self._clock, self.notice, self._pause)
 
     # --- the run
 
@@ -301,8 +302,10 @@ class _Session:
             },
         )
         put = self._recorder.put
-        self._link_log = LinkLog(lambda at, pieces: put(LinkRecord(at, pieces)))
-        self._sensor_log = LinkLog(lambda at, pieces: put(WireRecord(at, "sensor", pieces)))
+        self._logs = {
+            "robot": LinkLog(lambda at, pieces: put(LinkRecord(at, pieces))),
+            "sensor": LinkLog(lambda at, pieces: put(WireRecord(at, "sensor", pieces))),
+        }
         try:
             if self._recorder.error is not None:
                 raise self._recorder.error
@@ -323,8 +326,8 @@ class _Session:
 
     def _close_record(self) -> None:
         """Finish the record. Harmless when called again."""
-        self._link_log.flush()
-        self._sensor_log.flush()
+        for log in self._logs.values():
+            log.flush()
         if self._faults is not None:
             self._faults.close()
         if self._truths is not None:
@@ -350,7 +353,7 @@ class _Session:
         return RunEnd(
             result.outcome,
             result.cause,
-            self._robot_facts().line_floor_s,
+            self._facts.line_floor_s,
             dict(self._robot.counters) if self._robot else {},
             self._sensor.lost if self._sensor else None,
             self._sensor.delay if self._sensor and self._sensor.is_ready else None,
@@ -360,18 +363,11 @@ class _Session:
 
     async def _with_devices(self) -> RunResult:
         config, clock = self._config, self._clock
-        async with opened_devices(
-            config,
-            clock,
-            self._frame,
-            self._notice,
-            self._traffic,
-            self._emulated,
-            lambda url: self.terminal.out.say(f"panel: {url}"),
-            self._link_event,
-            self._sensor_traffic,
-        ) as (robot, sensor):
-            self._robot, self._sensor, self._link = robot, sensor, robot.profile
+        async with open_devices(config, clock, self) as devices:
+            robot, sensor = self._robot, self._sensor = devices.robot, devices.sensor
+            self._facts = recorded_facts(config, robot.facts)
+            if devices.served is not None:
+                self._emulated(devices.served)
             run = self._run = Run(config, clock, robot, sensor, self)
             async with self._shown():
                 self._result = await run()
@@ -400,7 +396,7 @@ class _Session:
             if self._run is not None and self._moving:
                 self._moved = True
                 self._run.interrupt()
-            loop.call_soon_threadsafe(self._notice, "signal", number.name)
+            loop.call_soon_threadsafe(self.notice, "signal", number.name)
             loop.call_soon_threadsafe(ended)
 
         with self.signals.leading_to(interrupted):
@@ -427,7 +423,7 @@ class _Session:
             config.run.duration_s,
             config.task.force_n,
             screen.stream,
-            self._robot_facts(),
+            self._facts,
         )
         task = asyncio.create_task(self._refresh(view), name="view")
         try:
@@ -455,7 +451,7 @@ class _Session:
         assert self._sensor is not None
         counters, newest = self._robot.counters, self._sensor.newest
         return Health(
-            link_errors=sum(counters.get(name, 0) for name in self._robot_facts().errors),
+            link_errors=sum(counters.get(name, 0) for name in self._facts.errors),
             frames_lost=self._sensor.lost,
             sensor_at=None if newest is None else newest.at,
             link=dict(counters),

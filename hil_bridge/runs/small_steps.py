@@ -9,11 +9,10 @@ from collections.abc import Sequence
 
 from hil_bridge.clock import Clock
 from hil_bridge.control import Reading, reading
-from hil_bridge.sensors.stream import ForceSensor
-from hil_bridge.robots.s3.link import Motion, RobotLink
 from hil_bridge.errors import DeviceError, SafetyStop
-from protocol.s3.arap import Status
-from protocol.geometry import Quaternion, Vector
+from hil_bridge.robots.seam import Motion, RobotLink, RobotReport
+from hil_bridge.sensors.stream import ForceSensor
+from protocol.geometry import Pose, Quaternion, Vector
 
 STREAM_PATIENCE_S = 5.0
 """Chosen: how long a sensor that is ready may send no whole frame."""
@@ -35,14 +34,9 @@ STRAY_M = 0.5e-3
 """Chosen: distance from the ordered way at which the robot is halted, m."""
 
 
-async def bring_up(robot: RobotLink, sensor: ForceSensor) -> Status:
+async def bring_up(robot: RobotLink, sensor: ForceSensor) -> RobotReport:
     """Robot in operation, sensor streaming; where the robot stands. Raises DeviceError with what stands against it."""
-    status = await robot.read_status()
-    if not status.operation and not status.emergency_stop:
-        await robot.to_operation()
-        status = await robot.read_status()
-    if fault := robot.fault(status):
-        raise DeviceError(fault)
+    report = await robot.ready()
     await sensor.ready()
     try:
         async with asyncio.timeout(STREAM_PATIENCE_S):
@@ -52,7 +46,7 @@ async def bring_up(robot: RobotLink, sensor: ForceSensor) -> Status:
             f"force sensor on {sensor.name} is ready but sent no whole frame in {STREAM_PATIENCE_S:g} s; "
             "look at its stream with hil-bridge probe sensor"
         ) from None
-    return status
+    return report
 
 
 class SmallSteps:
@@ -61,24 +55,26 @@ class SmallSteps:
     def __init__(self, clock: Clock, robot: RobotLink, sensor: ForceSensor) -> None:
         self._clock, self._robot, self._sensor = clock, robot, sensor
 
-    async def to(self, motion: Motion, target: Vector, orientation: Quaternion, step: float) -> Status:
+    async def to(self, motion: Motion, target: Vector, orientation: Quaternion, step: float) -> RobotReport:
         """Go to a point that is `step` away, m, and wait until the robot reports to be there.
 
         Raises SafetyStop when it does not come, and halts it when it goes elsewhere.
         """
-        await motion.to(target, orientation)
+        await motion.to(Pose(target, orientation))
+        await motion.settled()
         patience = self._clock.now() + STEP_PATIENCE_S
         while True:
-            status = await self._robot.read_status()
-            if fault := self._robot.fault(status):
-                raise SafetyStop(fault)
-            apart = math.dist(status.position, target)
+            report = await self._robot.report()
+            if report.fault:
+                raise SafetyStop(report.fault)
+            position = report.pose.position
+            apart = math.dist(position, target)
             if apart <= FOLLOWS_M:
-                return status
+                return report
             if apart > STRAY_M + step or self._clock.now() > patience:
                 await motion.halt()
                 raise SafetyStop(
-                    f"the reported position does not follow: ordered {_mm(target)} mm, reported {_mm(status.position)} "
+                    f"the reported position does not follow: ordered {_mm(target)} mm, reported {_mm(position)} "
                     "mm; look at the robot's position before anything else moves it"
                 )
 

@@ -1,17 +1,16 @@
-"""What an emulated cell knows of each cycle, put beside what its devices told; for the record alone."""
+"""The ground truth of each cycle, which an emulated cell knows and its devices do not tell; for the record alone."""
 
 import math
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
+from typing import Any
 
 from emulators.cell import Cell, TrueState
-from hil_bridge.settings.configuration import SensorConfig
 from hil_bridge.recording import CycleRecord, TruthRecord
 
 _AT_ONCE = 8
-"""Cycles that are asked for together, unless the material would have forgotten. Chosen: a third of the cost of one
+"""Cycles that are asked for together, unless the surface would have forgotten. Chosen: a third of the cost of one
 each, and less than a millisecond at a time.
 """
 _PATIENCE_S = 5.0
@@ -25,32 +24,25 @@ class _Cycle:
     number: int
     at: float
     sampled_at: float
-    point: int
-    """The number that the robot gave to the point that the cycle ordered."""
+    target: int
+    """The number that the robot gave to the target that the cycle ordered."""
 
 
-def _sample_times(cell: Cell, sensor: SensorConfig) -> Callable[[int], float | None]:
-    """When the cell's sensor measured the sample with a device's counter, s; None where nobody knows."""
-    if sensor.url:
-        return lambda counter: None
-    match sensor.emulated:
-        case "gateway":
-            return cell.gateway.sampled_at
-        case "uart":
-            return cell.uart_gateway.sampled_at
-        case "board":
-            return partial(cell.board.sampled_at, sensor.board.filter)
+_NO_JOINTS = (math.nan,) * 6
+"""Told of a robot that tells no joints."""
 
 
-class Truths:
+class GroundTruth:
     """Asks the cell for some cycles at a time, once it is known when the motion of the last of them began.
 
-    `sensor` is the run's, which may be another than the cell's.
+    `sensor_is_emulated` says whether the run's sensor is the cell's.
     """
 
-    def __init__(self, cell: Cell, sensor: SensorConfig, put: Callable[[TruthRecord], object]) -> None:
+    def __init__(
+        self, cell: Cell[Any, Any], sensor_is_emulated: bool, put: Callable[[TruthRecord], object]
+    ) -> None:
         self._cell = cell
-        self._sampled_at = _sample_times(cell, sensor)
+        self._sensor_is_emulated = sensor_is_emulated
         self._put = put
         self._cycles: list[_Cycle] = []
         self._waiting: deque[tuple[_Cycle, TrueState]] = deque()
@@ -58,18 +50,18 @@ class Truths:
     def cycle(self, record: CycleRecord) -> None:
         """A cycle has just ended, and no further order is under way."""
         cell, cycles = self._cell, self._cycles
-        cell.robot.motion.advance(record.answered_at)
-        sampled_at = self._sampled_at(record.sensor_counter)
+        cell.robot.path.advance(record.answered_at)
+        sampled_at = cell.sensor.sampled_at(record.sensor_counter) if self._sensor_is_emulated else None
         cycles.append(
             _Cycle(
                 record.cycle,
-                cell.tellable_from(record.answered_at),
+                cell.truth_available_from(record.answered_at),
                 math.nan if sampled_at is None else sampled_at,
-                cell.robot.motion.accepted,
+                cell.robot.accepted,
             )
         )
         late = cycles[-1].at - cycles[0].at > _PATIENCE_S
-        if late or cell.remembers or len(cycles) >= _AT_ONCE:
+        if late or cell.has_memory or len(cycles) >= _AT_ONCE:
             self._ask()
             self._tell()
 
@@ -86,10 +78,10 @@ class Truths:
             self._waiting.append((cycle, state))
 
     def _tell(self, everything: bool = False) -> None:
-        motion, waiting = self._cell.robot.motion, self._waiting
+        robot, waiting = self._cell.robot, self._waiting
         while waiting:
             cycle, state = waiting[0]
-            begun = motion.begun_at(cycle.point)
+            begun = robot.begun_at(cycle.target)
             if begun is None and not everything:
                 return
             waiting.popleft()
@@ -102,7 +94,7 @@ class Truths:
                     motion_at=motion_at,
                     position=state.position,
                     force=state.contact_force,
-                    joints_deg=tuple(map(math.degrees, state.joints)),
+                    joints_deg=tuple(map(math.degrees, state.joints or _NO_JOINTS)),
                     faults=self._cell.ledger.active(cycle.at),
                 )
             )

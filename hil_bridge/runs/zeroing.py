@@ -11,7 +11,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from hil_bridge.clock import Clock
-from hil_bridge.settings.configuration import Config
 from hil_bridge.control import (
     Reading,
     Wrist,
@@ -21,11 +20,11 @@ from hil_bridge.control import (
     weight_fault,
     weight_reading,
 )
-from hil_bridge.sensors.stream import ForceSensor
-from hil_bridge.robots.s3.link import Motion, RobotLink
 from hil_bridge.errors import ConfigError, DeviceError, SafetyStop
+from hil_bridge.robots.seam import Motion, RobotLink, RobotReport
 from hil_bridge.runs.small_steps import LIFT_SPEED_M_S, SmallSteps, numbers, unit
-from protocol.s3.arap import Status
+from hil_bridge.sensors.stream import ForceSensor
+from hil_bridge.settings.configuration import Config
 from protocol.geometry import Quaternion, Vector
 
 ZERO_PATIENCE_S = 20.0
@@ -36,7 +35,7 @@ ZERO_PATIENCE_S = 20.0
 class Zero:
     """What was taken for zero, and where."""
 
-    start: Status
+    start: RobotReport
     """After the way to the zero: the start point of the run."""
     contact: tuple[float, ...]
     """Contact wrench in the tool frame that was taken off, beside known weight and bias, N and N·m."""
@@ -107,24 +106,24 @@ class Zeroing:
         self._before: Reading
         self._quaternion: Quaternion
 
-    async def weigh(self, start: Status) -> None:
+    async def weigh(self, start: RobotReport) -> None:
         """See that the sensor is at rest and reads the tool's weight, with nothing moving.
 
         Raises DeviceError with the axis and what it looks like.
         """
         self._say(self._told_facts())
-        self._quaternion = unit(start.quaternion)
+        self._quaternion = unit(start.pose.quaternion)
         self._first = self._before = await self._steps.steady(self._config.task.zero_change_n)
         if self._known is None:
             self._say("sensor unchecked: the tool's weight is not known")
             return
         limits = self._config.limits
-        expected = weight_reading(self._known, start.quaternion)
+        expected = weight_reading(self._known, start.pose.quaternion)
         fault = weight_fault(
             self._before.mean, expected, limits.weight_tolerance_n, limits.weight_tolerance_nm
         )
         if fault:
-            await self._robot.close_sequence(start)
+            await self._robot.release(start)
             raise DeviceError(
                 f"force sensor on {self._sensor.name}: {fault}; nothing has moved, and hil-bridge free "
                 "lifts off a tool that presses"
@@ -143,7 +142,7 @@ class Zeroing:
         force = self._known.contact_wrench(self._before.mean, self._quaternion, None)[:3].tolist()
         return math.hypot(*force)
 
-    async def take(self, motion: Motion, start: Status, interrupted: Callable[[], bool]) -> Zero | None:
+    async def take(self, motion: Motion, start: RobotReport, interrupted: Callable[[], bool]) -> Zero | None:
         """Move away by `task.zero_lift_mm`, and take the zero there.
 
         Raises SafetyStop with what forbids it. None where `interrupted` has ended the way early.
@@ -152,7 +151,7 @@ class Zeroing:
         if interrupted():
             return None
         before = self._before
-        quaternion = unit(start.quaternion)
+        quaternion = unit(start.pose.quaternion)
         contact = (0.0,) * 6
         if self._config.sensor.tare:
             reference = self._known or self._wrist
@@ -188,28 +187,28 @@ class Zeroing:
                 f"the force changed by {change:.1f} N while the zero was taken: let nothing touch the tool"
             )
 
-    async def _lift(self, motion: Motion, start: Status, interrupted: Callable[[], bool]) -> Status:
-        """The way to the zero, step by step; the status at its end."""
+    async def _lift(self, motion: Motion, start: RobotReport, interrupted: Callable[[], bool]) -> RobotReport:
+        """The way to the zero, step by step; where the robot is at its end."""
         task, approach = self._config.task, self._config.frame.approach
-        step = min(task.zero_step_mm, task.approach_step_mm)
+        step = min(task.zero_step_mm, task.single_step_mm)
         count = math.ceil(task.zero_lift_mm / step - 1e-9)
-        status, orientation, velocity = start, start.quaternion, motion.velocity
-        motion.velocity = min(velocity, LIFT_SPEED_M_S)
+        report, orientation, speed = start, start.pose.quaternion, motion.speed
+        motion.speed = min(speed, LIFT_SPEED_M_S)
         for number in range(1, count + 1):
             if interrupted():
                 break
             away = min(number * step, task.zero_lift_mm) * 1e-3
-            x, y, z = (s - away * n for s, n in zip(start.position, approach, strict=True))
-            status = await self._steps.to(motion, (x, y, z), orientation, step * 1e-3)
+            x, y, z = (s - away * n for s, n in zip(start.pose.position, approach, strict=True))
+            report = await self._steps.to(motion, (x, y, z), orientation, step * 1e-3)
             after = await self._steps.quiet()
             self._judge(after, start, away)
             self._before = after
-        motion.velocity = velocity
-        return status
+        motion.speed = speed
+        return report
 
-    def _judge(self, after: Reading, start: Status, away: float) -> None:
+    def _judge(self, after: Reading, start: RobotReport, away: float) -> None:
         """Raise SafetyStop when the force has changed on the way."""
-        quaternion, known = unit(start.quaternion), self._known
+        quaternion, known = unit(start.pose.quaternion), self._known
         forces = [
             (known or self._wrist).contact_wrench(seen.mean, quaternion, None)[:3].tolist()
             for seen in (self._first, after)

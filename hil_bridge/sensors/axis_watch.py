@@ -10,8 +10,8 @@ from collections.abc import Sequence
 
 from protocol.wrench import AXES, SensorFacts
 
-DEAD_AFTER_FRAMES = 400
-"""Chosen: 4 s of the default stream; a living quiet axis was seen to change within 0.4 s of a zero."""
+DEAD_AFTER_S = 3.9
+"""Chosen: a living quiet axis was seen to change within 0.4 s of a zero; ten times that, less a little."""
 DEAD_WHILE_MOVED_SHARE = 0.1
 """Of full scale. Chosen: far more than one axis of a real sensor can move without the others feeling it."""
 DEAD_WHILE_MOVED = (10.0, 10.0, 10.0, 0.5, 0.5, 0.5)
@@ -33,21 +33,21 @@ class AxisWatch:
         """How far an axis must move from its first value, in values."""
         self._first: Sequence[float] | None = None
         self._unchanged = set(range(len(AXES)))
-        self._frames = 0
+        self._first_at = self._for = 0.0
         self._moved = False
 
     def zeroed(self) -> None:
         """A zero was taken: the values begin anew."""
         self._first = None
 
-    def frame(self, values: Sequence[float]) -> None:
-        """Look at a frame."""
+    def frame(self, values: Sequence[float], at: float) -> None:
+        """Look at a frame that arrived at that time, s."""
         first = self._first
         if first is None:
             first = self._first = values
             self._unchanged = set(range(len(AXES)))
-            self._frames, self._moved = 0, False
-        self._frames += 1
+            self._first_at, self._moved = at, False
+        self._for = at - self._first_at
         if self._unchanged:
             self._unchanged = {k for k in self._unchanged if values[k] == first[k]}
             self._moved = self._moved or any(
@@ -57,5 +57,5 @@ class AxisWatch:
     @property
     def dead(self) -> tuple[int, ...]:
         """Numbers of the axes that did not change since the zero although they had reason to."""
-        reason = self._frames >= DEAD_AFTER_FRAMES and self._moved
+        reason = self._for >= DEAD_AFTER_S and self._moved
         return tuple(sorted(self._unchanged)) if reason else ()

@@ -48,6 +48,8 @@ class ForceSensor:
         """Complete frames so far."""
         self.repeated = 0
         """How many of the newest frames in a row carried identical values on all axes."""
+        self.unchanged_since = math.nan
+        """When the first of these frames arrived, s on the run's clock."""
         self.saturated_axes = 0
         """Bit k: axis k was at the end of its range in the frame that arrived last."""
         self.peaks: Peaks | None = None
@@ -198,10 +200,12 @@ class ForceSensor:
                 previous = self.newest
                 same = previous is not None and previous.values == event.values
                 self.repeated = self.repeated + 1 if same else 0
+                if not same:
+                    self.unchanged_since = event.at
                 self.newest = event
                 self.decoded_at = self._clock.now()
                 self._history.append(event)
-                self._watch.frame(event.values)
+                self._watch.frame(event.values, event.at)
                 self.saturated_axes = event.saturated
                 if (peaks := self.peaks) is not None:
                     peaks.frame(event.values)

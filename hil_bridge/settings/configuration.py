@@ -8,7 +8,7 @@ import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any
 
 from pydantic import (
     BaseModel,
@@ -18,25 +18,28 @@ from pydantic import (
     TypeAdapter,
     ValidationError,
     ValidationInfo,
+    create_model,
     field_validator,
 )
 
-from emulators.cell import CellProfile
 from hil_bridge.clock.realtime import RealTime
 from hil_bridge.control import Contour, Limits, OscillationDetector, TaskParameters
 from hil_bridge.control.controllers import controller_kind
 from hil_bridge.errors import ConfigError
 from hil_bridge.faults.settings import FaultConfig
 from hil_bridge.field_docstrings import field_docstrings
-from hil_bridge.text_files import read_toml, shown
+from hil_bridge.kinds import ROBOTS, SENSORS, CellSection, emulated_sensor
+from hil_bridge.settings.earlier import told_of
+from hil_bridge.settings.kinds import Chosen, cell_section, chosen_in, merged_section
+from hil_bridge.text_files import read_toml, shown, toml_pair
 from protocol.geometry import Quaternion, Vector
-from protocol.jr3 import GatewayClientProfile, UartGatewayClientProfile
-from protocol.jr3.registers import BoardClientProfile
 from protocol.marks import Setting, settings
-from protocol.s3.adlp import LinkProfile
 
 OPTIONS = {
     "run.duration_s": "--duration",
+    "robot.emulated": "--robot",
+    "sensor.emulated": "--sensor",
+    "cell.surface_kind": "--surface",
     "run.seed": "--seed",
     "run.panel_url": "--panel",
     "robot.url": "--robot",
@@ -67,34 +70,48 @@ class RunConfig(_Section):
     seed: int = Field(default=1, ge=0)
     """Seed of every random draw in the emulated cell."""
     period_ms: float = Field(default=0.0, ge=0)
-    """Control cycle; 0 runs as fast as the computer link answers."""
+    """Control period; 0 runs as fast as the robot's link answers."""
     panel_url: str = ""
     """Where the emulated controller's panel listens, tcp-listen://127.0.0.1:0; empty: nowhere."""
 
 
-class RobotConfig(_Section):
-    """The robot controller and its computer link."""
+class RobotSection(_Section):
+    """The robot controller and its link."""
 
     url: str = ""
-    """serial:///dev/ttyUSB0?baudrate=9600&parity=E or tcp://host:port; empty starts the emulated robot."""
+    """KIND+WIRE; without a kind an S3's: serial:///dev/ttyUSB0?baudrate=9600&parity=E or tcp://host:port; empty starts
+    the emulated robot.
+    """
+    emulated: str = "s3"
+    """Kind of the emulated robot: s3, or one that another package offers."""
     velocity_mm_s: float = Field(default=50.0, gt=0, le=1000)
-    """Path velocity given with every point; it must outrun one step a cycle."""
-    orders_file: str = ""
-    """TOML file of orders that this controller knows beside the usual ones; empty: none."""
-    link: LinkProfile = LinkProfile()
-    """What is known and assumed about the computer link."""
+    """Path velocity given with every point; no speed of the task may be above it."""
+
+    @field_validator("emulated")
+    @classmethod
+    def _known(cls, name: str) -> str:
+        try:
+            ROBOTS.kind(name)
+        except ConfigError as error:
+            raise ValueError(str(error)) from error
+        return name
+
+    if TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any:
+            """Settings of a kind of robot."""
 
 
-class SensorConfig(_Section):
+class SensorSection(_Section):
     """The force/torque sensor, its gateway and its mounting."""
 
     url: str = ""
     """can+socketcan://can0 or can+slcan:///dev/ttyACM0 for a CAN gateway, serial:///dev/ttyACM0?gateway=jr3 for a
     UART gateway, jr3+tcp://host:1762?filter=2 for a receiver board; empty starts the emulated sensor.
     """
-    emulated: Literal["gateway", "uart", "board"] = "gateway"
-    """What stands before the emulated sensor, by the name of its section here: a CAN gateway, a UART gateway or a
-    receiver board.
+    emulated: str = "gateway"
+    """Kind of the emulated sensor: gateway, uart or board for a JR3 behind a CAN gateway, a UART gateway or a receiver
+    board, or one that another package offers.
     """
     mounting_deg: float = 0.0
     """Rotation of the sensor about the tool's z axis: angle from the tool's x axis to the sensor's."""
@@ -118,12 +135,20 @@ class SensorConfig(_Section):
     """Forces that the sensor reads with nothing on it, fx fy fz as it counts; used where no zero is taken."""
     bias_nm: Vector = (0.0, 0.0, 0.0)
     """Moments that the sensor reads with nothing on it, mx my mz as it counts; used where no zero is taken."""
-    gateway: GatewayClientProfile = GatewayClientProfile()
-    """What the client asks of a CAN gateway."""
-    board: BoardClientProfile = BoardClientProfile()
-    """What the client asks of a receiver board."""
-    uart: UartGatewayClientProfile = UartGatewayClientProfile()
-    """What the client asks of a UART gateway."""
+
+    @field_validator("emulated")
+    @classmethod
+    def _known(cls, name: str) -> str:
+        try:
+            emulated_sensor(name)
+        except ConfigError as error:
+            raise ValueError(str(error)) from error
+        return name
+
+    if TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any:
+            """Settings of a kind of sensor."""
 
     @field_validator("quaternion")
     @classmethod
@@ -133,6 +158,26 @@ class SensorConfig(_Section):
             raise ValueError("must not be the zero quaternion")
         w, x, y, z = (part / length for part in quaternion)
         return w, x, y, z
+
+
+if TYPE_CHECKING:
+
+    class RobotConfig(RobotSection):
+        """The robot controller and its link, with the settings of our own kinds."""
+
+    class SensorConfig(SensorSection):
+        """The force/torque sensor, with the settings of our own kinds."""
+
+    class CellConfig(CellSection):
+        """The emulated cell, with the settings of our own emulated devices."""
+
+        def __getattr__(self, name: str) -> Any:
+            """A setting or a section."""
+
+else:
+    RobotConfig = merged_section(RobotSection, ROBOTS, ())
+    SensorConfig = merged_section(SensorSection, SENSORS, ())
+    CellConfig = cell_section(Chosen())
 
 
 class ToolConfig(_Section):
@@ -184,6 +229,10 @@ class ControllerConfig(_Section):
     """One of ours or one that another package offers; a wrong name lists them."""
     parameters: dict[str, Any] = {}
     """Parameters of that controller that differ from their defaults."""
+    sample_ms: float | None = Field(default=None, gt=0)
+    """Sample time that these parameters are tuned for; nothing: what the controller declares, 180 ms for ours. A
+    control period that differs from it by more than a factor of two is refused.
+    """
 
     @field_validator("name")
     @classmethod
@@ -225,10 +274,23 @@ class Config(_Section):
     oscillation: OscillationDetector = OscillationDetector()
     realtime: RealTime = RealTime()
     """How the loop's thread is run; of no meaning in virtual time."""
-    cell: CellProfile = CellProfile()
+    cell: CellConfig = CellConfig()
     """The emulated cell: used by `emulate`, and by `run` for what has no URL."""
     faults: tuple[FaultConfig, ...] = ()
     """What goes wrong on purpose in the emulated cell, a table [[faults]] each; `hil-bridge faults` lists it all."""
+
+    @field_validator("task")
+    @classmethod
+    def _within_reach(cls, task: TaskParameters, info: ValidationInfo) -> TaskParameters:
+        robot = info.data.get("robot")
+        for name in ("speed_mm_s", "approach_speed_mm_s", "retract_speed_mm_s"):
+            speed = getattr(task, name)
+            if robot is not None and speed > robot.velocity_mm_s:
+                raise ValueError(
+                    f"{name} of {speed:g} mm/s is faster than the robot's path velocity: lower it, or set "
+                    f"robot.velocity_mm_s, now {robot.velocity_mm_s:g}, to {speed:g} or more"
+                )
+        return task
 
     @field_validator("faults")
     @classmethod
@@ -241,6 +303,31 @@ class Config(_Section):
                 except ValueError as error:
                     raise ValueError(f"{number}: {error}") from error
         return faults
+
+
+@cache
+def _config_class(chosen: Chosen) -> type[Config]:
+    if chosen == Chosen():
+        return Config
+    robot, sensor = (
+        merged_section(RobotSection, ROBOTS, chosen.robots),
+        merged_section(SensorSection, SENSORS, chosen.sensors),
+    )
+    cell = cell_section(chosen)
+    fields: dict[str, Any] = {
+        "robot": (robot, robot()),
+        "sensor": (sensor, sensor()),
+        "cell": (cell, cell()),
+    }
+    return create_model("Config", __base__=Config, __module__=__name__, **fields)
+
+
+def read_config(values: Mapping[str, Any]) -> Config:
+    """A configuration from nested tables, with the sections of all kinds that it names.
+
+    Raises pydantic's ValidationError, and ConfigError for a kind whose package is broken.
+    """
+    return _config_class(chosen_in(values)).model_validate(values)
 
 
 def load_config(path: Path | None, overrides: Mapping[str, object]) -> Config:
@@ -262,7 +349,7 @@ def load_config(path: Path | None, overrides: Mapping[str, object]) -> Config:
             table[name] = value
             given.add(key)
     try:
-        return Config.model_validate(values)
+        return read_config(values)
     except ValidationError as error:
         raise ConfigError(explain(error, path, given)) from error
 
@@ -306,7 +393,7 @@ def commented_defaults() -> str:
         lines += ["", f"[{key}]"] if key else [""]
         for name, value in plain:
             lines += textwrap.wrap(comments.get(name, ""), 108, initial_indent="# ", subsequent_indent="# ")
-            lines.append(f"# {name} =" if value is None or name in _TABLES else f"{name} = {_toml(value)}")
+            lines.append(f"# {name} =" if value is None or name in _TABLES else toml_pair(name, value))
     return "\n".join(lines) + "\n"
 
 
@@ -353,27 +440,14 @@ def _comments(cls: Any) -> dict[str, str]:
     return comments
 
 
-def _toml(value: object) -> str:
-    match value:
-        case bool():
-            return str(value).lower()
-        case str():
-            return json.dumps(value, ensure_ascii=False)
-        case tuple() | list():
-            return "[" + ", ".join(_toml(item) for item in value) + "]"
-        case dict():
-            return "{" + ", ".join(f"{key} = {_toml(item)}" for key, item in value.items()) + "}"
-        case _:
-            return repr(value)
-
-
 def explain(error: ValidationError, path: Path | None, given: set[str]) -> str:
     """The first thing that is wrong as one line: where, what, what to do."""
     first = error.errors()[0]
     location, got = [str(part) for part in first["loc"]], f", got {shown(first['input'])}"
     match first["type"]:
         case "extra_forbidden" | "unexpected_keyword_argument":
-            text = f" is no setting{_instead(location)}"
+            old = told_of(".".join(location), first["input"])
+            text = old or f" is no setting{_instead(location)}"
         case "value_error":
             cause = str(first["ctx"]["error"])
             if location == ["faults"]:  # which of them, comes first

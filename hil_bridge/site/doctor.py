@@ -17,13 +17,13 @@ import click
 from hil_bridge.clock import Clock, run_real
 from hil_bridge.clock.realtime import RealTime, scheduled
 from hil_bridge.errors import ConfigError
+from hil_bridge.kinds import robot_of, sensor_of
 from hil_bridge.runs.checks import problems
-from hil_bridge.runs.compose import uart_wire
-from hil_bridge.sensors.jr3.registers import BOARD, board_wire
 from hil_bridge.settings.configuration import Config, load_config
+from hil_bridge.settings.kinds import settings_of
 from hil_bridge.site import facts
 from hil_bridge.site.facts import Fact, Level, fail, ok, warn
-from hil_bridge.transports.urls import CONNECT_BYTES, CONNECT_CAN, WireUrl, parse_url
+from hil_bridge.transports.urls import WireUrl
 
 PACKAGES = ("hil-bridge", "pyserial", "python-can", "numpy", "scipy", "pydantic", "mcap")
 PERIOD_S, CYCLES = 1e-3, 1000
@@ -101,12 +101,8 @@ def wires(config: Config, root: Path, details: Mapping[str, Mapping[str, Any]] |
 
 
 def _parsed(url: str, is_sensor: bool, config: Config) -> WireUrl:
-    if is_sensor and url.startswith(BOARD):
-        url, _ = board_wire(url, config.sensor.board)
-        return parse_url(url, CONNECT_BYTES)
-    if is_sensor and (line := uart_wire(url, CONNECT_BYTES)) is not None:
-        return parse_url(line, CONNECT_BYTES)
-    return parse_url(url, CONNECT_CAN if is_sensor else CONNECT_BYTES)
+    kind, wire_url = sensor_of(url) if is_sensor else robot_of(url)
+    return kind.parse(wire_url, settings_of(config, kind))
 
 
 def wire(url: WireUrl, root: Path, details: Mapping[str, Mapping[str, Any]] | None) -> Fact:
@@ -116,7 +112,7 @@ def wire(url: WireUrl, root: Path, details: Mapping[str, Mapping[str, Any]] | No
             return _port(url.target, root)
         case "can+socketcan":
             return facts.can_interface(root, url.target, details)
-        case "tcp" | "rfc2217":
+        case "tcp" | "rfc2217" | "can+slcan+tcp":
             return _host(*url.host_port)
         case _:
             return fail(url.text, "such a wire exists inside one process only", "name a port or an interface")

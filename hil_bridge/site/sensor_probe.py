@@ -18,6 +18,7 @@ from typing import TypeVar
 import click
 
 from hil_bridge.clock import Clock, run_real
+from hil_bridge.device_log import LogTo
 from hil_bridge.errors import DeviceError
 from hil_bridge.runs.compose import connect_sensor
 from hil_bridge.runs.zeroing import wrist
@@ -32,6 +33,7 @@ from hil_bridge.site.push import (
     mounting_of,
     push_threshold,
 )
+from hil_bridge.wiring import Wiring
 from protocol.wrench import AXES, WrenchFrame
 
 NOISE_S = 1.0
@@ -147,7 +149,7 @@ async def probe(
     def note(kind: str, text: str) -> None:
         screen.say(f"{kind} says: {text}")
 
-    sensor = await connect_sensor(url, config.sensor, clock, take, note)
+    sensor = await connect_sensor(config, url, Wiring("sensor", clock, LogTo(take, note)))
     sensor.start()
     try:
         look = _Look(sensor, frames, clock)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from hil_bridge.control import ToolEstimate, ToolPose
 from hil_bridge.errors import ConfigError
-from hil_bridge.text_files import read_text
+from hil_bridge.text_files import read_text, toml_value
 
 _AXES = ("fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm")
 ORIENTATION_COLUMNS = ("qw", "qx", "qy", "qz")
@@ -70,7 +70,7 @@ def tool_as_toml(estimate: ToolEstimate) -> str:
 
     def vector(values: Sequence[float], digits: int) -> str:
         # Adding zero turns −0.0 into 0.0.
-        return "[" + ", ".join(repr(round(value, digits) + 0.0) for value in values) + "]"
+        return toml_value([round(value, digits) + 0.0 for value in values])
 
     centre_mm = [value * 1e3 for value in estimate.centre_of_gravity]
     centre_uncertainty_mm = [value * 1e3 for value in estimate.centre_of_gravity_uncertainty]

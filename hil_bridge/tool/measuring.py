@@ -22,25 +22,24 @@ from hil_bridge.control import (
     quaternion_product,
     turn_between,
 )
+from hil_bridge.device_log import LogTo
 from hil_bridge.errors import ConfigError, DeviceError, SafetyStop
-from hil_bridge.robots.s3.link import Motion, RobotLink
-from hil_bridge.runs.compose import opened_devices
+from hil_bridge.robots.seam import GIVE_UP_AFTER_S, Motion, MotionLimits, RobotReport
+from hil_bridge.runs.compose import Devices, open_devices
 from hil_bridge.runs.small_steps import bring_up
 from hil_bridge.runs.zeroing import wrist
-from hil_bridge.sensors.stream import ForceSensor
 from hil_bridge.settings.configuration import Config
-from protocol.geometry import Quaternion, Vector
-from protocol.s3.arap import Status, round_position
+from protocol.geometry import Pose, Quaternion, Vector
 from protocol.wrench import WrenchFrame
 
 Tell = Callable[[str], None]
 
 POSITION_TOLERANCE_M = 0.5e-3
-"""Reported position this near to the ordered one counts as there. Chosen: four resolution steps."""
+"""Reported position this near to the ordered one counts as there. Chosen: four steps of a coarse robot."""
 ANGLE_TOLERANCE = math.radians(0.1)
-"""The same for the orientation, rad. Chosen: some words of 1/16384."""
-ARRIVAL_CYCLES = 50
-"""Cycles of waiting after which the robot is not coming. Chosen: about ten seconds of the link at 9600 baud."""
+"""The same for the orientation, rad. Chosen: coarser than a robot rounds what it reports."""
+ARRIVAL_S = 10.0
+"""Chosen: how long after the last order the robot may take to report to be there."""
 FRAMES_MIN = 10
 """Fewest frames to average. Chosen."""
 TIME_CONSTANTS = 7.0
@@ -60,9 +59,9 @@ class Sweep:
     average_s: float = 1.0
     """Time over which readings are averaged."""
     lift_step_mm: ClassVar[float] = 1.0
-    """Farthest move in a cycle."""
+    """Farthest move between two looks at the sensor."""
     turn_step_deg: ClassVar[float] = 2.0
-    """Largest turn in a cycle: about 10° a second over the computer link."""
+    """Largest turn between two: about 10° a second over a slow link."""
 
     def orientations(self, start: Quaternion) -> tuple[Quaternion, ...]:
         """The start orientation, to either side about two level axes, and the start again, which shows drift."""
@@ -85,10 +84,9 @@ def measure(config: Config, virtual: bool, sweep: Sweep, tell: Tell) -> list[Too
     async def main() -> list[ToolPose]:
         clock = Clock.running()
         try:
-            async with opened_devices(
-                config, clock, frames.append, lambda kind, text: tell(f"{kind}: {text}")
-            ) as (robot, sensor):
-                return await _Measuring(config, clock, robot, sensor, frames, sweep, tell)()
+            log = LogTo(frames.append, lambda kind, text: tell(f"{kind}: {text}"))
+            async with open_devices(config, clock, log) as devices:
+                return await _Measuring(config, clock, devices, frames, sweep, tell)()
         finally:
             clock.close()
 
@@ -102,45 +100,47 @@ class _Measuring:
         self,
         config: Config,
         clock: Clock,
-        robot: RobotLink,
-        sensor: ForceSensor,
+        devices: Devices,
         frames: list[WrenchFrame],
         sweep: Sweep,
         tell: Tell,
     ) -> None:
-        self._config, self._clock, self._robot, self._sensor = config, clock, robot, sensor
+        self._config, self._clock = config, clock
+        self._robot, self._sensor = devices.robot, devices.sensor
         self._frames = frames
         self._sweep = sweep
         self._tell = tell
         self._supervisor = Supervisor(config.limits)
         self._wrist = wrist(config)
         self._state: SupervisorState
-        self._start: Status
+        self._start: RobotReport
         self._at_start: tuple[float, ...]
 
     async def __call__(self) -> list[ToolPose]:
         await bring_up(self._robot, self._sensor)
-        self._start = start = await self._robot.read_status()
-        upright = _unit(start.quaternion)
-        self._state = self._supervisor.initial(start.position)
+        self._start = start = await self._robot.report()
+        upright = _unit(start.pose.quaternion)
+        self._state = self._supervisor.initial(start.pose.position)
         lifted = self._lifted()
         self._at_start, _ = await self._average()
         poses = []
-        async with self._robot.motion(self._config.robot.velocity_mm_s * 1e-3) as motion:
+        still = self._sweep.settle_s + self._sweep.average_s + TIME_CONSTANTS * self._sensor.delay
+        speed = self._config.robot.velocity_mm_s * 1e-3
+        async with self._robot.motion(MotionLimits(speed, give_up_after=GIVE_UP_AFTER_S + still)) as motion:
             await self._go(motion, lifted, upright)
             orientations = self._sweep.orientations(upright)
             for number, orientation in enumerate(orientations, 1):
-                status = await self._go(motion, lifted, orientation)
-                poses.append(ToolPose(status.quaternion, *await self._average()))
+                report = await self._go(motion, lifted, orientation)
+                poses.append(ToolPose(report.pose.quaternion, *await self._average()))
                 self._tell(f"pose {number} of {len(orientations)} measured")
-            await self._go(motion, start.position, upright)
+            await self._go(motion, start.pose.position, upright)
         return poses
 
     def _lifted(self) -> Vector:
         """Where the tool is turned. Raises ConfigError when that is outside the workspace."""
         away = self._sweep.lift_mm * 1e-3
         x, y, z = (
-            p - away * n for p, n in zip(self._start.position, self._config.frame.approach, strict=True)
+            p - away * n for p, n in zip(self._start.pose.position, self._config.frame.approach, strict=True)
         )
         try:
             self._supervisor.initial((x, y, z))
@@ -150,52 +150,54 @@ class _Measuring:
             ) from error
         return x, y, z
 
-    async def _go(self, motion: Motion, position: Vector, orientation: Quaternion) -> Status:
+    async def _go(self, motion: Motion, position: Vector, orientation: Quaternion) -> RobotReport:
         """Move and turn in small steps, each supervised, until the robot reports to be there.
 
         Raises SafetyStop for a limit, DeviceError when the robot does not come.
         """
-        status = await self._robot.read_status()
-        turned, waited, received = _unit(status.quaternion), 0, self._sensor.received
-        while not _is_there(status, position, orientation):
+        report = await self._robot.report()
+        turned, began = _unit(report.pose.quaternion), self._clock.now()
+        patience = began + ARRIVAL_S
+        while not _is_there(report.pose, position, orientation):
             before = self._state.position, turned
             # A tool that only moves keeps its weight on the same axes, so its counts may well repeat.
-            repeated = (
-                min(self._sensor.repeated, self._sensor.received - received) if turned != orientation else 0
-            )
-            at = self._supervised(status, _moved(self._state.position, position), repeated)
+            judged_from = max(self._sensor.unchanged_since, began) if turned != orientation else math.inf
+            at = self._supervised(report, _moved(self._state.position, position), judged_from)
             turned = _turned(turned, orientation)
             if (at, turned) != before:
-                await motion.to(round_position(at), turned)
-                waited = 0
-            elif (waited := waited + 1) > ARRIVAL_CYCLES:
+                await motion.to(Pose(at, turned))
+                await motion.settled()
+                patience = self._clock.now() + ARRIVAL_S
+            elif self._clock.now() > patience:
                 raise DeviceError(
-                    f"robot on {self._robot.name} does not reach the ordered pose, it stands at {status.position} m; "
-                    "look at its controller, or turn the tool less (--angle-deg)"
+                    f"robot on {self._robot.name} does not reach the ordered pose, it stands at "
+                    f"{report.pose.position} m; look at its controller, or turn the tool less (--angle-deg)"
                 )
-            status = await self._robot.read_status()
-        return status
+            report = await self._robot.report()
+        return report
 
-    def _supervised(self, status: Status, target: Vector, repeated: int) -> Vector:
+    def _supervised(self, report: RobotReport, target: Vector, judged_from: float) -> Vector:
         """The target after the supervisor's clamps, m. Raises SafetyStop for its stop.
 
-        Forces are those that came since the start; what the weight adds by turning is not known yet and part of them.
+        Counts that repeat are judged from that moment on, s. Forces are those that came since the start; what the
+        weight adds by turning is not known yet and part of them.
         """
         frame, approach = self._sensor.newest, self._config.frame.approach
+        quaternion = report.pose.quaternion
         assert frame is not None, "bringing up waits for the stream"
         self._sensor.check()
         change = [a - b for a, b in zip(self._sensor.wrench(frame), self._at_start, strict=True)]
-        wrench = self._wrist.contact_wrench(change, status.quaternion, self._start.quaternion)
-        depth = sum((t - s) * n for t, s, n in zip(target, self._start.position, approach, strict=True))
+        wrench = self._wrist.contact_wrench(change, quaternion, self._start.pose.quaternion)
+        depth = sum((t - s) * n for t, s, n in zip(target, self._start.pose.position, approach, strict=True))
         observation = Observation(
             now=self._clock.now(),
-            force=force_along(approach, status.quaternion, wrench),
+            force=force_along(approach, quaternion, wrench),
             resultant=math.hypot(*wrench[:3]),
             sensor_at=frame.at,
             sensor_sequence=frame.sequence,
-            repeated_frames=repeated,
+            unchanged=max(frame.at - judged_from, 0.0),
             saturated=bool(self._sensor.saturated),
-            fault=f"robot on {self._robot.name} is in emergency stop" if status.emergency_stop else "",
+            fault=report.fault,
         )
         self._state, verdict = self._supervisor.step(
             self._state, observation, Request(depth, target, approach)
@@ -231,9 +233,9 @@ def _unit(quaternion: Quaternion) -> Quaternion:
     return w, x, y, z
 
 
-def _is_there(status: Status, position: Vector, orientation: Quaternion) -> bool:
-    _, angle = turn_between(_unit(status.quaternion), orientation)
-    return angle <= ANGLE_TOLERANCE and math.dist(status.position, position) <= POSITION_TOLERANCE_M
+def _is_there(pose: Pose, position: Vector, orientation: Quaternion) -> bool:
+    _, angle = turn_between(_unit(pose.quaternion), orientation)
+    return angle <= ANGLE_TOLERANCE and math.dist(pose.position, position) <= POSITION_TOLERANCE_M
 
 
 def _moved(at: Vector, position: Vector) -> Vector:

@@ -11,6 +11,7 @@ from hil_bridge.clock import Clock
 from hil_bridge.transports.back_off import Notice, Reconnecting, persistent
 from hil_bridge.transports.base import Datagrams, Frames, Transport
 from hil_bridge.transports.can.memory import join_memory_can
+from hil_bridge.transports.can.slcan import SlcanWire
 from hil_bridge.transports.datagram import DatagramWire, Path, connect_udp, listen_udp
 from hil_bridge.transports.datagram import connect_memory as connect_memory_datagrams
 from hil_bridge.transports.datagram import listen_memory as listen_memory_datagrams
@@ -25,9 +26,12 @@ from hil_bridge.transports.urls import (
     CONNECT_BYTES,
     CONNECT_CAN,
     CONNECT_DATAGRAMS,
+    HOST_PORTS,
     LISTEN_BYTES,
     LISTEN_CAN,
     LISTEN_DATAGRAMS,
+    SLCAN,
+    SLCAN_BAUDRATE,
     WireUrl,
     parse_url,
     with_line,
@@ -185,10 +189,22 @@ async def listen_can(url: str, clock: Clock, accept: Sequence[CanFilter] = ()) -
 async def _open_can(parsed: WireUrl, clock: Clock, accept: Sequence[CanFilter]) -> Transport[Frames]:
     if parsed.scheme == "can+memory":
         return join_memory_can(parsed.target, parsed.options.get("bitrate"), clock, accept)
+    if parsed.scheme in SLCAN:
+        return SlcanWire(await _adapter_line(parsed, clock), parsed.options.get("bitrate"), clock, accept)
     from hil_bridge.transports.can.python_can import open_python_can
 
     interface = parsed.scheme.removeprefix("can+")
     return await open_python_can(interface, parsed.target, clock, parsed.text, accept, **parsed.options)
+
+
+async def _adapter_line(parsed: WireUrl, clock: Clock) -> Transport[bytes]:
+    """The byte wire to an slcan adapter."""
+    if parsed.scheme in HOST_PORTS:
+        return await connect_tcp(*parsed.host_port, clock, parsed.text)
+    from hil_bridge.transports.serial.serial_port import open_serial_port
+
+    line = LineSettings(parsed.options.get("tty_baudrate", SLCAN_BAUDRATE))
+    return await open_serial_port(parsed.target, line, clock, parsed.text)
 
 
 async def connect_datagrams(url: str, clock: Clock, on_notice: Notice = _log) -> DatagramWire:

@@ -9,6 +9,7 @@
 | `can+memory:NAME?bitrate=1000000` | the same |
 | `can+socketcan://vcan0`, `can+virtual://channel` | the same |
 | `can+slcan:///dev/ttyACM0?bitrate=1000000&tty_baudrate=115200` | |
+| `can+slcan+tcp://host:port?bitrate=1000000` | |
 | `udp://host:port` | `udp-bind://127.0.0.1:6510?strangers=refuse` |
 | `udp+memory:NAME?latency_ms=5&jitter_ms=1&loss=0.01&duplicate=0.01&reorder=0.01&seed=7` | the same, and `strangers` |
 
@@ -50,11 +51,14 @@ from urllib.parse import parse_qsl, unquote, urlsplit
 
 from hil_bridge.errors import ConfigError
 from hil_bridge.transports.serial.uart import Damaged, LineSettings, Parity
+from protocol.can.slcan import BIT_RATE_COMMANDS
 
-SLCAN_BITRATES = (10_000, 20_000, 50_000, 83_300, 100_000, 125_000, 250_000, 500_000, 750_000, 1_000_000)
-"""Bit rates for which the slcan protocol has a command."""
-
-
+SLCAN = ("can+slcan", "can+slcan+tcp")
+"""Schemes of a serial CAN adapter."""
+SLCAN_BAUDRATE = 115_200
+"""Of the serial port of an slcan adapter whose URL names none. Chosen: python-can's. Most adapters are USB devices,
+which have no rate.
+"""
 SERIAL_PORTS = ("serial", "rfc2217", "rfc2217-listen")
 """Schemes whose wire always is a serial line."""
 
@@ -171,6 +175,7 @@ _NETWORK = {
     "reorder": _probability,
     "seed": _seed,
 }
+_BITRATE = {"bitrate": _one_of(tuple(BIT_RATE_COMMANDS))}
 _PORT, _NAME, _CHANNEL = "///dev/ttyUSB0", "NAME", "//vcan0"
 _MEMORY_CAN = _Scheme(_NAME, {"bitrate": _whole})
 _CAN_CHANNEL = _Scheme(_CHANNEL, {})
@@ -185,7 +190,8 @@ CONNECT_CAN = {
     "can+memory": _MEMORY_CAN,
     "can+socketcan": _CAN_CHANNEL,
     "can+virtual": _CAN_CHANNEL,
-    "can+slcan": _Scheme("///dev/ttyACM0", {"bitrate": _one_of(SLCAN_BITRATES), "tty_baudrate": _whole}),
+    "can+slcan": _Scheme("///dev/ttyACM0", {**_BITRATE, "tty_baudrate": _whole}),
+    "can+slcan+tcp": _Scheme("//127.0.0.1:4000", _BITRATE),
 }
 CONNECT_DATAGRAMS = {
     "udp": _Scheme("//127.0.0.1:49152", {}),
@@ -208,7 +214,15 @@ LISTEN_DATAGRAMS = {
 }
 
 
-_HOST_PORT = {"tcp": 1, "rfc2217": 1, "udp": 1, "tcp-listen": 0, "rfc2217-listen": 0, "udp-bind": 0}
+HOST_PORTS = {
+    "tcp": 1,
+    "rfc2217": 1,
+    "can+slcan+tcp": 1,
+    "udp": 1,
+    "tcp-listen": 0,
+    "rfc2217-listen": 0,
+    "udp-bind": 0,
+}
 """Schemes whose target is a host with a port, and the lowest port; 0 lets the system choose one."""
 
 
@@ -233,8 +247,8 @@ def parse_url(url: str, schemes: Mapping[str, _Scheme]) -> WireUrl:
         raise ConfigError(f"{url!r}: the target is missing; for example {parts.scheme}:{scheme.target}")
     if parts.fragment:
         raise ConfigError(f"{url!r}: the part after # means nothing here")
-    if parts.scheme in _HOST_PORT:
-        _check_host_port(url, target, _HOST_PORT[parts.scheme])
+    if parts.scheme in HOST_PORTS:
+        _check_host_port(url, target, HOST_PORTS[parts.scheme])
     options: dict[str, Any] = {}
     for key, text in parse_qsl(parts.query, keep_blank_values=True):
         parse = scheme.options.get(key)

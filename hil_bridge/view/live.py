@@ -7,7 +7,7 @@ from typing import Self, TextIO
 from rich.console import Console
 from rich.live import Live
 
-from hil_bridge.recording.facts import RobotFacts
+from hil_bridge.facts import RobotFacts
 from hil_bridge.recording.records import CycleRecord
 from hil_bridge.view.model import Health, Snapshot, ViewModel
 from hil_bridge.view.panel import WIDTH, panel

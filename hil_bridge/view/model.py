@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from hil_bridge.analysis.latency import Latency, budget
-from hil_bridge.recording.facts import RobotFacts
+from hil_bridge.facts import RobotFacts
 from hil_bridge.recording.records import CycleRecord
 
 REFRESH_SECONDS = 0.2

@@ -4,6 +4,9 @@ Source: LAWICEL CAN232 version 3 manual, February 2010. `t`/`T` carry data frame
 identifiers, `r`/`R` remote frames; with time stamps on, a received frame ends in four digits of milliseconds.
 """
 
+from collections import deque
+from collections.abc import Sequence
+
 from protocol.can.frame import CanFrame
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
 
@@ -13,10 +16,25 @@ BELL = b"\a"
 LONGEST_LINE = 30
 """T, 8 digits, length, 8 bytes, time stamp; without the CR."""
 TIMESTAMP_MODULUS_MS = 60000
+BIT_RATE_COMMANDS = {
+    10_000: b"S0\r",
+    20_000: b"S1\r",
+    50_000: b"S2\r",
+    83_300: b"S9\r",
+    100_000: b"S3\r",
+    125_000: b"S4\r",
+    250_000: b"S5\r",
+    500_000: b"S6\r",
+    750_000: b"S7\r",
+    1_000_000: b"S8\r",
+}
+"""The command that sets a bit rate in bit/s. Source: the manual; for 83 300 and 750 000 python-can 4.6."""
 
 _DIGITS = frozenset(b"0123456789ABCDEFabcdef")
 _KINDS = {b"t": (False, False), b"T": (True, False), b"r": (False, True), b"R": (True, True)}
 """First character of a frame's line: (extended, remote)."""
+_ANSWERS = frozenset((b"", b"z", b"Z", b"F", b"V", b"v", b"N"))
+"""First characters of an adapter's answers; nothing stands in that of most commands."""
 _LETTERS = {flags: letter for letter, flags in _KINDS.items()}
 
 
@@ -71,3 +89,62 @@ class LineDecoder:
         *lines, tail = (self._tail + data).split(CR)
         self._tail = tail[: LONGEST_LINE + 1]
         return [line[: LONGEST_LINE + 1] for line in lines]
+
+
+class SlcanClient:
+    """The host's side of an adapter: an endpoint of bytes whose events are the frames from the bus.
+
+    It opens the channel with its first bytes. Answers to commands are passed over, refusals too, for not every
+    adapter gives them. A frame may carry a time stamp, which is not used: its clock is the adapter's.
+    """
+
+    def __init__(self, bitrate: int | None = None) -> None:
+        # Empty lines end what a host before us left half said. Source: CAN232 manual.
+        rate = b"" if bitrate is None else BIT_RATE_COMMANDS[bitrate]
+        self._text = bytearray(b"\r\r\rC\r" + rate + b"O\r")
+        self._lines = LineDecoder()
+        self._frames: deque[CanFrame] = deque()
+        self.malformed = 0
+        """Lines that were neither a frame nor an answer."""
+
+    def send(self, frames: Sequence[CanFrame]) -> None:
+        """Put frames on the bus. Raises LocalProtocolError for a bus error among them."""
+        self._text += b"".join(map(encode_frame, frames))
+
+    def close(self) -> None:
+        """Close the channel."""
+        self._text += b"C\r"
+
+    def receive(self, data: bytes, now: float) -> None:
+        """Text of the adapter."""
+        for line in self._lines.feed(data.replace(BELL, CR)):
+            if line[:1] in _KINDS:
+                self._take(line, now)
+            elif line[:1] not in _ANSWERS:
+                self.malformed += 1
+
+    def _take(self, line: bytes, now: float) -> None:
+        for timestamp in (False, True):
+            try:
+                self._frames.append(decode_frame(line, timestamp=timestamp).stamped(now))
+                return
+            except RemoteProtocolError:
+                continue
+        self.malformed += 1
+
+    def next_event(self) -> CanFrame | None:
+        """The oldest frame not yet taken, or None."""
+        return self._frames.popleft() if self._frames else None
+
+    def data_to_send(self, now: float) -> bytes:
+        """Commands and frames as text."""
+        text = bytes(self._text)
+        self._text.clear()
+        return text
+
+    def next_deadline(self) -> float | None:
+        """Nothing here happens by time."""
+        return None
+
+    def handle_deadline(self, now: float) -> None:
+        """Nothing here happens by time."""

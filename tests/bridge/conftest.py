@@ -3,29 +3,19 @@
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
+from unittest import mock
 
 import pytest
 
-from emulators.cell import Cell
+from emulators.s3_jr3_cell import PaperCell
 from hil_bridge.clock import Clock, run_virtual
-from hil_bridge.device_log import Silence
+from hil_bridge.device_log import LogTo
 from hil_bridge.recording import CycleRecord, EventRecord
-from hil_bridge.robots.s3.link import RobotLink
+from hil_bridge.robots.s3.link import S3Link
+from hil_bridge.runs.compose import make_cell, open_devices
 from hil_bridge.runs.cycle import Run, RunResult
-from hil_bridge.sensors.stream import ForceSensor
 from hil_bridge.settings.configuration import Config
-from hil_bridge.transports import (
-    Faults,
-    Faulty,
-    Frames,
-    Transport,
-    connect_bytes,
-    connect_can,
-    listen_bytes,
-    listen_can,
-)
-from hil_bridge.transports.pump import Pump
-from protocol.jr3 import GatewayClient
+from hil_bridge.transports import Faults, Faulty, Frames, Transport
 
 
 class CutCan:
@@ -44,7 +34,7 @@ class CutCan:
 
 
 @dataclass
-class Bench(Silence):
+class Bench:
     """One run and what it left; also the log that the run writes to."""
 
     config: Config
@@ -55,11 +45,11 @@ class Bench(Silence):
     meddle: Callable[["Bench", CycleRecord], None] = lambda bench, record: None
     prepare: Callable[["Bench"], None] = lambda bench: None
     """Called when the cell stands and nobody has spoken to it yet."""
-    cell: Cell = field(init=False)
+    cell: PaperCell = field(init=False)
     clock: Clock = field(init=False)
     line: Faulty = field(init=False)
     can: CutCan = field(init=False)
-    robot: RobotLink = field(init=False)
+    robot: S3Link = field(init=False)
     run: Run = field(init=False)
 
     def cycle(self, record: CycleRecord) -> None:
@@ -85,34 +75,29 @@ class Bench(Silence):
 
     async def main(self) -> None:
         self.clock = clock = Clock.running()
-        config = self.config
-        self.cell = cell = Cell(config.cell, clock.now(), config.run.seed)
-        self.prepare(self)
-        robot_port = await listen_bytes("memory:robot", clock)
-        sensor_port = await listen_can("can+memory:sensor", clock)
-        for endpoint, port in ((cell.robot, robot_port), (cell.gateway, sensor_port)):
-            Pump[Any, Any](endpoint, port.transport, clock, lambda event: None, lambda cause: None).start()
-        wire = await connect_bytes("memory:robot?baudrate=9600&parity=E", clock)
-        self.line = Faulty(wire, Faults(), seed=config.run.seed)
-        self.can = CutCan(await connect_can("can+memory:sensor", clock))
-        self.robot = robot = RobotLink(self.line, config.robot.link, clock, self.notice)
-        sensor = ForceSensor(
-            self.can,
-            GatewayClient(config.sensor.gateway, clock.now()),
-            clock,
-            self,
-        )
-        robot.start()
-        sensor.start()
-        self.run = Run(config, clock, robot, sensor, self)
-        try:
-            self.result = await self.run()
-        finally:
-            self.ended_at = clock.now()
-            await sensor.aclose()
-            await robot.aclose()
-            await robot_port.transport.aclose()
-            await sensor_port.transport.aclose()
+
+        def prepared(*arguments: Any) -> PaperCell:
+            self.cell = make_cell(*arguments)
+            self.prepare(self)
+            return self.cell
+
+        with mock.patch("hil_bridge.runs.compose.make_cell", prepared):
+            devices = open_devices(self.config, clock, LogTo(notice=self.notice), self.wrapped)
+            async with devices as opened:
+                self.robot = opened.robot
+                self.run = Run(self.config, clock, opened.robot, opened.sensor, self)
+                try:
+                    self.result = await self.run()
+                finally:
+                    self.ended_at = clock.now()
+
+    def wrapped(self, device: str, wire: Transport[Any]) -> Transport[Any]:
+        """The wires, with hands on them."""
+        if device == "robot":
+            self.line = Faulty(wire, Faults(), seed=self.config.run.seed)
+            return self.line
+        self.can = CutCan(wire)
+        return self.can
 
 
 @pytest.fixture(scope="session")

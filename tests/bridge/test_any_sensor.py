@@ -13,7 +13,7 @@ from hil_bridge.control import Peaks
 from hil_bridge.device_log import Silence
 from hil_bridge.errors import DeviceError
 from hil_bridge.runs.zeroing import wrist
-from hil_bridge.sensors.axis_watch import DEAD_AFTER_FRAMES
+from hil_bridge.sensors.axis_watch import DEAD_AFTER_S
 from hil_bridge.sensors.stream import ForceSensor
 from hil_bridge.settings.configuration import Config
 from hil_bridge.transports import connect_bytes, listen_bytes
@@ -164,7 +164,7 @@ def test_a_zero_of_the_host_forgets_the_frames_before() -> None:
 def test_a_dead_axis_is_found_without_full_scales() -> None:
     async def script(sensor: ForceSensor, tell: Tell, clock: Clock) -> None:
         await sensor.ready()
-        for k in range(DEAD_AFTER_FRAMES):
+        for k in range(round(DEAD_AFTER_S / 0.001) + 2):
             await tell(0.03 * k, 0.01 * (k % 2), 0.0, 0.001 * (k % 3), 0.001 * (k % 2), 0.001 * (k % 5))
         assert sensor.dead == (2,)
 

@@ -4,10 +4,13 @@ from random import Random
 
 import pytest
 
-from hil_bridge.sensors.axis_watch import DEAD_AFTER_FRAMES, DEAD_WHILE_MOVED, AxisWatch
+from hil_bridge.sensors.axis_watch import DEAD_AFTER_S, DEAD_WHILE_MOVED, AxisWatch
 from protocol.jr3 import facts_of
 from protocol.wrench import SensorFacts
 
+PERIOD_S = 0.01
+ENOUGH = round(DEAD_AFTER_S / PERIOD_S) + 1
+"""Frames after which the newest is so much later than the first."""
 QUIET = (0,) * 6
 COUNTING = facts_of((115.0, 111.0, 185.0, 5.6, 5.2, 6.1), 0.01, 0.0)
 PLAIN = SensorFacts("", (1.0,) * 6, None, None, 0.01, 0.0, "host")
@@ -21,14 +24,14 @@ def kind(request):
     return FAR[request.param]
 
 
-def watch(kind, frames):
+def watch(kind, frames, period=PERIOD_S):
     watched = AxisWatch(kind[0])
-    for frame in frames:
-        watched.frame(frame)
+    for k, frame in enumerate(frames):
+        watched.frame(frame, 700.0 + k * period)
     return watched
 
 
-def moving(kind, dead=(), frames=2 * DEAD_AFTER_FRAMES, reach=2.0):
+def moving(kind, dead=(), frames=2 * ENOUGH, reach=2.0):
     """All axes toggle about a zero as a quiet sensor does, and fy moves far; those in `dead` stay at 0."""
     random = Random(3)
     _, noise, far = kind
@@ -48,7 +51,7 @@ def test_quiet_axes_are_not_dead(kind):
     """Neither while nothing moves, nor soon after the zero, nor when the axis lived once: it may rest at a value."""
     assert watch(kind, [QUIET] * 5000).dead == ()
     assert watch(kind, moving(kind, dead={2}, reach=0.99)).dead == ()
-    assert watch(kind, moving(kind, dead={2}, frames=DEAD_AFTER_FRAMES - 1)).dead == ()
+    assert watch(kind, moving(kind, dead={2}, frames=ENOUGH - 1)).dead == ()
     lived = [QUIET, (0, 0, -kind[1], 0, 0, 0), *moving(kind, dead={2})]
     assert watch(kind, lived).dead == ()
 
@@ -56,6 +59,13 @@ def test_quiet_axes_are_not_dead(kind):
 def test_a_zero_begins_anew(kind):
     watched = watch(kind, moving(kind, dead={2}))
     watched.zeroed()
-    for values in moving(kind):
-        watched.frame(values)
+    for k, values in enumerate(moving(kind)):
+        watched.frame(values, 800.0 + k * PERIOD_S)
     assert watched.dead == ()
+
+
+def test_a_fast_sensor_has_as_long_to_show_that_its_axes_live(kind):
+    """At 7 kHz eight hundred frames are 0.11 s."""
+    few = list(moving(kind, dead={2}))
+    assert watch(kind, few, period=1 / 7000).dead == ()
+    assert watch(kind, few, period=PERIOD_S).dead == (2,)

@@ -5,8 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from tools.bench.figures import Cost, Figure, Report, Spread, Target
-from tools.bench.kernel_trace import Trace, middle, slowest
+from tools.bench.figures import Figure, Report, Spread, Target
 from tools.bench.page import renewed
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
@@ -43,7 +42,6 @@ def test_results_come_back_from_their_file_as_they_went():
             Figure("b", 100.0, "s/s", target=Target("value", 40.0, least=True)),
         ),
         ("vcan: none here",),
-        {"the bridge": (Cost("protocol.s3.adlp.link", 0.25),)},
     )
     assert Report.from_json(json.loads(json.dumps(report.as_json()))) == report
 
@@ -56,43 +54,3 @@ def test_a_table_without_a_place_on_the_page_is_missed():
 def test_the_hundredth_part_lies_above_the_99th_percentile():
     spread = Spread([float(value) for value in range(1, 201)])
     assert (spread.p50, spread.p99) == (100.5, 198.0)
-
-
-TRACE = """\
-# tracer: nop
-          <idle>-0       [001] dNh3.    10.000100: sched_waking: comm=python pid=7 prio=120 target_cpu=001
-          <idle>-0       [001] d..2.    10.000300: sched_switch: prev_comm=swapper/1 prev_pid=0 prev_prio=120 \
-prev_state=R ==> next_comm=python next_pid=7 next_prio=120
-          python-7       [001] dNh3.    10.000350: sched_waking: comm=python pid=7 prio=120 target_cpu=001
-          python-7       [001] d..2.    10.000400: sched_switch: prev_comm=python prev_pid=7 prev_prio=120 \
-prev_state=R+ ==> next_comm=cc next_pid=9 next_prio=120
-              cc-9       [001] d..2.    10.000450: sched_switch: prev_comm=cc prev_pid=9 prev_prio=120 \
-prev_state=S ==> next_comm=python next_pid=7 next_prio=120
-          python-7       [001] d..2.    10.000700: sched_switch: prev_comm=python prev_pid=7 prev_prio=120 \
-prev_state=S ==> next_comm=cc next_pid=9 next_prio=120
-          <idle>-0       [000] dNh3.    10.000800: sched_waking: comm=python pid=7 prio=120 target_cpu=001
-              cc-9       [001] d..2.    10.000900: sched_switch: prev_comm=cc prev_pid=9 prev_prio=120 \
-prev_state=S ==> next_comm=python next_pid=7 next_prio=120
-"""
-
-
-def test_a_trace_of_the_kernel_says_what_a_thread_did(tmp_path: Path) -> None:
-    (tmp_path / "trace").write_text(TRACE, encoding="ascii")
-    trace = Trace()
-    trace.read(tmp_path / "trace")
-    parts = trace.parts([(10.0, 10.0006), (10.00075, 10.001)], [7], lambda states: states[0])
-    microseconds = {state: round(part * 1e6) for state, part in parts.items()}
-    assert microseconds == {
-        "before the trace": 100,
-        "woken": 200,
-        "running": 100 + 150 + 100,
-        "preempted": 50,
-        "asleep": 50,
-        "queued": 100,
-    }
-
-
-def test_the_slowest_hundredth_and_the_middle_tenth_are_told_apart() -> None:
-    spans = [(float(k), k + k * 1e-3) for k in range(200)]
-    assert slowest(spans) == spans[-2:]
-    assert middle(spans) == spans[90:110]

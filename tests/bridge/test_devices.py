@@ -5,12 +5,12 @@ from collections.abc import Awaitable, Callable, Mapping
 
 import pytest
 
-from emulators.arm.servo import ServoProfile
-from emulators.s3 import EMPTY_SITE, S3Controller, S3Profile, S3Site
+from emulators.s3 import EMPTY_SITE, S3Controller, S3Profiles, S3Site
+from emulators.seams import StartPose
 from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.device_log import Silence
 from hil_bridge.errors import DeviceError, OrderRefused, TransportClosed, TransportEnded
-from hil_bridge.robots.s3.link import RobotLink
+from hil_bridge.robots.s3.link import S3Link
 from hil_bridge.robots.s3.orders_file import parse_orders
 from hil_bridge.sensors.stream import ForceSensor
 from hil_bridge.transports import Frames, connect_bytes, connect_can, listen_bytes, listen_can
@@ -157,9 +157,7 @@ def robot_failure(answer: Callable[[bytes], bytes], hang_up_at: float | None = N
                 peer.send(reply)
 
         peer.start(heard, lambda cause: None)
-        robot = RobotLink(
-            await connect_bytes("memory:s3", clock), LinkProfile(), clock, lambda kind, text: None
-        )
+        robot = S3Link(await connect_bytes("memory:s3", clock), LinkProfile(), clock, Silence())
         robot.start()
         began = clock.now()
         if hang_up_at is not None:
@@ -198,16 +196,24 @@ def test_what_happens_on_the_link_is_told_by_name() -> None:
     said = iter((b"\x06", b"\x15", b"\x06"))
     notices, events = [], []
 
+    class Told(Silence):
+        def notice(self, kind: str, text: str) -> None:
+            notices.append((kind, text))
+
+        def link_event(self, device: str, text: str) -> None:
+            assert device == "robot"
+            events.append(text)
+
     async def main() -> None:
         clock = Clock.running()
         peer = (await listen_bytes("memory:s3", clock)).transport
         peer.start(lambda data: peer.send(next(said, b"")), lambda cause: None)
-        robot = RobotLink(
+        robot = S3Link(
             await connect_bytes("memory:s3", clock),
             LinkProfile(order_timeout_s=0.5),
             clock,
-            lambda kind, text: notices.append((kind, text)),
-            on_link_event=events.append,
+            Told(),
+            verbose=True,
         )
         robot.start()
         try:
@@ -262,7 +268,7 @@ emulator = { initial = { override = 80 } }
 """
 ORDERS = parse_orders(SITE, LinkProfile().max_telegram)
 
-Robot = Callable[[RobotLink, Clock], Awaitable[None]]
+Robot = Callable[[S3Link, Clock], Awaitable[None]]
 
 
 def with_robot(script: Robot, site: S3Site = EMPTY_SITE) -> None:
@@ -271,13 +277,11 @@ def with_robot(script: Robot, site: S3Site = EMPTY_SITE) -> None:
     async def main() -> None:
         clock = Clock.running()
         position, down = (0.9, -0.1, 0.6), (0.0, 1.0, 0.0, 0.0)
-        controller = S3Controller(
-            S3Profile(), LinkProfile(), ServoProfile(), position, down, clock.now(), 1, 0.2, site
-        )
+        controller = S3Controller(S3Profiles(), StartPose(position, down, 0.2), clock.now(), 1, site)
         port = (await listen_bytes("memory:s3", clock)).transport
         Pump(controller, port, clock, lambda event: None, lambda cause: None).start()
         wire = await connect_bytes("memory:s3?baudrate=9600&parity=E", clock)
-        robot = RobotLink(wire, LinkProfile(), clock, lambda kind, text: None, site.orders)
+        robot = S3Link(wire, LinkProfile(), clock, Silence(), site.orders)
         robot.start()
         try:
             await script(robot, clock)
@@ -289,7 +293,7 @@ def with_robot(script: Robot, site: S3Site = EMPTY_SITE) -> None:
 
 
 def test_orders_are_called_by_name_with_values_in_their_units() -> None:
-    async def script(robot: RobotLink, clock: Clock) -> None:
+    async def script(robot: S3Link, clock: Clock) -> None:
         assert await robot.order("read_register", number=3) == {"value": 1.5}
         assert await robot.order("write_register", number=3, value=-2.0) == {}
         assert await robot.order("read_register", number=3) == {"value": -2.0}
@@ -303,7 +307,7 @@ def test_orders_are_called_by_name_with_values_in_their_units() -> None:
 
 
 def test_who_gives_up_an_order_leaves_it_under_way_and_the_next_wait_for_its_end() -> None:
-    async def script(robot: RobotLink, clock: Clock) -> None:
+    async def script(robot: S3Link, clock: Clock) -> None:
         ended: list[str] = []
 
         async def order(name: str) -> None:
@@ -326,10 +330,10 @@ def test_who_gives_up_an_order_leaves_it_under_way_and_the_next_wait_for_its_end
 def test_an_announced_order_finds_the_line_won() -> None:
     character = 11 / 9600
 
-    async def script(robot: RobotLink, clock: Clock) -> None:
+    async def script(robot: S3Link, clock: Clock) -> None:
         await robot.read_status()
         assert robot.transmitted_at - robot.begun_at == pytest.approx((1 + 1 + 13 + 1 + 1) * character)
-        await robot.read_status(announce=True)
+        await robot.read_status(soon=True)
         given = clock.now() + 0.01  # meanwhile ENQ and ACK cross the line
         await clock.sleep_until(given)
         await robot.read_status()
@@ -341,9 +345,9 @@ def test_an_announced_order_finds_the_line_won() -> None:
 
 
 def test_where_a_controller_takes_no_bid_ahead_none_goes_out() -> None:
-    async def script(robot: RobotLink, clock: Clock) -> None:
+    async def script(robot: S3Link, clock: Clock) -> None:
         robot.profile = LinkProfile(bid_ahead=False)
-        await robot.read_status(announce=True)
+        await robot.read_status(soon=True)
         await clock.sleep_until(clock.now() + 0.1)
         assert robot.counters["bid sent"] == 1
         assert not (await robot.read_status()).emergency_stop
@@ -352,10 +356,10 @@ def test_where_a_controller_takes_no_bid_ahead_none_goes_out() -> None:
 
 
 def test_what_has_not_been_answered_to_its_caller_is_followed_by_no_bid() -> None:
-    async def script(robot: RobotLink, clock: Clock) -> None:
+    async def script(robot: S3Link, clock: Clock) -> None:
         with pytest.raises(OrderRefused):
-            await robot.exchange(Telegram(TelegramType.ORDER, 99, 0), announce=True)
-        given_up = asyncio.create_task(robot.read_status(announce=True))
+            await robot.exchange(Telegram(TelegramType.ORDER, 99, 0), soon=True)
+        given_up = asyncio.create_task(robot.read_status(soon=True))
         await clock.sleep_until(clock.now() + 0.005)
         given_up.cancel()
         await clock.sleep_until(clock.now() + 5.0)
@@ -365,8 +369,8 @@ def test_what_has_not_been_answered_to_its_caller_is_followed_by_no_bid() -> Non
 
 
 def test_an_announced_order_that_never_comes_gives_the_line_back() -> None:
-    async def script(robot: RobotLink, clock: Clock) -> None:
-        await robot.read_status(announce=True)
+    async def script(robot: S3Link, clock: Clock) -> None:
+        await robot.read_status(soon=True)
         await clock.sleep_until(clock.now() + 5.0)
         assert robot.counters["line released"] == 1
         assert (await robot.read_status()).emergency_stop is False
@@ -375,7 +379,7 @@ def test_an_announced_order_that_never_comes_gives_the_line_back() -> None:
 
 
 def test_an_order_that_cannot_be_is_refused_before_anything_is_sent() -> None:
-    async def script(robot: RobotLink, clock: Clock) -> None:
+    async def script(robot: S3Link, clock: Clock) -> None:
         for name, values, message in (
             ("read_regster", {}, "there is no order 'read_regster'; did you mean read_register?"),
             ("read_register", {"nmber": 3}, "read_register order has no field nmber: it has number"),
@@ -398,7 +402,7 @@ def test_an_order_that_cannot_be_is_refused_before_anything_is_sent() -> None:
 
 
 def test_an_order_longer_than_a_block_goes_in_several() -> None:
-    async def script(robot: RobotLink, clock: Clock) -> None:
+    async def script(robot: S3Link, clock: Clock) -> None:
         assert await robot.order("send_program", program=7, content=bytes(range(256))) == {}
         assert robot.counters["blocks sent"] == 3
         assert robot.counters["messages sent"] == 1
@@ -407,7 +411,7 @@ def test_an_order_longer_than_a_block_goes_in_several() -> None:
 
 
 def test_an_order_that_this_controller_does_not_know_is_refused_with_a_remedy() -> None:
-    async def script(robot: RobotLink, clock: Clock) -> None:
+    async def script(robot: S3Link, clock: Clock) -> None:
         with pytest.raises(
             OrderRefused, match="refused order 6: 11 wrong function code; this controller does"
         ):
@@ -420,7 +424,7 @@ def test_an_order_that_this_controller_does_not_know_is_refused_with_a_remedy() 
 def test_a_program_is_received_over_many_blocks_at_the_pace_of_the_line() -> None:
     content = bytes(range(256)) * 4
 
-    async def script(robot: RobotLink, clock: Clock) -> None:
+    async def script(robot: S3Link, clock: Clock) -> None:
         began = clock.now()
         assert await robot.receive_program(7) == content
         # 1028 bytes of data in 9 blocks of 13 bytes more, 11 bit times a character, and each block's ACK.
@@ -450,13 +454,13 @@ def test_a_program_that_is_not_sent_or_another_one_is_an_error(answer: Telegram,
 
 def test_an_answer_too_short_is_the_devices_error() -> None:
     short = Telegram(19, 2, 0, bytes(20), True)
-    for ask in (RobotLink.read_status, lambda robot: robot.order("read_status")):
+    for ask in (S3Link.read_status, lambda robot: robot.order("read_status")):
         with pytest.raises(DeviceError, match="cannot be read: status needs 24 bytes of data, got 20"):
             answered(short, ask)
     assert answered(short, lambda robot: robot.order(read_status())) == short
 
 
-def answered(answer: Telegram, ask: Callable[[RobotLink], Awaitable[object]]) -> object:
+def answered(answer: Telegram, ask: Callable[[S3Link], Awaitable[object]]) -> object:
     """What the client makes of a robot that gives this answer to every order."""
 
     class Answering(Link):
@@ -471,9 +475,7 @@ def answered(answer: Telegram, ask: Callable[[RobotLink], Awaitable[object]]) ->
         Pump(
             Answering(Role.ROBOT, LinkProfile()), port, clock, lambda event: None, lambda cause: None
         ).start()
-        robot = RobotLink(
-            await connect_bytes("memory:s3", clock), LinkProfile(), clock, lambda kind, text: None
-        )
+        robot = S3Link(await connect_bytes("memory:s3", clock), LinkProfile(), clock, Silence())
         robot.start()
         try:
             return await ask(robot)

@@ -285,6 +285,7 @@ def test_a_link_to_a_port_is_followed(tmp_path: Path) -> None:
         ("", "serial:///dev/ttyACM3?gateway=jr3", "sensor.url", "/dev/ttyACM3: there is no such port"),
         ("", "can+slcan:///dev/ttyACM3", "sensor.url", "/dev/ttyACM3: there is no such port"),
         ("", "jr3+tcp://127.0.0.1:1?filter=2", "sensor.url", "127.0.0.1 port 1: "),
+        ("", "can+slcan+tcp://127.0.0.1:1", "sensor.url", "127.0.0.1 port 1: "),
     ],
 )
 def test_wires_that_cannot_work_are_named(tmp_path: Path, robot, sensor, key, words) -> None:

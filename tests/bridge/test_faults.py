@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
-from emulators.cell import Cell
 from emulators.cell_faults import CELL_FAULTS
+from emulators.s3_jr3_cell import s3_jr3_cell
 from hil_bridge.cli import cli
 from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.errors import ConfigError
@@ -84,7 +84,7 @@ def test_the_computer_stands_still_where_the_bridge_lets_it() -> None:
 
     async def main() -> None:
         clock, config = Clock.running(), Config()
-        cell = Cell(config.cell, clock.now(), 1)
+        cell = s3_jr3_cell(config.cell, clock.now(), 1)
         fault = FaultConfig(on="computer", fault="pause", phase="track", parameters={"seconds": 0.25})
         with pytest.raises(ConfigError, match=r"^faults\.0: this run cannot pause its own computer$"):
             FaultSchedule((fault,), cell, clock, lambda kind, text: None)

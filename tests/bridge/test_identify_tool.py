@@ -12,9 +12,11 @@ import pytest
 import hil_bridge.cli
 from hil_bridge.control import rotation_matrix, turn_between
 from hil_bridge.recording import Outcome
-from hil_bridge.robots.s3.link import Motion
+from hil_bridge.robots.s3.motion import S3Motion
+from hil_bridge.robots.seam import Sent
 from hil_bridge.sensors.stream import ForceSensor
 from hil_bridge.settings.configuration import load_config
+from protocol.geometry import Pose
 
 MASS_TOLERANCE_KG = 0.002
 CENTRE_TOLERANCE_MM = 0.3
@@ -82,16 +84,16 @@ def test_the_tool_turns_in_small_steps_above_its_start_and_comes_back(
     identify: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     ordered: list[tuple[tuple[float, ...], tuple[float, ...]]] = []
-    order = Motion.to
+    order = S3Motion.to
 
-    async def noted(motion: Motion, position: Any, quaternion: Any) -> None:
-        ordered.append((position, quaternion))
-        await order(motion, position, quaternion)
+    async def noted(motion: S3Motion, target: Pose) -> Sent:
+        ordered.append(target)
+        return await order(motion, target)
 
     async def never(sensor: ForceSensor) -> None:
         pytest.fail("a zero was taken")
 
-    monkeypatch.setattr(Motion, "to", noted)
+    monkeypatch.setattr(S3Motion, "to", noted)
     monkeypatch.setattr(ForceSensor, "tare", never)
     assert identify("--virtual", "--angle-deg", "20", "--lift-mm", "30")[0] == 0
     heights = [position[2] for position, _ in ordered]

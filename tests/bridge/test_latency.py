@@ -17,8 +17,8 @@ import pytest
 from click.testing import CliRunner
 from msgspec import structs
 
-from emulators.cell import Cell, CellProfile
 from emulators.quantiles import draw
+from emulators.s3_jr3_cell import PaperCellProfile, s3_jr3_cell
 from hil_bridge.analysis.hops import JITTER, MIDDLE, SENSOR
 from hil_bridge.analysis.latency import (
     budget,
@@ -31,19 +31,20 @@ from hil_bridge.analysis.summary import summarise
 from hil_bridge.cli import cli
 from hil_bridge.cli.latency import site_settings
 from hil_bridge.clock import Clock, run_virtual
+from hil_bridge.device_log import Silence
 from hil_bridge.errors import ConfigError
+from hil_bridge.facts import Hop, Owner, RobotHops
 from hil_bridge.recording import CycleRecord, Recording, SensorRecord, TruthRecord, read
 from hil_bridge.recording.device_facts import devices_of
-from hil_bridge.recording.facts import Hop, Owner, RobotHops
 from hil_bridge.report import write_report
 from hil_bridge.report.latency_plot import LATENCY_SIZE_PX, by_owner, draw_latency
 from hil_bridge.report.page import page
 from hil_bridge.robots.s3.hops import robot_hops
-from hil_bridge.robots.s3.link import RobotLink
+from hil_bridge.robots.s3.link import S3Link
 from hil_bridge.runs.outputs import Outputs
 from hil_bridge.runs.session import execute
-from hil_bridge.runs.truth import Truths
-from hil_bridge.settings.configuration import Config, SensorConfig, dump
+from hil_bridge.runs.truth import GroundTruth
+from hil_bridge.settings.configuration import Config, dump
 from hil_bridge.transports import connect_bytes, listen_bytes
 from protocol.s3.adlp import LinkProfile
 from protocol.s3.timing import line_floor
@@ -367,8 +368,8 @@ def test_the_truth_of_a_cycle_is_what_its_devices_tell(tmp_path: Path, sensor: s
 
 def test_nobody_knows_when_a_real_sensor_took_its_sample() -> None:
     told: list[TruthRecord] = []
-    cell = Cell(CellProfile(), 0.0, 1)
-    truths = Truths(cell, SensorConfig(url="can+socketcan://can0"), told.append)
+    cell = s3_jr3_cell(PaperCellProfile(), 0.0, 1)
+    truths = GroundTruth(cell, False, told.append)
     truths.cycle(CYCLES[0])
     truths.close()
     assert math.isnan(told[0].sampled_at)
@@ -386,7 +387,7 @@ def test_a_sites_latency_comes_back_from_its_emulation(tmp_path: Path, sensor: s
     measured = settings["cell"]
     assert settings.get("sensor") == (None if sensor == "gateway" else {"emulated": sensor})
     assert "robot" not in settings, "the line is the usual one"
-    again = run(tmp_path / "again.mcap", **settings, run={"duration_s": 20.0, "seed": 5})
+    again = run(tmp_path / "again.mcap", **settings, run={"duration_s": 40.0, "seed": 5})
     emulated = tomllib.loads(site_settings(again, LinkProfile(), sensor))["cell"]
     for section, name, odd, apart_ms in (
         ("robot", "status_turnaround_ms", ODD_STATUS, 8.0),
@@ -482,9 +483,7 @@ def test_an_order_is_stamped_from_its_first_bid_to_its_last_character() -> None:
                     break
 
         peer.start(heard, lambda cause: None)
-        robot = RobotLink(
-            await connect_bytes("memory:robot", clock), LinkProfile(), clock, lambda kind, text: None
-        )
+        robot = S3Link(await connect_bytes("memory:robot", clock), LinkProfile(), clock, Silence())
         robot.start()
         try:
             assert math.isnan(robot.begun_at)

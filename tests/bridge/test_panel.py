@@ -11,12 +11,13 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
-from emulators.cell import Cell, CellProfile
 from emulators.cell_faults import CELL_FAULTS
 from emulators.s3 import Panel
+from emulators.s3_jr3_cell import PaperCell, PaperCellProfile, s3_jr3_cell
 from hil_bridge.analysis.summary import summarise
 from hil_bridge.cli import cli
 from hil_bridge.clock import Clock, run_real, run_virtual
+from hil_bridge.device_log import LogTo
 from hil_bridge.errors import ConfigError, DeviceError, TransportUnavailable
 from hil_bridge.recording import CycleRecord, Outcome, read
 from hil_bridge.robots.s3.panel import (
@@ -31,7 +32,7 @@ from hil_bridge.robots.s3.panel import (
     state_text,
 )
 from hil_bridge.runs import session
-from hil_bridge.runs.compose import Ports, emulated_cell, opened_devices
+from hil_bridge.runs.compose import Ports, emulated_cell, make_cell, open_devices
 from hil_bridge.runs.outputs import Outputs
 from hil_bridge.runs.session import execute
 from hil_bridge.settings.configuration import Config
@@ -262,24 +263,18 @@ def test_lines_are_read_strictly() -> None:
             decode(line)
 
 
-def on_a_cell(use: Callable[[str, Cell], Awaitable[None]], **sections: Any) -> None:
+def on_a_cell(use: Callable[[str, PaperCell], Awaitable[None]], **sections: Any) -> None:
     """Run `use` with the panel's URL of a served cell, and the cell."""
     config = Config.model_validate(sections)
-    cells: list[Cell] = []
 
     async def main() -> None:
         clock = Clock.running()
         try:
             async with emulated_cell(
-                config.cell,
-                1,
-                clock,
-                Ports("memory:robot", None, LOOPBACK),
-                lambda cause: pytest.fail(repr(cause)),
-                on_cell=cells.append,
-            ) as ports:
-                assert ports.panel is not None
-                await use(ports.panel, cells[0])
+                config, clock, Ports("memory:robot", None, LOOPBACK), lambda cause: pytest.fail(repr(cause))
+            ) as served:
+                assert served.panel is not None
+                await use(served.panel, served.cell)
         finally:
             clock.close()
 
@@ -293,7 +288,7 @@ def invoke(url: str, *arguments: str) -> str:
 
 
 def test_every_command_reaches_the_controller() -> None:
-    def flags(cell: Cell) -> list[bool]:
+    def flags(cell: PaperCell) -> list[bool]:
         state = cell.robot.state
         return [
             state.emergency_stop,
@@ -304,7 +299,7 @@ def test_every_command_reaches_the_controller() -> None:
             state.interrupt_permitted,
         ]
 
-    async def use(url: str, cell: Cell) -> None:
+    async def use(url: str, cell: PaperCell) -> None:
         async def do(*arguments: str) -> str:
             return await asyncio.to_thread(invoke, url, *arguments)
 
@@ -359,7 +354,7 @@ def test_a_parameter_without_a_value_is_a_usage_error() -> None:
 
 
 def test_what_is_shown_can_be_read_and_survives_an_odd_answer() -> None:
-    cell = Cell(Config().cell, 100.0, 1)
+    cell = s3_jr3_cell(Config().cell, 100.0, 1)
     cell.robot.press_emergency_stop(100.0)
     shown = json.loads(json.dumps(Panel(cell.robot).perform({"do": "show"}, 101.0)))["state"]
     lines = state_text(shown).splitlines()
@@ -378,7 +373,7 @@ def test_a_panel_has_no_place_in_virtual_time_or_at_a_real_robot() -> None:
         config = Config.model_validate({"run": {"panel_url": LOOPBACK}, "robot": {"url": robot}})
 
         async def main(config: Config = config) -> None:
-            async with opened_devices(config, Clock.running(), print, print):
+            async with open_devices(config, Clock.running(), LogTo()):
                 pass
 
         with pytest.raises(ConfigError, match="--panel"):
@@ -386,7 +381,7 @@ def test_a_panel_has_no_place_in_virtual_time_or_at_a_real_robot() -> None:
 
 
 def test_what_is_done_at_the_panel_is_told_to_the_record() -> None:
-    cell, said = Cell(CellProfile(), 100.0, 1), []
+    cell, said = s3_jr3_cell(PaperCellProfile(), 100.0, 1), []
     cell.ledger.on_fault = said.append
     board = Panel(cell.robot, cell.ledger, CELL_FAULTS)
     board.perform({"do": "key", "to": "manual"}, 101.0)
@@ -419,9 +414,11 @@ def test_an_emergency_stop_ends_the_orders_and_is_latched_with_the_refusal(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], offset_ms: int
 ) -> None:
     """Pressed at several places of a cycle of 156 ms: also between a status that knows nothing yet and its move."""
-    cells: list[Cell] = []
+    cells: list[PaperCell] = []
     pressed: list[float] = []
-    monkeypatch.setattr("hil_bridge.runs.compose.Cell", lambda *args: cells.append(Cell(*args)) or cells[0])
+    monkeypatch.setattr(
+        "hil_bridge.runs.compose.make_cell", lambda *args: cells.append(make_cell(*args)) or cells[0]
+    )
     told = session._Session.cycle
 
     def cycle(self: Any, record: CycleRecord) -> None:

@@ -8,15 +8,16 @@ from types import SimpleNamespace
 
 import pytest
 
-from emulators.cell import Cell, CellProfile
+from emulators.s3_jr3_cell import PaperCell, PaperCellProfile, s3_jr3_cell
 from hil_bridge.clock import Clock, run_virtual
+from hil_bridge.device_log import LogTo
 from hil_bridge.errors import ConfigError, TransportUnavailable
 from hil_bridge.recording import Outcome as RunOutcome
 from hil_bridge.robots.s3.site.probe import failure_text, probe, site_toml, try_text, url_with_line
 from hil_bridge.robots.s3.site.prober import Prober, Said, profile_of
 from hil_bridge.robots.s3.site.search import Finding, Outcome, Query, Reply, Search, Try, likely_lines
 from hil_bridge.runs.checks import problems
-from hil_bridge.runs.compose import Ports, emulated_cell, opened_devices
+from hil_bridge.runs.compose import Ports, emulated_cell, open_devices
 from hil_bridge.runs.cycle import Run, RunResult
 from hil_bridge.settings.configuration import Config, load_config
 from hil_bridge.transports import LineSettings, Parity, Tap, listen_bytes
@@ -40,7 +41,7 @@ class Probed:
     said: list[str] = field(default_factory=list)
     sent: bytes = b""
     took: float = 0.0
-    cell: Cell | None = None
+    cell: PaperCell | None = None
 
 
 def probed(
@@ -48,15 +49,15 @@ def probed(
     url: str = "memory:robot",
     listen: str | None = None,
     position_mm: tuple[float, float, float] = (900.0, -100.0, 600.0),
-    prepare: Callable[[Cell, float], object] = lambda cell, now: None,
+    prepare: Callable[[PaperCell, float], object] = lambda cell, now: None,
 ) -> Probed:
     """Probe an emulated controller with these settings."""
     result = Probed()
 
     async def main() -> None:
         clock = Clock.running()
-        result.cell = cell = Cell(
-            replace(CellProfile(), link=link, start_position_mm=position_mm), clock.now(), 1
+        result.cell = cell = s3_jr3_cell(
+            replace(PaperCellProfile(), link=link, start_position_mm=position_mm), clock.now(), 1
         )
         listening = await listen_bytes(
             listen or f"memory:robot?baudrate={link.baudrate}&parity={link.parity}", clock
@@ -129,15 +130,14 @@ def test_what_the_probe_writes_is_run_once_the_hints_are_filled_in(tmp_path: Pat
         listen = f"memory:robot?baudrate={link.baudrate}&parity={link.parity}"
         async with (
             emulated_cell(
-                replace(CellProfile(), link=link),
-                1,
+                config.model_copy(update={"cell": replace(config.cell, link=link)}),
                 clock,
                 Ports(listen, "can+memory:sensor"),
                 lambda cause: pytest.fail(repr(cause)),
             ),
-            opened_devices(config, clock, lambda frame: None, lambda kind, text: None) as devices,
+            open_devices(config, clock, LogTo()) as devices,
         ):
-            return await Run(config, clock, *devices, log)()
+            return await Run(config, clock, devices.robot, devices.sensor, log)()
 
     result = run_virtual(main)
     assert (result.outcome, result.left) == (RunOutcome.COMPLETED, "retracted, 0.0 N")

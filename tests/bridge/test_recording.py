@@ -24,6 +24,7 @@ from msgspec import structs
 from hil_bridge.control import Predictive
 from hil_bridge.errors import BridgeError, ConfigError
 from hil_bridge.experiments import run_cell
+from hil_bridge.facts import ACCEPTED, Devices, RobotFacts, Sensor
 from hil_bridge.recording import (
     VIRTUAL_CHUNKS,
     CycleRecord,
@@ -36,7 +37,6 @@ from hil_bridge.recording import (
 from hil_bridge.recording import reader as reader_module
 from hil_bridge.recording import recorder as recorder_module
 from hil_bridge.recording.device_facts import devices_of
-from hil_bridge.recording.facts import ACCEPTED, Devices, RobotFacts, Sensor
 from hil_bridge.recording.recorder import Chunks
 from hil_bridge.recording.records import WireRecord
 from hil_bridge.recording.topics import CYCLE, SENSOR, TOPICS, WIRE, Record

@@ -14,6 +14,7 @@ from msgspec import structs
 from hil_bridge.analysis.summary import end_of, phases, summarise
 from hil_bridge.analysis.times import times_of
 from hil_bridge.errors import ConfigError
+from hil_bridge.facts import Devices, RobotFacts
 from hil_bridge.recording import (
     CycleRecord,
     EventRecord,
@@ -24,7 +25,6 @@ from hil_bridge.recording import (
     SensorRecord,
     read,
 )
-from hil_bridge.recording.facts import Devices, RobotFacts
 from hil_bridge.recording.files import write_whole
 
 PERIOD, LSB = 0.25, 0.000125
@@ -141,7 +141,8 @@ def test_the_sample_that_stopped_the_run_counts_for_the_largest_force() -> None:
 
 def test_a_run_stopped_for_force_shows_the_force(bench: Callable[..., Any]) -> None:
     run = bench(
-        task={"expected_stiffness_n_m": 500.0, "approach_step_mm": 2.0},
+        task={"expected_stiffness_n_m": 500.0, "approach_speed_mm_s": 11.1},
+        limits={"correction_mm_s": 20.0},
         cell={"surface": {"stiffness_n_m": 5e4}},
     )
     limit = next(cycle for cycle in run.cycles if cycle.verdict == "stop")

@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 
 from emulators.jr3 import Jr3Sensor, SensorProfile
 from emulators.jr3.board import Board, BoardProfile, IsaPorts, IsaProfile
+from emulators.sensing import KnownWrench
 from hil_bridge.cli import cli
 from hil_bridge.clock import Clock, run_virtual
-from hil_bridge.device_log import Silence
+from hil_bridge.device_log import LogTo, Silence
 from hil_bridge.errors import BridgeError, ConfigError, DeviceError, TransportUnavailable
 from hil_bridge.recording import CycleRecord, EventRecord, Outcome
-from hil_bridge.runs.compose import Ports, emulated_cell, opened_devices
+from hil_bridge.runs.compose import Ports, emulated_cell, open_devices
 from hil_bridge.runs.cycle import Run
 from hil_bridge.sensors.jr3.registers import (
     ListenerProfile,
@@ -426,7 +427,7 @@ def press(times: NDArray[np.float64]) -> NDArray[np.float64]:
 def board_at(now: float, **profile: object) -> Board:
     return Board(
         BoardProfile(**profile),  # type: ignore[arg-type]
-        Jr3Sensor(SensorProfile(noise_counts=0.0), press, seed=1),
+        Jr3Sensor(SensorProfile(noise_counts=0.0), KnownWrench(press), seed=1),
         now,
     )
 
@@ -478,18 +479,17 @@ def closed_loop(**board: object) -> tuple[list[CycleRecord], list[str], list[Wre
             {"run": {"duration_s": 5.0}, "sensor": {"board": board}, "tool": {"mass_kg": 0.5}}
         )
         ports = Ports("memory:robot", "jr3+memory:sensor")
-        async with emulated_cell(config.cell, 1, clock, ports, lambda cause: None) as at:
+        async with emulated_cell(config, clock, ports, lambda cause: None) as at:
             sections = {
                 "robot": config.robot.model_copy(update={"url": at.robot}),
                 "sensor": config.sensor.model_copy(update={"url": f"{at.sensor}?filter=2"}),
             }
             connected = config.model_copy(update=sections)
-            async with opened_devices(
-                connected, clock, frames.append, lambda kind, text: notices.append(text)
-            ) as (robot, sensor):
-                result = await Run(connected, clock, robot, sensor, Log())()
+            log = LogTo(frames.append, lambda kind, text: notices.append(text))
+            async with open_devices(connected, clock, log) as devices:
+                result = await Run(connected, clock, devices.robot, devices.sensor, Log())()
                 assert result.outcome is Outcome.COMPLETED, result.cause
-                assert sensor.lost == 0
+                assert devices.sensor.lost == 0
 
     run_virtual(main)
     return cycles, notices, frames

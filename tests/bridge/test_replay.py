@@ -69,7 +69,7 @@ def test_a_run_that_was_stopped_is_replayed_with_its_stop(
 ) -> None:
     run = bench(
         run={"duration_s": 5.0},
-        task={"expected_stiffness_n_m": 500.0, "approach_step_mm": 2.0},
+        task={"expected_stiffness_n_m": 500.0, "approach_speed_mm_s": 11.0},
         cell={"surface": {"stiffness_n_m": 5e4}},
     )
     assert run.result is not None

@@ -13,8 +13,8 @@ from msgspec import structs
 from hil_bridge.analysis.stream import stream_force
 from hil_bridge.analysis.summary import summarise
 from hil_bridge.errors import ConfigError
+from hil_bridge.facts import Devices, Sensor
 from hil_bridge.recording import CycleRecord, EventRecord, Outcome, Recording, RunEnd, SensorRecord
-from hil_bridge.recording.facts import Devices, Sensor
 from hil_bridge.report import write_report
 from hil_bridge.report.plots import draw
 from protocol.wrench import SensorFacts

@@ -157,7 +157,7 @@ def test_force_and_position_of_a_pair_are_of_the_same_moment(
     listening = Listening()
     monkeypatch.setattr("hil_bridge.runs.cycle.make_controller", lambda *_, **__: listening)
     bench(
-        task={"loss_samples": 1000, "approach_step_mm": 1.0, "step_mm": 0.0, "zero_lift_mm": 0.0},
+        task={"loss_ms": 180e3, "approach_speed_mm_s": 5.5, "speed_mm_s": 0.0, "zero_lift_mm": 0.0},
         limits={"force_limit_n": 90.0},
     )
     moving = listening.given[4:]
@@ -278,7 +278,7 @@ def test_a_turned_and_left_handed_sensor_reads_the_same_force(bench: RunBench) -
     ],
 )
 def test_contact_is_kept_on_every_surface(bench: RunBench, surface: dict[str, Any]) -> None:
-    run = bench(run={"duration_s": 10.0}, cell={"surface": surface}, task={"step_mm": 0.5})
+    run = bench(run={"duration_s": 10.0}, cell={"surface": surface}, task={"speed_mm_s": 2.75})
     assert run.result.outcome is Outcome.COMPLETED
     assert all(record.in_contact for record in run.tracked()[5:])
     assert statistics.fmean(record.force for record in run.tracked()[10:]) == pytest.approx(10.0, abs=2.5)
@@ -286,7 +286,7 @@ def test_contact_is_kept_on_every_surface(bench: RunBench, surface: dict[str, An
 
 def test_too_much_force_stops_retracts_and_keeps_the_cause(bench: RunBench) -> None:
     run = bench(
-        task={"expected_stiffness_n_m": 500.0, "approach_step_mm": 2.0},
+        task={"expected_stiffness_n_m": 500.0, "approach_speed_mm_s": 11.0},
         cell={"surface": {"stiffness_n_m": 5e4}},
     )
     assert run.result.outcome is Outcome.STOPPED
@@ -385,7 +385,7 @@ def test_a_force_that_goes_on_swinging_at_the_lowest_gain_ends_the_run(bench: Ru
         run={"duration_s": 60.0},
         cell={"surface": {"stiffness_n_m": 60_000.0, "damping_ns_m": 0.0}, "sensor": LARGE_SENSOR},
         controller={"name": "pi", "parameters": {"integral": 8.0}},
-        task={"force_n": 40.0, "approach_step_mm": 0.1, "zero_lift_mm": 0.0},
+        task={"force_n": 40.0, "approach_speed_mm_s": 0.55, "zero_lift_mm": 0.0},
         limits={"force_limit_n": 600.0, "resultant_limit_n": 600.0},
         oscillation={"factor_min": 0.5},
     )
@@ -477,7 +477,7 @@ def test_one_setting_serves_soft_and_hard_surfaces(
 
 def freeze_fz(bench: Bench, at: float | None) -> None:
     """From now on the sensor's Fz channel says the same; `at` is that value in counts, None for the newest."""
-    sensor = bench.cell.sensor
+    sensor = bench.cell.sensor.jr3
     counts_from = sensor.counts_from
 
     def frozen(first: int, last: int) -> Any:
@@ -496,7 +496,7 @@ def test_a_force_axis_that_was_dead_from_the_beginning_is_named(bench: RunBench)
     run = bench(
         prepare=lambda bench: freeze_fz(bench, 434),
         cell={"surface": {"kind": "sloped", "slope_deg": 15.0}},
-        task={"approach_step_mm": 0.2},
+        task={"approach_speed_mm_s": 1.1},
     )
     assert run.result.outcome is Outcome.STOPPED
     assert run.result.cause == "fz of the force sensor did not change since the zero while other axes moved"
@@ -526,7 +526,7 @@ def test_a_sensor_at_the_end_of_its_range_is_found_behind_a_large_zero(bench: Ru
     small = {"full_scales_n": (20.0, 20.0, 20.0), "full_scales_nm": (5.6, 5.2, 6.1)}
     run = bench(
         cell={"sensor": small, "tool": {"mass_kg": 3.0}, "surface": {"stiffness_n_m": 20_000.0}},
-        task={"force_n": 80.0, "approach_step_mm": 0.2},
+        task={"force_n": 80.0, "approach_speed_mm_s": 1.1},
         limits={"force_limit_n": 500.0, "resultant_limit_n": 500.0},
     )
     assert run.result.outcome is Outcome.STOPPED
@@ -539,6 +539,6 @@ def test_a_quiet_sensor_is_not_taken_for_a_frozen_or_dead_one(bench: RunBench) -
     run = bench(
         sensor={"gateway": {"cutoff_hz": 2.0}},
         cell={"sensor": {"noise_counts": 0.5}},
-        task={"approach_step_mm": 0.05},
+        task={"approach_speed_mm_s": 0.275},
     )
     assert run.result.outcome is Outcome.COMPLETED

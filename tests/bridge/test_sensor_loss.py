@@ -1,17 +1,20 @@
 """A sensor that is lost in mid-run, whichever of the three devices stands before it."""
 
 from collections.abc import Callable
+from contextlib import AsyncExitStack
 from typing import Any
+from unittest import mock
 
 import pytest
 
-from emulators.cell import Cell
+from emulators.s3_jr3_cell import PaperCell
 from hil_bridge.clock import Clock, run_virtual
+from hil_bridge.device_log import LogTo
 from hil_bridge.recording import CycleRecord, EventRecord, Outcome
-from hil_bridge.runs.compose import Ports, connect_robot, connect_sensor, emulated_cell
+from hil_bridge.runs.compose import Ports, connect_robot, connect_sensor, emulated_cell, make_cell
 from hil_bridge.runs.cycle import Run, RunResult
-from hil_bridge.sensors.stream import ForceSensor
 from hil_bridge.settings.configuration import Config
+from hil_bridge.wiring import Wiring
 
 URLS = {
     "CAN gateway": "can+memory:sensor",
@@ -25,6 +28,7 @@ class Silenced:
 
     def __init__(self, endpoint: Any) -> None:
         self._endpoint = endpoint
+        self.endpoint, self.handlers = self, endpoint.handlers
         self.silent = False
 
     def receive(self, data: Any, now: float) -> None:
@@ -45,13 +49,14 @@ class Silenced:
         self._endpoint.handle_deadline(now)
 
 
-def run_until_lost(url: str, lose: Callable[[Cell, float], None]) -> tuple[RunResult, float]:
+def run_until_lost(url: str, lose: Callable[[Any, float], None]) -> tuple[RunResult, float]:
     """A run whose sensor is lost in its tenth cycle of tracking; its end, and what presses then in N."""
     kept: list[Any] = []
 
     async def main() -> None:
         clock, config, tracked = Clock.running(), Config(), list[CycleRecord]()
-        cells: list[Cell] = []
+        cells: list[PaperCell] = []
+        stack = AsyncExitStack()
 
         class Log:
             def cycle(self, record: CycleRecord) -> None:
@@ -63,23 +68,23 @@ def run_until_lost(url: str, lose: Callable[[Cell, float], None]) -> tuple[RunRe
             def event(self, record: EventRecord) -> None:
                 pass
 
-        def notice(kind: str, text: str) -> None:
-            pass
-
-        def prepare(cell: Cell) -> None:
+        def prepared(*arguments: Any) -> PaperCell:
+            cell = make_cell(*arguments)
             # The board has no wire of its own: its server goes on when its sensor is unplugged.
-            for name in ("gateway", "uart_gateway"):
-                setattr(cell, name, Silenced(getattr(cell, name)))
+            if not url.startswith("jr3+"):
+                cell.sensor = Silenced(cell.sensor)
             cells.append(cell)
+            return cell
 
         ports = Ports("memory:robot", url)
-        async with emulated_cell(config.cell, 1, clock, ports, lambda cause: None, on_cell=prepare) as at:
+        with mock.patch("hil_bridge.runs.compose.make_cell", prepared):
+            cell = emulated_cell(config, clock, ports, lambda cause: None)
+            at = await stack.enter_async_context(cell)
+        async with stack:
             assert at.robot is not None
             assert at.sensor is not None
-            robot = await connect_robot(at.robot, config.robot.link, clock, notice)
-            sensor: ForceSensor = await connect_sensor(
-                at.sensor, config.sensor, clock, lambda frame: None, notice
-            )
+            robot = await connect_robot(config, at.robot, Wiring("robot", clock, LogTo()))
+            sensor = await connect_sensor(config, at.sensor, Wiring("sensor", clock, LogTo()))
             robot.start()
             sensor.start()
             try:
@@ -95,7 +100,7 @@ def run_until_lost(url: str, lose: Callable[[Cell, float], None]) -> tuple[RunRe
 
 
 def silence(cell: Any, now: float) -> None:
-    cell.gateway.silent = cell.uart_gateway.silent = True
+    cell.sensor.silent = True
 
 
 @pytest.mark.parametrize("device", ["CAN gateway", "UART gateway"])
@@ -108,7 +113,7 @@ def test_a_gateway_that_falls_silent_stops_the_run_and_the_tool_retracts(device:
 
 
 def test_a_sensor_unplugged_from_its_board_stops_the_run_and_the_tool_retracts() -> None:
-    result, force = run_until_lost(URLS["receiver board"], lambda cell, now: cell.board.unplug(now))
+    result, force = run_until_lost(URLS["receiver board"], lambda cell, now: cell.sensor.unplug(now))
     assert result.outcome is Outcome.STOPPED
     assert "watch dog" in result.cause
     assert "\n" not in result.cause

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from emulators.cell import Cell
+from emulators.s3_jr3_cell import PaperCell
 from hil_bridge.clock import VIRTUAL_EPOCH, Clock, run_virtual
 from hil_bridge.errors import DeviceError
-from hil_bridge.runs.compose import Ports, emulated_cell
+from hil_bridge.runs.compose import Ports, emulated_cell, make_cell
 from hil_bridge.runs.cycle import wrist
 from hil_bridge.settings.configuration import Config
 from hil_bridge.site.sensor_probe import Screen, probe
@@ -29,7 +29,7 @@ def probed(
     before: str = "gateway",
     hand: Force | None = None,
     enter_at: Sequence[float] = (),
-    prepare: Callable[[Cell], object] = lambda cell: None,
+    prepare: Callable[[PaperCell], object] = lambda cell: None,
     duration_s: float = 2.0,
     seen_as: dict[str, Any] | None = None,
     **sections: Any,
@@ -39,11 +39,12 @@ def probed(
     sits = wrist(Config.model_validate({"sensor": seen_as or {}}))
     said: list[str] = []
 
-    def laid_on(cell: Cell) -> None:
+    def laid_on(*arguments: Any) -> PaperCell:
+        cell = make_cell(*arguments)
         prepare(cell)
         if hand is None:
-            return
-        own = cell.sensor._wrench_at
+            return cell
+        own = cell.wrench
 
         def wrench(times: NDArray[np.float64]) -> NDArray[np.float64]:
             wrenches = own(times)
@@ -52,14 +53,16 @@ def probed(
             wrenches[:, :3] += (forces @ sits.alignment())[places]
             return wrenches
 
-        cell.sensor._wrench_at = wrench
+        cell.wrench = wrench
+        return cell
 
     async def main() -> None:
         clock = Clock.running()
         ports = Ports(None, URLS[before])
-        async with emulated_cell(
-            config.cell, 1, clock, ports, lambda cause: pytest.fail(repr(cause)), on_cell=laid_on
-        ):
+        monkeypatch = pytest.MonkeyPatch()
+        monkeypatch.setattr("hil_bridge.runs.compose.make_cell", laid_on)
+        async with emulated_cell(config, clock, ports, lambda cause: pytest.fail(repr(cause))):
+            monkeypatch.undo()
             entered = asyncio.Event()
             for at in enter_at:
                 clock.call_at(VIRTUAL_EPOCH + at, entered.set)
@@ -180,9 +183,9 @@ def test_a_sensor_that_is_not_there_is_one_line() -> None:
 
 
 def test_a_sensor_that_falls_silent_ends_the_probe() -> None:
-    def unplug(cell: Cell) -> None:
-        own = cell.gateway.data_to_send
-        cell.gateway.data_to_send = lambda now: () if now > VIRTUAL_EPOCH + 6.0 else own(now)  # type: ignore[method-assign]
+    def unplug(cell: PaperCell) -> None:
+        own = cell.sensor.data_to_send
+        cell.sensor.data_to_send = lambda now: () if now > VIRTUAL_EPOCH + 6.0 else own(now)  # type: ignore[method-assign]
 
     with pytest.raises(DeviceError, match="0 frames in the last 1 s: it does not stream"):
         probed(prepare=unplug, duration_s=60.0)

@@ -116,6 +116,12 @@ REFUSED = [
     (connect_bytes, "tcp://[::1:4000", "Invalid IPv6"),
     (connect_can, "can+vector://0", "allowed: can+memory, can+socketcan, can+virtual, can+slcan"),
     (connect_can, "can+slcan:///dev/x?bitrate=123", "bitrate must be one of 10000, 20000"),
+    (connect_can, "can+slcan+tcp://localhost", "host and port must be like 127.0.0.1:4000"),
+    (
+        connect_can,
+        "can+slcan+tcp://localhost:1?tty_baudrate=9600",
+        "unknown option 'tty_baudrate'; allowed: bitrate",
+    ),
     (connect_can, "can+socketcan://can0?bitrate=1", "unknown option 'bitrate'; allowed: none"),
     (listen_bytes, "pty:///dev/x", "nothing may stand between"),
     (listen_bytes, "pty:?link=robot", "link must be an absolute path"),
@@ -202,9 +208,7 @@ def test_an_slcan_adapter_is_a_serial_port() -> None:
         with pytest.raises(
             ConfigError, match=r"an slcan adapter is a serial port; for example can\+slcan\+pty:"
         ):
-            async with emulated_cell(
-                load_config(None, {}).cell, 1, Clock.running(), ports, lambda cause: None
-            ):
+            async with emulated_cell(load_config(None, {}), Clock.running(), ports, lambda cause: None):
                 pass
 
     run_virtual(main)

@@ -11,14 +11,17 @@ from click.testing import CliRunner
 
 from hil_bridge.cli.decode import decode
 from hil_bridge.clock import Clock, run_virtual
+from hil_bridge.device_log import LogTo
 from hil_bridge.errors import ConfigError, DeviceError, TransportUnavailable
 from hil_bridge.recording import CycleRecord, EventRecord, Outcome
-from hil_bridge.robots.s3.link import RobotLink
-from hil_bridge.runs.compose import Ports, connect_robot, connect_sensor, emulated_cell, uart_wire
+from hil_bridge.robots.s3.link import S3Link
+from hil_bridge.runs.compose import Ports, connect_robot, connect_sensor, emulated_cell
 from hil_bridge.runs.cycle import Run
+from hil_bridge.sensors.jr3.room import uart_form, uart_line
 from hil_bridge.sensors.stream import ForceSensor
 from hil_bridge.settings.configuration import Config, load_config
 from hil_bridge.transports.urls import CONNECT_BYTES, LISTEN_BYTES
+from hil_bridge.wiring import Wiring
 from protocol.wrench import WrenchFrame
 
 URL = "memory:sensor?gateway=jr3"
@@ -44,7 +47,8 @@ URL = "memory:sensor?gateway=jr3"
     ],
 )
 def test_a_connecting_url_names_its_gateway_and_gets_its_line(url: str, wire: str | None) -> None:
-    assert uart_wire(url, CONNECT_BYTES) == wire
+    found = uart_form(url)
+    assert (found and uart_line(found, CONNECT_BYTES)) == wire
 
 
 @pytest.mark.parametrize(
@@ -58,19 +62,20 @@ def test_a_connecting_url_names_its_gateway_and_gets_its_line(url: str, wire: st
     ],
 )
 def test_a_listening_url_names_its_gateway_and_gets_its_line(url: str, wire: str | None) -> None:
-    assert uart_wire(url, LISTEN_BYTES) == wire
+    found = uart_form(url)
+    assert (found and uart_line(found, LISTEN_BYTES)) == wire
 
 
 @pytest.mark.parametrize("option", ["gateway=", "gateway", "gateway=can", "gateway=jr3&gateway=jr3"])
 def test_another_gateway_is_refused(option: str) -> None:
     with pytest.raises(ConfigError, match=r"gateway must be jr3, and once, got 'gateway"):
-        uart_wire(f"serial:///dev/ttyACM0?{option}", CONNECT_BYTES)
+        uart_form(f"serial:///dev/ttyACM0?{option}")
 
 
 def refuse(url: str, error: type[Exception]) -> str:
     async def main() -> None:
         clock = Clock.running()
-        await connect_sensor(url, Config().sensor, clock, lambda frame: None, lambda kind, text: None)
+        await connect_sensor(Config(), url, Wiring("sensor", clock, LogTo()))
 
     with pytest.raises(error) as caught:
         run_virtual(main)
@@ -142,7 +147,7 @@ class Served:
     """A cell whose sensor is behind a UART gateway, and its two devices."""
 
     clock: Clock
-    robot: RobotLink
+    robot: S3Link
     sensor: ForceSensor
     frames: list[WrenchFrame]
     notices: list[tuple[str, str]]
@@ -163,11 +168,12 @@ def with_cell(script: Callable[[Served], Awaitable[None]], **sections: Any) -> S
         def failed(cause: BaseException) -> None:
             raise cause
 
-        async with emulated_cell(config.cell, 1, clock, Ports("memory:robot", URL), failed) as ports:
+        async with emulated_cell(config, clock, Ports("memory:robot", URL), failed) as ports:
             assert ports.robot is not None
             assert ports.sensor == URL
-            robot = await connect_robot(ports.robot, config.robot.link, clock, notice)
-            sensor = await connect_sensor(ports.sensor, config.sensor, clock, frames.append, notice)
+            log = LogTo(frames.append, notice)
+            robot = await connect_robot(config, ports.robot, Wiring("robot", clock, log))
+            sensor = await connect_sensor(config, ports.sensor, Wiring("sensor", clock, log))
             kept.append(Served(clock, robot, sensor, frames, notices))
             robot.start()
             sensor.start()

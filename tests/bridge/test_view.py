@@ -11,8 +11,8 @@ from rich.console import Console
 
 from emulators.arm.servo import ServoProfile
 from hil_bridge.clock import Clock
+from hil_bridge.facts import RobotFacts
 from hil_bridge.recording import CycleRecord
-from hil_bridge.recording.facts import RobotFacts
 from hil_bridge.robots.s3.facts import robot_facts
 from hil_bridge.runs import screen
 from hil_bridge.runs.outputs import Outputs

@@ -51,7 +51,10 @@ def give_up(measurement):
 def drive(controller, cycles=60, force=8.0, **more):
     """Contact from a depth of 2.2 mm on; the decisions until the end."""
     loop = ControlLoop(
-        Task(TaskParameters(retract_mm=4.0), controller), Supervisor(Limits()), (0, 0, -1.0), (0, 1.0, 0)
+        Task(TaskParameters(retract_mm=4.0), controller, position_step=0.125e-3),
+        Supervisor(Limits()),
+        (0, 0, -1.0),
+        (0, 1.0, 0),
     )
     state, position, decisions = loop.initial(START), START, []
     for k in range(cycles):

@@ -10,10 +10,10 @@ from hil_bridge.control.course.oscillation import Finding, OscillationDetector
 DETECTOR = OscillationDetector()
 
 
-def watch(errors, stiffness=None, detector=DETECTOR):
+def watch(errors, stiffness=None, detector=DETECTOR, dt=0.18):
     state, advices = detector.initial(), []
     for error in errors:
-        state, advice = detector.step(state, error, stiffness)
+        state, advice = detector.step(state, error, stiffness, dt)
         advices.append(advice)
     return advices
 
@@ -32,7 +32,7 @@ def test_an_oscillation_is_found_within_a_window_and_measured(period):
     first = next(a for a in advices if a.finding is Finding.OSCILLATING)
     assert first.factor == 0.5
     assert first.amplitude == pytest.approx(10.0, rel=0.35)  # samples miss the crest of a fast one
-    assert first.period_samples == pytest.approx(period, rel=0.25)
+    assert first.period == pytest.approx(period * 0.18, rel=0.25)
 
 
 def test_a_lasting_oscillation_lowers_the_gain_notch_by_notch_then_retracts():
@@ -101,7 +101,7 @@ def test_what_is_no_number_is_skipped():
     "wrong",
     [
         {"peaks": 3},
-        {"window_samples": 8},
+        {"window_ms": 0.0},
         {"notch": 1.0},
         {"factor_min": 0.0},
         {"decay": 1.5},

@@ -35,12 +35,12 @@ def test_request_within_limits_is_allowed_as_it_is():
     assert (state.depth, state.position) == (asked.depth, asked.position)
 
 
-def test_depth_per_cycle_is_clamped_and_pulling_back_is_not():
+def test_going_deeper_is_limited_in_speed_and_pulling_back_is_not():
     _, verdict = step(request(5.0))
     assert isinstance(verdict, Clamp)
-    assert verdict.depth == pytest.approx(2e-3)
-    assert verdict.position == pytest.approx((0.0, 0.0, -2e-3))
-    assert verdict.reasons == ("deeper by more than 2 mm in a cycle",)
+    assert verdict.depth == pytest.approx(11e-3 * 0.18)
+    assert verdict.position == pytest.approx((0.0, 0.0, -11e-3 * 0.18))
+    assert verdict.reasons == ("deeper faster than 11 mm/s",)
     _, verdict = step(request(-9.0))
     assert isinstance(verdict, Allow)
 
@@ -50,7 +50,7 @@ def test_depth_in_total_is_clamped():
     state = supervisor.initial((0.0, 0.0, 0.0))
     for _ in range(5):
         state, verdict = supervisor.step(
-            state, replace(QUIET, sensor_sequence=state.still_cycles), request(50.0)
+            state, replace(QUIET, sensor_sequence=round(state.still)), request(50.0)
         )
         state = replace(state, sensor_sequence=None)
     assert verdict.depth == pytest.approx(3e-3)
@@ -60,7 +60,7 @@ def test_depth_in_total_is_clamped():
 def test_move_across_is_clamped_without_shortening_a_retraction():
     _, verdict = step(request(-4.0, 50.0))
     assert isinstance(verdict, Clamp)
-    assert verdict.position == pytest.approx((5e-3, 0.0, 4e-3))
+    assert verdict.position == pytest.approx((27.5e-3 * 0.18, 0.0, 4e-3))
     assert verdict.depth == -4e-3
 
 
@@ -87,7 +87,7 @@ def test_start_outside_the_workspace_is_a_configuration_error():
         ({"saturated": True}, Cause.SATURATED),
         ({"now": 100.21}, Cause.STALE),
         ({"sensor_at": 100.1}, Cause.STALE),
-        ({"repeated_frames": 400}, Cause.FROZEN),
+        ({"unchanged": 4.0}, Cause.FROZEN),
         ({"fault": "the sensor restarted"}, Cause.DEVICE),
         ({"dead_axis": "fz did not change"}, Cause.FROZEN),
         ({"depth": math.inf}, Cause.NOT_A_NUMBER),
@@ -97,7 +97,7 @@ def test_each_cause_stops_and_just_inside_does_not(observed, cause):
     _, verdict = step(request(0.5), **observed)
     assert isinstance(verdict, Stop)
     assert verdict.cause is cause
-    inside = {"force": 50.0, "resultant": 100.0, "now": 100.18, "repeated_frames": 399}
+    inside = {"force": 50.0, "resultant": 100.0, "now": 100.18, "unchanged": 3.99}
     assert isinstance(step(request(0.5), **inside)[1], Allow)
 
 

@@ -10,6 +10,14 @@ from hil_bridge.control import Command, FuzzyAdaptive, FuzzyPi, Measurement, Pha
 PARAMETERS = TaskParameters(travel_limit_mm=10.0, approach_depth_limit_mm=5.0, retract_mm=4.0)
 
 
+STEP = 0.125e-3
+"""Of the robot's position, m."""
+
+
+def task_of(parameters, controller, limit=math.inf):
+    return Task(parameters, controller, limit, STEP)
+
+
 class Watched:
     """Counts its steps in its state and never moves."""
 
@@ -38,7 +46,7 @@ def surface_at(contact, stiffness=5000.0):
 
 
 def test_whole_course():
-    state, outputs = drive(Task(PARAMETERS, FuzzyPi()), surface_at(3e-3), 60)
+    state, outputs = drive(task_of(PARAMETERS, FuzzyPi()), surface_at(3e-3), 60)
     phases = [output.phase for output in outputs]
     assert sorted(set(phases), key=phases.index) == [Phase.APPROACH, Phase.TRACK, Phase.RETRACT, Phase.END]
     assert phases.count(Phase.TRACK) == 10
@@ -51,13 +59,13 @@ def test_whole_course():
 
 
 def test_controller_is_stepped_in_track_only():
-    state, outputs = drive(Task(PARAMETERS, Watched()), surface_at(3e-3), 60)
+    state, outputs = drive(task_of(PARAMETERS, Watched()), surface_at(3e-3), 60)
     assert all((output.command is not None) == (output.phase is Phase.TRACK) for output in outputs)
     assert state.controller == sum(output.phase is Phase.TRACK for output in outputs)
 
 
 def test_nothing_there_is_a_cause_and_never_deeper_than_the_limit():
-    state, outputs = drive(Task(PARAMETERS, Watched()), lambda *_: 0.0, 40)
+    state, outputs = drive(task_of(PARAMETERS, Watched()), lambda *_: 0.0, 40)
     assert state.cause == "no contact found within 5 mm"
     assert state.phase is Phase.END
     assert state.controller is None
@@ -66,7 +74,7 @@ def test_nothing_there_is_a_cause_and_never_deeper_than_the_limit():
 
 
 def test_contact_loss_waits_then_approaches_anew_and_keeps_what_was_learnt():
-    task = Task(replace(PARAMETERS, loss_samples=3, travel_limit_mm=100.0), FuzzyAdaptive())
+    task = task_of(replace(PARAMETERS, loss_ms=450.0, travel_limit_mm=100.0), FuzzyAdaptive())
     # A hole of 4 mm after 5 mm of travel.
     state, outputs = drive(task, lambda d, t, k: 5000 * max(d - (3e-3 if t < 5e-3 else 7e-3), 0.0), 40)
     lost = next(i for i, output in enumerate(outputs) if i > 10 and not output.in_contact)
@@ -81,7 +89,7 @@ def test_contact_loss_waits_then_approaches_anew_and_keeps_what_was_learnt():
 
 def test_loss_is_told_to_the_controller_and_has_hysteresis():
     forces = [2.0, 0.7, 0.4, 0.7, 1.1]
-    task = Task(PARAMETERS, Watched())
+    task = task_of(PARAMETERS, Watched())
     _, outputs = drive(task, lambda d, t, k: forces[k], len(forces))
     assert [output.in_contact for output in outputs] == [True, True, False, False, True]
     assert [output.command.explanation["contact"] for output in outputs] == [True, True, False, False, True]
@@ -89,14 +97,14 @@ def test_loss_is_told_to_the_controller_and_has_hysteresis():
 
 
 def test_too_many_losses_end_the_run():
-    task = Task(replace(PARAMETERS, loss_limit=3, travel_limit_mm=1e3), Watched())
+    task = task_of(replace(PARAMETERS, loss_limit=3, travel_limit_mm=1e3), Watched())
     state, _ = drive(task, lambda d, t, k: 5.0 * (k % 2 == 0), 30)
     assert state.cause == "contact lost 3 times"
     assert state.phase is Phase.END
 
 
 def test_finish_from_outside_retracts_once():
-    task = Task(PARAMETERS, Watched())
+    task = task_of(PARAMETERS, Watched())
     state, outputs = drive(task, surface_at(0.0), 4)
     state = task.finish(task.finish(state, "time is up"), "again")
     assert state.cause == "time is up"
@@ -108,7 +116,7 @@ def test_finish_from_outside_retracts_once():
 
 @pytest.mark.parametrize("force", [math.nan, math.inf])
 def test_force_that_is_not_finite_never_moves_deeper(force):
-    task = Task(PARAMETERS, Watched())
+    task = task_of(PARAMETERS, Watched())
     state = task.initial()
     after, output = task.step(state, Measurement(0.0, force, 0.0, 1e-3))
     assert after is state
@@ -116,7 +124,7 @@ def test_force_that_is_not_finite_never_moves_deeper(force):
 
 
 def test_retraction_goes_on_with_a_dead_sensor():
-    task = Task(PARAMETERS, Watched())
+    task = task_of(PARAMETERS, Watched())
     state = task.finish(task.initial(), "the sensor died")
     state, outputs = drive(task, lambda *_: math.nan, 40, state)
     assert state.phase is Phase.END
@@ -127,7 +135,10 @@ def test_retraction_goes_on_with_a_dead_sensor():
     "wrong",
     [
         {"force_n": 0.0},
-        {"step_mm": -1.0},
+        {"speed_mm_s": -1.0},
+        {"approach_speed_mm_s": 0.0},
+        {"retract_speed_mm_s": math.inf},
+        {"loss_ms": 0.0},
         {"loss_threshold_n": 2.0},
         {"contact_threshold_n": 10.0},
         {"retract_mm": math.nan},
@@ -145,10 +156,10 @@ def test_impossible_parameters_are_refused(wrong):
 @pytest.mark.parametrize(("stiffness", "limit"), [(5e3, 50.0), (2e4, 50.0), (5e3, 12.0)])
 def test_first_touch_presses_no_more_than_allowed_however_late_the_robot_follows(stiffness, limit, lag):
     """The robot is where it was sent `lag` samples ago, and the approach stops when contact shows."""
-    parameters = replace(PARAMETERS, expected_stiffness_n_m=stiffness, approach_step_mm=2.0)
+    parameters = replace(PARAMETERS, expected_stiffness_n_m=stiffness, approach_speed_mm_s=11.0)
     allowed = min(10.0, limit / 2)
     for contact in (1.0e-3, 1.3e-3, 1.77e-3, 2.01e-3):
-        task = Task(parameters, Watched(), limit)
+        task = task_of(parameters, Watched(), limit)
         state, commands = task.initial(), [0.0] * (lag + 1)
         for k in range(400):
             depth = commands[-1 - lag]
@@ -163,9 +174,9 @@ def test_first_touch_presses_no_more_than_allowed_however_late_the_robot_follows
 
 
 def test_approach_is_as_fast_as_its_setting_on_soft_surfaces_and_never_stands():
-    soft = Task(replace(PARAMETERS, expected_stiffness_n_m=500.0), Watched())
-    hard = Task(replace(PARAMETERS, expected_stiffness_n_m=1e7), Watched())
-    for task, step in ((soft, 0.5e-3), (hard, 0.05e-3)):
+    soft = task_of(replace(PARAMETERS, expected_stiffness_n_m=500.0), Watched())
+    hard = task_of(replace(PARAMETERS, expected_stiffness_n_m=1e7), Watched())
+    for task, step in ((soft, 0.5e-3), (hard, 0.2e-3 * 0.18)):
         _, outputs = drive(task, lambda *_: 0.0, 5)
         assert [o.target.depth for o in outputs] == pytest.approx([step * k for k in range(1, 6)])
 
@@ -173,7 +184,7 @@ def test_approach_is_as_fast_as_its_setting_on_soft_surfaces_and_never_stands():
 def test_an_edge_is_an_end_and_no_hole_to_dive_into():
     parameters = replace(PARAMETERS, travel_limit_mm=100.0, approach_depth_limit_mm=50.0)
     for controller in (FuzzyPi(), FuzzyAdaptive()):
-        task = Task(replace(parameters, search_depth_limit_mm=3.0), controller)
+        task = task_of(replace(parameters, search_depth_limit_mm=3.0), controller)
         state, outputs = drive(task, lambda d, t, k: 5e3 * max(d - 3e-3, 0.0) if t < 5e-3 else 0.0, 60)
         lost = next(i for i, output in enumerate(outputs) if i > 10 and not output.in_contact)
         assert state.cause == "the surface ended: no contact within 3 mm"
@@ -185,7 +196,7 @@ def test_an_edge_is_an_end_and_no_hole_to_dive_into():
 
 def test_travel_may_wait_for_the_force():
     parameters = replace(PARAMETERS, travel_from_share=0.8)
-    _, outputs = drive(Task(parameters, FuzzyPi()), surface_at(3e-3), 40)
+    _, outputs = drive(task_of(parameters, FuzzyPi()), surface_at(3e-3), 40)
     track = [output for output in outputs if output.phase is Phase.TRACK]
     moved = next(i for i, output in enumerate(track) if output.target.travel > 0)
     assert moved > 0

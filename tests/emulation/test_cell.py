@@ -8,10 +8,11 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from pydantic import TypeAdapter, ValidationError
 
-from emulators.arm.motion import Motion
-from emulators.arm.servo import Waypoint
-from emulators.cell import Cell, CellProfile, ToolProfile, force_to_wrench, rotation_matrix
+from emulators.arm.history import History
+from emulators.arm.waypoints import Waypoint
+from emulators.cell import ToolProfile, force_to_wrench, rotation_matrix
 from emulators.jr3 import GatewayProfile, SensorProfile
+from emulators.s3_jr3_cell import PaperCell, PaperCellProfile, s3_jr3_cell
 from emulators.surface.contact import SurfaceProfile
 from protocol.can.frame import CanFrame
 
@@ -22,26 +23,28 @@ FULL_SCALE_FZ = 185.0
 NO_TOOL = ToolProfile(mass_kg=0.0)
 
 
-def settled_at(cell: Cell, xyz: tuple[float, float, float], quaternion: tuple[float, ...] = DOWN) -> float:
+def settled_at(
+    cell: PaperCell, xyz: tuple[float, float, float], quaternion: tuple[float, ...] = DOWN
+) -> float:
     """Put the tip at a place and let it come to rest; the time at which it has."""
     w, x, y, z = quaternion
     cell.robot.motion.enqueue(Waypoint(xyz, (w, x, y, z), AT_ONCE), T0)
     return T0 + 5.0
 
 
-def read_frames(cell: Cell, begin: float, seconds: float) -> np.ndarray:
+def read_frames(cell: PaperCell, begin: float, seconds: float) -> np.ndarray:
     """Forces in N (n, 3) of an unfiltered stream at 1 kHz, decoded here by hand."""
-    cell.gateway.receive([CanFrame(0x201, bytes.fromhex("0000E8030000"))], begin)
+    cell.sensor.receive([CanFrame(0x201, bytes.fromhex("0000E8030000"))], begin)
     frames: list[CanFrame] = []
-    while (due := cell.gateway.next_deadline()) is not None and due <= begin + seconds:
-        cell.gateway.handle_deadline(due)
-        frames.extend(cell.gateway.data_to_send(due))
+    while (due := cell.sensor.next_deadline()) is not None and due <= begin + seconds:
+        cell.sensor.handle_deadline(due)
+        frames.extend(cell.sensor.data_to_send(due))
     counts = np.array([struct.unpack("<3hH", f.data)[:3] for f in frames if f.identifier == 0x601])
     return counts * np.array([115.0, 111.0, FULL_SCALE_FZ]) / 16384.0
 
 
 def test_pressing_2_mm_into_the_sponge_reads_10_n_on_the_wire() -> None:
-    cell = Cell(CellProfile(tool=NO_TOOL), T0, seed=5)
+    cell = s3_jr3_cell(PaperCellProfile(tool=NO_TOOL), T0, seed=5)
     at = settled_at(cell, (0.9, 0.0, 0.588))
     truth = cell.true_state(at)
     forces = read_frames(cell, at, 0.5)[10:]
@@ -56,7 +59,9 @@ def test_pressing_2_mm_into_the_sponge_reads_10_n_on_the_wire() -> None:
 
 
 def test_in_the_air_the_sensor_carries_the_tool() -> None:
-    cell = Cell(CellProfile(tool=ToolProfile(mass_kg=2.0, centre_of_gravity_mm=(10.0, -20.0, 80.0))), T0, 1)
+    cell = s3_jr3_cell(
+        PaperCellProfile(tool=ToolProfile(mass_kg=2.0, centre_of_gravity_mm=(10.0, -20.0, 80.0))), T0, 1
+    )
     wrench = cell.wrench(np.array([T0, T0 + 0.1]))
     weight = 2.0 * 9.80665
     # Tool z points down, tool y along -y of the base: r × f with r = (10, -20, 80) mm and f = (0, 0, weight).
@@ -65,8 +70,8 @@ def test_in_the_air_the_sensor_carries_the_tool() -> None:
 
 
 def test_a_force_at_the_tip_has_the_textbook_moment() -> None:
-    cell = Cell(
-        CellProfile(
+    cell = s3_jr3_cell(
+        PaperCellProfile(
             tool=ToolProfile(length_mm=250.0, mass_kg=0.0),
             surface=SurfaceProfile(friction=0.5, friction_smoothing_mm_s=1e-3),
         ),
@@ -104,7 +109,7 @@ def test_moving_a_force_to_the_sensor_keeps_its_power(
 
 
 def test_the_wrench_turns_with_the_tool_within_a_block() -> None:
-    cell = Cell(CellProfile(tool=ToolProfile(mass_kg=1.0)), T0, 1)
+    cell = s3_jr3_cell(PaperCellProfile(tool=ToolProfile(mass_kg=1.0)), T0, 1)
     # A quarter turn about base x at 90°/s, from tool down to tool along base y.
     settled_at(cell, (0.9, -0.1, 0.6), (0.7071067811865476, -0.7071067811865476, 0.0, 0.0))
     times = T0 + np.arange(0.0, 1.5, 0.001)
@@ -117,12 +122,12 @@ def test_the_wrench_turns_with_the_tool_within_a_block() -> None:
 
 
 def test_no_times_give_no_wrenches() -> None:
-    assert Cell(CellProfile(), T0, 1).wrench(np.empty(0)).shape == (0, 6)
+    assert s3_jr3_cell(PaperCellProfile(), T0, 1).wrench(np.empty(0)).shape == (0, 6)
 
 
 def test_the_same_seed_gives_the_same_frames() -> None:
     def frames(seed: int) -> np.ndarray:
-        cell = Cell(CellProfile(gateway=GatewayProfile(boot_s=0.0)), T0, seed)
+        cell = s3_jr3_cell(PaperCellProfile(gateway=GatewayProfile(boot_s=0.0)), T0, seed)
         return read_frames(cell, settled_at(cell, (0.9, 0.0, 0.589)), 0.1)
 
     np.testing.assert_array_equal(frames(2), frames(2))
@@ -130,7 +135,7 @@ def test_the_same_seed_gives_the_same_frames() -> None:
 
 
 def test_both_resting_places_of_one_reported_position_differ_by_less_than_the_papers_limit_cycle() -> None:
-    cell = Cell(CellProfile(surface=SurfaceProfile(stiffness_n_m=20_000.0), tool=NO_TOOL), T0, 1)
+    cell = s3_jr3_cell(PaperCellProfile(surface=SurfaceProfile(stiffness_n_m=20_000.0), tool=NO_TOOL), T0, 1)
     motion, forces, reported = cell.robot.motion, [], []
     for k, height in enumerate((0.588, 0.5875, 0.588)):
         motion.enqueue(Waypoint((0.9, 0.0, height), DOWN, AT_ONCE), T0 + k)
@@ -141,7 +146,7 @@ def test_both_resting_places_of_one_reported_position_differ_by_less_than_the_pa
 
 
 def test_a_cell_is_read_from_plain_tables_by_name() -> None:
-    adapter = TypeAdapter(CellProfile)
+    adapter = TypeAdapter(PaperCellProfile)
     profile = adapter.validate_python(
         {
             "tool": {"length_mm": 150.0, "mass_kg": 1.0},
@@ -155,7 +160,7 @@ def test_a_cell_is_read_from_plain_tables_by_name() -> None:
     assert profile.robot.programs == (1, 2)
     assert profile.sensor == SensorProfile(noise_counts=0.0)
     assert profile.start_position_mm == (900.0, 0.0, 650.0)
-    assert Cell(profile, T0, 1).true_state(T0).position == pytest.approx((0.9, 0.0, 0.65))
+    assert s3_jr3_cell(profile, T0, 1).true_state(T0).position == pytest.approx((0.9, 0.0, 0.65))
     with pytest.raises(ValidationError, match="stifness"):
         adapter.validate_python({"surface": {"stifness_n_m": 1.0}})
     with pytest.raises(ValidationError, match="mass_kg must be at least 0"):
@@ -166,16 +171,16 @@ def test_a_cell_is_read_from_plain_tables_by_name() -> None:
 
 def test_a_start_out_of_reach_is_refused() -> None:
     with pytest.raises(ValueError, match="work area"):
-        Cell(CellProfile(start_position_mm=(3000.0, 0.0, 0.0)), T0, 1)
+        s3_jr3_cell(PaperCellProfile(start_position_mm=(3000.0, 0.0, 0.0)), T0, 1)
 
 
 Orders = list[tuple[float, int, float]]
 
 
-def frames_of(profile: CellProfile, orders: Orders) -> list[str]:
+def frames_of(profile: PaperCellProfile, orders: Orders) -> list[str]:
     """What the gateway says while the robot is told this: pauses in s, what, and how far in mm."""
-    cell = Cell(profile, T0, seed=3)
-    gateway, motion = cell.gateway, cell.robot.motion
+    cell = s3_jr3_cell(profile, T0, seed=3)
+    gateway, motion = cell.sensor, cell.robot.motion
     gateway.handle_deadline(T0 + 3.0)
     gateway.receive([CanFrame(0x201, struct.pack("<HI", 0, 7000))], T0 + 3.0)
     told, now = [], T0 + 3.0
@@ -207,9 +212,9 @@ def frames_of(profile: CellProfile, orders: Orders) -> list[str]:
 )
 @example([(0.01, 0, 13.0), (0.25, 3, 0.0), (0.1, 0, 12.0), (0.1, 1, 3.0), (0.1, 2, 0.0)], "linear")
 def test_the_sensor_reads_the_same_however_far_it_looks_ahead(orders: Orders, material: str) -> None:
-    profile = TypeAdapter(CellProfile).validate_python({"surface": {"material": {"kind": material}}})
+    profile = TypeAdapter(PaperCellProfile).validate_python({"surface": {"material": {"kind": material}}})
     looking = frames_of(profile, orders)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Motion, "foreseen_until", Motion.certain_until)
+        patch.setattr(History, "predicted_until", History.committed_until)
         assert frames_of(profile, orders) == looking
     assert len(looking) > 80

@@ -10,8 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import TypeAdapter, ValidationError
 
-from emulators.arm.servo import Waypoint
-from emulators.cell import Cell, CellProfile, ToolProfile
+from emulators.arm.waypoints import Waypoint
+from emulators.cell import ToolProfile
+from emulators.s3_jr3_cell import PaperCell, PaperCellProfile, s3_jr3_cell
 from emulators.surface.contact import Contact, SurfaceKind, SurfaceProfile
 from emulators.surface.materials import MaterialKind, MaterialProfile
 
@@ -215,7 +216,7 @@ def test_a_material_that_cannot_be_is_refused(bad):
 
 
 def test_a_material_is_read_from_plain_tables_by_name():
-    adapter = TypeAdapter(CellProfile)
+    adapter = TypeAdapter(PaperCellProfile)
     tables = {
         "surface": {
             "material": {"kind": "standard_linear_solid", "relaxation_time_ms": 100.0},
@@ -230,9 +231,9 @@ def test_a_material_is_read_from_plain_tables_by_name():
         adapter.validate_python({"surface": {"material": {"exponent": 0.1}}})
 
 
-def lowered(seed: int = 1) -> Cell:
+def lowered(seed: int = 1) -> PaperCell:
     """A cell with a slow sponge whose tip is sent 2 mm deep at second 1 and up again at second 2."""
-    cell = Cell(CellProfile(surface=surface(SLS), tool=ToolProfile(mass_kg=0.0)), 777.125, seed)
+    cell = s3_jr3_cell(PaperCellProfile(surface=surface(SLS), tool=ToolProfile(mass_kg=0.0)), 777.125, seed)
     cell.robot.motion.enqueue(Waypoint((0.9, 0.0, TOP + 0.001), DOWN, 1000.0), 777.125)
     cell.robot.motion.enqueue(Waypoint((0.9, 0.0, TOP - 0.002), DOWN, 0.05), 778.125)
     cell.robot.motion.enqueue(Waypoint((0.9, 0.0, TOP - 0.0005), DOWN, 0.05), 779.125)

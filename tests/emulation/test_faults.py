@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from emulators.arm.servo import Waypoint
-from emulators.cell import Cell, CellProfile
+from emulators.arm.waypoints import Waypoint
 from emulators.faults import Ledger
 from emulators.faults.ledger import INJECTION_LIMIT
 from emulators.faults.wire import BYTES, FRAMES, WIRE_FAULTS, FaultyWire
 from emulators.jr3.sensor import SENSOR_RATE_HZ
+from emulators.s3_jr3_cell import BOARD, GATEWAY, UART, PaperCell, PaperCellProfile, Receiver, s3_jr3_cell
 from emulators.surface.contact import SurfaceProfile
 from emulators.surface.faults import ObstacleProfile
 from emulators.surface.materials import MaterialKind, MaterialProfile
@@ -26,18 +26,20 @@ DOWN = (0.0, 1.0, 0.0, 0.0)
 LINEAR = SurfaceProfile()
 SOLID = SurfaceProfile(material=MaterialProfile(MaterialKind.STANDARD_LINEAR_SOLID))
 SURFACES = pytest.mark.parametrize("surface", [LINEAR, SOLID], ids=["linear", "remembers"])
-Inject = Callable[[Cell, float], object]
+Inject = Callable[[PaperCell, float], object]
 
 
-def moving_cell(surface: SurfaceProfile = LINEAR) -> Cell:
+def moving_cell(surface: SurfaceProfile = LINEAR) -> PaperCell:
     """A cell whose tool presses into the surface from 1 s on, 4 mm deep, and comes up again slowly."""
-    cell = Cell(CellProfile(surface=surface), T0, seed=3)
+    cell = s3_jr3_cell(PaperCellProfile(surface=surface), T0, seed=3)
     for depth, speed in ((-0.012, 0.01), (-0.014, 0.01), (-0.011, 0.001)):
         cell.robot.motion.enqueue(Waypoint((0.9, -0.1, 0.6 + depth), DOWN, speed), T0)
     return cell
 
 
-def counts(cell: Cell, inject: Inject | None = None, at: float = 2.0, begin: float = 0.0) -> NDArray[Any]:
+def counts(
+    cell: PaperCell, inject: Inject | None = None, at: float = 2.0, begin: float = 0.0
+) -> NDArray[Any]:
     """Counts of all samples of four seconds, read in blocks of 10 ms; injected after what `at` tells was read."""
     blocks, step, injected = [], RATE // 100, inject is None
     first = round((T0 + begin) * RATE)
@@ -48,7 +50,7 @@ def counts(cell: Cell, inject: Inject | None = None, at: float = 2.0, begin: flo
             inject(cell, first / RATE)
             injected = True
         # What a gateway does: it takes all that is told, and uses of it what has come.
-        blocks.append(cell.sensor.counts_from(first, first + step - 1)[:step].copy())
+        blocks.append(cell.sensor.jr3.counts_from(first, first + step - 1)[:step].copy())
         first += step
     return np.concatenate(blocks)
 
@@ -85,7 +87,7 @@ def test_a_signal_fault_holds_from_its_sample_to_its_last_exactly(surface: Surfa
 def test_what_was_computed_ahead_is_forgotten(
     surface: SurfaceProfile, target: str, fault: str, parameters: dict[str, object]
 ) -> None:
-    def inject(cell: Cell, now: float) -> None:
+    def inject(cell: PaperCell, now: float) -> None:
         cell.inject(target, fault, now, **parameters)
 
     # One reads on and is surprised, the other begins to read when the fault begins.
@@ -101,7 +103,7 @@ def test_what_was_computed_ahead_is_forgotten(
 def test_a_fault_that_is_mended_early_leaves_no_trace(surface: SurfaceProfile) -> None:
     cell = moving_cell(surface)
 
-    def inject(cell: Cell, now: float) -> None:
+    def inject(cell: PaperCell, now: float) -> None:
         cell.inject("signal", "offset", now, amount=7.0)
         cell.ledger.mend(now)
 
@@ -152,7 +154,7 @@ def test_a_spike_is_as_long_as_it_is() -> None:
 def test_noise_grows_and_the_signal_stays() -> None:
     clean, broken = signal("noise", factor=30.0)
     assert (broken[:, 0] - clean[:, 0]).std() == pytest.approx(29.0, rel=0.05)
-    quiet = Cell(CellProfile(sensor=replace(CellProfile().sensor, noise_counts=0.0)), T0, 1)
+    quiet = s3_jr3_cell(PaperCellProfile(sensor=replace(PaperCellProfile().sensor, noise_counts=0.0)), T0, 1)
     with pytest.raises(ValueError, match="this sensor has no noise"):
         quiet.inject("signal", "noise", T0)
 
@@ -162,7 +164,7 @@ def test_a_receiver_board_has_the_same_faults_at_the_same_samples() -> None:
         cell, first = moving_cell(), round(T0 * RATE)
         if begin is not None:
             cell.inject("signal", "sign", T0 + begin, axis="fz", for_s=1.0)
-        return cell.sensor.raw(first, first + 4 * RATE)
+        return cell.sensor.jr3.raw(first, first + 4 * RATE)
 
     clean, broken = raw(None), raw(2.0)
     differs = np.flatnonzero((clean != broken).any(axis=1))
@@ -172,7 +174,7 @@ def test_a_receiver_board_has_the_same_faults_at_the_same_samples() -> None:
 # --- what is touched
 
 
-def force(cell: Cell, at: float) -> float:
+def force(cell: PaperCell, at: float) -> float:
     return cell.true_state(T0 + at).contact_force[2]
 
 
@@ -199,7 +201,7 @@ def test_a_hole_an_inclusion_and_a_surface_that_rises() -> None:
 
 
 def test_an_obstacle_pushes_down_and_only_while_it_is_there() -> None:
-    cell = Cell(CellProfile(obstacle=ObstacleProfile(5.0, 2000.0)), T0, seed=3)
+    cell = s3_jr3_cell(PaperCellProfile(obstacle=ObstacleProfile(5.0, 2000.0)), T0, seed=3)
     cell.robot.motion.enqueue(Waypoint((0.9, -0.1, 0.606), DOWN, 0.01), T0)
     assert force(cell, 0.3) == 0.0
     assert force(cell, 2.0) == pytest.approx(-2.0, abs=0.15)
@@ -212,7 +214,7 @@ def test_an_obstacle_pushes_down_and_only_while_it_is_there() -> None:
 # --- the pose that is told
 
 
-def told(cell: Cell, at: float) -> Any:
+def told(cell: PaperCell, at: float) -> Any:
     return cell.robot._executive.status(T0 + at)
 
 
@@ -322,15 +324,23 @@ def test_the_ledger_tells_what_was_when_and_how_often() -> None:
     ]
 
 
-def test_a_cell_without_a_receiver_has_none_of_its_faults() -> None:
-    cell = moving_cell()
-    for target, fault in (("frames", "loss"), ("scales", "wrong"), ("bus", "off"), ("computer", "pause")):
-        with pytest.raises(ValueError, match=f"^this cell cannot have {target}: {fault}; [^\n]+$"):
-            cell.inject(target, fault, T0)
-    assert cell.gateway
-    cell.inject("frames", "loss", T0)
-    with pytest.raises(ValueError, match=r"^this cell cannot have frames: unplugged"):
-        cell.inject("frames", "unplugged", T0)
+@pytest.mark.parametrize(
+    ("receiver", "target", "fault"),
+    [
+        (GATEWAY, "bus", "off"),
+        (GATEWAY, "computer", "pause"),
+        (GATEWAY, "frames", "unplugged"),
+        (UART, "frames", "unplugged"),
+        (BOARD, "frames", "loss"),
+    ],
+)
+def test_a_fault_that_no_device_of_the_cell_has_is_refused(
+    receiver: Receiver, target: str, fault: str
+) -> None:
+    cell = s3_jr3_cell(PaperCellProfile(), T0, 1, receiver=receiver)
+    with pytest.raises(ValueError, match=f"^this cell cannot have {target}: {fault}; [^\n]+$"):
+        cell.inject(target, fault, T0)
+    cell.inject("scales", "wrong", T0)
 
 
 def test_a_cell_takes_so_many_faults_and_no_more() -> None:

@@ -8,9 +8,8 @@ import struct
 
 import pytest
 
-from emulators.arm.servo import ServoProfile
-from emulators.s3 import S3Controller, S3Profile
-from protocol.s3.adlp import LinkProfile  # for the emulator's side only
+from emulators.s3 import S3Controller, S3Profile, S3Profiles
+from emulators.seams import StartPose
 
 ENQ, ACK, NAK, EOT = b"\x05", b"\x06", b"\x15", b"\x04"
 ORDER, RESPONSE, SPONTANEOUS, REFUSAL = 1, 2, 3, 6
@@ -33,7 +32,7 @@ class SerialPort:
         self.waiting = b""
         self.heard = bytearray()
         self.robot = S3Controller(
-            S3Profile(**robot), LinkProfile(), ServoProfile(), (0.9, -0.1, 0.6), DOWN, self.now, 1, 0.2
+            S3Profiles(S3Profile(**robot)), StartPose((0.9, -0.1, 0.6), DOWN, 0.2), self.now, 1
         )
 
     def write(self, data):

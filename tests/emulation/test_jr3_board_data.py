@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from emulators.jr3.board import Board, BoardProfile
 from emulators.jr3.sensor import Jr3Sensor, SensorProfile
+from emulators.sensing import KnownWrench
 from protocol.jr3.board import (
     REGISTERS,
     Link,
@@ -36,9 +37,9 @@ def board_of(
     wrench_at: Wrench,
     profile: BoardProfile = NEVER_ZEROED,
     sensor: SensorProfile = QUIET,
-    certain_until: Callable[[float], float] | None = None,
+    committed_until: Callable[[float], float] | None = None,
 ) -> Board:
-    return Board(profile, Jr3Sensor(sensor, wrench_at, 7, certain_until), POWERED)
+    return Board(profile, Jr3Sensor(sensor, KnownWrench(wrench_at, committed_until), 7), POWERED)
 
 
 def get(board: Board, name: str, now: float) -> tuple[int, ...]:
@@ -149,7 +150,7 @@ def test_filters_and_vectors_are_calculated_at_their_own_rates() -> None:
         wrench: Floats = generator.uniform(-0.5, 0.5, (len(times), 6)) * FULL
         return wrench
 
-    board = board_of(wrench_at, certain_until=lambda now: now + 1.0)
+    board = board_of(wrench_at, committed_until=lambda now: now + 1.0)
     start = 8000
     reads = [board.read(0x90, 56, POWERED + j / 8000) for j in range(start, start + 4096)]
     words = np.array(reads).reshape(-1, 7, 8)
@@ -491,7 +492,7 @@ def test_a_host_that_polls_asks_the_sensor_seldom_when_it_is_certain() -> None:
         calls.append(len(times))
         return noisy(times)
 
-    board = board_of(wrench_at, sensor=SensorProfile(), certain_until=lambda now: POWERED + 1.0)
+    board = board_of(wrench_at, sensor=SensorProfile(), committed_until=lambda now: POWERED + 1.0)
     for k in range(1000):
         board.read(0x90, 98, POWERED + k / 1000)
     assert sum(calls) < 8000
@@ -499,7 +500,7 @@ def test_a_host_that_polls_asks_the_sensor_seldom_when_it_is_certain() -> None:
 
 
 def test_a_source_that_is_certain_for_ever() -> None:
-    board = board_of(noisy, certain_until=lambda now: float("inf"))
+    board = board_of(noisy, committed_until=lambda now: float("inf"))
     assert board.read(0x90, 98, POWERED + 1.0) == board_of(noisy).read(0x90, 98, POWERED + 1.0)
 
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from emulators.jr3 import Jr3Sensor, SensorProfile
 from emulators.jr3.board import Board, BoardProfile
+from emulators.sensing import KnownWrench
 from protocol.jr3.board import REGISTERS, CommandCode, pack_words
 
 POWERED = 1000.0003
@@ -39,23 +40,23 @@ class Swing:
     def __init__(self) -> None:
         self._from = [-math.inf]
         self._amplitudes = [1.0]
-        self.on_change: Callable[[float], object] = lambda certain_until: None
+        self.on_change: Callable[[float], object] = lambda committed_until: None
 
     def order(self, amplitude: float, now: float) -> None:
         """Another amplitude."""
-        self._from.append(self.certain_until(now))
+        self._from.append(self.committed_until(now))
         self._amplitudes.append(amplitude)
-        self.on_change(self.certain_until(now))
+        self.on_change(self.committed_until(now))
 
-    def certain_until(self, now: float) -> float:
+    def committed_until(self, now: float) -> float:
         """The next tick's end, that moment excluded."""
         return (math.floor(now / TICK) + 1) * TICK + DELAY - 1e-9
 
-    def foreseen_until(self, now: float) -> float:
+    def predicted_until(self, now: float) -> float:
         """Unless something is ordered."""
-        return self.certain_until(now) + FORESIGHT
+        return self.committed_until(now) + FORESIGHT
 
-    def wrench_at(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
+    def wrench(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
         """Wrench (n, 6)."""
         amplitudes = np.array(self._amplitudes)[np.searchsorted(self._from, times, side="right") - 1]
         return np.outer(amplitudes * np.sin(40.0 * times), (11.5, -22.2, 37.0, 0.56, -1.04, 1.22))
@@ -68,10 +69,9 @@ class Pair:
         board, sensor = PROFILES[profile]
         self.swings = Swing(), Swing()
         self.boards: list[Board] = []
-        for swing, foreseen_until in zip(self.swings, (self.swings[0].foreseen_until, None), strict=True):
-            read = Jr3Sensor(SensorProfile(**sensor), swing.wrench_at, 7, swing.certain_until, foreseen_until)
-            if foreseen_until:
-                swing.on_change = read.forget
+        looking, other = self.swings
+        for source in (looking, KnownWrench(other.wrench, other.committed_until)):
+            read = Jr3Sensor(SensorProfile(**sensor), source, 7)
             self.boards.append(Board(BoardProfile(**board), read, POWERED))
         self.now = POWERED
 
@@ -166,13 +166,10 @@ def test_every_word_is_the_same_however_far_the_board_looks_ahead(
 
 def test_what_a_host_has_seen_stays_when_a_sensor_forgets_even_that() -> None:
     swing = Swing()
-    sensors = [
-        Jr3Sensor(SensorProfile(), swing.wrench_at, 7, swing.certain_until, swing.foreseen_until)
-        for _ in range(2)
-    ]
+    sensors = [Jr3Sensor(SensorProfile(), swing, 7) for _ in range(2)]
     forgetful, steady = (Board(BoardProfile(), sensor, POWERED) for sensor in sensors)
     for k in range(600):
         now = POWERED + 0.00125 * k
         if k % 50 == 30:
-            sensors[0].forget(now - 0.3)
+            sensors[0].invalidate(now - 0.3)
         assert forgetful.burst(0x90, 100, now) == steady.burst(0x90, 100, now), k

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from emulators.jr3.board import Board, BoardProfile, IsaPorts, IsaProfile
 from emulators.jr3.sensor import Jr3Sensor, SensorProfile
+from emulators.sensing import KnownWrench
 from protocol.endpoint import RemoteProtocolError
 from protocol.jr3.board import (
     COMMANDS,
@@ -52,9 +53,11 @@ def board_of(
     wrench_at: Callable[[Floats], Floats] = UNLOADED,
     profile: BoardProfile | None = None,
     sensor: SensorProfile = QUIET,
-    certain_until: Callable[[float], float] | None = None,
+    filter_number: int = 0,
 ) -> Board:
-    return Board(profile or BoardProfile(), Jr3Sensor(sensor, wrench_at, 7, certain_until), POWERED)
+    return Board(
+        profile or BoardProfile(), Jr3Sensor(sensor, KnownWrench(wrench_at), 7), POWERED, filter_number
+    )
 
 
 def get(board: Board, name: str, now: float) -> tuple[int, ...]:
@@ -235,16 +238,16 @@ def test_counters_tick_at_the_filters_rates_and_wrap() -> None:
 
 @pytest.mark.parametrize("n", range(7))
 def test_the_truth_is_when_a_hosts_count_was_new(n: int) -> None:
-    board, number = board_of(), max(n, 1)
+    board, number = board_of(filter_number=n), max(n, 1)
     begin, step = math.ceil(STEADY * 8000), 4 ** (number - 1)
     new: dict[int, float] = {}
     for sample in range(begin, begin + 3 * step):
         count = get(board, f"count{number}", (sample + 0.1) / 8000)[0]
         new.setdefault(count, sample / 8000)
-    told = [board.sampled_at(n, count) for count in new]
+    told = [board.sampled_at(count) for count in new]
     assert told[1:] == pytest.approx(list(new.values())[1:], abs=1e-9)
     assert len(new) >= 3
-    assert board.sampled_at(n, (count + 1) % 65536) is None, "nobody has seen this count since the reset"
+    assert board.sampled_at((count + 1) % 65536) is None, "nobody has seen this count since the reset"
 
 
 # --- commands

@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 
 from emulators.jr3 import Jr3Sensor, SensorProfile
 from emulators.jr3.board import Board, BoardProfile
+from emulators.sensing import KnownWrench
 from protocol.jr3.board import REGISTERS, pack_words
 
 POWERED = 1000.0003
@@ -20,7 +21,9 @@ def board() -> Board:
     def wrench_at(times: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.outer(np.sin(40.0 * times), (11.5, -22.2, 37.0, 0.56, -1.04, 1.22))
 
-    return Board(BoardProfile(), Jr3Sensor(SensorProfile(), wrench_at, 7, lambda now: now + 0.05), POWERED)
+    return Board(
+        BoardProfile(), Jr3Sensor(SensorProfile(), KnownWrench(wrench_at, lambda now: now + 0.05), 7), POWERED
+    )
 
 
 @pytest.mark.parametrize(("address", "count"), [(0x98, 92), (0x00, 256), (0x90, 24), (0xF0, 8)])

@@ -15,6 +15,7 @@ import pytest
 from numpy.typing import NDArray
 
 from emulators.jr3 import Gateway, GatewayProfile, Jr3Sensor, SensorProfile
+from emulators.sensing import KnownWrench
 from protocol.jr3 import GatewayClient, GatewayClientProfile, parse_frame
 from protocol.wrench import SensorNotice, SensorReady, WrenchFrame, Zeroed
 
@@ -331,7 +332,7 @@ def constant(times: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def powered(connected: bool = True) -> Gateway:
-    sensor = Jr3Sensor(SensorProfile(noise_counts=0.0, connected=connected), constant, seed=3)
+    sensor = Jr3Sensor(SensorProfile(noise_counts=0.0, connected=connected), KnownWrench(constant), seed=3)
     return Gateway(GatewayProfile(), sensor, powered_at=T0)
 
 

@@ -8,6 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from emulators.jr3 import Gateway, GatewayProfile, Jr3Sensor, SensorProfile
+from emulators.sensing import KnownWrench
 from protocol.jr3 import (
     decode_triple,
     parse_frame,
@@ -36,7 +37,7 @@ def ramp(times: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def build(wrench_at: Wrench = constant, *, noise: float = 0.0, connected: bool = True) -> Gateway:
-    sensor = Jr3Sensor(SensorProfile(noise_counts=noise, connected=connected), wrench_at, seed=3)
+    sensor = Jr3Sensor(SensorProfile(noise_counts=noise, connected=connected), KnownWrench(wrench_at), seed=3)
     return Gateway(GatewayProfile(), sensor, powered_at=T0)
 
 
@@ -209,7 +210,7 @@ def test_no_watchdog() -> None:
 
 def test_filter_against_a_loop_over_single_samples() -> None:
     gateway = awake(ramp, noise=2.0)
-    sensor = Jr3Sensor(SensorProfile(noise_counts=2.0), ramp, seed=3)
+    sensor = Jr3Sensor(SensorProfile(noise_counts=2.0), KnownWrench(ramp), seed=3)
     ask(gateway, "201#C80010270000", AWAKE)
     told = run(gateway, AWAKE + 0.3)
     assert ask(gateway, "381#E803", AWAKE + 0.305) == ["101#00"]
@@ -238,7 +239,7 @@ def test_filter_has_its_cut_off() -> None:
 
 def test_cut_off_0_sends_the_very_samples() -> None:
     gateway = awake(noise=1.0)
-    sensor = Jr3Sensor(SensorProfile(), constant, seed=3)
+    sensor = Jr3Sensor(SensorProfile(), KnownWrench(constant), seed=3)
     ask(gateway, "181#0000", AWAKE)
     for k in range(1, 50):
         counts, counter = value(ask(gateway, "080#", AWAKE + k * 0.0031))

@@ -10,6 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from emulators.jr3 import Gateway, GatewayProfile, Jr3Sensor, SensorProfile, UartGateway, UartGatewayProfile
+from emulators.sensing import KnownWrench
 from protocol.can.frame import CanFrame
 from protocol.jr3 import GatewayClient, GatewayClientProfile, UartGatewayClient, UartGatewayClientProfile
 from protocol.jr3.counts import facts_of
@@ -58,7 +59,7 @@ class Pair:
         self, at: float = T0, wrench: Wrench = CONSTANT, connected: bool = True, **profile: object
     ) -> Any:
         """The gateway, switched on at a time."""
-        sensor = Jr3Sensor(SensorProfile(noise_counts=0.0, connected=connected), wrench, seed=3)
+        sensor = Jr3Sensor(SensorProfile(noise_counts=0.0, connected=connected), KnownWrench(wrench), seed=3)
         return self.gateway(self.gateway_profile(**profile), sensor, powered_at=at)
 
     def bench(self, gateway: Any = None, now: float = T0, **profile: object) -> "Bench":

@@ -16,6 +16,7 @@ import pytest
 from numpy.typing import NDArray
 
 from emulators.jr3 import Jr3Sensor, SensorProfile, UartGateway, UartGatewayProfile
+from emulators.sensing import KnownWrench
 
 T0 = 4321.0
 COUNTS = (1000, -2000, 3000, 400, -500, 600)
@@ -276,7 +277,9 @@ def constant(times: NDArray[np.float64]) -> NDArray[np.float64]:
 def powered(
     at: float = T0, wrench_at: Wrench = constant, connected: bool = True, **profile: object
 ) -> UartGateway:
-    sensor = Jr3Sensor(SensorProfile(noise_counts=0.0, connected=connected, **FULL_SCALES), wrench_at, seed=3)  # type: ignore[arg-type]
+    sensor = Jr3Sensor(
+        SensorProfile(noise_counts=0.0, connected=connected, **FULL_SCALES), KnownWrench(wrench_at), seed=3
+    )  # type: ignore[arg-type]
     return UartGateway(UartGatewayProfile(**profile), sensor, powered_at=at)  # type: ignore[arg-type]
 
 

@@ -9,12 +9,13 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from emulators.arm.kinematics import Arm, Joints, Route
-from emulators.arm.motion import Motion
-from emulators.arm.servo import ServoProfile, Waypoint
+from emulators.arm.loops import ServoProfile
+from emulators.arm.waypoints import Waypoint, WaypointArm
 from emulators.arm.work_area import OutsideWorkArea, WorkArea
-from emulators.cell import Cell, CellProfile
-from emulators.s3 import S3Controller, S3Profile
-from protocol.s3.adlp import LinkProfile
+from emulators.s3 import S3Controller, S3Profile, S3Profiles
+from emulators.s3_jr3_cell import PaperCellProfile, s3_jr3_cell
+from emulators.seams import StartPose
+from protocol.geometry import Pose
 
 T0 = 99.5
 TOOL = 0.2
@@ -266,7 +267,7 @@ def test_no_joint_of_the_set_point_outruns_its_speed(angles: tuple[float, ...], 
     position, quaternion = arm.pose(degrees(a, b, c, 0, e, f))
     route = area.route(START, DOWN, joints, position, quaternion)
     servo = ServoProfile(interpolation_ms=10.0, transport_delay_ms=0.0, reorientation_deg_s=1000.0)
-    motion = Motion(servo, START, DOWN, T0, joints)
+    motion = WaypointArm(servo, Pose(START, DOWN), T0, joints)
     motion.enqueue(Waypoint(position, quaternion, speed, route), T0)
     seen = np.degrees([motion.joints(now) for now in (T0 + 0.01 * np.arange(1, 400) + 0.001).tolist()])
     assert (np.abs(np.diff(seen, axis=0)) <= np.array(SPEEDS) * 0.01 * (1.0 + 1e-6)).all()
@@ -312,11 +313,11 @@ def test_a_slowed_line_takes_the_time_of_its_slowest_joint() -> None:
 
 
 def controller(servo: ServoProfile | None = None) -> S3Controller:
-    return S3Controller(S3Profile(), LinkProfile(), servo or ServoProfile(), START, DOWN, T0, 1, TOOL)
+    return S3Controller(S3Profiles(servo=servo or ServoProfile()), StartPose(START, DOWN, TOOL), T0, 1)
 
 
 def test_the_true_joints_hold_the_true_pose() -> None:
-    cell, arm = Cell(CellProfile(), T0, 1), Arm(S3Profile(), TOOL)
+    cell, arm = s3_jr3_cell(PaperCellProfile(), T0, 1), Arm(S3Profile(), TOOL)
     area = WorkArea(S3Profile(), TOOL)
     there = (0.8, 0.3, 0.9)
     turned = (0.0, math.cos(0.3), math.sin(0.3), 0.0)
@@ -351,13 +352,13 @@ def test_where_the_servo_swings_out_of_reach_the_joints_are_those_of_the_set_poi
     route = area.route(START, DOWN, area.joints(START, DOWN), edge, forward)
     robot.motion.enqueue(Waypoint(edge, forward, AT_ONCE, route), T0)
     times = T0 + np.arange(0.0, 4.0, 0.01)
-    beyond = times[robot.motion.trajectory(times)[0][:, 0] > edge[0] + 2e-4]
+    beyond = times[robot.motion.path.trajectory(times)[0][:, 0] > edge[0] + 2e-4]
     assert len(beyond)
     assert all(robot.joints(now) == robot.motion.joints(now) for now in beyond.tolist())
 
 
 def test_points_without_joints_leave_them_as_they_were() -> None:
-    motion = Motion(ServoProfile(), START, DOWN, T0, degrees(1, 2, 3, 4, 5, 6))
+    motion = WaypointArm(ServoProfile(), Pose(START, DOWN), T0, degrees(1, 2, 3, 4, 5, 6))
     motion.enqueue(Waypoint((0.9, 0.0, 0.6), DOWN, 0.1), T0)
     assert motion.goal(T0) == ((0.9, 0.0, 0.6), DOWN, degrees(1, 2, 3, 4, 5, 6))
     assert motion.joints(T0 + 5.0) == degrees(1, 2, 3, 4, 5, 6)
@@ -366,7 +367,7 @@ def test_points_without_joints_leave_them_as_they_were() -> None:
 def test_after_a_halt_the_goal_is_where_the_interpolator_stands() -> None:
     area = WorkArea(S3Profile(), TOOL)
     joints = area.joints(START, DOWN)
-    motion = Motion(ServoProfile(), START, DOWN, T0, joints)
+    motion = WaypointArm(ServoProfile(), Pose(START, DOWN), T0, joints)
     route = area.route(START, DOWN, joints, (0.9, 0.3, 0.6), DOWN)
     motion.enqueue(Waypoint((0.9, 0.3, 0.6), DOWN, 0.1, route), T0)
     assert motion.goal(T0) == ((0.9, 0.3, 0.6), DOWN, route.joints[-1])

@@ -12,9 +12,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from emulators.arm.motion import Motion
-from emulators.arm.servo import ServoProfile, Waypoint
-from emulators.cell import Cell, CellProfile
+from emulators.arm.loops import ServoProfile
+from emulators.arm.waypoints import Waypoint, WaypointArm
 from emulators.jr3 import (
     Gateway,
     GatewayProfile,
@@ -24,11 +23,14 @@ from emulators.jr3 import (
     UartGatewayProfile,
 )
 from emulators.quantiles import draw
-from emulators.s3 import S3Controller, S3Profile
+from emulators.s3 import S3Controller, S3Profile, S3Profiles
+from emulators.s3_jr3_cell import PaperCell, PaperCellProfile, s3_jr3_cell
+from emulators.seams import StartPose
+from emulators.sensing import KnownWrench
 from emulators.surface.contact import SurfaceProfile
 from emulators.surface.materials import MaterialKind, MaterialProfile
 from protocol.can.frame import CanFrame
-from protocol.s3.adlp import LinkProfile
+from protocol.geometry import Pose
 
 T0 = 1234.5
 TICK, DELAY = 0.02, 0.02
@@ -92,7 +94,7 @@ STATUS, STOP, START_MOVE = block(19), block(3), block(24, 2, bytes(44))
 
 def turnarounds(profile: S3Profile, order: bytes, count: int, seed: int = 1) -> list[float]:
     """From the end of an order to the bid for its answer, s, of many in a row on a line without time."""
-    robot = S3Controller(profile, LinkProfile(), ServoProfile(), START, DOWN, T0, seed, tool_length=0.2)
+    robot = S3Controller(S3Profiles(profile), StartPose(START, DOWN, 0.2), T0, seed)
     now, waits = T0 + 1.0, []
     for _ in range(count):
         for piece, reply in ((b"\x05", b"\x06"), (order, b"\x06"), (b"\x04", b"")):
@@ -144,7 +146,7 @@ def sensor() -> Jr3Sensor:
         wrench[:, 0] = np.maximum(times - T0, 0.0) % 0.3 * COUNTS_PER_S * UNIT
         return wrench
 
-    return Jr3Sensor(SensorProfile(noise_counts=0.0), ramp, seed=3)
+    return Jr3Sensor(SensorProfile(noise_counts=0.0), KnownWrench(ramp), seed=3)
 
 
 def can_frames(
@@ -228,19 +230,19 @@ def test_frames_never_overtake_each_other() -> None:
 
 
 def test_a_motion_begins_when_the_loops_take_its_first_set_point() -> None:
-    motion = Motion(ServoProfile(), START, DOWN, T0)
+    motion = WaypointArm(ServoProfile(), Pose(START, DOWN), T0)
     motion.enqueue(Waypoint((0.91, -0.1, 0.6), DOWN, 0.1), T0 + 0.005)
     motion.enqueue(Waypoint((0.91, -0.1, 0.59), DOWN, 0.1), T0 + 0.006)
-    assert motion.accepted == 2
-    assert motion.begun_at(1) is None, "nobody has looked on since"
-    motion.advance(T0 + 1.0)
-    first, second = motion.begun_at(1), motion.begun_at(2)
+    assert motion.path.accepted == 2
+    assert motion.path.begun_at(1) is None, "nobody has looked on since"
+    motion.path.advance(T0 + 1.0)
+    first, second = motion.path.begun_at(1), motion.path.begun_at(2)
     assert first == pytest.approx(T0 + TICK + DELAY)
     # 10 mm at 100 mm/s are five ticks.
     assert second == pytest.approx(T0 + 6 * TICK + DELAY)
     assert first is not None
     assert second is not None
-    positions, _ = motion.trajectory(np.array([first, first + 1e-3, second, second + 1e-3]))
+    positions, _ = motion.path.trajectory(np.array([first, first + 1e-3, second, second + 1e-3]))
     assert positions[0, 0] == pytest.approx(0.9, abs=1e-12)
     assert positions[1, 0] > 0.9
     assert positions[2, 2] == pytest.approx(0.6, abs=1e-12)
@@ -248,26 +250,26 @@ def test_a_motion_begins_when_the_loops_take_its_first_set_point() -> None:
 
 
 def test_what_is_forgotten_never_begins_and_the_next_one_does() -> None:
-    motion = Motion(ServoProfile(), START, DOWN, T0)
+    motion = WaypointArm(ServoProfile(), Pose(START, DOWN), T0)
     for x in (0.95, 0.96):
         motion.enqueue(Waypoint((x, -0.1, 0.6), DOWN, 0.1), T0 + 0.005)
     motion.halt(T0 + 0.05)
     motion.enqueue(Waypoint(START, DOWN, 0.1), T0 + 0.051)
-    motion.advance(T0 + 1.0)
-    begun = motion.begun_at(2)
+    motion.path.advance(T0 + 1.0)
+    begun = motion.path.begun_at(2)
     assert begun is not None
     assert math.isnan(begun)
-    assert motion.begun_at(1) == pytest.approx(T0 + TICK + DELAY)
-    assert motion.begun_at(3) == pytest.approx(T0 + 3 * TICK + DELAY)
-    assert motion.begun_at(4) is None
+    assert motion.path.begun_at(1) == pytest.approx(T0 + TICK + DELAY)
+    assert motion.path.begun_at(3) == pytest.approx(T0 + 3 * TICK + DELAY)
+    assert motion.path.begun_at(4) is None
 
 
 def test_begins_are_kept_for_a_while_only() -> None:
-    motion = Motion(ServoProfile(), START, DOWN, T0)
+    motion = WaypointArm(ServoProfile(), Pose(START, DOWN), T0)
     for k in range(300):
         motion.enqueue(Waypoint((0.9 + 1e-3 * (k % 2), -0.1, 0.6), DOWN, 10.0), T0 + 0.02 * k)
-    motion.advance(T0 + 10.0)
-    forgotten, kept = motion.begun_at(10), motion.begun_at(300)
+    motion.path.advance(T0 + 10.0)
+    forgotten, kept = motion.path.begun_at(10), motion.path.begun_at(300)
     assert forgotten is not None
     assert math.isnan(forgotten)
     assert kept == pytest.approx(T0 + 300 * TICK + DELAY)
@@ -276,10 +278,10 @@ def test_begins_are_kept_for_a_while_only() -> None:
 # --- the truth of many moments
 
 
-def lowered(kind: MaterialKind) -> Cell:
+def lowered(kind: MaterialKind) -> PaperCell:
     """A cell whose tool goes 2 mm down into the surface and then along it."""
     surface = SurfaceProfile(material=MaterialProfile(kind))
-    cell = Cell(CellProfile(surface=surface), T0, seed=1)
+    cell = s3_jr3_cell(PaperCellProfile(surface=surface), T0, seed=1)
     for position in ((0.9, -0.1, 0.588), (0.9, -0.05, 0.588)):
         cell.robot.motion.enqueue(Waypoint(position, DOWN, 0.05), T0)
     return cell
@@ -300,10 +302,10 @@ def test_many_truths_at_once_are_those_of_each(kind: MaterialKind) -> None:
 
 
 def test_a_material_that_remembers_tells_from_its_newest_sample_on() -> None:
-    assert not lowered(MaterialKind.LINEAR).remembers
-    assert lowered(MaterialKind.LINEAR).tellable_from(T0 + 0.5) == T0 + 0.5
+    assert not lowered(MaterialKind.LINEAR).has_memory
+    assert lowered(MaterialKind.LINEAR).truth_available_from(T0 + 0.5) == T0 + 0.5
     cell = lowered(MaterialKind.STANDARD_LINEAR_SOLID)
-    assert cell.remembers
+    assert cell.has_memory
     cell.wrench(np.arange(T0, T0 + 0.5, 1 / 8000))
-    assert cell.tellable_from(T0 + 0.3) == pytest.approx(T0 + 0.5, abs=2e-4)
-    assert cell.tellable_from(T0 + 0.7) == T0 + 0.7
+    assert cell.truth_available_from(T0 + 0.3) == pytest.approx(T0 + 0.5, abs=2e-4)
+    assert cell.truth_available_from(T0 + 0.7) == T0 + 0.7

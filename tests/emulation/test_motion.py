@@ -8,9 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from emulators.arm.motion import Motion
+from emulators.arm.loops import ServoProfile
 from emulators.arm.quaternions import angle_between, slerp
-from emulators.arm.servo import ServoProfile, Waypoint
+from emulators.arm.waypoints import Waypoint, WaypointArm
+from protocol.geometry import Pose
 
 T0 = 1234.5
 TICK = 0.02
@@ -22,8 +23,8 @@ AT_ONCE = 1000.0
 """A speed in m/s that reaches any point within one tick."""
 
 
-def robot(profile: ServoProfile | None = None) -> Motion:
-    return Motion(profile or ServoProfile(), START, DOWN, T0)
+def robot(profile: ServoProfile | None = None) -> WaypointArm:
+    return WaypointArm(profile or ServoProfile(), Pose(START, DOWN), T0, look_ahead=0.14)
 
 
 def shifted(x: float = 0.0, y: float = 0.0, z: float = 0.0) -> tuple[float, float, float]:
@@ -36,7 +37,7 @@ def test_step_response_is_the_critically_damped_one() -> None:
     # Next tick 20 ms after power-up, transport delay 20 ms more.
     taken = T0 + TICK + 0.02
     tau = np.linspace(-0.03, 0.1, 400)
-    positions, velocities = motion.trajectory(taken + tau)
+    positions, velocities = motion.path.trajectory(taken + tau)
     after = np.maximum(tau, 0.0)
     expected = START[0] + 0.005 * (1.0 - (1.0 + 40.0 * after) * np.exp(-40.0 * after))
     np.testing.assert_allclose(positions[:, 0], expected, rtol=0, atol=1e-12)
@@ -66,7 +67,7 @@ def test_a_line_follows_an_independent_integration_of_the_loop(damping: float) -
         times.append(T0 + tick * TICK + 0.02 + inside)
         expected.append(solution.sol(inside).T)
         state = solution.y[:, -1]
-    positions, velocities = motion.trajectory(np.concatenate(times))
+    positions, velocities = motion.path.trajectory(np.concatenate(times))
     reference = np.concatenate(expected)
     np.testing.assert_allclose(positions[:, 2], reference[:, 0], rtol=0, atol=1e-9)
     np.testing.assert_allclose(velocities[:, 2], reference[:, 1], rtol=0, atol=1e-7)
@@ -76,7 +77,7 @@ def test_velocity_is_the_derivative_of_position_and_both_are_continuous() -> Non
     motion = robot()
     motion.enqueue(Waypoint(shifted(0.003, 0.004, -0.002), DOWN, 0.02), T0)
     times = T0 + np.arange(0.0, 1.0, 1e-5)
-    positions, velocities = motion.trajectory(times)
+    positions, velocities = motion.path.trajectory(times)
     middle = (velocities[1:] + velocities[:-1]) / 2.0
     np.testing.assert_allclose(np.diff(positions, axis=0) / 1e-5, middle, rtol=0, atol=2e-5)
 
@@ -89,12 +90,12 @@ def test_the_path_does_not_depend_on_how_often_it_is_asked(gaps: list[float]) ->
         motion.enqueue(Waypoint(shifted(x=0.004, z=-0.01), DOWN, 0.013), T0)
         motion.enqueue(Waypoint(shifted(y=0.01), (0.0, 0.8, 0.6, 0.0), 0.03), T0)
     times = T0 + np.linspace(0.0, 1.4, 300)
-    expected = once.trajectory(times)
+    expected = once.path.trajectory(times)
     now = T0
     blocks = []
     for gap in gaps:
         block = times[(times > now) & (times <= now + gap)] if blocks else times[times <= now + gap]
-        blocks.append(often.trajectory(block) if len(block) else (np.empty((0, 3)), np.empty((0, 3))))
+        blocks.append(often.path.trajectory(block) if len(block) else (np.empty((0, 3)), np.empty((0, 3))))
         often.reported(now + gap)
         now += gap
     seen = np.concatenate([b[0] for b in blocks]), np.concatenate([b[1] for b in blocks])
@@ -110,7 +111,7 @@ def test_a_line_is_walked_at_its_speed_and_points_are_passed_without_a_stop() ->
     assert motion.waiting(T0) == 4
     assert motion.waiting(T0 + 0.5) == 2
     # The staircase of set points leaves a ripple on the speed, but no dip at a point on the way.
-    _, velocities = motion.trajectory(T0 + np.arange(0.5, 0.9, 0.001))
+    _, velocities = motion.path.trajectory(T0 + np.arange(0.5, 0.9, 0.001))
     np.testing.assert_allclose(velocities[:, 1], 0.05, rtol=0, atol=0.02)
     assert velocities[:, 1].mean() == pytest.approx(0.05, rel=0.01)
     assert motion.waiting(T0 + 1.0) == 0
@@ -119,10 +120,10 @@ def test_a_line_is_walked_at_its_speed_and_points_are_passed_without_a_stop() ->
     assert motion.reported(T0 + 1.3) == pytest.approx(shifted(y=0.05), abs=1e-12)
 
 
-def rest_after(motion: Motion, steps: int, now: float) -> float:
+def rest_after(motion: WaypointArm, steps: int, now: float) -> float:
     """True z in resolution steps above the start, half a second after a one-point move to `steps`."""
     motion.enqueue(Waypoint(shifted(z=steps * STEP), DOWN, AT_ONCE), now)
-    positions, _ = motion.trajectory(now + 0.5 + np.linspace(0.0, 0.2, 50))
+    positions, _ = motion.path.trajectory(now + 0.5 + np.linspace(0.0, 0.2, 50))
     assert np.ptp(positions[:, 2]) < 1e-9, "a loop inside the dead band must not creep"
     assert motion.reported(now + 0.7)[2] == pytest.approx(START[2] + steps * STEP, abs=1e-12)
     return float((positions[-1, 2] - START[2]) / STEP)
@@ -145,7 +146,7 @@ def test_a_wider_dead_band_reports_with_hysteresis() -> None:
     motion = robot(ServoProfile(dead_band_steps=0.8))
     motion.enqueue(Waypoint(shifted(z=STEP), DOWN, AT_ONCE), T0)
     times = T0 + np.arange(0.0, 0.5, 0.0005)
-    heights = (motion.trajectory(times)[0][:, 2] - START[2]) / STEP
+    heights = (motion.path.trajectory(times)[0][:, 2] - START[2]) / STEP
     changed = [motion.reported(float(t))[2] > START[2] + STEP / 2 for t in times]
     assert heights[changed.index(True)] == pytest.approx(0.8, abs=0.02)
 
@@ -156,7 +157,7 @@ def test_what_is_reported_lies_on_the_grid_within_half_a_step_of_the_truth() -> 
     for k in range(80):
         now = T0 + 0.007 * k
         reported = np.array(motion.reported(now))
-        truth = motion.trajectory(np.array([now]))[0][0]
+        truth = motion.path.trajectory(np.array([now]))[0][0]
         np.testing.assert_allclose(reported / STEP, np.round(reported / STEP), rtol=0, atol=1e-9)
         assert np.abs(reported - truth).max() <= STEP / 2 + 1e-12
 
@@ -176,15 +177,15 @@ def test_orientation_follows_the_line_and_a_turn_takes_its_time() -> None:
     turned = (0.0, math.cos(math.pi / 4), math.sin(math.pi / 4), 0.0)
     motion.enqueue(Waypoint(START, turned, AT_ONCE), T0)
     # 90° at 90°/s; half of it after 0.5 s of interpolation and 20 ms of transport.
-    assert angle_between(DOWN, motion.orientation(T0 + 0.521)) == pytest.approx(math.pi / 4, abs=1e-9)
+    assert angle_between(DOWN, motion.path.orientation(T0 + 0.521)) == pytest.approx(math.pi / 4, abs=1e-9)
     assert not motion.waiting(T0 + 1.0)
-    assert motion.orientation(T0 + 1.05) == pytest.approx(turned, abs=1e-12)
+    assert motion.path.orientation(T0 + 1.05) == pytest.approx(turned, abs=1e-12)
     times = T0 + np.array([0.105, 0.106, 0.125, 1.045, 1.1, 1.2])
-    stretches = motion.orientations(times)
+    stretches = motion.path.orientations(times)
     assert [(part.start, part.stop) for part, _ in stretches][:2] == [(0, 2), (2, 3)]
     for part, quaternion in stretches:
-        assert {motion.orientation(now) for now in times[part].tolist()} == {quaternion}
-    assert motion.orientations(times[3:]) == [(slice(0, 3), motion.orientation(T0 + 1.2))]
+        assert {motion.path.orientation(now) for now in times[part].tolist()} == {quaternion}
+    assert motion.path.orientations(times[3:]) == [(slice(0, 3), motion.path.orientation(T0 + 1.2))]
 
 
 def test_slerp_takes_the_shorter_arc() -> None:
@@ -197,11 +198,11 @@ def test_a_long_rest_changes_nothing() -> None:
     short, long = robot(), robot()
     for motion in (short, long):
         motion.enqueue(Waypoint(shifted(x=0.002), DOWN, 0.01), T0)
-        motion.advance(T0 + 2.0)
-    at_rest = short.trajectory(np.array([T0 + 2.0]))[0]
+        motion.path.advance(T0 + 2.0)
+    at_rest = short.path.trajectory(np.array([T0 + 2.0]))[0]
     later = T0 + 3600.0 * 24.0
-    np.testing.assert_array_equal(long.trajectory(np.array([later - 0.5, later]))[0], [at_rest[0]] * 2)
-    long.advance(later)
+    np.testing.assert_array_equal(long.path.trajectory(np.array([later - 0.5, later]))[0], [at_rest[0]] * 2)
+    long.path.advance(later)
     assert later < long.next_tick() <= later + TICK + 1e-9
     long.enqueue(Waypoint(START, DOWN, AT_ONCE), later)
     assert long.reported(later + 1.0) == pytest.approx(START, abs=1e-12)
@@ -210,8 +211,8 @@ def test_a_long_rest_changes_nothing() -> None:
 def test_times_before_the_history_answer_as_its_first_moment() -> None:
     motion = robot()
     motion.enqueue(Waypoint(shifted(x=0.5), DOWN, 0.02), T0)
-    motion.advance(T0 + 20.0)
-    positions, _ = motion.trajectory(T0 + np.array([1.0, 5.0, 10.1, 15.0]))
+    motion.path.advance(T0 + 20.0)
+    positions, _ = motion.path.trajectory(T0 + np.array([1.0, 5.0, 10.1, 15.0]))
     assert positions[0, 0] == positions[1, 0] == pytest.approx(START[0] + 0.02 * 10.0, abs=0.003)
     assert positions[2, 0] == pytest.approx(START[0] + 0.02 * 10.03, abs=0.001)
     assert positions[3, 0] == pytest.approx(START[0] + 0.02 * 14.93, abs=0.001)
@@ -222,7 +223,7 @@ def test_what_cannot_be_raises() -> None:
     with pytest.raises(ValueError, match="speed"):
         motion.enqueue(Waypoint(START, DOWN, 0.0), T0)
     with pytest.raises(ValueError, match="zero quaternion"):
-        Motion(ServoProfile(), START, (0.0, 0.0, 0.0, 0.0), T0)
+        WaypointArm(ServoProfile(), Pose(START, (0.0, 0.0, 0.0, 0.0)), T0)
     with pytest.raises(ValueError, match="damping_ratio"):
         ServoProfile(damping_ratio=0.0)
 
@@ -232,41 +233,43 @@ def test_what_is_certain_stays_true_whatever_is_ordered_meanwhile() -> None:
     for motion in (watched, other):
         motion.enqueue(Waypoint(shifted(x=0.01), DOWN, 0.05), T0)
     now = T0 + 0.033
-    until = watched.certain_until(now)
+    until = watched.path.committed_until(now)
     assert now + DELAY < until < now + DELAY + TICK
     times = np.linspace(now, until, 50)
-    ahead = watched.trajectory(times)
+    ahead = watched.path.trajectory(times)
     for motion in (watched, other):
         motion.halt(now)
         motion.enqueue(Waypoint(shifted(y=-0.02), DOWN, 0.2), now)
-    for looked, came in zip(ahead, other.trajectory(times), strict=True):
+    for looked, came in zip(ahead, other.path.trajectory(times), strict=True):
         np.testing.assert_array_equal(looked, came)
     # and both go on alike: looking ahead took no point before its time
     later = np.linspace(until, until + 0.5, 100)
-    np.testing.assert_array_equal(watched.trajectory(later)[0], other.trajectory(later)[0])
+    np.testing.assert_array_equal(watched.path.trajectory(later)[0], other.path.trajectory(later)[0])
 
 
 def test_who_looked_ahead_is_told_up_to_when_an_order_leaves_it_true() -> None:
     watched, other = robot(), robot()
     told: list[float] = []
-    watched.on_change = told.append
+    watched.path.on_change = told.append
     for motion in (watched, other):
         motion.enqueue(Waypoint(shifted(x=0.01), DOWN, 0.05), T0)
     now = T0 + 0.033
-    times = np.arange(now, watched.foreseen_until(now), 1e-3)
-    assert times[-1] > watched.certain_until(now) + 0.1
-    seen = watched.trajectory(times)[0]
+    times = np.arange(now, watched.path.predicted_until(now), 1e-3)
+    assert times[-1] > watched.path.committed_until(now) + 0.1
+    seen = watched.path.trajectory(times)[0]
     assert not told
     for motion in (watched, other):
         motion.halt(now)
-    assert told == [watched.certain_until(now)]
-    came = other.trajectory(times)[0]
+    assert told == [watched.path.committed_until(now)]
+    came = other.path.trajectory(times)[0]
     kept = times < told[0]
     np.testing.assert_array_equal(seen[kept], came[kept])
     assert not np.array_equal(seen, came)
-    np.testing.assert_array_equal(watched.trajectory(times)[0], came)
+    np.testing.assert_array_equal(watched.path.trajectory(times)[0], came)
     watched.enqueue(Waypoint(shifted(y=-0.02), DOWN, 0.2), now)
-    assert told == [watched.certain_until(now)] * 2, "what was computed anew is not true any more either"
+    assert told == [watched.path.committed_until(now)] * 2, (
+        "what was computed anew is not true any more either"
+    )
     watched.freeze(now, now + 1.0)
     assert len(told) == 2, "nobody has looked ahead since"
 
@@ -275,10 +278,10 @@ def test_looking_ahead_takes_no_point_before_its_time() -> None:
     motion = robot()
     motion.enqueue(Waypoint(shifted(x=0.0015), DOWN, 0.05), T0 + 0.001)
     motion.enqueue(Waypoint(shifted(x=0.003), DOWN, 0.05), T0 + 0.001)
-    motion.trajectory(np.array([T0, motion.foreseen_until(T0 + 0.002)]))
-    assert motion.begun_at(1) is None
+    motion.path.trajectory(np.array([T0, motion.path.predicted_until(T0 + 0.002)]))
+    assert motion.path.begun_at(1) is None
     assert motion.waiting(T0 + 0.002) == 2
     assert motion.goal(T0 + 0.002)[0] == shifted(x=0.003)
-    assert motion.begun_at(1) is None
+    assert motion.path.begun_at(1) is None
     assert motion.waiting(T0 + 0.05) == 1
-    assert motion.begun_at(2) == pytest.approx(T0 + 2 * TICK + DELAY)
+    assert motion.path.begun_at(2) == pytest.approx(T0 + 2 * TICK + DELAY)

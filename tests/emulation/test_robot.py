@@ -11,8 +11,9 @@ from operator import xor
 
 import pytest
 
-from emulators.arm.servo import ServoProfile
-from emulators.s3 import S3Controller, S3Profile
+from emulators.arm.loops import ServoProfile
+from emulators.s3 import S3Controller, S3Profile, S3Profiles
+from emulators.seams import StartPose
 from protocol.s3.adlp import LinkProfile
 
 T0 = 5000.25
@@ -67,14 +68,10 @@ class Pendant:
     ) -> None:
         self.now = T0
         self.robot = S3Controller(
-            profile or S3Profile(),
-            link or LinkProfile(),
-            servo or ServoProfile(),
-            START,
-            DOWN,
+            S3Profiles(profile or S3Profile(), link or LinkProfile(), servo or ServoProfile()),
+            StartPose(START, DOWN, tool_length),
             T0,
             seed,
-            tool_length,
         )
 
     def put(self, data: bytes) -> bytes:
@@ -463,7 +460,7 @@ def test_a_point_waiting_for_a_place_in_the_queue_is_forgotten_at_a_stop() -> No
 
 def test_what_cannot_be_is_refused_at_the_start() -> None:
     with pytest.raises(ValueError, match="work area"):
-        S3Controller(S3Profile(), LinkProfile(), ServoProfile(), (3.0, 0.0, 0.0), DOWN, T0, 1)
+        S3Controller(S3Profiles(), StartPose((3.0, 0.0, 0.0), DOWN), T0, 1)
     with pytest.raises(ValueError, match="turnaround_spread_ms"):
         S3Profile(turnaround_ms=2.0)
     with pytest.raises(ValueError, match="queue_depth"):

@@ -14,7 +14,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from emulators.arm.servo import ServoProfile
 from emulators.s3 import (
     CHANGES,
     S3_FAULTS,
@@ -23,6 +22,7 @@ from emulators.s3 import (
     Panel,
     S3Controller,
     S3Profile,
+    S3Profiles,
     S3Site,
     State,
     Stimulus,
@@ -30,6 +30,7 @@ from emulators.s3 import (
     read_steps,
     refusal,
 )
+from emulators.seams import StartPose
 from protocol.s3.adlp import LinkProfile
 from protocol.s3.arap import (
     Answered,
@@ -62,9 +63,7 @@ class Bench:
     def __init__(self, profile: S3Profile = PROFILE, **programs: bytes) -> None:
         site = S3Site(programs={int(name.removeprefix("p")): text for name, text in programs.items()})
         self.now = T0
-        self.robot = S3Controller(
-            profile, LinkProfile(), ServoProfile(), START, DOWN, T0, 1, tool_length=0.2, site=site
-        )
+        self.robot = S3Controller(S3Profiles(profile), StartPose(START, DOWN, 0.2), T0, 1, site)
         self.panel = Panel(self.robot)
         self.host = ArapHost(LinkProfile())
         self.told: list[ArapEvent] = []
@@ -143,7 +142,7 @@ class Bench:
 
     @property
     def true_position(self) -> list[float]:
-        return self.robot.motion.trajectory(np.array([self.now]))[0][0].tolist()
+        return self.robot.motion.path.trajectory(np.array([self.now]))[0][0].tolist()
 
 
 def move(kind: MoveKind, y: float = -0.1, speed: float = 0.05) -> Telegram:
@@ -601,7 +600,7 @@ def test_an_encoder_offset_jumps_is_driven_back_and_stays_in_the_arm() -> None:
     motion = bench.robot.motion
     tick = motion.next_tick()
     times = np.array([tick + 0.0199, tick + 0.0201, tick + 0.08, tick + 1.0])
-    assert motion.trajectory(times)[0][:, 2] == pytest.approx([0.6, 0.6, 0.5986, 0.598], abs=2e-4)
+    assert motion.path.trajectory(times)[0][:, 2] == pytest.approx([0.6, 0.6, 0.5986, 0.598], abs=2e-4)
     assert motion.reported(tick + 0.0201)[2] == pytest.approx(0.602)
     bench.wait(1.0)
     assert bench.status().position == START
@@ -619,13 +618,13 @@ def test_an_encoder_offset_jumps_is_driven_back_and_stays_in_the_arm() -> None:
 def test_a_certain_path_stays_as_it_was_told() -> None:
     bench = Bench().moving()
     bench.wait(0.7)
-    certain = bench.robot.motion.certain_until(bench.now)
+    certain = bench.robot.motion.path.committed_until(bench.now)
     times = np.linspace(bench.now, certain, 50)
-    before = bench.robot.motion.trajectory(times)[0]
+    before = bench.robot.motion.path.trajectory(times)[0]
     bench.robot.inject("encoder-offset", bench.now, y_mm=50.0)
     bench.robot.inject("freeze", bench.now)
     bench.wait(1.0)
-    assert np.array_equal(bench.robot.motion.trajectory(times)[0], before)
+    assert np.array_equal(bench.robot.motion.path.trajectory(times)[0], before)
 
 
 # --- the panel
@@ -654,7 +653,9 @@ def test_looking_changes_nothing() -> None:
         seen.panel.state(seen.now)
     unseen.now = seen.now
     times = np.linspace(seen.now - 1.5, seen.now, 300)
-    assert np.array_equal(seen.robot.motion.trajectory(times)[0], unseen.robot.motion.trajectory(times)[0])
+    assert np.array_equal(
+        seen.robot.motion.path.trajectory(times)[0], unseen.robot.motion.path.trajectory(times)[0]
+    )
     assert seen.status() == unseen.status()
 
 

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import pytest
 
-from emulators.arm.servo import ServoProfile
-from emulators.s3 import S3Controller, S3Profile, S3Site, SiteOrders
+from emulators.s3 import S3Controller, S3Profiles, S3Site, SiteOrders
+from emulators.seams import StartPose
 from protocol.fields import Field, Layout
 from protocol.marks import Mark
 from protocol.s3.adlp import Link, LinkProfile, MessageReceived, Role
@@ -86,15 +86,11 @@ class Host:
     def __init__(self, *definitions: OrderDefinition, programs: dict[int, bytes] | None = None) -> None:
         self.book = OrderBook(definitions)
         self.robot = S3Controller(
-            S3Profile(),
-            PROFILE,
-            ServoProfile(),
-            (0.9, -0.1, 0.6),
-            (0.0, 1.0, 0.0, 0.0),
+            S3Profiles(link=PROFILE),
+            StartPose((0.9, -0.1, 0.6), (0.0, 1.0, 0.0, 0.0), 0.2),
             T0,
             1,
-            0.2,
-            site=S3Site(self.book, programs or {}),
+            S3Site(self.book, programs or {}),
         )
         self.link = Link(Role.HOST, PROFILE)
         self.now = T0

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from emulators.wires.slcan_adapter import Channel, SlcanAdapter, SlcanProfile
 from protocol.can.frame import CanFrame
+from protocol.can.slcan import SlcanClient
 
 NOW = 1000.25
 
@@ -162,4 +163,20 @@ def test_python_can_opens_sends_and_receives(monkeypatch: pytest.MonkeyPatch) ->
     message = next(m for m in (bus.recv(timeout=0.001) for _ in range(20)) if m is not None)
     assert (message.arbitration_id, bytes(message.data)) == (0x101, b"\0")
     bus.shutdown()
+    assert adapter.channel is Channel.CLOSED
+
+
+def test_our_client_opens_sends_receives_and_closes() -> None:
+    adapter, client = SlcanAdapter(SlcanProfile()), SlcanClient(1_000_000)
+    client.receive(say(adapter, client.data_to_send(NOW)), NOW)
+    assert adapter.channel is Channel.OPEN
+    client.send([CanFrame(0x201, bytes.fromhex("C80010270000"))])
+    client.receive(say(adapter, client.data_to_send(NOW)), NOW)
+    assert [str(frame) for frame in taken(adapter)] == ["201#C80010270000"]
+    adapter.send_frames([CanFrame(0x101, b"\0")], NOW)
+    client.receive(adapter.data_to_send(NOW), NOW)
+    assert client.next_event() == CanFrame(0x101, b"\0")
+    assert (client.next_event(), client.malformed) == (None, 0)
+    client.close()
+    say(adapter, client.data_to_send(NOW))
     assert adapter.channel is Channel.CLOSED

@@ -8,12 +8,13 @@ from unittest import mock
 
 import pytest
 
-from emulators.cell import Cell
+from emulators.s3_jr3_cell import PaperCell
 from hil_bridge.clock import Clock, Timer, run_virtual
+from hil_bridge.device_log import LogTo
 from hil_bridge.errors import BridgeError, TransportClosed
 from hil_bridge.faults.schedule import FaultSchedule
 from hil_bridge.recording import CycleRecord, EventRecord, Outcome
-from hil_bridge.runs.compose import opened_devices
+from hil_bridge.runs.compose import make_cell, open_devices
 from hil_bridge.runs.cycle import Run, RunResult
 from hil_bridge.settings.configuration import Config
 
@@ -39,7 +40,7 @@ class Guarded:
     error: BridgeError | None = None
     """What refused the run before it moved."""
     clock: Clock = field(init=False)
-    cell: Cell = field(init=False)
+    cell: PaperCell = field(init=False)
     run: Run = field(init=False)
     schedule: FaultSchedule | None = None
 
@@ -84,29 +85,26 @@ class Guarded:
         self.run._robot.exchange = dead
         raise Killed
 
-    async def main(self, cell: Cell | None = None) -> "Guarded":
+    async def main(self, cell: PaperCell | None = None) -> "Guarded":
         """Run, in a cell of its own or in one that is there."""
         self.clock = clock = Clock.running()
         timers: list[Timer] = []
-
-        def emulated(here: Cell) -> None:
-            self.cell = here
 
         def watch() -> None:
             now = clock.now()
             self.truths.append((now, math.hypot(*self.cell.true_state(now).contact_force)))
             timers[:] = [clock.call_at(now + WATCH_S, watch)]
 
-        def same(*arguments: Any) -> Cell:
-            return Cell(*arguments) if cell is None else cell
+        def same(*arguments: Any) -> PaperCell:
+            return make_cell(*arguments) if cell is None else cell
 
-        with mock.patch("hil_bridge.runs.compose.Cell", same):
-            async with opened_devices(
-                self.config, clock, lambda frame: None, self.notice, on_cell=emulated
-            ) as (robot, sensor):
+        with mock.patch("hil_bridge.runs.compose.make_cell", same):
+            async with open_devices(self.config, clock, LogTo(notice=self.notice)) as devices:
+                assert devices.cell is not None
+                self.cell = devices.cell
                 watch()
                 try:
-                    self.run = Run(self.config, clock, robot, sensor, self)
+                    self.run = Run(self.config, clock, devices.robot, devices.sensor, self)
                     self.schedule = FaultSchedule(
                         self.config.faults, self.cell, clock, self.notice, self.run.stand_still
                     )

@@ -23,12 +23,13 @@ from unittest import mock
 import numpy as np
 import pytest
 
-from emulators.cell import Cell
 from emulators.cell_faults import CELL_FAULTS
+from emulators.s3_jr3_cell import PaperCell
 from hil_bridge.clock import Clock
 from hil_bridge.control import CONTROLLERS
 from hil_bridge.errors import BridgeError
 from hil_bridge.recording import Recording, read
+from hil_bridge.runs.compose import make_cell
 from hil_bridge.runs.outputs import Outputs
 from hil_bridge.runs.replay import replay
 from hil_bridge.runs.session import execute
@@ -104,7 +105,7 @@ class Drawn:
     """Time, s, and the largest true contact force since the one before, N."""
     goals: list[tuple[float, float]] = field(default_factory=list)
     """Time, s, and the height that the robot was last ordered to, m."""
-    cell: Cell | None = None
+    cell: PaperCell | None = None
     began: float = 0.0
     said: str = ""
 
@@ -149,7 +150,7 @@ class Drawn:
     @property
     def bound(self) -> float:
         """Largest true force that may come of what was ordered: the limit, and what is under way."""
-        return LIMIT_N + self.stiffness * self.config.task.approach_step_mm * 1e-3 * LATENCY_CYCLES
+        return LIMIT_N + self.stiffness * self.config.task.single_step_mm * 1e-3 * LATENCY_CYCLES
 
     def hits(self, cause: str) -> bool:
         """A hard surface may be hit, or swung upon, without any fault."""
@@ -159,8 +160,8 @@ class Drawn:
         """Run it, and watch it; exit code, and what was recorded of cycles."""
         self.truths.clear()
 
-        def watched(*arguments: Any) -> Cell:
-            cell = self.cell = Cell(*arguments)
+        def watched(*arguments: Any) -> PaperCell:
+            cell = self.cell = make_cell(*arguments)
             clock = Clock(asyncio.get_running_loop())
             self.began = clock.now()
 
@@ -177,7 +178,7 @@ class Drawn:
 
         output, errors = io.StringIO(), io.StringIO()
         with (
-            mock.patch("hil_bridge.runs.compose.Cell", watched),
+            mock.patch("hil_bridge.runs.compose.make_cell", watched),
             contextlib.redirect_stdout(output),
             contextlib.redirect_stderr(errors),
         ):

@@ -27,8 +27,8 @@ STOPPING = [
     (Cause.MOMENT, Situation(moment_nm=10.1), ("limits.moment_limit_nm",)),
     (Cause.SATURATED, Situation(saturated=True), ()),
     (Cause.STALE, Situation(age_ms=200.1), ("limits.stale_after_ms",)),
-    (Cause.FROZEN, Situation(repeated=400), ("limits.frozen_after_frames",)),
-    (Cause.FROZEN, Situation(still_cycles=3), ("limits.still_after_cycles",)),
+    (Cause.FROZEN, Situation(unchanged_ms=4001.0), ("limits.frozen_after_ms",)),
+    (Cause.FROZEN, Situation(still_ms=451.0), ("limits.still_after_ms",)),
     (Cause.FROZEN, Situation(dead_axis="Fz did not change"), ()),
     (Cause.FROZEN, Situation(unanswered_mm=2.1), ("limits.unanswered_mm",)),
     (Cause.POSE, Situation(moved_mm=12.7), ("robot.velocity_mm_s",)),
@@ -85,13 +85,13 @@ def test_every_row_of_the_stops_has_its_situation() -> None:
 @pytest.mark.parametrize(
     ("situation", "name", "deepest_mm"),
     [
-        (Situation(wanted_mm=4.1, commanded_mm=2.0), "per-cycle", 4.0),
+        (Situation(wanted_mm=4.1, commanded_mm=2.0), "deeper", 3.98),
         (Situation(wanted_mm=101.0, commanded_mm=99.5, force_n=0.0), "total", 100.0),
         # 45 N are free of the margin, 5 N of them are left: 0.25 mm of 20 kN/m
         (Situation(force_n=40.0, wanted_mm=12.0, commanded_mm=8.0, stiffness_n_m=2e4), "barrier", 8.25),
         # an estimate below the expected stiffness does not count: 1 mm of 5 kN/m
         (Situation(force_n=40.0, wanted_mm=12.0, commanded_mm=8.0, stiffness_n_m=1e3), "barrier", 9.0),
-        (Situation(across_mm=5.1), "across", 4.0),
+        (Situation(across_mm=5.1), "across", 3.98),
         (Situation(wanted_mm=6.0, commanded_mm=4.5, start_m=(0.0, 0.0, -2.995)), "workspace", 5.0),
     ],
 )
@@ -123,17 +123,17 @@ def test_a_calm_run_is_allowed_in_every_phase() -> None:
 
 
 def test_margins_are_those_of_the_settings_nearest_first() -> None:
-    found = explain(CONFIG, Situation(force_n=40.0, age_ms=100.0, still_cycles=1))
+    found = explain(CONFIG, Situation(force_n=40.0, age_ms=100.0, still_ms=150.0))
     margins = {margin.name: margin for margin in found.margins}
-    assert [margin.name for margin in found.margins[:4]] == ["force", "age", "resultant", "still cycles"]
+    assert [margin.name for margin in found.margins[:4]] == ["force", "age", "resultant", "still"]
     limits = CONFIG.limits
     for name, limit in (
         ("force", limits.force_limit_n),
         ("resultant", limits.resultant_limit_n),
         ("moment", limits.moment_limit_nm),
         ("age", limits.stale_after_ms),
-        ("repeated", limits.frozen_after_frames),
-        ("still cycles", limits.still_after_cycles),
+        ("unchanged", limits.frozen_after_ms),
+        ("still", limits.still_after_ms),
         ("unanswered", limits.unanswered_mm),
         ("following", limits.following_error_mm),
         ("tilt", limits.tilt_deg),
@@ -141,7 +141,7 @@ def test_margins_are_those_of_the_settings_nearest_first() -> None:
     ):
         assert margins[name].limit == pytest.approx(limit, rel=1e-6), name
     assert margins["force"].text == "40 N, stops beyond 50 N: 10 left"
-    assert margins["still cycles"].text == "1, stops at 3: 2 left"
+    assert margins["still"].text == "150 ms, stops beyond 450 ms: 300 left"
 
 
 def test_margins_follow_the_configuration() -> None:

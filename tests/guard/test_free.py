@@ -6,10 +6,11 @@ from typing import Any
 
 import pytest
 
-from emulators.cell import Cell
+from emulators.s3_jr3_cell import PaperCell
 from hil_bridge.clock import Clock, run_virtual
+from hil_bridge.device_log import LogTo
 from hil_bridge.errors import DeviceError, SafetyStop
-from hil_bridge.runs.compose import opened_devices
+from hil_bridge.runs.compose import open_devices
 from hil_bridge.runs.free import Freed, Freeing
 from hil_bridge.settings.configuration import Config
 
@@ -22,25 +23,21 @@ def left_with(stiffness: float, force: float, **more: Any) -> dict[str, Any]:
 
 
 def freed(
-    config: Config, distance_mm: float, prepare: Callable[[Cell], object] = lambda cell: None
+    config: Config, distance_mm: float, prepare: Callable[[PaperCell], object] = lambda cell: None
 ) -> tuple[Freed, float]:
     """What came of it, and the true contact force at the end, N."""
-    cells: list[Cell] = []
     forces: list[float] = []
     said: list[str] = []
 
     async def main() -> Freed:
         clock = Clock.running()
 
-        def emulated(cell: Cell) -> None:
-            cells.append(cell)
+        async with open_devices(config, clock, LogTo()) as devices:
+            cell = devices.cell
+            assert cell is not None
             prepare(cell)
-
-        async with opened_devices(
-            config, clock, lambda frame: None, lambda kind, text: None, on_cell=emulated
-        ) as devices:
-            result = await Freeing(config, clock, *devices, said.append)(distance_mm)
-            forces.append(math.hypot(*cells[0].true_state(clock.now()).contact_force))
+            result = await Freeing(config, clock, devices.robot, devices.sensor, said.append)(distance_mm)
+            forces.append(math.hypot(*cell.true_state(clock.now()).contact_force))
             return result
 
     result = run_virtual(main)

@@ -25,7 +25,7 @@ def test_the_tables_are_those_of_code_and_figures(tool: dict[str, Any]) -> None:
 
 
 def test_a_table_without_a_place_is_missed(tool: dict[str, Any]) -> None:
-    with pytest.raises(ValueError, match="no place for the table 'conditions'"):
+    with pytest.raises(ValueError, match="no place for 'conditions'"):
         tool["renewed"](PAGE.replace("<!-- conditions: begin -->", ""), FIGURES)
 
 

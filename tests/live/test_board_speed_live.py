@@ -7,6 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from emulators.jr3 import Board, BoardProfile, Jr3Sensor, SensorProfile
+from emulators.sensing import KnownWrench
 
 pytestmark = pytest.mark.live
 
@@ -15,7 +16,7 @@ def test_a_minute_of_all_filters_and_axes_costs_less_than_a_second() -> None:
     def wrench_at(times: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.outer(np.sin(7.0 * times), [50.0, -40.0, 100.0, 2.0, -1.0, 3.0])
 
-    board = Board(BoardProfile(), Jr3Sensor(SensorProfile(), wrench_at, 1), 100.0)
+    board = Board(BoardProfile(), Jr3Sensor(SensorProfile(), KnownWrench(wrench_at), 1), 100.0)
     before = board.read(0x90, 56, 101.0)
     began = time.process_time()
     after = board.read(0x90, 56, 161.0)

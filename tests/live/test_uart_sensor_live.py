@@ -6,8 +6,10 @@ import itertools
 import pytest
 
 from hil_bridge.clock import Clock, run_real
+from hil_bridge.device_log import LogTo
 from hil_bridge.runs.compose import Ports, connect_sensor, emulated_cell
 from hil_bridge.settings.configuration import Config
+from hil_bridge.wiring import Wiring
 from protocol.wrench import WrenchFrame
 
 pytestmark = pytest.mark.live
@@ -29,13 +31,11 @@ def test_a_sensor_on_a_pseudo_terminal() -> None:
     async def main() -> None:
         clock = Clock.running()
         try:
-            async with emulated_cell(config.cell, 1, clock, Ports(None, "pty:?gateway=jr3"), failed) as ports:
+            async with emulated_cell(config, clock, Ports(None, "pty:?gateway=jr3"), failed) as ports:
                 url = ports.sensor or ""
                 assert url.startswith("serial:///dev/pts/")
                 assert url.endswith("?baudrate=115200&parity=N&stopbits=1&gateway=jr3")
-                sensor = await connect_sensor(
-                    url, config.sensor, clock, frames.append, lambda kind, text: None
-                )
+                sensor = await connect_sensor(config, url, Wiring("sensor", clock, LogTo(frames.append)))
                 sensor.start()
                 async with asyncio.timeout(30.0):
                     assert (await sensor.ready()).full_scales == (115.0, 111.0, 185.0, 5.6, 5.2, 6.1)

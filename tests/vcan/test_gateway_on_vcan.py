@@ -12,6 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from emulators.jr3 import Gateway, GatewayProfile, Jr3Sensor, SensorProfile
+from emulators.sensing import KnownWrench
 from hil_bridge.clock import Clock, run_real
 from hil_bridge.device_log import Silence
 from hil_bridge.sensors.stream import ForceSensor
@@ -49,7 +50,9 @@ class Bus:
         port = await connect_can(self._url, self.clock, accept)
         self._stack.push_async_callback(port.aclose)
         sensor = Jr3Sensor(
-            SensorProfile(noise_counts=0.0), lambda times: np.tile(wrench, (len(times), 1)), seed=1
+            SensorProfile(noise_counts=0.0),
+            KnownWrench(lambda times: np.tile(wrench, (len(times), 1))),
+            seed=1,
         )
         endpoint = Gateway(GatewayProfile(node=node, boot_s=0.0), sensor, self.clock.now())
         Pump[Any, Any](endpoint, port, self.clock, lambda event: None, lambda cause: None).start()

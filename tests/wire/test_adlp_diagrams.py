@@ -27,8 +27,8 @@ def test_the_diagrams_are_those_of_the_table():
 
 
 def test_a_document_without_a_place_for_them_is_refused():
-    with pytest.raises(ValueError, match="no place for the state diagrams"):
-        TOOL["renewed"](DOCUMENT.replace(TOOL["BEGIN"], ""))
+    with pytest.raises(ValueError, match="no place for 'state diagrams'"):
+        TOOL["renewed"](DOCUMENT.replace("<!-- state diagrams: begin -->", ""))
 
 
 @pytest.mark.parametrize("role", list(Role))

@@ -15,7 +15,7 @@ def test_the_tables_are_those_of_the_code():
 
 
 def test_a_table_without_a_place_is_missed():
-    with pytest.raises(ValueError, match="no place for the table 'profile'"):
+    with pytest.raises(ValueError, match="no place for 'profile'"):
         renewed(DOCUMENT.replace("<!-- profile: begin -->", ""))
 
 

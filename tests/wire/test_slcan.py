@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from protocol.can.frame import CanFrame
-from protocol.can.slcan import LONGEST_LINE, LineDecoder, decode_frame, encode_frame
+from protocol.can.slcan import LONGEST_LINE, LineDecoder, SlcanClient, decode_frame, encode_frame
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
 
 GOLDEN = {
@@ -103,3 +103,57 @@ def test_a_line_without_end_is_cut_and_no_frame() -> None:
     with pytest.raises(RemoteProtocolError):
         decode_frame(long)
     assert decode_frame(short) == CanFrame(0x20)
+
+
+def heard(client: SlcanClient, text: bytes, now: float = 7.0) -> list[CanFrame]:
+    """The frames that the client makes of a text."""
+    client.receive(text, now)
+    found = []
+    while (frame := client.next_event()) is not None:
+        found.append(frame)
+    return found
+
+
+def test_a_client_opens_its_channel_sends_and_closes() -> None:
+    client = SlcanClient(1_000_000)
+    assert client.data_to_send(7.0) == b"\r\r\rC\rS8\rO\r"
+    assert SlcanClient().data_to_send(7.0) == b"\r\r\rC\rO\r"
+    client.send([CanFrame(0x100, b"\x11\x33"), CanFrame(0x7FF, remote=True)])
+    client.close()
+    assert client.data_to_send(7.0) == b"t10021133\rr7FF0\rC\r"
+    assert client.data_to_send(7.0) == b""
+    assert client.next_deadline() is None
+    client.handle_deadline(8.0)
+    with pytest.raises(LocalProtocolError, match="no line in slcan"):
+        client.send([CanFrame(0, error=True)])
+
+
+def test_a_client_passes_over_answers_and_takes_frames_with_and_without_a_time_stamp() -> None:
+    client = SlcanClient()
+    assert heard(client, b"\r\rz\rZ\r\aV1013\rv1013\rNA123\rF80\r\at10021133\rt1002113300FF\r") == [
+        CanFrame(0x100, b"\x11\x33"),
+        CanFrame(0x100, b"\x11\x33"),
+    ]
+    assert client.malformed == 0
+    (frame,) = heard(client, b"t0200\r", 9.5)
+    assert frame.received_at == 9.5
+
+
+@pytest.mark.parametrize(
+    "garbage",
+    [
+        b"t12",
+        b"txyz0",
+        b"t1008AABB",
+        b"t1009000102030405060708",
+        b"t-110",
+        b"\xff\xfe\x80t1000",
+        b"hello",
+        b"x" * 5000,
+    ],
+)
+def test_a_client_counts_garbage_and_takes_the_next_frame(garbage: bytes) -> None:
+    client = SlcanClient()
+    assert heard(client, garbage) == []
+    assert heard(client, b"\rt0200\r") == [CanFrame(0x020)]
+    assert client.malformed == 1

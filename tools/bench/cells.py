@@ -5,10 +5,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from hil_bridge.clock import Clock, run_virtual
+from hil_bridge.device_log import LogTo
 from hil_bridge.recording import CycleRecord, EventRecord, Outcome
 from hil_bridge.runs.compose import Ports, connect_robot, connect_sensor, emulated_cell
 from hil_bridge.runs.cycle import Run
 from hil_bridge.settings.configuration import Config
+from hil_bridge.wiring import Wiring
 from protocol.wrench import WrenchFrame
 
 CAN, BOARD = "can+memory:sensor", "jr3+memory:sensor"
@@ -57,16 +59,12 @@ class CellRun:
         def notice(kind: str, text: str) -> None:
             self.event(EventRecord(clock.now(), kind, text))
 
-        config = self.config
-        async with emulated_cell(
-            config.cell,
-            config.run.seed + self.number,
-            clock,
-            ports,
-            lambda cause: self.faults.append(repr(cause)),
-        ) as at:
-            robot = await connect_robot(at.robot or "", config.robot.link, clock, notice)
-            sensor = await connect_sensor(at.sensor or "", config.sensor, clock, self._frame, notice)
+        seeded = self.config.run.model_copy(update={"seed": self.config.run.seed + self.number})
+        config = self.config.model_copy(update={"run": seeded})
+        log = LogTo(self._frame, notice)
+        async with emulated_cell(config, clock, ports, lambda cause: self.faults.append(repr(cause))) as at:
+            robot = await connect_robot(config, at.robot or "", Wiring("robot", clock, log))
+            sensor = await connect_sensor(config, at.sensor or "", Wiring("sensor", clock, log))
             robot.start()
             sensor.start()
             try:

@@ -59,6 +59,8 @@ class SensorPeer(Protocol):
 
     streaming: bool
     """The client has asked for samples."""
+    zeroed: bool
+    """The client has set the offsets, so that its checks of the sensor are over."""
 
 
 @dataclass
@@ -67,6 +69,7 @@ class UartSensor:
 
     fd: int
     streaming: bool = False
+    zeroed: bool = False
     counter: int = 0
     _reader: uart_gateway.Reader = field(default_factory=lambda: uart_gateway.Reader(uart_gateway.COMMANDS))
 
@@ -79,6 +82,7 @@ class UartSensor:
             os.write(self.fd, uart_gateway.encode_acknowledge(uart_gateway.Acknowledge(0, scales)))
             if frame.op in (uart_gateway.Op.START, uart_gateway.Op.STOP):
                 self.streaming = frame.op is uart_gateway.Op.START
+            self.zeroed |= frame.op is uart_gateway.Op.ZERO
         return bool(data)
 
     def send(self, counts: tuple[int, ...]) -> None:
@@ -93,6 +97,7 @@ class CanSensor:
 
     wire: socket.socket
     streaming: bool = False
+    zeroed: bool = False
     counter: int = 0
 
     @classmethod
@@ -117,6 +122,7 @@ class CanSensor:
         self._put(can_gateway.encode_acknowledge(NODE, answer))
         if command.op in (op.START_ASYNC, op.STOP):
             self.streaming = command.op is op.START_ASYNC
+        self.zeroed |= command.op is op.ZERO
         return True
 
     def send(self, counts: tuple[int, ...]) -> None:
@@ -152,7 +158,7 @@ class Cell:
     gone: Callable[[], bool]
     """Whether the other side has ended: not every wire tells."""
     moving: bool = False
-    """From the start of a movement on samples come with the status answers alone, one each."""
+    """From the first move behind the sensor's zero on samples come with the status answers alone, one each."""
     turns: list[Turn] = field(default_factory=list)
     _position: tuple[float, float, float] = START
     _noise: random.Random = field(default_factory=lambda: random.Random(1))
@@ -199,9 +205,8 @@ class Cell:
             return Status(words, TOOL_DOWN_WORDS, key_auto=True, operation=True).to_telegram()
         if order.function == FunctionCode.MOVE:
             move = Move.from_telegram(order)
-            if move.kind is MoveKind.START:
-                self.moving = timed
-            else:
+            self.moving = timed and (self.moving or self.sensor.zeroed)
+            if move.kind is not MoveKind.START:
                 self._position = move.position
         return response(order)
 

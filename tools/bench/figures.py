@@ -2,7 +2,7 @@
 
 import math
 import statistics
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
@@ -79,23 +79,12 @@ class Figure:
 
 
 @dataclass(frozen=True, slots=True)
-class Cost:
-    """Where time goes."""
-
-    where: str
-    share: float
-    """Of all of it, 0 … 1."""
-
-
-@dataclass(frozen=True, slots=True)
 class Report:
     """All that one benchmark says."""
 
     figures: tuple[Figure, ...]
     left_out: tuple[str, ...] = ()
     """What could not be measured here, and why: a sentence each."""
-    profiles: Mapping[str, tuple[Cost, ...]] = field(default_factory=dict)
-    """What the time of something goes to, under a title that says of what and by what, the largest share first."""
 
     def as_json(self) -> dict[str, Any]:
         """For the file of results; ratio and judgement are written out for readers of that file."""
@@ -107,10 +96,6 @@ class Report:
                 for figure in self.figures
             ],
             "left_out": list(self.left_out),
-            "profiles": {
-                name: {cost.where: _rounded(cost.share) for cost in costs}
-                for name, costs in self.profiles.items()
-            },
         }
 
     @classmethod
@@ -129,10 +114,6 @@ class Report:
                 for item in values["figures"]
             ),
             tuple(values["left_out"]),
-            {
-                name: tuple(Cost(where, share) for where, share in costs.items())
-                for name, costs in values["profiles"].items()
-            },
         )
 
 

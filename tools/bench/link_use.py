@@ -18,10 +18,10 @@ from hil_bridge.errors import ConfigError
 from hil_bridge.experiments.chain import run_cell
 from hil_bridge.recording import CycleRecord, read
 from hil_bridge.settings.configuration import Config
+from hil_bridge.text_files import toml_pair
 from protocol.s3.adlp import LinkProfile
 from protocol.s3.timing import line_floor
-from tools.bench.figures import Cost, Figure, Report, Target
-from tools.bench.kernel_trace import State, costs_of, traced
+from tools.bench.figures import Figure, Report, Target
 from tools.bench.machine import stolen_s
 
 BAUDRATES = (9600, 19200)
@@ -62,12 +62,8 @@ def cycle_time(cycles: Sequence[CycleRecord]) -> float:
     return (begins[-1] - begins[0]) / (len(begins) - 1)
 
 
-def real(
-    baudrate: int, place: Path, realtime: Mapping[str, object]
-) -> tuple[tuple[CycleRecord, ...], list[int]]:
-    """The cycles of bridge and emulated cell as two processes, a paced pseudo-terminal between them, and the numbers of
-    their loops' threads.
-    """
+def real(baudrate: int, place: Path, realtime: Mapping[str, object]) -> tuple[CycleRecord, ...]:
+    """The cycles of bridge and emulated cell as two processes, a paced pseudo-terminal between them."""
     config, record = place / "cell.toml", place / "run.mcap"
     config.write_text(_toml(settings(baudrate, realtime)), encoding="utf-8")
     with subprocess.Popen([*HIL_BRIDGE, "emulate", "cell", config, "--json"], stdout=subprocess.PIPE) as cell:
@@ -91,38 +87,14 @@ def real(
                     raise subprocess.CalledProcessError(run.returncode, command)
         finally:
             cell.terminate()
-    return read(record).cycles, [run.pid, cell.pid]
-
-
-def doing(states: Sequence[State]) -> str:
-    """What happens while the bridge's loop, the cell's loop and the kernel's workers are in such states."""
-    bridge, cell, *workers = states
-    if State.RUNNING in (bridge, cell):
-        return "the bridge's loop runs" if bridge is State.RUNNING else "the emulated cell's loop runs"
-    if bridge is not State.ASLEEP or cell is not State.ASLEEP:
-        return "one of the two is woken and does not run yet"
-    if any(state is not State.ASLEEP for state in workers):
-        return "a worker of the kernel has bytes"
-    return "all wait, mostly for the line"
-
-
-def traced_cycle(baudrate: int, place: Path) -> dict[str, tuple[Cost, ...]]:
-    """What a cycle's time goes to, both asleep between messages. Raises OSError without a trace."""
-    with traced() as trace:
-        cycles, loops = real(baudrate, place, AS_IT_IS)
-    begins = [cycle.started_at for cycle in cycles if cycle.phase == "track"]
-    parts = trace.parts([(begins[0], begins[-1])], [*loops, *trace.workers()], doing)
-    mean_ms = cycle_time(cycles) * MILLI
-    return {f"A cycle at {baudrate} baud, real time, {mean_ms:.1f} ms on average": costs_of(parts)}
+    return read(record).cycles
 
 
 def _toml(sections: object, key: str = "") -> str:
     """Nested tables of plain values."""
     assert isinstance(sections, dict)
     lines = [f"[{key}]"] if key else []
-    lines += [
-        f"{name} = {json.dumps(value)}" for name, value in sections.items() if not isinstance(value, dict)
-    ]
+    lines += [toml_pair(name, value) for name, value in sections.items() if not isinstance(value, dict)]
     for name, value in sections.items():
         if isinstance(value, dict):
             lines.append(_toml(value, f"{key}.{name}" if key else name))
@@ -132,7 +104,6 @@ def _toml(sections: object, key: str = "") -> str:
 def measure(say: Callable[[str], None]) -> Report:
     """Both rates, both kinds of time."""
     figures, ways, left_out = [], dict(WAYS), []
-    profiles: dict[str, tuple[Cost, ...]] = {}
     try:
         with scheduled(RealTime(**AWAKE)):
             pass
@@ -149,7 +120,7 @@ def measure(say: Callable[[str], None]) -> Report:
             for way, realtime in ways.items():
                 say(f"{baudrate} baud, {way}")
                 before = stolen_s()
-                times[way] = cycle_time(real(baudrate, Path(name), realtime)[0]) * MILLI
+                times[way] = cycle_time(real(baudrate, Path(name), realtime)) * MILLI
                 stolen[way] = stolen_s() - before
             for way, value in times.items():
                 title = f"cycle at {baudrate} baud, {way}"
@@ -157,9 +128,4 @@ def measure(say: Callable[[str], None]) -> Report:
             for way, value in stolen.items():
                 title = f"processor time that the host kept for itself, {baudrate} baud, {way}"
                 figures.append(Figure(title, value, "s"))
-            try:
-                say(f"{baudrate} baud, trace")
-                profiles |= traced_cycle(baudrate, Path(name))
-            except OSError as error:
-                left_out.append(str(error))
-    return Report(tuple(figures), tuple(dict.fromkeys(left_out)), profiles)
+    return Report(tuple(figures), tuple(left_out))

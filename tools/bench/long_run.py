@@ -33,8 +33,8 @@ SETTLED_MINUTES = 1
 """What is made in them may stay."""
 CHUNK_LOOK_S = 0.1
 """Between two looks at whether the recorder has finished a chunk; it does so every 20 s or so."""
-STEP_MM = 0.01
-"""Travel a cycle: an hour stays on the surface."""
+SPEED_MM_S = 0.05
+"""Along the surface: an hour stays on it."""
 RECORDS = 100_000
 KIB = 2.0**10
 MIB = 2.0**20
@@ -69,7 +69,7 @@ async def track(record: Path, minutes: int, look: Callable[[], object]) -> dict[
     chunk: then what it holds of the next one is always as little.
     """
     duration_s = (minutes + 1) * MINUTE_S
-    config = Config.model_validate({"run": {"duration_s": duration_s}, "task": {"step_mm": STEP_MM}})
+    config = Config.model_validate({"run": {"duration_s": duration_s}, "task": {"speed_mm_s": SPEED_MM_S}})
     clock = Clock.running()
     recorder = Recorder(record, clock.wall_ns, threaded=False, metadata={}, chunks=VIRTUAL_CHUNKS)
     run = CellRun(

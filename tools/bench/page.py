@@ -1,9 +1,10 @@
 """The tables of docs/performance.md, from the file of results beside it."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from typing import Any
 
-from tools.bench.figures import Cost, Figure, Report
+from tools.bench.figures import Figure, Report
+from tools.pages import placed, table
 
 QUIET = 1.5
 """Load up to which it is that of the benchmark before."""
@@ -16,18 +17,15 @@ def renewed(text: str, results: Mapping[str, Any]) -> str:
 
     Raises ValueError for a table without its place on the page.
     """
-    text = _placed(text, "machine", _table(("", ""), results["machine"].items()))
+    parts = {"machine": table(("", ""), results["machine"].items())}
     for name, benchmark in results["benchmarks"].items():
-        report = Report.from_json(benchmark)
-        text = _placed(text, name, benchmark_part(report, benchmark["load"]))
-    return text
+        parts[name] = benchmark_part(Report.from_json(benchmark), benchmark["load"])
+    return placed(text, parts)
 
 
 def benchmark_part(report: Report, load: float) -> str:
     """Figures, what was left out, and how busy the machine was."""
     parts = [figures_table(report.figures), *(f"Left out: {text}" for text in report.left_out)]
-    for name, costs in report.profiles.items():
-        parts += [f"{name}:", costs_table(costs)]
     parts.append(
         f"Processes that wanted a processor when it began, average of a minute: {load:.1f}.{BUSY * (load > QUIET)}"
     )
@@ -36,26 +34,4 @@ def benchmark_part(report: Report, load: float) -> str:
 
 def figures_table(figures: Iterable[Figure]) -> str:
     """All figures, one in a row."""
-    return _table(HEAD, (figure.cells() for figure in figures))
-
-
-def costs_table(costs: Iterable[Cost]) -> str:
-    """A profile; what is a name in the code is written like one."""
-
-    def where(cost: Cost) -> str:
-        return cost.where if " " in cost.where else f"`{cost.where}`"
-
-    return _table(("where", "share"), ((where(cost), f"{cost.share:.1%}") for cost in costs))
-
-
-def _placed(text: str, name: str, content: str) -> str:
-    begin, end = f"<!-- {name}: begin -->", f"<!-- {name}: end -->"
-    before, has_begin, behind = text.partition(begin)
-    _, has_end, after = behind.partition(end)
-    if not (has_begin and has_end):
-        raise ValueError(f"the page has no place for {name!r}: {begin} … {end}")
-    return f"{before}{begin}\n{content}\n{end}{after}"
-
-
-def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    return "\n".join("| " + " | ".join(line) + " |" for line in (head, ["---"] * len(head), *rows))
+    return table(HEAD, (figure.cells() for figure in figures))

@@ -4,7 +4,6 @@ The bridge is a process of its own as a person would start it, its recorder on a
 both devices. The baselines say the same messages over the same wires to the same devices, and decide nothing.
 """
 
-import json
 import os
 import pty
 import signal
@@ -13,11 +12,10 @@ import subprocess
 import sys
 import tempfile
 import tty
-from collections.abc import Callable, Iterator, Mapping, MutableSequence, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
 
 from hil_bridge.clock.realtime import RealTime, scheduled
 from hil_bridge.errors import ConfigError
@@ -35,17 +33,12 @@ from tools.bench.devices import (
     Turn,
     UartSensor,
 )
-from tools.bench.figures import Cost, Figure, Report, Spread, Target
-from tools.bench.kernel_trace import Span, State, explained, traced
-from tools.bench.sampler import costs
+from tools.bench.figures import Figure, Report, Spread, Target
 
 HERE = Path(__file__).parent
 CYCLES = 2500
 WARM_UP = 500
 """The first turnarounds, which are thrown away: caches, and the approach."""
-PROFILE_CYCLES = 6500
-"""A profile needs more: it looks 250 times a second."""
-NO_SIGNALS: Mapping[int, signal.Signals] = MappingProxyType({})
 INTERRUPTED = 130
 """Exit code of a command that Ctrl-C ended."""
 MICRO = 1e6
@@ -55,21 +48,16 @@ BUSY_POLL_MS = 100.0
 """Longer than any wait of a cycle, so that the bridge never sleeps."""
 AWAKE = ", processors kept awake"
 STOLEN = "processor time that the host kept for itself while the bridge ran"
-TRACED = (
-    ("TCP", 0.0),
-    ("TCP", BUSY_POLL_MS),
-    ("pseudo-terminals", 0.0),
-    ("pseudo-terminals", BUSY_POLL_MS),
-)
 P50, P99 = Target("ratio", 2.0, aim=1.5), Target("ratio", 3.0, aim=2.0)
 CONFIG = f"""\
 [run]
 duration_s = 600.0
 [task]
-step_mm = 0.0
+speed_mm_s = 0.0
+approach_speed_mm_s = 40.0
 retract_mm = 1.0
 [limits]
-still_after_cycles = 100
+correction_mm_s = 50.0
 [robot.link]
 baudrate = 1000000
 [sensor.uart]
@@ -179,30 +167,18 @@ def plain_arguments(wires: Wires) -> list[str]:
     return [*wires.plain, status.hex(), move.hex(), *map(str, sizes)]
 
 
-def turns_of(
-    wires: Wires,
-    command: Sequence[str | Path],
-    session: bool,
-    cycles: int = CYCLES,
-    signals: Mapping[int, signal.Signals] = NO_SIGNALS,
-    threads: MutableSequence[int] | None = None,
-) -> list[Turn]:
+def turns_of(wires: Wires, command: Sequence[str | Path], session: bool) -> list[Turn]:
     """Start the other side, let it make its cycles, and end it. Raises PeerSilent with what it said.
 
-    With a `session` it brings the devices up first, and is interrupted as by a person when it has done enough.
-    `signals` are sent to it after so many cycles; `threads` is given its threads' numbers, the loop's first.
-    """
+    With a `session` it brings the devices up first, and is interrupted as by a person when it has done enough."""
     ending = signal.SIGINT if session else signal.SIGTERM
     good_ends = (0, INTERRUPTED) if session else (0, -signal.SIGTERM)
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as process:
 
         def enough(count: int) -> bool:
-            if count == WARM_UP and threads is not None:
-                found = map(int, os.listdir(f"/proc/{process.pid}/task"))
-                threads[:] = [process.pid, *(thread for thread in found if thread != process.pid)]
-            if (number := ending if count == cycles else signals.get(count)) is not None:
-                process.send_signal(number)
-            return count >= cycles
+            if count == CYCLES:
+                process.send_signal(ending)
+            return count >= CYCLES
 
         try:
             here = wires.accept(wires)
@@ -212,23 +188,30 @@ def turns_of(
         except BaseException:
             process.kill()
             raise
-    if len(cell.turns) < cycles or process.returncode not in good_ends:
+    if len(cell.turns) < CYCLES or process.returncode not in good_ends:
         raise PeerSilent(
             f"the other side ended with {process.returncode} after {len(cell.turns)} cycles; it said: {said.strip()}"
         )
     return cell.turns[WARM_UP:]
 
 
-def bridge_command(
-    wires: Wires, place: Path, *interpreter: str | Path, busy_poll_ms: float = 0.0
-) -> list[str | Path]:
+def bridge_command(wires: Wires, place: Path, busy_poll_ms: float = 0.0) -> list[str | Path]:
     """A run as a person starts it, without a view."""
     config = place / "bench.toml"
     config.write_text(CONFIG % busy_poll_ms, encoding="utf-8")
     robot, sensor = wires.urls
     wires_of = ("--robot", robot, "--sensor", sensor)
-    run = ("run", config, *wires_of, "--no-view", "--record", place / "run.mcap", "--overwrite")
-    return [sys.executable, *(interpreter or ("-m", "hil_bridge")), *run]
+    run = (
+        "run",
+        config,
+        *wires_of,
+        "--unchecked",
+        "--no-view",
+        "--record",
+        place / "run.mcap",
+        "--overwrite",
+    )
+    return [sys.executable, "-m", "hil_bridge", *run]
 
 
 def measured(name: str, place: Path, say: Callable[[str], None]) -> tuple[Figure, ...]:
@@ -309,72 +292,6 @@ def kept_awake(place: Path, say: Callable[[str], None]) -> tuple[Figure, ...]:
     return (*figures, Figure(f"TCP, {STOLEN}{AWAKE}", stolen, "s"))
 
 
-def awake(states: Sequence[State]) -> bool:
-    """Whether any of these threads runs or wants to."""
-    return any(state is not State.ASLEEP for state in states)
-
-
-def asleep_between(loop: State, here: State, others: Sequence[State], workers: Sequence[State]) -> str:
-    """What happens while the bridge's loop, this process, the bridge's other threads and the kernel's workers are in
-    such states.
-    """
-    if loop is State.RUNNING:
-        return "the bridge's loop runs"
-    if loop is State.WOKEN:
-        return "the bridge is woken, its idle processor does not run it yet"
-    if loop is not State.ASLEEP:
-        return "the bridge waits for a processor that runs another"
-    if (of_others := _of_the_others(here, workers)) or State.RUNNING not in others:
-        return of_others or "all wait"
-    return "the bridge waits, and of all only its recorder's thread runs"
-
-
-def polling_all_the_time(loop: State, here: State, others: Sequence[State], workers: Sequence[State]) -> str:
-    """The same of a bridge whose loop polls, which a trace does not tell from work."""
-    if loop is not State.RUNNING:
-        return "the bridge's loop waits for a processor, or for another of its threads"
-    return _of_the_others(here, workers) or "the bridge's loop runs, or polls, and all others wait"
-
-
-def _of_the_others(here: State, workers: Sequence[State]) -> str:
-    if here is State.RUNNING:
-        return "the devices' side runs"
-    if here is not State.ASLEEP:
-        return "the devices' side is woken and does not run yet"
-    return "a worker of the kernel has the bytes" if awake(workers) else ""
-
-
-def traced_orders(name: str, place: Path, busy_poll_ms: float = 0.0) -> dict[str, tuple[Cost, ...]]:
-    """What first bytes and whole orders over one kind of wire spend their time on. Raises OSError without a trace."""
-    threads: list[int] = []
-    with traced() as trace, WIRES[name]() as wires:
-        command = bridge_command(wires, place, busy_poll_ms=busy_poll_ms)
-        turns = turns_of(wires, command, session=True, threads=threads)
-    loop, *others = threads
-    told = polling_all_the_time if busy_poll_ms else asleep_between
-
-    def doing(states: Sequence[State]) -> str:
-        return told(states[0], states[1], states[2 : 2 + len(others)], states[2 + len(others) :])
-
-    watched = [loop, os.getpid(), *others, *trace.workers()]
-    how = f"{name}{', busy polling' if busy_poll_ms else ''}"
-    profiles: dict[str, tuple[Cost, ...]] = {}
-    for what, member in TIMED:
-        spans: list[Span] = [(turn.began, turn.began + getattr(turn, member)) for turn in turns]
-        profiles |= explained(trace, f"{what.capitalize()}, {how}", spans, watched, doing)
-    return profiles
-
-
-def profile(place: Path) -> tuple[Cost, ...]:
-    """Where the bridge's processor time goes over TCP, by module."""
-    result = place / "profile.json"
-    with tcp() as wires:
-        command = bridge_command(wires, place, "-m", "tools.bench.sampler", result)
-        signals = {WARM_UP: signal.SIGUSR1, PROFILE_CYCLES - 1: signal.SIGUSR2}
-        turns_of(wires, command, True, PROFILE_CYCLES, signals)
-    return costs(json.loads(result.read_text(encoding="utf-8")))
-
-
 def measure(say: Callable[[str], None]) -> Report:
     """Over every kind of wire that this machine has."""
     figures: list[Figure] = []
@@ -390,13 +307,4 @@ def measure(say: Callable[[str], None]) -> Report:
             figures += kept_awake(place, say)
         except ConfigError as error:
             left_out.append(str(error))
-        say("profile of the bridge over TCP")
-        profiles = {"Profile, the bridge over TCP, by module": profile(place)}
-        for wire, busy_poll_ms in TRACED:
-            say(f"trace of orders, {wire}{', busy polling' if busy_poll_ms else ''}")
-            try:
-                profiles |= traced_orders(wire, place, busy_poll_ms)
-            except OSError as error:
-                left_out.append(str(error))
-    left_out = list(dict.fromkeys(left_out))
-    return Report(tuple(figures), tuple(left_out), profiles)
+    return Report(tuple(figures), tuple(left_out))

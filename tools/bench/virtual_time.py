@@ -15,8 +15,7 @@ from pathlib import Path
 from hil_bridge.recording import CycleRecord, read
 from hil_bridge.settings.configuration import Config
 from tools.bench.cells import BOARD, CAN, CellRun, run_together
-from tools.bench.figures import Cost, Figure, Report, Target
-from tools.bench.sampler import costs, sampled
+from tools.bench.figures import Figure, Report, Target
 
 TRACK_S = 20.0
 BOARD_TRACK_S = 10.0
@@ -46,14 +45,6 @@ def speed(config: Config, sensor: str) -> float:
         (from_s, from_cpu), (to_s, to_cpu) = marks[0], marks[-1]
         best = max(best, (to_s - from_s) / (to_cpu - from_cpu))
     return best
-
-
-def profile(config: Config, sensor: str) -> tuple[Cost, ...]:
-    """Where the processor time of such runs goes."""
-    with sampled() as counts:
-        for _ in range(2):
-            run_together([CellRun(config, sensor=sensor)])
-    return costs(counts)
 
 
 def cost_each(count: int) -> float:
@@ -104,11 +95,6 @@ def measure(say: Callable[[str], None]) -> Report:
         {"run": {"duration_s": BOARD_TRACK_S, "seed": 7}, "sensor": {"board": {"period_ms": 1.0}}}
     )
     board = speed(board_config, BOARD)
-    say("profiles")
-    profiles = {
-        "Profile, the default cell, by module": profile(default_config, CAN),
-        "Profile, the 1 kHz sensor on the DSP board, by module": profile(board_config, BOARD),
-    }
     say("the command")
     with tempfile.TemporaryDirectory(prefix="hil-bridge-bench-") as name:
         wall, used = command(Path(name))
@@ -143,4 +129,4 @@ def measure(say: Callable[[str], None]) -> Report:
                 GROWTH if count == MANY[-1] else None,
             )
         )
-    return Report(tuple(figures), profiles=profiles)
+    return Report(tuple(figures))

@@ -4,18 +4,16 @@ They take turns, so that what else the machine does meets all of them.
 """
 
 import asyncio
-import os
 import subprocess
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import ExitStack
 
 from hil_bridge.clock import Clock, run_real
 from hil_bridge.clock.realtime import RealTime, scheduled
 from hil_bridge.errors import ConfigError
 from tools.bench import machine
-from tools.bench.figures import Cost, Figure, Report, Spread, Target
-from tools.bench.kernel_trace import Span, State, explained, traced
+from tools.bench.figures import Figure, Report, Spread, Target
 
 RATES_HZ = (100, 1000)
 TURNS = 3
@@ -27,32 +25,19 @@ BUSY_POLL_S = 0.1
 """Longer than any wait here."""
 OURS, POLLING, ASYNCIO, C = "ours", "ours, busy polling", "asyncio's sleep", "C, clock_nanosleep"
 AWAKE = ", processors kept awake"
-TRACED_HZ = 1000
-WHERE = {
-    State.ASLEEP: "the timer's interrupt had not come yet",
-    State.WOKEN: "woken, its idle processor did not run it yet",
-    State.QUEUED: "woken, its processor ran another",
-    State.PREEMPTED: "interrupted by another",
-    State.RUNNING: "running: from the kernel through the loop to the coroutine",
-}
-
-
-async def spans(period: float, count: int) -> list[Span]:
-    """When each wait on the bridge's clock was to end, and when it did, s."""
-    clock = Clock.running()
-    try:
-        anchor, waits = clock.now(), []
-        for beat in range(1, count + 1):
-            await clock.sleep_until(anchor + beat * period)
-            waits.append((anchor + beat * period, time.monotonic()))
-    finally:
-        clock.close()
-    return waits
 
 
 async def ours(period: float, count: int) -> list[float]:
-    """Lateness of such waits, s."""
-    return [ended - due for due, ended in await spans(period, count)]
+    """Lateness of waits on the bridge's clock, s."""
+    clock = Clock.running()
+    try:
+        anchor, late = clock.now(), []
+        for beat in range(1, count + 1):
+            await clock.sleep_until(anchor + beat * period)
+            late.append(time.monotonic() - (anchor + beat * period))
+    finally:
+        clock.close()
+    return late
 
 
 async def plain(period: float, count: int) -> list[float]:
@@ -100,23 +85,9 @@ def figures_of(rate: int, spreads: dict[str, Spread], how: str) -> list[Figure]:
     return figures
 
 
-def profiles(how: str) -> dict[str, tuple[Cost, ...]]:
-    """What the time between a beat and the coroutine's return went to, asleep. Raises OSError without a trace."""
-    waits: list[Span] = []
-    with traced() as trace:
-        for _ in range(TURNS):
-            waits += run_real(spans(1.0 / TRACED_HZ, round(TURN_S * TRACED_HZ)))
-
-    def name(states: Sequence[State]) -> str:
-        return WHERE[states[0]]
-
-    return explained(trace, f"Wake-ups at {TRACED_HZ} Hz{how}", waits, [os.getpid()], name)
-
-
 def measure(say: Callable[[str], None]) -> Report:
     """Both rates on the machine as it is, and the higher with its processors kept awake."""
     figures: list[Figure] = []
-    found: dict[str, tuple[Cost, ...]] = {}
     left_out = [] if machine.compiled("sleeper") else [machine.NO_COMPILER]
     for how in ("", AWAKE):
         with ExitStack() as stack:
@@ -125,12 +96,7 @@ def measure(say: Callable[[str], None]) -> Report:
             except ConfigError as error:
                 left_out.append(str(error))
                 continue
-            for rate in (TRACED_HZ,) if how else RATES_HZ:
+            for rate in RATES_HZ[-1:] if how else RATES_HZ:
                 say(f"{rate} Hz{how}")
                 figures += figures_of(rate, taking_turns(rate), how)
-            say(f"trace of the wake-ups{how}")
-            try:
-                found |= profiles(how)
-            except OSError as error:
-                left_out.append(str(error))
-    return Report(tuple(figures), tuple(dict.fromkeys(left_out)), found)
+    return Report(tuple(figures), tuple(left_out))

@@ -1,14 +1,15 @@
 """The JR3 DSP receiver board: a memory that a sensor fills and a host reads and writes, told the time.
 
-Samples are computed in blocks up to the time asked for, and further as far as the sensor foresees, so that a read
-is a look-up; a host's write that changes the computation throws away what was computed ahead, and so does a sensor
-whose samples will be others.
+Samples are computed in blocks up to the time asked for, and further as far as the sensor predicts, so that a read
+is a look-up; a host's write that changes the computation throws away the samples computed ahead, and so
+does a sensor whose samples will be others.
 """
 
 import math
 import struct
 from collections.abc import Callable, Mapping, Sequence
 from enum import Enum, auto
+from typing import Self
 
 from emulators.faults.ledger import Handler, Injection
 from emulators.jr3.board.filters import FILTER_STEPS, low_pass
@@ -22,15 +23,15 @@ from protocol.jr3 import AXES
 from protocol.jr3.board import REGISTERS, WORD_MODULUS, Errors, check_range, from_signed
 
 _EPSILON = 1e-6
-"""Of a sample period: what a time may lack of its sample's by rounding."""
+"""Of a sample period: by so much a time may be too early through rounding."""
 _AHEAD_S = 1.0
-"""More than is ever computed ahead, for a source that is certain for ever."""
+"""More than is ever computed ahead, for a source that is committed for ever."""
 _FULL_SCALES = REGISTERS["full_scale"].address
 _COMMAND_WORDS = REGISTERS["command_word2"].address
 
 
 class Phase(Enum):
-    """What the board waits for."""
+    """Phases of the board's start."""
 
     BOOT = auto()
     SILENT = auto()
@@ -42,7 +43,7 @@ class Phase(Enum):
 
 
 class _Due(Enum):
-    """What happens at a time; in this order when times are equal."""
+    """Events that are due at a time; in this order when times are equal."""
 
     BOOTED = auto()
     CALIBRATED = auto()
@@ -59,10 +60,16 @@ class Board:
     another runs is lost (assumed).
     """
 
-    def __init__(self, profile: BoardProfile, sensor: Jr3Sensor, powered_at: float) -> None:
+    def __init__(
+        self, profile: BoardProfile, sensor: Jr3Sensor, powered_at: float, filter_number: int = 0
+    ) -> None:
+        """`filter_number`, 0 … 6, is the filter that the client reads, for `sampled_at` alone."""
+        self.jr3 = sensor
+        """The sensor in its plug."""
+        self._filter_read = filter_number
         self._profile = profile
         self._sensor = sensor
-        sensor.on_forget.append(self._forget)
+        sensor.on_invalidate.append(self._invalidate)
         self._raw = RawSamples(sensor)
         self._scales = WrongScales()
         self._plugged = sensor.profile.connected
@@ -107,11 +114,17 @@ class Board:
 
     @property
     def handlers(self) -> Mapping[str, Mapping[str, Handler]]:
-        """What can go wrong here, by target, for a ledger."""
+        """Faults of the receiver and the sensor, by target, for a ledger."""
         return {
             "scales": self._scales.handlers,
             "frames": {"unplugged": Handler(self._pulled, self._put_back)},
+            "signal": self.jr3.signal.handlers,
         }
+
+    @property
+    def endpoint(self) -> Self:
+        """The board itself is the registers that a host reads."""
+        return self
 
     def _pulled(self, injection: Injection) -> None:
         injection.struck += self._plugged
@@ -141,21 +154,21 @@ class Board:
         return self._due.get(_Due.COMMAND, self._now)
 
     def reset(self, now: float) -> None:
-        """Start the board's program anew. Assumed: what the host had written is lost."""
+        """Start the board's program anew. Assumed: the words that the host had written are lost."""
         self._advance(now)
         self._processor.sampling.cut()
         self._start(self._now)
 
     # --- the truth, which no wire tells
 
-    def sampled_at(self, filter_number: int, count: int) -> float | None:
-        """When the sensor measured the newest sample of a filter, 0 … 6, that a host has seen with this count, s; None
+    def sampled_at(self, counter: int) -> float | None:
+        """When the sensor measured the newest sample of the filter read that a host has seen with this count, s; None
         where there is none since the reset. Filter 0 has the count of filter 1.
         """
-        number = max(filter_number, 1)
+        number = max(self._filter_read, 1)
         step, sampling = FILTER_STEPS[number], self._processor.sampling
         (newest,) = self._processor.read(REGISTERS[f"count{number}"].address, 1)
-        behind = (newest - count) % WORD_MODULUS
+        behind = (newest - counter) % WORD_MODULUS
         sample = sampling.sample - sampling.sample % step - behind * step
         return (self._origin + sample) / SENSOR_RATE_HZ if sample >= 0 else None
 
@@ -211,14 +224,14 @@ class Board:
             return
         computing = self._phase is Phase.RUNNING and not (self._order and self._order.busy)
         settings = processor.settings if computing else None
-        processor.sampling.run(sample, settings, self._foreseen_sample)
+        processor.sampling.run(sample, settings, self._predicted_sample)
 
-    def _forget(self, first: int) -> None:
-        self._processor.sampling.forget(first)
+    def _invalidate(self, first: int) -> None:
+        self._processor.sampling.invalidate(first)
 
-    def _foreseen_sample(self) -> int:
+    def _predicted_sample(self) -> int:
         """The last sample that can be computed now and will most likely be needed."""
-        sample = self._sample_at(min(self._sensor.foreseen_until(self._now), self._now + _AHEAD_S))
+        sample = self._sample_at(min(self._sensor.predicted_until(self._now), self._now + _AHEAD_S))
         return min(sample, self._sample_at(min(self._due.values()))) if self._due else sample
 
     # --- events

@@ -155,8 +155,7 @@ def block(state: PathState, settings: PathSettings, raw: NDArray[np.int64], star
     plan = plan_of(
         start % FILTER_STEPS[-1],
         length,
-        wait if wait < length else NEVER,
-        rate_step,
+        (wait if wait < length else NEVER, rate_step),
         max(int(raw.max()), -int(raw.min())) >= min(settings.near_saturation, settings.saturation),
         bool(envelope.at_least or envelope.at_most),
     )

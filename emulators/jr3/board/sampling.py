@@ -1,5 +1,5 @@
-"""The board's samples: which have been computed, how far ahead, and what becomes of them when settings change, or
-when the sensor's will be others than was foreseen.
+"""The board's samples: which have been computed, how far ahead, and how they end when settings change, or
+when the sensor's will be others than was predicted.
 """
 
 from collections.abc import Callable
@@ -15,11 +15,11 @@ Samples = NDArray[np.int64]
 _LONGEST = 8192
 """Most samples computed at once: as many as the processor's cache holds."""
 _AHEAD = 2048
-"""Most samples computed ahead. Chosen: more than a sensor foresees."""
+"""Most samples computed ahead. Chosen: more than a sensor predicts."""
 
 
 class RawSamples:
-    """The sensor's readings by absolute sample number; what was read too early is kept, none is read twice."""
+    """The sensor's readings by absolute sample number; one that was taken too early is kept, none is taken twice."""
 
     def __init__(self, sensor: Jr3Sensor) -> None:
         self._sensor = sensor
@@ -37,17 +37,17 @@ class RawSamples:
         return np.concatenate([kept, fresh]) if len(kept) else fresh
 
     def give_back(self, samples: Samples) -> None:
-        """Keep what was taken last but not used."""
+        """Keep the readings that were taken last but not used."""
         self._first -= len(samples)
         self._kept = np.concatenate([samples, self._kept])
 
-    def forget(self, first: int) -> None:
+    def invalidate(self, first: int) -> None:
         """Samples from this number on will be others than were read."""
         self._kept = self._kept[: max(0, first - self._first)]
 
 
 class Sampling:
-    """Runs the data path up to the sample asked for, and further as far as the sensor foresees.
+    """Runs the data path up to the sample asked for, and further as far as the sensor predicts.
 
     Samples have the numbers 0, 1, … from `origin`, the absolute number of the first one.
     """
@@ -83,19 +83,19 @@ class Sampling:
         self.reach(sample)
 
     def cut(self) -> PathState:
-        """Give up what was computed ahead and tell the state after the newest sample."""
+        """Give up the samples computed ahead and tell the state after the newest sample."""
         self._end_block(self.sample + 1)
         state = self.block.after()
         self.resume(state)
         return state
 
-    def forget(self, first: int) -> None:
-        """The sensor's samples from this absolute number on will be others; what a host has seen it has seen."""
+    def invalidate(self, first: int) -> None:
+        """The sensor's samples from this absolute number on will be others; those that a host has seen stay."""
         self._end_block(max(first - self._origin, self.sample + 1))
-        self._raw.forget(first)
+        self._raw.invalidate(first)
 
     def _end_block(self, end: int) -> None:
-        """Give up what was computed from this sample on."""
+        """Give up the words computed from this sample on."""
         ahead = self.block
         if ahead.source is not None and end < ahead.end:
             self._raw.give_back(ahead.source.raw[end - ahead.start : ahead.end - ahead.start])

@@ -120,7 +120,7 @@ class Traces:
         """Where in `words` those from an address on lie after every so many samples, the first `offset` behind the
         block's first one.
         """
-        return _lookup(self._places, address, count, offset, samples, step)
+        return _lookup(self._places, address, count, (offset, samples, step))
 
     def without(self, *names: str) -> "Traces":
         """The same before these were computed."""
@@ -190,7 +190,9 @@ class Lookup:
 
 
 @lru_cache(maxsize=64)
-def _lookup(places: Places, address: int, count: int, offset: int, samples: int, step: int) -> Lookup:
+def _lookup(places: Places, address: int, count: int, grid: tuple[int, int, int]) -> Lookup:
+    """`grid` is the offset of the first sample, how many there are, and the step between them."""
+    offset, samples, step = grid
     after = offset + step * np.arange(samples)
     columns: list[NDArray[np.int64]] = []
     runs: list[tuple[int, int, int, int]] = []

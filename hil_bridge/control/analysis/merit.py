@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hil_bridge.control.types import POSITION_STEP_MM
+
 Array = NDArray[np.float64]
 
 STEADY_SAMPLES = 40
@@ -44,7 +46,7 @@ def figures_of_merit(
     reference: ArrayLike,
     commanded: ArrayLike,
     in_contact: ArrayLike,
-    resolution_mm: float = 0.125,
+    resolution_mm: float = POSITION_STEP_MM,
 ) -> FiguresOfMerit:
     """Figures of a run: s, N, N (one value or one a sample), m and booleans, one a sample, in order of time.
 

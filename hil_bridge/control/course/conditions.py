@@ -93,8 +93,8 @@ STOPS: tuple[ConditionRow, ...] = (
     ),
     _stop(Cause.SATURATED, "an axis of the sensor was at the end of its range"),
     _stop(Cause.STALE, "age of the newest frame", "limits.stale_after_ms"),
-    _stop(Cause.FROZEN, "frames in a row with identical counts on all axes", "limits.frozen_after_frames"),
-    _stop(Cause.FROZEN, "cycles in a row without a new frame", "limits.still_after_cycles"),
+    _stop(Cause.FROZEN, "how long frames carry identical counts on all axes", "limits.frozen_after_ms"),
+    _stop(Cause.FROZEN, "time of the cycles without a new frame", "limits.still_after_ms"),
     _stop(
         Cause.FROZEN,
         "an axis that the controlled force mainly lies on did not change since the zero while another moved by a "
@@ -131,7 +131,7 @@ STOPS: tuple[ConditionRow, ...] = (
         "the force goes on swinging although the gain is at its least",
         "limits.oscillation_guard",
         "oscillation.peaks",
-        "oscillation.window_samples",
+        "oscillation.window_ms",
         "oscillation.band_min_n",
         "oscillation.decay",
         "oscillation.factor_min",
@@ -159,16 +159,16 @@ BARRIER = _clamp(
 )
 CLAMPS: tuple[ConditionRow, ...] = (
     BARRIER,
-    _clamp("per-cycle", "deeper by more in one cycle", "limits.correction_per_cycle_mm"),
+    _clamp("deeper", "deeper faster than allowed", "limits.correction_mm_s"),
     _clamp("total", "deeper than the start by more in all", "limits.correction_total_mm"),
-    _clamp("across", "farther across the approach in one cycle", "limits.travel_per_cycle_mm"),
+    _clamp("across", "across the approach faster than allowed", "limits.travel_mm_s"),
     _clamp("workspace", "out of the workspace", "limits.workspace_min_m", "limits.workspace_max_m"),
     _clamp(
         "gain",
         "the force swings for long: the controller's corrections are lowered",
         "limits.oscillation_guard",
         "oscillation.peaks",
-        "oscillation.window_samples",
+        "oscillation.window_ms",
         "oscillation.notch",
     ),
     ConditionRow(
@@ -189,7 +189,7 @@ ENDS: tuple[ConditionRow, ...] = (
     ConditionRow(
         "surface-ended", "no contact found again after it was lost", ("task.search_depth_limit_mm",)
     ),
-    ConditionRow("contact-lost", "contact was lost too often", ("task.loss_limit", "task.loss_samples")),
+    ConditionRow("contact-lost", "contact was lost too often", ("task.loss_limit", "task.loss_ms")),
     ConditionRow(
         "travelled", "the way along the surface is done", ("task.travel_limit_mm",), exit_code=COMPLETED
     ),

@@ -18,21 +18,21 @@ class Limits:
     """Contact force along the approach direction, either sign, above which the run stops."""
     resultant_limit_n: float = 100.0
     """Length of the force vector above which the run stops: a collision from the side."""
-    correction_per_cycle_mm: float = 2.0
-    """Farthest that the command may go deeper in a cycle."""
+    correction_mm_s: float = 11.0
+    """Fastest that the command may go deeper. Chosen: 2 mm in a cycle of 180 ms."""
     correction_total_mm: float = 100.0
     """Farthest that the command may be deeper than the start point."""
-    travel_per_cycle_mm: float = 5.0
-    """Farthest that the command may move across the approach direction in a cycle."""
+    travel_mm_s: float = 27.5
+    """Fastest that the command may move across the approach direction. Chosen: 5 mm in a cycle of 180 ms."""
     workspace_min_m: Vector = (-3.0, -3.0, -3.0)
     """Lowest corner of the box that the tool may be in, base frame."""
     workspace_max_m: Vector = (3.0, 3.0, 3.0)
     """Highest corner of that box, base frame."""
     stale_after_ms: float = 200.0
     """Age of the newest sensor frame above which the run stops."""
-    frozen_after_frames: int = 400
-    """Frames in a row with identical counts on all axes after which the run stops. A filtered quiet signal
-    repeats itself for some frames, a dead converter for ever.
+    frozen_after_ms: float = 4000.0
+    """Time for which frames carry identical counts on all axes, after which the run stops. A filtered quiet signal
+    repeats itself for some frames, a dead converter for ever. Chosen: 400 frames of the default stream.
     """
     unanswered_mm: float = 2.0
     """How far a pressing tool may go deeper without the force changing by one count: more, and the axis that
@@ -40,8 +40,10 @@ class Limits:
     """
     oscillation_guard: bool = True
     """Lower the gain of a loop whose force swings for long, and end the run when that does not help."""
-    still_after_cycles: int = 3
-    """Cycles in a row without a new sensor frame after which the run stops."""
+    still_after_ms: float = 450.0
+    """Time of the cycles without a new sensor frame after which the run stops. Chosen: three cycles of 172 … 187 ms
+    reach it and two do not.
+    """
     moment_limit_nm: float = 10.0
     """Length of the moment vector about the tool frame's origin above which the run stops."""
     force_margin_share: float = 0.1
@@ -76,13 +78,13 @@ class Limits:
             self,
             "force_limit_n",
             "resultant_limit_n",
-            "correction_per_cycle_mm",
+            "correction_mm_s",
             "correction_total_mm",
-            "travel_per_cycle_mm",
+            "travel_mm_s",
             "stale_after_ms",
-            "frozen_after_frames",
+            "frozen_after_ms",
             "unanswered_mm",
-            "still_after_cycles",
+            "still_after_ms",
             "moment_limit_nm",
             "following_error_mm",
             "tilt_deg",

@@ -22,11 +22,13 @@ from hil_bridge.control.course.supervisor import (
     Verdict,
 )
 from hil_bridge.control.course.task import Phase, Target, Task, TaskOutput, TaskState
-from hil_bridge.control.types import Measurement
+from hil_bridge.control.types import SAMPLE_MS, Measurement
 from protocol.geometry import Vector
 
 # Asked for in every cycle, by names of this module: until Python 3.12 an enum's own name costs ten times that.
 _APPROACH, _TRACK, _RETRACT, _END = Phase.APPROACH, Phase.TRACK, Phase.RETRACT, Phase.END
+LONGEST_SAMPLES = 2.0
+"""Sample times that one sample counts for at most. Chosen: as far off as a control period may be."""
 _NO_CONTOUR, _NO_OSCILLATION = ContourState(), OscillationState()
 
 
@@ -46,7 +48,7 @@ class Sample(Struct, frozen=True):
     sensor_sequence: int
     """Its counter, unwrapped."""
     repeated_frames: int = 0
-    """How many of the newest frames in a row carried identical counts."""
+    """How many of the newest frames in a row carried identical counts: for the record alone."""
     saturated: bool = False
     """An axis is at the end of its range."""
     dead_axis: str = ""
@@ -73,6 +75,8 @@ class Sample(Struct, frozen=True):
     """Turn of the reported orientation from that of the start, rad; None where the pose is not judged."""
     gap: float = 0.0
     """Longest time for which the computer stood still since the decision before, or this one lasted, s."""
+    unchanged: float = 0.0
+    """For how long the newest frames have carried identical counts, s."""
 
 
 class LoopState(Struct, frozen=True):
@@ -84,6 +88,8 @@ class LoopState(Struct, frozen=True):
     supervisor: SupervisorState
     oscillation: OscillationState = OscillationState()
     contour: ContourState = ContourState()
+    seen_at: float | None = None
+    """`now` of the sample before, s; None before the first."""
 
 
 class Proposal(Struct, frozen=True):
@@ -151,6 +157,10 @@ class ControlLoop:
     """Estimates the surface's normal, along which the force is then controlled; None keeps the approach direction,
     as the paper does.
     """
+    sample_time: float = SAMPLE_MS * 1e-3
+    """What the controller is tuned for, s; the first sample counts as that long."""
+    fixed_dt: float | None = None
+    """What every sample counts as, s, whatever was measured; None for what was measured."""
 
     def initial(self, start: Vector) -> LoopState:
         """State at the start point, away from the surface; its reported position in the base frame, m."""
@@ -163,6 +173,18 @@ class ControlLoop:
     def step(self, state: LoopState, sample: Sample) -> tuple[LoopState, Decision]:
         """One cycle: what is proposed, judged."""
         return self.judge(state, sample, self.propose(state, sample))
+
+    def since(self, before: float | None, now: float) -> float:
+        """Time that a sample counts for when the one before was looked at then, both s on the run's clock.
+
+        A sample that comes late counts for no more than `LONGEST_SAMPLES`: a computer that stood still must not make
+        the tool leap. Where the time is not known the sample time stands for it.
+        """
+        if self.fixed_dt is not None:
+            return self.fixed_dt
+        if before is None or not math.isfinite(now - before):
+            return self.sample_time
+        return min(max(now - before, 0.0), LONGEST_SAMPLES * self.sample_time)
 
     def propose(self, state: LoopState, sample: Sample) -> Proposal:
         """What task and controller make of a sample."""
@@ -179,6 +201,7 @@ class ControlLoop:
             sample.paired_force,
             x * u + y * v + z * w,
             saturated=sample.saturated,
+            dt=self.since(state.seen_at, sample.now),
         )
         contour, measurement = self._face(state, measurement, sample)
         task, output, failure = self._decide(state.task, measurement)
@@ -192,7 +215,7 @@ class ControlLoop:
         retracting only the limits of motion apply, and the force that the retraction itself makes.
         """
         task, output, advice = proposal.task, proposal.output, proposal.advice
-        seen = _observe(sample, proposal.depth, output)
+        seen = _observe(sample, proposal, output)
         verdict: Verdict
         if output.phase is _RETRACT or output.phase is _END:
             request = self._request(state, output)
@@ -223,8 +246,9 @@ class ControlLoop:
             (before.depth, before.position) if isinstance(way, Stop) else (way.depth, way.position)
         )
         # Held back at the border of the workspace, a retraction has come as far as it can.
-        held = output.phase is _RETRACT and depth >= before.depth
-        return LoopState(state.start, task, supervisor, proposal.oscillation, proposal.contour), Decision(
+        held = output.phase is _RETRACT and output.target.depth < before.depth <= depth
+        after = LoopState(state.start, task, supervisor, proposal.oscillation, proposal.contour, sample.now)
+        return after, Decision(
             proposal.depth,
             proposal.measurement.force,
             proposal.contour.angle,
@@ -292,7 +316,7 @@ class ControlLoop:
         if output.command is None or not output.in_contact:
             return state, None
         error = measurement.force - self.task.parameters.force_n
-        return self.detector.step(state, error, output.command.stiffness)
+        return self.detector.step(state, error, output.command.stiffness, measurement.dt)
 
     def _request(self, state: LoopState, output: TaskOutput, barrier: float = math.inf) -> Request:
         depth, travel = output.target.depth, output.target.travel
@@ -328,7 +352,7 @@ def _cause(state: LoopState, output: TaskOutput, verdict: Verdict) -> str:
             return ""
 
 
-def _observe(sample: Sample, depth: float, output: TaskOutput) -> Observation:
+def _observe(sample: Sample, proposal: Proposal, output: TaskOutput) -> Observation:
     # by place, in the order of the fields: by name every one costs as much as to read it
     return Observation(
         sample.now,
@@ -336,11 +360,11 @@ def _observe(sample: Sample, depth: float, output: TaskOutput) -> Observation:
         sample.resultant,
         sample.sensor_at,
         sample.sensor_sequence,
-        sample.repeated_frames,
+        sample.unchanged,
         sample.saturated,
         sample.dead_axis,
         output.in_contact,
-        depth,
+        proposal.depth,
         sample.fault,
         sample.peak_force,
         sample.peak_resultant,
@@ -348,4 +372,5 @@ def _observe(sample: Sample, depth: float, output: TaskOutput) -> Observation:
         None if sample.tilt is None else sample.position,
         sample.tilt or 0.0,
         sample.gap,
+        proposal.measurement.dt,
     )

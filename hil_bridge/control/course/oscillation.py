@@ -3,7 +3,7 @@
 How it is called: once for every sample in TRACK, after the controller, with the force error that the
 controller was given and its stiffness estimate:
 
-    state, advice = detector.step(state, force - reference, command.stiffness)
+    state, advice = detector.step(state, force - reference, command.stiffness, dt)
 
 `advice.factor` is the factor to put on the feedback law's output from the next sample on, until another one
 comes. `advice.retract` asks to end the run (`Task.fail`): the swing went on although the gain was at its
@@ -24,6 +24,7 @@ from typing import ClassVar
 from msgspec import Struct
 
 from hil_bridge.control.course.checks import require_above_zero, require_not_negative
+from hil_bridge.control.types import POSITION_STEP_MM
 
 
 class Finding(StrEnum):
@@ -50,23 +51,23 @@ class Advice(Struct, frozen=True):
     """True once the oscillation persists at the least gain; stays true."""
     amplitude: float = 0.0
     """Mean of the swing's peaks to either side, N; 0 while calm."""
-    period_samples: float = 0.0
-    """Mean samples from a peak to the next but one; 0 while calm."""
+    period: float = 0.0
+    """Mean time from a peak to the next but one, s; 0 while calm."""
 
 
 class OscillationState(Struct, frozen=True):
     """What the detector remembers."""
 
-    sample: int = 0
-    """Samples so far."""
-    quiet_since: int = 0
-    """Sample at which the last oscillation was found or the gain was raised."""
+    time: float = 0.0
+    """Time of the samples so far, s."""
+    quiet_since: float = 0.0
+    """When the last oscillation was found or the gain was raised, on that time, s."""
     extreme: float = 0.0
     """Error that is farthest from 0 since the last change of sign, N."""
-    extreme_at: int = 0
-    """Its sample."""
-    peaks: tuple[tuple[int, float], ...] = ()
-    """Finished peaks of the window beyond the band, oldest first: sample and error in N; signs alternate."""
+    extreme_at: float = 0.0
+    """Its time, s."""
+    peaks: tuple[tuple[float, float], ...] = ()
+    """Finished peaks of the window beyond the band, oldest first: time in s and error in N; signs alternate."""
     factor: float = 1.0
     retract: bool = False
     found: int = 0
@@ -81,15 +82,15 @@ class OscillationDetector:
 
     __pydantic_config__: ClassVar = {"extra": "forbid"}
 
-    window_samples: int = 40
-    """Samples within which the peaks must lie. Calm must last that long, doubled for every oscillation found,
-    before the gain is raised.
+    window_ms: float = 7300.0
+    """Time within which the peaks must lie. Calm must last that long, doubled for every oscillation found, before the
+    gain is raised. Chosen: 40 samples of 180 ms, and a little for their spread.
     """
     peaks: int = 6
     """Peaks beyond the band, on alternating sides, that make an oscillation: three periods."""
     decay: float = 0.7
     """Least of the newer half of these peaks over the largest of the older; below, the swing dies away."""
-    resolution_mm: float = 0.125
+    resolution_mm: float = POSITION_STEP_MM
     """Resolution step of the robot's position."""
     force_uncertainty_n: float = 0.5
     """Half-width of the force noise."""
@@ -102,7 +103,7 @@ class OscillationDetector:
 
     def __post_init__(self) -> None:
         require_above_zero(
-            self, "window_samples", "peaks", "decay", "resolution_mm", "notch", "factor_min", "band_min_n"
+            self, "window_ms", "peaks", "decay", "resolution_mm", "notch", "factor_min", "band_min_n"
         )
         require_not_negative(self, "force_uncertainty_n")
         for name in ("decay", "notch", "factor_min"):
@@ -110,20 +111,20 @@ class OscillationDetector:
                 raise ValueError(f"{name} must be below 1, got {getattr(self, name)}")
         if self.peaks < 4:
             raise ValueError(f"peaks must be at least 4, got {self.peaks}: two swings are what a step leaves")
-        if self.window_samples < 2 * self.peaks:
-            raise ValueError(f"window_samples must be at least twice peaks, got {self.window_samples}")
 
     def initial(self) -> OscillationState:
         """State before the first sample in contact."""
         return OscillationState()
 
     def step(
-        self, state: OscillationState, error: float, stiffness: float | None = None
+        self, state: OscillationState, error: float, stiffness: float | None, dt: float
     ) -> tuple[OscillationState, Advice]:
-        """One sample: force error in N, stiffness estimate in N/m. An error that is not finite is skipped."""
+        """One sample: force error in N, stiffness estimate in N/m, time since the sample before in s. An error that is
+        not finite is skipped.
+        """
         if not math.isfinite(error):
             return state, Advice(_CALM, state.factor, state.retract)
-        now = state.sample + 1
+        now, window = state.time + dt, self.window_ms * 1e-3
         band = self.band(stiffness)
         extreme, extreme_at, peaks = state.extreme, state.extreme_at, state.peaks
         if error * extreme < 0.0:
@@ -131,12 +132,12 @@ class OscillationDetector:
             extreme, extreme_at = error, now
         elif abs(error) > abs(extreme):
             extreme, extreme_at = error, now
-        if peaks and now - peaks[0][0] > self.window_samples:
-            peaks = tuple(peak for peak in peaks if now - peak[0] <= self.window_samples)
+        if peaks and now - peaks[0][0] > window:
+            peaks = tuple(peak for peak in peaks if now - peak[0] <= window)
         if self._sustained(peaks):
             return self._found(now, extreme, extreme_at, peaks, state)
         factor, since = state.factor, state.quiet_since
-        patience = self.window_samples << state.found
+        patience = window * 2.0**state.found
         if factor < 1.0 and not peaks and now - since >= patience:
             factor, since = min(1.0, factor / self.notch), now
         state = OscillationState(now, since, extreme, extreme_at, peaks, factor, state.retract, state.found)
@@ -147,7 +148,7 @@ class OscillationDetector:
         step = (stiffness or 0.0) * self.resolution_mm * 1e-3
         return max(self.band_min_n, step + self.force_uncertainty_n)
 
-    def _sustained(self, peaks: tuple[tuple[int, float], ...]) -> bool:
+    def _sustained(self, peaks: tuple[tuple[float, float], ...]) -> bool:
         if len(peaks) < self.peaks:
             return False
         sizes = [abs(error) for _, error in peaks[-self.peaks :]]
@@ -156,10 +157,10 @@ class OscillationDetector:
 
     def _found(
         self,
-        now: int,
+        now: float,
         extreme: float,
-        extreme_at: int,
-        peaks: tuple[tuple[int, float], ...],
+        extreme_at: float,
+        peaks: tuple[tuple[float, float], ...],
         before: OscillationState,
     ) -> tuple[OscillationState, Advice]:
         """Lower the gain and forget the peaks, so that the loop has a window to calm down."""
@@ -178,8 +179,8 @@ class OscillationDetector:
 
 
 def _add(
-    peaks: tuple[tuple[int, float], ...], at: int, error: float, band: float
-) -> tuple[tuple[int, float], ...]:
+    peaks: tuple[tuple[float, float], ...], at: float, error: float, band: float
+) -> tuple[tuple[float, float], ...]:
     """A finished peak put behind the others, of which two on one side count as the larger of both."""
     if abs(error) <= band:
         return peaks

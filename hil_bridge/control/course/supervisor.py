@@ -1,11 +1,11 @@
 """The last word before the wire: what may be sent, what is clamped, what ends the run. Pure.
 
-Which side is safe: away from the surface. Depth may grow by no more than a little a cycle, no farther than a
+Which side is safe: away from the surface. Depth may grow no faster than so much a second, no farther than a
 total, and no farther than where the stiffness in hand predicts the force limit; a move that pulls back is never
-shortened by these, only by the workspace. A request that leaves the workspace is cut where the straight way from
-the last allowed position meets its border, so the cut position is never deeper than both ends. A stop is latched:
-only a new state, made by a person's decision, ends it. A stop asks for a retraction, and the retraction is
-supervised too: where it makes the force rise, the tool stands still.
+shortened by these, only by the workspace. A request that leaves the workspace is cut where the straight way
+from the last allowed position meets its border, so the cut position is never deeper than both ends. A stop is
+latched: only a new state, made by a person's decision, ends it. A stop asks for a retraction, and the
+retraction is supervised too: where it makes the force rise, the tool stands still.
 """
 
 import math
@@ -17,6 +17,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from hil_bridge.control.course.limits import Limits
+from hil_bridge.control.types import SAMPLE_MS
 from hil_bridge.errors import ConfigError
 from protocol.geometry import Vector
 
@@ -54,8 +55,8 @@ class Observation(Struct, frozen=True):
     """When the newest sensor frame arrived, s on the run's clock."""
     sensor_sequence: int
     """Its frame counter, unwrapped."""
-    repeated_frames: int = 0
-    """How many of the newest frames in a row carried identical counts on all axes."""
+    unchanged: float = 0.0
+    """For how long the newest frames have carried identical counts on all axes, s."""
     saturated: bool = False
     """True when an axis was at the end of its range, so that the force may be anything above."""
     dead_axis: str = ""
@@ -80,6 +81,8 @@ class Observation(Struct, frozen=True):
     """Turn of the reported orientation from that of the start, rad."""
     gap: float = 0.0
     """Longest time for which the computer stood still since the decision before, or this one lasted, s."""
+    dt: float = SAMPLE_MS * 1e-3
+    """Time since the cycle before, as `Measurement.dt`, s."""
 
 
 class Request(Struct, frozen=True):
@@ -150,8 +153,8 @@ class SupervisorState(Struct, frozen=True):
     position: Vector
     """Position allowed last, base frame, m; at the beginning the reported one."""
     sensor_sequence: int | None = None
-    still_cycles: int = 0
-    """Cycles in a row without a new sensor frame."""
+    still: float = 0.0
+    """Time of the cycles without a new sensor frame, s."""
     pressed: tuple[float, float] | None = None
     """Contact force that has not changed since, N, and the reported depth when it was new, m; None without contact."""
     stopped: Stop | None = None
@@ -184,12 +187,12 @@ class Supervisor:
         """One cycle. After the first stop every answer is that stop."""
         if state.stopped is not None:
             return state, state.stopped
-        still = state.still_cycles + 1 if observation.sensor_sequence == state.sensor_sequence else 0
+        still = state.still + observation.dt if observation.sensor_sequence == state.sensor_sequence else 0.0
         pressed = _pressed(state.pressed, observation)
         stop = self._first_fault(state, observation, request, still, pressed)
         if stop is not None:
-            return replace(state, still_cycles=still, pressed=pressed, stopped=stop), stop
-        verdict = _clamp(self.limits, state, request)
+            return replace(state, still=still, pressed=pressed, stopped=stop), stop
+        verdict = _clamp(self.limits, state, request, observation.dt)
         position = observation.position
         return (
             SupervisorState(
@@ -238,10 +241,10 @@ class Supervisor:
             if text:
                 stop = Stop(Cause.RETRACTION, text)
                 return replace(state, retreat=after, stopped=state.stopped or stop), stop
-        verdict = _clamp(self.limits, state, request)
+        verdict = _clamp(self.limits, state, request, seen.dt)
         farthest = self._blind_goal(state, before)
         if not known and verdict.depth < farthest and verdict.depth < state.depth:
-            verdict = _clamp(self.limits, state, _at_depth(request, min(state.depth, farthest)))
+            verdict = _clamp(self.limits, state, _at_depth(request, min(state.depth, farthest)), seen.dt)
             reason = "without a force to go by no farther back"
             verdict = Clamp(verdict.depth, verdict.position, (reason,))
         return replace(state, depth=verdict.depth, position=verdict.position, retreat=after), verdict
@@ -286,7 +289,7 @@ class Supervisor:
         state: SupervisorState,
         seen: Observation,
         request: Request,
-        still_cycles: int,
+        still: float,
         pressed: tuple[float, float] | None,
     ) -> Stop | None:
         """The first reason to end the run, None while there is none. One straight line: this runs in every cycle."""
@@ -294,7 +297,7 @@ class Supervisor:
         (x, y, z), (a, b, c), (u, v, w) = state.position, request.direction, request.position
         # A sum is a number only if all its parts are, and no part is infinite.
         of_scalars = seen.now + seen.force + seen.resultant + seen.sensor_at + seen.depth
-        of_peaks = seen.peak_force + seen.peak_resultant + seen.peak_moment + seen.tilt + seen.gap
+        of_peaks = seen.peak_force + seen.peak_resultant + seen.peak_moment + seen.tilt + seen.gap + seen.dt
         if not math.isfinite(
             of_scalars + of_peaks + request.depth + state.depth + x + y + z + a + b + c + u + v + w,
         ):
@@ -317,11 +320,11 @@ class Supervisor:
             age_ms = (seen.now - seen.sensor_at) * 1e3
             text = f"the newest force is {age_ms:.0f} ms old, allowed are {limits.stale_after_ms:g} ms"
             return Stop(Cause.STALE, text)
-        if seen.repeated_frames >= limits.frozen_after_frames:
-            text = f"the force sensor repeated the same counts {seen.repeated_frames} times"
+        if seen.unchanged * 1e3 >= limits.frozen_after_ms:
+            text = f"the force sensor repeated the same counts for {seen.unchanged:.1f} s"
             return Stop(Cause.FROZEN, text)
-        if still_cycles >= limits.still_after_cycles:
-            return Stop(Cause.FROZEN, f"no new force for {still_cycles} cycles")
+        if still * 1e3 >= limits.still_after_ms:
+            return Stop(Cause.FROZEN, f"no new force for {still * 1e3:.0f} ms")
         if seen.dead_axis:
             return Stop(Cause.FROZEN, seen.dead_axis)
         # before what goes by the reported depth
@@ -397,22 +400,22 @@ def _pressed(before: tuple[float, float] | None, observation: Observation) -> tu
     return before[0], min(before[1], observation.depth)
 
 
-def _clamp(limits: Limits, state: SupervisorState, request: Request) -> Allow | Clamp:
-    """The request within the limits of motion. Written in single numbers: this runs in every cycle, and arrays of
-    three would cost ten times as much.
+def _clamp(limits: Limits, state: SupervisorState, request: Request, dt: float) -> Allow | Clamp:
+    """The request within the limits of motion, `dt` seconds after the one before. Written in single numbers: this runs
+    in every cycle, and arrays of three would cost ten times as much.
     """
     reasons: list[str] = []
     depth, (tx, ty, tz) = request.depth, request.position
     (bx, by, bz), (nx, ny, nz) = state.position, request.direction
 
-    deepest_now = state.depth + limits.correction_per_cycle_mm * 1e-3
+    deepest_now = state.depth + limits.correction_mm_s * 1e-3 * dt
     deepest_total = max(limits.correction_total_mm * 1e-3, state.depth)
     deepest = min(deepest_now, deepest_total, request.barrier)
     if depth > deepest:
         if deepest == request.barrier:
             reasons.append("deeper than where the force limit is predicted")
         elif deepest_now < deepest_total:
-            reasons.append(f"deeper by more than {limits.correction_per_cycle_mm:g} mm in a cycle")
+            reasons.append(f"deeper faster than {limits.correction_mm_s:g} mm/s")
         else:
             reasons.append(f"deeper than {limits.correction_total_mm:g} mm in total")
         excess = depth - deepest
@@ -422,11 +425,11 @@ def _clamp(limits: Limits, state: SupervisorState, request: Request) -> Allow | 
     mx, my, mz = tx - bx, ty - by, tz - bz
     along = mx * nx + my * ny + mz * nz
     ax, ay, az = mx - nx * along, my - ny * along, mz - nz * along
-    length, longest = math.hypot(ax, ay, az), limits.travel_per_cycle_mm * 1e-3
+    length, longest = math.hypot(ax, ay, az), limits.travel_mm_s * 1e-3 * dt
     if length > longest + _ROUNDING:
         cut = 1 - longest / length
         tx, ty, tz = tx - ax * cut, ty - ay * cut, tz - az * cut
-        reasons.append(f"across by more than {limits.travel_per_cycle_mm:g} mm in a cycle")
+        reasons.append(f"across faster than {limits.travel_mm_s:g} mm/s")
 
     target: Vector = (tx, ty, tz)
     low, high = limits.workspace_min_m, limits.workspace_max_m
@@ -459,7 +462,9 @@ _ROUNDING = 1e-9
 """Slack for arithmetic, m: a clamped request that comes again must be allowed."""
 
 _CONSISTENT = 1e-5
-"""Largest difference between a request's depth and its position, m. Chosen: below any robot's resolution."""
+"""Largest difference between a request's depth and its position, m. Chosen: far above what rounding makes of
+metres, far below what a force would show.
+"""
 
 _STANDS = 1e-3
 """How far a reported position may be off without being untrue, m. Chosen: some steps of a coarse robot."""

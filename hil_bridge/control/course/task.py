@@ -13,7 +13,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from hil_bridge.control.course.checks import require_above_zero, require_not_negative
-from hil_bridge.control.types import Command, Controller, Measurement, plain
+from hil_bridge.control.types import POSITION_STEP_MM, SAMPLE_MS, Command, Controller, Measurement, plain
 
 
 class Phase(StrEnum):
@@ -41,8 +41,8 @@ class TaskParameters:
 
     force_n: float = 10.0
     """Desired contact force. Source: the paper's experiments."""
-    approach_step_mm: float = 0.5
-    """Depth added per cycle while approaching, at most."""
+    approach_speed_mm_s: float = 2.75
+    """Speed of the approach, at most. Chosen: 0.5 mm in a cycle of 180 ms."""
     expected_stiffness_n_m: float = 5000.0
     """Stiffness of the hardest surface expected: the approach goes slowly enough for a first touch to press
     with no more than the desired force, and than half the supervisor's limit. Source: the paper's sponge.
@@ -57,29 +57,29 @@ class TaskParameters:
     """Force above which there is contact."""
     loss_threshold_n: float = 0.5
     """Force below which contact counts as lost; lower than the other so that noise does not toggle it."""
-    loss_samples: int = 5
-    """Samples in a row without contact after which the surface is approached anew; until then the controller
-    may find it by itself, without travelling on.
+    loss_ms: float = 800.0
+    """Time without contact after which the surface is approached anew; until then the controller may find it by
+    itself, without travelling on. Chosen: five samples of 172 … 187 ms reach it and four do not.
     """
     loss_limit: int = 20
     """Contact losses after which the run is ended."""
-    step_mm: float = 1.0
-    """Travel along the surface per sample. Source: the paper's experiments."""
+    speed_mm_s: float = 5.5
+    """Speed along the surface. Source: the paper's experiments, 1 mm in a cycle of 180 ms."""
     travel_from_share: float = 0.0
     """Share of the desired force that must be reached after contact was found before the tool travels; 0
     travels at once. Waiting keeps an unknown slope out of the first estimate of the stiffness.
     """
     travel_limit_mm: float = 500.0
     """Travel after which tracking ends."""
-    retract_step_mm: float = 1.0
-    """Depth taken back per cycle while retracting."""
+    retract_speed_mm_s: float = 5.5
+    """Speed at which depth is taken back while retracting. Chosen: 1 mm in a cycle of 180 ms."""
     retract_mm: float = 20.0
     """Depth taken back in all, from where tracking ended; at least back to the depth of the start."""
     zero_lift_mm: float = 0.5
     """How far the tool moves away from the surface before the zero is taken: the force must not change on the way.
     0 takes the zero where the tool stands.
     """
-    zero_step_mm: float = 0.125
+    zero_step_mm: float = POSITION_STEP_MM
     """One step of that way: so small that it does no harm where it leads the wrong way. Chosen: the resolution of
     the robot's position.
     """
@@ -88,24 +88,32 @@ class TaskParameters:
     uncertainty of its sensor.
     """
 
+    @property
+    def single_step_mm(self) -> float:
+        """Step of a movement that waits after each one: how far an approach goes in `SAMPLE_MS`, in whole steps of
+        `zero_step_mm` where it goes that far.
+        """
+        step = self.approach_speed_mm_s * SAMPLE_MS * 1e-3
+        return round(step / self.zero_step_mm) * self.zero_step_mm or step
+
     def __post_init__(self) -> None:
         require_above_zero(
             self,
             "force_n",
-            "approach_step_mm",
+            "approach_speed_mm_s",
             "expected_stiffness_n_m",
             "approach_depth_limit_mm",
             "search_depth_limit_mm",
             "contact_threshold_n",
-            "loss_samples",
+            "loss_ms",
             "loss_limit",
             "travel_limit_mm",
-            "retract_step_mm",
+            "retract_speed_mm_s",
             "zero_step_mm",
             "zero_change_n",
         )
         require_not_negative(
-            self, "loss_threshold_n", "step_mm", "travel_from_share", "retract_mm", "zero_lift_mm"
+            self, "loss_threshold_n", "speed_mm_s", "travel_from_share", "retract_mm", "zero_lift_mm"
         )
         if self.loss_threshold_n > self.contact_threshold_n:
             raise ValueError("loss_threshold_n must not be above contact_threshold_n")
@@ -141,8 +149,8 @@ class TaskState(Struct, frozen=True):
     """Depth commanded when contact was lost, m; None before the first loss and when it has been found
     again.
     """
-    samples_lost: int = 0
-    """Samples in a row without contact."""
+    lost_for: float | None = None
+    """Time of the samples in a row without contact, s; None after one with contact."""
     losses: int = 0
     """Contact losses so far."""
     controller: Any = None
@@ -178,6 +186,8 @@ class Task:
     controller: Controller[Any]
     force_limit_n: float = math.inf
     """Contact force at which the supervisor stops the run."""
+    position_step: float | None = None
+    """Step of the robot's position, m, in whole ones of which the tool moves; None for a robot that has none."""
 
     def initial(self) -> TaskState:
         """State at the start point, away from the surface."""
@@ -194,6 +204,17 @@ class Task:
         if state.phase in (Phase.RETRACT, Phase.END):
             return state
         return replace(self.finish(state, cause), failed=True)
+
+    def way(self, speed_mm_s: float, dt: float) -> float:
+        """How far to move in one sample at this speed, m.
+
+        A robot that moves in whole position steps is given whole ones, so that every sample of a steady cycle asks for
+        the same. What rounds to none is not rounded: it adds up in the command, and the speed stays.
+        """
+        way = speed_mm_s * 1e-3 * dt
+        if self.position_step is None:
+            return way
+        return round(way / self.position_step) * self.position_step or way
 
     def hold(self, state: TaskState, measurement: Measurement) -> TaskOutput:
         """The answer that changes nothing."""
@@ -227,11 +248,12 @@ class Task:
         if state.in_contact:
             memory = self.controller.initial() if state.controller is None else state.controller
             state = replace(
-                state, phase=Phase.TRACK, turn=None, samples_lost=0, settled=False, controller=memory
+                state, phase=Phase.TRACK, turn=None, lost_for=None, settled=False, controller=memory
             )
             return self._track(state, measurement)
         turn = measurement.commanded if state.turn is None else state.turn
-        depth = measurement.commanded + self._careful_step(measurement.commanded - measurement.position)
+        ahead = measurement.commanded - measurement.position
+        depth = measurement.commanded + self._careful_step(ahead, measurement.dt)
         limit_mm = self.parameters.approach_depth_limit_mm
         if depth - turn > limit_mm * 1e-3 + _ROUNDING:
             cause = f"no contact found within {limit_mm:g} mm"
@@ -241,7 +263,7 @@ class Task:
             return self._retract(self.fail(state, self._edge), measurement)
         return state, _output(state, depth, Phase.APPROACH)
 
-    def _careful_step(self, ahead: float) -> float:
+    def _careful_step(self, ahead: float, dt: float) -> float:
         """How far to go where the tool has not been, m, so that a touch ends within the force allowed.
 
         Derived: there is no contact at the reported position, so however late a touch shows, it ends no
@@ -252,7 +274,8 @@ class Task:
         parameters = self.parameters
         allowed = min(parameters.force_n, self.force_limit_n / 2) / parameters.expected_stiffness_n_m
         lead = max(ahead, 0.0) if math.isfinite(ahead) else 0.0
-        return max(min(parameters.approach_step_mm * 1e-3, allowed / 2, allowed - lead), _SLOWEST)
+        way = self.way(parameters.approach_speed_mm_s, dt)
+        return max(min(way, allowed / 2, allowed - lead), _SLOWEST * dt)
 
     def _beyond_edge(self, state: TaskState, depth: float) -> bool:
         limit = self.parameters.search_depth_limit_mm * 1e-3
@@ -266,7 +289,7 @@ class Task:
         enough = measurement.force >= self.parameters.travel_from_share * self.parameters.force_n
         settled = state.settled or enough
         goes_on = state.in_contact and settled
-        step = self.parameters.step_mm * 1e-3 * measurement.advance
+        step = self.way(self.parameters.speed_mm_s, measurement.dt) * measurement.advance
         travel = state.travel + (step if goes_on else 0.0)
         seen = Measurement(
             measurement.time,
@@ -280,6 +303,7 @@ class Task:
             state.free,
             measurement.advance,
             measurement.saturated,
+            measurement.dt,
         )
         memory, answer = self.controller.step(state.controller, seen, self.parameters.force_n)
         command = plain(answer)
@@ -292,7 +316,7 @@ class Task:
                 settled,
                 state.free,
                 None,  # found again, if it was lost
-                0,
+                None,
                 state.losses,
                 memory,
                 state.cause,
@@ -302,13 +326,14 @@ class Task:
             if travel > self.parameters.travel_limit_mm * 1e-3 - _ROUNDING:
                 state = self.finish(state, f"travelled {self.parameters.travel_limit_mm:g} mm")
             return state, output
-        first = state.samples_lost == 0
+        first = state.lost_for is None
+        lost_for = (state.lost_for or 0.0) + measurement.dt
         lost_at = measurement.commanded if first and state.lost_at is None else state.lost_at
         state = replace(
             state,
             settled=settled,
             controller=memory,
-            samples_lost=state.samples_lost + 1,
+            lost_for=lost_for,
             losses=state.losses + first,
             lost_at=lost_at,
         )
@@ -317,7 +342,7 @@ class Task:
         output = _output(state, command.position, Phase.TRACK, command)
         if state.losses >= self.parameters.loss_limit:
             state = self.fail(state, f"contact lost {state.losses} times")
-        elif state.samples_lost >= self.parameters.loss_samples:
+        elif lost_for * 1e3 >= self.parameters.loss_ms:
             state = replace(state, phase=Phase.APPROACH, turn=None)
         return state, output
 
@@ -328,12 +353,12 @@ class Task:
         parameters, commanded = self.parameters, measurement.commanded
         turn = commanded if state.turn is None else state.turn
         goal = min(turn - parameters.retract_mm * 1e-3, 0.0)
-        step = parameters.retract_step_mm * 1e-3
+        step = self.way(parameters.retract_speed_mm_s, measurement.dt)
         if commanded > _ROUNDING:
             depth = max(commanded - step, 0.0)
         else:
             behind = measurement.position - commanded
-            depth = max(commanded - min(step, self._careful_step(behind)), goal)
+            depth = max(commanded - min(step, self._careful_step(behind, measurement.dt)), goal)
         state = replace(state, turn=turn)
         output = _output(state, depth, Phase.RETRACT)
         # A command that the supervisor held back at the workspace's border does not count as arrived.
@@ -351,7 +376,7 @@ def _output(state: TaskState, depth: float, phase: Phase, command: Command | Non
 _ROUNDING = 1e-9
 """Slack for sums of steps, m."""
 
-_SLOWEST = 0.05e-3
-"""Approach step that is taken whatever the stiffness, m. Chosen: less than a robot's resolution is no
-step.
+_SLOWEST = 0.2e-3
+"""Speed of the approach whatever the stiffness, m/s. Chosen: 0.036 mm in a cycle of 180 ms, less than a step of the
+robot's position.
 """

@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 from msgspec import Struct
-from msgspec.structs import replace
 
 from hil_bridge.control.course.checks import (
     FORBID_EXTRA,
@@ -20,7 +19,7 @@ from hil_bridge.control.course.checks import (
 from hil_bridge.control.laws.estimate import Gates, StiffnessEstimate, contact_lost, update
 from hil_bridge.control.laws.fuzzy import InferenceSystem, Surface, paper_system
 from hil_bridge.control.laws.rules import read_rules
-from hil_bridge.control.types import Command, Measurement
+from hil_bridge.control.types import POSITION_STEP_MM, SAMPLE_MS, Command, Measurement
 
 
 class FuzzyState(Struct, frozen=True):
@@ -46,8 +45,9 @@ class FuzzyPi:
 
     __pydantic_config__: ClassVar = FORBID_EXTRA
     name: ClassVar[str] = "fuzzy"
+    sample_ms: ClassVar[float] = SAMPLE_MS
 
-    output_step_mm: float = 0.125
+    output_step_mm: float = POSITION_STEP_MM
     """K: correction of one output level. The paper takes one resolution step of the robot."""
     surface: Surface = Surface.PAPER
     """Printed matrix, matrix computed from the rules, or the rules without quantisation."""
@@ -89,15 +89,16 @@ class FuzzyAdaptive:
 
     __pydantic_config__: ClassVar = FORBID_EXTRA
     name: ClassVar[str] = "fuzzy-adaptive"
+    sample_ms: ClassVar[float] = SAMPLE_MS
 
-    output_step_mm: float = 0.125
+    output_step_mm: float = POSITION_STEP_MM
     """K: correction of one output level."""
     surface: Surface = Surface.PAPER
     """Printed matrix, matrix computed from the rules, or the rules without quantisation."""
     rules_file: str = ""
     """TOML file with a rule base; empty takes the paper's."""
     _system: InferenceSystem = field(init=False, repr=False, compare=False)
-    resolution_mm: float = 0.125
+    resolution_mm: float = POSITION_STEP_MM
     """Smallest step of the reported position."""
     force_uncertainty_n: float = 0.5
     """Half-width of the force noise, as the paper assumes it."""
@@ -126,10 +127,8 @@ class FuzzyAdaptive:
         if not measurement.is_finite:
             return state, _stay(measurement, state.estimate.stiffness)
         error = measurement.force - reference
-        estimate = _estimate(self, state.estimate, measurement)
-        explanation = _infer(self._system, state.error, error, reference)
-        state = AdaptiveState(error, estimate)
-        stiffness = estimate.stiffness
+        state, explanation = _observed(self, state, measurement, measurement.force, reference)
+        stiffness = state.estimate.stiffness
         if stiffness is None:
             return state, _correct(measurement, explanation, self.output_step_mm)
         gain = scheduled_gain(stiffness)
@@ -155,15 +154,16 @@ class ResolutionAware:
 
     __pydantic_config__: ClassVar = FORBID_EXTRA
     name: ClassVar[str] = "resolution-aware"
+    sample_ms: ClassVar[float] = SAMPLE_MS
 
-    output_step_mm: float = 0.125
+    output_step_mm: float = POSITION_STEP_MM
     """K: correction of one output level of the fuzzy PI."""
     surface: Surface = Surface.PAPER
     """Printed matrix, matrix computed from the rules, or the rules without quantisation."""
     rules_file: str = ""
     """TOML file with a rule base; empty takes the paper's."""
     _system: InferenceSystem = field(init=False, repr=False, compare=False)
-    resolution_mm: float = 0.125
+    resolution_mm: float = POSITION_STEP_MM
     """Smallest step of the robot's position."""
     force_uncertainty_n: float = 0.5
     """Half-width of the force noise; widens the band of rest."""
@@ -192,20 +192,16 @@ class ResolutionAware:
         if not measurement.is_finite:
             return state, _stay(measurement, state.estimate.stiffness)
         error = measurement.force - reference
-        aligned = replace(measurement, force=measurement.force_at_position)
-        estimate = _estimate(self, state.estimate, aligned)
-        explanation = _infer(self._system, state.error, error, reference)
-        state = AdaptiveState(error, estimate)
-        stiffness = estimate.stiffness
+        aligned = measurement.force_at_position
+        state, explanation = _observed(self, state, measurement, aligned, reference)
+        stiffness = state.estimate.stiffness
         if stiffness is None or not measurement.in_contact:
             return state, _correct(measurement, explanation, self.output_step_mm, 1.0, stiffness)
         band = stiffness * self.resolution_mm * 1e-3 / 2 + self.force_uncertainty_n
         explanation["band_n"] = band
         if abs(error) <= band:
             return state, Command(measurement.commanded, 0.0, stiffness, 1.0, True, explanation)
-        feedforward = _feedforward(
-            self.feedforward_limit_mm, measurement, aligned.force - reference, stiffness
-        )
+        feedforward = _feedforward(self.feedforward_limit_mm, measurement, aligned - reference, stiffness)
         explanation["feedforward_m"] = feedforward
         return state, Command(feedforward, 0.0, stiffness, 1.0, False, explanation)
 
@@ -258,13 +254,21 @@ def _correct(
     return Command(measurement.commanded + correction, correction, stiffness, gain, False, explanation)
 
 
-def _estimate(
-    model: FuzzyAdaptive | ResolutionAware, estimate: StiffnessEstimate, measurement: Measurement
-) -> StiffnessEstimate:
+def _observed(
+    model: FuzzyAdaptive | ResolutionAware,
+    state: AdaptiveState,
+    measurement: Measurement,
+    force: float,
+    reference: float,
+) -> tuple[AdaptiveState, dict[str, float]]:
+    """The state behind a sample, and what the fuzzy PI makes of it. `force` (N) is that of the reported position."""
+    error = measurement.force - reference
+    explanation = _infer(model._system, state.error, error, reference)
     if not measurement.in_contact:
-        return contact_lost(estimate)
+        return AdaptiveState(error, contact_lost(state.estimate)), explanation
     gates = Gates(position_change=model.resolution_mm * 1e-3 / 2, force_change=2 * model.force_uncertainty_n)
-    return update(estimate, gates, measurement.position, measurement.force)
+    estimate = update(state.estimate, gates, measurement.position, force)
+    return AdaptiveState(error, estimate), explanation
 
 
 def _feedforward(limit_mm: float | None, measurement: Measurement, error: float, stiffness: float) -> float:

@@ -20,7 +20,7 @@ from hil_bridge.control.course.checks import (
 )
 from hil_bridge.control.geometry.frames import Array
 from hil_bridge.control.laws.stiffness import Pairing, Stiffness, observe
-from hil_bridge.control.types import Command, Measurement
+from hil_bridge.control.types import POSITION_STEP_MM, SAMPLE_MS, Command, Measurement
 
 
 class PiState(Struct, frozen=True):
@@ -41,6 +41,7 @@ class Pi:
 
     __pydantic_config__: ClassVar = FORBID_EXTRA
     name: ClassVar[str] = "pi"
+    sample_ms: ClassVar[float] = SAMPLE_MS
 
     proportional: float = 0.2
     """K_p: share of a change of the error that is answered in a sample."""
@@ -56,7 +57,7 @@ class Pi:
     """With scheduling, stiffness assumed before there is an estimate: the hardest surface that may come."""
     correction_limit_mm: float = 2.0
     """Farthest that the command may move in a sample, either way. Chosen."""
-    resolution_mm: float = 0.125
+    resolution_mm: float = POSITION_STEP_MM
     """Smallest step of the reported position, for the estimate."""
     force_uncertainty_n: float = 0.1
     """Standard deviation of the force, for the estimate."""
@@ -112,6 +113,7 @@ class Admittance:
 
     __pydantic_config__: ClassVar = FORBID_EXTRA
     name: ClassVar[str] = "admittance"
+    sample_ms: ClassVar[float] = SAMPLE_MS
 
     mass_kg: float = 66.0
     """M. Chosen: with the damper a time constant of 30 ms, a fraction of the cycle."""
@@ -127,13 +129,13 @@ class Admittance:
     """Whether mass, damper and spring follow the estimated stiffness."""
     stiffest_n_m: float = 100_000.0
     """With scheduling, stiffness assumed before there is an estimate: the hardest surface that may come."""
-    cycle_ms: float = 180.0
+    cycle_ms: float = SAMPLE_MS
     """Cycle taken for the first one, before any was measured, and the longest that is believed, five of
     them.
     """
     correction_limit_mm: float = 2.0
     """Farthest that the command may move in a sample, either way. Chosen."""
-    resolution_mm: float = 0.125
+    resolution_mm: float = POSITION_STEP_MM
     """Smallest step of the reported position, for the estimate."""
     force_uncertainty_n: float = 0.1
     """Standard deviation of the force, for the estimate."""

@@ -20,7 +20,7 @@ from hil_bridge.control.course.checks import (
     require_not_negative,
 )
 from hil_bridge.control.laws.stiffness import Pairing, Stiffness, observe
-from hil_bridge.control.types import Command, Measurement
+from hil_bridge.control.types import POSITION_STEP_MM, SAMPLE_MS, Command, Measurement
 
 _PROBE_RANGE = 50.0
 """The stiffest surface over the softest that is believed while probing. Chosen: with the default, 2 kN/m."""
@@ -79,6 +79,7 @@ class Predictive:
 
     __pydantic_config__: ClassVar = FORBID_EXTRA
     name: ClassVar[str] = "predictive"
+    sample_ms: ClassVar[float] = SAMPLE_MS
 
     window: int = 6
     """Pairs that the line goes through."""
@@ -94,7 +95,7 @@ class Predictive:
     """Radius of curvature of the surface down to which pairs far behind still count in full."""
     step_limit_mm: float = 2.0
     """Farthest that the command may move in a sample, either way. Chosen."""
-    resolution_mm: float = 0.125
+    resolution_mm: float = POSITION_STEP_MM
     """Smallest step of the robot's position."""
     force_uncertainty_n: float = 0.1
     """Standard deviation of the force."""

@@ -5,9 +5,7 @@ input is cut into levels by edges; each linguistic term says to what degree ever
 names the output's term for a pair of input terms. The output's levels are factors on one output step.
 """
 
-import json
 import math
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -16,7 +14,7 @@ from typing import Any, NamedTuple
 
 from hil_bridge.control.laws import tables
 from hil_bridge.errors import ConfigError
-from hil_bridge.text_files import TOML_LIMIT_BYTES, parse_toml, read_text, shown
+from hil_bridge.text_files import TOML_LIMIT_BYTES, parse_toml, read_text, shown, toml_pair, toml_value
 
 Table = tuple[tuple[float, ...], ...]
 
@@ -148,21 +146,21 @@ def rules_as_toml(base: RuleBase) -> str:
     ]
     for variable in (base.error, base.change, base.output):
         lines.append(f"[{variable.name}]")
-        lines.append(f"levels = {_array(variable.levels)}")
+        lines.append(toml_pair("levels", variable.levels))
         if variable is not base.output:
-            lines.append(f"edges_percent = {_array(variable.edges_percent)}")
-        lines += [f"terms.{_key(term.name)} = {_array(term.degrees)}" for term in variable.terms]
+            lines.append(toml_pair("edges_percent", variable.edges_percent))
+        lines += ["terms." + toml_pair(term.name, term.degrees) for term in variable.terms]
         lines.append("")
     lines.append("[inference]")
     lines.append("# error, change, output")
     lines.append("rules = [")
     for _, group in _by_error(base.rules):
-        lines.append("  " + " ".join(f"{json.dumps(list(rule), ensure_ascii=False)}," for rule in group))
+        lines.append("  " + " ".join(f"{toml_value(rule)}," for rule in group))
     lines.append("]")
     if base.printed is not None:
         lines.append("# output level as a source prints it: rows are error levels, columns change levels")
         lines.append("printed = [")
-        lines += [f"  {_array(row)}," for row in base.printed]
+        lines += [f"  {toml_value(row)}," for row in base.printed]
         lines.append("]")
     return "\n".join(lines) + "\n"
 
@@ -265,14 +263,6 @@ def _rule(number: int, value: object) -> Rule:
             f"got {shown(value)}"
         )
     return Rule(*value)
-
-
-def _array(numbers: Sequence[float]) -> str:
-    return "[" + ", ".join(repr(number) for number in numbers) + "]"
-
-
-def _key(name: str) -> str:
-    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else json.dumps(name, ensure_ascii=False)
 
 
 def _by_error(rules: Sequence[Rule]) -> list[tuple[str, list[Rule]]]:

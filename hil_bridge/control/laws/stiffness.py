@@ -17,7 +17,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from hil_bridge.control.course.checks import require_above_zero
-from hil_bridge.control.types import Measurement
+from hil_bridge.control.types import POSITION_STEP_MM, Measurement
 
 _SLOPE_GAIN = 0.3
 """Share of a newly seen slope that is believed. Chosen: a position off by one step is a third of it."""
@@ -33,7 +33,7 @@ class Pairing:
 
     __pydantic_config__: ClassVar[dict[str, str]] = {"extra": "forbid"}
 
-    resolution_mm: float = 0.125
+    resolution_mm: float = POSITION_STEP_MM
     """Smallest step of the reported position."""
     force_uncertainty_n: float = 0.1
     """Standard deviation of the force."""

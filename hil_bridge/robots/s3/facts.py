@@ -1,10 +1,11 @@
 """What a recording, a report and a view need to know of an S3 behind its computer link."""
 
-from emulators.arm.servo import ServoProfile
-from hil_bridge.recording.facts import RobotFacts, ServoFacts, Traffic
+from emulators.arm.loops import ServoProfile
+from hil_bridge.facts import Pacing, RobotFacts, ServoFacts, Traffic
 from hil_bridge.robots.s3.hops import robot_hops
 from protocol.marks import Mark, settings
 from protocol.s3.adlp import ROUTINE, Count, LinkProfile, NoticeKind
+from protocol.s3.arap import STEPS_PER_METRE
 from protocol.s3.timing import line_floor
 
 UNDISTURBED = frozenset(
@@ -26,23 +27,33 @@ _TRAFFIC = (
 )
 
 
-def robot_facts(profile: LinkProfile, servo: ServoProfile, emulated: bool) -> RobotFacts:
-    """From the link as its URL has set it, and the servo as the configuration says."""
+def robot_facts(profile: LinkProfile, servo: ServoProfile | None = None) -> RobotFacts:
+    """From the link as its URL has set it, and the servo as the configuration says, where it is known."""
+    step_m = 1.0 / STEPS_PER_METRE if servo is None else servo.resolution_mm * 1e-3
     return RobotFacts(
-        kind="s3",
-        emulated=emulated,
-        position_step_m=servo.resolution_mm * 1e-3,
+        model="ABB S3, computer link",
+        pacing=Pacing.ASKED,
+        position_step_m=step_m,
         line_floor_s=line_floor(profile),
-        servo=ServoFacts(
-            servo.interpolation_ms * 1e-3,
-            servo.transport_delay_ms * 1e-3,
-            servo.natural_frequency_rad_s,
-            servo.damping_ratio,
-            servo.dead_band_steps,
-            {one.name: one.info.mark if one.value == one.default else Mark.CHOSEN for one in settings(servo)},
-        ),
+        byte_time_s=profile.character_time,
+        servo=None if servo is None else _servo_facts(servo),
         hops=robot_hops(profile),
         routine=tuple(sorted(UNDISTURBED)),
         errors=ERRORS,
         traffic=_TRAFFIC,
+    )
+
+
+def _servo_facts(servo: ServoProfile) -> ServoFacts:
+    marks = {
+        one.name: str(one.info.mark) if one.value == one.default else str(Mark.CHOSEN)
+        for one in settings(servo)
+    }
+    return ServoFacts(
+        servo.interpolation_ms * 1e-3,
+        servo.transport_delay_ms * 1e-3,
+        servo.natural_frequency_rad_s,
+        servo.damping_ratio,
+        servo.dead_band_steps,
+        marks,
     )

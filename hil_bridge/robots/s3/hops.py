@@ -3,7 +3,7 @@
 A message travels as ENQ, ACK, block, ACK, EOT. An answer begins when its arrival is less the time of its characters.
 """
 
-from hil_bridge.recording.facts import ACCEPTED, Hop, Moment, Owner, RobotHops
+from hil_bridge.facts import ACCEPTED, Hop, Moment, Owner, RobotHops
 from protocol.s3.adlp import LinkProfile
 from protocol.s3.timing import answer_time, move_answer_time
 

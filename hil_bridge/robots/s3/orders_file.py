@@ -23,13 +23,13 @@ Types are u8 s8 u16 s16 u32 s32 f32, big-endian, and `bytes` for the last field:
 telegram's form: computer-link specification, section 3.
 """
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from hil_bridge.errors import ConfigError
-from hil_bridge.robots.s3.toml_lines import KeyPath, key_lines
 from hil_bridge.text_files import TOML_LIMIT_BYTES, parse_toml, read_text, shown
 from protocol import fields
 from protocol.marks import Mark
@@ -93,7 +93,7 @@ class _OrderTable(_Table):
 
 
 def read_orders(path: Path, max_telegram: int) -> OrderBook:
-    """The known orders and those in a file. Raises ConfigError that names file, line and entry."""
+    """The known orders and those in a file. Raises ConfigError that names file and entry."""
     return parse_orders(read_text(path, TOML_LIMIT_BYTES), max_telegram, str(path))
 
 
@@ -106,14 +106,10 @@ def parse_orders(text: str, max_telegram: int, source: str = "orders") -> OrderB
     try:
         return OrderBook([_definition(name, value) for name, value in values.items()], max_telegram)
     except DefinitionError as error:
-        lines = key_lines(text)
-        at: KeyPath = error.path
-        while at not in lines:  # what is missing has the line of what lacks it
-            at = at[:-1]
-        raise ConfigError(f"{source}, line {lines[at]}: {_dotted(error.path, values)}: {error}") from error
+        raise ConfigError(f"{source}: {_dotted(error.path, values)}: {error}") from error
 
 
-def _dotted(path: KeyPath, values: Any) -> str:
+def _dotted(path: Sequence[str | int], values: Any) -> str:
     """A path for people: a field by its name, or counted from 1 where it has none."""
     parts, found = [], values
     for part in path:

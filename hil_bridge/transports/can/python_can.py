@@ -2,14 +2,12 @@
 
 import asyncio
 import errno
-import fcntl
 import os
 from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
 import can
-from can.interfaces.slcan import slcanBus
 
 from hil_bridge.clock import Clock
 from hil_bridge.transports import reasons
@@ -28,7 +26,7 @@ async def open_python_can(
     accept: Sequence[CanFilter] = (),
     **options: Any,
 ) -> Transport[Frames]:
-    """Open an interface: `socketcan`, `virtual` or `slcan`. Raises TransportUnavailable."""
+    """Open an interface: `socketcan` or `virtual`. Raises TransportUnavailable."""
     open_bus = partial(_open, interface, channel, accept, options)
     opening = asyncio.ensure_future(asyncio.to_thread(open_bus))
     try:
@@ -45,9 +43,6 @@ async def open_python_can(
 
 def _open(interface: str, channel: str, accept: Sequence[CanFilter], options: dict[str, Any]) -> can.BusABC:
     match interface:
-        case "slcan":
-            _check_free(channel)
-            options = {"sleep_after_open": 0.0, "timeout": 0.0, **options}
         case "virtual":
             options = {"rx_queue_size": QUEUE_FRAMES, **options}
         case "socketcan":
@@ -60,21 +55,9 @@ def _open(interface: str, channel: str, accept: Sequence[CanFilter], options: di
         {"can_id": choice.identifier, "can_mask": choice.mask, "extended": choice.extended}
         for choice in accept
     ]
-    bus = can.Bus(
+    return can.Bus(
         channel=channel, interface=interface, ignore_config=True, can_filters=filters or None, **options
     )
-    if isinstance(bus, slcanBus):
-        bus.serialPortOrig.exclusive = True
-    return bus
-
-
-def _check_free(port: str) -> None:
-    """Raise OSError when another program has locked the port: python-can would talk into its conversation."""
-    fd = os.open(port, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
-    try:
-        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    finally:
-        os.close(fd)
 
 
 def _close_opened(opening: "asyncio.Future[can.BusABC]") -> None:

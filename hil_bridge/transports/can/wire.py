@@ -6,7 +6,6 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 import can
-from can.interfaces.slcan import slcanBus
 
 from hil_bridge.clock import Clock, Timer
 from hil_bridge.errors import TransportError
@@ -15,7 +14,6 @@ from hil_bridge.transports.base import Frames
 from hil_bridge.transports.can.message import file_descriptor, from_message, is_full, to_message
 from hil_bridge.transports.can.queue import SEND_DEADLINE_S, CanStatistics, SendQueue
 from hil_bridge.transports.can.reader import ReaderThread
-from hil_bridge.transports.can.slcan_port import SlcanPort
 from hil_bridge.transports.can.socketcan import LINK_LOST, Link
 from hil_bridge.transports.delivery import QUEUE_FRAMES, Delivery, flush
 from protocol.can.error import CanErrorReport, ErrorClass, ErrorState, decode_error, encode_error
@@ -38,8 +36,6 @@ Chosen: a person sets an interface up again, or plugs an adapter in, within that
 """
 
 _STAMPED_BY_KERNEL = ("socketcan",)
-_LONGEST_LINE = 64
-"""More than any slcan line has: an extended frame with 8 bytes and a time stamp has 30 characters."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,10 +84,7 @@ class CanWire:
         self._received = self._reports = self._bus_off = 0
         self.malformed = 0
         """Arrivals that were no classical CAN frame."""
-        self._port: SlcanPort | None = None
         self._thread: ReaderThread | None = None
-        if isinstance(bus, slcanBus):
-            bus.serialPortOrig = self._port = SlcanPort(bus.serialPortOrig)
         self._fd = file_descriptor(bus)
 
     @property
@@ -142,17 +135,14 @@ class CanWire:
                 await asyncio.to_thread(thread.join)
 
     async def _drained(self) -> None:
-        while self._open and (len(self._queue) or (self._port is not None and self._port.unsent)):
+        while self._open and len(self._queue):
             await self._clock.sleep_until(self._clock.now() + 0.002)
 
     # --- sending
 
     def _push(self) -> None:
         """Give the interface what it takes. Calls nobody back, except that a wire that breaks says so."""
-        port = self._port
         while len(self._queue) and (self._outage is None or not self._outage.link):
-            if port is not None and port.unsent:
-                break
             try:
                 self._bus.send(to_message(self._queue.head), timeout=0)
             except (can.CanError, OSError) as error:
@@ -160,19 +150,6 @@ class CanWire:
                     self._fail(error)
                 break
             self._queue.left(self._clock.now())
-        if port is not None and port.unsent and self._open:
-            self._clock.loop.add_writer(self._fd, self._writable)
-
-    def _writable(self) -> None:
-        assert self._port is not None
-        try:
-            self._port.push()
-        except OSError as error:
-            self._break(error)
-            return
-        if not self._port.unsent:
-            self._clock.loop.remove_writer(self._fd)
-            self._push()
 
     def _arm(self) -> None:
         """Have the timer come when there is something to look after."""
@@ -215,8 +192,6 @@ class CanWire:
         frames: list[CanFrame] = []
         failure: BaseException | None = None
         try:
-            if self._port is not None:
-                self._port.fill()
             self._drain(frames)
         except (can.CanError, OSError, ValueError) as error:
             failure = error
@@ -226,37 +201,12 @@ class CanWire:
 
     def _drain(self, frames: list[CanFrame]) -> None:
         """Take all pending frames, up to the bound."""
-        bus, port = self._bus, self._port
         for _ in range(MOST_PER_WAKE_UP):
-            try:
-                message = bus.recv(0)
-            except (ValueError, IndexError):
-                if port is None:
-                    raise
-                self.malformed += 1  # text that is no slcan
-                continue
-            except can.CanError as error:
-                if not isinstance(error.__cause__, UnicodeDecodeError):
-                    raise
-                self._forget_input()
-                continue
-            if message is not None:
-                at = self._clock.at_wall(message.timestamp) if self._kernel_stamps else self._clock.now()
-                self._take(message, at, frames)
-            elif port is None or not port.in_waiting:
-                # slcan says None for an acknowledgement too, though frames may follow
+            message = self._bus.recv(0)
+            if message is None:
                 break
-        else:
-            if port is not None and port.in_waiting:
-                self._clock.loop.call_soon(self._readable)  # no event tells of what was read already
-        if port is not None and port.unfinished > _LONGEST_LINE:
-            self._forget_input()
-
-    def _forget_input(self) -> None:
-        """python-can keeps text for ever that it cannot decode or whose end does not come."""
-        assert isinstance(self._bus, slcanBus)
-        self._bus.flush()
-        self.malformed += 1
+            at = self._clock.at_wall(message.timestamp) if self._kernel_stamps else self._clock.now()
+            self._take(message, at, frames)
 
     def _take(self, message: can.Message, at: float, frames: list[CanFrame]) -> None:
         frame = from_message(message, at)
@@ -357,12 +307,7 @@ class CanWire:
             self._timer.cancel()
         if self._fd >= 0:
             self._clock.loop.remove_reader(self._fd)
-            self._clock.loop.remove_writer(self._fd)
         if self._thread is not None:
             self._thread.stop()
         with suppress(can.CanError, OSError):
             self._bus.shutdown()
-        if self._port is not None:
-            # not reached by python-can when its last command fails
-            with suppress(OSError):
-                self._port.close()

@@ -41,8 +41,10 @@ from protocol.s3.adlp.events import (
     Role,
 )
 from protocol.s3.adlp.journal import EVENT_LIMIT, Count
-from protocol.s3.adlp.link import MESSAGE_LIMIT, QUEUE_LIMIT, Link
+from protocol.s3.adlp.link import Link
 from protocol.s3.adlp.profile import CHUNK, DleStuffing, LengthStyle, LinkProfile
+from protocol.s3.adlp.receiving import MESSAGE_LIMIT
+from protocol.s3.adlp.sending import QUEUE_LIMIT
 from protocol.s3.adlp.transitions import TRANSITIONS, Action, State, Stimulus, Transition
 
 __all__ = [

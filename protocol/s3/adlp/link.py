@@ -1,44 +1,80 @@
-"""One end of an ADLP-10 link, PC or robot, without I/O. What it does when is in `transitions`."""
+"""One end of an ADLP-10 link, PC or robot, without I/O: theory of operation, and the machine.
 
-from collections import deque
+Roles
+    Both ends run this machine. Either may bid for the idle line, which carries one message at a time.
+    `Role` decides two things only: which end goes first when both bid (`collision_winner`), and which lengths of a
+    telegram are understood (`accepted_lengths`, for the robot). The end that has won the line is the sender until its
+    EOT, the other one the receiver.
+
+An undisturbed message
+    sender      ENQ        block 1        block 2        EOT
+    receiver         ACK           ACK            ACK
+    ENQ is a bid: "may I send?". Each block is acknowledged before the next one goes out. EOT ends the message and gives
+    the line back. A message is one telegram or several, a block each. The other answers to a bid or a block: NAK, "send
+    that again"; WACK, "wait"; RVI, "yes, and I want the line behind your message".
+
+Parts
+    `transitions` is the whole behaviour as a table: `State` × `Stimulus` → `Action` and the states that may follow.
+    `SendingHalf` and `ReceivingHalf` have a method for each action; `Link._actions` lists which. `Link` makes stimuli
+    out of bytes (`BlockScanner`) and of time, looks them up (`_step`), and does the two actions in which both halves
+    meet. `Shared` has the state and the clock of the end. `Journal` keeps events and totals for the owner. A pair that
+    is not in the table changes nothing; it is counted and told as stray (`_ignore`).
+
+States
+    IDLE            no message; a queued message bids from here.
+    LISTENING       as IDLE, but the other side asked for the line by RVI: we do not bid before the time-out.
+    BIDDING         our ENQ is out.
+    HOLDING         our bid was acknowledged, and its message is not here yet (see "Bidding ahead").
+    AWAITING_ACK    our block is out.
+    AWAITING_BLOCK  we acknowledged a bid or refused a block: a block must come.
+    AWAITING_MORE   we acknowledged a block: another block or EOT must come.
+    DISCARDING      garbage came instead of a block: we wait for silence, then judge it.
+
+Time-outs (seconds from the end of the characters that we handed out last, `Shared.arm`)
+    BIDDING, AWAITING_ACK   `answer_timeout_s`, then the same again: `bid_limit` bids, `repeat_limit` repeats of a
+                            block, `wack_limit` WACKs. Behind the last one the message has failed (`LinkFailed`).
+    AWAITING_BLOCK          `answer_timeout_s` and a gap: a sender that missed our answer repeats within that time.
+    AWAITING_MORE           one gap. The EOT is a single byte and may be lost: the message is then taken as ended, for
+                            its blocks were acknowledged. A block that comes later is recognised (`recognise_late`).
+    gap                     `gap_time` without a byte, inside a block or behind garbage: the block is refused by NAK.
+    A block that comes in holds off the state's own time-out; the gap stands for it (`_block_is_coming`). Deadlines that
+    the owner did not handle in time do not count against data that came first (`receive`). A late owner is noticed
+    where it matters: behind an old ACK the other side no longer waits, and a bid goes out anew (`Shared.is_overdue`).
+
+Contention
+    Both bid at once: each hears ENQ while BIDDING (`_collide`). The `collision_winner` goes on waiting for its ACK, the
+    other end acknowledges, takes the message, and bids again from IDLE; its own message stays queued.
+    ENQ instead of an answer to a block (`_interrupt`): the other side has left our message. It may have taken the
+    block, so the message fails and is never repeated: an order must not be done twice.
+
+Bidding ahead
+    `announce` bids for a message that is still being made: bid and ACK travel meanwhile. The ACK then leads to HOLDING
+    ("the line is held"). `send` goes on from there. When no message comes within `HOLDING_SHARE` of
+    `answer_timeout_s`, EOT gives the line back (`SendingHalf.release`).
+
+Noise
+    No check character covers the control bytes, so rules guard them. Behind `GARBAGE_SIZE` meaningless bytes a control
+    byte is one more of them, until silence: it may be data of a mutilated block. In DISCARDING only a whole block
+    counts. Two bytes are never what they seem (`_is_too_early`): an answer to a block that has not left yet, and a bid
+    before our last answer can have been heard. The line made them of others; a second ACK would acknowledge a block
+    that was never received.
+
+What all this promises the owner is in the package's docstring. Source: computer-link specification, section 2.
+"""
+
 from collections.abc import Callable, Mapping, Sequence
 
-from protocol.endpoint import LocalProtocolError
-from protocol.s3.adlp.block import (
-    HEADER_SIZE,
-    LENGTH_STYLES,
-    Block,
-    BlockFormat,
-    BlockScanner,
-    Control,
-    Flaw,
-    Token,
-    encode_block,
-)
-from protocol.s3.adlp.events import (
-    LinkEvent,
-    LinkFailed,
-    LinkFailure,
-    MessageReceived,
-    MessageSent,
-    NoticeKind,
-    Role,
-)
-from protocol.s3.adlp.journal import Count, Journal
+from protocol.s3.adlp.block import LENGTH_STYLES, Block, BlockFormat, BlockScanner, Control, Flaw, Token
+from protocol.s3.adlp.events import LinkEvent, NoticeKind, Role
 from protocol.s3.adlp.profile import LengthStyle, LinkProfile
-from protocol.s3.adlp.progress import Receiving, Sending, check_telegram, unanswered
+from protocol.s3.adlp.receiving import ReceivingHalf
+from protocol.s3.adlp.sending import SendingHalf
+from protocol.s3.adlp.shared import Shared
 from protocol.s3.adlp.transitions import TRANSITIONS, Action, State, Stimulus
 
-QUEUE_LIMIT = 16
-"""Messages that may wait to be sent. Mark: chosen."""
-MESSAGE_LIMIT = 4096
-"""Blocks of one incoming message that are kept: half a megabyte. Mark: chosen."""
 GARBAGE_SIZE = 5
 """After so many meaningless bytes in one run a control byte is one more of them, until the line falls silent:
 else the data of a mutilated block would be answered. Mark: chosen (STX, length and addresses of a block)."""
-HOLDING_SHARE = 0.5
-"""Of the time that the other side waits for a block, so long is a line held for a message that is on its way here.
-Mark: chosen."""
 
 _ACCEPTED_STYLES: dict[str, tuple[LengthStyle, ...]] = {
     "both": LENGTH_STYLES,
@@ -60,13 +96,8 @@ _RECEIVING = frozenset((State.AWAITING_BLOCK, State.AWAITING_MORE, State.DISCARD
 _IDLE, _BIDDING, _HOLDING, _DISCARDING = State.IDLE, State.BIDDING, State.HOLDING, State.DISCARDING
 _AWAITING_ACK, _AWAITING_BLOCK, _AWAITING_MORE = State.AWAITING_ACK, State.AWAITING_BLOCK, State.AWAITING_MORE
 _BLOCK, _BAD_CHECKSUM = Stimulus.BLOCK, Stimulus.BAD_CHECKSUM
-_NOISE, _MUTILATED = Stimulus.NOISE, Stimulus.MUTILATED
-_ENQ, _ACK, _EOT = Control.ENQ, Control.ACK, Control.EOT
-_STX, _STX_ODD = Control.STX, Control.STX_ODD
-_SEND = Stimulus.SEND
-_BID_SENT, _BID_RECEIVED = NoticeKind.BID_SENT, NoticeKind.BID_RECEIVED
-_ACK_SENT, _ACK_RECEIVED = NoticeKind.ACK_SENT, NoticeKind.ACK_RECEIVED
-_MESSAGE_SENT = MessageSent()
+_NOISE, _MUTILATED, _SEND = Stimulus.NOISE, Stimulus.MUTILATED, Stimulus.SEND
+_ENQ = Control.ENQ
 
 
 class Link:
@@ -77,61 +108,83 @@ class Link:
         self._profile = profile
         styles = _ACCEPTED_STYLES[profile.accepted_lengths] if role is Role.ROBOT else LENGTH_STYLES[:1]
         self._scanner = BlockScanner(BlockFormat(profile.dle_stuffing, styles, profile.max_telegram))
-        self._gap_time = profile.gap_time
-        self._character_time = profile.character_time
-        self._state = State.IDLE
-        self._now = 0.0
-        self._state_deadline: float | None = None
         self._gap_deadline: float | None = None
-        self._queue: deque[tuple[bytes, ...]] = deque()
-        """Telegrams of the messages that wait to be sent."""
-        self._announced = False
-        """A bid is to go out, or has, for a message that is not there yet."""
-        self._blocks: list[bytes] = []
-        """Those of the oldest message as blocks; empty until the bid for it has gone out."""
-        self._sending = Sending()
-        self._receiving = Receiving([])
-        self._received: Block
-        """The block that is being judged."""
-        self._unended = False
-        """The last message received was taken as ended without its EOT: its last block may be repeated."""
-        self._noise = 0
-        """Length of the present run of noise."""
-        self._out = bytearray()
-        self._journal = Journal()
-        self._notice = self._journal.notice
-        self._actions: dict[Action, Callable[[], State]] = {
-            action: getattr(self, f"_{action.value}") for action in Action
+        self._shared = Shared(profile)
+        self._notice = self._shared.notice
+        self._sender = SendingHalf(self._shared)
+        self._receiver = ReceivingHalf(self._shared)
+        actions = self._actions()
+        self._table: dict[State, dict[Stimulus, Callable[[], State]]] = {state: {} for state in State}
+        for (state, stimulus), transition in TRANSITIONS.items():
+            self._table[state][stimulus] = actions[transition.action]
+
+    def _actions(self) -> dict[Action, Callable[[], State]]:
+        """What does each action; it returns the state that follows."""
+        sender, receiver = self._sender, self._receiver
+        return {
+            Action.BID: sender.bid,
+            Action.BID_AGAIN: sender.bid_again,
+            Action.NOTE_BID_REFUSED: sender.note_bid_refused,
+            Action.COLLIDE: self._collide,
+            Action.SEND_FIRST: sender.send_first,
+            Action.SEND_FIRST_REVERSED: sender.send_first_reversed,
+            Action.SEND_HELD: sender.send_held,
+            Action.RELEASE: sender.release,
+            Action.SEND_NEXT: sender.send_next,
+            Action.SEND_NEXT_REVERSED: sender.send_next_reversed,
+            Action.REPEAT_REFUSED: sender.repeat_refused,
+            Action.REPEAT_UNANSWERED: sender.repeat_unanswered,
+            Action.WAIT_LONGER: sender.wait_longer,
+            Action.ABORT: sender.abort,
+            Action.INTERRUPT: self._interrupt,
+            Action.RESUME: sender.resume,
+            Action.ACCEPT_BID: receiver.accept_bid,
+            Action.ACCEPT_BLOCK: receiver.accept_block,
+            Action.REFUSE_BLOCK: receiver.refuse_block,
+            Action.DISCARD: receiver.discard,
+            Action.SWALLOW: receiver.swallow,
+            Action.JUDGE_GARBAGE: receiver.judge_garbage,
+            Action.DELIVER: receiver.deliver,
+            Action.DELIVER_UNENDED: receiver.deliver_unended,
+            Action.DELIVER_ACCEPT_BID: receiver.deliver_accept_bid,
+            Action.END_EARLY: receiver.end_early,
+            Action.ABANDON: receiver.abandon,
+            Action.RECOGNISE_LATE: receiver.recognise_late,
         }
+
+    # --- what the owner asks
 
     @property
     def state(self) -> State:
         """Where this end stands."""
-        return self._state
+        return self._shared.state
 
     @property
     def receiving(self) -> bool:
         """A message of the other side has begun and not ended."""
-        return self._state in _RECEIVING
+        return self._shared.state in _RECEIVING
 
     @property
     def ahead(self) -> bool:
         """A bid for the next message has gone out."""
-        return self._state is _BIDDING or self._state is _HOLDING
+        state = self._shared.state
+        return state is _BIDDING or state is _HOLDING
 
     @property
     def verbose(self) -> bool:
         """Whether each bid and ACK is told (`ROUTINE`) and not only counted; may be set at any time."""
-        return self._journal.verbose
+        return self._shared.journal.verbose
 
     @verbose.setter
     def verbose(self, verbose: bool) -> None:
-        self._journal.verbose = verbose
+        self._shared.journal.verbose = verbose
 
     @property
     def counters(self) -> Mapping[str, int]:
         """Totals since the start by the text of `Count` and `NoticeKind`; a live read-only view."""
-        return self._journal.counters
+        return self._shared.journal.counters
+
+    # --- what the owner does
 
     def send(self, telegrams: Sequence[bytes]) -> None:
         """Queue one message, a block for each telegram.
@@ -139,435 +192,151 @@ class Link:
         Raises LocalProtocolError when there is no telegram, one is too long or states another length than it
         has, or the queue is full.
         """
-        if not telegrams:
-            raise LocalProtocolError("a message needs at least one telegram")
-        if len(self._queue) >= QUEUE_LIMIT:
-            raise LocalProtocolError(f"{QUEUE_LIMIT} messages are waiting already")
-        for telegram in telegrams:
-            check_telegram(telegram, self._profile.max_telegram)
-        self._queue.append(tuple(telegrams))
-        self._announced = False
+        self._sender.put(telegrams)
 
     def announce(self) -> None:
         """Bid for a message that `send` is about to be given: the other side's ACK comes while it is still being made.
 
         If it takes longer than half the time that the other side waits for a block, the line is given back.
         """
-        self._announced = True
+        self._sender.announced = True
 
     def receive(self, data: bytes, now: float) -> None:
         """Take bytes off the line. Data that came counts even when a deadline has passed unhandled before."""
-        self._now = now
+        shared = self._shared
+        shared.now = now
         for token in self._scanner.feed(data):
             self._take(token)
-        waiting = self._noise or self._scanner.pending or self._state is _DISCARDING
-        self._gap_deadline = now + self._gap_time if waiting else None
+        waiting = shared.noise or self._scanner.pending or shared.state is _DISCARDING
+        self._gap_deadline = now + shared.gap_time if waiting else None
 
     def next_event(self) -> LinkEvent | None:
         """The oldest event not yet taken, or None."""
-        return self._journal.next_event()
+        return self._shared.journal.next_event()
 
     def data_to_send(self, now: float) -> bytes:
         """Bytes for the line; a waiting message begins its bid here."""
-        self._now = now
-        if self._state is _IDLE:
-            if self._queue or self._announced:
+        shared, sender = self._shared, self._sender
+        shared.now = now
+        if shared.state is _IDLE:
+            if sender.queue or sender.announced:
                 self._step(_SEND)
-        elif self._state is _HOLDING and self._queue:
+        elif shared.state is _HOLDING and sender.queue:
             self._step(_SEND)
-        if not self._out:
-            if self._queue and not self._blocks:
-                self._encode()  # the bid has gone out, and nobody waits for this yet
+        if not shared.out:
+            sender.encode_early()
             return b""
-        data = bytes(self._out)
-        self._out.clear()
+        data = bytes(shared.out)
+        shared.out.clear()
         return data
 
     def next_deadline(self) -> float | None:
         """The next time-out, seconds."""
-        gap, state = self._gap_deadline, self._state_deadline
+        gap, state = self._gap_deadline, self._shared.deadline
         if gap is None or state is None:
             return state if gap is None else gap
         return gap if self._block_is_coming() else min(gap, state)
 
     def handle_deadline(self, now: float) -> None:
         """Act on the time-outs up to now."""
-        self._now = now
+        shared = self._shared
+        shared.now = now
         if self._gap_deadline is not None and now >= self._gap_deadline:
             self._gap_deadline = None
             pending = self._scanner.drop()
             self._add_noise(pending)
-            if pending or self._state is State.DISCARDING:
+            if pending or shared.state is _DISCARDING:
                 self._step(Stimulus.GAP)
-            self._end_noise()
-        if self._state_deadline is not None and now >= self._state_deadline and not self._block_is_coming():
-            self._state_deadline = None
+            shared.end_noise()
+        if shared.deadline is not None and now >= shared.deadline and not self._block_is_coming():
+            shared.deadline = None
             self._step(Stimulus.TIME_OUT)
 
-    # --- the machine
+    # --- from bytes to stimuli
 
     def _take(self, token: Token) -> None:
         match token:
             case Control():
-                if self._noise >= GARBAGE_SIZE:
-                    self._step(Stimulus.NOISE, 1)
+                if self._shared.noise >= GARBAGE_SIZE:
+                    self._step(_NOISE, 1)
                 elif self._is_too_early(token):
                     self._notice(NoticeKind.STRAY_CONTROL, f"{token.name} too early to be about what we said")
                 else:
                     self._step(_CONTROL_STIMULI[token], 1)
             case Block():
-                self._received = token
-                self._step(Stimulus.BLOCK, token.size)
+                self._receiver.block = token
+                self._step(_BLOCK, token.size)
             case Flaw(at=1):
-                self._step(Stimulus.NOISE, token.size)
+                self._step(_NOISE, token.size)
             case Flaw():
                 self._notice(NoticeKind.BAD_CHECKSUM if token.whole else NoticeKind.BAD_BLOCK, token.text)
-                self._step(Stimulus.BAD_CHECKSUM if token.whole else Stimulus.MUTILATED, token.size)
+                self._step(_BAD_CHECKSUM if token.whole else _MUTILATED, token.size)
             case _:
-                self._step(Stimulus.NOISE, len(token.data))
+                self._step(_NOISE, len(token.data))
+
+    def _is_too_early(self, control: Control) -> bool:
+        """Whether it came before the other side can have heard us: then it is a byte that the line made of another.
+
+        A second ENQ would get a second ACK, and a second ACK acknowledges a block that was never received.
+        """
+        shared = self._shared
+        if shared.state is _AWAITING_ACK:
+            return bool(shared.out) and control in _ANSWERS
+        if control is not _ENQ:
+            return False
+        if shared.state is _AWAITING_BLOCK:
+            return self._receiver.hears_bid_too_early()
+        return shared.state is _AWAITING_MORE and bool(shared.out)
+
+    def _block_is_coming(self) -> bool:
+        """The gap time-out stands for the state's own while the block that is waited for comes in."""
+        state = self._shared.state
+        return bool(self._scanner.pending) and (state is _AWAITING_BLOCK or state is _AWAITING_MORE)
+
+    def _add_noise(self, size: int) -> None:
+        self._shared.add_noise(size)
+        self._sender.hear(size)
+
+    # --- the machine
 
     def _step(self, stimulus: Stimulus, size: int = 0) -> None:
         """Look up and act. `size` is the length of what came, for the noise account."""
+        shared = self._shared
         whole = stimulus is _BLOCK or stimulus is _BAD_CHECKSUM
-        discarding = self._state is _DISCARDING and not whole
+        discarding = shared.state is _DISCARDING and not whole
         if discarding or stimulus is _NOISE or stimulus is _MUTILATED:
             self._add_noise(size)
-        elif self._noise and size:
-            self._end_noise()
-        transition = TRANSITIONS.get((self._state, stimulus))
-        if transition is None:
+        elif shared.noise and size:
+            shared.end_noise()
+        act = self._table[shared.state].get(stimulus)
+        if act is None:
             self._ignore(stimulus, size)
             return
-        self._state = self._actions[transition.action]()
-        if self._state is _IDLE:
-            self._state_deadline = None
+        state = shared.state = act()
+        if state is _IDLE:
+            shared.deadline = None
 
     def _ignore(self, stimulus: Stimulus, size: int) -> None:
+        stray = f"{stimulus} while {self._shared.state}"
         match stimulus:
             case Stimulus.NOISE | Stimulus.MUTILATED | Stimulus.GAP:
                 pass  # on the noise account already
             case Stimulus.BAD_CHECKSUM:
                 self._add_noise(size)  # if it was cut short, its tail follows
-                self._notice(NoticeKind.STRAY_BLOCK, f"{stimulus} while {self._state}")
+                self._notice(NoticeKind.STRAY_BLOCK, stray)
             case Stimulus.BLOCK:
-                self._sending.heard += size
-                self._notice(NoticeKind.STRAY_BLOCK, f"{stimulus} while {self._state}")
+                self._sender.hear(size)
+                self._notice(NoticeKind.STRAY_BLOCK, stray)
             case _:
-                self._notice(NoticeKind.STRAY_CONTROL, f"{stimulus} while {self._state}")
-
-    def _is_too_early(self, control: Control) -> bool:
-        """Whether it came before the other side can have heard us: then it is a byte that the line made of another.
-
-        A second ENQ would get a second ACK, and a second ACK acknowledges a block that nobody has seen.
-        """
-        if self._state is _AWAITING_ACK:
-            return bool(self._out) and control in _ANSWERS
-        if control is not _ENQ:
-            return False
-        if self._state is _AWAITING_BLOCK:
-            # Our ACK and a character have to pass. Behind a NAK the rest of its block may come, and no bid (observed).
-            short, gap = 2.5 * self._character_time, self._gap_time
-            return self._now < self._receiving.asked_at + (gap if self._receiving.naks else short)
-        return self._state is _AWAITING_MORE and bool(self._out)
-
-    def _block_is_coming(self) -> bool:
-        """The gap time-out stands for the state's own while the block that is waited for comes in."""
-        return bool(self._scanner.pending) and (
-            self._state is _AWAITING_BLOCK or self._state is _AWAITING_MORE
-        )
-
-    def _arm(self, seconds: float, characters: int = 1) -> None:
-        """Time out so long after the characters just handed out have left the line."""
-        self._state_deadline = self._now + characters * self._character_time + seconds
-
-    def _add_noise(self, size: int) -> None:
-        self._noise += size
-        self._sending.heard += size
-        self._journal.count(Count.NOISE_BYTES, size)
-
-    def _end_noise(self) -> None:
-        self._notice(NoticeKind.NOISE, f"{self._noise} bytes without meaning dropped")
-        self._noise = 0
-
-    # --- sending
-
-    def _bid(self) -> State:
-        self._sending = Sending()
-        self._put_bid()
-        return _BIDDING
-
-    def _put_bid(self) -> None:
-        self._notice(_BID_SENT, "ENQ")
-        self._out.append(_ENQ)
-        self._arm(self._profile.answer_timeout_s)
-
-    def _bid_again(self) -> State:
-        sending = self._sending
-        if sending.bids >= self._profile.bid_limit:
-            return self._give_up(*unanswered(sending))
-        sending.bids += 1
-        self._notice(NoticeKind.TIME_OUT, "no answer to ENQ")
-        self._notice(NoticeKind.BID_REPEAT, f"ENQ sent {sending.bids} times")
-        self._put_bid()
-        return _BIDDING
-
-    def _note_bid_refused(self) -> State:
-        # Assumed: a NAK to a bid means "not now"; the next bid comes when this one's time is over.
-        self._notice(NoticeKind.NAK_RECEIVED, "bid refused")
-        self._sending.bid_refused = True
-        return _BIDDING
+                self._notice(NoticeKind.STRAY_CONTROL, stray)
 
     def _collide(self) -> State:
-        self._notice(NoticeKind.COLLISION, f"both sides bid, the {self._profile.collision_winner} goes first")
-        if self._profile.collision_winner == self._role:
-            return _BIDDING
-        return self._accept_bid()
-
-    def _send_first(self) -> State:
-        self._notice(_ACK_RECEIVED, "bid acknowledged")
-        return self._begin()
-
-    def _send_first_reversed(self) -> State:
-        self._note_reversed()
-        return self._begin()
-
-    def _begin(self) -> State:
-        if self._is_overdue():
-            return self._bid_again()  # held up on this side: the other no longer waits for a block
-        if self._queue:
-            return self._put_block()
-        self._announced = False
-        self._arm(HOLDING_SHARE * self._profile.answer_timeout_s)
-        return _HOLDING
-
-    def _send_held(self) -> State:
-        return self._release() if self._is_overdue() else self._put_block()
-
-    def _is_overdue(self) -> bool:
-        """The time-out of this state has passed and was not handled: whoever is above took longer than that."""
-        return self._state_deadline is not None and self._now > self._state_deadline
-
-    def _release(self) -> State:
-        self._notice(NoticeKind.RELEASED, "no message came for the bid in time")
-        self._out.append(_EOT)
-        return self._leave()
-
-    def _leave(self) -> State:
-        """Behind our EOT: idle, unless the other side asked for the line."""
-        if not self._sending.reversed:
-            return _IDLE
-        self._arm(self._profile.answer_timeout_s)
-        return State.LISTENING
-
-    def _encode(self) -> None:
-        profile = self._profile
-        toggle = profile.stx_alternation == "toggle"
-        self._blocks = [
-            encode_block(telegram, profile.dle_stuffing, _STX_ODD if toggle and number % 2 else _STX)
-            for number, telegram in enumerate(self._queue[0])
-        ]
-
-    def _put_block(self) -> State:
-        self._unended = False  # who takes our block has left its own message
-        if not self._blocks:
-            self._encode()
-        block = self._blocks[self._sending.index]
-        self._out += block
-        self._arm(self._profile.answer_timeout_s, len(block))
-        return _AWAITING_ACK
-
-    def _send_next(self) -> State:
-        self._notice(_ACK_RECEIVED, "block acknowledged")
-        return self._go_on()
-
-    def _go_on(self) -> State:
-        sending = self._sending
-        self._journal.count(Count.BLOCKS_SENT)
-        sending.index += 1
-        sending.repeats = 0
-        if sending.index < len(self._blocks):
-            return self._put_block()
-        self._out.append(_EOT)
-        self._drop_oldest()
-        self._journal.tell(_MESSAGE_SENT, Count.MESSAGES_SENT)
-        return self._leave()
-
-    def _send_next_reversed(self) -> State:
-        # One EOT ends all blocks of a message, so "as soon as it can" is after the last block of this one.
-        self._note_reversed()
-        return self._go_on()
-
-    def _note_reversed(self) -> None:
-        self._notice(NoticeKind.RVI, "line asked for")
-        self._sending.reversed = True
-
-    def _repeat_refused(self) -> State:
-        self._notice(NoticeKind.NAK_RECEIVED, "block refused")
-        return self._repeat("refused by NAK")
-
-    def _repeat_unanswered(self) -> State:
-        self._notice(NoticeKind.TIME_OUT, "no answer to a block")
-        return self._repeat("without an answer")
-
-    def _repeat(self, how: str) -> State:
-        sending = self._sending
-        if sending.repeats >= self._profile.repeat_limit:
-            self._out.append(Control.EOT)
-            return self._give_up(
-                LinkFailure.REPEATS_EXHAUSTED,
-                f"a block was sent {sending.repeats + 1} times and not acknowledged, the last time {how}",
-            )
-        sending.repeats += 1
-        self._notice(NoticeKind.REPEAT, f"repeat {sending.repeats}")
-        return self._put_block()
-
-    def _wait_longer(self) -> State:
-        sending = self._sending
-        sending.wacks += 1
-        self._notice(NoticeKind.WACK, f"asked to wait {sending.wacks} times")
-        if sending.wacks > self._profile.wack_limit:
-            self._out.append(Control.EOT)
-            return self._give_up(LinkFailure.WACK_LIMIT, f"asked to wait {sending.wacks} times (WACK)")
-        self._arm(self._profile.answer_timeout_s)
-        return self._state
-
-    def _abort(self) -> State:
-        return self._give_up(LinkFailure.ABORTED, "the receiver answered a block with EOT")
+        """Both sides have bid."""
+        winner = self._profile.collision_winner
+        self._notice(NoticeKind.COLLISION, f"both sides bid, the {winner} goes first")
+        return _BIDDING if winner == self._role else self._receiver.accept_bid()
 
     def _interrupt(self) -> State:
-        # Assumed: a receiver that bids has left our message. Most likely it took the block, its ACK was lost
-        # and it treated the message as ended; to repeat the message would have an order done twice.
-        self._give_up(LinkFailure.INTERRUPTED, "the receiver bid (ENQ) instead of answering a block")
-        return self._accept_bid()
-
-    def _drop_oldest(self) -> None:
-        if self._queue:
-            self._queue.popleft()
-        else:  # the bid has failed before its message was there
-            self._announced = False
-        self._blocks = []
-
-    def _give_up(self, reason: LinkFailure, text: str) -> State:
-        self._drop_oldest()
-        self._journal.tell(LinkFailed(reason, text), Count.MESSAGES_FAILED)
-        return _IDLE
-
-    def _resume(self) -> State:
-        return _IDLE
-
-    # --- receiving
-
-    def _accept_bid(self) -> State:
-        self._lose_unfinished("began anew")
-        self._receiving = Receiving([])
-        self._unended = False
-        self._notice(_BID_RECEIVED, "ENQ")
-        self._put_ack("bid acknowledged")
-        self._arm_for_block()
-        return _AWAITING_BLOCK
-
-    def _put_ack(self, text: str) -> None:
-        self._notice(_ACK_SENT, text)
-        self._out.append(_ACK)
-
-    def _arm_for_block(self) -> None:
-        # A sender that missed our answer repeats after its own time-out: be there a little longer.
-        self._receiving.asked_at = self._now
-        self._arm(self._profile.answer_timeout_s + self._gap_time)
-
-    def _accept_block(self) -> State:
-        block, receiving = self._received, self._receiving
-        if self._repeats_last(block):
-            self._notice(NoticeKind.DUPLICATE, "block repeated though it was acknowledged")
-        elif len(receiving.telegrams) >= MESSAGE_LIMIT:
-            self._out.append(Control.EOT)
-            return self._lose(LinkFailure.TOO_LONG, f"a message of more than {MESSAGE_LIMIT} blocks")
-        else:
-            self._journal.count(Count.BLOCKS_RECEIVED)
-            receiving.telegrams.append(block.telegram)
-            receiving.last = block
-        return self._acknowledge_block()
-
-    def _repeats_last(self, block: Block) -> bool:
-        """Its STX says that it is the block that was accepted last."""
-        last = self._receiving.last
-        return self._profile.stx_alternation == "toggle" and last is not None and last.stx == block.stx
-
-    def _acknowledge_block(self) -> State:
-        self._receiving.naks = 0
-        self._receiving.block_due = False
-        self._put_ack("block acknowledged")
-        self._arm(self._gap_time)
-        return _AWAITING_MORE
-
-    def _refuse_block(self) -> State:
-        receiving = self._receiving
-        if receiving.naks >= self._profile.repeat_limit:
-            self._notice(NoticeKind.GAVE_UP, f"no valid block after {receiving.naks} NAK")
-            self._lose_unfinished("never became valid")
-            return _IDLE
-        receiving.naks += 1
-        receiving.block_due = True
-        self._notice(NoticeKind.NAK_SENT, f"{receiving.naks} in a row")
-        self._out.append(Control.NAK)
-        self._arm_for_block()
-        return _AWAITING_BLOCK
-
-    def _discard(self) -> State:
-        self._arm(self._profile.answer_timeout_s)
-        return State.DISCARDING
-
-    def _swallow(self) -> State:
-        return State.DISCARDING
-
-    def _judge_garbage(self) -> State:
-        # Assumed: after an acknowledged block, garbage far shorter than any block is a mutilated EOT.
-        if not self._receiving.block_due and self._noise < HEADER_SIZE:
-            return self._deliver_unended()
-        self._notice(NoticeKind.GAP, f"silence after {self._noise} bytes that are no block")
-        return self._refuse_block()
-
-    def _deliver(self) -> State:
-        telegrams = tuple(self._receiving.telegrams)
-        self._receiving.telegrams.clear()
-        if telegrams:  # else the repeat of a block that was delivered before
-            self._journal.tell(MessageReceived(telegrams), Count.MESSAGES_RECEIVED)
-        return _IDLE
-
-    def _deliver_unended(self) -> State:
-        self._notice(NoticeKind.MISSING_EOT, "message taken as ended")
-        self._unended = True
-        return self._deliver()
-
-    def _deliver_accept_bid(self) -> State:
-        self._deliver_unended()
-        return self._accept_bid()
-
-    def _end_early(self) -> State:
-        return self._lose(LinkFailure.EARLY_EOT, "the other side ended its message without a valid block")
-
-    def _abandon(self) -> State:
-        self._notice(NoticeKind.TIME_OUT, "no block came")
-        self._lose_unfinished("fell silent")
-        return _IDLE
-
-    def _lose_unfinished(self, how: str) -> None:
-        if self._receiving.telegrams:
-            self._lose(LinkFailure.INCOMPLETE, f"a message of the other side {how} in the middle")
-
-    def _lose(self, reason: LinkFailure, text: str) -> State:
-        self._receiving.telegrams.clear()
-        self._journal.tell(LinkFailed(reason, text), Count.MESSAGES_FAILED)
-        return _IDLE
-
-    def _recognise_late(self) -> State:
-        # Our ACK was lost or late, and the message taken as ended meanwhile. More blocks of it may follow.
-        last, block = self._receiving.last, self._received
-        if self._unended and block == last:
-            self._notice(NoticeKind.DUPLICATE, "block repeated after its message was taken as ended")
-            return self._acknowledge_block()
-        if self._unended and not self._repeats_last(block):
-            self._notice(NoticeKind.LATE_BLOCK, "block of a message that was taken as ended")
-            return self._accept_block()
-        self._notice(NoticeKind.STRAY_BLOCK, f"{Stimulus.BLOCK} while {self._state}")
-        return self._state
+        """The other side bids where it should answer a block."""
+        self._sender.leave_to_other_side()
+        return self._receiver.accept_bid()

@@ -47,7 +47,7 @@ class Stimulus(StrEnum):
 
 
 class Action(StrEnum):
-    """What is done; each is one method of `Link`."""
+    """What is done. `Link._actions` names the method of each."""
 
     BID = "bid"
     BID_AGAIN = "bid_again"

@@ -22,8 +22,8 @@ from pathlib import Path
 
 import pytest
 
-from emulators.arm.servo import ServoProfile
-from emulators.s3 import S3Controller, S3Profile
+from emulators.s3 import S3Controller, S3Profile, S3Profiles
+from emulators.seams import StartPose
 from protocol.s3.adlp import (
     TRANSITIONS,
     Action,
@@ -206,11 +206,11 @@ class Controller:
 
     def __init__(self, transcript, end):
         self.endpoint = S3Controller(
-            S3Profile(**{"turnaround_ms": 12.0, "turnaround_spread_ms": 0.0, **transcript.robot}),
-            LinkProfile(**{"baudrate": 11000, **transcript.link}),
-            ServoProfile(),
-            (0.9, -0.1, 0.6),
-            (0.0, 1.0, 0.0, 0.0),
+            S3Profiles(
+                S3Profile(**{"turnaround_ms": 12.0, "turnaround_spread_ms": 0.0, **transcript.robot}),
+                LinkProfile(**{"baudrate": 11000, **transcript.link}),
+            ),
+            StartPose((0.9, -0.1, 0.6), (0.0, 1.0, 0.0, 0.0)),
             EPOCH,
             seed=1,
         )
@@ -344,13 +344,13 @@ def test_every_transition_of_the_table_is_taken_by_some_transcript(monkeypatch):
     original = Link._step
 
     def spy(self, stimulus, size=0):
-        before = self._state
+        before = self.state
         original(self, stimulus, size)
         if (before, stimulus) in TRANSITIONS:
-            assert self._state in TRANSITIONS[before, stimulus].next
-            taken.add((before, stimulus, self._state))
+            assert self.state in TRANSITIONS[before, stimulus].next
+            taken.add((before, stimulus, self.state))
         else:
-            assert self._state is before
+            assert self.state is before
 
     monkeypatch.setattr(Link, "_step", spy)
     for transcript in LINKS:

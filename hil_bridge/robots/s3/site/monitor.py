@@ -1,9 +1,8 @@
 """`hil-bridge monitor`: a link put into words, from a file or while it runs. It only listens."""
 
 import asyncio
-import signal
 from collections.abc import Callable, Sequence
-from contextlib import AsyncExitStack, ExitStack, suppress
+from contextlib import AsyncExitStack, ExitStack
 from functools import partial
 from pathlib import Path
 
@@ -11,18 +10,15 @@ import click
 from pydantic import TypeAdapter
 
 from hil_bridge.clock import Clock, run_real
-from hil_bridge.errors import ConfigError, TransportError
+from hil_bridge.errors import ConfigError
 from hil_bridge.recording import read_link
+from hil_bridge.robots.s3.room import robot_wire
 from hil_bridge.robots.s3.site.capture import Piece, Sender, parse_capture, recorded_pieces
 from hil_bridge.robots.s3.site.link_monitor import Counts, LinkMonitor
-from hil_bridge.robots.s3.site.printing import Printer, counts_text
-from hil_bridge.robots.s3.site.wording import frame_text
-from hil_bridge.runs.compose import robot_wire
+from hil_bridge.robots.s3.site.printing import counts_text, print_lines
+from hil_bridge.site.printing import Printer, end, stop_on_signals
 from hil_bridge.text_files import named, parse_json, read_text
-from hil_bridge.transports import Frames, connect_bytes, connect_can
-from protocol.can.error import decode_error
-from protocol.can.line import line_bits
-from protocol.jr3 import GATEWAY_BITRATE
+from hil_bridge.transports import connect_bytes
 from protocol.s3.adlp import LinkProfile
 from protocol.s3.arap import OrderBook
 
@@ -43,9 +39,9 @@ def monitor_file(path: Path, link: LinkProfile | None, orders: OrderBook, raw: b
     show = Printer(raw, pieces[0].at)
     for piece in pieces:
         monitor.take(piece)
-        show.lines_of(monitor)
+        print_lines(show, monitor)
     monitor.finish()
-    show.lines_of(monitor)
+    print_lines(show, monitor)
     click.echo(counts_text(monitor.counts, pieces[-1].at - pieces[0].at))
 
 
@@ -70,11 +66,6 @@ def monitor_link(
             keep = partial(print, file=file)
         monitor = run_real(lambda: listen(urls, link, orders, Printer(raw), keep))
     click.echo(counts_text(*monitor))
-
-
-def monitor_can(url: str, raw: bool) -> None:
-    """Print the frames of a JR3 gateway's bus until Ctrl-C; errors as `monitor_link`."""
-    run_real(lambda: listen_can(url, Printer(raw)))
 
 
 def _drop(piece: Piece) -> None:
@@ -104,7 +95,7 @@ async def listen(
         piece = Piece(newest - begun, sender, data)
         keep(piece)
         monitor.take(piece)
-        show.lines_of(monitor)
+        print_lines(show, monitor)
 
     try:
         async with AsyncExitStack() as stack:
@@ -117,60 +108,19 @@ async def listen(
                 wires.append((wire, sender))
             monitor = LinkMonitor(link, orders)
             for wire, sender in wires:
-                wire.start(partial(arrived, sender), partial(_end, ended))
-            _stop_on_signals(clock, ended)
+                wire.start(partial(arrived, sender), partial(end, ended))
+            stop_on_signals(clock, ended)
             while not ended.done():
                 await asyncio.wait([ended], timeout=_TICK_S)
                 if begun:
                     monitor.idle(clock.now() - begun)
-                    show.lines_of(monitor)
+                    print_lines(show, monitor)
             monitor.finish()
-            show.lines_of(monitor)
+            print_lines(show, monitor)
             ended.result()
             return monitor.counts, newest - begun
     finally:
         clock.close()
-
-
-async def listen_can(url: str, show: Printer) -> None:
-    """Show a bus until a signal or its end; errors as `monitor_link`."""
-    clock = Clock.running()
-
-    def arrived(frames: Frames) -> None:
-        for frame in frames:
-            at = clock.now() if frame.received_at is None else frame.received_at
-            if frame.error:
-                show.row(at, "bus", None, str(decode_error(frame)), b"", True)
-                continue
-            direction, text, trouble = frame_text(frame)
-            show.row(at, direction, line_bits(frame) / GATEWAY_BITRATE, text, frame.data, trouble)
-
-    try:
-        wire = await connect_can(url, clock)
-        ended: asyncio.Future[None] = clock.loop.create_future()
-        try:
-            wire.start(arrived, partial(_end, ended))
-            _stop_on_signals(clock, ended)
-            await ended
-        finally:
-            await wire.aclose()
-    finally:
-        clock.close()
-
-
-def _end(ended: "asyncio.Future[None]", cause: TransportError | None = None) -> None:
-    if ended.done():
-        return
-    if cause is None:
-        ended.set_result(None)
-    else:
-        ended.set_exception(cause)
-
-
-def _stop_on_signals(clock: Clock, ended: "asyncio.Future[None]") -> None:
-    with suppress(NotImplementedError):  # no signal handlers in loops of other platforms
-        for number in (signal.SIGINT, signal.SIGTERM):
-            clock.loop.add_signal_handler(number, partial(_end, ended))
 
 
 def _pieces(path: Path) -> tuple[list[Piece], LinkProfile]:

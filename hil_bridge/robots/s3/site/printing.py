@@ -1,41 +1,16 @@
-"""The monitor's lines on a terminal."""
-
-import click
+"""The lines of a link monitor on a terminal."""
 
 from hil_bridge.robots.s3.site.capture import Sender
-from hil_bridge.robots.s3.site.link_monitor import Counts, Line, LinkMonitor
+from hil_bridge.robots.s3.site.link_monitor import Counts, LinkMonitor
+from hil_bridge.site.printing import Printer
 
 _DIRECTIONS = {Sender.PC: "PC→S3", Sender.ROBOT: "S3→PC", Sender.UNKNOWN: "?"}
 
 
-class Printer:
-    """Prints lines with their times since the first and since the line before."""
-
-    def __init__(self, raw: bool, begun: float | None = None) -> None:
-        self._raw = raw
-        self._begun = begun
-        self._before = begun
-
-    def lines_of(self, monitor: LinkMonitor) -> None:
-        """Print what a monitor has to tell."""
-        while (line := monitor.next_line()) is not None:
-            self.line(line)
-
-    def line(self, line: Line) -> None:
-        """Print a line of a link."""
-        self.row(line.at, _DIRECTIONS[line.sender], line.line_time, line.text, line.data, line.trouble)
-
-    def row(
-        self, at: float, direction: str, line_time: float | None, text: str, data: bytes, trouble: bool
-    ) -> None:
-        """Print a row: time, time since the row before, direction, line time, what it was."""
-        self._begun = at if self._begun is None else self._begun
-        since = at - (at if self._before is None else self._before)
-        self._before = at
-        took = "" if line_time is None else f"{line_time * 1e3:.1f} ms"
-        mark = "!" if trouble else " "
-        hexed = f"  {{{data.hex(' ').upper()}}}" if self._raw and data else ""
-        click.echo(f"{at - self._begun:12.6f} {since:+10.6f} {direction:<6} {took:>8} {mark} {text}{hexed}")
+def print_lines(show: Printer, monitor: LinkMonitor) -> None:
+    """Print all that a monitor has to tell."""
+    while (line := monitor.next_line()) is not None:
+        show.row(line.at, _DIRECTIONS[line.sender], line.line_time, line.text, line.data, line.trouble)
 
 
 def counts_text(counts: Counts, span: float) -> str:

@@ -1,7 +1,6 @@
 """`hil-bridge probe robot`: find the settings under which a controller answers, and write them down."""
 
 import asyncio
-import json
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -12,9 +11,10 @@ import click
 from hil_bridge.clock import Clock, run_real
 from hil_bridge.errors import DeviceError, TransportUnavailable
 from hil_bridge.recording.files import check_place, write_whole
+from hil_bridge.robots.s3.room import robot_wire
 from hil_bridge.robots.s3.site.prober import ProbeEvent, Prober, Said, profile_of
 from hil_bridge.robots.s3.site.search import LINE_WRONG, Finding, Outcome, Reply, Search, Try, likely_lines
-from hil_bridge.runs.compose import robot_wire
+from hil_bridge.text_files import toml_pair
 from hil_bridge.transports import LineSettings, Parity, Transport, connect_bytes
 from hil_bridge.transports.pump import Pump
 from hil_bridge.transports.urls import CONNECT_BYTES, parse_url
@@ -207,20 +207,20 @@ def site_toml(url: str, finding: Finding) -> str:
         "# no probe can find: take #= away and set them. Then `hil-bridge doctor` tells whether a run would begin.",
         "",
         "[robot]",
-        f"url = {json.dumps(url if line is None else url_with_line(url, line), ensure_ascii=False)}",
+        toml_pair("url", url if line is None else url_with_line(url, line)),
         "",
         "[robot.link]",
     ]
     if line is not None:
         rows += [
-            f"baudrate = {line.baudrate}",
-            f'parity = "{line.parity.value}"',
-            f"stop_bits = {line.stopbits}",
+            toml_pair("baudrate", line.baudrate),
+            toml_pair("parity", line.parity.value),
+            toml_pair("stop_bits", line.stopbits),
         ]
     rows += [
-        f'length_style = "{finding.length_style}"',
+        toml_pair("length_style", finding.length_style),
         f"# {evidence or 'not decided: a query with 10h was refused either way'}",
-        f'dle_stuffing = "{finding.dle_stuffing}"',
+        toml_pair("dle_stuffing", finding.dle_stuffing),
     ]
     return "\n".join(rows) + "\n" + TO_FILL_IN
 

@@ -1,10 +1,9 @@
-"""Telegrams and CAN frames as one line of words, for the monitor."""
+"""Telegrams as one line of words, for the monitor."""
 
 from collections.abc import Mapping
 
-from protocol.can.frame import CanFrame
+from hil_bridge.site.printing import field_text
 from protocol.endpoint import RemoteProtocolError
-from protocol.jr3 import describe
 from protocol.s3.arap import KNOWN, OrderBook, Telegram, TelegramType, function_text, type_text
 from protocol.s3.arap.layouts import FLAG_BITS_16, FLAG_BITS_17
 
@@ -42,28 +41,10 @@ def telegram_text(
     return (f"{head}: {values}" if values else head), function if telegram.type in _FURTHER else None
 
 
-def frame_text(frame: CanFrame) -> tuple[str, str, bool]:
-    """A frame of a JR3 gateway: direction, words, and whether something is wrong with it."""
-    told = describe(frame)
-    fields, problems = told["fields"], told["problems"]
-    assert isinstance(fields, list)
-    assert isinstance(problems, list)
-    node = f" node {told['node']}" if told["node"] else ""
-    head = f"{told['op']}{node}" if told["op"] else str(frame)
-    values = ", ".join(filter(None, (_field_text(field, zeros=True) for field in fields)))
-    text = ": ".join(filter(None, (head, values)))
-    direction = {"from gateway": "JR3→PC", "to gateway": "PC→JR3"}.get(str(told["direction"]), "?")
-    return direction, "; ".join((text, *problems)), bool(problems)
-
-
-def _field_text(field: Mapping[str, object], zeros: bool = False) -> str:
-    """Name, value and unit of a field; empty for one that is 0."""
-    name, value, unit = str(field["name"]), field["value"], str(field["unit"])
+def _field_text(field: Mapping[str, object]) -> str:
+    """A field in words, flags by their names; empty for one that is 0."""
+    name, value = str(field["name"]), field["value"]
     if name in _FLAGS and isinstance(value, (int, float)):
         raised = (flag.replace("_", " ") for flag, bit in _FLAGS[name].items() if int(value) >> bit & 1)
         return " + ".join(raised)
-    if isinstance(value, (int, float)):
-        if not value and not zeros:
-            return ""
-        value = f"{value:.7g}"
-    return " ".join(filter(None, (name.replace("_", " "), str(value), unit)))
+    return field_text(field)

@@ -1,6 +1,6 @@
-"""What a recording tells of the devices of its run, as plain values: reports need no more of robot and sensor.
+"""Facts of the devices of a run, as plain values: a run sees them, a recording keeps them, reports need no more.
 
-The rooms of the devices fill them in when a run begins. A hop is a stretch of a cycle between two moments. A moment is
+The rooms of the devices tell them when a run begins. A hop is a stretch of a cycle between two moments. A moment is
 a stamp of the cycle (`CycleRecord`), a truth of an emulated cell (`TruthRecord`), `earliest_at` (see
 `analysis.latency.earliest_arrivals`), or one that the robot's facts derive from a stamp.
 """
@@ -93,16 +93,33 @@ class ServoFacts(Struct, frozen=True):
     """How well each of them is known, see `protocol.marks`, by the name of its setting."""
 
 
-class RobotFacts(Struct, frozen=True):
-    """What is known of the robot."""
+class Pacing(StrEnum):
+    """Which side drives the cycle."""
 
+    ASKED = "asked"
+    """A report comes when it is asked for."""
+    STREAMED = "streamed"
+    """Reports come by the robot's clock, and each is answered at once."""
+
+
+class RobotFacts(Struct, frozen=True):
+    """What is known of the robot and of the wire to it."""
+
+    model: str = ""
+    """Maker, controller and protocol, for people."""
+    pacing: Pacing = Pacing.ASKED
+    """Which side drives the cycle."""
     kind: str = ""
-    """s3, or what its room is called; empty where it is not known."""
+    """Name of its kind, by which its room is found; empty where it is not known."""
     emulated: bool = False
+    cycle_s: _Positive | None = None
+    """Time between two reports; None: as fast as questions are answered."""
     position_step_m: _Positive | None = None
-    """Resolution of the position; None where it is not known."""
+    """Resolution of an ordered position; None: finer than matters, or not known."""
     line_floor_s: _Positive | None = None
-    """What one cycle takes on the robot's wire at least."""
+    """What one cycle takes on the robot's wire at least; None: too short to matter."""
+    byte_time_s: _Positive | None = None
+    """What a byte takes on the wire; None: too short to matter."""
     servo: ServoFacts | None = None
     hops: RobotHops | None = None
     routine: tuple[str, ...] = ()

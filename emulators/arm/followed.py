@@ -1,0 +1,186 @@
+"""An arm that follows the newest target of a stream, at the cycle of its robot.
+
+At each tick the set point moves towards the newest target, no faster than the robot allows; one transport delay later
+the position loops of `emulators.arm.loops` take it. A stream that stops leaves the arm at its last target. There is no
+resolution grid and no dead band. The servo acts on the Cartesian axes of the base frame; orientation has no servo of
+its own: it follows the set point after the transport delay, in steps of one tick.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from emulators.arm.history import History
+from emulators.arm.loops import REST_M, PositionLoop, Ticks
+from emulators.arm.quaternions import angle_between, normalised, slerp
+from protocol.geometry import Pose, Quaternion
+from protocol.marks import Mark, check_settings, setting
+
+
+@dataclass(frozen=True, slots=True)
+class FollowedProfile:
+    """The motion of a streamed robot; its room gives the values that are known of it."""
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
+
+    cycle_ms: float = setting(4.0, Mark.CHOSEN, "time between two set points", unit="ms", minimum=0.1)
+    transport_delay_ms: float = setting(
+        8.0, Mark.ASSUMED, "from set point to position loop", unit="ms", minimum=0.0, maximum=1000.0
+    )
+    natural_frequency_rad_s: float = setting(
+        60.0, Mark.ASSUMED, "natural frequency of the closed position loop", unit="rad/s", above=0.0
+    )
+    damping_ratio: float = setting(1.0, Mark.ASSUMED, "damping of the closed position loop", above=0.0)
+    speed_mm_s: float = setting(
+        250.0, Mark.CHOSEN, "fastest that the set point moves towards a target", unit="mm/s", above=0.0
+    )
+    reorientation_deg_s: float = setting(
+        90.0, Mark.ASSUMED, "fastest that the set point turns towards a target", unit="°/s", above=0.0
+    )
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+
+
+class _Mechanics:
+    """Constants of a powered arm."""
+
+    def __init__(self, profile: FollowedProfile, powered_at: float) -> None:
+        period = profile.cycle_ms / 1000.0
+        self.ticks = Ticks(powered_at, period, profile.transport_delay_ms / 1000.0)
+        self.loop = PositionLoop(profile.natural_frequency_rad_s, profile.damping_ratio)
+        self.over_a_tick = self.loop.over(period)
+        self.rest_speed = REST_M * profile.natural_frequency_rad_s
+        self.travel = profile.speed_mm_s / 1000.0 * period
+        """Farthest that the set point moves in a tick, m."""
+        self.turn = math.radians(profile.reorientation_deg_s) * period
+        """Farthest that it turns in a tick, rad."""
+
+
+class _FollowedServo:
+    """Set point and position loops as of one tick: a `Servo` of `emulators.arm.history`."""
+
+    def __init__(self, mechanics: _Mechanics, start: Pose) -> None:
+        """At rest."""
+        self.mechanics = mechanics
+        self.tick = 0
+        self.begins: tuple[float, ...] = ()
+        self.at = start.position
+        """Set point, m."""
+        self.turned = start.quaternion
+        self.target = start
+        self.waiting = 0
+        """Targets that were taken since the last tick."""
+        self.resting = True
+        self._input = list(start.position)
+        self._error = [0.0, 0.0, 0.0]
+        self._velocity = [0.0, 0.0, 0.0]
+
+    @property
+    def idle(self) -> bool:
+        """Whether nothing moves and no target waits."""
+        return self.resting and not self.waiting and (self.at, self.turned) == self.target
+
+    def copy(self) -> "_FollowedServo":
+        """Another one like it, to be changed."""
+        twin = _FollowedServo.__new__(_FollowedServo)
+        twin.__dict__.update(self.__dict__)
+        return twin
+
+    def after_tick(self) -> "_FollowedServo":
+        """Move the set point, then carry the loops to the moment they take it."""
+        after = self.copy()
+        after.tick += 1
+        after.begins = ()
+        if not self.idle:
+            after._begin_newest()
+            after._approach()
+            after._carry()
+        return after
+
+    def factors(self) -> tuple[float, ...]:
+        """Those of the loops."""
+        return self.mechanics.loop.factors(self._input, self._error, self._velocity)
+
+    def _begin_newest(self) -> None:
+        """The motion to the newest target begins with this tick's set point; those before it were overtaken."""
+        if self.waiting:
+            ticks = self.mechanics.ticks
+            begins = ticks.powered_at + self.tick * ticks.period + ticks.delay
+            self.begins = (math.nan,) * (self.waiting - 1) + (begins,)
+            self.waiting = 0
+
+    def _approach(self) -> None:
+        """Bring the set point nearer to the target, by as much as a tick allows."""
+        goal, mechanics = self.target, self.mechanics
+        distance = math.dist(self.at, goal.position)
+        if distance <= mechanics.travel:
+            self.at = goal.position
+        else:
+            part = mechanics.travel / distance
+            x, y, z = (p + (q - p) * part for p, q in zip(self.at, goal.position, strict=True))
+            self.at = x, y, z
+        angle = angle_between(self.turned, goal.quaternion)
+        near = angle <= mechanics.turn
+        self.turned = goal.quaternion if near else slerp(self.turned, goal.quaternion, mechanics.turn / angle)
+
+    def _carry(self) -> None:
+        """The three axes over one tick to their new set points."""
+        a, b, c, d = self.mechanics.over_a_tick
+        before = zip(self.at, self._input, self._error, self._velocity, strict=True)
+        self._input, self._error, self._velocity = [], [], []
+        self.resting = True
+        for set_point, pulled_to, error, velocity in before:
+            position = pulled_to + a * error + b * velocity
+            velocity = c * error + d * velocity
+            pull, error = set_point, position - set_point
+            if abs(error) < REST_M and abs(velocity) < self.mechanics.rest_speed:
+                pull, error, velocity = position, 0.0, 0.0
+            else:
+                self.resting = False
+            self._input.append(pull)
+            self._error.append(error)
+            self._velocity.append(velocity)
+
+
+class FollowedArm:
+    """The arm in time: a stream of targets, and the path that it takes."""
+
+    def __init__(
+        self, profile: FollowedProfile, start: Pose, powered_at: float, look_ahead: float = 0.0
+    ) -> None:
+        """At rest at `start`. `look_ahead` is for how long the path may be read beyond its committed end, s: a stream
+        whose next target comes within a cycle or two makes it useless.
+        """
+        mechanics = _Mechanics(profile, powered_at)
+        servo = _FollowedServo(mechanics, Pose(start.position, normalised(start.quaternion)))
+        self.path: History[_FollowedServo] = History(servo, mechanics.ticks, mechanics.loop, look_ahead)
+        """Where the arm was, is, and will be unless the target changes."""
+
+    def follow(self, target: Pose, now: float) -> None:
+        """Take another target; the first tick after `now` sees it. Raises ValueError for a zero quaternion."""
+        target = Pose(target.position, normalised(target.quaternion))
+        servo = self.path.changing(now)
+        servo.target = target
+        servo.waiting += 1
+        self.path.accepted += 1
+
+    def hold(self, now: float) -> None:
+        """Stay at the set point of the last tick; a target that waits is given up."""
+        servo = self.path.changing(now)
+        servo.target = Pose(servo.at, servo.turned)
+        servo.waiting = 0
+        self.path.give_up()
+
+    def set_point(self, now: float) -> Pose:
+        """Where the controller wants the tool as of the last tick up to `now`."""
+        servo = self.path.at_tick(now)
+        return Pose(servo.at, servo.turned)
+
+    def pose(self, now: float) -> Pose:
+        """Where the tool is at `now`."""
+        x, y, z = self.path.trajectory(np.array([now]))[0][0].tolist()
+        turned: Quaternion = self.path.orientation(now)
+        return Pose((x, y, z), turned)

@@ -1,0 +1,244 @@
+"""Position loops of a servo: the closed form of one axis, and three axes on a resolution grid with a dead band.
+
+Source: project specification of the computer link, section 6; the dead band is the paper's discussion of
+position resolution.
+
+At tick k (`powered_at + k * period`) a set point is put out; one transport delay later the position loops take it.
+Between two such moments the input of a loop is constant, so its state has a closed form.
+
+A loop turns itself off inside the dead band: where the set point equals the reported position when the loop
+takes it, the loop holds the place where the axis is at that moment, and keeps holding it until the set point
+changes or the axis leaves the band.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any, ClassVar, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from protocol.geometry import Vector
+from protocol.marks import Mark, check_settings, setting
+
+Floats: TypeAlias = NDArray[np.float64]
+
+REST_M = 1e-10
+"""An axis nearer than this to where it is pulled, and slower than this in a time constant, is at rest."""
+NOTHING: Vector = (0.0, 0.0, 0.0)
+"""No offset, m."""
+
+
+@dataclass(frozen=True, slots=True)
+class ServoProfile:
+    """Interpolation and position loops; the defaults are assumed of the S3, of which they are not public."""
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
+
+    interpolation_ms: float = setting(
+        20.0, Mark.ASSUMED, "time between two set points of the interpolator", unit="ms", minimum=1.0
+    )
+    transport_delay_ms: float = setting(
+        20.0,
+        Mark.ASSUMED,
+        "from interpolator to position loop",
+        unit="ms",
+        minimum=0.0,
+        maximum=1000.0,
+    )
+    natural_frequency_rad_s: float = setting(
+        40.0, Mark.ASSUMED, "natural frequency of the closed position loop", unit="rad/s", above=0.0
+    )
+    damping_ratio: float = setting(1.0, Mark.ASSUMED, "damping of the closed position loop", above=0.0)
+    resolution_mm: float = setting(
+        0.125, Mark.OBSERVED, "position resolution of the controller", unit="mm", above=0.0
+    )
+    dead_band_steps: float = setting(
+        0.5,
+        Mark.OBSERVED,
+        "how far the true position may leave the reported one without being noticed",
+        unit="resolution steps",
+        minimum=0.5,
+    )
+    reorientation_deg_s: float = setting(
+        90.0, Mark.ASSUMED, "fastest change of orientation along a move", unit="°/s", above=0.0
+    )
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+
+
+class PositionLoop:
+    """Closed second-order position loop of one axis with constant input, in closed form.
+
+    With error e (position less input) the state after `tau` is
+    e = a·e0 + b·v0 and v = -ωn²·b·e0 + (a - 2ζωn·b)·v0.
+    """
+
+    def __init__(self, natural_frequency: float, damping_ratio: float) -> None:
+        """`natural_frequency` is ωn, rad/s, `damping_ratio` is ζ."""
+        self.stiffness = natural_frequency**2
+        self.drag = 2.0 * damping_ratio * natural_frequency
+        self._frequency = natural_frequency
+        self._damping_ratio = damping_ratio
+
+    def response(self, tau: Floats) -> tuple[Floats, Floats]:
+        """a and b of the class docstring at times `tau` (n,) in s."""
+        decay_rate = self.drag / 2.0
+        split = self._frequency * math.sqrt(abs(1.0 - self._damping_ratio**2))
+        if split == 0.0:
+            even = np.exp(-decay_rate * tau)
+            b = tau * even
+        elif self._damping_ratio < 1.0:
+            decay = np.exp(-decay_rate * tau)
+            even = decay * np.cos(split * tau)
+            b = decay * np.sin(split * tau) / split
+        else:
+            slow = np.exp((split - decay_rate) * tau)
+            fast = np.exp(-(split + decay_rate) * tau)
+            even = (slow + fast) / 2.0
+            b = (slow - fast) / (2.0 * split)
+        return even + decay_rate * b, b
+
+    def over(self, period: float) -> tuple[float, float, float, float]:
+        """Factors of e0 and v0 in e, then in v, after `period`, s."""
+        a, b = (float(part[0]) for part in self.response(np.array([period])))
+        return a, b, -self.stiffness * b, a - self.drag * b
+
+    def factors(
+        self, inputs: list[float], errors: list[float], speeds: list[float], offset: Vector = NOTHING
+    ) -> tuple[float, ...]:
+        """Factors of 1, a and b in the three true positions, then in the three velocities: 18 numbers.
+
+        `inputs` and `errors` are in m, `speeds` in m/s; `offset`, m, is by how much the measured position is off.
+        """
+        stiffness, drag = self.stiffness, self.drag
+        px, py, pz = inputs
+        ex, ey, ez = errors
+        vx, vy, vz = speeds
+        ox, oy, oz = offset
+        # fmt: off
+        return (
+            px - ox, ex, vx,
+            py - oy, ey, vy,
+            pz - oz, ez, vz,
+            0.0, vx, -stiffness * ex - drag * vx,
+            0.0, vy, -stiffness * ey - drag * vy,
+            0.0, vz, -stiffness * ez - drag * vz,
+        )
+        # fmt: on
+
+
+@dataclass(frozen=True, slots=True)
+class Ticks:
+    """The two shifted grids of a servo: when set points are put out, and when the loops take them."""
+
+    powered_at: float
+    """Tick 0, s."""
+    period: float
+    """From one tick to the next, s."""
+    delay: float
+    """From a tick to the moment at which the loops take its set point, s."""
+
+
+class Mechanics:
+    """Constants of a powered servo: its times, its grid, its loop."""
+
+    def __init__(self, profile: ServoProfile, powered_at: float) -> None:
+        self.ticks = Ticks(powered_at, profile.interpolation_ms / 1000.0, profile.transport_delay_ms / 1000.0)
+        self.step = profile.resolution_mm / 1000.0
+        self.turn_rate = math.radians(profile.reorientation_deg_s)
+        self.rest_speed = REST_M * profile.natural_frequency_rad_s
+        self.loop = PositionLoop(profile.natural_frequency_rad_s, profile.damping_ratio)
+        self.over_a_tick = self.loop.over(self.ticks.period)
+        self._band = profile.dead_band_steps
+
+    def report(self, position: float, before: int) -> int:
+        """Resolution step reported for a measured position, given the one reported before."""
+        steps = position / self.step
+        return before if abs(steps - before) <= self._band else round(steps)
+
+
+class Loops:
+    """Three axes at the moment at which they take a set point; `taking` makes those of the next one.
+
+    All is in the controller's own measure; the true position is less by the offset of the encoders.
+    """
+
+    __slots__ = ("_error", "_input", "_mechanics", "_velocity", "offset", "reported", "resting", "set_point")
+
+    def __init__(self, mechanics: Mechanics, position: Vector) -> None:
+        """At rest."""
+        self._mechanics = mechanics
+        self.set_point = [round(p / mechanics.step) for p in position]
+        """Resolution steps."""
+        self.reported = self.set_point
+        """Resolution steps that the controller knows."""
+        self.offset = NOTHING
+        """By how much the measured position is off, m."""
+        self.resting = True
+        self._input = list(position)
+        self._error = [0.0, 0.0, 0.0]
+        self._velocity = [0.0, 0.0, 0.0]
+
+    def factors(self) -> tuple[float, ...]:
+        """Those of `PositionLoop.factors` from this moment on."""
+        return self._mechanics.loop.factors(self._input, self._error, self._velocity, self.offset)
+
+    def reports(self, tau: float) -> list[int]:
+        """Resolution steps that the controller knows `tau`, s, after this moment."""
+        mechanics = self._mechanics
+        (a,), (b,) = (part.tolist() for part in mechanics.loop.response(np.array([tau])))
+        state = zip(self._input, self._error, self._velocity, self.offset, self.reported, strict=True)
+        return [
+            mechanics.report(pulled_to - offset + a * error + b * velocity + offset, step)
+            for pulled_to, error, velocity, offset, step in state
+        ]
+
+    def taking(self, at: Vector, jump: Vector = NOTHING) -> "Loops":
+        """The loops one tick later, when they take the set point nearest to `at`, m, and the measured position
+        jumps by `jump`, m.
+        """
+        mechanics = self._mechanics
+        a, b, c, d = mechanics.over_a_tick
+        after = Loops.__new__(Loops)
+        after._mechanics = mechanics
+        after.set_point, after.reported = set_points, reports = [], []
+        after._input, after._error, after._velocity = inputs, errors, velocities = [], [], []
+        resting = True
+        before = zip(
+            at, self.set_point, self.reported, self._input, self._error, self._velocity, jump, strict=True
+        )
+        for place, old, reported_before, pulled_to, error, velocity, leap in before:
+            set_point = round(place / mechanics.step)
+            if set_point == old == reported_before and error == velocity == leap == 0.0:
+                # It rests there, and goes on resting.
+                position = pull = pulled_to
+                reported = set_point
+            else:
+                position = pulled_to + a * error + b * velocity + leap
+                velocity = c * error + d * velocity
+                reported = mechanics.report(position, reported_before)
+                if reported != set_point:
+                    pull = set_point * mechanics.step
+                elif old == set_point == reported_before:
+                    pull = pulled_to
+                else:
+                    pull = position
+                error = position - pull
+            if abs(error) < REST_M and abs(velocity) < mechanics.rest_speed:
+                pull, error, velocity = position, 0.0, 0.0
+                resting &= reported == set_point
+            else:
+                resting = False
+            set_points.append(set_point)
+            reports.append(reported)
+            inputs.append(pull)
+            errors.append(error)
+            velocities.append(velocity)
+        after.resting = resting
+        after.offset = self.offset
+        if jump != NOTHING:
+            x, y, z = (offset + by for offset, by in zip(self.offset, jump, strict=True))
+            after.offset = x, y, z
+        return after

@@ -1,0 +1,52 @@
+"""Robots, sensors and surfaces as options of a command: by URL, or an emulated one by the name of its kind."""
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import click
+
+
+def not_empty(context: click.Context, parameter: click.Parameter, url: str | None) -> str | None:
+    """An empty URL is an unset shell variable, not the wish for an emulated device."""
+    if url == "":
+        raise click.BadParameter("it is empty; leave the option out for the emulated device")
+    return url
+
+
+def device_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """The options --robot, --sensor and --surface."""
+    for option in (
+        click.option(
+            "--surface",
+            metavar="NAME",
+            callback=not_empty,
+            help="Kind of the emulated surface, from a plug-in.",
+        ),
+        click.option(
+            "--sensor",
+            metavar="URL",
+            callback=not_empty,
+            help="Sensor's CAN gateway: can+socketcan://can0, can+slcan:///dev/ttyACM0; its UART gateway: "
+            "serial:///dev/ttyACM0?gateway=jr3; its receiver board: jr3+tcp://host:1762?filter=2; another kind: "
+            "KIND+WIRE. A kind alone is emulated.",
+        ),
+        click.option(
+            "--robot",
+            metavar="URL",
+            callback=not_empty,
+            help="Robot's computer link: serial:///dev/ttyUSB0?baudrate=9600&parity=E, tcp://host:port; another "
+            "kind: KIND+WIRE. A kind alone is emulated.",
+        ),
+    ):
+        command = option(command)
+    return command
+
+
+def device_settings(robot: str | None, sensor: str | None, surface: str | None) -> Mapping[str, object]:
+    """What these options say in a configuration, by key."""
+
+    settings: dict[str, object] = {"cell.surface_kind": surface}
+    for section, said in (("robot", robot), ("sensor", sensor)):
+        named = said is not None and ":" not in said  # every URL has a colon
+        settings[f"{section}.emulated" if named else f"{section}.url"] = said
+    return settings

@@ -1,0 +1,243 @@
+"""The kinds of robot, sensor and surface: the face that a device's room shows, and how a room is found by its name.
+
+A URL names its kind before the wire, `KIND+WIRE`: `s3+serial:///dev/ttyUSB0`, `jr3+can+socketcan://can0`. A URL
+without a kind is one of the S3 or of a JR3, which were here first.
+
+Another package offers a kind through an entry point, by the name of the kind:
+
+    [project.entry-points."hil_bridge.robots"]
+    mydev = "mydev.room:ROBOT"
+
+Groups are `hil_bridge.robots`, `hil_bridge.sensors` and `hil_bridge.surfaces`; the objects are a `RobotKind`, a
+`SensorKind` and a `SurfaceKind`. Settings of a kind are a frozen dataclass of `protocol.marks.setting` fields. They
+stand in the configuration's sections `[robot.NAME]` or `[sensor.NAME]`, and `[cell.NAME]` for the emulated device.
+"""
+
+from collections.abc import Awaitable, Callable, Mapping, Sequence
+from contextlib import AbstractAsyncContextManager
+from dataclasses import dataclass, field
+from importlib import import_module
+from typing import Any, Generic, TypeVar
+
+from emulators.cell import CellProfile
+from emulators.faults import Fault
+from emulators.seams import RobotFactory, SensorFactory, SurfaceFactory
+from hil_bridge.errors import ConfigError
+from hil_bridge.facts import RobotFacts
+from hil_bridge.plugins import find_plugin, plugin_names
+from hil_bridge.transports.urls import CONNECT_BYTES, WireUrl, parse_url
+from protocol.marks import Mark, setting
+
+_ROBOTS = {"s3": "hil_bridge.robots.s3.room:ROBOT"}
+_SENSORS = {
+    "jr3": "hil_bridge.sensors.jr3.room:CAN_GATEWAY",
+    "jr3-uart": "hil_bridge.sensors.jr3.room:UART_GATEWAY",
+    "jr3-board": "hil_bridge.sensors.jr3.room:RECEIVER_BOARD",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class KindSettings:
+    """Settings of one device, from a configuration."""
+
+    client: Any
+    """How the bridge talks to it: `[robot.NAME]` or `[sensor.NAME]`."""
+    emulated: Any
+    """How its emulator behaves: `[cell.NAME]`."""
+
+
+def _byte_wire(url: str, settings: KindSettings) -> WireUrl:
+    return parse_url(url, CONNECT_BYTES)
+
+
+def _not_mine(url: str) -> str | None:
+    return None
+
+
+@dataclass(frozen=True, slots=True)
+class RobotEmulation:
+    """The emulated robot of a kind."""
+
+    settings: type[Any]
+    """Dataclass of its section `[cell.NAME]`."""
+    make: Callable[[KindSettings], RobotFactory]
+    """A factory of robots with these settings. Raises ConfigError for a file that they name."""
+    serve: Callable[[str, Any, KindSettings, Any], Awaitable[str]]
+    """Let the robot listen on a URL: from the URL, the robot, the settings and a `wiring.Serving`. Gives the URL for
+    its client, without the kind.
+    """
+    usual: Callable[[KindSettings, bool], str]
+    """The URL to listen on where a configuration names none; the second argument says whether in virtual time."""
+    faults: Mapping[str, Mapping[str, Fault]] = field(default_factory=dict)
+    """What can go wrong with it, in words, by target and name; its handlers do it."""
+    panel: Callable[..., AbstractAsyncContextManager[str]] | None = None
+    """The panel of the emulated controller, for people; None for a kind without one."""
+    check_panel: Callable[[str], object] | None = None
+    """Raises ConfigError for a URL at which no panel can listen."""
+
+
+@dataclass(frozen=True, slots=True)
+class RobotKind:
+    """A kind of robot controller."""
+
+    name: str
+    """Prefix of its URLs, and name of its sections."""
+    summary: str
+    """One line for people."""
+    settings: type[Any]
+    """Dataclass of its section `[robot.NAME]`."""
+    connect: Callable[[str, KindSettings, Any], Awaitable[Any]]
+    """The robot behind a wire's URL: from the URL, the settings and a `wiring.Wiring`. Gives a `robots.seam.RobotLink`
+    that is not started yet. Raises ConfigError for the URL, TransportUnavailable for the wire.
+    """
+    facts: Callable[[str, KindSettings], RobotFacts]
+    """What is known of the robot behind a wire's URL, "" for the emulated one, before anything is opened."""
+    emulation: RobotEmulation | None = None
+    directly: bool = False
+    """Its settings stand in `[robot]` and `[cell]` themselves, as they did when there was no other robot."""
+    check: Callable[[KindSettings], object] | None = None
+    """Raises ConfigError for settings that no run can have, before anything is opened."""
+    parse: Callable[[str, KindSettings], WireUrl] = _byte_wire
+    """A wire's URL in its parts, for those that look at the wire alone. Raises ConfigError for one that cannot be of
+    this kind.
+    """
+
+
+@dataclass(frozen=True, slots=True)
+class SensorEmulation:
+    """The emulated sensor of a kind."""
+
+    settings: type[Any]
+    """Dataclass of its section `[cell.NAME]`."""
+    make: Callable[[KindSettings], SensorFactory]
+    """A factory of sensors with these settings."""
+    serve: Callable[[str, Any, KindSettings, Any], Awaitable[str]]
+    """As of a `RobotEmulation`."""
+    usual: Callable[[KindSettings, bool], str]
+    """As of a `RobotEmulation`."""
+    faults: Mapping[str, Mapping[str, Fault]] = field(default_factory=dict)
+    """As of a `RobotEmulation`."""
+
+
+@dataclass(frozen=True, slots=True)
+class SensorKind:
+    """A kind of force/torque sensor, with the device that stands before it."""
+
+    name: str
+    """Prefix of its URLs, and name of its sections."""
+    summary: str
+    """One line for people."""
+    settings: type[Any]
+    """Dataclass of its section `[sensor.NAME]`."""
+    connect: Callable[[str, KindSettings, Any], Awaitable[tuple[Any, Any]]]
+    """The sensor behind a wire's URL: from the URL, the settings and a `wiring.Wiring`. Gives the wire and the
+    `protocol.wrench.SensorClient` that speaks over it. Errors as of `RobotKind.connect`.
+    """
+    emulation: SensorEmulation | None = None
+    directly: bool = False
+    """Its settings stand in `[sensor]` and `[cell]` themselves, as they did when there was no other sensor."""
+    older_form: Callable[[str], str | None] = _not_mine
+    """The wire's URL of a URL without a kind that means this kind of sensor; None for every other URL."""
+    check: Callable[[KindSettings], object] | None = None
+    """Raises ConfigError for settings that no run can have, before anything is opened."""
+    parse: Callable[[str, KindSettings], WireUrl] = _byte_wire
+    """A wire's URL in its parts, for those that look at the wire alone. Raises ConfigError for one that cannot be of
+    this kind.
+    """
+    also: str = ""
+    """An older name under which `sensor.emulated` chooses it."""
+
+
+@dataclass(frozen=True, slots=True)
+class SurfaceKind:
+    """A kind of contact between tool and surface."""
+
+    name: str
+    """Name of its section `[cell.NAME]`."""
+    summary: str
+    """One line for people."""
+    settings: type[Any]
+    """Dataclass of that section."""
+    make: Callable[[Any], SurfaceFactory]
+    """A factory of surfaces with these settings."""
+
+
+_Kind = TypeVar("_Kind", RobotKind, SensorKind, SurfaceKind)
+
+
+@dataclass(frozen=True, slots=True)
+class Registry(Generic[_Kind]):
+    """All kinds of one thing, ours and those of other packages. A room is imported when its kind is chosen."""
+
+    thing: str
+    group: str
+    built_in: Mapping[str, str]
+    """Module and attribute of our own, by name; the first is that of URLs without a kind."""
+    type: type[_Kind]
+
+    @property
+    def names(self) -> Sequence[str]:
+        """Names of all kinds, ours first."""
+        return [*self.built_in, *(name for name in plugin_names(self.group) if name not in self.built_in)]
+
+    def kind(self, name: str) -> _Kind:
+        """The kind of a name. Raises ConfigError for a name that is not known, and for a package that is broken."""
+        found = find_plugin(self.group, self.thing, name, self.built_in)
+        if found is not None:
+            if not (isinstance(found.value, self.type) and found.value.name == name):
+                raise ConfigError(
+                    f"{found.where}: {found.source} must be a {self.type.__name__} of that name"
+                )
+            return found.value
+        if name not in self.built_in:
+            raise ConfigError(f"there is no {self.thing} {name!r}; choose one of {', '.join(self.names)}")
+        module, _, attribute = self.built_in[name].partition(":")
+        kind: _Kind = getattr(import_module(module), attribute)
+        return kind
+
+    def split(self, url: str) -> tuple[str, str]:
+        """The kind that a URL names, and the wire's URL; "" where it names none."""
+        name, plus, wire = url.partition("+")
+        return (name, wire) if plus and name in self.names else ("", url)
+
+
+@dataclass(frozen=True)
+class CellSection(CellProfile):
+    """What every emulated cell has, whatever its devices: the base of the section `[cell]`."""
+
+    surface_kind: str = setting(
+        "", Mark.CHOSEN, "kind of surface that another package offers; empty: ours, by [cell.surface]"
+    )
+
+
+ROBOTS = Registry("robot", "hil_bridge.robots", _ROBOTS, RobotKind)
+SENSORS = Registry("sensor", "hil_bridge.sensors", _SENSORS, SensorKind)
+SURFACES: Registry[SurfaceKind] = Registry("surface", "hil_bridge.surfaces", {}, SurfaceKind)
+
+
+def robot_of(url: str) -> tuple[RobotKind, str]:
+    """The kind of robot that a URL names, and the wire's URL. Raises ConfigError."""
+    name, wire = ROBOTS.split(url)
+    return ROBOTS.kind(name or next(iter(_ROBOTS))), wire
+
+
+def sensor_of(url: str) -> tuple[SensorKind, str]:
+    """The kind of sensor that a URL names, and the wire's URL. Raises ConfigError."""
+    for kind in map(SENSORS.kind, _SENSORS):
+        if (wire := kind.older_form(url)) is not None:
+            return kind, wire
+    name, wire = SENSORS.split(url)
+    if name:
+        return SENSORS.kind(name), wire
+    raise ConfigError(
+        f"{url!r}: unknown scheme {url.partition(':')[0]!r}; allowed: can+… for a CAN gateway, a serial port with "
+        f"?gateway=jr3 for a UART gateway, KIND+WIRE with one of the kinds {', '.join(SENSORS.names)}"
+    )
+
+
+def emulated_sensor(name: str) -> SensorKind:
+    """The kind of sensor that a configuration emulates under this name, also an older one. Raises ConfigError."""
+    for kind in map(SENSORS.kind, _SENSORS):
+        if name == kind.also:
+            return kind
+    return SENSORS.kind(name)

@@ -1,0 +1,196 @@
+"""The answers to a robot that drives the cycle: the next set point for each packet, bounded, with a dead-man's switch.
+
+No I/O and no clock: it is told the time, as every endpoint. It stands around the robot's `StreamClient` and answers
+each packet inside the call that brought it, so that no task lies between packet and answer.
+
+An answer moves the set point towards the newest target by at most speed x cycle, and never by more than speed x the
+time since the step before. So packets that were held up and come together do not add up to a jump. The set point does
+not move
+
+- without a new target for `hold_after`, though it goes on once there is one;
+- in this movement any more, when the robot reports a fault: what it did meanwhile is not known;
+- for a packet that comes again, or behind a later one.
+
+Without a new target for `give_up_after` the movement is ended, whether the robot still sends or not.
+"""
+
+import math
+from collections import Counter, deque
+from typing import Generic
+
+from hil_bridge.robots.seam import MotionLimits
+from hil_bridge.transports.pump import Data
+from protocol.geometry import Pose, towards
+from protocol.robot import (
+    ReportReceived,
+    RobotReport,
+    StreamClient,
+    StreamEvent,
+    StreamLost,
+    StreamNotice,
+    pose_fault,
+)
+
+EVENTS_MAX = 1024
+"""Events that are kept until they are taken. Chosen: four times the datagrams that a wire hands over at once."""
+GIVEN_TIMES = 3
+"""Answers that carry a target until it counts as given, for one may be lost. Chosen: of 5 % loss, 1 in 8000 is left."""
+PACKETS, ANSWERS = "packets", "answers"
+"""Counters that go up while all is well."""
+
+
+class Answering(Generic[Data]):
+    """An endpoint that gives a client's packets their answers."""
+
+    def __init__(self, client: StreamClient[Data], cycle: float) -> None:
+        """`cycle` is the time between two packets of the robot, s."""
+        self._client = client
+        self._cycle = cycle
+        self._events: deque[StreamEvent] = deque(maxlen=EVENTS_MAX)
+        self.counters: Counter[str] = Counter()
+        """Packets, answers, and what went wrong with them, by name."""
+        self.newest: RobotReport | None = None
+        """The report with the highest number."""
+        self.speed = 0.0
+        """Of the set point, m/s; may be set at any time."""
+        self.fault = ""
+        """The first fault that the robot reported in this movement."""
+        self.lost = ""
+        """Why the movement was ended by the other side, or for want of targets."""
+        self._limits = MotionLimits(0.0)
+        self._setpoint: Pose | None = None
+        """What the newest packet was answered with; None outside of a movement."""
+        self._goal: Pose | None = None
+        self._aimed_at = self._stepped_at = -math.inf
+        self._held = False
+        self._given = 0
+        """Answers that have carried the target."""
+
+    @property
+    def moving(self) -> bool:
+        """Whether a movement is under way."""
+        return self._setpoint is not None
+
+    @property
+    def arrived(self) -> bool:
+        """Whether the robot has been given the whole way to the target, or there is no movement."""
+        return self._setpoint is None or self._given >= GIVEN_TIMES
+
+    def begin(self, pose: Pose, limits: MotionLimits, now: float) -> None:
+        """Begin a movement at this pose, where the robot is."""
+        self._setpoint = self._goal = pose
+        self._limits, self.speed = limits, limits.speed
+        self._aimed_at = self._stepped_at = now
+        self._held, self._given, self.fault, self.lost = False, 0, "", ""
+        self._client.begin(pose)
+
+    def aim(self, target: Pose, now: float) -> None:
+        """Go there from the next packet on; nothing outside of a movement."""
+        if self.moving:
+            self._goal, self._given = target, 0
+            self.renew(now)
+
+    def renew(self, now: float) -> None:
+        """The target is still wanted."""
+        self._aimed_at, self._held = now, False
+
+    def stay(self) -> None:
+        """Give up what is left of the way."""
+        self._goal, self._given = self._setpoint, 0
+
+    def end(self) -> None:
+        """End the movement at the set point; harmless when there is none."""
+        if self.moving:
+            self._setpoint = self._goal = None
+            self._client.end()
+
+    # --- as an endpoint
+
+    def receive(self, data: Data, now: float) -> None:
+        self._client.receive(data, now)
+        self._take(now)
+
+    def next_event(self) -> StreamEvent | None:
+        return self._events.popleft() if self._events else None
+
+    def data_to_send(self, now: float) -> Data:
+        return self._client.data_to_send(now)
+
+    def next_deadline(self) -> float | None:
+        own, client = self._aimed_at + self._limits.give_up_after, self._client.next_deadline()
+        if not self.moving:
+            return client
+        return own if client is None else min(own, client)
+
+    def handle_deadline(self, now: float) -> None:
+        self._client.handle_deadline(now)
+        self._take(now)
+        self._watch(now)
+
+    # --- packets
+
+    def _take(self, now: float) -> None:
+        while (event := self._client.next_event()) is not None:
+            if isinstance(event, ReportReceived):
+                self._watch(now)
+                fresh = self._note(event.report, now)
+                self._answer(fresh, now)
+                continue
+            self._events.append(event)
+            if isinstance(event, StreamLost):
+                self.lost = self.lost or event.text
+                self.end()
+
+    def _note(self, report: RobotReport, now: float) -> bool:
+        """Keep a report and hand it on; False for one that is not newer than the newest."""
+        self.counters[PACKETS] += 1
+        if now - report.received_at > self._cycle:
+            self.counters["late answers"] += 1
+        if self.newest is not None:
+            missing = report.sequence - self.newest.sequence - 1
+            if missing < 0:
+                self.counters["stale packets"] += 1
+                return False
+            if missing:
+                self.counters["packets missing"] += missing
+        if wrong := pose_fault(report.pose):
+            report = report._replace(fault=report.fault or f"reports {wrong}")
+        if report.fault and self.moving and not self.fault:
+            self.fault = report.fault
+        self.newest = report
+        self._events.append(ReportReceived(report))
+        return True
+
+    def _answer(self, fresh: bool, now: float) -> None:
+        self.counters[ANSWERS] += 1
+        if self._setpoint is None:
+            self._client.hold(now)
+            return
+        if fresh:
+            self._step(self._setpoint, now)
+        self._given += self._setpoint == self._goal
+        self._client.target(self._setpoint, now)
+
+    def _step(self, setpoint: Pose, now: float) -> None:
+        """Move the set point on its way."""
+        passed, self._stepped_at = now - self._stepped_at, now
+        if self._goal is None or self.fault or setpoint == self._goal:
+            return
+        if now - self._aimed_at > self._limits.hold_after:
+            if not self._held:
+                self._held = True
+                self.counters["holds"] += 1
+                self._tell(f"no new target for {self._limits.hold_after:g} s: the robot is held on its way")
+            return
+        time = min(passed, self._cycle)
+        self._setpoint = towards(setpoint, self._goal, self.speed * time, self._limits.turn_speed * time)
+
+    def _watch(self, now: float) -> None:
+        """End a movement for which no target comes any more."""
+        if self.moving and now - self._aimed_at >= self._limits.give_up_after:
+            self.lost = f"no new target for {self._limits.give_up_after:g} s: the movement was ended"
+            self.end()
+            self._events.append(StreamLost(self.lost))
+
+    def _tell(self, text: str) -> None:
+        self._events.append(StreamNotice("motion", text))

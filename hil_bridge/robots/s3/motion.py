@@ -1,0 +1,83 @@
+"""A movement sequence of the S3: a start, any number of points, an end at the last point."""
+
+from typing import Protocol
+
+from hil_bridge.errors import OrderRefused
+from hil_bridge.robots.seam import Sent
+from protocol.geometry import Pose, Quaternion, Vector
+from protocol.s3.adlp import LinkProfile
+from protocol.s3.arap import Move, MoveKind, Telegram, stop_program
+
+_POINT = MoveKind.POINT
+_ZEROS: Vector = (0.0, 0.0, 0.0)
+"""What a start, and an end without any point before it, carry as coordinates."""
+
+
+class Orders(Protocol):
+    """The part of the link that a sequence needs."""
+
+    profile: LinkProfile
+
+    async def exchange(self, *telegrams: Telegram, soon: bool = False) -> Telegram:
+        """Give an order and wait for its answer."""
+
+    @property
+    def sent(self) -> Sent:
+        """When the newest order went out."""
+
+
+class S3Motion:
+    """A movement sequence under way, as `hil_bridge.robots.seam.Motion` says.
+
+    The controller has the whole way with each point, so `settled` returns at once and `hold` has nothing to take back.
+    """
+
+    def __init__(self, link: Orders, speed: float) -> None:
+        self._link = link
+        self.speed = speed
+        """Along the path for the orders to come, m/s."""
+        self._last: Pose | None = None
+        self.halted = False
+        self.abandoned = False
+
+    @property
+    def ordered(self) -> bool:
+        return self._last is not None
+
+    @property
+    def commanded(self) -> Vector | None:
+        return None if self._last is None else self._last.position
+
+    def telegram(
+        self, kind: MoveKind, position: Vector = _ZEROS, quaternion: Quaternion = (*_ZEROS, 0.0)
+    ) -> Telegram:
+        """The order for one step of the sequence; position in m, quaternion w x y z, tool in base."""
+        return Move(kind, position, quaternion, self.speed).to_telegram(self._link.profile.move_length)
+
+    async def to(self, target: Pose, *, soon: bool = False) -> Sent:
+        before, self._last = self._last, target
+        try:
+            await self._link.exchange(self.telegram(_POINT, *target), soon=soon)
+        except OrderRefused:
+            self._last = before
+            raise
+        return self._link.sent
+
+    async def settled(self) -> None:
+        """The controller has the whole way."""
+
+    def hold(self) -> None:
+        """The controller stays at the end of the way that it has."""
+
+    async def halt(self) -> Sent:
+        self.halted = True
+        await self._link.exchange(stop_program())
+        return self._link.sent
+
+    def abandon(self) -> None:
+        self.abandoned = True
+
+    async def end(self) -> None:
+        """End the sequence at the last point ordered, unless it was halted or abandoned."""
+        if not (self.halted or self.abandoned):
+            await self._link.exchange(self.telegram(MoveKind.END, *(self._last or ())))

@@ -1,0 +1,14 @@
+"""Settings of an S3 controller and its computer link, as the bridge sees them."""
+
+from pydantic import BaseModel
+
+from protocol.s3.adlp import LinkProfile
+
+
+class S3Settings(BaseModel):
+    """What stands in `[robot]` for an S3."""
+
+    orders_file: str = ""
+    """TOML file of orders that this controller knows beside the usual ones; empty: none."""
+    link: LinkProfile = LinkProfile()
+    """What is known and assumed about the computer link."""

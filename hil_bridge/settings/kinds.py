@@ -1,0 +1,124 @@
+"""Sections of a configuration that a kind of device brings along: put together for the kinds that are in use."""
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import msgspec
+from pydantic import BaseModel, create_model
+
+from hil_bridge.facts import RobotFacts
+from hil_bridge.kinds import (
+    ROBOTS,
+    SENSORS,
+    SURFACES,
+    CellSection,
+    KindSettings,
+    Registry,
+    RobotKind,
+    SensorKind,
+    emulated_sensor,
+    robot_of,
+    sensor_of,
+)
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Chosen:
+    """Names of the kinds of other packages that a configuration speaks of, sorted."""
+
+    robots: tuple[str, ...] = ()
+    sensors: tuple[str, ...] = ()
+    surfaces: tuple[str, ...] = ()
+
+
+def chosen_in(values: Mapping[str, Any]) -> Chosen:
+    """The kinds of other packages that a configuration names: in a URL, as the emulated device, or by a section."""
+    robot, sensor, cell = (_table(values, name) for name in ("robot", "sensor", "cell"))
+    return Chosen(
+        _named(ROBOTS, robot.get("url"), robot.get("emulated"), *robot, *cell),
+        _named(SENSORS, sensor.get("url"), sensor.get("emulated"), *sensor, *cell),
+        _named(SURFACES, None, cell.get("surface_kind"), *cell),
+    )
+
+
+def merged_section(base: type[BaseModel], registry: Registry[Any], names: Sequence[str]) -> Any:
+    """A section with the settings of our own kinds in it, and one inside it for each further kind."""
+    ours = dict.fromkeys(kind.settings for kind in map(registry.kind, registry.built_in))
+    more: dict[str, Any] = {}
+    for kind in map(registry.kind, names):
+        more[field_name(kind.name)] = (kind.settings, kind.settings())
+    return create_model(base.__name__, __base__=(base, *ours), __module__=base.__module__, **more)
+
+
+def cell_section(chosen: Chosen) -> Any:
+    """The section of the emulated cell with the settings of all emulated devices."""
+    devices: list[RobotKind | SensorKind] = [
+        *map(ROBOTS.kind, ROBOTS.built_in),
+        *map(SENSORS.kind, SENSORS.built_in),
+    ]
+    others: list[RobotKind | SensorKind] = [
+        *map(ROBOTS.kind, chosen.robots),
+        *map(SENSORS.kind, chosen.sensors),
+    ]
+    ours = dict.fromkeys(kind.emulation.settings for kind in devices if kind.emulation is not None)
+    more = {field_name(kind.name): kind.emulation.settings for kind in others if kind.emulation is not None}
+    more |= {field_name(kind.name): kind.settings for kind in map(SURFACES.kind, chosen.surfaces)}
+    fields = [(name, kind, dataclasses.field(default_factory=kind)) for name, kind in more.items()]
+    return dataclasses.make_dataclass(
+        "CellConfig",
+        fields,
+        bases=(CellSection, *ours),
+        frozen=True,
+        namespace={"__module__": CellSection.__module__},
+    )
+
+
+def field_name(kind: str) -> str:
+    """How the sections of a kind are called."""
+    return kind.replace("-", "_")
+
+
+def settings_of(config: Any, kind: RobotKind | SensorKind) -> KindSettings:
+    """The settings of a device, from the configuration that a run has."""
+    client = config.robot if isinstance(kind, RobotKind) else config.sensor
+    if kind.directly:
+        return KindSettings(client, config.cell)
+    name = field_name(kind.name)
+    return KindSettings(getattr(client, name), getattr(config.cell, name, None))
+
+
+def robot_kind(config: Any) -> RobotKind:
+    """The kind of robot that a run has. Raises ConfigError."""
+    return robot_of(config.robot.url)[0] if config.robot.url else ROBOTS.kind(config.robot.emulated)
+
+
+def sensor_kind(config: Any) -> SensorKind:
+    """The kind of sensor that a run has. Raises ConfigError."""
+    return sensor_of(config.sensor.url)[0] if config.sensor.url else emulated_sensor(config.sensor.emulated)
+
+
+def facts_of(config: Any) -> RobotFacts:
+    """What is known of a run's robot before anything is opened. Raises ConfigError for its URL."""
+    url = config.robot.url
+    kind, wire = robot_of(url) if url else (ROBOTS.kind(config.robot.emulated), "")
+    return recorded_facts(config, kind.facts(wire, settings_of(config, kind)))
+
+
+def recorded_facts(config: Any, facts: RobotFacts) -> RobotFacts:
+    """The facts that a robot tells, with the name of its kind and whether it is emulated."""
+    return msgspec.structs.replace(facts, kind=robot_kind(config).name, emulated=not config.robot.url)
+
+
+def _table(values: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+    table = values.get(name)
+    return table if isinstance(table, Mapping) else {}
+
+
+def _named(registry: Registry[Any], url: object, *names: object) -> tuple[str, ...]:
+    others = [name for name in registry.names if name not in registry.built_in]
+    if not others:
+        return ()
+    kind, _ = registry.split(url) if isinstance(url, str) else ("", "")
+    spoken = {kind, *(name for name in names if isinstance(name, str))}
+    return tuple(sorted(name for name in others if name in spoken or field_name(name) in spoken))

@@ -1,0 +1,60 @@
+"""Rows of a monitor on a terminal, and its end by a signal or by its wire."""
+
+import asyncio
+import signal
+from collections.abc import Mapping
+from contextlib import suppress
+from functools import partial
+
+import click
+
+from hil_bridge.clock import Clock
+from hil_bridge.errors import TransportError
+
+
+class Printer:
+    """Prints rows with their times since the first and since the line before."""
+
+    def __init__(self, raw: bool, begun: float | None = None) -> None:
+        self._raw = raw
+        self._begun = begun
+        self._before = begun
+
+    def row(
+        self, at: float, direction: str, line_time: float | None, text: str, data: bytes, trouble: bool
+    ) -> None:
+        """Print a row: time, time since the row before, direction, line time, what it was."""
+        self._begun = at if self._begun is None else self._begun
+        since = at - (at if self._before is None else self._before)
+        self._before = at
+        took = "" if line_time is None else f"{line_time * 1e3:.1f} ms"
+        mark = "!" if trouble else " "
+        hexed = f"  {{{data.hex(' ').upper()}}}" if self._raw and data else ""
+        click.echo(f"{at - self._begun:12.6f} {since:+10.6f} {direction:<6} {took:>8} {mark} {text}{hexed}")
+
+
+def field_text(field: Mapping[str, object], zeros: bool = False) -> str:
+    """Name, value and unit of a decoded field; empty for one that is 0, unless zeros are wanted."""
+    name, value, unit = str(field["name"]), field["value"], str(field["unit"])
+    if isinstance(value, (int, float)):
+        if not value and not zeros:
+            return ""
+        value = f"{value:.7g}"
+    return " ".join(filter(None, (name.replace("_", " "), str(value), unit)))
+
+
+def end(ended: "asyncio.Future[None]", cause: TransportError | None = None) -> None:
+    """Let a monitor end, with the cause if its wire has failed."""
+    if ended.done():
+        return
+    if cause is None:
+        ended.set_result(None)
+    else:
+        ended.set_exception(cause)
+
+
+def stop_on_signals(clock: Clock, ended: "asyncio.Future[None]") -> None:
+    """Let SIGINT and SIGTERM end a monitor."""
+    with suppress(NotImplementedError):  # no signal handlers in loops of other platforms
+        for number in (signal.SIGINT, signal.SIGTERM):
+            clock.loop.add_signal_handler(number, partial(end, ended))

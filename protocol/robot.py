@@ -1,0 +1,91 @@
+"""What a robot tells of itself, whatever its wire, and the shape of a client whose robot drives the cycle."""
+
+import math
+from typing import NamedTuple, Protocol, TypeAlias, TypeVar
+
+from protocol.endpoint import Endpoint
+from protocol.geometry import Pose, Quaternion
+
+UNIT_TOLERANCE = 0.01
+"""Chosen: how far a quaternion's norm may be from 1. Robots round what they send: words of 1/16384 make up 0.0001."""
+
+
+class RobotReport(NamedTuple):
+    """Where the robot is, and whether it can move. Times are s on the receiver's clock."""
+
+    sequence: int
+    """Number of the report; it rises by one with each, and by more where some were lost."""
+    pose: Pose
+    """Of the tool in the robot's base frame, as reported."""
+    pose_at: float
+    """When the pose was true."""
+    received_at: float
+    """When the report was complete."""
+    fault: str = ""
+    """What forbids to move, in words with a remedy: emergency stop, program stopped; empty while nothing does."""
+    stamps: tuple[tuple[str, float], ...] = ()
+    """More times of the way to this report, by name."""
+
+
+def orientation_fault(quaternion: Quaternion) -> str:
+    """What is wrong with an orientation; empty while nothing is."""
+    return (
+        ""
+        if abs(math.hypot(*quaternion) - 1.0) <= UNIT_TOLERANCE
+        else f"the orientation {quaternion}, which is none"
+    )
+
+
+def pose_fault(pose: Pose) -> str:
+    """What is wrong with a pose that another side has given; empty while nothing is."""
+    if not all(map(math.isfinite, pose.position)):
+        return f"the position {pose.position}, which is none"
+    return orientation_fault(pose.quaternion)
+
+
+class ReportReceived(NamedTuple):
+    """A packet of the robot came."""
+
+    report: RobotReport
+
+
+class StreamLost(NamedTuple):
+    """The robot, or this side, has ended the movement; the words say why, and what to do."""
+
+    text: str
+
+
+class StreamNotice(NamedTuple):
+    """Something worth a line in the record."""
+
+    kind: str
+    text: str
+
+
+StreamEvent: TypeAlias = ReportReceived | StreamLost | StreamNotice
+
+Data = TypeVar("Data")
+
+
+class StreamClient(Endpoint[Data, Data, StreamEvent], Protocol[Data]):
+    """The codec of a robot that sends a packet by its own clock and is answered each time.
+
+    Its user takes the events at once. For each `ReportReceived`, in order, it calls `target` or `hold` exactly once,
+    before it asks for the data to send: these are the answers, one for each packet. The client needs no limits, no
+    ramps and no watchdog: its user has them.
+
+    Sequence numbers count packets. A client unwraps the robot's own number, and counts on where that begins anew. A
+    packet that came late keeps its own, smaller number.
+    """
+
+    def begin(self, pose: Pose) -> None:
+        """A movement begins at this pose, where the robot has reported to be."""
+
+    def target(self, pose: Pose, now: float) -> None:
+        """Answer the packet that was told last with this pose; only within a movement."""
+
+    def hold(self, now: float) -> None:
+        """Answer the packet that was told last so that the robot does not move, or not at all; only outside of one."""
+
+    def end(self) -> None:
+        """The movement has ended. Reports should go on where the robot can: a run asks where the tool was left."""

@@ -1,0 +1,248 @@
+"""Speeds and times of task and guard, turned into steps by the measured time of each cycle."""
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import pytest
+from msgspec import structs
+
+from hil_bridge.control import (
+    CONTROLLERS,
+    Cause,
+    Clamp,
+    Command,
+    ControlLoop,
+    Limits,
+    Measurement,
+    Observation,
+    Phase,
+    Request,
+    Sample,
+    Stop,
+    Supervisor,
+    Task,
+    TaskParameters,
+    make_controller,
+)
+from hil_bridge.control.controllers import check_period, sample_time
+from hil_bridge.control.course.loop import LONGEST_SAMPLES
+from hil_bridge.control.types import SAMPLE_MS
+from hil_bridge.errors import ConfigError
+
+STEP = 0.125e-3
+"""Position step of the paper's robot, m."""
+CYCLES_S = (0.002, 0.004, 0.02, 0.18)
+DOWN = (0.0, 0.0, -1.0)
+START = (0.9, 0.0, 0.6)
+
+
+@dataclass
+class Still:
+    """Never moves."""
+
+    sample_ms: Any = SAMPLE_MS
+    name: str = "still"
+
+    def initial(self) -> int:
+        return 0
+
+    def step(self, state: int, measurement: Measurement, reference: float) -> tuple[int, Command]:
+        return state, Command(measurement.commanded, 0.0)
+
+
+def outputs(task: Task, dt: float, seconds: float, force: float = 0.0) -> list[Any]:
+    """What a task says in cycles of this time; the robot follows at once, and the force is always the same."""
+    state, depth, answers = task.initial(), 0.0, []
+    for k in range(round(seconds / dt)):
+        state, output = task.step(state, Measurement(k * dt, force, depth, depth, dt=dt))
+        depth = output.target.depth
+        answers.append(output)
+    return answers
+
+
+@pytest.mark.parametrize("position_step", [None, STEP])
+@pytest.mark.parametrize("dt", CYCLES_S)
+def test_the_task_keeps_its_speeds_whatever_a_cycle_takes(dt: float, position_step: float | None) -> None:
+    parameters = TaskParameters(expected_stiffness_n_m=500.0)
+    task = Task(parameters, Still(), position_step=position_step)
+    approach = outputs(task, dt, 3.6)
+    assert {answer.phase for answer in approach} == {Phase.APPROACH}
+    # whole position steps are as near to the speed as half a step in a cycle allows
+    rough = 0.0 if position_step is None else 0.5 * position_step
+    most = abs(approach[-1].target.depth / len(approach) - 2.75e-3 * dt)
+    assert most <= (rough if 2.75e-3 * dt > rough else 0.0) + 1e-12
+    track = outputs(task, dt, 3.6, force=10.0)
+    assert {answer.phase for answer in track} == {Phase.TRACK}
+    most = abs(track[-1].target.travel / len(track) - 5.5e-3 * dt)
+    assert most <= (rough if 5.5e-3 * dt > rough else 0.0) + 1e-12
+
+
+@pytest.mark.parametrize("dt", [0.172, 0.18, 0.187])
+def test_every_cycle_of_the_slow_link_asks_for_the_same_whole_steps(dt: float) -> None:
+    task = Task(TaskParameters(), Still(), position_step=STEP)
+    assert task.way(5.5, dt) == 1e-3
+    assert task.way(2.75, dt) == 0.5e-3
+
+
+def test_without_a_position_step_nothing_is_rounded() -> None:
+    assert Task(TaskParameters(), Still()).way(5.5, 0.1) == 5.5 * 1e-3 * 0.1
+
+
+def test_a_way_below_half_a_position_step_adds_up_and_is_never_made_faster() -> None:
+    task = Task(TaskParameters(), Still(), position_step=STEP)
+    assert task.way(5.5, 0.002) == pytest.approx(5.5e-3 * 0.002)
+    assert task.way(0.0, 0.18) == 0.0
+
+
+@pytest.mark.parametrize("dt", CYCLES_S)
+def test_a_retraction_keeps_its_speed(dt: float) -> None:
+    task = Task(TaskParameters(retract_mm=4.0), Still())
+    state = task.finish(task.initial(), "enough")
+    _, output = task.step(state, Measurement(0.0, 8.0, 5e-3, 5e-3, dt=dt))
+    assert output.phase is Phase.RETRACT
+    assert 5e-3 - output.target.depth == pytest.approx(5.5e-3 * dt)
+
+
+@pytest.mark.parametrize("dt", CYCLES_S)
+def test_contact_is_given_up_after_the_same_time(dt: float) -> None:
+    task = Task(TaskParameters(loss_ms=450.0), Still())
+    state, depth = task.initial(), 3e-3
+    state, _ = task.step(state, Measurement(0.0, 8.0, depth, depth, dt=dt))
+    lost = 0
+    while state.phase is Phase.TRACK:
+        state, _ = task.step(state, Measurement(0.0, 0.0, depth, depth, dt=dt))
+        lost += 1
+    assert 0.45 - 1e-9 <= lost * dt < 0.45 + dt + 1e-9
+    assert state.phase is Phase.APPROACH
+    assert state.losses == 1
+
+
+SUPERVISOR = Supervisor(Limits())
+QUIET = Observation(now=100.0, force=5.0, resultant=6.0, sensor_at=99.99, sensor_sequence=7)
+
+
+@pytest.mark.parametrize("dt", CYCLES_S)
+def test_the_guard_limits_speeds_exactly(dt: float) -> None:
+    state = SUPERVISOR.initial((0.0, 0.0, 0.0))
+    asked = Request(5e-3, (20e-3, 0.0, -5e-3), DOWN)
+    _, verdict = SUPERVISOR.step(state, structs.replace(QUIET, dt=dt), asked)
+    assert isinstance(verdict, Clamp)
+    assert verdict.depth == 11.0 * 1e-3 * dt
+    assert verdict.position == pytest.approx((27.5e-3 * dt, 0.0, -11e-3 * dt))
+    assert verdict.reasons == ("deeper faster than 11 mm/s", "across faster than 27.5 mm/s")
+
+
+@pytest.mark.parametrize("dt", [0.002, 0.004])
+def test_a_fast_robot_is_not_stopped_between_two_frames_of_a_slow_sensor(dt: float) -> None:
+    """Frames come every 10 ms, cycles every few."""
+    state = SUPERVISOR.initial((0.0, 0.0, 0.0))
+    for k in range(round(1.0 / dt)):
+        seen = structs.replace(QUIET, now=k * dt, sensor_at=k * dt, sensor_sequence=int(k * dt / 0.01), dt=dt)
+        state, verdict = SUPERVISOR.step(state, seen, Request(0.0, (0.0, 0.0, 0.0), DOWN))
+        assert not isinstance(verdict, Stop), k
+
+
+@pytest.mark.parametrize("dt", [0.002, 0.004, 0.02, 0.172, 0.18, 0.187])
+def test_a_sensor_that_stands_still_stops_a_run_after_the_same_time(dt: float) -> None:
+    state, cycles, verdict = SUPERVISOR.initial((0.0, 0.0, 0.0)), 0, None
+    while not isinstance(verdict, Stop):
+        # as if its age were not known
+        seen = structs.replace(QUIET, dt=dt)
+        state, verdict = SUPERVISOR.step(state, seen, Request(0.0, (0.0, 0.0, 0.0), DOWN))
+        cycles += 1
+    assert verdict.cause is Cause.FROZEN
+    still = (cycles - 1) * dt
+    assert 0.45 - 1e-9 <= still < 0.45 + dt + 1e-9
+    assert verdict.text == f"no new force for {still * 1e3:.0f} ms"
+    assert dt < 0.17 or cycles == 4, "three cycles of the slow link, as ever"
+
+
+def loop(**more: Any) -> ControlLoop:
+    task = Task(TaskParameters(expected_stiffness_n_m=500.0), Still())
+    return ControlLoop(task, Supervisor(Limits()), DOWN, (0.0, 1.0, 0.0), **more)
+
+
+def test_a_cycle_counts_for_the_time_since_the_one_before_and_the_first_for_the_sample_time() -> None:
+    control = loop(sample_time=0.02)
+    state, seen = control.initial(START), []
+    for now in (100.0, 100.004, 100.03, 100.030, 109.0, math.nan):
+        proposal = control.propose(state, Sample(now, START, 0.0, 0.0, now, 1))
+        seen.append(proposal.measurement.dt)
+        state = structs.replace(state, seen_at=now)
+    assert seen == pytest.approx([0.02, 0.004, 0.026, 0.0, LONGEST_SAMPLES * 0.02, 0.02])
+
+
+def test_a_computer_that_stood_still_makes_no_leap() -> None:
+    control = loop()
+    state, decision = control.step(control.initial(START), Sample(100.0, START, 0.0, 0.0, 99.99, 1))
+    before = decision.target.depth
+    _, decision = control.step(state, Sample(104.0, START, 0.0, 0.0, 103.99, 2))
+    assert decision.target.depth - before == pytest.approx(2.75e-3 * 0.36)
+
+
+def test_a_cycle_without_time_moves_nothing_and_ends_no_retraction() -> None:
+    control = loop()
+    state = structs.replace(control.initial(START), seen_at=100.0)
+    state = control.finish(state, "enough")
+    state, decision = control.step(state, Sample(100.0, START, 0.0, 0.0, 99.99, 1))
+    assert (decision.output.phase, decision.target.depth, decision.ended) == (Phase.RETRACT, 0.0, False)
+    _, decision = control.step(state, Sample(100.18, START, 0.0, 0.0, 100.17, 2))
+    assert decision.target.depth == pytest.approx(-2.75e-3 * 0.18)
+
+
+@pytest.mark.parametrize("name", sorted(CONTROLLERS))
+def test_our_controllers_are_tuned_for_the_slow_link(name: str) -> None:
+    assert sample_time(make_controller(name)) == 0.18
+
+
+def test_the_sample_time_is_that_of_the_configuration_then_of_the_controller_then_assumed() -> None:
+    assert sample_time(Still(sample_ms=4), 20.0) == 0.02
+    assert sample_time(Still(sample_ms=4)) == 0.004
+
+    class Silent:
+        name = "silent"
+
+    silent: Any = Silent()
+    assert sample_time(silent) == SAMPLE_MS * 1e-3
+
+
+@pytest.mark.parametrize("wrong", [0.0, -1.0, math.nan, math.inf, "4", True, None])
+def test_a_sample_time_that_is_none_is_refused_with_the_controllers_name(wrong: object) -> None:
+    with pytest.raises(ConfigError, match="controller still: its sample_ms"):
+        sample_time(Still(sample_ms=wrong))
+
+
+@pytest.mark.parametrize(
+    ("period_s", "sample_ms", "fits"),
+    [
+        (None, None, True),
+        (0.18, None, True),
+        (0.09, None, True),
+        (0.36, None, True),
+        (0.0899, None, False),
+        (0.3601, None, False),
+        (0.004, None, False),
+        (0.004, 4.0, True),
+        (0.18, 4.0, False),
+    ],
+)
+def test_a_period_far_from_the_sample_time_is_refused(
+    period_s: float | None, sample_ms: float | None, fits: bool
+) -> None:
+    if fits:
+        check_period(period_s, Still(), sample_ms)
+        return
+    with pytest.raises(ConfigError) as refused:
+        check_period(period_s, Still(), sample_ms)
+    assert period_s is not None
+    told = str(refused.value)
+    assert f"controller.sample_ms = {period_s * 1e3:g}" in told
+    assert f"run.period_ms = {sample_ms or SAMPLE_MS:g}" in told
+    assert "\n" not in told
+
+
+def test_single_steps_are_whole_steps_of_the_way_to_the_zero() -> None:
+    assert TaskParameters().single_step_mm == 0.5
+    assert TaskParameters(approach_speed_mm_s=0.1).single_step_mm == pytest.approx(0.018)
+    assert replace(TaskParameters(), zero_step_mm=0.2).single_step_mm == pytest.approx(0.4)

@@ -1,0 +1,1 @@
+"""Three toys that know hil-bridge by its seams alone."""
