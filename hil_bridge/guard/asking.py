@@ -22,8 +22,8 @@ from hil_bridge.control.course.oscillation import Advice, Finding, OscillationSt
 from hil_bridge.control.course.supervisor import Retreat
 from hil_bridge.runs.cycle import control_loop
 from hil_bridge.settings.configuration import Config
+from hil_bridge.settings.kinds import facts_of
 from protocol.geometry import Vector
-from protocol.s3.timing import line_floor
 
 _NOW = 1000.0
 """Time of the observation, s: any."""
@@ -183,7 +183,8 @@ class Asked:
     def _cycle(self, seen: Situation) -> float:
         if seen.cycle_ms is not None:
             return seen.cycle_ms * 1e-3
-        return max(line_floor(self.config.robot.link), self.config.run.period_ms * 1e-3)
+        robot = facts_of(self.config)
+        return max(robot.cycle_s or robot.line_floor_s or 0.0, self.config.run.period_ms * 1e-3)
 
     @staticmethod
     def _retreat(seen: Situation, resultant: float, depth: float) -> Retreat | None:

@@ -5,9 +5,12 @@ from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager
 from typing import Generic
 
+import msgspec
+
 from hil_bridge.clock import Clock
 from hil_bridge.device_log import DeviceLog
 from hil_bridge.errors import BridgeError, DeviceError, OrderRefused, TransportClosed
+from hil_bridge.facts import Hop, Owner, RobotHops
 from hil_bridge.robots.answering import Answering
 from hil_bridge.robots.seam import MotionLimits, RobotFacts, RobotReport
 from hil_bridge.robots.streamed_motion import StreamedMotion
@@ -25,6 +28,23 @@ _START = "start its program, have it send to this computer's address and port, a
 _WENT_ON = "see whether its program still runs and its cable is in, then begin again"
 
 
+HOPS = RobotHops(
+    to_answer=(Hop("hand-over", "sent_at", "answered_at", Owner.SOFTWARE, "hand-over of the target"),),
+    to_motion=(
+        (
+            Hop(
+                "robot",
+                "sent_at",
+                "motion_at",
+                Owner.ROBOT,
+                "robot's packet, interpolator and way to the loops",
+            ),
+        ),
+    ),
+)
+"""How the stamps of a stream divide a cycle: the robot fetches the newest target with its next packet."""
+
+
 class StreamedLink(Generic[Data]):
     """A robot that streams, as `hil_bridge.robots.seam.RobotLink` says."""
 
@@ -40,7 +60,7 @@ class StreamedLink(Generic[Data]):
         if not facts.cycle_s:
             raise ValueError(f"{facts.model}: a robot that streams has a cycle")
         self.name = wire.name
-        self.facts = facts
+        self.facts = facts if facts.hops else msgspec.structs.replace(facts, hops=HOPS)
         self._fresh = FRESH_CYCLES * facts.cycle_s
         self._wire, self._clock, self._log = wire, clock, log
         self._answering = Answering(client, facts.cycle_s)

@@ -29,9 +29,9 @@ from hil_bridge.control import (
     one_line,
     turn_between,
 )
-from hil_bridge.control.controllers import sample_time
-from hil_bridge.control.types import POSITION_STEP_MM
+from hil_bridge.control.controllers import check_period, sample_time
 from hil_bridge.errors import BridgeError, ConfigError
+from hil_bridge.facts import RobotFacts
 from hil_bridge.recording import CHECK_EVENT, PHASE_EVENT, STOP_EVENT, CycleRecord, EventRecord, Outcome
 from hil_bridge.robots.seam import (
     QUESTION_LEFT,
@@ -47,6 +47,7 @@ from hil_bridge.runs.small_steps import bring_up
 from hil_bridge.runs.zeroing import Zeroing, wrist
 from hil_bridge.sensors.stream import ForceSensor
 from hil_bridge.settings.configuration import Config
+from hil_bridge.settings.kinds import facts_of
 from protocol.geometry import Pose, Quaternion, Vector
 from protocol.wrench import AXES, WrenchFrame
 
@@ -90,12 +91,15 @@ class RunResult:
 
 
 def control_loop(
-    config: Config, position_step: float | None = POSITION_STEP_MM * 1e-3, fixed_dt: float | None = None
+    config: Config, robot: RobotFacts | None = None, fixed_dt: float | None = None
 ) -> ControlLoop:
-    """All that decides in a run with this configuration, for a robot with this position step, m, or none.
+    """All that decides in a run with this configuration; `robot` is what is known of the robot, by default what its
+    kind tells before it is connected.
 
-    With `fixed_dt` each cycle counts as that long, s. Raises ConfigError for an unfit parameter.
+    With `fixed_dt` each cycle counts as that long, s. Raises ConfigError for an unfit parameter, and for a controller
+    that is tuned for another control period.
     """
+    robot = facts_of(config) if robot is None else robot
     controller = make_controller(config.controller.name, **config.controller.parameters)
     tuned = sample_time(controller, config.controller.sample_ms)
     detector, samples = config.oscillation, 2 * config.oscillation.peaks
@@ -104,8 +108,10 @@ def control_loop(
             f"oscillation.window_ms of {detector.window_ms:g} ms must hold at least {samples} samples of "
             f"{tuned * 1e3:g} ms, twice oscillation.peaks: set it to {samples * tuned * 1e3:g} or more"
         )
+    if fixed_dt is None:
+        check_period(config.run.period_ms * 1e-3 or robot.cycle_s, controller, config.controller.sample_ms)
     return ControlLoop(
-        Task(config.task, controller, config.limits.force_limit_n, position_step),
+        Task(config.task, controller, config.limits.force_limit_n, robot.position_step_m),
         Supervisor(config.limits, config.robot.velocity_mm_s * 1e-3),
         config.frame.approach,
         config.frame.travel,
@@ -127,7 +133,7 @@ class Run:
         self._sensor = sensor
         self._log = log
         self._wrist = wrist(config)
-        self._loop = control_loop(config)
+        self._loop = control_loop(config, robot.facts)
         self._zeroing = Zeroing(config, clock, robot, sensor, lambda text: self._event(CHECK_EVENT, text))
         self._way_out = WayOut(config, clock, robot, sensor, self._loop)
         self._heart = Heartbeat(clock)

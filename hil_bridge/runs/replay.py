@@ -14,6 +14,7 @@ from pydantic import ValidationError
 
 from hil_bridge.control import Decision
 from hil_bridge.errors import ConfigError
+from hil_bridge.facts import RobotFacts
 from hil_bridge.recording import CycleRecord, Recording
 from hil_bridge.recording.device_facts import json_or_none
 from hil_bridge.runs.cycle import control_loop
@@ -90,7 +91,7 @@ def replay(recording: Recording, config: Config, forced: bool) -> Iterator[Repla
     for a cycle whose inputs are not there.
     """
     cycles, counted = recording.cycles, _is_counted(recording)
-    loop = control_loop(config, None, RECORDED_CYCLE_S) if counted else control_loop(config)
+    loop = control_loop(config, RobotFacts(), RECORDED_CYCLE_S) if counted else control_loop(config)
     state = loop.initial(_vector(cycles[0].start))
     for number, record in enumerate(cycles):
         if record.sample is None or record.cycle != number:

@@ -33,10 +33,12 @@ def usual(name: str, virtual: bool) -> str:
 # --- the arm
 
 
+FACTS = RobotFacts("toy arm", Pacing.STREAMED, cycle_s=ARM_CYCLE_S)
+
+
 async def connect_arm(url: str, settings: KindSettings, wiring: Wiring) -> StreamedLink[Datagrams]:
     wire = await wiring.datagrams(url)
-    facts = RobotFacts("toy arm", Pacing.STREAMED, cycle_s=ARM_CYCLE_S)
-    return StreamedLink(wire, ArmClient(wiring.clock.now()), facts, wiring.clock, wiring.log)
+    return StreamedLink(wire, ArmClient(wiring.clock.now()), FACTS, wiring.clock, wiring.log)
 
 
 def make_arm(settings: KindSettings) -> RobotFactory:
@@ -52,6 +54,7 @@ ROBOT = RobotKind(
     "Toy arm that streams over UDP",
     NoSettings,
     connect_arm,
+    lambda url, settings: FACTS,
     RobotEmulation(FollowedProfile, make_arm, serve, lambda settings, virtual: usual("toyarm", virtual)),
 )
 
