@@ -602,8 +602,10 @@ def test_a_run_records_the_wire_of_its_sensor(tmp_path: Path, emulated: str, fir
     assert len(received) >= len(read(path).sensors) / 2
 
 
-@pytest.mark.parametrize("emulated", ["gateway", "uart", "board"])
-def test_a_run_records_what_its_devices_are(tmp_path: Path, emulated: str) -> None:
+@pytest.mark.parametrize(
+    ("emulated", "kind"), [("gateway", "jr3"), ("uart", "jr3-uart"), ("board", "jr3-board")]
+)
+def test_a_run_records_what_its_devices_are(tmp_path: Path, emulated: str, kind: str) -> None:
     path = tmp_path / "run.mcap"
     config = Config.model_validate(
         {
@@ -621,7 +623,7 @@ def test_a_run_records_what_its_devices_are(tmp_path: Path, emulated: str) -> No
     assert robot.servo.marks["interpolation_ms"] == "assumed"
     assert robot.servo.marks["resolution_mm"] == "chosen"
     assert robot.line_floor_s == json.loads(recording.end["line_floor_s"])
-    assert sensor.kind == emulated
+    assert sensor.kind == kind
     assert sensor.facts is not None
     assert sensor.facts.full_scales is not None
     assert sensor.facts.scales == tuple(scale / 16384 for scale in sensor.facts.full_scales)
@@ -630,7 +632,8 @@ def test_a_run_records_what_its_devices_are(tmp_path: Path, emulated: str) -> No
     # An older recording has the robot's facts too, from its configuration.
     older = devices_of(replace(recording, devices={}))
     assert msgspec.structs.replace(robot.servo, marks={}) == older.robot.servo
-    told_now = {name: getattr(robot, name) for name in ("servo", "routine", "errors", "traffic")}
+    beside = ("model", "byte_time_s", "servo", "routine", "errors", "traffic")
+    told_now = {name: getattr(robot, name) for name in beside}
     assert msgspec.structs.replace(older.robot, **told_now) == robot
     assert older.sensor.facts is not None
     assert older.sensor.facts.scales == pytest.approx(sensor.facts.scales)

@@ -9,7 +9,6 @@ import pytest
 from msgspec import structs
 from rich.console import Console
 
-from emulators.arm.servo import ServoProfile
 from hil_bridge.clock import Clock
 from hil_bridge.facts import RobotFacts
 from hil_bridge.recording import CycleRecord
@@ -49,7 +48,7 @@ CYCLE = CycleRecord(
 )
 
 
-ROBOT = robot_facts(LinkProfile(), ServoProfile(), emulated=True)
+ROBOT = robot_facts(LinkProfile())
 
 
 class Terminal(io.StringIO):

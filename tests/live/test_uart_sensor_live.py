@@ -38,7 +38,7 @@ def test_a_sensor_on_a_pseudo_terminal() -> None:
                 sensor = await connect_sensor(config, url, Wiring("sensor", clock, LogTo(frames.append)))
                 sensor.start()
                 async with asyncio.timeout(30.0):
-                    assert await sensor.ready() == (115.0, 111.0, 185.0, 5.6, 5.2, 6.1)
+                    assert (await sensor.ready()).full_scales == (115.0, 111.0, 185.0, 5.6, 5.2, 6.1)
                     await sensor.tare()
                     await clock.sleep_until(clock.now() + 0.5)
                 await sensor.aclose()
