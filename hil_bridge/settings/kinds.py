@@ -48,7 +48,9 @@ def merged_section(base: type[BaseModel], registry: Registry[Any], names: Sequen
     more: dict[str, Any] = {}
     for kind in map(registry.kind, names):
         more[field_name(kind.name)] = (kind.settings, kind.settings())
-    return create_model(base.__name__, __base__=(base, *ours), __doc__=base.__doc__, __module__=base.__module__, **more)
+    return create_model(
+        base.__name__, __base__=(base, *ours), __doc__=base.__doc__, __module__=base.__module__, **more
+    )
 
 
 def cell_section(chosen: Chosen) -> Any:
@@ -70,7 +72,10 @@ def cell_section(chosen: Chosen) -> Any:
         fields,
         bases=(CellSection, *ours),
         frozen=True,
-        namespace={"__module__": CellSection.__module__, "__doc__": "The emulated cell, with all its devices."},
+        namespace={
+            "__module__": CellSection.__module__,
+            "__doc__": "The emulated cell, with all its devices.",
+        },
     )
 
 
