@@ -246,7 +246,4 @@ def emulated_sensor(name: str) -> SensorKind:
 def faults_of(robot: str, sensor: str) -> Mapping[str, Mapping[str, Fault]]:
     """What can go wrong in a cell with these emulated devices, by target and name. Raises ConfigError."""
     devices = ROBOTS.kind(robot).emulation, emulated_sensor(sensor).emulation
-    return {
-        **OWN_FAULTS,
-        **{on: table for device in devices if device for on, table in device.faults.items()},
-    }
+    return {**{on: faults for one in devices if one for on, faults in one.faults.items()}, **OWN_FAULTS}

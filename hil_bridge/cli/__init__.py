@@ -23,9 +23,9 @@ from hil_bridge.cli.replay import replay
 from hil_bridge.cli.run import run
 from hil_bridge.cli.serve_jr3 import serve_jr3
 from hil_bridge.cli.supervisor import supervisor
-from hil_bridge.debugging import debug_option, told_bug
+from hil_bridge.console.debugging import debug_option, told_bug
+from hil_bridge.console.screen import leave
 from hil_bridge.errors import BridgeError
-from hil_bridge.runs.screen import leave
 
 EXIT_INTERRUPTED = 130
 """What a shell expects of a command that Ctrl-C ended."""

@@ -112,9 +112,9 @@ def identify_tool(
     if table is not None:
         poses = read_poses(table)
     else:
+        from hil_bridge.console.screen import Screen
         from hil_bridge.faults.settings import refuse_faults
         from hil_bridge.runs.checks import check_wires
-        from hil_bridge.runs.screen import Screen
         from hil_bridge.runs.signals import as_ctrl_c
         from hil_bridge.tool.measuring import Sweep, measure
 

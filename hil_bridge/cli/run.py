@@ -8,7 +8,7 @@ import click
 from hil_bridge.cli.devices import device_options, device_settings
 from hil_bridge.cli.options import overwrite_option
 from hil_bridge.cli.paths import FILE
-from hil_bridge.debugging import debug_option
+from hil_bridge.console.debugging import debug_option
 
 CONTROLLERS = "fuzzy, fuzzy-adaptive, resolution-aware, pi, admittance, predictive"
 """Ours, for the help text alone: the configuration also knows those of installed packages."""

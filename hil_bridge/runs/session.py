@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 from hil_bridge.clock import Clock, run_real, run_virtual
 from hil_bridge.clock.realtime import collect_young, prompt_threads, quiet_garbage, scheduled
-from hil_bridge.debugging import told_bug
+from hil_bridge.console.debugging import told_bug
+from hil_bridge.console.screen import LEAVE_SECONDS, Terminal
 from hil_bridge.errors import BridgeError
 from hil_bridge.facts import Devices, Sensor
 from hil_bridge.faults.schedule import FAULT_EVENT, FaultSchedule
@@ -37,7 +38,6 @@ from hil_bridge.runs.checks import check
 from hil_bridge.runs.compose import ServedCell, open_devices
 from hil_bridge.runs.cycle import BUG_EVENT, Run, RunResult
 from hil_bridge.runs.outputs import Outputs, record_path, settled, write_outputs
-from hil_bridge.runs.screen import LEAVE_SECONDS, Terminal
 from hil_bridge.runs.signals import Signals, unless_hung_up
 from hil_bridge.runs.truth import GroundTruth
 from hil_bridge.sensors.stream import ForceSensor

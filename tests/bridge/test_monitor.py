@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from hil_bridge.cli import cli
 from hil_bridge.clock import Clock, run_virtual
+from hil_bridge.console.printing import Printer
 from hil_bridge.errors import ConfigError, TransportEnded
 from hil_bridge.recording import LinkLog, LinkRecord, read, read_link
 from hil_bridge.robots.s3.site.capture import Piece, Sender, parse_capture, recorded_pieces
@@ -23,7 +24,6 @@ from hil_bridge.runs.outputs import Outputs
 from hil_bridge.runs.session import execute
 from hil_bridge.sensors.jr3.monitor import frame_text, listen_can
 from hil_bridge.settings.configuration import load_config
-from hil_bridge.site.printing import Printer
 from hil_bridge.transports import connect_can, listen_bytes
 from protocol.jr3 import parse_frame
 from protocol.s3.adlp import LinkProfile, NoticeKind, encode_block

@@ -12,11 +12,11 @@ from pathlib import Path
 import pytest
 
 import hil_bridge.cli
+from hil_bridge.console.screen import Screen, Terminal
 from hil_bridge.control import ControlLoop
 from hil_bridge.recording import CycleRecord, read
 from hil_bridge.runs import outputs, session
 from hil_bridge.runs.leaving import WayOut
-from hil_bridge.runs.screen import Screen, Terminal
 from hil_bridge.runs.signals import ENDING, Signals, as_ctrl_c
 
 Result = tuple[int, str, str]

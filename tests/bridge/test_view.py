@@ -10,10 +10,10 @@ from msgspec import structs
 from rich.console import Console
 
 from hil_bridge.clock import Clock
+from hil_bridge.console import screen
 from hil_bridge.facts import RobotFacts
 from hil_bridge.recording import CycleRecord
 from hil_bridge.robots.s3.facts import robot_facts
-from hil_bridge.runs import screen
 from hil_bridge.runs.outputs import Outputs
 from hil_bridge.runs.session import _Session
 from hil_bridge.runs.signals import Signals

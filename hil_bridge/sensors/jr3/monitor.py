@@ -4,7 +4,7 @@ import asyncio
 from functools import partial
 
 from hil_bridge.clock import Clock, run_real
-from hil_bridge.site.printing import Printer, end, field_text, stop_on_signals
+from hil_bridge.console.printing import Printer, end, field_text, stop_on_signals
 from hil_bridge.transports import Frames, connect_can
 from protocol.can.error import decode_error
 from protocol.can.frame import CanFrame

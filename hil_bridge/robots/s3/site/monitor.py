@@ -10,13 +10,13 @@ import click
 from pydantic import TypeAdapter
 
 from hil_bridge.clock import Clock, run_real
+from hil_bridge.console.printing import Printer, end, stop_on_signals
 from hil_bridge.errors import ConfigError
 from hil_bridge.recording import read_link
 from hil_bridge.robots.s3.room import robot_wire
 from hil_bridge.robots.s3.site.capture import Piece, Sender, parse_capture, recorded_pieces
 from hil_bridge.robots.s3.site.link_monitor import Counts, LinkMonitor
 from hil_bridge.robots.s3.site.printing import counts_text, print_lines
-from hil_bridge.site.printing import Printer, end, stop_on_signals
 from hil_bridge.text_files import named, parse_json, read_text
 from hil_bridge.transports import connect_bytes
 from protocol.s3.adlp import LinkProfile

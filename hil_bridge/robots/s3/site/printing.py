@@ -1,8 +1,8 @@
 """The lines of a link monitor on a terminal."""
 
+from hil_bridge.console.printing import Printer
 from hil_bridge.robots.s3.site.capture import Sender
 from hil_bridge.robots.s3.site.link_monitor import Counts, LinkMonitor
-from hil_bridge.site.printing import Printer
 
 _DIRECTIONS = {Sender.PC: "PC→S3", Sender.ROBOT: "S3→PC", Sender.UNKNOWN: "?"}
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from hil_bridge.site.printing import field_text
+from hil_bridge.console.printing import field_text
 from protocol.endpoint import RemoteProtocolError
 from protocol.s3.arap import KNOWN, OrderBook, Telegram, TelegramType, function_text, type_text
 from protocol.s3.arap.layouts import FLAG_BITS_16, FLAG_BITS_17
