@@ -116,6 +116,8 @@ def wire(
             return facts.can_interface(root, url.target, details, bus)
         case "tcp" | "rfc2217" | "can+slcan+tcp":
             return _host(*url.host_port)
+        case "udp" | "udp-bind":
+            return ok(url.text, "datagrams ask for no connection: a run shows whether the device answers")
         case _:
             return fail(url.text, "such a wire exists inside one process only", "name a port or an interface")
 
