@@ -130,7 +130,8 @@ def test_session_from_power_up_over_the_wrap_to_the_end(pair: Pair, profile: dic
     told = samples(events)
     assert len(told) == len(events) - 2 > 3000
     assert {event.values for event in told} == {COUNTS}
-    assert {b.sequence - a.sequence for a, b in itertools.pairwise(told)} == {77, 78}
+    # 10 ms, and what sending and waking up take: 78.1 … 78.3 samples
+    assert {b.sequence - a.sequence for a, b in itertools.pairwise(told)} == {78, 79}
     assert told[-1].sequence > 3 * 65536
     bench.client.zero()
     events = bench.run(T0 + 42)
@@ -285,4 +286,4 @@ def test_a_client_that_joins_a_running_stream() -> None:
     events = second.run(T0 + 20)
     assert events[0] == SensorReady(facts_of(SCALES, 0.02, 0.0))
     steps = {b.sequence - a.sequence for a, b in itertools.pairwise(samples(events))}
-    assert steps == {155, 156}
+    assert steps == {155, 156, 157}
