@@ -155,7 +155,7 @@ class Executive:
             quaternion_words(self.motion.path.orientation(now)),
             program=run.number if run is not None else 0,
             instruction=run.instruction if run is not None else 0,
-            **status_flags(self.state, self.motion.waiting(now) > 0),
+            **status_flags(self.state, self.motion.waiting(now) > 0, self._profile),
         )
         return self.reporting.falsified(status, now) if self.reporting.wrong else status
 
