@@ -18,6 +18,7 @@ from protocol.s3.adlp.block import (
     HEADER_SIZE,
     LENGTH_STYLES,
     SINGLE_CONTROLS,
+    TRAILER,
     Block,
     BlockFormat,
     BlockScanner,
@@ -42,7 +43,17 @@ from protocol.s3.adlp.events import (
 )
 from protocol.s3.adlp.journal import EVENT_LIMIT, Count
 from protocol.s3.adlp.link import Link
-from protocol.s3.adlp.profile import CHUNK, DleStuffing, LengthStyle, LinkProfile
+from protocol.s3.adlp.profile import (
+    CHUNK,
+    DEFAULT_PROFILE,
+    OBSERVED_CLIENT,
+    PROFILES,
+    BlockEnd,
+    DleStuffing,
+    LengthStyle,
+    LinkProfile,
+    settings_of_profile,
+)
 from protocol.s3.adlp.receiving import MESSAGE_LIMIT
 from protocol.s3.adlp.sending import QUEUE_LIMIT
 from protocol.s3.adlp.transitions import TRANSITIONS, Action, State, Stimulus, Transition
@@ -50,17 +61,22 @@ from protocol.s3.adlp.transitions import TRANSITIONS, Action, State, Stimulus, T
 __all__ = [
     "BLOCK_OVERHEAD",
     "CHUNK",
+    "DEFAULT_PROFILE",
     "EVENT_LIMIT",
     "HEADER_SIZE",
     "INCOMING_FAILURES",
     "LENGTH_STYLES",
     "MESSAGE_LIMIT",
+    "OBSERVED_CLIENT",
+    "PROFILES",
     "QUEUE_LIMIT",
     "ROUTINE",
     "SINGLE_CONTROLS",
+    "TRAILER",
     "TRANSITIONS",
     "Action",
     "Block",
+    "BlockEnd",
     "BlockFormat",
     "BlockScanner",
     "Control",
@@ -85,4 +101,5 @@ __all__ = [
     "Transition",
     "check_character",
     "encode_block",
+    "settings_of_profile",
 ]

@@ -152,9 +152,9 @@ class SendingHalf:
 
     def _encode(self) -> None:
         profile = self._profile
-        toggle = profile.stx_alternation == "toggle"
+        alternation = profile.stx_alternation
         self._blocks = [
-            encode_block(telegram, profile.dle_stuffing, _STX_ODD if toggle and number % 2 else _STX)
+            encode_block(telegram, profile.dle_stuffing, _stx(alternation, number, len(telegram)))
             for number, telegram in enumerate(self.queue[0])
         ]
 
@@ -255,6 +255,12 @@ class SendingHalf:
         self._drop_oldest()
         self._shared.journal.tell(LinkFailed(reason, text), Count.MESSAGES_FAILED)
         return _IDLE
+
+
+def _stx(alternation: str, number: int, size: int) -> int:
+    """How the block of a message with this number, from 0, begins; `size` is its telegram's."""
+    counted = {"off": 0, "toggle": number, "parity": size}[alternation]
+    return _STX_ODD if counted % 2 else _STX
 
 
 def _check_telegram(telegram: bytes, max_telegram: int) -> None:

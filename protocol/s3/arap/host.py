@@ -10,6 +10,7 @@ from protocol.s3.adlp import (
     EVENT_LIMIT,
     INCOMING_FAILURES,
     MESSAGE_LIMIT,
+    TRAILER,
     Link,
     LinkFailed,
     LinkFailure,
@@ -17,6 +18,7 @@ from protocol.s3.adlp import (
     LinkProfile,
     MessageReceived,
     MessageSent,
+    NoticeKind,
     Role,
 )
 from protocol.s3.arap.blocks import join_blocks
@@ -116,7 +118,13 @@ class ArapHost:
             order = join_blocks(telegrams)
         except RemoteProtocolError as error:
             raise LocalProtocolError(str(error)) from error
-        self.link.send([telegram.encode(self._profile.length_style) for telegram in telegrams])
+        raws = [telegram.encode(self._profile.length_style) for telegram in telegrams]
+        self.link.send(raws)
+        if self._profile.dle_stuffing == "off" and any(TRAILER in raw for raw in raws):
+            self.link.note(
+                NoticeKind.TRAILER_SENT,
+                f"a controller that ends a block at the first DLE ETX cannot take this order: {order}",
+            )
         self._order = order
         self._blocks.clear()
 
