@@ -332,7 +332,7 @@ def read_config(values: Mapping[str, Any]) -> Config:
 
 
 def load_config(path: Path | None, overrides: Mapping[str, object]) -> Config:
-    """Read a TOML file, put the overrides that are not None (`section.key`) on top, and validate.
+    """Read a TOML file, put the overrides that are not None (by dotted key) on top, and validate.
 
     Raises ConfigError with the file, the key and what to do.
     """
@@ -344,8 +344,10 @@ def load_config(path: Path | None, overrides: Mapping[str, object]) -> Config:
     for key, value in overrides.items():
         if value is None:
             continue
-        section, name = key.split(".")
-        table = values.setdefault(section, {})
+        *sections, name = key.split(".")
+        table: Any = values
+        for section in sections:
+            table = table.setdefault(section, {}) if isinstance(table, dict) else None
         if isinstance(table, dict):
             table[name] = value
             given.add(key)

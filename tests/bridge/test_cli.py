@@ -108,6 +108,11 @@ def test_help_imports_none_of_the_heavy_libraries() -> None:
             "unknown option 'speed'; allowed: baudrate",
         ),
         (["run", "--unchecked", "--sensor", "tcp://h:1"], "unknown scheme 'tcp'; allowed: can+"),
+        (["run", "--link-profile", "x"], "--link-profile must be one of default, observed-client, got 'x'"),
+        (
+            ["emulate", "robot", "--link-profile", "x"],
+            "--link-profile must be one of default, observed-client",
+        ),
         (["emulate", "cell", "--robot-port", "foo:"], "unknown scheme 'foo'; allowed: pty, tcp-listen"),
         (["emulate", "cell", "--sensor-port", "foo:"], "unknown scheme 'foo'; allowed: can+"),
         (["emulate", "robot", "--robot-port", "tcp-listen://h"], "host and port must be like 127.0.0.1:4000"),

@@ -108,6 +108,25 @@ def test_two_processes_hold_ten_newtons(tmp_path: Path, short: str) -> None:
         assert figures["sensor_frames_lost"] == 0
 
 
+def test_a_run_speaks_as_the_observed_client_over_a_pseudo_terminal(short: str) -> None:
+    with emulated("cell", "--link-profile", "observed-client") as (_, options):
+        code, lines, errors = finish(
+            start(
+                "run",
+                short,
+                *options,
+                "--link-profile",
+                "observed-client",
+                "--duration",
+                "4",
+                "--no-view",
+                "--no-record",
+            )
+        )
+        assert (code, errors) == (0, "")
+        assert "completed" in lines
+
+
 def test_a_run_emulates_the_sensor_that_it_is_told_to(tmp_path: Path) -> None:
     config, record = tmp_path / "c.toml", tmp_path / "run.mcap"
     config.write_text(
