@@ -67,7 +67,7 @@ class RealTime:
 
 
 @contextmanager
-def scheduled(wanted: RealTime) -> Iterator[ThreadPoolExecutor | None]:
+def real_time_thread(wanted: RealTime) -> Iterator[ThreadPoolExecutor | None]:
     """Run the calling thread as wanted while inside; other threads stay as they are.
 
     Threads begun inside keep ordinary priority; those of the executor that is given also run on all processors
@@ -99,7 +99,7 @@ def scheduled(wanted: RealTime) -> Iterator[ThreadPoolExecutor | None]:
 
 
 @contextmanager
-def prompt_threads() -> Iterator[None]:
+def short_switch_interval() -> Iterator[None]:
     """Let a thread that is woken wait for a computing one no longer than `GIVE_WAY_S`."""
     before = sys.getswitchinterval()
     sys.setswitchinterval(GIVE_WAY_S)
@@ -110,8 +110,8 @@ def prompt_threads() -> Iterator[None]:
 
 
 @contextmanager
-def quiet_garbage() -> Iterator[None]:
-    """Keep the collector from coming by itself: what is there stays, `collect_young` takes what comes."""
+def gc_paused() -> Iterator[None]:
+    """Keep the collector from coming by itself: what is there stays, `collect_generation_1` takes what comes."""
     enabled = gc.isenabled()
     gc.collect()
     gc.freeze()
@@ -124,7 +124,7 @@ def quiet_garbage() -> Iterator[None]:
             gc.enable()
 
 
-def collect_young() -> None:
+def collect_generation_1() -> None:
     """Collect what has become garbage since the last time; for a moment in which everybody waits for a wire."""
     gc.collect(1)
 

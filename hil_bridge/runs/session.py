@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hil_bridge.clock import Clock, run_real, run_virtual
-from hil_bridge.clock.realtime import collect_young, prompt_threads, quiet_garbage, scheduled
+from hil_bridge.clock.realtime import collect_generation_1, gc_paused, real_time_thread, short_switch_interval
 from hil_bridge.console.debugging import told_bug
 from hil_bridge.console.screen import LEAVE_SECONDS, Terminal
 from hil_bridge.errors import BridgeError
@@ -201,10 +201,10 @@ class _Session:
         if self.cycles % _COLLECT_EVERY:
             return
         if self._clock.is_virtual:
-            collect_young()
+            collect_generation_1()
         else:
             # By then the next order is on the line, and everybody waits for its answer.
-            self._clock.call_at(self._clock.now() + _UNDER_WAY_S, collect_young)
+            self._clock.call_at(self._clock.now() + _UNDER_WAY_S, collect_generation_1)
 
     def event(self, record: EventRecord) -> None:
         """Something happened beside the cycles."""
@@ -340,11 +340,11 @@ class _Session:
     @contextmanager
     def _scheduled(self) -> Iterator[None]:
         """The loop's thread as the configuration wants it; the recorder has been started, and stays as it is."""
-        with quiet_garbage():
+        with gc_paused():
             if self._clock.is_virtual:
                 yield
                 return
-            with prompt_threads(), scheduled(self._config.realtime) as executor:
+            with short_switch_interval(), real_time_thread(self._config.realtime) as executor:
                 if executor is not None:
                     asyncio.get_running_loop().set_default_executor(executor)
                 yield

@@ -15,7 +15,7 @@ from typing import Any
 import click
 
 from hil_bridge.clock import Clock, run_real
-from hil_bridge.clock.realtime import RealTime, scheduled
+from hil_bridge.clock.realtime import RealTime, real_time_thread
 from hil_bridge.errors import ConfigError
 from hil_bridge.kinds import robot_of, sensor_of
 from hil_bridge.runs.checks import problems
@@ -164,7 +164,7 @@ def socketcan() -> Fact:
 def wake_ups(realtime: RealTime) -> Fact:
     """How late this process wakes, measured as it would be run; as any other where the machine refuses that."""
     try:
-        with scheduled(realtime):
+        with real_time_thread(realtime):
             return judged(run_real(_lateness, realtime.busy_poll_ms * 1e-3), realtime)
     except ConfigError:
         return judged(run_real(_lateness), RealTime())
@@ -209,7 +209,7 @@ async def _lateness() -> list[float]:
 def keeping_awake(wanted: bool) -> Fact:
     """Whether we may keep the processors from sleeping."""
     try:
-        with scheduled(RealTime(keep_awake=True)):
+        with real_time_thread(RealTime(keep_awake=True)):
             asks = "asks" if wanted else "would ask"
             return ok("processors' sleep", f"may be prevented; `realtime.keep_awake` {asks} for it")
     except ConfigError as error:
@@ -220,7 +220,7 @@ def keeping_awake(wanted: bool) -> Fact:
 def priority() -> Fact:
     """Whether we may take real-time priority."""
     try:
-        with scheduled(RealTime(fifo_priority=1)):
+        with real_time_thread(RealTime(fifo_priority=1)):
             return ok("real-time priority", "permitted; `realtime.fifo_priority` asks for it")
     except ConfigError:
         limit = resource.getrlimit(resource.RLIMIT_RTPRIO)[0]

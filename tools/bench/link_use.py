@@ -13,7 +13,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from hil_bridge.clock.realtime import RealTime, scheduled
+from hil_bridge.clock.realtime import RealTime, real_time_thread
 from hil_bridge.errors import ConfigError
 from hil_bridge.experiments.chain import run_cell
 from hil_bridge.recording import CycleRecord, read
@@ -105,7 +105,7 @@ def measure(say: Callable[[str], None]) -> Report:
     """Both rates, both kinds of time."""
     figures, ways, left_out = [], dict(WAYS), []
     try:
-        with scheduled(RealTime(**AWAKE)):
+        with real_time_thread(RealTime(**AWAKE)):
             pass
     except ConfigError as error:
         left_out.append(str(error))

@@ -17,7 +17,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from hil_bridge.clock.realtime import RealTime, scheduled
+from hil_bridge.clock.realtime import RealTime, real_time_thread
 from hil_bridge.errors import ConfigError
 from protocol.s3.adlp import BLOCK_OVERHEAD, HEADER_SIZE, encode_block
 from protocol.s3.arap import STATUS, Move, MoveKind, read_status
@@ -270,7 +270,7 @@ def kept_awake(place: Path, say: Callable[[str], None]) -> tuple[Figure, ...]:
         with tcp() as wires:
             return turns_of(wires, [host, *plain_arguments(wires)], session=False)
 
-    with scheduled(RealTime(keep_awake=True)):
+    with real_time_thread(RealTime(keep_awake=True)):
         say(f"TCP{AWAKE}")
         theirs = in_c()
         stolen = machine.stolen_s()
