@@ -91,11 +91,11 @@ def latency_of(recording: Recording) -> Latency | None:
         return None
     known = any(math.isfinite(truth.sampled_at) for truth in recording.truths)
     earliest = {} if known else earliest_arrivals(recording.sensors)
-    found = budget(recording.cycles, devices.robot.hops, recording.truths, earliest)
+    found = latency_budget(recording.cycles, devices.robot.hops, recording.truths, earliest)
     return None if found is None else replace(found, constants=_constants(devices, found))
 
 
-def budget(
+def latency_budget(
     cycles: Sequence[CycleRecord],
     robot: RobotHops,
     truths: Sequence[TruthRecord] = (),
@@ -105,7 +105,7 @@ def budget(
 
     `robot` are the hops behind the hand-over, `earliest` the earliest arrivals by the frame's sequence.
     """
-    moment = moments(cycles, robot, truths, earliest)
+    moment = timestamps(cycles, robot, truths, earliest)
 
     def took(hop: Hop) -> Times | None:
         return times_of((moment(hop.end) - moment(hop.begin)).tolist())
@@ -174,7 +174,7 @@ def _falls_below(a: tuple[int, float], b: tuple[int, float], c: tuple[int, float
     return (b[1] - a[1]) * (c[0] - a[0]) >= (c[1] - a[1]) * (b[0] - a[0])
 
 
-def moments(
+def timestamps(
     cycles: Sequence[CycleRecord],
     robot: RobotHops,
     truths: Sequence[TruthRecord] = (),

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from hil_bridge.analysis.latency import earliest_arrivals, moments
+from hil_bridge.analysis.latency import earliest_arrivals, timestamps
 from hil_bridge.errors import ConfigError
 from hil_bridge.facts import Owner
 from hil_bridge.recording.device_facts import devices_of
@@ -32,7 +32,7 @@ def robot_quantiles_ms(recording: Recording) -> dict[str, list[float]]:
     hops = devices_of(recording).robot.hops
     if hops is None:
         raise ConfigError("the recording does not tell its link's settings: its latency cannot be reckoned")
-    moment = moments(recording.cycles, hops)
+    moment = timestamps(recording.cycles, hops)
     return {
         hop.name: _quantiles_ms((moment(hop.end) - moment(hop.begin)).tolist(), "cycles")
         for hop in (*hops.beside, *hops.to_answer)

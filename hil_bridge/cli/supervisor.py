@@ -98,8 +98,8 @@ def explain(config_file: Path | None, phase: str, **given: Any) -> None:
     """
     from hil_bridge.control import Phase
     from hil_bridge.guard.asking import Situation
-    from hil_bridge.guard.explaining import explain as explained
+    from hil_bridge.guard.explaining import explain as explain_decision
     from hil_bridge.settings.configuration import load_config
 
     known = {name: value for name, value in given.items() if value is not None}
-    tell(explained(load_config(config_file, {}), Situation(Phase(phase), **known)).lines())
+    tell(explain_decision(load_config(config_file, {}), Situation(Phase(phase), **known)).lines())

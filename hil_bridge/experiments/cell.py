@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from hil_bridge.control import FiguresOfMerit, figures_of_merit
 from hil_bridge.control.analysis.merit import STEADY_SAMPLES
-from hil_bridge.experiments.chain import run_cell
-from hil_bridge.experiments.wall import Parameters
+from hil_bridge.experiments.emulated_run import run_emulated
+from hil_bridge.experiments.paper_simulation import Parameters
 from hil_bridge.recording import Outcome
 from hil_bridge.settings.configuration import Config
 
@@ -127,7 +127,7 @@ class CellJob:
 
     def __call__(self) -> CellTrace:
         """Run it."""
-        run = run_cell(self.config())
+        run = run_emulated(self.config())
         cycles = [cycle for cycle in run.cycles if cycle.phase == "track"]
 
         def column(name: str) -> Floats:

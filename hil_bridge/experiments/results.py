@@ -54,7 +54,7 @@ class Experiment:
     """The paragraph, and the paper's claims with what came out: from the table alone, so that no number in
     the text can differ from the CSV file.
     """
-    shown: tuple[str, ...] = ()
+    page_columns: tuple[str, ...] = ()
     """Columns of the table that a page shows; none for a table too long for it."""
 
 
@@ -97,11 +97,11 @@ def markdown(rows: Sequence[Row], columns: Sequence[str]) -> str:
         "| " + " | ".join(column.replace("_", " ") for column in columns) + " |",
         "|" + "---|" * len(columns),
     ]
-    lines += ["| " + " | ".join(shown(row[column]) for column in columns) + " |" for row in rows]
+    lines += ["| " + " | ".join(digits(row[column]) for column in columns) + " |" for row in rows]
     return "\n".join(lines)
 
 
-def shown(value: Value) -> str:
+def digits(value: Value) -> str:
     """A figure as a person reads it: three digits, thousands apart, a dash for none."""
     match value:
         case None:
@@ -121,18 +121,18 @@ def verdict(holds: bool) -> str:
     return "reproduced" if holds else "not reproduced"
 
 
-def pick(rows: Sequence[Row], **wanted: Value) -> list[Row]:
+def rows_where(rows: Sequence[Row], **wanted: Value) -> list[Row]:
     """The rows that have these values."""
     return [row for row in rows if all(row[name] == value for name, value in wanted.items())]
 
 
-def one(rows: Sequence[Row], **wanted: Value) -> Row:
+def only_row(rows: Sequence[Row], **wanted: Value) -> Row:
     """The only such row. Raises ValueError when there is none, or more than one."""
-    (row,) = pick(rows, **wanted)
+    (row,) = rows_where(rows, **wanted)
     return row
 
 
-def number(row: Row, column: str) -> float:
+def figure(row: Row, column: str) -> float:
     """A figure that is there. Raises TypeError when it is none."""
     value = row[column]
     if not isinstance(value, (int, float)):

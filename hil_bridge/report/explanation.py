@@ -41,7 +41,7 @@ def decisions(recording: Recording, zero: float) -> Decisions | None:
     cycles = tracked(recording)
     if not cycles:
         return None
-    chosen = evenly(cycles, ROWS_SHOWN)
+    chosen = decimate(cycles, ROWS_SHOWN)
     columns = [(title, [text(cycle) for cycle in chosen]) for title, text in _columns(zero)]
     columns = [(title, texts) for title, texts in columns if any(texts)]
     rows = tuple(zip(*(texts for _, texts in columns), strict=True))
@@ -74,7 +74,7 @@ def rules(explanation: Mapping[str, float]) -> list[tuple[str, float]]:
     return sorted(fired, key=lambda rule: (-rule[1], rule[0]))
 
 
-def evenly(cycles: Sequence[CycleRecord], most: int) -> list[CycleRecord]:
+def decimate(cycles: Sequence[CycleRecord], most: int) -> list[CycleRecord]:
     """At most so many of them, the first and the last among them."""
     if len(cycles) <= most:
         return list(cycles)

@@ -27,7 +27,7 @@ _MOVES_TOLD = 0.005
 """Resolution steps a second that are printed as more than 0.00."""
 
 
-def beginning(recording: Recording) -> float:
+def start_time(recording: Recording) -> float:
     """What the page counts times from, s on the run's clock."""
     return min([recording.cycles[0].started_at, *(event.at for event in recording.events)])
 
@@ -61,7 +61,7 @@ def stability_section(recording: Recording, summary: Summary) -> str:
 
 def controller_section(recording: Recording) -> str:
     """Empty when nothing was tracked."""
-    found = decisions(recording, beginning(recording))
+    found = decisions(recording, start_time(recording))
     if found is None:
         return ""
     parts = ["<h2>What the controller did</h2>"]

@@ -31,7 +31,7 @@ from hil_bridge.field_docstrings import field_docstrings
 from hil_bridge.kinds import ROBOTS, SENSORS, CellSection, emulated_sensor, faults_of
 from hil_bridge.settings.earlier import told_of
 from hil_bridge.settings.kinds import Chosen, cell_section, chosen_in, merged_section
-from hil_bridge.text_files import read_toml, shown, toml_pair
+from hil_bridge.text_files import format_value, read_toml, toml_pair
 from protocol.geometry import Quaternion, Vector
 from protocol.marks import Setting, settings
 
@@ -444,7 +444,7 @@ def _comments(cls: Any) -> dict[str, str]:
 def explain(error: ValidationError, path: Path | None, given: set[str]) -> str:
     """The first thing that is wrong as one line: where, what, what to do."""
     first = error.errors()[0]
-    location, got = [str(part) for part in first["loc"]], f", got {shown(first['input'])}"
+    location, got = [str(part) for part in first["loc"]], f", got {format_value(first['input'])}"
     match first["type"]:
         case "extra_forbidden" | "unexpected_keyword_argument":
             old = told_of(".".join(location), first["input"])

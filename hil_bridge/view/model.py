@@ -5,7 +5,7 @@ from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from hil_bridge.analysis.latency import Latency, budget
+from hil_bridge.analysis.latency import Latency, latency_budget
 from hil_bridge.facts import RobotFacts
 from hil_bridge.recording.records import CycleRecord
 
@@ -127,7 +127,7 @@ class ViewModel:
             line_floor_s=self._robot.line_floor_s,
             newest=newest,
             forces_n=tuple(cycle.force for cycle in cycles),
-            latency=budget(cycles, self._robot.hops) if cycles and self._robot.hops else None,
+            latency=latency_budget(cycles, self._robot.hops) if cycles and self._robot.hops else None,
             sensor_age_s=None if health.sensor_at is None else max(0.0, now - health.sensor_at),
             link_errors=health.link_errors,
             frames_lost=health.frames_lost,

@@ -15,7 +15,7 @@ from typing import Any
 
 from hil_bridge.clock.realtime import RealTime, real_time_thread
 from hil_bridge.errors import ConfigError
-from hil_bridge.experiments.chain import run_cell
+from hil_bridge.experiments.emulated_run import run_emulated
 from hil_bridge.recording import CycleRecord, read
 from hil_bridge.settings.configuration import Config
 from hil_bridge.text_files import toml_pair
@@ -114,7 +114,7 @@ def measure(say: Callable[[str], None]) -> Report:
         for baudrate in BAUDRATES:
             floor = line_floor(LinkProfile(baudrate=baudrate)) * MILLI
             say(f"{baudrate} baud, virtual time")
-            virtual = cycle_time(run_cell(Config.model_validate(settings(baudrate))).cycles) * MILLI
+            virtual = cycle_time(run_emulated(Config.model_validate(settings(baudrate))).cycles) * MILLI
             times = {"virtual time": virtual}
             stolen = {}
             for way, realtime in ways.items():

@@ -13,7 +13,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from hil_bridge.control.course.checks import require_above_zero, require_not_negative
-from hil_bridge.control.types import POSITION_STEP_MM, SAMPLE_MS, Command, Controller, Measurement, plain
+from hil_bridge.control.types import POSITION_STEP_MM, SAMPLE_MS, Command, Controller, Measurement, as_command
 
 
 class Phase(StrEnum):
@@ -306,7 +306,7 @@ class Task:
             measurement.dt,
         )
         memory, answer = self.controller.step(state.controller, seen, self.parameters.force_n)
-        command = plain(answer)
+        command = as_command(answer)
         if state.in_contact:
             state = TaskState(
                 state.phase,
