@@ -17,7 +17,7 @@ from collections.abc import Awaitable, Callable, Mapping, Sequence
 from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass, field
 from importlib import import_module
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
 from emulators.cell import OWN_FAULTS, CellProfile
 from emulators.faults import Fault
@@ -119,6 +119,15 @@ class SensorEmulation:
     """As of a `RobotEmulation`."""
 
 
+class CanBus(NamedTuple):
+    """The CAN bus of a device."""
+
+    device: str
+    """For people."""
+    bitrate: int
+    """bit/s"""
+
+
 @dataclass(frozen=True, slots=True)
 class SensorKind:
     """A kind of force/torque sensor, with the device that stands before it."""
@@ -144,6 +153,8 @@ class SensorKind:
     """A wire's URL in its parts, for those that look at the wire alone. Raises ConfigError for one that cannot be of
     this kind.
     """
+    bus: CanBus | None = None
+    """Of a device on CAN: an interface with another rate cannot reach it."""
     also: str = ""
     """An older name under which `sensor.emulated` chooses it."""
 
@@ -213,6 +224,11 @@ class CellSection(CellProfile):
 ROBOTS = Registry("robot", "hil_bridge.robots", _ROBOTS, RobotKind)
 SENSORS = Registry("sensor", "hil_bridge.sensors", _SENSORS, SensorKind)
 SURFACES: Registry[SurfaceKind] = Registry("surface", "hil_bridge.surfaces", {}, SurfaceKind)
+
+
+def usual_bus() -> CanBus:
+    """The CAN bus of the first of our kinds that has one: what an interface is for that no sensor's URL names."""
+    return next(kind.bus for kind in map(SENSORS.kind, _SENSORS) if kind.bus is not None)
 
 
 def robot_of(url: str) -> tuple[RobotKind, str]:

@@ -5,6 +5,7 @@ exit code is 0 only when none failed. `--only NAME` runs one step.
 """
 
 import argparse
+import json
 import subprocess
 import sys
 import tempfile
@@ -25,8 +26,29 @@ def tool(name: str, *arguments: str) -> Callable[[], int]:
     return lambda: subprocess.run([BIN / name, *arguments], cwd=ROOT, check=False).returncode
 
 
+TOYS = ROOT / "tests" / "plugins" / "toydevices"
+"""A package of devices that another author could have written."""
+TOY_RUN = (
+    "run",
+    TOYS / "toys.toml",
+    "--no-view",
+    "--robot",
+    "toyarm",
+    "--sensor",
+    "toyload",
+    "--surface",
+    "toyspring",
+)
+STEADY_N = 10.0, 0.5
+"""Force that a run with the toys comes to, and how far it may be off, N."""
+
+
 def wheel_elsewhere() -> int:
-    """Build the wheel, install it into a fresh environment outside the checkout, and run it there."""
+    """Build the wheel, install it into a fresh environment outside the checkout, and run it there.
+
+    Then the same with the toys' wheel: a loop over UDP that knows its devices by their names alone, in virtual time and
+    in real time.
+    """
     with tempfile.TemporaryDirectory(prefix="hil-bridge-wheel-") as name:
         place = Path(name)
 
@@ -48,6 +70,17 @@ def wheel_elsewhere() -> int:
             run(bridge, "run", "--virtual", "--duration", "5", "--no-view", "--summary", place / "s.json")
             if not (place / "s.json").stat().st_size:
                 raise RuntimeError("the short run wrote an empty summary")
+            run(sys.executable, "-m", "build", "--wheel", "--outdir", place / "toys", TOYS)
+            (toys,) = (place / "toys").glob("*.whl")
+            run(scripts / "python", "-m", "pip", "install", "--quiet", "--disable-pip-version-check", toys)
+            for time_of in (["--virtual"], []):
+                record, summary = place / f"toys{len(time_of)}.mcap", place / f"toys{len(time_of)}.json"
+                run(bridge, *TOY_RUN, *time_of, "--record", record, "--summary", summary)
+                force = json.loads(summary.read_text(encoding="utf-8"))["force_mean_steady_n"]
+                if abs(force - STEADY_N[0]) > STEADY_N[1]:
+                    raise RuntimeError(f"the toys came to {force} N")
+                for command in ("latency", "report", "replay"):
+                    run(bridge, command, record)
         except (RuntimeError, OSError, ValueError) as error:
             print(error)
             return 1

@@ -117,9 +117,9 @@ class _Robot:
         async with self._inner.motion(velocity) as motion:
             order = motion.to
 
-            async def noted(*place: Any, **how: Any) -> None:
+            async def noted(*place: Any, **how: Any) -> Any:
                 self._orders.append(self._clock.now())
-                await order(*place, **how)
+                return await order(*place, **how)
 
             motion.to = noted
             yield motion

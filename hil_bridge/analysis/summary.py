@@ -4,6 +4,7 @@ import math
 import statistics
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import msgspec
@@ -95,8 +96,10 @@ def summarise(recording: Recording, end: RunEnd | None = None) -> Summary:
     cycles = recording.cycles
     track = [cycle for cycle in cycles if cycle.phase == TRACK and math.isfinite(cycle.force)]
     dropped = _dropped(recording)
-    step = devices_of(recording).robot.position_step_m
-    figures = _figures(track, _stopping(cycles) if end.outcome is Outcome.STOPPED else None, step)
+    robot = devices_of(recording).robot
+    figures = _figures(
+        track, _stopping(cycles) if end.outcome is Outcome.STOPPED else None, robot.position_step_m
+    )
     steady = figures.get("steady_mean_error_n") is not None
     references = [cycle.force_reference for cycle in track or cycles]
     spans = phases(recording)
@@ -123,7 +126,7 @@ def summarise(recording: Recording, end: RunEnd | None = None) -> Summary:
         cycles_clamped=sum(cycle.verdict == "clamp" for cycle in cycles),
         cycles_held=sum(cycle.held for cycle in cycles),
         cycle_rate_hz=_rate(cycles),
-        cycle_time=times_of([cycle.answered_at - cycle.started_at for cycle in cycles]),
+        cycle_time=times_of(_cycle_times(cycles, robot.cycle_s is not None)),
         line_floor_s=end.line_floor_s,
         sensor_frames_received=len(recording.sensors) + dropped[SENSOR.name],
         sensor_frames_lost=end.sensor_lost,
@@ -213,6 +216,13 @@ def _merit(cycles: Sequence[CycleRecord], step_m: float | None) -> FiguresOfMeri
         in_contact=[cycle.in_contact for cycle in cycles],
         resolution_mm=step_m * 1e3 if step_m else math.inf,
     )
+
+
+def _cycle_times(cycles: Sequence[CycleRecord], driven_by_robot: bool) -> list[float]:
+    """From the begin of each cycle to its answer; to the next begin for a robot that drives the cycle, s."""
+    if driven_by_robot:
+        return [after.started_at - before.started_at for before, after in pairwise(cycles)]
+    return [cycle.answered_at - cycle.started_at for cycle in cycles]
 
 
 def _rate(cycles: Sequence[CycleRecord]) -> float | None:

@@ -17,7 +17,7 @@ import click
 from hil_bridge.clock import Clock, run_real
 from hil_bridge.clock.realtime import RealTime, real_time_thread
 from hil_bridge.errors import ConfigError
-from hil_bridge.kinds import robot_of, sensor_of
+from hil_bridge.kinds import CanBus, robot_of, sensor_of
 from hil_bridge.runs.checks import problems
 from hil_bridge.settings.configuration import Config, load_config
 from hil_bridge.settings.kinds import settings_of
@@ -94,26 +94,30 @@ def wires(config: Config, root: Path, details: Mapping[str, Mapping[str, Any]] |
             yield ok(key, "empty: emulated")
             continue
         try:
-            found = wire(_parsed(url, is_sensor, config), root, details)
+            kind, wire_url = sensor_of(url) if is_sensor else robot_of(url)
+            parsed = kind.parse(wire_url, settings_of(config, kind))
+            found = wire(parsed, root, details, getattr(kind, "bus", None))
         except ConfigError as error:
             found = fail(key, str(error))
         yield Fact(found.level, key, f"{found.subject}: {found.text}", found.remedy)
 
 
-def _parsed(url: str, is_sensor: bool, config: Config) -> WireUrl:
-    kind, wire_url = sensor_of(url) if is_sensor else robot_of(url)
-    return kind.parse(wire_url, settings_of(config, kind))
-
-
-def wire(url: WireUrl, root: Path, details: Mapping[str, Mapping[str, Any]] | None) -> Fact:
+def wire(
+    url: WireUrl,
+    root: Path,
+    details: Mapping[str, Mapping[str, Any]] | None,
+    bus: CanBus | None = None,
+) -> Fact:
     """Whether what a URL names is there and may be opened. A host is connected to and left again."""
     match url.scheme:
         case "serial" | "can+slcan":
             return _port(url.target, root)
         case "can+socketcan":
-            return facts.can_interface(root, url.target, details)
+            return facts.can_interface(root, url.target, details, bus)
         case "tcp" | "rfc2217" | "can+slcan+tcp":
             return _host(*url.host_port)
+        case "udp" | "udp-bind":
+            return ok(url.text, "datagrams ask for no connection: a run shows whether the device answers")
         case _:
             return fail(url.text, "such a wire exists inside one process only", "name a port or an interface")
 

@@ -16,7 +16,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
-from protocol.jr3 import GATEWAY_BITRATE
+from hil_bridge.kinds import CanBus, usual_bus
 
 _ARPHRD_CAN = 280
 """Type of a CAN interface. Source: Linux, if_arp.h."""
@@ -197,8 +197,14 @@ def can_interfaces(root: Path, details: Mapping[str, Mapping[str, Any]] | None) 
         )
 
 
-def can_interface(root: Path, name: str, details: Mapping[str, Mapping[str, Any]] | None) -> Fact:
-    """One interface by its name."""
+def can_interface(
+    root: Path,
+    name: str,
+    details: Mapping[str, Mapping[str, Any]] | None,
+    bus: CanBus | None = None,
+) -> Fact:
+    """One interface by its name, for a device on this bus, or for the usual one."""
+    bus = bus or usual_bus()
     subject, folder = f"CAN interface {name}", root / "sys/class/net" / name
     if _read(folder / "type") != str(_ARPHRD_CAN):
         there = ", ".join(can_names(root)) or "none"
@@ -207,7 +213,7 @@ def can_interface(root: Path, name: str, details: Mapping[str, Mapping[str, Any]
     up = flags.startswith("0x") and bool(int(flags, 16) & _IFF_UP)
     told = (details or {}).get(name, {})
     kind = str(told.get("kind", ""))
-    bring_up = f"`sudo ip link set {name} up type can bitrate {GATEWAY_BITRATE} restart-ms 100`"
+    bring_up = f"`sudo ip link set {name} up type can bitrate {bus.bitrate} restart-ms 100`"
     if not up:
         remedy = f"`sudo ip link set {name} up`" if kind == "vcan" else bring_up
         return fail(subject, "is down", remedy)
@@ -218,10 +224,10 @@ def can_interface(root: Path, name: str, details: Mapping[str, Mapping[str, Any]
     counters = "error counters sent {}, received {}".format(*errors) if any(errors) else ""
     parts = ("is up", f"{bitrate} bit/s" if bitrate else "", state.lower(), counters)
     text = ", ".join(filter(None, parts))
-    if bitrate is not None and bitrate != GATEWAY_BITRATE:
+    if bitrate is not None and bitrate != bus.bitrate:
         return fail(
             subject,
-            f"{text}; a JR3 gateway speaks {GATEWAY_BITRATE}",
+            f"{text}; {bus.device} speaks {bus.bitrate}",
             f"`sudo ip link set {name} down`, then {bring_up}",
         )
     if state == "BUS-OFF":

@@ -57,6 +57,8 @@ class Snapshot:
     """What was found of the sensor before the touch last, in words."""
     warning: str = ""
     """What a person should know at once, beside what the run itself does."""
+    period_s: float | None = None
+    """Between the begins of the last two cycles."""
 
     @property
     def remaining_s(self) -> float | None:
@@ -71,6 +73,9 @@ class Snapshot:
 
     @property
     def cycle_time_s(self) -> float | None:
+        """From the begin of the newest cycle to its answer; to the next begin for a robot that drives the cycle."""
+        if self.robot.cycle_s is not None:
+            return self.period_s
         if self.newest is None or not math.isfinite(self.newest.answered_at):
             return None
         return self.newest.answered_at - self.newest.started_at
@@ -135,4 +140,5 @@ class ViewModel:
             link=health.link,
             warning=self._warning,
             check=self._check,
+            period_s=cycles[-1].started_at - cycles[-2].started_at if len(cycles) > 1 else None,
         )

@@ -632,7 +632,7 @@ def test_a_run_records_what_its_devices_are(tmp_path: Path, emulated: str, kind:
     # An older recording has the robot's facts too, from its configuration.
     older = devices_of(replace(recording, devices={}))
     assert msgspec.structs.replace(robot.servo, marks={}) == older.robot.servo
-    beside = ("model", "byte_time_s", "servo", "routine", "errors", "traffic")
+    beside = ("model", "order_step_m", "byte_time_s", "servo", "routine", "errors", "traffic")
     told_now = {name: getattr(robot, name) for name in beside}
     assert msgspec.structs.replace(older.robot, **told_now) == robot
     assert older.sensor.facts is not None

@@ -8,7 +8,7 @@ from emulators.jr3.faults import JR3_FAULTS
 from emulators.seams import SensorFactory
 from emulators.wires.slcan_adapter import SlcanAdapter, SlcanProfile
 from hil_bridge.errors import ConfigError
-from hil_bridge.kinds import KindSettings, SensorEmulation, SensorKind
+from hil_bridge.kinds import CanBus, KindSettings, SensorEmulation, SensorKind
 from hil_bridge.sensors.jr3.registers import BOARD, ListenerProfile, board_wire, connect_board, serve_board
 from hil_bridge.sensors.jr3.settings import Jr3Settings
 from hil_bridge.transports import Transport
@@ -155,6 +155,7 @@ CAN_GATEWAY = SensorKind(
     directly=True,
     older_form=_can_form,
     parse=lambda url, settings: parse_url(url, CONNECT_CAN),
+    bus=CanBus("a JR3 gateway", GATEWAY_BITRATE),
     also="gateway",
 )
 UART_GATEWAY = SensorKind(

@@ -1,0 +1,205 @@
+"""Kinds of devices: ours and those of another package, by name and by URL, from the configuration to the record."""
+
+import json
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from hil_bridge.cli import cli
+from hil_bridge.errors import ConfigError
+from hil_bridge.kinds import ROBOTS, SENSORS, emulated_sensor, robot_of, sensor_of
+from hil_bridge.recording import read
+from hil_bridge.recording.device_facts import devices_of
+from hil_bridge.settings.configuration import Config, load_config
+from hil_bridge.settings.kinds import settings_of
+
+TOYS = Path(__file__).parents[1] / "plugins" / "toydevices"
+POINTS = """
+[hil_bridge.robots]
+toyarm = toydevices.room:ROBOT
+[hil_bridge.sensors]
+toyload = toydevices.room:SENSOR
+[hil_bridge.surfaces]
+toyspring = toydevices.room:SURFACE
+"""
+NAMES = ("--robot", "toyarm", "--sensor", "toyload", "--surface", "toyspring")
+
+
+def installed(place: Path, points: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    info = place / "toydevices-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: toydevices\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text(points)
+    monkeypatch.syspath_prepend(str(place))
+    monkeypatch.syspath_prepend(str(TOYS))
+
+
+@pytest.fixture
+def toys(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """The package of toys, as it is found when its wheel is installed."""
+    installed(tmp_path, POINTS, monkeypatch)
+    yield
+    for name in [name for name in sys.modules if name.startswith("toydevices")]:
+        del sys.modules[name]
+
+
+def run(*arguments: str) -> str:
+    result = CliRunner().invoke(cli, arguments, catch_exceptions=False)
+    assert result.exit_code == 0, result.output
+    return result.output
+
+
+def refusal(*arguments: str) -> str:
+    with pytest.raises(ConfigError) as refused:
+        CliRunner().invoke(cli, arguments, catch_exceptions=False)
+    assert "\n" not in str(refused.value)
+    return str(refused.value)
+
+
+# --- URLs
+
+
+@pytest.mark.parametrize(
+    ("url", "kind", "wire"),
+    [
+        ("can+socketcan://can0", "jr3", "can+socketcan://can0"),
+        ("jr3+can+socketcan://can0", "jr3", "can+socketcan://can0"),
+        ("can+slcan+pty:", "jr3", "can+slcan+pty:"),
+        ("serial:///dev/ttyACM0?gateway=jr3", "jr3-uart", "serial:///dev/ttyACM0"),
+        ("jr3-uart+serial:///dev/ttyACM0", "jr3-uart", "serial:///dev/ttyACM0"),
+        ("jr3+tcp://10.0.0.1:1762?filter=2", "jr3-board", "tcp://10.0.0.1:1762?filter=2"),
+        ("jr3-board+tcp://10.0.0.1:1762", "jr3-board", "tcp://10.0.0.1:1762"),
+        ("jr3+memory:sensor", "jr3-board", "memory:sensor"),
+    ],
+)
+def test_a_sensors_url_names_its_kind_also_in_an_older_form(url: str, kind: str, wire: str) -> None:
+    found, rest = sensor_of(url)
+    assert (found.name, rest) == (kind, wire)
+
+
+@pytest.mark.parametrize("url", ["serial:///dev/ttyUSB0", "tcp://10.0.0.1:4000", "memory:robot"])
+def test_a_robots_url_without_a_kind_is_one_of_an_s3(url: str) -> None:
+    assert robot_of(url) == (ROBOTS.kind("s3"), url)
+    assert robot_of(f"s3+{url}") == (ROBOTS.kind("s3"), url)
+
+
+def test_a_sensors_url_of_no_kind_is_refused_with_the_kinds_that_there_are() -> None:
+    with pytest.raises(ConfigError, match=r"unknown scheme 'tcp'.*kinds jr3, jr3-uart, jr3-board"):
+        sensor_of("tcp://10.0.0.1:4000")
+
+
+def test_a_kind_goes_by_its_older_name_in_a_configuration() -> None:
+    assert [emulated_sensor(name).name for name in ("gateway", "uart", "board")] == [*SENSORS.built_in]
+    for section, name in (("robot", "kuka"), ("sensor", "usb")):
+        with pytest.raises(ValueError, match=f"there is no {section} '{name}'"):
+            Config.model_validate({section: {"emulated": name}})
+
+
+def test_both_forms_of_our_urls_make_the_same_run(tmp_path: Path) -> None:
+    usual = run("run", "--virtual", "--duration", "1", "--no-view", "--record", str(tmp_path / "a.mcap"))
+    config = tmp_path / "c.toml"
+    config.write_text('[robot]\nemulated = "s3"\n[sensor]\nemulated = "jr3"\n')
+    named = run(
+        "run", str(config), "--virtual", "--duration", "1", "--no-view", "--record", str(tmp_path / "b.mcap")
+    )
+    assert usual.replace("a.mcap", "b.mcap") == named
+    assert [c.target for c in read(tmp_path / "a.mcap").cycles] == [
+        c.target for c in read(tmp_path / "b.mcap").cycles
+    ]
+
+
+# --- devices of another package
+
+
+@pytest.mark.usefixtures("toys")
+def test_toys_close_the_loop_and_the_record_tells_their_facts(tmp_path: Path) -> None:
+    record, config = str(tmp_path / "toys.mcap"), str(TOYS / "toys.toml")
+    run(
+        "run",
+        config,
+        "--virtual",
+        "--no-view",
+        *NAMES,
+        "--record",
+        record,
+        "--summary",
+        str(tmp_path / "s.json"),
+    )
+    summary = json.loads((tmp_path / "s.json").read_text())
+    assert summary["outcome"] == "completed"
+    assert summary["force_mean_steady_n"] == pytest.approx(10.0, abs=0.3)
+    assert summary["cycle_time"]["mean_s"] == pytest.approx(0.02)
+    devices = devices_of(read(Path(record)))
+    assert (devices.robot.kind, devices.robot.model, devices.robot.cycle_s) == ("toyarm", "toy arm", 0.004)
+    assert devices.sensor.kind == "toyload"
+    assert devices.sensor.facts is not None
+    assert devices.sensor.facts.scales[0] == 1e-3
+    assert "robot's packet, interpolator and way to the loops" in run("latency", record)
+    assert "every command identical" in run("replay", record)
+    assert run("report", record).strip().endswith("report.html")
+
+
+@pytest.mark.usefixtures("toys")
+def test_a_robot_that_is_quick_refuses_a_controller_tuned_for_a_slow_one() -> None:
+    told = refusal("run", "--virtual", "--no-view", "--no-record", *NAMES)
+    assert "controller.sample_ms = 4" in told
+
+
+@pytest.mark.usefixtures("toys")
+def test_settings_of_a_kind_stand_in_sections_of_its_name(tmp_path: Path) -> None:
+    file = tmp_path / "c.toml"
+    file.write_text(
+        '[robot]\nemulated = "toyarm"\n[cell]\nsurface_kind = "toyspring"\n'
+        "[cell.toyarm]\nspeed_mm_s = 90\n[cell.toyspring]\nstiffness_n_mm = 7\n"
+    )
+    config = load_config(file, {})
+    assert settings_of(config, ROBOTS.kind("toyarm")).emulated.speed_mm_s == 90
+    assert config.cell.toyspring.stiffness_n_mm == 7
+    file.write_text("[cell.toyspring]\nstiffness_n_mm = -1\n")
+    with pytest.raises(ConfigError, match=r"cell\.toyspring: stiffness_n_mm must be more than 0, got -1"):
+        load_config(file, {})
+    file.write_text('[robot]\nemulated = "toyarm"\n[[faults]]\non = "link"\nfault = "cut"\n')
+    with pytest.raises(ConfigError, match=r"no target is called 'link'; known: signal"):
+        load_config(file, {})
+
+
+def test_sections_of_a_kind_that_is_not_installed_are_no_settings(tmp_path: Path) -> None:
+    file = tmp_path / "c.toml"
+    file.write_text("[cell.toyarm]\nspeed_mm_s = 90\n")
+    with pytest.raises(ConfigError, match=r"cell\.toyarm is no setting"):
+        load_config(file, {})
+
+
+def test_an_option_without_a_colon_is_the_name_of_a_kind() -> None:
+    told = refusal("run", "--virtual", "--robot", "toyarm")
+    assert told == "--robot: there is no robot 'toyarm'; choose one of s3"
+
+
+@pytest.mark.parametrize(
+    ("point", "words"),
+    [
+        ("toydevices.room:SENSOR", "toydevices.room:SENSOR must be a RobotKind of that name"),
+        ("toydevices.room:NOTHING", "cannot be loaded: AttributeError"),
+        ("toydevices.nowhere:ROBOT", "cannot be loaded: ModuleNotFoundError"),
+    ],
+)
+def test_a_broken_package_is_blamed_by_name_when_its_kind_is_chosen(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, point: str, words: str
+) -> None:
+    installed(tmp_path, f"[hil_bridge.robots]\ntoyarm = {point}\n", monkeypatch)
+    assert "toyarm" in ROBOTS.names
+    load_config(None, {})  # a package that is not chosen disturbs nothing
+    told = refusal("run", "--virtual", "--robot", "toyarm")
+    assert "robot 'toyarm' of toydevices 1.0" in told
+    assert words in told
+
+
+@pytest.mark.usefixtures("toys")
+def test_a_toy_has_no_panel() -> None:
+    told = refusal(
+        "run", str(TOYS / "toys.toml"), *NAMES, "--panel", "tcp-listen://127.0.0.1:0", "--no-record"
+    )
+    assert "an emulated toyarm has no panel" in told
