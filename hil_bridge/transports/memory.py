@@ -11,13 +11,13 @@ from hil_bridge.errors import TransportEnded, TransportError, TransportUnavailab
 from hil_bridge.transports.base import Transport
 from hil_bridge.transports.delivery import QUEUE_BYTES, Delivery, TimedQueue, flush
 from hil_bridge.transports.listening import Exchange
-from hil_bridge.transports.serial.line import LineEnd
+from hil_bridge.transports.serial.line import Uart
 
 
 @dataclass(frozen=True, slots=True)
 class _Listener:
     exchange: Exchange
-    end: LineEnd | None
+    end: Uart | None
 
 
 _LISTENERS: WeakKeyDictionary[asyncio.AbstractEventLoop, dict[str, _Listener]] = WeakKeyDictionary()
@@ -39,7 +39,7 @@ def memory_pair(
     return here, there
 
 
-def listen_memory(name: str, clock: Clock, end: LineEnd | None = None) -> Transport[bytes]:
+def listen_memory(name: str, clock: Clock, end: Uart | None = None) -> Transport[bytes]:
     """Wait for clients of this name in this loop, one at a time. Raises TransportUnavailable if taken.
 
     `end` is the listener's UART; the line itself is at the client's side of the wire.
@@ -54,7 +54,7 @@ def listen_memory(name: str, clock: Clock, end: LineEnd | None = None) -> Transp
 
 def connect_memory(
     name: str, latency_s: float, clock: Clock, line: bool = False
-) -> tuple[Transport[bytes], LineEnd | None]:
+) -> tuple[Transport[bytes], Uart | None]:
     """Connect to who listens under this name; gives the wire and the listener's UART, if it has one.
 
     The wire is to be given to a serial line where the listener has a UART, or where `line` says so.

@@ -19,7 +19,7 @@ from hil_bridge.transports import (
     Faults,
     Faulty,
     LineSettings,
-    Paced,
+    PacedLine,
     Parity,
     Reconnecting,
     Tap,
@@ -62,7 +62,7 @@ def test_a_block_of_57_bytes_takes_exactly_its_character_times(outward: bool) ->
     async def main() -> None:
         clock = Clock.running()
         inner, far = memory_pair(clock)
-        near = Paced(inner, LINE, clock, fifo=14)
+        near = PacedLine(inner, LINE, clock, fifo=14)
         here, there = Log(near, clock), Log(far, clock)
         await pass_time(0.1)
         start = clock.now()
@@ -81,7 +81,7 @@ def test_bursts_queue_after_one_another_and_idle_time_is_not_made_up() -> None:
     async def main() -> None:
         clock = Clock.running()
         inner, far = memory_pair(clock)
-        near, there = Paced(inner, LINE, clock, fifo=14), Log(far, clock)
+        near, there = PacedLine(inner, LINE, clock, fifo=14), Log(far, clock)
         start = clock.now()
         near.send(b"abc")
         near.send(b"de")  # extends the burst
@@ -99,7 +99,7 @@ def test_paced_times_do_not_drift_over_a_long_burst() -> None:
     async def main() -> None:
         clock = Clock.running()
         inner, far = memory_pair(clock)
-        near, there = Paced(inner, LINE, clock), Log(far, clock)
+        near, there = PacedLine(inner, LINE, clock), Log(far, clock)
         start = clock.now()
         near.send(bytes(50_000))
         await pass_time(100)
@@ -112,7 +112,7 @@ def test_paced_bounds_both_queues() -> None:
     async def main() -> None:
         clock = Clock.running()
         inner, far = memory_pair(clock)
-        near, there = Paced(inner, LINE, clock), Log(far, clock)
+        near, there = PacedLine(inner, LINE, clock), Log(far, clock)
         here = Log(near, clock)
         with pytest.raises(TransportError, match="full"):
             near.send(bytes(70_000))
@@ -132,7 +132,7 @@ def test_the_end_comes_after_what_is_on_the_line() -> None:
     async def main() -> None:
         clock = Clock.running()
         for wrap, last in (
-            (lambda wire: Paced(wire, LINE, clock), 20 * 11 / 9600),
+            (lambda wire: PacedLine(wire, LINE, clock), 20 * 11 / 9600),
             (lambda wire: Delayed(wire, 0.25, clock), 0.25),
         ):
             inner, far = memory_pair(clock)
@@ -151,7 +151,7 @@ def test_closing_gives_a_slow_line_one_second() -> None:
     async def main() -> None:
         clock = Clock.running()
         inner, far = memory_pair(clock)
-        near, there = Paced(inner, LINE, clock, fifo=1), Log(far, clock)
+        near, there = PacedLine(inner, LINE, clock, fifo=1), Log(far, clock)
         start = clock.now()
         near.send(bytes(5000))
         await near.aclose()
