@@ -95,7 +95,7 @@ def toml_pair(key: str, value: object) -> str:
 
 
 def parse_json(text: str) -> Any:
-    """What a JSON text of a recording says. Raises ValueError with the reason."""
+    """Value of a JSON text in a recording. Raises ValueError with the reason."""
     try:
         value = json.loads(text)
     except RecursionError as error:
@@ -121,7 +121,7 @@ _TOO_DEEP = f"tables and arrays lie more than {DEPTH_LIMIT} deep in each other"
 
 
 def _problems(value: object) -> Iterator[str]:
-    """What no value of ours is like, found without recursion."""
+    """Properties that none of our values has, found without recursion."""
     waiting: list[tuple[str, int, object]] = [("", 0, value)]
     while waiting:
         key, depth, found = waiting.pop()

@@ -149,8 +149,8 @@ def earliest_arrivals(frames: Sequence[SensorRecord]) -> dict[int, float]:
     """By the frame's sequence, when it would have arrived with the smallest delay, s; empty for too few frames.
 
     The straight line that lies nowhere above the arrivals and nearest to them on the mean; it carries an edge of
-    their lower convex hull, so drift between the two clocks does not count as delay. What an arrival is later is
-    jitter alone: without the cell's truth nobody can tell the smallest delay itself.
+    their lower convex hull, so drift between the two clocks does not count as delay. The lateness of an arrival is
+    jitter alone: the smallest delay itself is known only from the cell's truth.
     """
     points = sorted((frame.sequence, frame.at) for frame in frames if math.isfinite(frame.at))
     if len(points) < 2 or points[0][0] == points[-1][0]:
@@ -211,7 +211,7 @@ def timestamps(
 
 
 def _constants(devices: Devices, found: Latency) -> tuple[Constant, ...]:
-    """What lies before the sample and behind the motion."""
+    """The constant delays before the sample and behind the motion."""
     constants = []
     if delay := devices.sensor.delay_s:
         constants.append(Constant("the sensor's filter", delay, "from its cut-off frequency"))

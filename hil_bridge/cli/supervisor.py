@@ -14,7 +14,7 @@ _Command = TypeVar("_Command", bound=Callable[..., Any])
 
 @click.group(no_args_is_help=False)
 def supervisor() -> None:
-    """What refuses, clamps or ends a run."""
+    """Conditions that refuse, clamp or end a run."""
 
 
 @supervisor.command(short_help="List every condition and what it leads to.")

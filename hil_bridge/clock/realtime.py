@@ -1,4 +1,4 @@
-"""What makes one thread of a Linux process keep its times: priority, processor, sleep, memory, garbage, other threads.
+"""Settings that make one thread of a Linux process keep its times: priority, processor, sleep, memory, other threads.
 
 Nothing of this is needed for a loop of a few hertz; a 1 kHz sensor on a busy machine is what it is for.
 """
@@ -27,7 +27,7 @@ LATENCY_FILE = "/dev/cpu_dma_latency"
 Documentation/power/pm_qos_interface.rst.
 """
 UDEV_RULE = 'KERNEL=="cpu_dma_latency", GROUP="dialout", MODE="0660"'
-"""Lets those who may open serial ports write to it."""
+"""Rule that lets every user of the group of serial ports write to it."""
 _NO_LATENCY = struct.pack("=i", 0)
 _MCL_CURRENT, _MCL_FUTURE = 1, 2
 """Flags of mlockall. Source: Linux, sys/mman.h."""
@@ -125,7 +125,7 @@ def gc_paused() -> Iterator[None]:
 
 
 def collect_generation_1() -> None:
-    """Collect what has become garbage since the last time; for a moment in which everybody waits for a wire."""
+    """Collect garbage made since the last time; for a moment in which the run only waits for a wire."""
     gc.collect(1)
 
 

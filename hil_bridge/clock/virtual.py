@@ -152,11 +152,11 @@ class VirtualLoop(asyncio.SelectorEventLoop):
         raise VirtualTimeError(f"no threads in virtual time: {getattr(func, '__qualname__', func)}")
 
     def add_reader(self, fd: Any, callback: Any, *args: Any) -> None:  # type: ignore[override]
-        """Nobody waits for a file descriptor here: always raises VirtualTimeError."""
+        """Always raises VirtualTimeError: virtual time does not wait for file descriptors."""
         raise VirtualTimeError("no file descriptors in virtual time: use memory wires, or real time")
 
     def add_writer(self, fd: Any, callback: Any, *args: Any) -> None:  # type: ignore[override]
-        """Nobody waits for a file descriptor here: always raises VirtualTimeError."""
+        """Always raises VirtualTimeError: virtual time does not wait for file descriptors."""
         raise VirtualTimeError("no file descriptors in virtual time: use memory wires, or real time")
 
 

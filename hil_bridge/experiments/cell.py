@@ -16,7 +16,7 @@ from hil_bridge.settings.configuration import Config
 Floats = NDArray[np.float64]
 
 CYCLE_S = {9600: 0.18, 19200: 0.102}
-"""What a cycle takes by the rate of the link, s, by which a way in a sample is turned into a speed. Source: measured in
+"""Time of a cycle by the rate of the link, s. It turns a way in a sample into a speed. Source: measured in
 virtual time; the spread of 4 % either way does not change how many position steps a sample asks for.
 """
 CORRECTION_MM = 2.1

@@ -17,7 +17,7 @@ from hil_bridge.settings.configuration import Config
 
 
 class EmulatedRun(NamedTuple):
-    """What a run left."""
+    """Records and result of a run."""
 
     cycles: tuple[CycleRecord, ...]
     events: tuple[EventRecord, ...]

@@ -21,7 +21,7 @@ Parameters = tuple[tuple[str, str | float | bool | None], ...]
 
 
 class PaperRun(NamedTuple):
-    """What a run left, a value a sample."""
+    """Results of a run, one value a sample."""
 
     force: tuple[float, ...]
     """N, as measured."""

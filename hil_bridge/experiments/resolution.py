@@ -300,7 +300,7 @@ def _known(table: Sequence[Row], column: str) -> list[float]:
 
 
 def describe(table: Sequence[Row]) -> tuple[str, tuple[Claim, ...]]:
-    """What the paper says of the amplitude, and what came out."""
+    """The paper's claim about the amplitude, and the result here."""
     forces = _known(table, "step_force_n")
     ratios = [figure(row, "chain_n") / figure(row, "step_force_n") for row in table]
     simulated = [figure(row, "rounding_n") / figure(row, "step_force_n") for row in table]

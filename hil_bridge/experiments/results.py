@@ -1,4 +1,4 @@
-"""What an experiment is, what it leaves, and how tables become files and come back."""
+"""An experiment and its findings, and the way of tables into files and back."""
 
 import csv
 import io
@@ -22,7 +22,7 @@ class Job(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Claim:
-    """What the paper says, and what came out, in a line each."""
+    """A claim of the paper and the result here, one line each."""
 
     paper: str
     found: str
@@ -30,7 +30,7 @@ class Claim:
 
 @dataclass(frozen=True, slots=True)
 class Findings:
-    """What an experiment leaves."""
+    """Results of an experiment."""
 
     table: tuple[Row, ...]
     """The numbers, as they go into the CSV file."""
@@ -117,7 +117,7 @@ def digits(value: Value) -> str:
 
 
 def verdict(holds: bool) -> str:
-    """What a page says of a claim."""
+    """Words of a page for a claim."""
     return "reproduced" if holds else "not reproduced"
 
 

@@ -106,7 +106,7 @@ def _steps(row: Row) -> float:
 
 
 def describe_fixed(table: Sequence[Row]) -> tuple[str, tuple[Claim, ...]]:
-    """What came out of Fig. 3."""
+    """Text and claims for Fig. 3."""
     soft, sponge, hard, hardest = (only_row(table, stiffness_n_m=k) for k in (1000, 5000, 50_000, 100_000))
     cycling = _cycling(rows_where(table, controller=FIXED))
     creeps = figure(soft, "overshoot_percent") < 2.0 and figure(soft, "rise_samples") > 50
@@ -141,7 +141,7 @@ def describe_fixed(table: Sequence[Row]) -> tuple[str, tuple[Claim, ...]]:
 
 
 def describe_adapted(table: Sequence[Row]) -> tuple[str, tuple[Claim, ...]]:
-    """What came out of Fig. 5."""
+    """Text and claims for Fig. 5."""
     fixed, adapted, aware = (rows_where(table, controller=name) for name in (FIXED, ADAPTED, AWARE))
     before, after = (only_row(rows, stiffness_n_m=5000) for rows in (fixed, adapted))
     faster = figure(before, "rise_samples") / figure(after, "rise_samples")

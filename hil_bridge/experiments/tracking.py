@@ -26,7 +26,7 @@ STIFFNESS = 5000.0
 FLAT_SECONDS, CONTOUR_SECONDS = 20.0, 40.0
 """Chosen: a hundred samples on the flat sponge, more than a period of the contour."""
 SHOWN_SECONDS = 10.0
-"""What the picture of the flat sponge shows; nothing new happens later."""
+"""Part of the flat sponge that the picture shows; nothing new happens later."""
 
 
 def jobs(controllers: Sequence[str], contour: bool, seeds: int) -> list[CellJob]:

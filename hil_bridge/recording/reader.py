@@ -35,21 +35,21 @@ _CHUNK = struct.Struct("<QQQ")
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """What is kept of a run."""
+    """Records of a run."""
 
     cycles: tuple[CycleRecord, ...]
     sensors: tuple[SensorRecord, ...] = ()
     events: tuple[EventRecord, ...] = ()
     metadata: Mapping[str, str] = field(default_factory=dict)
-    """What was known before the run: configuration, versions, seed."""
+    """Metadata from before the run: configuration, versions, seed."""
     end: Mapping[str, str] = field(default_factory=dict)
-    """What was known after an orderly end; empty when the run was cut off."""
+    """Metadata from after an orderly end; empty when the run was cut off."""
     truncated: bool = False
     """The file ends early or is damaged; what came before the damage is here."""
     truths: tuple[TruthRecord, ...] = ()
-    """What the emulated cell knew; empty for a real one."""
+    """Ground truth from the emulated cell; empty for a real one."""
     devices: Mapping[str, str] = field(default_factory=dict)
-    """What was known of the devices once they were ready, see `device_facts`; empty before that."""
+    """Facts of the devices once they were ready, see `device_facts`; empty before that."""
 
 
 def read(path: Path) -> Recording:
@@ -187,7 +187,7 @@ def _mcap_records(data: bytes) -> Iterator[McapRecord]:
 
 
 def _claims(data: bytes) -> Iterator[int]:
-    """What each chunk says of its size unpacked, as far as the file can be followed."""
+    """Unpacked size that each chunk states, as far as the file can be followed."""
     at = len(_MAGIC)
     while at + _RECORD.size <= len(data):
         opcode, length = _RECORD.unpack_from(data, at)

@@ -1,4 +1,4 @@
-"""What the controller did, cycle by cycle: levels, fired rules, estimate, gain and verdict as tables."""
+"""The controller's decisions, cycle by cycle: levels, fired rules, estimate, gain and verdict as tables."""
 
 import math
 from collections import Counter
@@ -16,7 +16,7 @@ RULES_SHOWN = 3
 LEVELS = {"level_error": "error", "level_change": "change", "level_output": "output"}
 """Names of the levels by their keys in a cycle's explanation."""
 _RULE_SIGN = "→"
-"""What the name of a rule has, and no other key of an explanation."""
+"""Sign in the name of every rule, and in no other key of an explanation."""
 _UNITS = {"_m": (1e3, ".3f", "mm"), "_n": (1.0, ".2f", "N")}
 """Scale, format and unit by the ending of a key."""
 
@@ -114,7 +114,7 @@ def _rules_text(cycle: CycleRecord) -> str:
 
 
 def _other_text(cycle: CycleRecord) -> str:
-    """What else the controller tells, with the units that its names end in."""
+    """Other values of the controller, with the units that their names end in."""
     told = []
     for key, value in cycle.explanation.items():
         if key in LEVELS or _RULE_SIGN in key or not _known(value):

@@ -28,7 +28,7 @@ _MOVES_TOLD = 0.005
 
 
 def start_time(recording: Recording) -> float:
-    """What the page counts times from, s on the run's clock."""
+    """Start of the page's times, s on the run's clock."""
     return min([recording.cycles[0].started_at, *(event.at for event in recording.events)])
 
 
@@ -111,7 +111,7 @@ def margins_sentence(analysis: Analysis, loop: LinearLoop) -> str:
 
 
 def cycle_sentence(analysis: Analysis) -> str:
-    """What was predicted beside what was measured."""
+    """Predicted values beside measured ones."""
     predicted, swing, steps = analysis.predicted, analysis.steady_peak_to_peak, analysis.steps_per_second
     if predicted is None:
         unstable = analysis.loop is not None and not analysis.loop.margins.stable

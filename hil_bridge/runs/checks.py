@@ -1,4 +1,4 @@
-"""What a run refuses before anything moves, from its configuration and this computer alone.
+"""Refusals of a run before anything moves, from its configuration and this computer alone.
 
 `run` raises the first of these, `doctor` tells all of them: so that the one cannot pass what the other refuses.
 """

@@ -87,7 +87,7 @@ class RunResult:
     left: str = ""
     """Where the tool was left, in words; empty where it never moved."""
     followed: tuple[str, ...] = ()
-    """What happened after the first cause."""
+    """Events after the first cause."""
 
 
 def control_loop(
@@ -151,7 +151,7 @@ class Run:
         self._followed: list[str] = []
         self._pause = 0.0
         self._log_error: Exception | None = None
-        """What the log raised when it was told of an event."""
+        """Error that the log raised for an event."""
         self.moving = False
         """A movement sequence is under way: only `interrupt` may end it, not cancellation."""
 
@@ -390,7 +390,7 @@ class Run:
         return frame
 
     def _dead_axis(self, quaternion: Quaternion) -> str:
-        """What is wrong with a force axis that the controlled force mainly lies on; empty while nothing is."""
+        """Fault of a force axis that carries most of the controlled force, in words; empty while there is none."""
         if not self._sensor.dead:
             return ""
         shares = self._wrist.seen_by_sensor(self._config.frame.approach, quaternion).tolist()
@@ -416,7 +416,7 @@ class Run:
     def _record(
         self, report: RobotReport, sample: Sample, decision: Decision, sent: Sent, **known: Any
     ) -> CycleRecord:
-        """What the cycle came to; `known` is what only its course knows, by the record's names."""
+        """Record of the cycle; `known` are the values that only its course knows, by the record's names."""
         output = decision.output
         command = output.command or Command(decision.target.depth, 0.0)
         return CycleRecord(

@@ -33,7 +33,7 @@ LATE_S = 1e-3
 CONNECT_S = 2.0
 """For how long a host may take to answer. Chosen."""
 LOCKED_BYTES = 1 << 29
-"""What a process with all its memory locked needs at most. Chosen."""
+"""Most memory that a process with all its memory locked needs. Chosen."""
 
 
 def doctor(config_file: Path | None, root: Path = Path("/")) -> bool:
@@ -62,8 +62,10 @@ def _say(fact: Fact) -> None:
 def computer(
     root: Path, details: Mapping[str, Mapping[str, Any]] | None, realtime: RealTime
 ) -> Iterator[Fact]:
-    """Everything about this computer, wires first; wake-ups as a thread has them that is run so."""
-    for port in facts.serial_ports(root):  # perhaps nobody wants it: only a configuration's can fail
+    """Everything about this computer, wires first; wake-ups as a thread with these settings has them."""
+    for port in facts.serial_ports(
+        root
+    ):  # a port may be unused: only one that the configuration names can fail
         yield replace(port, level=Level.WARN) if port.level is Level.FAIL else port
     yield from facts.can_interfaces(root, details)
     yield socketcan()
@@ -175,7 +177,7 @@ def wake_ups(realtime: RealTime) -> Fact:
 
 
 def judged(late: Sequence[float], realtime: RealTime) -> Fact:
-    """What these latenesses of a thread run so, s, the least first, say of the machine, and what is left to be done."""
+    """Finding from these latenesses of a thread run so, s, ascending, about the machine, and the remedy."""
     mean, p99 = sum(late) / len(late), late[int(0.99 * len(late))]
     awake = ", processors kept awake" * realtime.keep_awake + ", busy polling" * bool(realtime.busy_poll_ms)
     text = (

@@ -21,7 +21,7 @@ class _Listener:
 
 
 _LISTENERS: WeakKeyDictionary[asyncio.AbstractEventLoop, dict[str, _Listener]] = WeakKeyDictionary()
-"""Who listens under which name, for each loop."""
+"""Listeners by their names, for each loop."""
 
 
 def memory_pair(
@@ -30,7 +30,7 @@ def memory_pair(
     """Two ends of a wire. What one sends reaches the other whole after the latency, never within `send`.
 
     `line` promises that one of the two is given to a serial line: that takes time itself, so that without latency
-    the wire hands on within `send`, and no byte is with anybody earlier for it.
+    the wire hands on within `send`, and no byte arrives earlier for it.
     """
     at_once = line and latency_s <= 0.0
     here = _MemoryEnd(clock, latency_s, name, at_once)
@@ -55,11 +55,11 @@ def listen_memory(name: str, clock: Clock, end: Uart | None = None) -> Transport
 def connect_memory(
     name: str, latency_s: float, clock: Clock, line: bool = False
 ) -> tuple[Transport[bytes], Uart | None]:
-    """Connect to who listens under this name; gives the wire and the listener's UART, if it has one.
+    """Connect to the listener under this name; gives the wire and the listener's UART, if it has one.
 
     The wire is to be given to a serial line where the listener has a UART, or where `line` says so.
 
-    Raises TransportUnavailable when nobody listens or another client is there.
+    Raises TransportUnavailable without a listener, or when another client is there.
     """
     listener = _LISTENERS.get(clock.loop, {}).get(name)
     if listener is None:

@@ -93,7 +93,7 @@ async def _connect_host(parsed: WireUrl, clock: Clock, on_notice: Notice) -> Tra
 async def connect_can(url: str, clock: Clock, accept: Sequence[CanFilter] = ()) -> Transport[Frames]:
     """Open a CAN wire that receives what one of the filters accepts; everything without filters.
 
-    What is wrong on the bus arrives in band, as error frames that `protocol.can.error` reads. Raises ConfigError
+    Errors on the bus arrive in band, as error frames that `protocol.can.error` reads. Raises ConfigError
     for the URL, TransportUnavailable for the wire.
     """
     return await _open_can(parse_url(url, CONNECT_CAN), clock, accept)

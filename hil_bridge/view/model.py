@@ -1,4 +1,4 @@
-"""What the live view shows, as data: the control path stores, the view takes a snapshot when it likes."""
+"""Data of the live view: the control path stores, the view takes a snapshot when it likes."""
 
 import math
 from collections import deque
@@ -16,7 +16,7 @@ HISTORY_CYCLES = 60
 
 @dataclass(frozen=True, slots=True)
 class Health:
-    """What the cycle record does not say about the wires."""
+    """Facts about the wires that the cycle record does not hold."""
 
     link_errors: int = 0
     """Troubles of the robot link so far, as its facts add them up."""
@@ -40,7 +40,7 @@ class Snapshot:
     """How long it is to be tracked, where that is known."""
     reference_n: float
     line_floor_s: float | None
-    """What the characters of one cycle take on the line."""
+    """Time of one cycle's characters on the line."""
     newest: CycleRecord | None
     forces_n: tuple[float, ...]
     """Of the last cycles, oldest first."""
@@ -54,9 +54,9 @@ class Snapshot:
     link: Mapping[str, int]
     """Counters of the robot link by name."""
     check: str = ""
-    """What was found of the sensor before the touch last, in words."""
+    """Last finding about the sensor before the touch, in words."""
     warning: str = ""
-    """What a person should know at once, beside what the run itself does."""
+    """Warning that a person should read at once, beside the run's own reactions."""
     period_s: float | None = None
     """Between the begins of the last two cycles."""
 

@@ -39,7 +39,7 @@ class Range:
         """The newest sample since the zero."""
         self._near: set[str] = set()
         self.warnings: list[str] = []
-        """What the newest sample is worth saying, each once, in words."""
+        """Notices about the newest sample, each once, in words."""
         self._set_calm()
 
     def zeroed(self, before: Sequence[int] | None) -> None:

@@ -14,7 +14,7 @@ CHARACTER = LINE.bits / LINE.baudrate
 LATE = 0.3 * CHARACTER
 """By which every timer is called back after the time that was asked for."""
 LOOK = 1e-6
-"""What a look at the clock takes, s."""
+"""Time of a look at the clock, s."""
 
 
 class LateClock:

@@ -30,7 +30,7 @@ NEEDED: dict[tuple[str, str], dict[str, Any]] = {
     ("scales", "wrong"): {"phase": "connect", "after_s": 0.0},
     ("obstacle", "above"): {"phase": "retract", "after_s": 0.0},
 }
-"""What a fault needs beyond its defaults to have an effect one second after the tracking has begun."""
+"""Settings of a fault beyond its defaults for an effect one second after the tracking has begun."""
 EVERY = [(target, fault) for target, faults in CELL_FAULTS.items() for fault in faults]
 
 

@@ -378,7 +378,7 @@ def with_chunk(path: Path, claim: int, compression: str, packed: bytes) -> Path:
 
 
 def peak_bytes(path: Path) -> tuple[str, int]:
-    """What reading comes to, and the most memory that Python and the unpackers took for it."""
+    """Result of reading, and the most memory that Python and the unpackers took for it."""
     tracemalloc.start()
     try:
         said = "truncated" if read(path).truncated else "whole"

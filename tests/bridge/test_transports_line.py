@@ -1,6 +1,6 @@
 """Emulated lines whose ends differ, breaks, a plug that is pulled, a USB adapter: in virtual time, by URL and alone."""
 
-from asyncio import sleep as pass_time  # in virtual time, where nobody waits
+from asyncio import sleep as pass_time  # in virtual time, without waiting
 from itertools import pairwise
 from typing import Any
 
@@ -31,7 +31,7 @@ TEXT = b"The quick brown fox jumps over the lazy dog."
 
 
 class Log:
-    """What arrives at a transport, with the time."""
+    """Arrivals at a transport, with the time."""
 
     def __init__(self, transport: Transport[Any], clock: Clock) -> None:
         self.items: list[tuple[float, bytes]] = []

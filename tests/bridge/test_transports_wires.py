@@ -1,6 +1,6 @@
-"""What each wire does in virtual time beyond the suite: exact times, faults, arbitration, new clients."""
+"""Each wire in virtual time beyond the suite: exact times, faults, arbitration, new clients."""
 
-from asyncio import sleep as pass_time  # in virtual time, where nobody waits
+from asyncio import sleep as pass_time  # in virtual time, without waiting
 from itertools import islice
 from typing import Any
 
@@ -35,7 +35,7 @@ LINE = LineSettings(9600, Parity.EVEN, 1)
 
 
 class Log:
-    """What arrives at a transport, with the time."""
+    """Arrivals at a transport, with the time."""
 
     def __init__(self, transport: Transport[Any], clock: Clock) -> None:
         self.items: list[tuple[float, Any]] = []

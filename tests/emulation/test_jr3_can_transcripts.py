@@ -27,7 +27,7 @@ UNITS = np.array([115, 111, 185, 5.6, 5.2, 6.1]) / 16384
 
 @dataclass(frozen=True)
 class Transcript:
-    """What is said of the gateway, and what goes over the bus when it is so."""
+    """A statement about the gateway, and the bus traffic that shows it."""
 
     sentence: str
     lines: str

@@ -59,7 +59,7 @@ PARAMETERS: dict[tuple[str, str], dict[str, Any]] = {
     ("computer", "pause"): {"seconds": 2.0},
     ("surface", "hard"): {"factor": 2.0},
 }
-"""What is not at its default."""
+"""Settings that are not at their defaults."""
 
 BEFORE = ("connect", "tare")
 SEEN_BY_WEIGHT = {
@@ -88,7 +88,7 @@ FITTING = {
     "obstacle": r"force|contact|touching|away|left after|rest|weight",
     "computer": r"computer|force is|no new force",
 }
-"""What the cause of a stop may speak of, by the target of the fault."""
+"""Words that the cause of a stop may hold, by the target of the fault."""
 
 
 @dataclass

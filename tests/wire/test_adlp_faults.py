@@ -55,7 +55,7 @@ PAUSE = 0.2
 
 
 def telegram(role, number):
-    """A telegram that tells who sent it, is found once only, and holds DLE ETX ENQ ACK as data."""
+    """A telegram that tells its sender, is found once only, and holds DLE ETX ENQ ACK as data."""
     data = number.to_bytes(2, "big") + bytes((0x10, 0x03, 0x05, 0x06))
     return (8 + len(data)).to_bytes(2, "big") + bytes((role is HOST, 0, 24, 1, 0, 0)) + data
 
@@ -93,7 +93,7 @@ class Line:
             self.under_way.append([self.free, bytes((byte,)), chunk, self.free])
 
     def take(self, until):
-        """What has arrived, one bytes object a moment; FIFO."""
+        """Arrivals, one bytes object a moment; FIFO."""
         taken = []
         while self.under_way and self.under_way[0][0] <= until:
             taken.append(self.under_way.pop(0))
@@ -143,7 +143,7 @@ class LinkUnderFaults(RuleBasedStateMachine):
             baudrate=11000, stx_alternation=alternation, dle_stuffing=stuffing, collision_winner=winner
         )
         self.ends = {role: Link(role, self.profile) for role in Role}
-        self.lines = {role: Line(self.profile.character_time) for role in Role}  # by who sends
+        self.lines = {role: Line(self.profile.character_time) for role in Role}  # by sender
         self.now = EPOCH
         self.numbers = count(1)
         self.announced = 0
@@ -203,7 +203,7 @@ class LinkUnderFaults(RuleBasedStateMachine):
 
     @rule(role=roles)
     def cut(self, role):
-        """All that this role says from now on is lost; mended when nobody says any more."""
+        """All bytes from this role are lost from now on, until the mending."""
         self.lines[role].cut = True
 
     @precondition(has_bytes_under_way)
@@ -313,7 +313,7 @@ def both_ends(alternation, answer_timeout):
 
 
 def carry(source, sink, now):
-    """What one end hands out, all of it, to the other."""
+    """Bytes that one end hands out, all of them, to the other."""
     sink.receive(source.data_to_send(now), now)
 
 

@@ -37,7 +37,7 @@ WAYS = {
     "real time, busy polling": POLLING,
     "real time, processors kept awake": AWAKE,
 }
-"""What `[realtime]` says on both sides."""
+"""Settings in `[realtime]` on both sides."""
 USE = Target("ratio", 1.0 / 0.97)
 """Cycle time by floor: at least 97 % of a cycle are characters."""
 HIL_BRIDGE = (sys.executable, "-m", "hil_bridge")

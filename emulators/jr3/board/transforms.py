@@ -55,7 +55,7 @@ def _link_matrix(link: Link, length: float, turns: float) -> Floats:
 
 
 def transform_matrix(links: Sequence[Link], length: float, turns_load: bool) -> Floats:
-    """What a wrench at the sensor's origin is multiplied with to be told in the frame that the links lead to.
+    """Matrix that takes a wrench at the sensor's origin to the frame that the links lead to.
 
     Each link starts from the frame that the ones before have reached (assumed). `length` is one unit of a
     translation in m. A positive rotation turns the load right-handedly, or else the frame.
@@ -68,7 +68,7 @@ def transform_matrix(links: Sequence[Link], length: float, turns_load: bool) -> 
 
 @dataclass(frozen=True)
 class Scaling:
-    """What makes counts of full scale of raw channels."""
+    """Scaling that turns raw channels into counts of full scale."""
 
     calibration: Floats
     """(6, 6): wrench in N and N·m = raw @ calibration."""

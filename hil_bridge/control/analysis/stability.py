@@ -163,7 +163,7 @@ def margins(stiffness: float, controller: Response, plant: SampledPlant) -> Marg
 
 @dataclass(frozen=True, slots=True)
 class LimitCycle:
-    """What is predicted of the oscillation that quantised positions leave."""
+    """Prediction for the oscillation that quantised positions leave."""
 
     peak_to_peak: float
     """Force, N."""

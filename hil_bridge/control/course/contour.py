@@ -22,7 +22,7 @@ from hil_bridge.control.course.checks import require_above_zero
 
 
 class ContourState(Struct, frozen=True):
-    """What the estimate remembers."""
+    """State of the estimate between samples."""
 
     points: tuple[tuple[float, float, float], ...] = ()
     """Travel in m, depth in m and ψ in rad of the newest samples in contact, oldest first."""

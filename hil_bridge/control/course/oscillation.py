@@ -28,7 +28,7 @@ from hil_bridge.control.types import POSITION_STEP_MM
 
 
 class Finding(StrEnum):
-    """What the detector says of the newest samples."""
+    """Finding of the detector for the newest samples."""
 
     CALM = "calm"
     """No sustained oscillation."""
@@ -56,7 +56,7 @@ class Advice(Struct, frozen=True):
 
 
 class OscillationState(Struct, frozen=True):
-    """What the detector remembers."""
+    """State of the detector between samples."""
 
     time: float = 0.0
     """Time of the samples so far, s."""

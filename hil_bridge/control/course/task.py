@@ -35,7 +35,7 @@ _APPROACH, _TRACK, _RETRACT = Phase.APPROACH, Phase.TRACK, Phase.RETRACT
 
 @dataclass(frozen=True, slots=True)
 class TaskParameters:
-    """What to do. All values are chosen for the paper's experiments and the robot's resolution."""
+    """Settings of the task. All values are chosen for the paper's experiments and the robot's resolution."""
 
     __pydantic_config__: ClassVar = {"extra": "forbid"}
 
@@ -169,7 +169,7 @@ class TaskOutput(Struct, frozen=True):
     target: Target
     in_contact: bool
     command: Command | None = None
-    """What the controller said; None outside TRACK."""
+    """Answer of the controller; None outside TRACK."""
     losses: int = 0
     """Contact losses so far."""
     cause: str = ""

@@ -18,7 +18,7 @@ from msgspec import Struct
 
 
 class Gates(Struct, frozen=True):
-    """What makes a pair of samples count."""
+    """Conditions under which a pair of samples counts."""
 
     position_change: float
     """Smallest |Δx|, m."""

@@ -23,14 +23,14 @@ from hil_bridge.control.types import POSITION_STEP_MM, SAMPLE_MS, Command, Measu
 
 
 class FuzzyState(Struct, frozen=True):
-    """What the fuzzy PI remembers."""
+    """State of the fuzzy PI between samples."""
 
     error: float | None = None
     """Force error of the sample before, N; None before the first one, whose change counts as 0."""
 
 
 class AdaptiveState(Struct, frozen=True):
-    """What the adaptive controllers remember."""
+    """State of the adaptive controllers between samples."""
 
     error: float | None = None
     """Force error of the sample before, N."""

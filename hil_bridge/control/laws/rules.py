@@ -41,7 +41,7 @@ class Variable:
 
     name: str
     levels: tuple[float, ...]
-    """What the levels are called, ascending; for the output also their worth in output steps."""
+    """Names of the levels, ascending; for the output also their worth in output steps."""
     edges_percent: tuple[float, ...]
     """Borders between neighbouring levels, ascending; none for the output."""
     terms: tuple[Term, ...]

@@ -69,7 +69,7 @@ class _FieldTable(_Table):
 
 
 class _EmulatorTable(_Table):
-    """What the emulated controller answers."""
+    """Answers of the emulated controller."""
 
     memory: str = ""
     key: list[str] = []

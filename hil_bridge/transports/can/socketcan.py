@@ -26,7 +26,7 @@ _IFREQ = struct.Struct("16sH22x")
 
 
 class Link(Protocol):
-    """What may go away under a bus and come back."""
+    """Errors of an interface that may go away under a bus and come back."""
 
     @property
     def up(self) -> bool:
@@ -52,7 +52,7 @@ class SocketCanLink:
 
     def renew(self, bus: can.BusABC) -> can.BusABC:
         if isinstance(bus, SocketcanBus) and bus.socket.getsockname()[0] == self._channel:
-            # still bound to it; the error that nobody has read yet is over
+            # still bound to it; the error that was not read yet is over
             bus.socket.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
             return bus
         renewed = self._open_bus()

@@ -77,7 +77,7 @@ LAYOUTS: Mapping[Op, tuple[Layout, ...]] = dict.fromkeys(Op, (EMPTY,)) | {
 }
 """Payloads that an op may have, shortest first."""
 DATA_FRAME_S = (DATA.size + OVERHEAD) * BITS_PER_BYTE / UART_BAUDRATE
-"""What one frame of data takes on the line, s: no more than 640 a second pass."""
+"""Time of one frame of data on the line, s: no more than 640 a second pass."""
 
 
 class Frame(NamedTuple):
@@ -92,7 +92,7 @@ class Frame(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """What a client tells a gateway. Fields that the op does not carry are 0."""
+    """Message of a client to a gateway. Fields that the op does not carry are 0."""
 
     op: Op
     cutoff_centihertz: int = 0

@@ -69,7 +69,7 @@ def monitor_link(
 
 
 def _drop(piece: Piece) -> None:
-    """Nobody wants to keep it."""
+    """Do nothing: no file was asked for."""
 
 
 async def listen(
