@@ -148,9 +148,9 @@ def _ends_early(way: Sequence[Hop], moment: Callable[[str], Floats]) -> bool:
 def earliest_arrivals(frames: Sequence[SensorRecord]) -> dict[int, float]:
     """By the frame's sequence, when it would have arrived with the smallest delay, s; empty for too few frames.
 
-    The straight line that lies nowhere above the arrivals and nearest to them on the mean; it carries an edge of
-    their lower convex hull, so drift between the two clocks does not count as delay. The lateness of an arrival is
-    jitter alone: the smallest delay itself is known only from the cell's truth.
+    The result comes from the straight line that lies nowhere above the arrivals and nearest to them on the mean. It
+    carries an edge of their lower convex hull, so drift between the two clocks does not count as delay. The lateness of
+    an arrival is jitter alone: the smallest delay itself is known only from the cell's truth.
     """
     points = sorted((frame.sequence, frame.at) for frame in frames if math.isfinite(frame.at))
     if len(points) < 2 or points[0][0] == points[-1][0]:

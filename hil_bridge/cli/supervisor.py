@@ -87,9 +87,9 @@ def _words(name: str, key: str, text: str) -> Callable[[_Command], _Command]:
 def explain(config_file: Path | None, phase: str, **given: Any) -> None:
     """Say what the supervisor would do with an observation, by the limits of a configuration.
 
-    It asks the control loop of a run. What is not given is as in a calm run. Told are the verdict, its cause, the
-    setting that ruled, what the tool does then, the deepest order, and for each quantity how far it is from the value
-    at which it alone would stop the run, nearest first.
+    It asks the control loop of a run. What is not given is as in a calm run. It prints the verdict, its cause, the
+    setting that ruled, the tool's next reaction and the deepest order. For each quantity it prints how far it is from
+    the value at which it alone would stop the run, nearest first.
 
     \b
       hil-bridge supervisor explain --force 120 --age-ms 30

@@ -1,8 +1,8 @@
 """The paper's discussion: the limit cycle that the position resolution leaves, measured and predicted.
 
-The controller is an integral one whose loop gain is the same on every surface, so that stiffness and
-resolution alone make the difference: in the paper's simulation, where the position is rounded and nothing
-else, and through the whole chain, whose servo does not react inside its dead band. Each has its prediction.
+The controller is an integral one whose loop gain is the same on every surface, so that stiffness and resolution alone
+make the difference. It runs in the paper's simulation, which only rounds the position, and through the whole chain,
+whose servo does not react inside its dead band. Each has its prediction.
 """
 
 import math
@@ -99,9 +99,9 @@ ROUNDED = SampledPlant(PERIOD, PERIOD / 2, 100.0 / PERIOD)
 def plant(job: CellJob, period: float) -> SampledPlant:
     """The chain as the stability analysis sees it, from the profiles of the cell; the force's filter apart.
 
-    Derived: the delay is half the time between two force frames, the line time of the move up to its last
-    character, the controller's turnaround, half a tick of waiting for the interpolator, and its transport
-    delay.
+    Derived: the delay is the sum of half the time between two force frames, the line time of the move up to its last
+    character, and the controller's turnaround. To this come half a tick of waiting for the interpolator, and its
+    transport delay.
     """
     config = job.config()
     cell = config.cell

@@ -168,7 +168,7 @@ class Recorder:
         self._devices = facts
 
     def pause(self, seconds: float) -> None:
-        """Tell that the loop awaits nothing for so long: the writer thread works then, and from one pause to the next
+        """Tell that the loop awaits nothing for so long: the writer thread works then. From one pause to the next it
         lets the loop have the interpreter to itself, unless the pauses do not suffice or no other comes.
         """
         if self._thread is not None:

@@ -65,8 +65,8 @@ def resident() -> int:
 
 
 async def track(record: Path, minutes: int, look: Callable[[], object]) -> dict[str, object]:
-    """Track for so long and a minute, and look after every minute but the last, as soon as the recorder has finished a
-    chunk: then what it holds of the next one is always as little.
+    """Track for so long and a minute. Look after every minute but the last, as soon as the recorder has finished a
+    chunk: then its part of the next one is always as small.
     """
     duration_s = (minutes + 1) * MINUTE_S
     config = Config.model_validate({"run": {"duration_s": duration_s}, "task": {"speed_mm_s": SPEED_MM_S}})

@@ -3,10 +3,10 @@
 raw channels → decoupled, moved and turned, in counts of full scale → minus offsets → filter0 → filter1 → … →
 filter6; beside it vectors, rate, load envelope, peaks and saturation.
 
-Known: the order of the steps, the rates, the shape of the filters. Assumed: the arithmetic. Words are rounded
-to nearest and stop at the ends of 16 bits; the filters pass on what is not rounded; vectors are Euclidean norms
-of rounded words; the rate is the difference between two calculations; saturation bits tell of the newest sample
-only. A filter keeps its state over a change of settings, so that the change is a step to it.
+Known: the order of the steps, the rates, the shape of the filters. Assumed: the arithmetic. Words are rounded to
+nearest and stop at the ends of 16 bits; the filters pass on values that are not rounded. Vectors are Euclidean norms of
+rounded words; the rate is the difference between two calculations. Saturation bits tell of the newest sample only. A
+filter keeps its state over a change of settings, so that the change is a step to it.
 """
 
 from collections.abc import Mapping

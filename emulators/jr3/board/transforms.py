@@ -101,8 +101,8 @@ class Scaling:
     def recommended(self) -> tuple[tuple[int, ...], tuple[int, ...]]:
         """min_full_scale and max_full_scale as words.
 
-        Assumed: min holds what all channels together can add at their ends; max makes one count of what the
-        strongest channel adds in one step of the converter, and is no more than `span` times min.
+        Assumed: min holds the sum of all channels at their ends. Max makes one count of the strongest channel's part in
+        one step of the converter, and is no more than `span` times min.
         """
         part = np.abs(self._wrench_per_raw) / self._unit[:, np.newaxis]
         smallest = part.sum(axis=1) * _HALF_RANGE / _REPRESENTABLE

@@ -1,8 +1,8 @@
 """The controllers of textbooks, to compare with: incremental PI and admittance.
 
-Both push the command by what the force lacks, so both have a loop gain that is proportional to the stiffness
-of the surface: tuned for one, they creep on softer ones and oscillate on harder ones. Scheduling scales them
-by the estimated stiffness.
+Both push the command in proportion to the missing force, so both have a loop gain that is proportional to the stiffness
+of the surface. Tuned for one surface, they creep on softer ones and oscillate on harder ones. Scheduling scales them by
+the estimated stiffness.
 """
 
 import math

@@ -112,8 +112,9 @@ class S3Link:
             self._host, self._transport, clock, self._take, lambda failure: log.notice("link", str(failure))
         )
         self.begun_at = math.nan
-        """When the newest order's first byte, that of the bid, was handed to the port, s on the run's clock, or the
-        order itself to the link, if the bid had gone out ahead of it; NaN where neither happened.
+        """Time at which the first byte of the newest order's bid was handed to the port, s on the run's clock. If the
+        bid had gone out ahead of the order, the time at which the order was handed to the link; NaN where neither
+        happened.
         """
         self.transmitted_at = math.nan
         """When its last character, that ends the message, has left the line: reckoned from when it was handed to the
@@ -226,9 +227,9 @@ class S3Link:
     async def exchange(self, *telegrams: Telegram, soon: bool = False) -> Telegram:
         """Send one order, of one block or several, and wait for its answer; errors as `order`.
 
-        With `soon` the bid for the next order goes out with the end of the answer, so that the controller
-        acknowledges it while the caller still makes up its mind, unless the profile's `bid_ahead` is off. The caller
-        must give an order then, and soon.
+        With `soon` the bid for the next order goes out with the end of the answer. The controller then acknowledges it
+        while the caller still decides, unless the profile's `bid_ahead` is off. The caller must give an order then, and
+        soon.
 
         The error of an order that was refused, or not answered, also tells what the robot said shortly before and what
         its status shows, if it still answers.

@@ -1,9 +1,8 @@
 """The network interface under a SocketCAN bus: whether it is up, and how to come back when it was not.
 
-What the kernel does (net/can/raw.c): when the interface goes down, every socket bound to it reads ENETDOWN once;
-the socket stays bound, sending fails with ENETDOWN, and all goes on when the interface is up again. When the
-interface is deleted or its adapter unplugged, the socket reads ENODEV and is of no use any more, even if an
-interface of the same name comes back.
+The kernel's way (net/can/raw.c): when the interface goes down, every socket bound to it reads ENETDOWN once. The socket
+stays bound, and sending fails with ENETDOWN, until the interface is up again. When the interface is deleted or its
+adapter unplugged, the socket reads ENODEV and is of no use any more, even if an interface of the same name comes back.
 """
 
 import errno

@@ -38,8 +38,8 @@ class DefinitionError(ValueError):
 class Emulation:
     """Answers of an emulated controller: its memory gives back the bytes that were written into it.
 
-    Every field of an order that is no key is stored; a field of the answer has the value of the order's field of
-    that name, else what is stored under it, else its initial value, else 0.
+    Every field of an order that is no key is stored. A field of the answer has the value of the order's field of that
+    name, else the stored value of that name, else its initial value, else 0.
     """
 
     memory: str = ""

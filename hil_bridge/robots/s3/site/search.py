@@ -1,8 +1,8 @@
 """The search for a robot's link settings, as a plan without I/O: what to try next, given what was answered.
 
-Only read status is ever sent, which changes nothing in the controller. Each try is one such query: an acknowledged
-bid (ENQ) proves rate and parity, an acknowledged block proves how lengths are counted and whether a DLE (10h) inside
-a telegram is doubled, a readable answer proves that the controller counts and doubles as we do.
+Only read status is ever sent, which changes nothing in the controller. Each try is one such query. An acknowledged bid
+(ENQ) proves rate and parity. An acknowledged block proves how lengths are counted and whether a DLE (10h) inside a
+telegram is doubled. A readable answer proves that the controller counts and doubles as we do.
 
 A plain read status holds no 10h, and its answer only by chance. So doubling is asked for with a function suffix of
 10h: Assumed: a controller answers it, or refuses it as a wrong suffix (code 2), and does nothing else.

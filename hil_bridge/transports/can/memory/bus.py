@@ -85,9 +85,9 @@ class MemoryCanBus:
     or gets no acknowledge is followed by an error frame and sent again; the nodes count errors, become error
     passive, go bus-off and come back as ISO 11898-1 says.
 
-    Simplified: all nodes see a disturbance in the same bit, so that their error flags coincide; a node that
-    leaves in the middle of a frame has acknowledged it; of two nodes that send the same identifier at once, which
-    would destroy each other's frames, they take turns and `collisions` counts it.
+    Simplified: all nodes see a disturbance in the same bit, so that their error flags coincide. A node that leaves in
+    the middle of a frame has acknowledged it. Two nodes that send the same identifier at once would destroy each
+    other's frames; here they take turns, and `collisions` counts it.
     """
 
     def __init__(self, clock: Clock, bitrate: int = BITRATE, name: str = "can+memory:bus") -> None:
