@@ -242,8 +242,8 @@ class Cell(Generic[Robot, Sensor]):
         return self._contact_force(self._surface.aside(), times, count=False)
 
     def truth_available_from(self, time: float) -> float:
-        """The earliest moment from `time` on, s, of which the truth is still known: a surface with memory has
-        forgotten all before the newest sample that it was shown.
+        """The earliest moment from `time` on, s, of which the truth is still known. A surface with memory has lost all
+        before the newest sample that it was shown.
         """
         shown = self._surface.remembered_until
         return time if shown is None else max(time, shown)

@@ -1,8 +1,8 @@
 """Facts of the devices of a run, as plain values: a run sees them, a recording keeps them, reports need no more.
 
-The rooms of the devices tell them when a run begins. A hop is a stretch of a cycle between two moments. A moment is
-a stamp of the cycle (`CycleRecord`), a truth of an emulated cell (`TruthRecord`), `earliest_at` (see
-`analysis.latency.earliest_arrivals`), or one that the robot's facts derive from a stamp.
+The rooms of the devices tell them when a run begins. A hop is a stretch of a cycle between two moments. A moment is a
+stamp of the cycle (`CycleRecord`), a truth of an emulated cell (`TruthRecord`), or `earliest_at` (see
+`analysis.latency.earliest_arrivals`). It may also be one that the robot's facts derive from a stamp.
 """
 
 from enum import StrEnum

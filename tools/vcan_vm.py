@@ -50,8 +50,8 @@ POLL_S = 0.2
 INSTRUCTION_TIME = " -icount shift=0"
 """The emulated computer's clock goes by its instructions, 1 ns each, as long as it has something to do.
 
-So it is always a computer of 1 GIPS to its programs, however slow it is emulated: what needs real time works there,
-and a busy host makes it longer, never late.
+So it is always a computer of 1 GIPS to its programs, however slow it is emulated. Programs that need real time work
+there, and a busy host makes it longer, never late.
 """
 
 SYSTEM_FOLDERS = "/usr/sbin:/sbin"
@@ -137,7 +137,7 @@ def _unpack() -> None:
 def guest_script(share: Path, command: Sequence[str], settings: dict[str, str]) -> str:
     """Script of the machine: its results are files, since its console drops characters.
 
-    Python and the checkout are mounted a second time, with a cache, over where they are: without one every start of
+    Python and the checkout are mounted a second time, with a cache, over where they are. Without one every start of
     Python reads all of its files through the emulated disk again.
     """
     host = "/run/host"

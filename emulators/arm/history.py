@@ -3,8 +3,8 @@
 Time runs on two shifted grids: the ticks of a servo, and one transport delay later the moments at which the
 position loops take their set points. Ticks are computed one by one, samples between them as arrays.
 
-The path may be read beyond its committed end, as if nothing more were ordered: ticks are computed once, those ahead
-as well, and those that an order overtakes are computed anew.
+The path may be read beyond its committed end, as if no further order came. Ticks are computed once, those ahead as
+well; ticks that an order overtakes are computed anew.
 """
 
 import math

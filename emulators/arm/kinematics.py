@@ -62,8 +62,8 @@ class Route:
         return a, b, c, d, e, f
 
     def slowed(self, duration: float) -> tuple[float, ...]:
-        """When each place is passed, s after the first, by a walk that would take `duration` at even speed and
-        slows down wherever a joint cannot follow; empty where all can.
+        """Times at which each place is passed, s after the first, by a walk that would take `duration` at even speed.
+        It slows down wherever a joint cannot follow; empty where all can.
         """
         stretches = [(b - a) * duration for a, b in zip(self.parts, self.parts[1:], strict=False)]
         if all(least <= even for least, even in zip(self.least_times, stretches, strict=True)):
@@ -111,11 +111,11 @@ class Arm:
         return Pose((x + reach * along[0], y + reach * along[1], z + reach * along[2]), quaternion)
 
     def postures(self, position: Vector, quaternion: Quaternion, near: Joints) -> list[Joints]:
-        """Every way inside the ranges to hold the tool in a pose (m, unit quaternion), up to eight: arm turned to
-        the front or to the back, elbow up or down, wrist flipped or not.
+        """Every way inside the ranges to hold the tool in a pose (m, unit quaternion). There are up to eight: arm
+        turned to the front or to the back, elbow up or down, wrist flipped or not.
 
-        Of angles a whole turn apart, the one next to `near` is taken; an angle that a singularity leaves open,
-        axis 1 or axis 4, stays as in `near`.
+        Of angles a whole turn apart, the one next to `near` is taken. An angle that a singularity leaves open, axis 1
+        or axis 4, stays as in `near`.
         """
         along = _tool_axis(quaternion)
         x, y, z = (p - self._wrist_to_tip * a for p, a in zip(position, along, strict=True))

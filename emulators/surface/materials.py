@@ -157,8 +157,8 @@ class HuntCrossley:
 class StandardLinearSolid:
     """f = k·s + k₁·e with dent s, k₁ = share·k, and ė = ṡ − e/τ for the strain e of the Maxwell spring.
 
-    While the tip is in contact s is its depth. A tip that leaves faster than the material follows leaves a
-    dent that goes by f = 0, with the time constant τ·(1 + share), and meets no force before it is below it.
+    While the tip is in contact s is its depth. A tip that leaves faster than the material follows leaves a dent that
+    goes by f = 0, with the time constant τ·(1 + share). It meets no force before it is below the dent.
 
     Exact for a depth that is linear between samples; so is the strain, whatever the blocks. Assumed: the
     memory travels with the tip, as if the dent were dragged along and no fresh material came under it.

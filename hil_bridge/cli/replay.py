@@ -33,9 +33,9 @@ def replay(
 ) -> None:
     """Feed a recording's inputs to controller and supervisor and compare every command.
 
-    Unchanged, every command must be the same: otherwise the first difference is told and the exit code is 1.
-    With --controller or a file of changes (tables such as [limits] or [controller], laid over the recorded
-    configuration) it shows what would have been commanded in every situation that the run came into.
+    Unchanged, every command must be the same: otherwise the first difference is told and the exit code is 1. With
+    --controller or a file of changes it shows what would have been commanded in every situation of the run. The file
+    has tables such as [limits] or [controller], laid over the recorded configuration.
     """
     from hil_bridge.recording import read
     from hil_bridge.recording.files import check_place

@@ -11,8 +11,8 @@ from collections.abc import Callable
 from hil_bridge.clock.clock import Clock, Timer
 
 EARLY_S = 60e-6
-"""How much earlier than a deadline the wake-up is asked for, s; what is then left of it is waited out by looking at the
-clock, so that a device is never early.
+"""Time before a deadline for which the wake-up is asked, s. The rest is waited out by looking at the clock, so that a
+device is never early.
 
 Chosen: about what a processor takes to wake from idle, so that little is left and an emulated cell takes as much of a
 processor as without. What a paced line hands to its client would be late by as much.

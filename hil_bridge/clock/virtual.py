@@ -17,8 +17,8 @@ from typing import Any, NoReturn
 VIRTUAL_EPOCH = 7919.3
 """Virtual time when a loop begins, s.
 
-Odd, so that code which anchors its deadlines at 0 fails in tests; small, so that a float resolves 0.9 ps and
-sums of microseconds stay exact to the nanosecond.
+Odd, so that code which anchors its deadlines at 0 fails in tests. Small, so that a float resolves 0.9 ps and sums of
+microseconds stay exact to the nanosecond.
 """
 
 VIRTUAL_WALL_NS = 1_600_000_000_000_000_000

@@ -134,10 +134,10 @@ State = TypeVar("State")
 class Controller(Protocol[State]):
     """A pure control law: same state, measurement and reference, same answer. No clock, no I/O.
 
-    Gains may count per sample. A controller says for which sample time it is tuned by an attribute `sample_ms`, in ms;
-    one without it is taken for `SAMPLE_MS`, and `controller.sample_ms` of a configuration goes before both. A run whose
-    control period differs from it by more than a factor of two is refused. `Measurement.dt` is the measured time, for
-    a controller that counts in seconds.
+    Gains may count per sample. A controller says for which sample time it is tuned by an attribute `sample_ms`, in ms.
+    One without it is taken for `SAMPLE_MS`; `controller.sample_ms` of a configuration goes before both. A run whose
+    control period differs from it by more than a factor of two is refused. `Measurement.dt` is the measured time, for a
+    controller that counts in seconds.
     """
 
     @property

@@ -124,8 +124,8 @@ class WireRecord(Struct, frozen=True):
     device: str
     """sensor."""
     pieces: tuple[str, ...]
-    """Each: seconds since `at`, `tx` or `rx` as the PC sees it, and hexadecimal bytes or CAN frames: 190#00FF,
-    and 004!00 where the interface tells of a bus error.
+    """Each: seconds since `at`, `tx` or `rx` as the PC sees it, and hexadecimal bytes or CAN frames such as 190#00FF.
+    004!00 is a bus error that the interface tells of.
     """
 
 

@@ -153,7 +153,7 @@ class WayOut:
     async def rest(self, start: Vector, commanded: Vector, answers: bool) -> tuple[float, float]:
         """Wait until the robot has come to rest at the last order; its depth from the start, m, and the force, N.
 
-        Where it does not answer the depth is that of the last order, to which a robot that is asked goes by itself; a
+        Where it does not answer, the depth is that of the last order. A robot that is asked goes there by itself; a
         streamed one may not have been given it. NaN for what cannot be known any more.
         """
         asked = self._robot.facts.pacing is Pacing.ASKED

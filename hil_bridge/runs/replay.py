@@ -1,7 +1,7 @@
 """Deciding again what a recording tells: the same controller and supervisor must give the same commands, bit for bit.
 
-With another controller or other limits, what would have been commanded: each cycle starts from what really was
-commanded before it, since that is what the measurements belong to.
+With another controller or other limits, it tells what would have been commanded. Each cycle starts from the real
+command before it, since the measurements belong to that.
 """
 
 from collections.abc import Iterator, Mapping

@@ -1,9 +1,9 @@
 """Which axes of a sensor are dead, from its values alone, frame by frame. Pure.
 
 A quiet axis cannot be told from a dead one while nothing moves: behind a slow filter it may repeat its value for
-minutes. But a living axis changes now and then after a zero, by noise alone, and no real axis stands still while
-another moves by a tenth of its full scale. So an axis is taken for dead when it has not changed once since the zero,
-for long, although another moved that far.
+minutes. But a living axis changes now and then after a zero, by noise alone. No real axis stands still while another
+moves by a tenth of its full scale. So an axis is taken for dead when it has not changed once since the zero, for long,
+although another moved that far.
 """
 
 from collections.abc import Sequence

@@ -128,8 +128,8 @@ class SensorSection(_Section):
     right.
     """
     tare: bool = True
-    """Take what the sensor reads before the movement for zero, whatever it is; otherwise only the bias given here
-    and the tool's weight are taken off, so that a force that is there already is seen.
+    """Take the sensor's reading before the movement for zero, whatever it is. Otherwise only the bias given here and
+    the tool's weight are taken off, so that a force that is there already is seen.
     """
     bias_n: Vector = (0.0, 0.0, 0.0)
     """Forces that the sensor reads with nothing on it, fx fy fz as it counts; used where no zero is taken."""
@@ -200,7 +200,7 @@ class FrameConfig(_Section):
     """Along the surface; perpendicular to `approach`."""
     follow_normal: bool = False
     """Control the force along the surface's normal, estimated from motion and force, and hold the speed along the
-    surface; otherwise both keep the directions given here, as in the paper.
+    surface. Otherwise both keep the directions given here, as in the paper.
     """
     contour: Contour = Contour()
     """How the normal is estimated."""

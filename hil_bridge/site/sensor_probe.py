@@ -1,7 +1,7 @@
 """`hil-bridge probe sensor`: what a force sensor tells of itself, how it is mounted, and what it feels.
 
-Nothing is sent but what a run sends at its start, and no zero: the wrench shown is the device's own, with the weight
-of all that hangs below the sensor in it.
+Nothing is sent but the requests of a run's start, and no zero. The wrench shown is the device's own, with the weight of
+all that hangs below the sensor in it.
 """
 
 import asyncio

@@ -29,8 +29,8 @@ def memory_pair(
 ) -> tuple[Transport[bytes], Transport[bytes]]:
     """Two ends of a wire. What one sends reaches the other whole after the latency, never within `send`.
 
-    `line` promises that one of the two is given to a serial line: that takes time itself, so that without latency
-    the wire hands on within `send`, and no byte arrives earlier for it.
+    `line` promises that one of the two is given to a serial line, which takes time itself. So without latency the wire
+    hands on within `send`, and no byte arrives earlier for it.
     """
     at_once = line and latency_s <= 0.0
     here = _MemoryEnd(clock, latency_s, name, at_once)

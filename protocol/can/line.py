@@ -46,7 +46,7 @@ def _crc_table() -> tuple[int, ...]:
 def _after_bit(state: int, bit: int) -> tuple[int, int]:
     """The state after one more bit and after the stuff bit that may follow it; how many follow it, 0 or 1.
 
-    A state is last level × 4 + length of its run − 1, with runs of 1 to 4: a run of five has its stuff bit at once,
+    A state is last level × 4 + length of its run − 1, with runs of 1 to 4. A run of five has its stuff bit at once,
     which begins a new run.
     """
     level, run = state >> 2, (state & 3) + 1

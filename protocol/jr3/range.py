@@ -2,7 +2,7 @@
 
 A zero moves the counts and not the end of the range. The device takes its offset off behind the converter. Counts that
 leave 16 bits by that come round at the other end, with the wrong sign. So the end of the range is looked for in the
-counts as they were before the zero, and counts that came round are beyond the range as well.
+counts as they were before the zero. Counts that came round are beyond the range as well.
 """
 
 from collections.abc import Sequence

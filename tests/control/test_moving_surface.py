@@ -1,7 +1,7 @@
 """The adaptive controllers on a contour, behind a robot with a dead band of half a resolution step.
 
-A sideways move over a slope changes the force without a move in depth, and the dead band reports moves
-that were not made: both spoil quotients of eq. (4).
+A sideways move over a slope changes the force without a move in depth. The dead band reports moves that were not made.
+Both spoil quotients of eq. (4).
 """
 
 import math

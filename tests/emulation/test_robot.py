@@ -1,7 +1,7 @@
 """The emulated S3 at its wire: raw bytes in, raw bytes out, in fed time.
 
-Blocks marked golden come from the specification of the computer link, section 4; the other ones are built
-here by hand from its section 3, not by the project's codec.
+Blocks marked golden come from the specification of the computer link, section 4. The other ones are built here by hand
+from its section 3, not by the project's codec.
 """
 
 import math

@@ -1,6 +1,6 @@
 """An hour in virtual time with its recorder: memory minute by minute, processor time; and the recorder alone.
 
-The hour runs in a process of its own, so that its memory is its own; so does a shorter run that tells whose objects
+The hour runs in a process of its own, so that its memory is its own. So does a shorter run that tells whose objects
 grow in number or size.
 """
 
@@ -111,7 +111,7 @@ def hour(record: Path) -> dict[str, object]:
 
 
 def growth(record: Path) -> dict[str, float]:
-    """By how much the objects that live grow, by the module that made them, bytes a minute: of a shorter run, which
+    """Growth of the objects that live, by the module that made them, bytes a minute. It comes from a shorter run, which
     watches every allocation but the watching's own.
     """
     sizes: list[dict[str, int]] = []

@@ -1,7 +1,7 @@
 """Where the words of a block of samples are calculated, and where they lie: all in one array.
 
-It follows from the block's length, its place on the grid of the slowest filter and a few settings alone, so that a
-plan is made once for many blocks.
+It follows from the block's length, its place on the grid of the slowest filter and a few settings alone. So a plan is
+made once for many blocks.
 """
 
 from dataclasses import dataclass

@@ -182,9 +182,9 @@ def limit_cycle(
 ) -> LimitCycle:
     """Limit cycle of the loop whose position moves in whole steps of `resolution` (m): describing function.
 
-    The desired force lies between two reachable ones, at `offset` (0 … 1) of their distance k_e·Δx_res, so
-    the integrator swings the command over the border between two positions, for ever. Around that border the
-    quantiser is a relay of height q, with i further steps from the amplitude i·q on:
+    The desired force lies between two reachable ones, at `offset` (0 … 1) of their distance k_e·Δx_res. So the
+    integrator swings the command over the border between two positions, for ever. Around that border the quantiser is a
+    relay of height q, with i further steps from the amplitude i·q on:
 
         N(A) = 2q/(πA) · [1 + 2·Σ_{i=1}^{⌊A/q⌋} √(1 − (i·q/A)²)]
 
@@ -228,7 +228,7 @@ def holding_limit_cycle(
 
     An integral controller (gain in m/N a sample) works on the same loop as in `limit_cycle`, the desired force being
     the one on the border between two positions. Every `tick` (s) the servo takes the newest set point and looks at its
-    rounded position: is it another, the set point pulls, else the place where the axis is at that moment. So the axis
+    rounded position. If they differ, the set point pulls, else the place where the axis is at that moment. So the axis
     goes not from step to step, but over the border between them and no farther than it is at the next tick. When m
     ticks bring it over, it goes the share f_m = s(m·tick) of the way to its set point. With samples enough to come to
     rest it is held δ beyond the border on both sides:
@@ -236,10 +236,10 @@ def holding_limit_cycle(
         2δ = f_m·(q/2 + δ),    δ = q·f_m/(2·(2 − f_m)),    if it was short of the border at m − 1 ticks:
         f_(m−1)·(q/2 + δ) < δ.
 
-    More than one m can fulfil that. The axis also swings through by what it coasts, and when the force
-    is sampled meanwhile, it is that which counts. So the cycle is not written down but found: the equations of
-    the switched loop, linear between ticks, are stepped until they repeat, from some steps below the border,
-    as a controller arrives there. Nothing in them is random or fitted.
+    More than one m can fulfil that. The axis also swings through by what it coasts, and when the force is sampled
+    meanwhile, it is that which counts. So the cycle has no formula: it is found. The equations of the switched loop,
+    linear between ticks, are stepped until they repeat, from some steps below the border, as a controller arrives
+    there. Nothing in them is random or fitted.
 
     The plant's delay is the mean one, half a tick of waiting for the servo included. `smoothing` (s) is the
     time constant of a first-order filter of the force, which the delay must then leave out.

@@ -64,8 +64,8 @@ class Sample(Struct, frozen=True):
     paired_force: float | None = None
     """Contact force along the approach direction at that moment, N; None where none is known."""
     peak_force: float = 0.0
-    """Force along the approach direction farthest from 0 of all frames since the decision before, N: from the zero, or
-    from what the sensor read before it, whichever is more.
+    """Force along the approach direction farthest from 0 of all frames since the decision before, N. It counts from the
+    zero, or from the reading before the zero, whichever is more.
     """
     peak_resultant: float = 0.0
     """Largest length of the force vector of these frames, likewise, N."""

@@ -70,8 +70,8 @@ class OscillationState(Struct, frozen=True):
     factor: float = 1.0
     retract: bool = False
     found: int = 0
-    """Oscillations found so far: each doubles how long calm must last before the gain is raised again, for a
-    loop that swings at a gain will mostly do so again.
+    """Oscillations found so far. Each doubles the time of calm before the gain is raised again, for a loop that swings
+    at a gain will mostly do so again.
     """
 
 

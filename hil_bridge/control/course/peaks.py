@@ -58,7 +58,7 @@ class Peaks:
 
     def take(self) -> tuple[float, float, float, bool]:
         """Force along the approach farthest from 0, N, largest resultant, N, and moment, N·m, of all frames since the
-        call before, and whether one was saturated; zeros where none came.
+        call before; zeros where none came. The last value is whether one was saturated.
         """
         found = self._force, math.sqrt(self._resultant), math.sqrt(self._moment), self.saturated
         self._force = self._resultant = self._moment = 0.0

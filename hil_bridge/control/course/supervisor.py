@@ -3,7 +3,7 @@
 Which side is safe: away from the surface. Depth has three limits: a growth per second, a total, and the depth at which
 the stiffness in hand predicts the force limit. A move that pulls back is never shortened by these, only by the
 workspace. A request that leaves the workspace is cut where the straight way from the last allowed position meets its
-border, so the cut position is never deeper than both ends. A stop is latched: only a new state, made by a person's
+border. So the cut position is never deeper than both ends. A stop is latched: only a new state, made by a person's
 decision, ends it. A stop asks for a retraction, and the retraction is supervised too: where it makes the force rise,
 the tool stands still.
 """
@@ -218,8 +218,8 @@ class Supervisor:
         """One cycle of pulling back, which no stop ends but one: a force that rises, or stays over its limit, while
         the tool moves away. The tool stands still then.
 
-        Where the force cannot be known the tool goes back to the depth of the start, where it has been, and, where it
-        pressed, by no more than `blind_retract_mm`. The request must be finite. A stop stays latched.
+        Where the force cannot be known the tool goes back to the depth of the start, where it has been. Where it
+        pressed, it goes back by no more than `blind_retract_mm`. The request must be finite. A stop stays latched.
         """
         before, seen = state.retreat, observation
         after = before

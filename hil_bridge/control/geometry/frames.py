@@ -1,9 +1,8 @@
 """Wrenches and rotations between frames.
 
-Vectors have shape (3,), wrenches are (fx fy fz mx my mz) in N and N·m. Quaternions are w x y z and say how the
-tool stands in the base, so they turn tool vectors into base vectors. Source: textbook rigid-body statics; a
-wrench moves by the transpose of the adjoint that moves a twist, so that force times velocity is the same number
-in every frame.
+Vectors have shape (3,), wrenches are (fx fy fz mx my mz) in N and N·m. Quaternions are w x y z and say how the tool
+stands in the base, so they turn tool vectors into base vectors. Source: textbook rigid-body statics. A wrench moves by
+the transpose of the adjoint that moves a twist, so that force times velocity is the same number in every frame.
 """
 
 import math

@@ -1,7 +1,7 @@
 """The way from the readings of the wrist sensor to the contact wrench on the tool.
 
-Three frames: the sensor frame, in which it counts; the same place along the tool's axes, where the tool's weight is
-taken off; the tool frame, about whose origin the contact wrench is told.
+There are three frames: the sensor frame, in which it counts; the same place along the tool's axes, where the tool's
+weight is taken off; and the tool frame. The contact wrench is about the tool frame's origin.
 """
 
 from collections.abc import Sequence
@@ -50,9 +50,9 @@ class Wrist:
     ) -> Array:
         """Wrench of the environment on the tool, about the tool frame's origin, N and N·m, shape (6,).
 
-        `measured` is in the sensor frame; quaternions are w x y z, tool in base. Counted from a zero that was
-        taken at `quaternion_tare`, it lacks the bias and the weight at that orientation, so only the weight's
-        change since then is taken off. None: no zero was taken, bias and weight are taken off as they are known.
+        `measured` is in the sensor frame; quaternions are w x y z, tool in base. Counted from a zero that was taken at
+        `quaternion_tare`, it lacks the bias and the weight at that orientation. Then only the weight's change since
+        that zero is taken off. None: no zero was taken, bias and weight are taken off as they are known.
         """
         counted = np.asarray(measured, dtype=float)
         if quaternion_tare is None:

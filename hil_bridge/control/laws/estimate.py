@@ -4,9 +4,9 @@ Source: eq. (4) of the paper, k = [f(k) − f(k−1)] / [x(k) − x(k−1)], wit
 counts only when the position moved by half a resolution step and the force by twice its uncertainty, and when the
 quotient is a possible stiffness. It counts the more, the more its force changed.
 
-Which two samples make a pair. Until there is an estimate, a pair that does not pass the gates keeps its older sample,
-so that the small moves of a slow approach to a soft surface add up. The sample is given up after a few pairs: a surface
-that moves sideways under the tool would otherwise enter the quotient without bound. Once there is an estimate, only
+Which two samples make a pair. Until there is an estimate, a pair that does not pass the gates keeps its older sample.
+So the small moves of a slow approach to a soft surface add up. The sample is given up after a few pairs: a surface that
+moves sideways under the tool would otherwise enter the quotient without bound. Once there is an estimate, only
 neighbouring samples are compared. Added-up small moves carry the robot's dead band: half a step that was reported but
 not moved. On a hard surface this pulls the estimate to half of its value, which is enough for a limit cycle.
 """

@@ -1,9 +1,9 @@
 """The controller that looks ahead along the travel, to the position at which the desired force will act.
 
-Each pair of reported position x and force f of the same moment gives a wanted position z = x + (f_d − f)/k: there the
+Each pair of reported position x and force f of the same moment gives a wanted position z = x + (f_d − f)/k. There the
 desired force f_d would act at this travel. Travel and depth go through the same line, queue and servo, so a command is
-a point (travel, depth) of a path, whatever the delay. The controller therefore takes z as a function of travel and
-fits a straight line to its last few values. The command is that line's value at the travel that is sent with it.
+a point (travel, depth) of a path, whatever the delay. The controller therefore takes z as a function of travel and fits
+a straight line to its last few values. The command is that line's value at the travel that is sent with it.
 """
 
 import math

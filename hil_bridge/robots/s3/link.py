@@ -117,8 +117,8 @@ class S3Link:
         happened.
         """
         self.transmitted_at = math.nan
-        """When its last character, that ends the message, has left the line: reckoned from when it was handed to the
-        port, at the line's rate, for ports do not tell.
+        """Time at which its last character, which ends the message, has left the line. Ports do not tell it, so it is
+        reckoned from the hand-over to the port, at the line's rate.
         """
         self._answered_at = math.nan
         self._answer_time = answer_time(profile)

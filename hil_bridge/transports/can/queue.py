@@ -36,8 +36,8 @@ class CanStatistics:
 class SendQueue:
     """Frames that wait for the bus, in order.
 
-    A frame is given up when it has waited for the deadline and nothing has left meanwhile: a slow bus delays,
-    a stuck one does not keep old commands for later.
+    A frame is given up when it has waited for the deadline and nothing has left meanwhile. A slow bus delays; a stuck
+    one does not keep old commands for later.
     """
 
     __slots__ = ("_deadline", "_name", "dropped", "frames", "progress", "sent")

@@ -2,7 +2,8 @@
 
 The kernel's way (net/can/raw.c): when the interface goes down, every socket bound to it reads ENETDOWN once. The socket
 stays bound, and sending fails with ENETDOWN, until the interface is up again. When the interface is deleted or its
-adapter unplugged, the socket reads ENODEV and is of no use any more, even if an interface of the same name comes back.
+adapter unplugged, the socket reads ENODEV. It is of no use any more then, even if an interface of the same name comes
+back.
 """
 
 import errno

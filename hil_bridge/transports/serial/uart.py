@@ -132,9 +132,9 @@ def levels(byte: int, settings: LineSettings) -> tuple[int, ...]:
 class Receiver:
     """Reads the levels of a line at its own settings.
 
-    A falling edge begins a character; each bit is sampled once, near its middle. A start bit that is high when
-    sampled was none. After a framing error the low stop bit is taken for the next start bit, after a break the
-    receiver waits for the line to go high (PC16550D, line status register bits 3 and 4).
+    A falling edge begins a character; each bit is sampled once, near its middle. A start bit that is high when sampled
+    was none. After a framing error the low stop bit is taken for the next start bit. After a break the receiver waits
+    for the line to go high (PC16550D, line status register bits 3 and 4).
     """
 
     __slots__ = ("_awaiting_mark", "_begun", "_bit", "_edges", "_held", "_sampled", "_sent", "settings")

@@ -1,7 +1,7 @@
 """The client's side of a session with a receiver board behind a register server.
 
-First the kernel driver's start-up, then samples: from the filter's first word up to the word `errors` in one burst,
-so that data, counter and errors are of one moment.
+First the kernel driver's start-up, then samples. Each is one burst from the filter's first word up to the word
+`errors`, so that data, counter and errors are of one moment.
 """
 
 import struct

@@ -1,9 +1,9 @@
 """The client of a JR3 UART gateway: a GatewaySession over bytes.
 
-Order of the session: state, full scales, start, a pause, and on request zero; stop at the end. The gateway
-acknowledges a command and then sleeps for a second: what is sent to it in that time is lost, or waits in its
-driver and hides what comes after it. So every acknowledge, expected or not, is followed by a pause, and a command
-without acknowledge is repeated only after more than that second.
+Order of the session: state, full scales, start, a pause, and on request zero; stop at the end. The gateway acknowledges
+a command and then sleeps for a second. Bytes sent to it in that time are lost, or wait in its driver and hide those
+that come after. So every acknowledge, expected or not, is followed by a pause, and a command without acknowledge is
+repeated only after more than that second.
 """
 
 from protocol.jr3.gateway_session import Dialect, GatewaySession, Phase

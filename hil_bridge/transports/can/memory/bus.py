@@ -80,10 +80,10 @@ def _spoilt(
 class MemoryCanBus:
     """Any number of nodes on one bus.
 
-    Each sends its own frames in order; among those that wait, the frame whose bits win the arbitration goes
-    first. The others have it at the end of its end of frame, stamped with that time. A frame that is disturbed
-    or gets no acknowledge is followed by an error frame and sent again; the nodes count errors, become error
-    passive, go bus-off and come back as ISO 11898-1 says.
+    Each sends its own frames in order; among those that wait, the frame whose bits win the arbitration goes first. The
+    others have it at the end of its end of frame, stamped with that time. A frame that is disturbed or gets no
+    acknowledge is followed by an error frame and sent again. The nodes count errors, become error passive, go bus-off
+    and come back as ISO 11898-1 says.
 
     Simplified: all nodes see a disturbance in the same bit, so that their error flags coincide. A node that leaves in
     the middle of a frame has acknowledged it. Two nodes that send the same identifier at once would destroy each
