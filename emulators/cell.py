@@ -1,8 +1,8 @@
 """The emulated cell: any robot and any sensor, coupled by a tool and a surface. See `emulators.seams` for its parts.
 
-Frames: base with z up; the tool frame's z axis points out of the flange, so that a tool pointing down has the
-quaternion (0, 1, 0, 0); the sensor frame has the tool frame's orientation and lies in the flange. The sensor
-reads the wrench that surface and gravity exert on the tool: pressing down on the surface gives a negative Fz.
+Frames: the base has z up. The tool frame's z axis points out of the flange, so that a tool pointing down has the
+quaternion (0, 1, 0, 0). The sensor frame has the tool frame's orientation and lies in the flange. The sensor reads the
+wrench that surface and gravity exert on the tool: pressing down on the surface gives a negative Fz.
 """
 
 import math

@@ -80,7 +80,7 @@ class RobotEmulation:
     usual: Callable[[KindSettings, bool], str]
     """The URL to listen on where a configuration names none; the second argument says whether in virtual time."""
     faults: Mapping[str, Mapping[str, Fault]] = field(default_factory=dict)
-    """What can go wrong with it, in words, by target and name; its handlers do it."""
+    """Its faults, in words, by target and name; its handlers carry them out."""
     panel: Callable[..., AbstractAsyncContextManager[str]] | None = None
     """The panel of the emulated controller, for people; None for a kind without one."""
     check_panel: Callable[[str], object] | None = None
@@ -102,7 +102,7 @@ class RobotKind:
     Raises ConfigError for the URL, TransportUnavailable for the wire.
     """
     facts: Callable[[str, KindSettings], RobotFacts]
-    """What is known of the robot behind a wire's URL, "" for the emulated one, before anything is opened."""
+    """Facts of the robot behind a wire's URL, "" for the emulated one, before a wire is opened."""
     emulation: RobotEmulation | None = None
     directly: bool = False
     """Its settings stand in `[robot]` and `[cell]` themselves, as they did when there was no other robot."""
@@ -225,7 +225,7 @@ class Registry(Generic[_Kind]):
 
 @dataclass(frozen=True)
 class CellSection(CellProfile):
-    """What every emulated cell has, whatever its devices: the base of the section `[cell]`."""
+    """Settings of every emulated cell, whatever its devices: the base of the section `[cell]`."""
 
     surface_kind: str = setting(
         "", Mark.CHOSEN, "kind of surface that another package offers; empty: ours, by [cell.surface]"
@@ -271,6 +271,6 @@ def emulated_sensor(name: str) -> SensorKind:
 
 
 def faults_of(robot: str, sensor: str) -> Mapping[str, Mapping[str, Fault]]:
-    """What can go wrong in a cell with these emulated devices, by target and name. Raises ConfigError."""
+    """All faults of a cell with these emulated devices, by target and name. Raises ConfigError."""
     devices = ROBOTS.kind(robot).emulation, emulated_sensor(sensor).emulation
     return {**{on: faults for one in devices if one for on, faults in one.faults.items()}, **OWN_FAULTS}

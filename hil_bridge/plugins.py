@@ -1,4 +1,4 @@
-"""What other packages offer to this one, found through entry points: controllers, robots, sensors, surfaces.
+"""Extensions from other packages, found through entry points: controllers, robots, sensors, surfaces.
 
 A package offers one in its pyproject.toml, for example:
 
@@ -20,7 +20,7 @@ from hil_bridge.errors import ConfigError
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """What a package offers under a name."""
+    """An extension that a package offers under a name."""
 
     value: Any
     where: str
@@ -45,7 +45,7 @@ def plugin_names(group: str) -> list[str]:
 
 
 def find_plugin(group: str, thing: str, name: str, built_in: Collection[str] = ()) -> Found | None:
-    """What another package offers under a name; None where no package does. `thing` is the word for it in an error.
+    """Extension that another package offers under a name, or None. `thing` is the word for it in an error.
 
     Raises ConfigError that names the distribution when it cannot be loaded, and when two offer the same name or one
     takes a name from `built_in`.

@@ -17,16 +17,16 @@ class Mark(StrEnum):
     DERIVED = "derived"
     """Follows from observed values by arithmetic or measurement."""
     STANDARD = "standard"
-    """What links and devices of this kind do."""
+    """Links and devices of this kind do so."""
     ASSUMED = "assumed"
-    """Nobody knows; correct it on site."""
+    """Unknown; correct it on site."""
     CHOSEN = "chosen"
     """A choice of this project or its user, not a fact about a device."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class SettingInfo:
-    """What is said about a setting beside its default."""
+    """Notes about a setting beside its default."""
 
     mark: Mark
     meaning: str

@@ -104,8 +104,8 @@ class Jr3Sensor:
         self.predicted_until = samples.predicted_until
         """The same for a reader that minds `on_invalidate`."""
         self.counts_from = samples.starting
-        """Six counts (n, 6), whole numbers, of the sample with the first number and all after it: to the second
-        number, the newest that there is at present, and on behind it as far as they are predicted.
+        """Six counts of each sample, whole numbers (n, 6). The samples are those from the first number to the second,
+        the newest at present, and further ones as far as they are predicted.
         """
         self._noise = NumberedNoise(profile.noise_counts, seed)
         words = np.array(profile.full_scale_words, dtype=np.float64)

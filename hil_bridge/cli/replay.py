@@ -76,7 +76,7 @@ def _versions(recorded: str) -> "Iterator[str]":
 
 
 def _changes(cycles: "list[ReplayedCycle]", controller: str) -> "Iterator[str]":
-    """What would have been commanded instead, by phase."""
+    """Commands that the replay would have given instead, by phase."""
     yield f"what {controller} and these limits would have commanded in the recorded situations:"
     yield f"{'phase':<10}{'cycles':>8}{'other':>8}{'rms':>10}{'largest':>10}  of the difference in depth, mm"
     for phase in dict.fromkeys(cycle.record.phase for cycle in cycles):

@@ -44,7 +44,7 @@ class _DueTime:
         self._time = time
         self._call_at = call_at
         self._newest = float("-inf")
-        """What was told last: a deadline may be handled after what came later than it."""
+        """Newest event: a deadline may be handled after an event that came later than it."""
         self._due: float | None = None
         """The time of the deadline that is being handled."""
 

@@ -12,7 +12,7 @@ Main: TypeAlias = Coroutine[Any, Any, T] | Callable[[], Coroutine[Any, Any, T]]
 
 
 class LeakedTasks(VirtualTimeError):
-    """The main coroutine returned while tasks that nobody had asked to end were still running."""
+    """The main coroutine returned while tasks that it had not cancelled were still running."""
 
 
 def run_real(main: Main[T], busy_poll_s: float = 0.0) -> T:

@@ -17,7 +17,7 @@ CHUNK = 4
 """Jobs handed to a process at once. Chosen: a second or two of work."""
 
 THREAD_VARIABLES = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
-"""What the libraries below numpy read when they are loaded."""
+"""Environment variables that the libraries below numpy read when they are loaded."""
 
 
 def run_jobs(

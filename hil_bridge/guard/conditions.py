@@ -117,7 +117,7 @@ SHELL: tuple[ConditionRow, ...] = (
         Reaction.LEFT,
     ),
 )
-"""What happens around the cycles."""
+"""Conditions around the cycles."""
 
 CONDITIONS: tuple[ConditionRow, ...] = (*BEFORE, *STOPS, *CLAMPS, *ENDS, *SHELL)
 """All of them, in the order in which a run meets them."""

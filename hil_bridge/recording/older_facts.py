@@ -175,7 +175,7 @@ def _sensor(config: Mapping[str, Any], end: Mapping[str, str], checks: Sequence[
 
 
 def _full_scales(config: Mapping[str, Any], checks: Sequence[str]) -> list[float] | None:
-    """What the sensor told before the touch, else that of the emulated one, N and N·m."""
+    """Full scales of the sensor, as told before the touch, else those of the emulated one, N and N·m."""
     for text in checks:
         if found := _FULL_SCALES.match(text):
             told: list[Any] = found[1].split()
@@ -222,5 +222,5 @@ def _number(table: Mapping[str, Any], name: str) -> float | None:
 
 
 def _told_number(end: Mapping[str, str], name: str) -> float | None:
-    """What the end tells by this name, if it is a number. Raises ValueError for what is no JSON."""
+    """Number in the end's metadata under this name, if it is one. Raises ValueError for a text that is no JSON."""
     return _number({name: parse_json(end.get(name, "null"))}, name)

@@ -21,7 +21,7 @@ from hil_bridge.recording.topics import TOPICS, Record, Topic
 
 METADATA_NAME = "run"
 DEVICES_NAME = "devices"
-"""What is known of the devices once they are ready: JSON by device."""
+"""Facts of the devices once they are ready: JSON by device."""
 END_NAME = "end"
 """Written by an orderly end only; its absence tells a reader that the run was cut off."""
 DROPPED_PREFIX = "dropped"
@@ -145,7 +145,7 @@ class Recorder:
 
     @property
     def error(self) -> BridgeError | None:
-        """What ended the writing early, or None."""
+        """Error that ended the writing early, or None."""
         return self._error
 
     @property
@@ -168,7 +168,7 @@ class Recorder:
         self._devices = facts
 
     def pause(self, seconds: float) -> None:
-        """Tell that the loop awaits nothing for so long: the writer thread works then, and from one pause to the next
+        """Tell that the loop awaits nothing for so long: the writer thread works then. From one pause to the next it
         lets the loop have the interpreter to itself, unless the pauses do not suffice or no other comes.
         """
         if self._thread is not None:

@@ -59,7 +59,7 @@ class Answering(Generic[Data]):
         """Why the movement was ended by the other side, or for want of targets."""
         self._limits = MotionLimits(0.0)
         self._setpoint: Pose | None = None
-        """What the newest packet was answered with; None outside of a movement."""
+        """Answer to the newest packet; None outside of a movement."""
         self._goal: Pose | None = None
         self._aimed_at = self._stepped_at = -math.inf
         self._held = False

@@ -1,4 +1,4 @@
-"""What a run sees of a robot, of either kind.
+"""The view that a run has of a robot, of either kind.
 
 An *asked* robot tells where it is when it is asked, and takes points one by one: each `to` is an order with an answer,
 and the robot goes there by itself. A *streamed* robot sends a packet every few milliseconds by its own clock. Each is
@@ -59,7 +59,7 @@ class Sent(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class MotionLimits:
-    """What holds for one movement, whatever is ordered in it."""
+    """Settings that hold for one movement, whatever is ordered in it."""
 
     speed: float
     """Along the path, m/s; of a stream also between two targets."""
@@ -131,7 +131,7 @@ class RobotLink(Protocol):
 
     @property
     def facts(self) -> RobotFacts:
-        """What is known of it, with the settings of the URL."""
+        """Facts of the robot, with the settings of the URL."""
 
     @property
     def counters(self) -> Mapping[str, int]:

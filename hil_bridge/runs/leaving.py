@@ -130,7 +130,7 @@ class WayOut:
         return Request(depth, (x, y, z), approach)
 
     def _observe(self, state: LoopState) -> Observation:
-        """What the sensor tells, without a status."""
+        """Observation from the sensor alone, without a status of the robot."""
         sensor, newest, now = self._sensor, self._sensor.newest, self._clock.now()
         resultant, fault = math.nan, ""
         if newest is not None and sensor.peaks is not None:

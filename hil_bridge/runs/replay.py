@@ -35,7 +35,7 @@ class ReplayedCycle:
 
     @property
     def differences(self) -> dict[str, tuple[object, object]]:
-        """What is not the same, by name: recorded, replayed."""
+        """Differences by name: recorded, replayed."""
         record, decision = self.record, self.decision
         pairs: dict[str, tuple[object, object]] = {
             "target": (record.target, decision.position),
@@ -76,7 +76,7 @@ def recorded_config(recording: Recording, changes: Mapping[str, Any]) -> Config:
 
 
 def changes_of(path: Path | None, controller: str | None) -> dict[str, Any]:
-    """What a TOML file and an option want to have different from the recorded run. Raises ConfigError."""
+    """Changes to the recorded run from a TOML file and an option. Raises ConfigError."""
     changes: dict[str, Any] = {}
     if path is not None:
         changes = read_toml(path)

@@ -79,13 +79,13 @@ class SmallSteps:
                 )
 
     async def quiet(self) -> Reading:
-        """What the sensor reads once its filter has settled."""
+        """Reading of the sensor once its filter has settled."""
         since = self._clock.now() + TIME_CONSTANTS * self._sensor.delay
         await self._clock.sleep_until(since)
         return await self._reading(since, FRAMES_MIN)
 
     async def steady(self, change_n: float) -> Reading:
-        """What the sensor reads once it drifts by less than `change_n`, N. Raises DeviceError when it does not."""
+        """Reading of the sensor once it drifts by less than `change_n`, N. Raises DeviceError when it does not."""
         sensor = self._sensor
         patience = self._clock.now() + STEADY_PATIENCE_S + TIME_CONSTANTS * sensor.delay
         while True:

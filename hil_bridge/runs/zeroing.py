@@ -33,7 +33,7 @@ ZERO_PATIENCE_S = 20.0
 
 @dataclass(frozen=True, slots=True)
 class Zero:
-    """What was taken for zero, and where."""
+    """Reading that was taken for zero, and the pose of that moment."""
 
     start: RobotReport
     """After the way to the zero: the start point of the run."""

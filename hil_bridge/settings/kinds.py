@@ -104,7 +104,7 @@ def sensor_kind(config: Any) -> SensorKind:
 
 
 def facts_of(config: Any) -> RobotFacts:
-    """What is known of a run's robot before anything is opened. Raises ConfigError for its URL."""
+    """Facts of a run's robot before a wire is opened. Raises ConfigError for its URL."""
     url = config.robot.url
     kind, wire = robot_of(url) if url else (ROBOTS.kind(config.robot.emulated), "")
     return recorded_facts(config, kind.facts(wire, settings_of(config, kind)))

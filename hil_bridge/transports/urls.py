@@ -16,10 +16,9 @@
 A baud rate on a wire that is no serial port means that bytes are paced as on such a line. Without more said a
 line has 9600 baud, no parity and one stop bit.
 
-The listening side's options are the settings of the emulated device's UART. Where the client's are known too –
-in memory from its URL, on RFC 2217 from what it sets, on a pseudo-terminal its baud rate alone – a difference
-between the two makes what arrives on either side what a UART would make of it. Who names no line in memory is
-taken to be set right.
+The listening side's options are the settings of the emulated device's UART. The client's settings may be known too: in
+memory from its URL, on RFC 2217 from its requests, on a pseudo-terminal its baud rate alone. Then a difference between
+the two changes the bytes on either side as a UART would. A listener in memory without a line is taken to be set right.
 
 Options of an emulated line:
 - `damaged=drop`, `zero` or `keep`: what the device makes of a character with a parity or framing error: nothing,
@@ -158,7 +157,7 @@ def _path(text: str) -> Path:
 @dataclass(frozen=True, slots=True)
 class _Scheme:
     target: str
-    """What comes after the colon, as an example for messages; empty when nothing may."""
+    """Address after the colon, as an example for messages; empty when there must be none."""
     options: Mapping[str, Callable[[str], Any]]
 
 

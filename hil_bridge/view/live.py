@@ -30,7 +30,7 @@ class LiveView:
         redrawable = console.is_terminal and not console.is_dumb_terminal
         self._live: Live | None = None
         if redrawable and console.encoding.startswith("utf"):
-            # not redirected: who writes to a stream elsewhere would wait for the thread that draws
+            # not redirected: a program that writes to a stream elsewhere would wait for the thread that draws
             self._live = Live(
                 console=console,
                 auto_refresh=False,

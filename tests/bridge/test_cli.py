@@ -184,7 +184,7 @@ def test_a_run_that_the_machine_refuses_leaves_an_earlier_recording_alone(hil: C
 def test_what_is_wanted_is_written_before_anything_is_said(
     hil: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """As with `| head`: whoever reads the output may have gone by then."""
+    """As with `| head`: the reader of the output may have gone by then."""
     there: list[bool] = []
 
     class Left(io.StringIO):

@@ -167,7 +167,7 @@ def robot_failure(answer: Callable[[bytes], bytes], hang_up_at: float | None = N
                 await robot.read_status()
             took = clock.now() - began
             if hang_up_at is not None:
-                with pytest.raises(TransportEnded):  # and nobody waits for a dead wire again
+                with pytest.raises(TransportEnded):  # and no task waits for a dead wire again
                     await robot.read_status()
                 assert clock.now() - began == took
         finally:
@@ -461,7 +461,7 @@ def test_an_answer_too_short_is_the_devices_error() -> None:
 
 
 def answered(answer: Telegram, ask: Callable[[S3Link], Awaitable[object]]) -> object:
-    """What the client makes of a robot that gives this answer to every order."""
+    """Result of the client for a robot that gives this answer to every order."""
 
     class Answering(Link):
         def next_event(self) -> None:

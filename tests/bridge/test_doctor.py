@@ -220,13 +220,13 @@ def test_wake_ups_are_measured_as_the_thread_would_be_run(monkeypatch: pytest.Mo
     wanted = []
 
     @contextmanager
-    def scheduled(realtime: RealTime) -> Iterator[None]:
+    def real_time_thread(realtime: RealTime) -> Iterator[None]:
         wanted.append(realtime)
         if realtime.cpus:
             raise ConfigError("refused")
         yield
 
-    monkeypatch.setattr(doctor, "scheduled", scheduled)
+    monkeypatch.setattr(doctor, "real_time_thread", real_time_thread)
     monkeypatch.setattr(doctor, "CYCLES", 5)
     assert "kept awake, busy polling" in doctor.wake_ups(RealTime(keep_awake=True, busy_poll_ms=1.0)).text
     assert "kept awake" not in doctor.wake_ups(RealTime(keep_awake=True, cpus=(4096,))).text

@@ -23,7 +23,7 @@ def written(tree, **modules):
 
 
 def run(tool, tree):
-    """What the tool says of a checkout, and its exit code."""
+    """Output of the tool for a checkout, and its exit code."""
     command = [sys.executable, "-m", f"tools.{tool}", "--tree", tree]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert not done.stderr

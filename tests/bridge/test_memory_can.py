@@ -1,6 +1,6 @@
 """The CAN bus in memory against the rules of the wire: times, arbitration, acknowledge, errors, all exact."""
 
-from asyncio import sleep as pass_time  # in virtual time, where nobody waits
+from asyncio import sleep as pass_time  # in virtual time, without waiting
 from collections.abc import Awaitable, Callable
 from typing import Any
 
@@ -32,7 +32,7 @@ PATIENCE = 0.1
 
 
 class Log:
-    """What arrives at a node, with the time: frames and error reports apart."""
+    """Arrivals at a node, with the time: frames and error reports apart."""
 
     def __init__(self, node: Any, clock: Clock) -> None:
         self.items: list[tuple[float, CanFrame]] = []
@@ -284,13 +284,13 @@ def test_filters_choose_what_a_node_is_given() -> None:
         await pass_time(1)
         assert [frame.identifier for frame in log.frames] == [0x101, 0x601, 0x6FF]
         assert node.statistics.received == 3
-        # who filters a frame acknowledges it all the same
+        # a node that filters a frame acknowledges it all the same
         assert sender.statistics.sent == 5
 
     virtual(main)
 
 
-# --- nobody acknowledges
+# --- no acknowledge
 
 
 def test_a_node_alone_repeats_becomes_error_passive_and_never_bus_off() -> None:
@@ -372,7 +372,7 @@ def test_who_joins_a_lone_sender_acknowledges_its_next_attempt(after: float) -> 
         assert earliest - 1e-11 <= log.times[0] < earliest + cycle * US
         assert sender.statistics.sent == 1
         assert sender.statistics.dropped == 0
-        # nobody missed at 0 s; one or two attempts failed in 0.1 ms; all of 16 in 50 ms; the success takes one off
+        # no miss at 0 s; one or two attempts failed in 0.1 ms; all of 16 in 50 ms; the success takes one off
         assert sender.counters.transmit in {0.0: {0}, 0.0001: {7, 15}, 0.05: {127}}[after]
         if after == 0.05:
             assert own.states == [ErrorState.WARNING, ErrorState.PASSIVE, ErrorState.WARNING]

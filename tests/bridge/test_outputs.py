@@ -1,4 +1,4 @@
-"""What a run leaves behind, and what it never writes over; in virtual time and in an empty folder."""
+"""Outputs of a run, and files that it never overwrites; in virtual time and in an empty folder."""
 
 import errno
 import io

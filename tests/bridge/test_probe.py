@@ -34,7 +34,7 @@ EIGHT = [
 
 @dataclass
 class Probed:
-    """What a probe found and said."""
+    """Findings and words of a probe."""
 
     finding: Finding | None = None
     tries: list[tuple[Try, Outcome]] = field(default_factory=list)
@@ -188,7 +188,7 @@ def test_an_answer_with_a_dle_decides_the_doubling_by_itself() -> None:
 
 
 def test_spontaneous_messages_are_acknowledged_and_told() -> None:
-    """The controller bids before anybody listens, and answers no bid until it has bid again."""
+    """The controller bids before the probe listens, and answers no bid until it has bid again."""
     result = probed(LinkProfile(), prepare=lambda cell, now: cell.robot.press_emergency_stop(now))
     assert result.finding is not None
     assert len(result.said) == 1

@@ -6,7 +6,7 @@ The kernel's side of a SocketCAN socket is played by a python-can bus, after net
 import errno
 import os
 import sys
-from asyncio import sleep as pass_time  # in virtual time, where nobody waits
+from asyncio import sleep as pass_time  # in virtual time, without waiting
 from collections import deque
 from collections.abc import Awaitable, Callable
 from contextlib import closing
@@ -46,7 +46,7 @@ class Kernel(can.BusABC):
         """Frames that the interface takes before it is full."""
         self.up = True
         self.error: int | None = None
-        """What the socket tells next, once."""
+        """Next answer of the socket, once."""
         self.pending: deque[can.Message] = deque()
         self.sent: list[tuple[float, can.Message]] = []
         self.closed = False
@@ -135,7 +135,7 @@ class Kernel(can.BusABC):
 
 
 class Ear:
-    """What the wire delivers."""
+    """Deliveries of the wire."""
 
     def __init__(self, wire: CanWire, clock: Clock) -> None:
         self.frames: list[CanFrame] = []

@@ -23,7 +23,7 @@ from msgspec import structs
 
 from hil_bridge.control import Predictive
 from hil_bridge.errors import BridgeError, ConfigError
-from hil_bridge.experiments import run_cell
+from hil_bridge.experiments import run_emulated
 from hil_bridge.facts import ACCEPTED, Devices, RobotFacts, Sensor
 from hil_bridge.recording import (
     VIRTUAL_CHUNKS,
@@ -378,7 +378,7 @@ def with_chunk(path: Path, claim: int, compression: str, packed: bytes) -> Path:
 
 
 def peak_bytes(path: Path) -> tuple[str, int]:
-    """What reading comes to, and the most memory that Python and the unpackers took for it."""
+    """Result of reading, and the most memory that Python and the unpackers took for it."""
     tracemalloc.start()
     try:
         said = "truncated" if read(path).truncated else "whole"
@@ -527,7 +527,7 @@ def test_what_a_controller_explains_is_recorded_as_numbers(monkeypatch: pytest.M
         return state, structs.replace(command, explanation={"why": "soft", "found": True})  # type: ignore[dict-item]
 
     monkeypatch.setattr(Predictive, "step", talkative)
-    cycles = run_cell(Config.model_validate({"run": {"duration_s": 2.0}})).cycles
+    cycles = run_emulated(Config.model_validate({"run": {"duration_s": 2.0}})).cycles
     told = [cycle.explanation for cycle in cycles if cycle.phase == "track"]
     assert told
     assert all(math.isnan(one["why"]) and one["found"] == 1.0 for one in told)

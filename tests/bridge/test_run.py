@@ -249,7 +249,7 @@ def test_a_fixed_period_keeps_absolute_beats_and_skips_what_it_misses(bench: Run
     run = bench(run={"duration_s": 3.0, "period_ms": 100.0})
     begins = [record.started_at for record in run.cycles]
     assert [b - begins[0] for b in begins] == pytest.approx([k * 0.2 for k in range(len(begins))], abs=1e-9)
-    assert run.texts("overrun")[0] == "1 beats of 100 ms skipped"
+    assert run.texts("overrun")[0] == "1 cycles of 100 ms skipped"
 
 
 def test_the_tare_hides_the_tools_weight(bench: RunBench) -> None:

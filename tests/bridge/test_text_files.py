@@ -1,4 +1,4 @@
-"""What no sane file holds, at every place that reads one: one line and exit code 2, no traceback."""
+"""Texts that no sane file holds, at every place that reads one: one line and exit code 2, no traceback."""
 
 import sys
 from collections.abc import Callable

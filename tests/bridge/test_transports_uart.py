@@ -35,7 +35,7 @@ def begins(number: int, sender: LineSettings) -> float:
 
 
 def read(data: bytes, sender: LineSettings, receiver: LineSettings) -> list[Character]:
-    """What is read of an unbroken burst after which the line is idle."""
+    """Characters read of an unbroken burst after which the line is idle."""
     ear = Receiver(receiver)
     for k, byte in enumerate(data):
         ear.character(byte, begins(k, sender), sender)

@@ -130,7 +130,7 @@ def test_pasted_bytes_of_the_line_are_decoded() -> None:
 
 @dataclass
 class Log:
-    """What a run tells."""
+    """Messages of a run."""
 
     cycles: list[CycleRecord] = field(default_factory=list)
     events: list[EventRecord] = field(default_factory=list)

@@ -21,7 +21,7 @@ from hil_bridge.control import (
     Supervisor,
     Task,
     TaskParameters,
-    in_numbers,
+    numeric_explanation,
 )
 
 START = (0.9, 0.0, 0.6)
@@ -131,7 +131,7 @@ def test_what_explains_a_command_is_recorded_as_numbers():
         def __str__(self):
             raise RuntimeError("no name")
 
-    told = in_numbers(
+    told = numeric_explanation(
         {
             "found": True,
             "level": np.float32(0.5),

@@ -18,7 +18,7 @@ from hil_bridge.control.analysis.stability import (
 
 STEP = 0.125e-3
 FAST = 1e5
-"""rad/s: a servo that has settled before anyone looks."""
+"""rad/s: a servo that has settled before the next look."""
 
 
 def ideal(dead_samples: float = 0.5, period: float = 0.1) -> SampledPlant:

@@ -52,7 +52,7 @@ class Still:
 
 
 def outputs(task: Task, dt: float, seconds: float, force: float = 0.0) -> list[Any]:
-    """What a task says in cycles of this time; the robot follows at once, and the force is always the same."""
+    """Commands of a task in cycles of this time; the robot follows at once, and the force is always the same."""
     state, depth, answers = task.initial(), 0.0, []
     for k in range(round(seconds / dt)):
         state, output = task.step(state, Measurement(k * dt, force, depth, depth, dt=dt))

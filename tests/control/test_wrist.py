@@ -109,7 +109,7 @@ def test_a_direction_is_seen_along_the_sensors_own_axes() -> None:
 
 
 @given(QUATERNION, QUATERNION, QUATERNION, VECTOR, SIX, VECTOR, st.booleans())
-def test_facing_one_way_the_wrist_gives_the_same_in_plain_numbers(
+def test_the_wrist_at_one_orientation_gives_the_same_wrench(
     mounted: tuple[float, ...],
     quaternion: tuple[float, ...],
     tare: tuple[float, ...],
@@ -120,9 +120,9 @@ def test_facing_one_way_the_wrist_gives_the_same_in_plain_numbers(
 ) -> None:
     wrist = Wrist(mounted, position, flip, (1.0,) * 6, 2.0, (0.01, 0.02, 0.1))  # type: ignore[arg-type]
     for zero in (tare, None):
-        facing = wrist.facing(quaternion, zero, (1.0, 0.0, 0.0), direction)  # type: ignore[arg-type]
-        wrench = facing.contact_wrench(read)
+        turned = wrist.at_orientation(quaternion, zero, (1.0, 0.0, 0.0), direction)  # type: ignore[arg-type]
+        wrench = turned.contact_wrench(read)
         assert wrench == pytest.approx(wrist.contact_wrench(read, quaternion, zero).tolist(), abs=1e-9)
-        assert facing.force_along(1, wrench) == pytest.approx(
+        assert turned.force_along(1, wrench) == pytest.approx(
             force_along(direction, quaternion, wrench), abs=1e-8
         )

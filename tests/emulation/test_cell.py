@@ -178,7 +178,7 @@ Orders = list[tuple[float, int, float]]
 
 
 def frames_of(profile: PaperCellProfile, orders: Orders) -> list[str]:
-    """What the gateway says while the robot is told this: pauses in s, what, and how far in mm."""
+    """Messages of the gateway while the robot is told this: pauses in s, what, and how far in mm."""
     cell = s3_jr3_cell(profile, T0, seed=3)
     gateway, motion = cell.sensor, cell.robot.motion
     gateway.handle_deadline(T0 + 3.0)

@@ -30,7 +30,7 @@ Wrench = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
 @dataclass(frozen=True)
 class Transcript:
-    """What is said of the gateway, and what goes over the line when it is so."""
+    """A statement about the gateway, and the line traffic that shows it."""
 
     sentence: str
     lines: str

@@ -172,7 +172,7 @@ def test_ctrl_c_retracts_and_leaves_everything(tmp_path: Path, short: str) -> No
 
 
 def test_ctrl_c_while_connecting_ends_at_once(tmp_path: Path) -> None:
-    """The robot is a pseudo-terminal on which nobody answers."""
+    """The robot is a pseudo-terminal that does not answer."""
     master, slave = pty.openpty()
     try:
         tty.setraw(slave)

@@ -59,7 +59,7 @@ class ScriptedSlcan:
         self._on_data: Callable[[Frames], None] | None = None
         self._on_end: Callable[[TransportError], None] = lambda error: None
         self.name = wire.name
-        # the client opens the channel before anybody starts this end
+        # the client opens the channel before the test starts this end
         wire.start(self._arrived, lambda error: self._on_end(error))
 
     def start(self, on_data: Callable[[Frames], None], on_end: Callable[[TransportError], None]) -> None:
@@ -547,7 +547,7 @@ async def test_a_can_interface_that_is_not_there() -> None:
 
 
 def _heard_by_adapter(master: int) -> bytes:
-    """What the opening of a channel sends; a busy computer hands it over in parts."""
+    """Bytes sent by the opening of a channel; a busy computer hands them over in parts."""
     heard = b""
     while not heard.endswith(b"C\rS8\rO\r"):
         heard += os.read(master, 4096)

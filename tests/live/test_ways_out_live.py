@@ -76,7 +76,7 @@ def send(number: signal.Signals) -> Callable[["Cell", subprocess.Popen[str]], No
 
 @dataclass(frozen=True)
 class Way:
-    """What ends a run, and what is promised of it."""
+    """A way to end a run, and its promises."""
 
     act: Callable[["Cell", subprocess.Popen[str]], None]
     code: int

@@ -43,7 +43,7 @@ PIECES = (
     encode_block(REPLY),
     encode_block(REPLY)[:-1] + b"\x00",
 )
-"""What means something to a link."""
+"""Bytes with a meaning for a link."""
 
 
 def uniform(rng, size):

@@ -1,4 +1,4 @@
-"""What an end of the link takes from its owner, tells it, and keeps at the most.
+"""Input of an end of the link from its owner, its events, and its largest stores.
 
 What it does on the line is in the transcripts beside this file, what it makes of a bad line in test_adlp_faults.py.
 """
@@ -135,7 +135,7 @@ def test_a_message_that_is_given_after_the_line_was_held_too_long_bids_anew():
     link.announce()
     link.data_to_send(EPOCH)
     link.receive(b"\x06", EPOCH)
-    link.send([ASK])  # before anybody has handled the time-out
+    link.send([ASK])  # before the owner has handled the time-out
     assert link.data_to_send(late) == b"\x04"
     assert link.data_to_send(late) == b"\x05"
     link.receive(b"\x06", late)

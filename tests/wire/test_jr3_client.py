@@ -1,4 +1,4 @@
-"""What the client of the CAN gateway alone has: SYNC, nodes, halves of samples, pauses after repetitions."""
+"""Properties of the client of the CAN gateway alone: SYNC, nodes, halves of samples, pauses after repetitions."""
 
 from typing import Any
 

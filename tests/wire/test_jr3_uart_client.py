@@ -1,4 +1,4 @@
-"""What the client of the UART gateway alone has: its pace, its bytes, and why it may be silent."""
+"""Properties of the client of the UART gateway alone: its pace, its bytes, and the reasons of its silence."""
 
 from typing import Any
 

@@ -30,7 +30,7 @@ HOUR_MINUTES = 60
 TRACED_MINUTES = 20
 """Of the run whose every allocation is watched, which takes four times as long."""
 SETTLED_MINUTES = 1
-"""What is made in them may stay."""
+"""First minutes, whose allocations may stay."""
 CHUNK_LOOK_S = 0.1
 """Between two looks at whether the recorder has finished a chunk; it does so every 20 s or so."""
 SPEED_MM_S = 0.05
@@ -65,8 +65,8 @@ def resident() -> int:
 
 
 async def track(record: Path, minutes: int, look: Callable[[], object]) -> dict[str, object]:
-    """Track for so long and a minute, and look after every minute but the last, as soon as the recorder has finished a
-    chunk: then what it holds of the next one is always as little.
+    """Track for so long and a minute. Look after every minute but the last, as soon as the recorder has finished a
+    chunk: then its part of the next one is always as small.
     """
     duration_s = (minutes + 1) * MINUTE_S
     config = Config.model_validate({"run": {"duration_s": duration_s}, "task": {"speed_mm_s": SPEED_MM_S}})
@@ -156,7 +156,7 @@ def recorder_speed(place: Path) -> tuple[float, float, float]:
 
 
 def asked(what: str, record: Path) -> dict[str, Any]:
-    """What a process of its own tells of `hour` or `growth`."""
+    """Answer of a process of its own about `hour` or `growth`."""
     child = [sys.executable, "-m", "tools.bench.long_run", what, str(record)]
     told: dict[str, Any] = json.loads(
         subprocess.run(child, check=True, stdout=subprocess.PIPE, text=True).stdout

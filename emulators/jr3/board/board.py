@@ -1,8 +1,8 @@
 """The JR3 DSP receiver board: a memory that a sensor fills and a host reads and writes, told the time.
 
-Samples are computed in blocks up to the time asked for, and further as far as the sensor predicts, so that a read
-is a look-up; a host's write that changes the computation throws away the samples computed ahead, and so
-does a sensor whose samples will be others.
+Samples are computed in blocks up to the time asked for, and further as far as the sensor predicts, so that a read is a
+look-up. A host's write that changes the computation throws away the samples computed ahead. So does a sensor whose
+samples will be others.
 """
 
 import math

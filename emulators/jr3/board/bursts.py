@@ -13,7 +13,7 @@ _MOST = 256
 class BurstReader:
     """Reads a board's memory as `Memory.read` does, and packs it.
 
-    Words that were asked for twice at the same distance of samples will most likely be asked for so again: then all
+    Words that were asked for twice at the same distance of samples will most likely be asked for so again. Then all
     bursts that the block has for this host are worked out, and each costs no more than its bytes.
     """
 

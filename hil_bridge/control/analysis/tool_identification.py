@@ -48,7 +48,7 @@ class ToolPose:
 
 @dataclass(frozen=True, slots=True)
 class ToolEstimate:
-    """What hangs below the sensor, each value with its standard uncertainty."""
+    """Mass and bias below the sensor, each value with its standard uncertainty."""
 
     mass: float
     """kg"""
@@ -57,7 +57,7 @@ class ToolEstimate:
     """From the sensor's origin along the tool frame's axes, m."""
     centre_of_gravity_uncertainty: Vector
     bias: tuple[float, ...]
-    """What the sensor reads with nothing on it, in the sensor frame, N and N·m, shape (6,)."""
+    """Reading of the sensor with nothing on it, in the sensor frame, N and N·m, shape (6,)."""
     bias_uncertainty: tuple[float, ...]
     residuals: tuple[tuple[float, ...], ...]
     """Reading less what the estimate explains, for each pose, sensor frame, N and N·m, shape (n, 6)."""

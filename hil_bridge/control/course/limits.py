@@ -1,4 +1,4 @@
-"""What the supervisor allows, as settings with their units."""
+"""Limits of the supervisor, as settings with their units."""
 
 import math
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from protocol.geometry import Vector
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """What is allowed. Every default is chosen, not a fact about a device: set them for the cell at hand."""
+    """Limits of a run. Every default is chosen, not a fact about a device: set them for the cell at hand."""
 
     __pydantic_config__: ClassVar = {"extra": "forbid"}
 

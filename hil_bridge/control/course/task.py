@@ -13,7 +13,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from hil_bridge.control.course.checks import require_above_zero, require_not_negative
-from hil_bridge.control.types import POSITION_STEP_MM, SAMPLE_MS, Command, Controller, Measurement, plain
+from hil_bridge.control.types import POSITION_STEP_MM, SAMPLE_MS, Command, Controller, Measurement, as_command
 
 
 class Phase(StrEnum):
@@ -35,7 +35,7 @@ _APPROACH, _TRACK, _RETRACT = Phase.APPROACH, Phase.TRACK, Phase.RETRACT
 
 @dataclass(frozen=True, slots=True)
 class TaskParameters:
-    """What to do. All values are chosen for the paper's experiments and the robot's resolution."""
+    """Settings of the task. All values are chosen for the paper's experiments and the robot's resolution."""
 
     __pydantic_config__: ClassVar = {"extra": "forbid"}
 
@@ -169,7 +169,7 @@ class TaskOutput(Struct, frozen=True):
     target: Target
     in_contact: bool
     command: Command | None = None
-    """What the controller said; None outside TRACK."""
+    """Answer of the controller; None outside TRACK."""
     losses: int = 0
     """Contact losses so far."""
     cause: str = ""
@@ -306,7 +306,7 @@ class Task:
             measurement.dt,
         )
         memory, answer = self.controller.step(state.controller, seen, self.parameters.force_n)
-        command = plain(answer)
+        command = as_command(answer)
         if state.in_contact:
             state = TaskState(
                 state.phase,

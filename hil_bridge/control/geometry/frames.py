@@ -90,7 +90,7 @@ def transform_wrench(rotation: Array, origin: ArrayLike, wrench: ArrayLike) -> A
 
 
 def tool_gravity_wrench(quaternion: Sequence[float], mass_kg: float, centre_of_gravity: ArrayLike) -> Array:
-    """What the weight below the sensor makes it feel, in the tool frame: subtract it from what was measured.
+    """Wrench that the weight below the sensor puts on it, in the tool frame; subtract it from the measured one.
 
     The centre of gravity is given from the sensor's origin in the tool frame, m.
     """

@@ -29,7 +29,7 @@ _FIRST_SPAN = 5
 
 @dataclass(frozen=True, slots=True)
 class Pairing:
-    """What is known of pairs: how good they are, and which may count."""
+    """Settings for pairs: their uncertainty, and the conditions under which they count."""
 
     __pydantic_config__: ClassVar[dict[str, str]] = {"extra": "forbid"}
 
@@ -105,7 +105,7 @@ class Stiffness(Struct, frozen=True):
 def observe(
     estimate: Stiffness, pairing: Pairing, measurement: Measurement, slope: float | None = None
 ) -> Stiffness:
-    """Take one sample. `slope` is how much deeper the surface lies per travel, from who knows it better.
+    """Take one sample. `slope` is how much deeper the surface lies per travel, where the caller knows it better.
 
     Without contact the estimate stays and pairs begin anew. A sample that is saturated or not finite is
     passed over, and so is a move too small to tell: its older half is replaced, for sums of small moves carry

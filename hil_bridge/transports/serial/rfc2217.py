@@ -208,7 +208,7 @@ class _Telnet:
         self._clock = clock
         self._take = take
         self._pending = bytearray()
-        """What the wire has not taken yet."""
+        """Bytes that the wire has not taken yet."""
         self._timer: Timer | None = None
         self.delivery: Delivery[bytes] = Delivery(wire.name, QUEUE_BYTES)
 

@@ -61,7 +61,7 @@ class SerialWire:
         await self._wire.aclose()
 
     def _counted(self) -> LineErrors:
-        """What the driver has counted since it was loaded; what it said last once the port is closed."""
+        """Counts of the driver since it was loaded; the last ones once the port is closed."""
         if self._open:
             with suppress(OSError):
                 _, _, _, _, _, _, frame, _, parity, brk, *_ = COUNTERS.unpack(_counters(self._fd))

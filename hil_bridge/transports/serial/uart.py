@@ -1,4 +1,4 @@
-"""What a UART makes of the levels on its line: characters, parity and framing errors, breaks.
+"""The way of a UART from the levels on its line to characters, parity and framing errors, breaks.
 
 Pure; told the time. Reference: National Semiconductor PC16550D, Universal Asynchronous Receiver/Transmitter with
 FIFOs, line status register; termios(3) for what a Linux port hands on of a damaged character.
@@ -50,7 +50,7 @@ class LineSettings:
 
 
 class Damaged(StrEnum):
-    """What the owner of a UART makes of a character with a parity or framing error."""
+    """Ways in which the owner of a UART treats a character with a parity or framing error."""
 
     KEEP = "keep"
     """Takes it with the bits as they were read, a break as 00h: a Linux port with INPCK, IGNPAR and PARMRK off,
@@ -63,7 +63,7 @@ class Damaged(StrEnum):
 
 
 class Flaw(StrEnum):
-    """What was wrong with a character."""
+    """Flaws of a character."""
 
     PARITY = "parity"
     FRAMING = "framing"

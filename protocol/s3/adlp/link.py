@@ -119,7 +119,7 @@ class Link:
             self._table[state][stimulus] = actions[transition.action]
 
     def _actions(self) -> dict[Action, Callable[[], State]]:
-        """What does each action; it returns the state that follows."""
+        """Method of each action; it returns the state that follows."""
         sender, receiver = self._sender, self._receiver
         return {
             Action.BID: sender.bid,

@@ -31,7 +31,7 @@ _MESSAGE_SENT = MessageSent()
 
 @dataclass(slots=True)
 class _Message:
-    """What is remembered of the oldest queued message on its way."""
+    """State of the oldest queued message under way."""
 
     index: int = 0
     bids: int = 1
