@@ -25,7 +25,7 @@ from hil_bridge.transports.opening import (
 from hil_bridge.transports.serial.line import LineNotices, PacedLine, Uart
 from hil_bridge.transports.serial.uart import Damaged, Flaw, LineErrors, LineSettings, Parity
 from hil_bridge.transports.serial.usb_adapter import UsbAdapter, UsbAdapterProfile
-from hil_bridge.transports.wrappers import Delayed, Direction, Faults, Faulty, Tap
+from hil_bridge.transports.wrappers import Direction, Tap
 
 __all__ = [
     "BitErrors",
@@ -34,12 +34,9 @@ __all__ = [
     "DatagramStatistics",
     "DatagramWire",
     "Datagrams",
-    "Delayed",
     "Direction",
     "Disturbance",
     "ErrorCounters",
-    "Faults",
-    "Faulty",
     "Flaw",
     "Frames",
     "LineErrors",

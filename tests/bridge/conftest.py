@@ -15,7 +15,8 @@ from hil_bridge.robots.s3.link import S3Link
 from hil_bridge.runs.compose import make_cell, open_devices
 from hil_bridge.runs.cycle import Run, RunResult
 from hil_bridge.settings.configuration import Config
-from hil_bridge.transports import Faults, Faulty, Frames, Transport
+from hil_bridge.testing.wires import Faults, Faulty
+from hil_bridge.transports import Frames, Transport
 
 
 class CutCan:

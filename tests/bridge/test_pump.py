@@ -7,7 +7,8 @@ import pytest
 
 from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.errors import TransportBroken, TransportClosed, TransportEnded, TransportError
-from hil_bridge.transports import Faults, Faulty, memory_pair
+from hil_bridge.testing.wires import Faults, Faulty
+from hil_bridge.transports import memory_pair
 from hil_bridge.transports.pump import Pump
 
 

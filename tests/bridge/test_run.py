@@ -12,7 +12,7 @@ from hil_bridge.control import CONTROLLERS, Command, ControlLoop, Measurement
 from hil_bridge.errors import DeviceError
 from hil_bridge.recording import CycleRecord, Outcome
 from hil_bridge.settings.configuration import Config
-from hil_bridge.transports import Faults
+from hil_bridge.testing.wires import Faults
 from protocol.can.frame import CanFrame
 from protocol.jr3 import GatewayClientProfile
 from protocol.s3.adlp import LinkProfile

@@ -10,12 +10,10 @@ import pytest
 from hil_bridge.clock import Clock
 from hil_bridge.errors import TransportBroken, TransportUnavailable
 from hil_bridge.testing.transports import DatagramCase, Ends, StreamCase, TestDatagramWire, TestStreamWire
+from hil_bridge.testing.wires import Delayed, Faults, Faulty
 from hil_bridge.transports import (
     DatagramWire,
-    Delayed,
     Direction,
-    Faults,
-    Faulty,
     LineSettings,
     MemoryCanBus,
     PacedLine,

@@ -13,11 +13,9 @@ from hil_bridge.errors import (
     TransportError,
     TransportUnavailable,
 )
+from hil_bridge.testing.wires import Delayed, Faults, Faulty
 from hil_bridge.transports import (
-    Delayed,
     Direction,
-    Faults,
-    Faulty,
     LineSettings,
     PacedLine,
     Parity,
