@@ -67,7 +67,7 @@ def test_a_usb_adapter_is_named_and_its_latency_is_warned_of(tmp_path: Path) -> 
     assert "setserial /dev/ttyUSB0 low_latency" in timer.remedy
 
 
-def test_a_low_latency_timer_is_good_and_a_port_without_one_says_nothing(tmp_path: Path) -> None:
+def test_a_low_latency_timer_is_good_and_none_says_nothing(tmp_path: Path) -> None:
     assert [found.level for found in facts.serial_ports(usb_port(tmp_path / "a", 1))] == [Level.OK, Level.OK]
     assert len(list(facts.serial_ports(usb_port(tmp_path / "b", None)))) == 1
 

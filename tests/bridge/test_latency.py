@@ -166,7 +166,7 @@ def test_each_hop_begins_where_the_one_before_it_ends(truths: tuple[TruthRecord,
     assert all(a.hop.end == b.hop.begin for a, b in itertools.pairwise(found.chain))
 
 
-def test_without_the_truth_the_chain_ends_with_the_answer_and_knows_only_jitter() -> None:
+def test_without_the_truth_the_chain_ends_with_the_answer() -> None:
     """Frames arrive 4 ms after their time at least, every fourth one 2 ms later: the 4 ms are not known."""
     frames = tuple(SensorRecord(of.sensor_at, of.sensor_sequence, (0,) * 6) for of in CYCLES)
     late = tuple(structs.replace(f, at=f.at + 0.002 * (f.sequence % 4 == 3)) for f in frames)
@@ -462,7 +462,7 @@ def test_the_command_tells_and_writes_what_the_run_takes(tmp_path: Path) -> None
 # --- the stamps of an order
 
 
-def test_an_order_is_stamped_from_its_first_bid_to_its_last_character() -> None:
+def test_an_order_is_stamped_from_first_bid_to_last_character() -> None:
     """The first bid is not heard."""
     status = bytes.fromhex("10 02 00 20 00 00 13 02 00 00") + bytes(24)
     status += b"\x10\x03" + bytes([reduce(xor, status[2:], 3)])

@@ -235,7 +235,7 @@ def test_frames_survive_python_can(frame: CanFrame) -> None:
 # --- sending
 
 
-def test_what_the_interface_has_no_room_for_leaves_later_and_in_order() -> None:
+def test_frames_without_room_in_the_interface_leave_in_order() -> None:
     async def check(clock: Clock, kernel: Kernel, wire: CanWire, ear: Ear) -> None:
         kernel.room, start = 2, clock.now()
         wire.send(frames(3))
@@ -351,7 +351,7 @@ def test_an_interface_that_is_down_for_a_while_is_told_and_forgiven() -> None:
     played(check)
 
 
-def test_an_interface_found_down_while_sending_calls_nobody_back_within_send() -> None:
+def test_an_interface_found_down_calls_back_only_after_send() -> None:
     async def check(clock: Clock, kernel: Kernel, wire: CanWire, ear: Ear) -> None:
         kernel.up = False
         ear.within_send = True
@@ -372,7 +372,7 @@ def test_an_interface_found_down_while_sending_calls_nobody_back_within_send() -
     played(check)
 
 
-def test_nothing_leaves_before_the_owner_is_told_that_the_interface_is_back() -> None:
+def test_nothing_leaves_before_the_owner_knows_the_interface_is_back() -> None:
     async def check(clock: Clock, kernel: Kernel, wire: CanWire, ear: Ear) -> None:
         kernel.go_down()
         await pass_time(PROBE_S / 2)

@@ -136,7 +136,7 @@ def test_the_ends_make_of_damaged_characters_what_they_are_set_to() -> None:
     run_virtual(check)
 
 
-def test_a_computer_takes_the_bits_as_they_are_and_is_told_once_a_second() -> None:
+def test_a_computer_takes_the_bits_and_is_told_once_a_second() -> None:
     async def main() -> None:
         clock = Clock.running()
         here, line, _, wire, notices = await memory_line(
@@ -274,7 +274,7 @@ def test_a_pulled_plug_tells_nobody_and_loses_what_is_on_the_line() -> None:
     run_virtual(main)
 
 
-def test_the_end_comes_after_the_last_character_of_a_line_with_a_slower_receiver() -> None:
+def test_the_end_comes_after_the_last_character_of_a_slow_receiver() -> None:
     async def main() -> None:
         clock = Clock.running()
         inner, far_wire = memory_pair(clock)

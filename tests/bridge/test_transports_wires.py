@@ -378,7 +378,7 @@ def reconnecting(clock: Clock, absent: int) -> tuple[Reconnecting, list[Transpor
     return wire, far_ends, notices
 
 
-def test_a_wire_comes_back_as_often_as_it_must_and_what_was_sent_meanwhile_is_lost() -> None:
+def test_a_wire_comes_back_and_bytes_sent_meanwhile_are_lost() -> None:
     async def main() -> None:
         clock = Clock.running()
         wire, far_ends, notices = reconnecting(clock, absent=2)
@@ -406,7 +406,7 @@ def test_a_wire_comes_back_as_often_as_it_must_and_what_was_sent_meanwhile_is_lo
     run_virtual(main)
 
 
-def test_a_wire_that_does_not_come_back_is_broken_and_says_for_how_long_it_was_tried() -> None:
+def test_a_wire_that_stays_away_is_broken_and_says_how_long() -> None:
     async def main() -> None:
         clock = Clock.running()
         wire, far_ends, _ = reconnecting(clock, absent=999)

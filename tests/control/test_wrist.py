@@ -36,7 +36,7 @@ def test_a_plain_sensor_is_taken_as_it_is() -> None:
     assert Wrist().contact_wrench(WRENCH, DOWN, DOWN).tolist() == list(WRENCH)
 
 
-def test_a_sensor_mounted_at_ninety_degrees_reads_the_tools_y_as_its_x() -> None:
+def test_a_sensor_mounted_at_ninety_degrees_reads_y_as_x() -> None:
     turned = Wrist(QUARTER).contact_wrench(WRENCH, DOWN, DOWN)
     assert turned.tolist() == pytest.approx([-2.0, 1.0, 3.0, -0.2, 0.1, 0.3])
 
@@ -93,7 +93,7 @@ def test_a_product_of_turns_is_one_after_the_other(a, b, vector) -> None:
 
 
 @given(QUATERNION, QUATERNION)
-def test_the_turn_between_two_orientations_leads_from_one_to_the_other_the_short_way(a, b) -> None:
+def test_the_turn_between_two_orientations_goes_the_short_way(a, b) -> None:
     axis, angle = turn_between(a, b)
     assert math.hypot(*axis) == pytest.approx(1.0)
     assert 0.0 <= angle <= math.pi + 1e-9

@@ -39,7 +39,7 @@ def test_samples_lie_on_the_absolute_grid() -> None:
     assert asked == [k / 8000 for k in range(FIRST, FIRST + 4)]
 
 
-def test_physics_is_asked_once_for_each_sample_as_far_ahead_as_it_is_certain() -> None:
+def test_physics_is_asked_once_for_each_sample_while_certain() -> None:
     asked: list[float] = []
 
     def wrench_at(times: NDArray[np.float64]) -> NDArray[np.float64]:

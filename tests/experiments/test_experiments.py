@@ -259,7 +259,7 @@ def test_comparison_counts_what_is_held():
     assert f"The fixed gains hold {counts['fuzzy']} of 2 points" in text
 
 
-def test_the_whole_grid_has_every_controller_with_and_without_the_estimate():
+def test_the_whole_grid_has_every_controller_twice():
     jobs = EXPERIMENTS["controllers"].jobs(1)
     assert {job.controller for job in jobs} == set(CONTROLLERS)
     assert {"pi", "pi+estimate", "admittance", "admittance+estimate"} <= set(variants())
