@@ -152,7 +152,7 @@ class Cell(Generic[Robot, Sensor]):
         ((_, quaternion),) = path.orientations(np.array([now]))
         self._turn(quaternion)
         self.on_change: Callable[[float], object] = _unread
-        """Told by the cell since when the wrench is another than it could be read, s; set by the sensor."""
+        """Called by the cell with the time from which the wrench differs from the one read, s; set by the sensor."""
         self.committed_until = path.committed_until
         """Up to when the wrench may be read at a given time and stays unless a fault changes it, s."""
         # A surface with memory would have to be shown a changed future again.

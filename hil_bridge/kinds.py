@@ -165,7 +165,7 @@ class SensorKind:
     this kind.
     """
     bus: CanBus | None = None
-    """Of a device on CAN: an interface with another rate cannot reach it."""
+    """Bus of a device on CAN: an interface with another rate cannot reach it."""
     also: str = ""
     """An older name under which `sensor.emulated` chooses it."""
 

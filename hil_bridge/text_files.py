@@ -21,7 +21,7 @@ DEPTH_LIMIT = 32
 INTEGER_LIMIT = 1 << 63
 """Whole numbers lie below this, and not below its negative. Standard: TOML 1.0 asks for 64 bits and allows no more."""
 SHOWN_CHARACTERS = 80
-"""Of a wrong value in a message at most. Chosen: a line of a terminal."""
+"""Most characters of a wrong value in a message. Chosen: a line of a terminal."""
 
 _PIECE_BYTES = 1 << 20
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")

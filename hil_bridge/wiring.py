@@ -74,11 +74,11 @@ class Serving:
     clock: Clock
     stack: AsyncExitStack
     on_failure: Callable[[BaseException], object]
-    """Told why a device can no longer be served."""
+    """Called with the reason when a device can no longer be served."""
     say: Callable[[str], None]
-    """Told, a line each, of connections that ended badly."""
+    """Called with a line for each connection that ended badly."""
     pumps: list[Pump[Any, Any]] = field(default_factory=list)
-    """Of every device: to be woken when a fault begins or ends."""
+    """Pumps of all devices: to be woken when a fault begins or ends."""
 
     async def serve_bytes(self, url: str, endpoint: Any) -> str:
         """Let an endpoint speak over a byte wire that listens; the URL for its client. Raises ConfigError for the URL,

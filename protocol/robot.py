@@ -16,7 +16,7 @@ class RobotReport(NamedTuple):
     sequence: int
     """Number of the report; it rises by one with each, and by more where some were lost."""
     pose: Pose
-    """Of the tool in the robot's base frame, as reported."""
+    """Pose of the tool in the robot's base frame, as reported."""
     pose_at: float
     """When the pose was true."""
     received_at: float

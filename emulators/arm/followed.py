@@ -101,7 +101,7 @@ class _FollowedServo:
         return after
 
     def factors(self) -> tuple[float, ...]:
-        """Those of the loops."""
+        """Factors of the loops."""
         return self.mechanics.loop.factors(self._input, self._error, self._velocity)
 
     def _begin_newest(self) -> None:

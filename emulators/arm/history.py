@@ -51,7 +51,7 @@ class Servo(Protocol):
         """Another one like it, to be changed."""
 
     def factors(self) -> tuple[float, ...]:
-        """Those of `PositionLoop.factors` from the moment on at which the loops take this tick's set point."""
+        """As `PositionLoop.factors`, from the moment on at which the loops take this tick's set point."""
 
 
 S = TypeVar("S", bound=Servo)
@@ -75,7 +75,7 @@ class History(Generic[S]):
         self._ahead: deque[S] = deque()
         """After the ticks behind it, as if nothing were ordered meanwhile."""
         self.on_change: Callable[[float], object] = _unread
-        """Told up to when the path stays as it could be read before, s, when an order changes the ticks ahead."""
+        """Called when an order changes the ticks ahead, with the time up to which the path stays as it was read, s."""
         self.accepted = 0
         """Targets taken so far; the first has the number 1."""
         self._begun = 0

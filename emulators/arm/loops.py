@@ -182,7 +182,7 @@ class Loops:
         self._velocity = [0.0, 0.0, 0.0]
 
     def factors(self) -> tuple[float, ...]:
-        """Those of `PositionLoop.factors` from this moment on."""
+        """As `PositionLoop.factors`, from this moment on."""
         return self._mechanics.loop.factors(self._input, self._error, self._velocity, self.offset)
 
     def reports(self, tau: float) -> list[int]:

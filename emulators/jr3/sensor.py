@@ -96,7 +96,7 @@ class Jr3Sensor:
         self._source = source
         self._samples = samples = Samples(source, SENSOR_RATE_HZ, self._counts)
         self.on_invalidate = samples.on_invalidate
-        """Told the number of the first sample that may be another than was read ahead."""
+        """Called with the number of the first sample that may differ from the one that was read ahead."""
         self.invalidate = samples.invalidate
         """Samples from a time on, s, are others than could be read."""
         self.committed_until = samples.committed_until

@@ -34,9 +34,10 @@ class MoveStep:
 
 @dataclass(frozen=True, slots=True)
 class WaitStep:
-    """Nothing for a while."""
+    """A wait."""
 
     seconds: float
+    """s"""
 
 
 Step: TypeAlias = MoveStep | WaitStep

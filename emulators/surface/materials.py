@@ -90,14 +90,14 @@ class MaterialProfile:
 
 @dataclass(frozen=True, slots=True)
 class Memory:
-    """State of a material by its past; by default of one that has none, or was never touched."""
+    """State of a material by its past. The default is a material without a past, or one that was never touched."""
 
     time: float = -math.inf
-    """Of the newest sample, s."""
+    """Time of the newest sample, s."""
     dent: float = 0.0
-    """How deep the surface is, m, be it held there or on its way back."""
+    """Depth of the surface, m, held there by the tip or on its way back."""
     strain: float = 0.0
-    """Of the Maxwell element's spring, m."""
+    """Strain of the Maxwell element's spring, m."""
 
 
 class Material(Protocol):
@@ -121,7 +121,9 @@ class Linear:
     """f = k·d + c·ḋ while in contact."""
 
     stiffness: float
+    """k, N/m."""
     damping: float
+    """c, N·s/m."""
     has_memory: ClassVar[bool] = False
 
     def press(
@@ -139,9 +141,13 @@ class HuntCrossley:
     """
 
     stiffness: float
+    """k, N/m."""
     exponent: float
+    """n, without unit."""
     reference_depth: float
+    """d₀, m."""
     dissipation: float
+    """a, s/m."""
     has_memory: ClassVar[bool] = False
 
     def press(
@@ -165,8 +171,11 @@ class StandardLinearSolid:
     """
 
     stiffness: float
+    """k, N/m."""
     share: float
+    """k₁/k, without unit."""
     relaxation_time: float
+    """τ, s."""
     has_memory: ClassVar[bool] = True
 
     def press(

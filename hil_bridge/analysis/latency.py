@@ -25,12 +25,12 @@ _STAMPS = frozenset(
     for field in inspect.type_info(CycleRecord).fields  # type: ignore[attr-defined]
     if isinstance(field.type, inspect.FloatType) and field.name.endswith("_at")
 )
-"""Of a cycle: names that a recording's facts may use."""
+"""Moments of a cycle: names that a recording's facts may use."""
 
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """A hop and how long it took."""
+    """A hop and its duration."""
 
     hop: Hop
     times: Times
@@ -38,11 +38,13 @@ class Part:
 
 @dataclass(frozen=True, slots=True)
 class Constant:
-    """A delay that nothing stamps."""
+    """A delay without a stamp in the record."""
 
     words: str
     seconds: float
+    """s"""
     source: str
+    """Origin of the number, in words."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,8 +56,9 @@ class Latency:
     beside: tuple[Part, ...]
     """Hops of the cycle that the sample does not wait for."""
     name: str
-    """From where to where the chain leads, in words."""
+    """Begin and end of the chain, in words."""
     total: Times
+    """From the begin of the chain to its end, s."""
     constants: tuple[Constant, ...] = ()
 
     @property

@@ -21,7 +21,7 @@ distribution; more make a file that a person cannot read. Chosen: the rare late 
 between quantiles 0.5 % apart keep them so.
 """
 _DIGITS = 4
-"""Of a value in ms: a tenth of a microsecond."""
+"""Decimals of a value in ms: a tenth of a microsecond."""
 
 
 def robot_quantiles_ms(recording: Recording) -> dict[str, list[float]]:

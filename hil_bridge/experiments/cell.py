@@ -63,7 +63,7 @@ class CellJob:
     reference: float = 10.0
     """N"""
     duration: float = 16.0
-    """Of TRACK, s."""
+    """Duration of TRACK, s."""
     step_mm: float = 1.0
     """Travel along the surface in a sample."""
     contour: bool = False

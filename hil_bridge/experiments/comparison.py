@@ -25,7 +25,7 @@ STIFFNESSES = (500.0, 1500.0, 5000.0, 20_000.0, 50_000.0, 200_000.0)
 NOISES = {"quiet": 1.0, "noisy": 100.0}
 """Noise before the sensor's filters, counts rms: as recorded, and such that ± 0.5 N is left."""
 SAMPLES = 50
-"""Of a run, about. Chosen: the slowest that reach the force on the sponge do so in a third of it."""
+"""Samples of a run, about. Chosen: the slowest that reach the force on the sponge do so in a third of them."""
 STEADY_SAMPLES = 20
 """At the end of a run. Chosen: what the rise of fixed gains on the sponge leaves, with as much to spare."""
 CONDITIONS = tuple((baudrate, noise) for baudrate in CYCLE_S for noise in NOISES)

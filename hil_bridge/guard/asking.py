@@ -211,7 +211,7 @@ class Asked:
 
 
 def middle(config: Config) -> Vector:
-    """Of the workspace, base frame, m."""
+    """Middle of the workspace, base frame, m."""
     low, high = config.limits.workspace_min_m, config.limits.workspace_max_m
     x, y, z = ((a + b) / 2 for a, b in zip(low, high, strict=True))
     return x, y, z

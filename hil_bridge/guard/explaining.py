@@ -30,7 +30,7 @@ class Explanation:
     settings: tuple[str, ...]
     """The settings that ruled, as `section.name = value`."""
     rows: tuple[ConditionRow, ...]
-    """Of the table of conditions."""
+    """Rows of the table of conditions."""
     then: str
     """Reaction of the tool."""
     deepest_mm: float | None

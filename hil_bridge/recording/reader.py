@@ -20,7 +20,7 @@ from hil_bridge.recording.topics import CYCLE, EVENT, LINK, SENSOR, TRUTH, Recor
 from hil_bridge.text_files import format_path, read_up_to
 
 CHUNK_LIMIT_BYTES = 1 << 24
-"""Of one chunk, unpacked. Chosen: 16 times the largest that a run writes, 4 times what other programs write."""
+"""Largest chunk, unpacked. Chosen: 16 times the largest of a run, 4 times the largest of other programs."""
 UNPACKED_LIMIT_BYTES = 1 << 31
 """Of all chunks of a recording, unpacked, and of the file as it is. Chosen: half a day of the default run, and what
 reads it needs some times that in memory.

@@ -51,9 +51,9 @@ class Chunks:
     """
 
     seconds: float
-    """Of the run's clock from its first record to its last, at most."""
+    """Longest time from its first record to its last, s on the run's clock."""
     size: int
-    """Of its records before compression, bytes; the chunk that is being filled is held in memory, some of it twice."""
+    """Most bytes of its records before compression. The chunk that is being filled is in memory, some of it twice."""
 
 
 CHUNKS = Chunks(seconds=1.0, size=1 << 20)
@@ -122,7 +122,7 @@ class Recorder:
         self._guarded(lambda: self._begin(metadata))
         self._stopping = False
         self._pause_ends = 0.0
-        """Of the system's monotonic clock, which the writer reads."""
+        """End of the pause on the system's monotonic clock, which the writer reads."""
         self._wake = threading.Lock()
         """Held while the writer has no reason to wake; only the loop's thread releases it."""
         self._wake.acquire()

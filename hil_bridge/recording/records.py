@@ -53,7 +53,7 @@ class CycleRecord(Struct, frozen=True):
     """Reported orientation, tool in base, w x y z."""
     depth: float
     """Reported position along the approach direction from the start point, m."""
-    # --- what the controller and the supervisor made of it
+    # --- answer of the controller and verdict of the supervisor
     depth_commanded: float
     """m along the approach direction from the start point, as sent, after rounding to device words."""
     travel_commanded: float
@@ -63,9 +63,9 @@ class CycleRecord(Struct, frozen=True):
     stiffness: float | None = None
     """Estimated contact stiffness, N/m."""
     gain: float = 1.0
-    """Factor of the adaptation on the feedback law's output."""
+    """Factor of the adaptation on the feedback law's output, without unit."""
     held: bool = False
-    """The controller chose not to move."""
+    """The controller rests in its dead band: no position that the robot can take is nearer."""
     in_contact: bool = False
     """The tool touches the surface."""
     verdict: str = "allow"

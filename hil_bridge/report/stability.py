@@ -105,8 +105,9 @@ class Analysis:
     steady_peak_to_peak: float | None
     """N; None when the run has no steady state."""
     steps_per_second: float | None
+    """Resolution steps a second that the command moved in steady state, 1/s; None without a steady state."""
     dominant_period: float | None
-    """Of the force error in steady state, s; None when no period stands out."""
+    """Period of the force error in steady state, s; None when no period stands out."""
 
     @property
     def step_force(self) -> float:

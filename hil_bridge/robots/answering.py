@@ -52,7 +52,7 @@ class Answering(Generic[Data]):
         self.newest: RobotReport | None = None
         """The report with the highest number."""
         self.speed = 0.0
-        """Of the set point, m/s; may be set at any time."""
+        """Speed of the set point, m/s; may be set at any time."""
         self.fault = ""
         """The first fault that the robot reported in this movement."""
         self.lost = ""

@@ -40,7 +40,7 @@ class Ports:
     robot: str | None
     sensor: str | None
     panel: str | None = None
-    """Of the emulated controller, for people."""
+    """URL of the emulated controller's panel, for people."""
 
 
 @dataclass(frozen=True, slots=True)

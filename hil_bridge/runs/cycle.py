@@ -60,7 +60,7 @@ BUG_EVENT = "bug"
 TIME_IS_UP = "time is up"
 """Why a run ends that went as it was meant to."""
 MAIN_SHARE = 0.5
-"""Of the approach direction on an axis of the sensor, from which that axis matters. Chosen: tilted by less than 60°."""
+"""Share of the approach direction on a sensor's axis from which that axis matters. Chosen: tilted by less than 60°."""
 
 
 _APPROACH, _TRAVEL = 0, 1
@@ -140,7 +140,7 @@ class Run:
         self._filter_delay = math.nan
         self._start: RobotReport
         self._orientation: Quaternion
-        """Of the start: every order keeps it."""
+        """Orientation of the start: every order keeps it."""
         self._quaternion_tare: Quaternion | None = None
         self._state: LoopState | None = None
         """After the last order that the robot took; None before the first cycle."""
@@ -195,7 +195,7 @@ class Run:
         return RunResult(self._outcome, self._cause, left, tuple(self._followed))
 
     def _limits(self) -> MotionLimits:
-        """Of the movement: a stream holds when no decision comes for longer than one may last."""
+        """Limits of the movement: a stream holds when no decision comes for longer than one may last."""
         config = self._config
         hold_after = (config.limits.cycle_deadline_ms + config.run.period_ms) * 1e-3
         return MotionLimits(config.robot.velocity_mm_s * 1e-3, hold_after)

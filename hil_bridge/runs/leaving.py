@@ -24,7 +24,7 @@ ARRIVED_M = 0.3e-3
 ARRIVAL_S = 3.0
 """Chosen: how long is waited for that."""
 TIME_CONSTANTS = 7.0
-"""Of the sensor's filter, waited for at the end. Derived: after as many less than 0.1 % is left."""
+"""Time constants of the sensor's filter, waited for at the end. Derived: after as many less than 0.1 % is left."""
 REST_S = 0.05
 """Chosen: waited for beside the filter, for a servo to come to rest."""
 HASTE = 2.0

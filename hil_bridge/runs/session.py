@@ -96,10 +96,10 @@ def execute(
 
 
 def _end(session: "_Session", result: RunResult, outputs: Outputs, path: Path) -> int:
-    """Write what is wanted of the record at `path`, then say how the run ended; its exit code.
+    """Write the wanted outputs from the record at `path`, then print how the run ended; returns the exit code.
 
-    Everything is written before anything is said, since the reader of the output may have gone. A signal keeps the
-    run from its report, and a second one from waiting for a terminal that takes no more.
+    All files are written before the first line is printed, since the reader of the output may have gone. A signal
+    keeps the run from its report. A second one keeps it from waiting for a terminal that takes no more.
     """
     signals, terminal = session.signals, session.terminal
     code = EXIT_CODES[result.outcome]
@@ -150,11 +150,11 @@ class _Session:
         self.terminal = terminal
         self.signals = signals
         self._facts = facts_of(config)
-        """Of the robot; with the line of its URL once it is connected."""
+        """Facts of the robot; with the line of its URL once it is connected."""
         self._clock: Clock
         self._recorder: Recorder
         self._logs: dict[str, LinkLog]
-        """Of the devices' wires, by device."""
+        """Logs of the devices' wires, by device."""
         self._truths: GroundTruth | None = None
         self._faults: FaultSchedule | None = None
         self.faults: list[str] = []
@@ -182,7 +182,7 @@ class _Session:
         """A further signal came when the movement had ended already: the process shall end at once."""
 
     verbose = True
-    """Of a `DeviceLog`: the record holds every event of a link."""
+    """Setting of a `DeviceLog`: the record holds every event of a link."""
 
     # --- what the run and the devices tell
 
@@ -246,7 +246,7 @@ class _Session:
             self._view.check(text)
 
     def _tell_trouble(self, text: str) -> None:
-        """Of the recorder, at once; the run goes on, since nothing in it depends on its record."""
+        """Tell trouble of the recorder at once. The run goes on, since nothing in it depends on its record."""
         self._trouble_told = True
         self.notice("recorder", text)
         self.terminal.err.say(f"hil-bridge: {text}; the run goes on")

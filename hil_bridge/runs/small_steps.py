@@ -23,7 +23,7 @@ WINDOW_S = 0.3
 FRAMES_MIN = 4
 """Chosen: fewest frames of a reading."""
 TIME_CONSTANTS = 7.0
-"""Of the sensor's filter, waited for after a step. Derived: after as many less than 0.1 % is left."""
+"""Time constants of the sensor's filter, waited for after a step. Derived: after as many less than 0.1 % is left."""
 LIFT_SPEED_M_S = 2e-3
 """Chosen: path velocity of the way to the zero; a robot that goes elsewhere is halted before it has gone far."""
 STEP_PATIENCE_S = 2.0

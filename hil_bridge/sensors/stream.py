@@ -64,7 +64,7 @@ class ForceSensor:
         """The newest frame when the device said that it had taken its zero; None before."""
         self._facts: SensorFacts | None = None
         self._watch: AxisWatch
-        """Of the device since it was ready."""
+        """Watch over the device since it was ready."""
         self._converted: WrenchFrame | None = None
         """The frame whose wrench was asked for last."""
         self._wrench: Wrench = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)

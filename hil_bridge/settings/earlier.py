@@ -28,7 +28,7 @@ class Renamed:
     frames: bool = False
     """It counted frames, not cycles."""
     reached: bool = True
-    """Of a count: the run did something at that count, not after it."""
+    """For a count: the run did something at that count, not after it."""
 
     @property
     def is_speed(self) -> bool:

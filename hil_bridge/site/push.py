@@ -33,7 +33,7 @@ class Answer:
     """How the sensor answered a push."""
 
     axis: str
-    """Of the sensor, fx fy fz: the one that changed most."""
+    """Axis of the sensor that changed most: fx, fy or fz."""
     sign: int
     force_n: float
     """Length of the change of the force."""

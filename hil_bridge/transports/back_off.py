@@ -16,7 +16,7 @@ some seconds to start, and a refused connection costs it nothing. Without jitter
 
 Opened = TypeVar("Opened")
 Notice = Callable[[str, str], None]
-"""Told kind and text of what is worth a line in the record."""
+"""Called with kind and text of an event that is worth a line in the record."""
 
 
 def waits() -> Iterator[float]:

@@ -118,7 +118,7 @@ async def listen_bytes(url: str, clock: Clock) -> Listening[bytes]:
         case "rfc2217-listen":
             return await _listen_rfc2217(parsed, line or LineSettings(), clock)
         case _:
-            # the line lies at the client's side, and so does its name
+            # the client's side holds the emulated line, and the client names its baud rate
             end = None if line is None else Uart(lambda: line, _damaged(parsed))
             return Listening(listen_memory(parsed.target, clock, end), f"memory:{parsed.target}")
 

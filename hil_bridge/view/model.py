@@ -43,9 +43,9 @@ class Snapshot:
     """Time of one cycle's characters on the line."""
     newest: CycleRecord | None
     forces_n: tuple[float, ...]
-    """Of the last cycles, oldest first."""
+    """Forces of the last cycles, oldest first."""
     latency: Latency | None
-    """Of the same cycles, from the arrival of the sensor frame to the move's answer."""
+    """Latency of the same cycles, from the arrival of the sensor frame to the move's answer."""
     sensor_age_s: float | None
     link_errors: int
     frames_lost: int

@@ -117,7 +117,7 @@ def arbitration_rank(frame: CanFrame) -> int:
 
 @lru_cache(maxsize=1024)
 def _head(identifier: int, extended: bool, remote: bool, length: int) -> tuple[int, int, _After]:
-    """Of the bits before the payload: the checksum's register after them, how many stuff bits, what may follow."""
+    """For the bits before the payload: the checksum's register after them, the number of stuff bits, the successors."""
     if extended:
         # start, 11 bits, substitute remote request 1, identifier extension 1, 18 bits, remote, two reserved 0
         word = (identifier >> 18) << 2 | 0b11

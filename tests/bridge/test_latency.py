@@ -52,7 +52,7 @@ from protocol.s3.timing import line_floor
 CHARACTER = 11 / 9600
 MOVE_ANSWER = (8 + 5 + 4) * CHARACTER
 STATUS_ANSWER = (8 + 24 + 5 + 4) * CHARACTER
-"""Of 8 bytes header, 24 bytes status, 5 around a telegram, and ENQ, ACK, ACK, EOT; specification, section 5."""
+"""Time of 8 bytes header, 24 bytes status, 5 around a telegram, and ENQ, ACK, ACK, EOT; specification, section 5."""
 ODD_STATUS = (3.0, 3.5, 4.0, 20.0, 55.0)
 ODD_MOVE = (30.0, 31.0, 60.0, 61.0, 90.0)
 ODD_DELAY = (0.0, 0.5, 1.0, 1.5, 8.0)

@@ -49,7 +49,7 @@ def rise(run: Bench, force: float) -> int:
 
 
 def rms_after_rise(run: Bench, force: float) -> float:
-    """Of the force error from three samples after the rise on, N."""
+    """Root mean square of the force error from three samples after the rise on, N."""
     tracked = run.tracked()[rise(run, force) + 3 :]
     return math.sqrt(statistics.fmean((record.force - force) ** 2 for record in tracked))
 

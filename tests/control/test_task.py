@@ -11,7 +11,7 @@ PARAMETERS = TaskParameters(travel_limit_mm=10.0, approach_depth_limit_mm=5.0, r
 
 
 STEP = 0.125e-3
-"""Of the robot's position, m."""
+"""Step of the robot's position, m."""
 
 
 def task_of(parameters, controller, limit=math.inf):

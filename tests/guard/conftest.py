@@ -56,7 +56,7 @@ class Guarded:
 
     @property
     def cause(self) -> str:
-        """Of a run that was refused or stopped."""
+        """Cause of a run that was refused or stopped."""
         return str(self.error) if self.error is not None else self.result.cause
 
     def texts(self, kind: str) -> list[str]:

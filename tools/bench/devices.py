@@ -30,7 +30,7 @@ FULL_SCALES = (115, 111, 185, 56, 52, 61)
 """As the gateway tells them, N and N·m×10. Source: ratings seen in the field."""
 NODE = 1
 PERIOD_MS = 2.0
-"""Of the sensor's stream while the robot stands still, and as the client asks for."""
+"""Period of the sensor's stream while the robot stands still, and as the client asks for."""
 PATIENCE_S = 20.0
 """For the next byte of the other side: a Python program has to start."""
 LOOK_MS = 200.0
@@ -140,7 +140,7 @@ class Turn:
     """One turnaround, s: from the write of a sensor sample, the end of the status answer right after it."""
 
     began: float
-    """Of the monotonic clock."""
+    """Begin, s on the monotonic clock."""
     bid: float
     """Until the bid for the next order, its first byte, was read."""
     order: float

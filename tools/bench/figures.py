@@ -54,7 +54,7 @@ class Figure:
 
     @property
     def _digits(self) -> int:
-        """Of the ratio: more where three would not tell on which side of its target it is."""
+        """Digits of the ratio: more where three would not tell on which side of its target it is."""
         target, ratio = self.target, self.ratio
         close = target is not None and target.of == "ratio" and ratio is not None
         return 4 if close and number(ratio) == number(target.limit) else 3
@@ -136,7 +136,7 @@ class Spread:
 
 
 def number(value: float, significant: int = 3) -> str:
-    """So many significant digits, without an exponent for what people read daily."""
+    """Text with so many significant digits, without an exponent for numbers that people read daily."""
     if value == 0.0 or not math.isfinite(value):
         return f"{value:g}"
     digits = max(0, significant - 1 - math.floor(math.log10(abs(value))))

@@ -44,7 +44,7 @@ HIL_BRIDGE = (sys.executable, "-m", "hil_bridge")
 
 
 def settings(baudrate: int, realtime: Mapping[str, object] = AS_IT_IS) -> dict[str, object]:
-    """Of both sides: this rate, a controller without turnaround, and short ways."""
+    """Settings of both sides: this rate, a controller without turnaround, and short ways."""
     link = {"baudrate": baudrate}
     robot = {"turnaround_ms": 0.0, "turnaround_spread_ms": 0.0}
     return {

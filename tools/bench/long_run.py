@@ -28,7 +28,7 @@ from tools.bench.figures import Figure, Report, Target
 MINUTE_S = 60.0
 HOUR_MINUTES = 60
 TRACED_MINUTES = 20
-"""Of the run whose every allocation is watched, which takes four times as long."""
+"""Minutes of the run whose every allocation is watched, which takes four times as long."""
 SETTLED_MINUTES = 1
 """First minutes, whose allocations may stay."""
 CHUNK_LOOK_S = 0.1

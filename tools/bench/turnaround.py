@@ -254,7 +254,7 @@ def measured(name: str, place: Path, say: Callable[[str], None]) -> tuple[Figure
 
 
 def spread(turns: Sequence[Turn], member: str) -> Spread:
-    """Of one of the times, µs."""
+    """Spread of one of the times, µs."""
     return Spread([getattr(turn, member) * MICRO for turn in turns])
 
 

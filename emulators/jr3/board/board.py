@@ -23,7 +23,7 @@ from protocol.jr3 import AXES
 from protocol.jr3.board import REGISTERS, WORD_MODULUS, Errors, check_range, from_signed
 
 _EPSILON = 1e-6
-"""Of a sample period: by so much a time may be too early through rounding."""
+"""Share of a sample period by which a time may be too early through rounding."""
 _AHEAD_S = 1.0
 """More than is ever computed ahead, for a source that is committed for ever."""
 _FULL_SCALES = REGISTERS["full_scale"].address

@@ -23,11 +23,11 @@ class BurstReader:
         """Address and count."""
         self._block: Block | None = None
         self._changes = -1
-        """Of the memory, when the bursts were worked out."""
+        """Count of the memory's changes when the bursts were worked out."""
         self._newest = self._distance = 0
         self._first, self._step = 0, 1
         self._bursts = b""
-        """Of the samples `_first`, `_first` + `_step`, …"""
+        """Bytes of the samples `_first`, `_first` + `_step`, …"""
 
     def read(self, address: int, count: int, block: Block, sample: int) -> bytes:
         """Words after a sample of a block, big-endian; samples of one block do not fall."""

@@ -17,7 +17,7 @@ from protocol.jr3.board import TURN_COUNTS, Link, LinkType, UnitScales, VectorAx
 Floats = NDArray[np.float64]
 
 _SMALLEST = 0.004
-"""Of min_full_scale, below which the board's data are wrong. Source: JR3 manual 5907E."""
+"""Smallest min_full_scale, below which the board's data are wrong. Source: JR3 manual 5907E."""
 _REPRESENTABLE = 2.0
 """Full scales that a word can hold."""
 _HALF_RANGE = 32768

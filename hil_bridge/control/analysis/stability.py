@@ -60,9 +60,9 @@ class SampledPlant:
     delay: float
     """d, s: from the force sample to the moment when the servo takes the command that it led to."""
     natural_frequency: float = 40.0
-    """Of the closed position loop, rad/s. Assumed: computer-link specification, section 6."""
+    """Natural frequency of the closed position loop, rad/s. Assumed: computer-link specification, section 6."""
     damping_ratio: float = 1.0
-    """Of the closed position loop. Assumed, likewise."""
+    """Damping ratio of the closed position loop. Assumed, likewise."""
 
     def __post_init__(self) -> None:
         require_above_zero(self, "period", "natural_frequency", "damping_ratio")

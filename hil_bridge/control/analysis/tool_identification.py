@@ -53,12 +53,15 @@ class ToolEstimate:
     mass: float
     """kg"""
     mass_uncertainty: float
+    """kg"""
     centre_of_gravity: Vector
     """From the sensor's origin along the tool frame's axes, m."""
     centre_of_gravity_uncertainty: Vector
+    """m"""
     bias: tuple[float, ...]
     """Reading of the sensor with nothing on it, in the sensor frame, N and N·m, shape (6,)."""
     bias_uncertainty: tuple[float, ...]
+    """N and N·m, shape (6,)."""
     residuals: tuple[tuple[float, ...], ...]
     """Reading less what the estimate explains, for each pose, sensor frame, N and N·m, shape (n, 6)."""
     turned: float

@@ -103,7 +103,7 @@ class Allow(Struct, frozen=True):
 
     kind: ClassVar[str] = "allow"
     depth: float
-    """Of the command from the start point, m."""
+    """Depth of the command from the start point, m."""
     position: Vector
     """The same as a point in the base frame, m."""
 
@@ -113,7 +113,7 @@ class Clamp(Struct, frozen=True):
 
     kind: ClassVar[str] = "clamp"
     depth: float
-    """Of the command from the start point, m."""
+    """Depth of the command from the start point, m."""
     position: Vector
     """The same as a point in the base frame, m."""
     reasons: tuple[str, ...]

@@ -94,9 +94,9 @@ class AdmittanceState(Struct, frozen=True):
     time: float | None = None
     """When the force was sampled last, s; None before the first sample."""
     offset: float = 0.0
-    """Of the virtual body from where contact began, m, as commanded."""
+    """Way of the virtual body from the begin of the contact, m, as commanded."""
     velocity: float = 0.0
-    """Of the virtual body, m/s."""
+    """Velocity of the virtual body, m/s."""
     anchor: float = 0.0
     """Commanded position at which contact began, m: the spring is relaxed there."""
     estimate: Stiffness = Stiffness()

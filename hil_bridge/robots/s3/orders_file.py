@@ -46,7 +46,7 @@ from protocol.s3.arap import (
 )
 
 SUFFIX_DIGITS = 5
-"""Of a function suffix at most. Standard: it is a word of 16 bits (computer-link specification, section 3)."""
+"""Most digits of a function suffix. Standard: it is a word of 16 bits (computer-link specification, section 3)."""
 
 _MarkName = Literal["observed", "derived", "standard", "assumed", "chosen"]
 _TypeName = Literal["u8", "s8", "u16", "s16", "u32", "s32", "f32", "bytes"]

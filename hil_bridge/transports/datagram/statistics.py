@@ -29,7 +29,7 @@ class DatagramStatistics:
     strangers: int = 0
     """Arrivals of others while a peer is in use."""
     refused: int = 0
-    """Those of the strangers that were not taken."""
+    """Datagrams of strangers that were refused."""
     overruns: int = 0
     """Arrivals lost because they were not taken in time."""
     lost: int = 0

@@ -34,7 +34,7 @@ class _Stream:
     """Burst k is due at `anchor` + k · `period`."""
 
     head: bytes
-    """Of every delivery."""
+    """Head of every delivery."""
     address: int
     count: int
     anchor: float

@@ -52,11 +52,12 @@ Bidding ahead
     ("the line is held"). `send` goes on from there. When no message comes within `HOLDING_SHARE` of
     `answer_timeout_s`, EOT gives the line back (`SendingHalf.release`).
 
-Noise No check character covers the control bytes, so rules guard them. Behind `GARBAGE_SIZE` meaningless bytes a
-control byte is one more of them, until silence: it may be data of a mutilated block. In DISCARDING only a whole block
-counts. Two bytes are never what they seem (`_is_too_early`). One is an answer to a block that has not left yet, the
-other a bid before our last answer can have been heard. The line made them of others; a second ACK would acknowledge a
-block that was never received.
+Noise
+    No check character covers the control bytes, so rules guard them. Behind `GARBAGE_SIZE` meaningless bytes a control
+    byte is one more of them, until silence: it may be data of a mutilated block. In DISCARDING only a whole block
+    counts. Two bytes are never what they seem (`_is_too_early`). One is an answer to a block that has not left yet, the
+    other a bid before our last answer can have been heard. The line made them of others; a second ACK would acknowledge
+    a block that was never received.
 
 What all this promises the owner is in the package's docstring. Source: computer-link specification, section 2.
 """

@@ -53,7 +53,7 @@ class PanelServer:
         self._server: asyncio.Server | None = None
         self._closed = False
         self._clients: dict[asyncio.StreamWriter, asyncio.Task[None]] = {}
-        """Those that are there, the one that has been silent longest first."""
+        """Present clients, the one that has been silent longest first."""
 
     async def listen(self, url: str) -> str:
         """Begin; the URL that a client asks. Raises ConfigError for the URL, TransportUnavailable for the port."""

@@ -50,7 +50,7 @@ class _Attempt:
         return self.bits + INTERMISSION_BITS + SUSPEND_BITS
 
     def repeat(self, times: int) -> None:
-        """So often in all."""
+        """Repeat the frame, so often in all."""
         self.repeats = times
         self.end = self.start + (times - 1) * self.cycle + self.bits
 
