@@ -4,8 +4,8 @@ The line, at its worst, as `Line` below has it:
 
 - of the bytes handed out at once (a control byte or a block) one is lost, doubled or changed, or all from one byte on
   are lost. Or all bytes of this side are lost from now on. A changed byte becomes no control byte, one STX does not
-  become the other, and a doubled byte arrives together with its twin. More than that can mean something else than was sent, and no
-  rule of this link could tell: ACK has no number, BCC is one XOR and STX stays outside it;
+  become the other, and a doubled byte arrives together with its twin. More than that can mean something else than
+  was sent, and no rule of this link could tell: ACK has no number, BCC is one XOR and STX stays outside it;
 - a pause inside a block stays under `gap_timeout_s`, and what is under way is late by at most `LATE`, so that an
   answer, a gap time-out before it included, comes within `answer_timeout_s`.
 
