@@ -107,7 +107,7 @@ class TrueState:
     position: Vector
     """Tool centre point in the base frame, m."""
     velocity: Vector
-    """Its velocity in the base frame, m/s."""
+    """Velocity of the tool in the base frame, m/s."""
     quaternion: Quaternion
     """Tool frame in the base frame, w x y z."""
     contact_force: Vector

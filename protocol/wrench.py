@@ -48,7 +48,7 @@ class SensorFacts:
     period: float | None
     """Between two frames by the device's clock, s; None where each has to be asked for."""
     delay: float
-    """How much later than the force itself the device's filter tells of it, s, at low frequencies."""
+    """Delay of the device's filter behind the force itself, s, at low frequencies."""
     tares: Literal["device", "host"]
     """Side that takes off the zero: the device, or the client with `HostTare`."""
 

@@ -43,7 +43,7 @@ KERNEL = "linux-image-amd64"
 KVM_PATIENCE_S = 10.0
 """Until a machine with KVM must be up, else it is emulated: on some nested machines KVM hangs."""
 PATIENCE_S = 600.0
-"""For everything beside the fast stream. Chosen: four times what it takes emulated."""
+"""Longest wait for everything beside the fast stream. Chosen: four times what it takes emulated."""
 STREAM_PATIENCE = 20.0
 """And for each second of that. Chosen: four times what it takes emulated."""
 POLL_S = 0.2
@@ -55,7 +55,7 @@ there, and a busy host makes it longer, never late.
 """
 
 SYSTEM_FOLDERS = "/usr/sbin:/sbin"
-"""Where Debian keeps commands that a person's PATH lacks."""
+"""Folders in which Debian keeps commands that a person's PATH lacks."""
 
 
 class Unavailable(Exception):

@@ -63,7 +63,7 @@ class _FollowedServo:
     """Set point and position loops as of one tick: a `Servo` of `emulators.arm.history`."""
 
     def __init__(self, mechanics: _Mechanics, start: Pose) -> None:
-        """At rest."""
+        """The arm stands still at this pose."""
         self.mechanics = mechanics
         self.tick = 0
         self.begins: tuple[float, ...] = ()
@@ -175,7 +175,7 @@ class FollowedArm:
         self.path.give_up()
 
     def set_point(self, now: float) -> Pose:
-        """Where the controller wants the tool as of the last tick up to `now`."""
+        """Pose that the controller wants the tool to have, as of the last tick up to `now`."""
         servo = self.path.at_tick(now)
         return Pose(servo.at, servo.turned)
 

@@ -51,7 +51,7 @@ class _Stream:
         self.due = self.anchor
 
     def step(self) -> None:
-        """One more was sent."""
+        """Count one more sample as sent."""
         self.sent += 1
         self.due = self.anchor + self.sent * self.period
 

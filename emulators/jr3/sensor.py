@@ -164,6 +164,6 @@ class Jr3Sensor:
         return channels.T.astype(np.int64)
 
     def _add_noise(self, counts: NDArray[np.float64], first: int) -> None:
-        """To six rows (6, n) of the samples from number `first` on."""
+        """Add noise to six rows (6, n) of the samples from number `first` on."""
         if self.profile.noise_counts:
             self._noise.add(counts, first, self.signal.noise if self.signal.faulty else None)

@@ -36,7 +36,7 @@ _PAYLOAD_SIZE = 14
 
 @dataclass(frozen=True)
 class UartGatewayProfile:
-    """How a gateway behaves in time."""
+    """Times of a gateway."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
 

@@ -95,7 +95,7 @@ class S3Controller:
             },
             "link": {**self._wire.handlers, **self._link_handlers()},
         }
-        """Its faults, by target, for a ledger."""
+        """Faults of the controller, by target, for a ledger."""
         self.faults = Ledger(S3_FAULTS)
         """Faults of a controller without a cell."""
         for target, handlers in self.handlers.items():

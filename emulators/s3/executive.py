@@ -71,7 +71,7 @@ class Order:
     due: float
     """When it is next looked at, s."""
     blocks: int = 1
-    """How many it came in."""
+    """Number of blocks that it came in."""
     waypoint: Waypoint | None = None
     """Where a move leads to, once the whole line is known to be in the work area."""
     accepted: bool = False

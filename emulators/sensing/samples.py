@@ -116,7 +116,7 @@ class NumberedNoise:
         """Noise that was drawn last, by its number."""
 
     def add(self, samples: Floats, first: int, alter: Callable[[Floats, int], Floats] | None = None) -> None:
-        """To six rows (6, n) of the samples from number `first` on, in place.
+        """Add to six rows (6, n) of the samples from number `first` on, in place.
 
         `alter` is given the noise (6, m) of the samples from a number on, and answers with the noise to add instead.
         """

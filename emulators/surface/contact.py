@@ -59,7 +59,7 @@ class Plane:
     """A plane that rises along the path."""
 
     height: float
-    """At path coordinate 0, m."""
+    """Height at path coordinate 0, m."""
     slope: float = 0.0
     """rad, positive where the surface rises along the path."""
 
@@ -225,7 +225,7 @@ class Contact:
 
     @property
     def handlers(self) -> Mapping[str, Handler]:
-        """Its faults, for a ledger."""
+        """Handlers of its faults, for a ledger."""
         return self.faults.handlers
 
     def depth_and_normal(self, positions: Floats) -> tuple[Floats, Floats]:

@@ -1,4 +1,4 @@
-"""How a surface answers to being pressed: spring, spring with hysteresis, or one that relaxes.
+"""Materials of a surface: a spring, a spring with hysteresis, or one that relaxes.
 
 Depths and speeds are along the outward normal, positive into the material; forces are positive outward and
 never negative, for nothing sticks.

@@ -27,7 +27,7 @@ NOISES = {"quiet": 1.0, "noisy": 100.0}
 SAMPLES = 50
 """Samples of a run, about. Chosen: the slowest that reach the force on the sponge do so in a third of them."""
 STEADY_SAMPLES = 20
-"""At the end of a run. Chosen: what the rise of fixed gains on the sponge leaves, with as much to spare."""
+"""Samples at the end of a run. Chosen: fixed gains leave them after their rise on the sponge, with as many to spare."""
 CONDITIONS = tuple((baudrate, noise) for baudrate in CYCLE_S for noise in NOISES)
 REFERENCE_N = 20.0
 RESOLUTION = 0.125e-3

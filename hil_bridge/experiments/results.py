@@ -59,7 +59,7 @@ class Experiment:
 
 
 def rounded(value: float | None) -> float | None:
-    """To the digits that a table keeps."""
+    """The value with the digits that a table keeps."""
     return None if value is None else float(f"{value:.{SIGNIFICANT_DIGITS}g}")
 
 

@@ -38,7 +38,7 @@ class Condition:
 
     @classmethod
     def read(cls, text: str) -> Self:
-        """From text such as `force > 8`. Raises ValueError."""
+        """A condition from text such as `force > 8`. Raises ValueError."""
         found = _CONDITION.fullmatch(text)
         if found is None or found[1] not in _QUANTITIES:
             raise ValueError(
@@ -59,17 +59,17 @@ class FaultConfig(BaseModel):
     on: str = ""
     """Target: `hil-bridge faults` lists them."""
     fault: str = ""
-    """Its name at that target."""
+    """Name of the fault at that target."""
     phase: Literal["", "connect", "tare", "approach", "track", "retract"] = ""
     """Phase of the run at whose begin it comes, or in which `when` is looked at; empty: the first, or any."""
     after_s: float = Field(default=0.0, ge=0)
-    """How much later."""
+    """Delay after that."""
     when: str = ""
     """Condition at the end of a cycle at which it comes, such as "force > 8": force, depth_mm, travel_mm or cycle."""
     for_s: float | None = None
-    """How long it lasts; by default as long as `hil-bridge faults` says."""
+    """Duration; by default that of `hil-bridge faults`."""
     parameters: dict[str, Any] = Field(default={}, alias="with")
-    """Its parameters that differ from their defaults."""
+    """Parameters of the fault that differ from their defaults."""
 
     @property
     def given(self) -> dict[str, Any]:

@@ -41,7 +41,7 @@ class Explanation:
     """Nearest first."""
 
     def lines(self) -> Iterator[str]:
-        """For a terminal."""
+        """Lines for a terminal."""
         yield _line("verdict", self.verdict if self.cause is None else f"{self.verdict}: {self.cause}")
         for reason in self.reasons:
             yield _line("because", reason)

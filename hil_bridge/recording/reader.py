@@ -145,7 +145,7 @@ class _TooMuch(Exception):
 
 
 class _Damage(Exception):
-    """From here on the file cannot be read."""
+    """The file cannot be read from here on."""
 
 
 def _items(data: bytes, wanted: Sequence[Topic]) -> Iterator[Metadata | tuple[str, Record]]:

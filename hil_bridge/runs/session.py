@@ -54,7 +54,7 @@ EXIT_CODES = {Outcome.COMPLETED: 0, Outcome.STOPPED: 3, Outcome.INTERRUPTED: 130
 """130 is what a shell expects of a command that Ctrl-C ended."""
 
 TELL_SECONDS = 5.0
-"""For so long a blocked output is waited for when a signal that comes from no keyboard ended the run. Chosen."""
+"""Longest wait for a blocked output when a signal that comes from no keyboard ended the run. Chosen."""
 _DRAWING_S = 0.015
 """Time to draw the view: 8 ms as a rule, 12 ms at most in a run of 20 s. Chosen."""
 _UNDER_WAY_S = 0.005

@@ -47,7 +47,7 @@ class ForceSensor:
         self.received = 0
         """Complete frames so far."""
         self.repeated = 0
-        """How many of the newest frames in a row carried identical values on all axes."""
+        """Number of newest frames in a row with identical values on all axes."""
         self.unchanged_since = math.nan
         """When the first of these frames arrived, s on the run's clock."""
         self.saturated_axes = 0

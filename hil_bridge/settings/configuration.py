@@ -66,13 +66,13 @@ class RunConfig(_Section):
     """The run as a whole."""
 
     duration_s: float = Field(default=30.0, gt=0)
-    """How long to track the surface once in contact."""
+    """Time to track the surface once in contact."""
     seed: int = Field(default=1, ge=0)
     """Seed of every random draw in the emulated cell."""
     period_ms: float = Field(default=0.0, ge=0)
     """Control period; 0 runs as fast as the robot's link answers."""
     panel_url: str = ""
-    """Where the emulated controller's panel listens, tcp-listen://127.0.0.1:0; empty: nowhere."""
+    """URL at which the emulated controller's panel listens, tcp-listen://127.0.0.1:0; empty: no panel."""
 
 
 class RobotSection(_Section):
@@ -188,7 +188,7 @@ class ToolConfig(_Section):
     Nothing where it is not known: an emulated cell then tells its own.
     """
     centre_of_gravity_mm: Vector = (0.0, 0.0, 0.0)
-    """From the sensor's origin, along the tool frame's axes."""
+    """Place from the sensor's origin, along the tool frame's axes."""
 
 
 class FrameConfig(_Section):

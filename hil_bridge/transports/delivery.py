@@ -18,7 +18,7 @@ QUEUE_FRAMES = 1024
 """Bound of every queue of CAN frames. Chosen: an eighth of a second of a full bus at 1 Mbit/s."""
 
 FLUSH_S = 1.0
-"""For how long `aclose` hands over what is queued, s. Part of the transport contract."""
+"""Longest time for which `aclose` hands over queued data, s. Part of the transport contract."""
 
 
 class Delivery(Generic[Data]):

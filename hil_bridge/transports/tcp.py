@@ -136,7 +136,7 @@ class _Server:
             self._timer = None
 
     def _yield(self) -> None:
-        """From now on the next that comes takes the place of the silent client."""
+        """Let the next client take the place of the silent one, from now on."""
         self._clock.loop.add_reader(self._server.fileno(), self._make_room)
 
     def _make_room(self) -> None:

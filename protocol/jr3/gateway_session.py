@@ -162,7 +162,7 @@ class GatewaySession(Generic[Op]):
 
     @property
     def stop_patience(self) -> float:
-        """How long SensorStopped may take when the first stop was lost, s: a stop and its repetition."""
+        """Longest time that SensorStopped may take when the first stop was lost, s: a stop and its repetition."""
         return 2 * self._profile.ack_timeout_s
 
     @property

@@ -146,7 +146,7 @@ def test_closing_does_not_wait_for_a_gateway_that_is_gone() -> None:
 
 
 def robot_failure(answer: Callable[[bytes], bytes], hang_up_at: float | None = None) -> tuple[str, float]:
-    """How reading the status fails against a peer that answers every piece of data so, and after how long."""
+    """Error of reading the status against a peer that answers every piece of data so, and the time until it."""
 
     async def main() -> tuple[str, float]:
         clock = Clock.running()

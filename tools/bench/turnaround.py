@@ -84,9 +84,9 @@ class Wires:
     robot: int
     sensor: SensorPeer
     plain: tuple[str, str]
-    """For the baselines."""
+    """URLs for the baselines."""
     urls: tuple[str, str]
-    """For the bridge."""
+    """URLs for the bridge."""
     accept: Callable[["Wires"], "Wires"]
     """The wires once the other side has come."""
 

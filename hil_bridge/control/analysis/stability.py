@@ -125,7 +125,7 @@ class Margins:
 
     @property
     def stable(self) -> bool:
-        """For a controller that integrates once, with falling gain: both margins are there."""
+        """Whether both margins are there, for a controller that integrates once, with falling gain."""
         return self.gain_margin > 1.0 and self.phase_margin_deg > 0.0
 
 
@@ -309,7 +309,7 @@ def _sweep(stiffness: float, controller: Response, plant: SampledPlant) -> tuple
 
 
 def _crossings(theta: Floats, values: Floats, loop: Complexes) -> list[tuple[float, complex]]:
-    """Where `values` change their sign: θ, and the loop there, by straight lines between neighbours."""
+    """Places at which `values` change their sign: θ, and the loop there, by straight lines between neighbours."""
     # At θ = π rounding alone decides the sign of the imaginary part.
     before = np.flatnonzero(np.sign(values[:-2]) * np.sign(values[1:-1]) < 0)
     share = values[before] / (values[before] - values[before + 1])

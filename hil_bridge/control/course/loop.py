@@ -46,9 +46,9 @@ class Sample(Struct, frozen=True):
     sensor_at: float
     """When the sensor frame arrived, s on the run's clock."""
     sensor_sequence: int
-    """Its counter, unwrapped."""
+    """Counter of the frame, unwrapped."""
     repeated_frames: int = 0
-    """How many of the newest frames in a row carried identical counts: for the record alone."""
+    """Number of newest frames in a row with identical counts: for the record alone."""
     saturated: bool = False
     """An axis is at the end of its range."""
     dead_axis: str = ""
@@ -76,7 +76,7 @@ class Sample(Struct, frozen=True):
     gap: float = 0.0
     """Longest time for which the computer stood still since the decision before, or this one lasted, s."""
     unchanged: float = 0.0
-    """For how long the newest frames have carried identical counts, s."""
+    """Time for which the newest frames have carried identical counts, s."""
 
 
 class LoopState(Struct, frozen=True):

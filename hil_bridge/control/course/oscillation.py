@@ -34,7 +34,7 @@ class Finding(StrEnum):
     OSCILLATING = "oscillating"
     """An oscillation was found in this sample: the gain has been lowered by one notch."""
     PERSISTING = "persisting"
-    """It goes on at the least gain."""
+    """The oscillation goes on at the least gain."""
 
 
 _CALM = Finding.CALM  # of every cycle: until Python 3.12 an enum's own name costs ten times that
@@ -64,7 +64,7 @@ class OscillationState(Struct, frozen=True):
     extreme: float = 0.0
     """Error that is farthest from 0 since the last change of sign, N."""
     extreme_at: float = 0.0
-    """Its time, s."""
+    """Time of this extreme, s."""
     peaks: tuple[tuple[float, float], ...] = ()
     """Finished peaks of the window beyond the band, oldest first: time in s and error in N; signs alternate."""
     factor: float = 1.0

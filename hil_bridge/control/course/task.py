@@ -206,7 +206,7 @@ class Task:
         return replace(self.finish(state, cause), failed=True)
 
     def way(self, speed_mm_s: float, dt: float) -> float:
-        """How far to move in one sample at this speed, m.
+        """Way of one sample at this speed, m.
 
         A robot that moves in whole position steps is given whole ones, so that every sample of a steady cycle asks for
         the same. What rounds to none is not rounded: it adds up in the command, and the speed stays.
@@ -264,7 +264,7 @@ class Task:
         return state, _output(state, depth, Phase.APPROACH)
 
     def _careful_step(self, ahead: float, dt: float) -> float:
-        """How far to go where the tool has not been, m, so that a touch ends within the force allowed.
+        """Way into a place where the tool has not been, m, so short that a touch ends within the force allowed.
 
         Derived: there is no contact at the reported position. So however late a touch shows, it ends no deeper below
         the surface than the command is `ahead` of that position. What is already under way is the delay as it is

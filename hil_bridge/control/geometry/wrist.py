@@ -17,7 +17,7 @@ NO_WRENCH = (0.0,) * 6
 
 @dataclass(frozen=True, slots=True)
 class Wrist:
-    """How the sensor sits between flange and tool, and its reading without any contact."""
+    """Mounting of the sensor between flange and tool, and its reading without any contact."""
 
     orientation: Quaternion = (1.0, 0.0, 0.0, 0.0)
     """Sensor frame in the tool frame, w x y z."""

@@ -47,7 +47,7 @@ class PredictiveState(Struct, frozen=True):
     pairs: tuple[Pair, ...] = ()
     """Newest last, all of the present contact."""
     slope: float = 0.0
-    """How much deeper the surface lies per travel, as far as known."""
+    """Depth that the surface gains per travel, as far as known."""
     side: int = 0
     """Sign of the last force error that was clearly above the noise."""
     robustness: float = 0.0
@@ -58,7 +58,7 @@ class Line(Struct, frozen=True):
     """A straight line through values along the travel."""
 
     value: float
-    """At the travel asked for."""
+    """Value at the travel asked for."""
     slope: float
     slope_error: float
     """Standard error of the slope."""

@@ -86,7 +86,7 @@ class Stiffness(Struct, frozen=True):
     age: int = 0
     """Samples since the older pair."""
     slope: float = 0.0
-    """How much deeper the surface lies per travel, going by x − f/k."""
+    """Depth that the surface gains per travel, going by x − f/k."""
 
     @property
     def value(self) -> float | None:

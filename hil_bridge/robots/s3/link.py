@@ -129,7 +129,7 @@ class S3Link:
         self._status: Status | None = None
         """The newest."""
         self._fit: Status | None = None
-        """As the robot was when the movement began."""
+        """Status of the robot when the movement began."""
         self._said: deque[tuple[float, str]] = deque(maxlen=3)
         """Unasked messages of the robot with their times, s on the run's clock."""
         self._troubles: Counter[str] = Counter()

@@ -90,7 +90,7 @@ async def serve(url: str, robot: Any, settings: KindSettings, serving: Serving) 
 
 
 def usual(settings: KindSettings, virtual: bool) -> str:
-    """In real time a line as the real controller's."""
+    """URL at which the robot listens: in real time a line like the real controller's."""
     return "memory:robot" if virtual else with_line("pty:", _line(settings.emulated.link))
 
 

@@ -30,7 +30,7 @@ PROBE_S = 0.05
 """How often an interface that is down is looked at, s. Chosen."""
 
 LINK_PATIENCE_S = 10.0
-"""For how long a bus may be off or its interface down before the wire is broken, s.
+"""Longest time for which a bus may be off or its interface down before the wire is broken, s.
 
 Chosen: a person sets an interface up again, or plugs an adapter in, within that time.
 """

@@ -22,7 +22,7 @@ from hil_bridge.transports.delivery import Delivery, TimedQueue
 from protocol.datagram import Datagram
 
 HELD_S = 0.1
-"""For how long a datagram waits for the next one to overtake it, s. Chosen: several cycles of a streaming robot."""
+"""Longest wait of a datagram for the next one to overtake it, s. Chosen: several cycles of a streaming robot."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,7 @@ from enum import StrEnum
 DATA_BITS = 8
 
 SAMPLE_AT = 0.5 + 1 / 32
-"""Where in a bit a receiver looks, bit times after its beginning.
+"""Place in a bit at which a receiver looks, bit times after its beginning.
 
 Standard: a clock of 16 times the baud rate finds the edge of a start bit up to 1/16 of a bit late, here half of that.
 """
@@ -27,7 +27,7 @@ class Parity(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class LineSettings:
-    """How characters lie on a serial line: 8 data bits after a start bit."""
+    """Layout of characters on a serial line: 8 data bits after a start bit."""
 
     baudrate: int = 9600
     parity: Parity = Parity.NONE

@@ -117,7 +117,7 @@ class UsbAdapter:
 
 
 class _ToLine:
-    """From the computer to the adapter: with the next frame."""
+    """Direction from the computer to the adapter: with the next frame."""
 
     __slots__ = ("_clock", "_frame", "_origin", "_queue", "_sink")
 
@@ -155,7 +155,7 @@ class _ToLine:
 
 
 class _ToHost:
-    """From the adapter to the computer: full packets at once, the rest with the latency timer."""
+    """Direction from the adapter to the computer: full packets at once, the rest with the latency timer."""
 
     __slots__ = ("_clock", "_frames", "_held", "_profile", "_sent_at", "_timer")
 

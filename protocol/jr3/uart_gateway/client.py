@@ -74,7 +74,7 @@ class UartGatewayClient:
 
     @property
     def stop_patience(self) -> float:
-        """How long SensorStopped may take when the first stop was lost, s: a stop and its repetition."""
+        """Longest time that SensorStopped may take when the first stop was lost, s: a stop and its repetition."""
         return self._session.stop_patience
 
     # --- the wire

@@ -31,7 +31,7 @@ class Reader:
         """Bytes that a frame may begin with, with its op and least size."""
         self._waiting = b""
         self._at = 0
-        """How many of the bytes that wait have been read."""
+        """Number of the waiting bytes that have been read."""
         self._in_noise = False
         self.skipped = 0
         """Bytes that belong to no frame."""

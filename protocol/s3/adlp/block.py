@@ -104,7 +104,7 @@ def telegram_sizes(length: int, styles: Sequence[LengthStyle]) -> list[int]:
 
 @dataclass(frozen=True, slots=True)
 class BlockFormat:
-    """How to find the end of a block."""
+    """Rules by which the end of a block is found."""
 
     stuffing: DleStuffing
     styles: tuple[LengthStyle, ...]

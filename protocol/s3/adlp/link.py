@@ -157,7 +157,7 @@ class Link:
 
     @property
     def state(self) -> State:
-        """Where this end stands."""
+        """State of this end."""
         return self._shared.state
 
     @property

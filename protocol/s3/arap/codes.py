@@ -32,7 +32,7 @@ class FunctionCode(IntEnum):
     READ_PROGRAM_STATUS = 21
     DELETE_PROGRAM = 22
     LOAD_PROGRAM = 23
-    """From disk."""
+    """Load a program from disk."""
     MOVE = 24
     ARC_WELD_VALUE = 25
     RECEIVE_PROGRAM = 29
@@ -43,7 +43,7 @@ class FunctionCode(IntEnum):
 
     @property
     def text(self) -> str:
-        """For people to read."""
+        """Text for people to read."""
         return self.name.lower().replace("_", " ").replace("tcp", "TCP").replace("arap", "ARAP")
 
 
@@ -62,7 +62,7 @@ class TelegramType(IntEnum):
 
     @property
     def text(self) -> str:
-        """For people to read."""
+        """Text for people to read."""
         return _TYPE_TEXTS[self]
 
 
@@ -110,7 +110,7 @@ class RefusalCode(IntEnum):
 
     @property
     def text(self) -> str:
-        """For people to read."""
+        """Text for people to read."""
         return _REFUSAL_TEXTS.get(self, "unspecified")
 
 

@@ -39,7 +39,7 @@ class Answered(NamedTuple):
     """The order was done, or the query is answered."""
 
     order: Telegram
-    """As `answer`, when it was sent in several blocks."""
+    """The order as it was sent in several blocks, like `answer`."""
     answer: Telegram
     """All blocks in one: the header of the last, the data of all in order."""
     blocks: tuple[Telegram, ...]

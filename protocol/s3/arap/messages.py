@@ -203,7 +203,7 @@ class ProgramAnswer:
     program: int
     """Number of the program."""
     content: bytes
-    """Its bytes as the controller keeps them."""
+    """Bytes of the program as the controller keeps them."""
     error: int = 0
     """0 for none; other values are not known."""
 

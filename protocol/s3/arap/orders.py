@@ -67,7 +67,7 @@ class OrderDefinition:
     blocks: Blocks = "one"
     """Whether the order may travel in several blocks; an answer always may."""
     extends: bool = False
-    """Its fields come beside those of the known order with this function code."""
+    """The fields come beside those of the known order with this function code."""
     emulation: Emulation = Emulation()
 
     def telegrams(

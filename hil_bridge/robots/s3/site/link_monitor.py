@@ -93,7 +93,7 @@ class _Direction:
     last: bytes = b""
     """The newest telegram."""
     acknowledged: bool = True
-    """It was acknowledged."""
+    """The block was acknowledged."""
     repeats: int = 0
     open: bool = False
     """A message has begun and its EOT has not come."""

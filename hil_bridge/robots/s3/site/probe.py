@@ -21,9 +21,9 @@ from hil_bridge.transports.urls import CONNECT_BYTES, parse_url
 from protocol.s3.adlp import LinkProfile
 
 PATIENCE_S = 0.7
-"""For how long an ACK is waited for. Chosen: what answers at all answers within some tens of milliseconds."""
+"""Longest wait for an ACK. Chosen: a device that answers at all does so within some tens of milliseconds."""
 ANSWER_PATIENCE_S = 3.0
-"""For how long the answer to an acknowledged query is waited for. Chosen."""
+"""Longest wait for the answer to an acknowledged query. Chosen."""
 TO_FILL_IN = """
 [sensor]
 # where the force sensor is: can+slcan:///dev/ttyACM0, serial:///dev/ttyACM0?gateway=jr3, jr3+tcp://host:1762?filter=2

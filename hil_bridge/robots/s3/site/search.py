@@ -36,7 +36,7 @@ class Query(Enum):
 
 
 class Reply(StrEnum):
-    """How far a try came, for people to read."""
+    """Result of a try, for people to read."""
 
     UNAVAILABLE = "line cannot be set so"
     SILENCE = "silence"
@@ -88,7 +88,7 @@ class Finding:
     length_style: LengthStyle
     dle_stuffing: DleStuffing
     stuffing_evidence: str
-    """How the doubling was told; empty when it could not be."""
+    """Evidence for the doubling; empty when there is none."""
 
 
 _Steps: TypeAlias = Generator[Try, Outcome, Finding | None]

@@ -38,7 +38,7 @@ _FLUSH_S = 1.0
 
 @dataclass(frozen=True)
 class ListenerProfile:
-    """How many clients a register server takes, and how it treats each."""
+    """Number of clients that a register server takes, and its settings for each."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
 
@@ -90,7 +90,7 @@ class RegisterListener:
         self._on_log = on_log
         self._server: asyncio.Server | None = None
         self._wires: dict[_ClientWire, None] = {}
-        """In the order in which they came."""
+        """Clients in the order in which they came."""
         self._full_told = False
         """A client was sent away since the last one was let in: one line says it for all of them."""
 
