@@ -132,7 +132,7 @@ class EmulatedSensor(Protocol):
     @property
     def endpoint(self) -> Any:
         """The end of its wire that its room serves: an `Endpoint` of bytes, datagrams or CAN frames that tells no
-        events, or for a device of registers `protocol.jr3.board.Registers`.
+        events. For a device of registers it is `protocol.jr3.board.Registers`.
         """
 
     @property

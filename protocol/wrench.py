@@ -13,10 +13,10 @@ no port, reads no clock and waits for nothing. `hil_bridge.sensors.stream.ForceS
 | `SensorStopped` | the device knows that it is not needed any more, or there is no way to tell it |
 | `SensorFailed` | the session is over; the last event |
 
-Six values are always fx fy fz mx my mz: force and moment of all that hangs below the sensor, and of all that touches
-it, on the sensor's tool side. They are about the sensor's origin, in its own right-handed frame. How that frame sits in
-the tool's, and a mirrored one, are settings of the bridge. A client tells the values as the device counts them. They
-mean N and N·m times `SensorFacts.scales`, which are 1.0 for a device that tells SI units.
+Six values are always fx fy fz mx my mz. They are force and moment of all that hangs below the sensor, and of all that
+touches it, on the sensor's tool side. They are about the sensor's origin, in its own right-handed frame. How that frame
+sits in the tool's, and a mirrored one, are settings of the bridge. A client tells the values as the device counts them.
+They mean N and N·m times `SensorFacts.scales`, which are 1.0 for a device that tells SI units.
 """
 
 import math

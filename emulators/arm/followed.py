@@ -1,6 +1,6 @@
 """An arm that follows the newest target of a stream, at the cycle of its robot.
 
-At each tick the set point moves towards the newest target, no faster than the robot allows; one transport delay later
+At each tick the set point moves towards the newest target, no faster than the robot allows. One transport delay later
 the position loops of `emulators.arm.loops` take it. A stream that stops leaves the arm at its last target. There is no
 resolution grid and no dead band. The servo acts on the Cartesian axes of the base frame. Orientation has no servo of
 its own: it follows the set point after the transport delay, in steps of one tick.

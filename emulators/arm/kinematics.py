@@ -2,11 +2,11 @@
 
 Lengths, ranges and speeds: project specification of the computer link, section 6. Angles in rad, lengths in m.
 
-Assumed, because zero positions and signs are not public: with all axes at zero the arm points along base x and the
+Assumed, because zero positions and signs are not public. With all axes at zero the arm points along base x and the
 upper arm stands upright. The forearm lies level with its own axis above axis 3, the wrist is straight, and the tool's x
 axis points up. So a tool pointing down in front of the base has axes 4 and 6 near zero. Axis 1 turns about base z,
-which axis 2 crosses. Axes 2, 3 and 5 turn about y at zero (positive: down and forward), axes 4 and 6 about the
-forearm's axis, all by the right hand.
+which axis 2 crosses. Axes 2, 3 and 5 turn about y at zero (positive: down and forward). Axes 4 and 6 turn about the
+forearm's axis. All turn by the right hand.
 
 Axis 3 is read against the horizon or against the upper arm, see `ArmSize.axis_3_against`. The wrist is spherical.
 """

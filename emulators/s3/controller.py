@@ -122,8 +122,8 @@ class S3Controller:
         return waiting
 
     def joints(self, now: float) -> Joints:
-        """Axes 1 to 6 of the true tool pose at `now`, rad; those of the set point where the servo swings beyond
-        the end of a range.
+        """Axes 1 to 6 of the true tool pose at `now`, rad. Where the servo swings beyond the end of a range, they are
+        those of the set point.
         """
         return self._executive.joints(now)
 

@@ -62,8 +62,8 @@ class Samples:
         source.on_change = self.invalidate
 
     def starting(self, first: int, last: int) -> Floats:
-        """Sample number `first` and all after it: to `last`, the newest that there is at present, and on behind it as
-        far as they are predicted: see `on_invalidate`.
+        """Samples from number `first` on: to `last`, the newest at present, and on behind it as far as they are
+        predicted; see `on_invalidate`.
         """
         ready = self._ready
         if ready is None or not self._ready_from <= first <= self._ready_from + len(ready):

@@ -70,8 +70,8 @@ class RealTime:
 def real_time_thread(wanted: RealTime) -> Iterator[ThreadPoolExecutor | None]:
     """Run the calling thread as wanted while inside; other threads stay as they are.
 
-    Threads begun inside keep ordinary priority; those of the executor that is given also run on all processors
-    (None when the thread is pinned to none). Raises ConfigError for what the machine or its limits refuse.
+    Threads begun inside keep ordinary priority. Those of the executor that is given also run on all processors (None
+    when the thread is pinned to none). Raises ConfigError for what the machine or its limits refuse.
     """
     undo: list[Callable[[], object]] = []
     executor = None

@@ -148,8 +148,8 @@ def _draw(table: Sequence[Row]) -> bytes:
 
 
 def held(row: Row) -> bool:
-    """Whether a point of the grid counts as held: 90 % reached, contact kept, mean error within a resolution step's
-    force, and the steady swing within two of them. Each limit has 1 N more for noise.
+    """Whether a point of the grid counts as held: 90 % reached, contact kept, and mean error within a resolution step's
+    force. The steady swing must lie within two of them. Each limit has 1 N more for noise.
     """
     step = figure(row, "stiffness_n_m") * RESOLUTION
     return (

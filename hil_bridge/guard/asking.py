@@ -55,8 +55,8 @@ class Situation:
     depth_mm: float | None = None
     """Reported depth below the start; by default the commanded one."""
     commanded_mm: float | None = None
-    """Depth below the start that was ordered last; by default the reported one, and where none is given where the
-    expected stiffness bears the wanted force, in APPROACH the start.
+    """Depth below the start that was ordered last; by default the reported one. Without that it is where the expected
+    stiffness bears the wanted force, in APPROACH the start.
     """
     wanted_mm: float | None = None
     """Depth that is wanted next; by default the task's own step, in TRACK the depth ordered last."""
@@ -67,8 +67,8 @@ class Situation:
     moved_mm: float = 0.0
     """Way of the reported position since the cycle before."""
     cycle_ms: float | None = None
-    """How long ago that was; by default what a cycle takes on the line at least, and for what is ordered the sample
-    time of the controller.
+    """Time since then. By default it is the least line time of a cycle, and for orders the sample time of the
+    controller.
     """
     tilt_deg: float = 0.0
     """Turn of the reported orientation from that of the start."""

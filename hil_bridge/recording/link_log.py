@@ -1,8 +1,9 @@
 """The log of a wire, put into records that cost a run next to nothing.
 
 A cycle of the computer link is some twenty pieces of a few bytes and a dozen link events; one record holds many of
-them. They are lines as in a text capture: seconds since the record's time, `tx` or `rx` as the PC sees it, then
-hexadecimal bytes or CAN frames. A line with `--` tells an event of the link, like `ACK sent: block acknowledged`.
+them. They are lines as in a text capture: seconds since the record's time, `tx` or `rx` as the PC sees it, then data.
+Data are hexadecimal bytes or CAN frames. A line with `--` tells an event of the link, like
+`ACK sent: block acknowledged`.
 """
 
 from collections.abc import Callable

@@ -77,7 +77,7 @@ def map_buffers() -> None:
 class Recorder:
     """Takes records without blocking and writes them to one file.
 
-    `put`, `pause` and `close` belong to one thread, that of the event loop. A failing disk does not stop a run: the
+    `put`, `pause` and `close` belong to one thread, that of the event loop. A failing disk does not stop a run. The
     error is kept in `error` and told in `trouble`, later records are counted as dropped, and `close` raises it.
     """
 
@@ -93,10 +93,9 @@ class Recorder:
     ) -> None:
         """Open the file and write what is known before the run.
 
-        `wall_ns` turns a time of the run's clock into ns since the Unix epoch. `threaded` writes in a thread
-        of its own; without it the caller's `put` writes a batch now and then, and the file depends on the
-        records alone. A file that is there already is emptied only with `overwrite`. Raises ConfigError when the
-        file cannot be opened.
+        `wall_ns` turns a time of the run's clock into ns since the Unix epoch. `threaded` writes in a thread of its
+        own. Without it the caller's `put` writes a batch now and then, and the file depends on the records alone. A
+        file that is there already is emptied only with `overwrite`. Raises ConfigError when the file cannot be opened.
         """
         self._path = path
         self._wall_ns = wall_ns

@@ -137,8 +137,8 @@ class TruthRecord(Struct, frozen=True):
     cycle: int
     """Number of the control cycle."""
     at: float
-    """Moment of position, force and joints: the end of the cycle, of a material that remembers up to a few ticks
-    of the robot later, s.
+    """Moment of position, force and joints, s: the end of the cycle. With a material that has memory it is up to a few
+    ticks of the robot later.
     """
     sampled_at: float
     """The sensor measured the sample that the controller was given, s."""

@@ -111,7 +111,7 @@ class SensorSection(_Section):
     """
     emulated: str = "gateway"
     """Kind of the emulated sensor: gateway, uart or board for a JR3 behind a CAN gateway, a UART gateway or a receiver
-    board, or one that another package offers.
+    board. Other packages may offer more.
     """
     mounting_deg: float = 0.0
     """Rotation of the sensor about the tool's z axis: angle from the tool's x axis to the sensor's."""

@@ -195,8 +195,8 @@ class GatewaySession(Generic[Op]):
     def stop(self) -> None:
         """End the session; SensorStopped tells that the gateway knows. Harmless when called again.
 
-        The stop goes out at once, even to a deaf gateway: the owner may not wait for the pause's end, and a driver
-        may keep what arrives. Where it is lost, it is repeated.
+        The stop goes out at once, even to a deaf gateway. The owner may not wait for the pause's end, and a driver may
+        keep bytes that arrive. Where it is lost, it is repeated.
         """
         if self.phase in (Phase.STOPPING, Phase.STOPPED):
             return

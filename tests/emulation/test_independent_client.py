@@ -1,7 +1,7 @@
 """A client written from the byte tables alone drives the emulated controller, so that no codec is shared.
 
-It follows the observed rows of the computer-link specification (sections 2 and 3) as a plain program on a serial port
-would: one order, wait for its answer. Nothing of this project's `protocol` package takes part on its side.
+It follows the observed rows of the computer-link specification (sections 2 and 3) like a plain program on a serial
+port: one order, wait for its answer. Nothing of this project's `protocol` package takes part on its side.
 """
 
 import struct

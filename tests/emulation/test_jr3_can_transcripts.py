@@ -1,8 +1,8 @@
 """The CAN gateway as transcripts, one for every sentence that is known of its behaviour.
 
 A line is milliseconds since power-up, direction (`>` to the gateway, `<` from it) and frame. Frames are written out;
-`sample N`, `zeros N` and `filtered N HZ` stand for the force and the moment frame with counter N of a sensor that reads
-1000 −2000 3000 400 −500 600 counts. They are made here by hand and not by the codec.
+`sample N`, `zeros N` and `filtered N HZ` stand for the force and the moment frame with counter N. The sensor reads 1000
+−2000 3000 400 −500 600 counts. They are made here by hand and not by the codec.
 """
 
 import itertools

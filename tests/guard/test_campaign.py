@@ -1,6 +1,6 @@
 """Hundreds of runs, each with a fault at some moment, a controller, a stiffness and a shape drawn by its seed.
 
-Every draw must keep these promises. The true force stays within its bound, no order goes deeper after a stop, and the
+Every draw must keep these promises. The true force stays within its bound, and no order goes deeper after a stop. The
 run ends in time and with a cause that fits the injected faults. Its recording is whole and replayed alike, and no run
 that ends pressing has completed. Set HIL_BRIDGE_SEEDS to 10000 for a night.
 """

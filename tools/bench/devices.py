@@ -166,7 +166,7 @@ class Cell:
     """When the robot's wire was read last."""
 
     def serve(self, enough: Callable[[int], bool]) -> None:
-        """Answer until the wire ends. `enough` is asked after each turnaround with the number of them so far; once it
+        """Answer until the wire ends. `enough` is asked after each turnaround with the number of them so far. Once it
         says so, nothing more is timed and samples come by themselves again.
 
         Raises PeerSilent when the other side falls silent.

@@ -1,6 +1,6 @@
 """The JR3 DSP receiver board: a memory that a sensor fills and a host reads and writes, told the time.
 
-Samples are computed in blocks up to the time asked for, and further as far as the sensor predicts, so that a read is a
+Samples are computed in blocks up to the time asked for, and further as far as the sensor predicts. So a read is a
 look-up. A host's write that changes the computation throws away the samples computed ahead. So does a sensor whose
 samples will be others.
 """

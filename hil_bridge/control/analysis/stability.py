@@ -226,8 +226,8 @@ def holding_limit_cycle(
 ) -> LimitCycle:
     """Limit cycle with a servo that holds where it is once the rounded position equals its set point.
 
-    An integral controller (gain in m/N a sample) works on the same loop as in `limit_cycle`, the desired force being
-    the one on the border between two positions. Every `tick` (s) the servo takes the newest set point and looks at its
+    An integral controller (gain in m/N a sample) works on the same loop as in `limit_cycle`. The desired force is the
+    one on the border between two positions. Every `tick` (s) the servo takes the newest set point and looks at its
     rounded position. If they differ, the set point pulls, else the place where the axis is at that moment. So the axis
     goes not from step to step, but over the border between them and no farther than it is at the next tick. When m
     ticks bring it over, it goes the share f_m = s(m·tick) of the way to its set point. With samples enough to come to

@@ -261,8 +261,9 @@ class ControlLoop:
         )
 
     def _barrier(self, proposal: Proposal) -> float:
-        """Depth, m, at which the force limit less its margin is predicted: by the stiffness in hand, from the reported
-        position and the force that belongs to it. What the robot has yet to do of its orders lies before it.
+        """Depth, m, at which the force limit less its margin is predicted. The prediction takes the stiffness in hand,
+        the reported position and the force that belongs to it. What the robot has yet to do of its orders lies before
+        it.
         """
         limits, measurement, command = self.supervisor.limits, proposal.measurement, proposal.output.command
         stiffness = self.task.parameters.expected_stiffness_n_m

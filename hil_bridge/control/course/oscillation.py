@@ -10,9 +10,9 @@ comes. `advice.retract` asks to end the run (`Task.fail`): the swing went on alt
 least. Start from `initial()` at every beginning of TRACK; while contact is lost do not step it.
 
 What counts as a swing. The error has a peak between two changes of its sign. A peak counts when it is beyond the band
-that a loop at rest may fill: one resolution step either way and the noise, k_est·Δx_res + uncertainty. Noise at rest
-stays inside the band, and a step that settles makes a few peaks, each smaller than the one before. An oscillation is
-`peaks` of them within the window, on alternating sides, that do not die away.
+that a loop at rest may fill. The band is one resolution step either way and the noise, k_est·Δx_res + uncertainty.
+Noise at rest stays inside the band, and a step that settles makes a few peaks, each smaller than the one before. An
+oscillation is `peaks` of them within the window, on alternating sides, that do not die away.
 """
 
 import math

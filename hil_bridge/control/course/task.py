@@ -90,8 +90,8 @@ class TaskParameters:
 
     @property
     def single_step_mm(self) -> float:
-        """Step of a movement that waits after each one: how far an approach goes in `SAMPLE_MS`, in whole steps of
-        `zero_step_mm` where it goes that far.
+        """Step of a movement that waits after each one: the way of an approach in `SAMPLE_MS`. Where it is long enough,
+        it is in whole steps of `zero_step_mm`.
         """
         step = self.approach_speed_mm_s * SAMPLE_MS * 1e-3
         return round(step / self.zero_step_mm) * self.zero_step_mm or step
@@ -223,8 +223,8 @@ class Task:
     def step(self, state: TaskState, measurement: Measurement) -> tuple[TaskState, TaskOutput]:
         """One sample. `measurement.in_contact` is not looked at: contact is judged here, from the force.
 
-        A measurement that is not finite changes nothing and asks for the depth commanded before; a retraction
-        goes on regardless, for it needs neither force nor position.
+        A measurement that is not finite changes nothing and asks for the depth commanded before. A retraction goes on
+        regardless, for it needs neither force nor position.
         """
         finite = math.isfinite(measurement.force) and math.isfinite(measurement.position)
         if not finite and state.phase in (Phase.APPROACH, Phase.TRACK):

@@ -1,7 +1,7 @@
 """The way from the readings of the wrist sensor to the contact wrench on the tool.
 
-There are three frames: the sensor frame, in which it counts; the same place along the tool's axes, where the tool's
-weight is taken off; and the tool frame. The contact wrench is about the tool frame's origin.
+There are three frames: the sensor frame, in which it counts; the same place along the tool's axes; and the tool frame.
+In the second the tool's weight is taken off. The contact wrench is about the tool frame's origin.
 """
 
 from collections.abc import Sequence

@@ -231,8 +231,8 @@ class S3Link:
         while the caller still decides, unless the profile's `bid_ahead` is off. The caller must give an order then, and
         soon.
 
-        The error of an order that was refused, or not answered, also tells what the robot said shortly before and what
-        its status shows, if it still answers.
+        The error of an order that was refused, or not answered, also tells other messages of the robot shortly before.
+        It tells the robot's status, if the robot still answers.
         """
 
         def order() -> None:

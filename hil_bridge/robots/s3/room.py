@@ -26,8 +26,8 @@ from protocol.s3.arap import KNOWN
 
 
 def robot_wire(url: str, link: LinkProfile) -> tuple[str, LinkProfile]:
-    """A robot URL with what it leaves out of its serial line taken from the profile, and the profile with what
-    the URL says of the line. Raises ConfigError.
+    """A robot URL whose missing line settings come from the profile, and the profile with the line settings of the URL.
+    Raises ConfigError.
     """
     parsed = parse_url(url, CONNECT_BYTES)
     options = parsed.options

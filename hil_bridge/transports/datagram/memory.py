@@ -1,7 +1,7 @@
 """A network of datagrams inside one event loop, exact in virtual time; what goes wrong on it repeats with the seed.
 
-Each end has a path to the network, with its own delays and faults, which a datagram passes when it is sent and when
-it arrives. The two directions of a path draw their own numbers.
+Each end has a path to the network, with its own delays and faults. A datagram passes both paths: when it is sent and
+when it arrives. The two directions of a path draw their own numbers.
 """
 
 import asyncio

@@ -1,8 +1,7 @@
 """A host's work with a board's registers, as steps: the kernel driver's start-up, commands, a zero.
 
-A sequence is a generator of steps. It is sent the words of each Read and nothing for the other steps, and it
-knows no wire and no clock: its caller reads, writes and waits. Order and pauses are those of Linux's
-jr3_pci driver.
+A sequence is a generator of steps. It is sent the words of each Read and nothing for the other steps. It knows no wire
+and no clock: its caller reads, writes and waits. Order and pauses are those of Linux's jr3_pci driver.
 """
 
 from collections.abc import Generator, Sequence

@@ -1,8 +1,8 @@
 """ADLP-10 blocks and control bytes, and the scanner that finds them in a stream.
 
-A block is `DLE STX <telegram> DLE ETX BCC`. While DLE bytes inside a telegram are not doubled, `10 03` may be
-data, so a block ends where the telegram's own length says it ends. Source: computer-link specification,
-section 2, itself from the ofxABBRobot client.
+A block is `DLE STX <telegram> DLE ETX BCC`. While DLE bytes inside a telegram are not doubled, `10 03` may be data. So
+a block ends where the telegram's own length says it ends. Source: computer-link specification, section 2, itself from
+the ofxABBRobot client.
 """
 
 import re

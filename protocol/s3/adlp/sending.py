@@ -240,7 +240,7 @@ class SendingHalf:
         """ENQ to a block: our message is given up.
 
         Assumed: a receiver that bids has left our message. Most likely it took the block, its ACK was lost and it
-        treated the message as ended; to repeat the message would have an order done twice.
+        treated the message as ended. To repeat the message would have an order done twice.
         """
         return self._give_up(LinkFailure.INTERRUPTED, "the receiver bid (ENQ) instead of answering a block")
 

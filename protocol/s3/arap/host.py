@@ -81,8 +81,8 @@ class UnexpectedReceived:
 ArapEvent: TypeAlias = (
     Answered | Refused | OrderFailed | SpontaneousReceived | UnexpectedReceived | LinkFailed | LinkNotice
 )
-"""`LinkFailed` for a message of the controller that was lost, and for an order whose ACK was while its answer may come;
-a lost order is `OrderFailed`.
+"""`LinkFailed` for a message of the controller that was lost, and for an order whose ACK was lost while its answer may
+come. A lost order is `OrderFailed`.
 """
 
 

@@ -39,7 +39,7 @@ class Emulation:
     """Answers of an emulated controller: its memory gives back the bytes that were written into it.
 
     Every field of an order that is no key is stored. A field of the answer has the value of the order's field of that
-    name, else the stored value of that name, else its initial value, else 0.
+    name. Else it has the stored value of that name, else its initial value, else 0.
     """
 
     memory: str = ""
