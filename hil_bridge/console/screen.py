@@ -55,7 +55,7 @@ class Screen:
 
     def _work(self) -> None:
         while (step := self._steps.get()) is not None:
-            # SystemExit: what rich raises for a broken pipe
+            # SystemExit: rich raises it for a broken pipe
             with suppress(OSError, ValueError, SystemExit):
                 step()
             self._steps.task_done()

@@ -74,7 +74,7 @@ class CycleRecord(Struct, frozen=True):
     """Why the supervisor clamped or stopped."""
     explanation: dict[str, float] = {}
     """Further values that explain the controller's answer, by name."""
-    # --- what it takes to decide again
+    # --- input for deciding again
     target: Vector = (0.0, 0.0, 0.0)
     """Tool position that the supervisor allowed, robot base frame, m; ordered in whole device steps."""
     start: Vector = (0.0, 0.0, 0.0)
@@ -83,7 +83,7 @@ class CycleRecord(Struct, frozen=True):
     """Why the run was asked to finish before this decision; empty in all other cycles."""
     sample: Sample | None = None
     """Complete input of the decision; None where it was not kept."""
-    # --- more times of the hops; NaN for what was not stamped
+    # --- more times of the hops; NaN for a time without a stamp
     status_transmitted_at: float = math.nan
     """The last character of the status order has left the line, reckoned at the line's rate, s."""
     decoded_at: float = math.nan

@@ -184,7 +184,7 @@ class _Session:
     verbose = True
     """Setting of a `DeviceLog`: the record holds every event of a link."""
 
-    # --- what the run and the devices tell
+    # --- records and notices of the run and the devices
 
     def cycle(self, record: CycleRecord) -> None:
         """A cycle has ended."""

@@ -144,7 +144,7 @@ class TimedQueue:
         self._armed = False
         now = self._clock.now()
         try:
-            # what is put meanwhile waits for the next turn, or two ends that answer each other never return
+            # data put meanwhile wait for the next turn: else two ends that answer each other never return
             for _ in range(len(self._actions)):
                 if not self._actions or self._actions[0][0] > now:
                     break

@@ -171,7 +171,7 @@ class GatewaySession(Generic[Op]):
         flight = self._flight
         return flight is not None and (flight.op in self._asks_scales or self._foreign_acknowledges > 0)
 
-    # --- what the owner asks for
+    # --- requests of the owner
 
     def zero(self) -> None:
         """Make the present wrench the origin, once settled. Raises LocalProtocolError after the end."""
@@ -205,7 +205,7 @@ class GatewaySession(Generic[Op]):
         self._end(Phase.STOPPING)
         self._enqueue(self._dialect.stop)
 
-    # --- what the client tells and takes
+    # --- calls of the client
 
     def tell(self, event: SensorEvent) -> None:
         """Tell the owner, after all that waits."""

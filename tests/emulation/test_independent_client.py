@@ -179,7 +179,7 @@ def test_a_refusal_is_an_answer_and_the_next_order_is_taken(client):
 
 
 def test_the_blocks_of_the_specification_are_taken_as_they_stand(client):
-    # Section 4, and what the controller says to them.
+    # Section 4, and the answers of the controller.
     for block, answer in (
         ("10 02 00 08 01 00 03 01 00 00 10 03 08", "10 02 00 08 00 00 03 02 00 00 10 03 0A"),
         ("10 02 00 08 01 00 14 01 00 01 10 03 1E", "10 02 00 08 00 00 14 02 00 00 10 03 1D"),

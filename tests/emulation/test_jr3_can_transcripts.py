@@ -269,7 +269,7 @@ TRANSCRIPTS = [
         """,
     ),
     Transcript(
-        "no watchdog, no heartbeat: a stream that nobody asks about goes on, a gateway at rest is silent",
+        "no watchdog, no heartbeat: a stream without further requests goes on, a gateway at rest is silent",
         """
         2033   < 701#
         30000  > 201#000000093D00

@@ -147,7 +147,7 @@ CASES = (
     # a serial line does not tell its listener that the client has gone, nor that it takes nothing more
     StreamCase("pty and serial", _pty, peer_end=TransportBroken, peer_end_right=None, volume=50_000),
     StreamCase("tcp", _tcp, peer_end=TransportEnded, peer_end_right=None),
-    # a paced listener takes a second to hand over its last bytes, and 4 Mbit/s are what it has
+    # a paced listener takes a second to hand over its last bytes, and its line has 4 Mbit/s
     StreamCase("rfc2217", _rfc2217, peer_end=TransportEnded, peer_end_right=None, volume=60_000),
     StreamCase("tcp that reconnects", _reconnecting, peer_end=TransportBroken, peer_end_right=None),
     StreamCase("python-can virtual", _virtual_can, True, peer_end=None, peer_end_right=None, volume=8_000),

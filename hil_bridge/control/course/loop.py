@@ -233,7 +233,7 @@ class ControlLoop:
         cause = _cause(state, output, verdict)
         way: Verdict = verdict
         if cause and output.phase is not _RETRACT:
-            # From the state before this sample: what the controller made of it no longer matters.
+            # From the state before this sample: the controller's answer to it no longer matters.
             task, output = self.task.step(self.task.fail(state.task, cause), proposal.measurement)
             supervisor, way = self.supervisor.retreat(supervisor, seen, self._request(state, output))
         elif advice is not None and advice.factor < 1.0 and not isinstance(verdict, Stop):

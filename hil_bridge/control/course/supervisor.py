@@ -327,7 +327,7 @@ class Supervisor:
             return Stop(Cause.FROZEN, f"no new force for {still * 1e3:.0f} ms")
         if seen.dead_axis:
             return Stop(Cause.FROZEN, seen.dead_axis)
-        # before what goes by the reported depth
+        # before the checks that use the reported depth
         if seen.position is not None and (text := self._untrue_pose(state, seen, seen.position)):
             return Stop(Cause.POSE, text)
         if pressed is not None and (deeper_mm := (seen.depth - pressed[1]) * 1e3) > limits.unanswered_mm:
@@ -437,7 +437,7 @@ def _clamp(limits: Limits, state: SupervisorState, request: Request, dt: float) 
         # The part across the approach is cut first: a border beside the way must not hold the depth.
         target = bx + nx * along, by + ny * along, bz + nz * along
         share = min(map(_share_inside, state.position, target, low, high))
-        # The last allowed position is inside; the border only takes off what the arithmetic left over.
+        # The last allowed position is inside; the border only takes off an error of the arithmetic.
         x, y, z = (
             min(max(before + share * (to - before), lowest), highest)
             for before, to, lowest, highest in zip(state.position, target, low, high, strict=True)

@@ -145,7 +145,7 @@ class BoardClient:
         """How long SensorStopped may take, s: TCP repeats what is lost, so that it is the server's time alone."""
         return self._profile.answer_timeout_s
 
-    # --- what the owner asks for
+    # --- requests of the owner
 
     def zero(self) -> None:
         """Make the present wrench the origin, once settled. Raises LocalProtocolError after the end."""
@@ -188,7 +188,7 @@ class BoardClient:
                 self._on_answer(item, now)
             elif item.tag == self._data_tag:
                 self._on_data(item, now)
-            # else: what was under way before a restart or a stop
+            # else: an answer that was under way before a restart or a stop
 
     def next_event(self) -> SensorEvent | None:
         """The oldest event not yet taken, or None."""

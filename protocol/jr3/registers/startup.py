@@ -178,7 +178,7 @@ def _identity() -> Steps[BoardIdentity]:
     words = yield Read(_SERIAL, _UNITS - _SERIAL + 1)
     units, serial, model = words[-1], words[0], words[_MODEL - _SERIAL]
     if units not in list(Units):
-        raise RemoteProtocolError(f"the board counts in unit {units}, which nobody knows")
+        raise RemoteProtocolError(f"the board counts in unit {units}, which is unknown")
     unit = UNIT_SCALES[Units(units)]
     full_scales = (
         *(word * unit.force for word in scales[:3]),

@@ -153,7 +153,7 @@ class Link:
             Action.RECOGNISE_LATE: receiver.recognise_late,
         }
 
-    # --- what the owner asks
+    # --- questions of the owner
 
     @property
     def state(self) -> State:
@@ -185,7 +185,7 @@ class Link:
         """Totals since the start by the text of `Count` and `NoticeKind`; a live read-only view."""
         return self._shared.journal.counters
 
-    # --- what the owner does
+    # --- actions of the owner
 
     def send(self, telegrams: Sequence[bytes]) -> None:
         """Queue one message, a block for each telegram.

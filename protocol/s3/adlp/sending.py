@@ -265,7 +265,7 @@ def _check_telegram(telegram: bytes, max_telegram: int) -> None:
         )
     if len(telegram) not in telegram_sizes(int.from_bytes(telegram[:2], "big"), LENGTH_STYLES):
         raise LocalProtocolError(
-            f"a telegram of {len(telegram)} bytes states another length: nobody could find its end"
+            f"a telegram of {len(telegram)} bytes states another length: its end could not be found"
         )
 
 
