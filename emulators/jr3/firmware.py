@@ -270,8 +270,8 @@ class Firmware:
         if self._zero_requested:
             self._zero_requested = False
             self._offset = self._filtered + self._smoothing * away[0]
-        # Of a block only the last output is ever sent, so the recursion is one weighted sum; taken from where
-        # the filter stands, so that a constant input leaves it exactly there.
+        # Of a block only the last output is ever sent, so the recursion is one weighted sum. It is taken from the
+        # filter's present output, so that a constant input leaves it exactly there.
         weights = _impulse_response(self._smoothing, len(counts))
         self._filtered = self._filtered + weights.dot(away)  # which `@` does as well, but begins more slowly
 

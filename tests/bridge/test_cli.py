@@ -138,7 +138,7 @@ def test_bad_input_is_one_line_that_says_what_to_do(
     ("robot", "message"),
     [
         ("serial:///dev/there-is-none", "cannot be opened: there is no such port; check the cable"),
-        ("tcp://127.0.0.1:1", "nobody listens there; start the other side first"),
+        ("tcp://127.0.0.1:1", "no program listens there; start the other side first"),
     ],
 )
 def test_a_wire_that_cannot_be_opened_is_a_device_error(hil: Command, robot: str, message: str) -> None:

@@ -197,7 +197,7 @@ def test_spontaneous_messages_are_acknowledged_and_told() -> None:
 
 
 def test_a_wire_that_nobody_listens_on_is_told_at_once() -> None:
-    with pytest.raises(TransportUnavailable, match="nobody listens"):
+    with pytest.raises(TransportUnavailable, match="no program listens"):
         probed(LinkProfile(), url="memory:other")
     with pytest.raises(ConfigError, match="unknown scheme"):
         probed(LinkProfile(), url="serail:///dev/ttyUSB0")

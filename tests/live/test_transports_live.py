@@ -187,7 +187,7 @@ async def test_clients_of_a_tcp_listener_come_and_go_one_at_a_time() -> None:
         await heard.until(lambda: bool(heard.ends))
         assert [type(error) for error in heard.ends] == [TransportEnded]
         assert [type(error) for error in ear.ends] == [TransportClosed]
-        with pytest.raises(TransportUnavailable, match="nobody listens there"):
+        with pytest.raises(TransportUnavailable, match="no program listens there"):
             await connect_bytes(listening.address, clock)
 
 
@@ -466,7 +466,7 @@ async def test_connecting_waits_for_a_server_that_starts_later() -> None:
         wire = await opening
         await wire.aclose()
         await listening.transport.aclose()
-        with pytest.raises(TransportUnavailable, match="nobody listens there"):
+        with pytest.raises(TransportUnavailable, match="no program listens there"):
             await connect_bytes(f"tcp://127.0.0.1:{port}?connect_s=0.25", clock)
 
 

@@ -152,7 +152,7 @@ class MemoryDatagrams:
         there = self._ends.get(target)
         if there is None:
             self._counts["unreachable"] += 1
-            self._notices.tell("unreachable", f"{self.name}: nobody listens there; start the other side")
+            self._notices.tell("unreachable", f"{self.name}: no program listens there; start the other side")
         elif there._arriving is None:
             there._take(datagram, self._address)
         else:
