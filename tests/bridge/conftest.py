@@ -45,7 +45,7 @@ class Bench:
     ended_at: float = 0.0
     meddle: Callable[["Bench", CycleRecord], None] = lambda bench, record: None
     prepare: Callable[["Bench"], None] = lambda bench: None
-    """Called when the cell stands and nobody has spoken to it yet."""
+    """Called when the cell stands and before the first telegram to it."""
     cell: PaperCell = field(init=False)
     clock: Clock = field(init=False)
     line: Faulty = field(init=False)
@@ -71,7 +71,7 @@ class Bench:
 
     @property
     def true_force(self) -> float:
-        """What presses at the end, N; nothing once the tool has been retracted."""
+        """Force at the end, N; 0 once the tool has been retracted."""
         return self.cell.true_state(self.ended_at).contact_force[2]
 
     async def main(self) -> None:

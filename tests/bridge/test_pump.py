@@ -1,6 +1,6 @@
 """The pump: data, events and deadlines between an endpoint and a wire, and no error lost."""
 
-from asyncio import sleep as pass_time  # in virtual time, where nobody waits
+from asyncio import sleep as pass_time  # in virtual time, without waiting
 from collections import deque
 
 import pytest

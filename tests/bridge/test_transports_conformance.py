@@ -16,7 +16,7 @@ from hil_bridge.transports import (
     Direction,
     LineSettings,
     MemoryCanBus,
-    Paced,
+    PacedLine,
     Parity,
     Reconnecting,
     Tap,
@@ -90,7 +90,7 @@ async def _memory_can_url(clock: Clock) -> AsyncIterator[Ends]:
 LINE = LineSettings(9600, Parity.EVEN)
 CASES = (
     StreamCase("memory", _memory),
-    StreamCase("paced", _around(lambda wire, clock: Paced(wire, LINE, clock)), volume=60_000),
+    StreamCase("paced", _around(lambda wire, clock: PacedLine(wire, LINE, clock)), volume=60_000),
     StreamCase(
         "usb adapter",
         _around(lambda wire, clock: UsbAdapter(wire, UsbAdapterProfile(), clock)),
