@@ -43,19 +43,19 @@ KERNEL = "linux-image-amd64"
 KVM_PATIENCE_S = 10.0
 """Until a machine with KVM must be up, else it is emulated: on some nested machines KVM hangs."""
 PATIENCE_S = 600.0
-"""For everything beside the fast stream. Chosen: four times what it takes emulated."""
+"""Longest wait for everything beside the fast stream. Chosen: four times what it takes emulated."""
 STREAM_PATIENCE = 20.0
 """And for each second of that. Chosen: four times what it takes emulated."""
 POLL_S = 0.2
 INSTRUCTION_TIME = " -icount shift=0"
 """The emulated computer's clock goes by its instructions, 1 ns each, as long as it has something to do.
 
-So it is always a computer of 1 GIPS to its programs, however slow it is emulated: what needs real time works there,
-and a busy host makes it longer, never late.
+So it is always a computer of 1 GIPS to its programs, however slow it is emulated. Programs that need real time work
+there, and a busy host makes it longer, never late.
 """
 
 SYSTEM_FOLDERS = "/usr/sbin:/sbin"
-"""Where Debian keeps commands that a person's PATH lacks."""
+"""Folders in which Debian keeps commands that a person's PATH lacks."""
 
 
 class Unavailable(Exception):
@@ -68,7 +68,7 @@ def which(command: str) -> str | None:
 
 
 def pytest_command(arguments: Sequence[str]) -> list[str]:
-    """What runs the tests, here and inside, where nothing can be written to the checkout."""
+    """Command that runs the tests, here and inside, where nothing can be written to the checkout."""
     return [
         *(sys.executable, "-m", "pytest", "tests/vcan", "-m", "vcan"),
         *("-p", "no:cacheprovider", "-p", "no:hypothesispytest"),
@@ -80,7 +80,7 @@ def pytest_command(arguments: Sequence[str]) -> list[str]:
 
 
 def direct() -> list[str] | None:
-    """What to put before a command so that it may create vcan interfaces, or None where that cannot be."""
+    """Prefix of a command that may then create vcan interfaces, or None where that cannot be."""
     ip = which("ip")
     if ip is None:
         return None
@@ -135,9 +135,9 @@ def _unpack() -> None:
 
 
 def guest_script(share: Path, command: Sequence[str], settings: dict[str, str]) -> str:
-    """What the machine does: its results are files, since its console drops characters.
+    """Script of the machine: its results are files, since its console drops characters.
 
-    Python and the checkout are mounted a second time, with a cache, over where they are: without one every start of
+    Python and the checkout are mounted a second time, with a cache, over where they are. Without one every start of
     Python reads all of its files through the emulated disk again.
     """
     host = "/run/host"

@@ -33,7 +33,7 @@ _QUEUE = 32
 
 @dataclass(frozen=True)
 class GatewayProfile:
-    """How a gateway behaves in time."""
+    """Times of a gateway."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
 

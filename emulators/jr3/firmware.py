@@ -51,7 +51,7 @@ class _Stream:
         self.due = self.anchor
 
     def step(self) -> None:
-        """One more was sent."""
+        """Count one more sample as sent."""
         self.sent += 1
         self.due = self.anchor + self.sent * self.period
 
@@ -161,12 +161,12 @@ class Firmware:
         return None if self._sampling is None else self._newest(self._sampling, at)
 
     def due_samples(self, now: float) -> Iterator[Sample]:
-        """Those of the stream to be sent now: their time has come, and their delay has passed."""
+        """Samples of the stream to be sent now: their time has come, and their delay has passed."""
         samples = self._stream_samples(now)
         return samples if self._late is None else self._late.arrived(samples, now)
 
     def _stream_samples(self, now: float) -> Iterator[Sample]:
-        """Those of the stream whose time has come, each as it was at its time."""
+        """Samples of the stream whose time has come, each as it was at its time."""
         stream, sampling = self._stream, self._sampling
         while stream is not None and sampling is not None and stream.due <= now:
             yield self._newest(sampling, stream.due)
@@ -270,8 +270,8 @@ class Firmware:
         if self._zero_requested:
             self._zero_requested = False
             self._offset = self._filtered + self._smoothing * away[0]
-        # Of a block only the last output is ever sent, so the recursion is one weighted sum; taken from where
-        # the filter stands, so that a constant input leaves it exactly there.
+        # Of a block only the last output is ever sent, so the recursion is one weighted sum. It is taken from the
+        # filter's present output, so that a constant input leaves it exactly there.
         weights = _impulse_response(self._smoothing, len(counts))
         self._filtered = self._filtered + weights.dot(away)  # which `@` does as well, but begins more slowly
 

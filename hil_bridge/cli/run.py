@@ -77,11 +77,11 @@ def run(
 ) -> None:
     """Approach the surface, hold the force while moving along it, retract.
 
-    Without --robot and --sensor it starts the emulated cell itself: over a 9600 baud pseudo-terminal and an
-    emulated slcan adapter, or with --virtual over in-memory wires. Ctrl-C retracts and ends with a whole record, and
-    so do a closed terminal and the signals of `kill`.
+    Without --robot and --sensor it starts the emulated cell itself, over a 9600 baud pseudo-terminal and an emulated
+    slcan adapter. With --virtual it uses in-memory wires. Ctrl-C retracts and ends with a whole record, and so do a
+    closed terminal and the signals of `kill`.
 
-    What is there already is overwritten only with --overwrite.
+    A file that exists is overwritten only with --overwrite.
     """
     from hil_bridge.runs.outputs import Outputs
     from hil_bridge.runs.session import execute

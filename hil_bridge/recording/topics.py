@@ -74,8 +74,8 @@ class Topic:
 
 
 def _schema(kind: inspect.Type) -> dict[str, object]:
-    """JSON schema of a type as Foxglove's reader takes it: a type is a single word even where null is possible, and
-    an object always has properties.
+    """JSON schema of a type as Foxglove's reader takes it. A type is a single word even where null is possible, and an
+    object always has properties.
     """
     match kind:
         case inspect.UnionType():

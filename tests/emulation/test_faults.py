@@ -49,7 +49,7 @@ def counts(
             assert inject is not None
             inject(cell, first / RATE)
             injected = True
-        # What a gateway does: it takes all that is told, and uses of it what has come.
+        # As a gateway does: it takes all that is told, and uses the part that has come.
         blocks.append(cell.sensor.jr3.counts_from(first, first + step - 1)[:step].copy())
         first += step
     return np.concatenate(blocks)
@@ -68,7 +68,7 @@ def test_a_signal_fault_holds_from_its_sample_to_its_last_exactly(surface: Surfa
     assert np.array_equal(clean[:, other], broken[:, other])
     assert np.array_equal(clean[:begin, 2], broken[:begin, 2])
     assert np.array_equal(clean[end:, 2], broken[end:, 2])
-    # N, without the noise of some counts: the wrench before the converter is what is scaled
+    # N, without the noise of some counts: the wrench before the converter is scaled
     assert np.allclose(broken[begin:end, 2], -3.0 * clean[begin:end, 2], atol=40.0)
     assert (np.abs(broken[begin:end, 2] - clean[begin:end, 2]) > 100).all()
 

@@ -1,7 +1,7 @@
 """A client written from the byte tables alone drives the emulated controller, so that no codec is shared.
 
-It follows the observed rows of the computer-link specification (sections 2 and 3) as a plain program on a serial port
-would: one order, wait for its answer. Nothing of this project's `protocol` package takes part on its side.
+It follows the observed rows of the computer-link specification (sections 2 and 3) like a plain program on a serial
+port: one order, wait for its answer. Nothing of this project's `protocol` package takes part on its side.
 """
 
 import struct
@@ -183,7 +183,7 @@ def test_a_refusal_is_an_answer_and_the_next_order_is_taken(client):
 
 
 def test_the_blocks_of_the_specification_are_taken_as_they_stand(client):
-    # Section 4, and what the controller says to them.
+    # Section 4, and the answers of the controller.
     for block, answer in (
         ("10 02 00 08 01 00 03 01 00 00 10 03 08", "10 02 00 08 00 00 03 02 00 00 10 03 0A"),
         ("10 02 00 08 01 00 14 01 00 01 10 03 1E", "10 02 00 08 00 00 14 02 00 00 10 03 1D"),

@@ -1,8 +1,8 @@
 """ADLP-10 blocks and control bytes, and the scanner that finds them in a stream.
 
-A block is `DLE STX <telegram> DLE ETX BCC`. While DLE bytes inside a telegram are not doubled, `10 03` may be
-data, so a block ends where the telegram's own length says it ends. Source: computer-link specification,
-section 2, itself from the ofxABBRobot client.
+A block is `DLE STX <telegram> DLE ETX BCC`. While DLE bytes inside a telegram are not doubled, `10 03` may be data. So
+a block ends where the telegram's own length says it ends. Source: computer-link specification, section 2, itself from
+the ofxABBRobot client.
 """
 
 import re
@@ -61,7 +61,7 @@ class Block(NamedTuple):
 
 
 class Flaw(NamedTuple):
-    """What began like a block and is none."""
+    """Bytes that began like a block and are none."""
 
     text: str
     at: int
@@ -105,11 +105,11 @@ def telegram_sizes(length: int, styles: Sequence[LengthStyle]) -> list[int]:
 
 @dataclass(frozen=True, slots=True)
 class BlockFormat:
-    """How to find the end of a block."""
+    """Rules by which the end of a block is found."""
 
     stuffing: DleStuffing
     styles: tuple[LengthStyle, ...]
-    """What the length field may count: from a robot always the whole telegram."""
+    """Meaning of the length field: from a robot always the whole telegram."""
     max_telegram: int
     end: BlockEnd = "length"
     """By what the end is found while DLE travels once."""
@@ -215,7 +215,7 @@ class BlockScanner:
         return dropped
 
     def feed(self, data: bytes) -> list[Token]:
-        """What the bytes complete, in order."""
+        """Events that the bytes complete, in order."""
         if self._pending:
             data, self._pending = self._pending + data, b""
         tokens: list[Token] = []

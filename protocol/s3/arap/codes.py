@@ -7,7 +7,7 @@ from enum import IntEnum
 
 
 class FunctionCode(IntEnum):
-    """What a telegram is about. Payloads are known for 2, 3, 19, 20, 24, 29 and 127 only."""
+    """Subject of a telegram. Payloads are known for 2, 3, 19, 20, 24, 29 and 127 only."""
 
     SEND_PROGRAM = 1
     START_PROGRAM = 2
@@ -32,7 +32,7 @@ class FunctionCode(IntEnum):
     READ_PROGRAM_STATUS = 21
     DELETE_PROGRAM = 22
     LOAD_PROGRAM = 23
-    """From disk."""
+    """Load a program from disk."""
     MOVE = 24
     ARC_WELD_VALUE = 25
     RECEIVE_PROGRAM = 29
@@ -43,12 +43,12 @@ class FunctionCode(IntEnum):
 
     @property
     def text(self) -> str:
-        """For people to read."""
+        """Text for people to read."""
         return self.name.lower().replace("_", " ").replace("tcp", "TCP").replace("arap", "ARAP")
 
 
 class TelegramType(IntEnum):
-    """What a telegram is in the exchange."""
+    """Role of a telegram in the exchange."""
 
     ORDER = 0x01
     """Order or query."""
@@ -62,7 +62,7 @@ class TelegramType(IntEnum):
 
     @property
     def text(self) -> str:
-        """For people to read."""
+        """Text for people to read."""
         return _TYPE_TEXTS[self]
 
 
@@ -116,7 +116,7 @@ class RefusalCode(IntEnum):
 
     @property
     def text(self) -> str:
-        """For people to read."""
+        """Text for people to read."""
         return _REFUSAL_TEXTS.get(self, "unspecified")
 
 
@@ -207,7 +207,7 @@ def function_text(code: int) -> str:
 
 
 def refusal_remedy(code: int) -> str:
-    """What a person can do about a refusal; empty where nobody knows."""
+    """Remedy of a person for a refusal; empty where none is known."""
     return _REFUSAL_REMEDIES.get(RefusalCode(code), "") if code in _REFUSALS else ""
 
 

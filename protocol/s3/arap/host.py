@@ -41,7 +41,7 @@ class Answered(NamedTuple):
     """The order was done, or the query is answered."""
 
     order: Telegram
-    """As `answer`, when it was sent in several blocks."""
+    """The order as it was sent in several blocks, like `answer`."""
     answer: Telegram
     """All blocks in one: the header of the last, the data of all in order."""
     blocks: tuple[Telegram, ...]
@@ -58,7 +58,7 @@ class Refused:
 
 @dataclass(frozen=True, slots=True)
 class OrderFailed:
-    """Nobody knows whether the order was done: the link failed, or the answer is missing or wrong."""
+    """Unknown whether the order was done: the link failed, or the answer is missing or wrong."""
 
     order: Telegram
     reason: LinkFailure | OrderFailure
@@ -83,8 +83,8 @@ class UnexpectedReceived:
 ArapEvent: TypeAlias = (
     Answered | Refused | OrderFailed | SpontaneousReceived | UnexpectedReceived | LinkFailed | LinkNotice
 )
-"""`LinkFailed` for a message of the controller that was lost, and for an order whose ACK was while its answer may come;
-a lost order is `OrderFailed`.
+"""`LinkFailed` for a message of the controller that was lost, and for an order whose ACK was lost while its answer may
+come. A lost order is `OrderFailed`.
 """
 
 
@@ -100,7 +100,7 @@ class ArapHost:
         self._deadline: float | None = None
         self._events: deque[ArapEvent] = deque()
         self.events_dropped = 0
-        """Events that nobody took in time."""
+        """Events that the owner did not take in time."""
 
     @property
     def outstanding(self) -> Telegram | None:
