@@ -70,8 +70,8 @@ class ArmPath(Protocol):
         """
 
     def orientations(self, times: Floats) -> list[tuple[slice, Quaternion]]:
-        """Tool frame in the base frame, unit quaternion w x y z, at ascending `times` (n,): stretches, in order, that
-        cover all of `times`, each with the one orientation that holds there.
+        """Tool frame in the base frame, unit quaternion w x y z, at ascending `times` (n,). The answer is stretches, in
+        order, that cover all of `times`, each with the one orientation that holds there.
         """
 
 

@@ -1,7 +1,7 @@
 """The one shape of every state machine that speaks on a wire, and the errors it raises.
 
-A client and a device emulator have the same five calls, so one pump drives either over any transport,
-and a test can wire a client to an emulator without any transport at all.
+A client and a device emulator have the same five calls. So one pump drives either over any transport, and a test can
+wire a client to an emulator without any transport at all.
 """
 
 from typing import Protocol, TypeVar

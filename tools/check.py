@@ -109,7 +109,7 @@ STEPS: dict[str, Callable[[], int]] = {
 }
 
 VERDICTS = {0: "ok     ", SKIPPED: "skipped"}
-"""What an exit code of a step means; every other one is a failure."""
+"""Meaning of an exit code of a step; every other one is a failure."""
 
 
 def main() -> int:

@@ -68,7 +68,7 @@ class _Instruction(ctypes.Structure):
 
 
 class Span(NamedTuple):
-    """What the lowest and the highest reading of a channel mean."""
+    """Meaning of the lowest and of the highest reading of a channel."""
 
     least: float
     most: float
@@ -76,7 +76,7 @@ class Span(NamedTuple):
     """The highest reading; the lowest is 0."""
 
     def value(self, reading: int) -> float:
-        """What a reading means."""
+        """Meaning of a reading."""
         return self.least + (self.most - self.least) * reading / self.maximum
 
 

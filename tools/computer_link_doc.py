@@ -37,7 +37,7 @@ DOCUMENT = Path(__file__).resolve().parent.parent / "docs" / "computer-link.md"
 
 
 def control_bytes() -> str:
-    """What every control byte says."""
+    """Meaning of every control byte."""
     return table(
         ("byte", "name", "meaning"),
         ((f"`{code:02X}`", code.name.replace("_", " "), CONTROL_TEXTS[code]) for code in Control),
@@ -50,7 +50,7 @@ def header() -> str:
 
 
 def types() -> str:
-    """What a telegram is in the exchange."""
+    """Role of a telegram in the exchange."""
     return table(("type", "meaning"), ((f"`{code:02X}`", code.text) for code in TelegramType))
 
 
@@ -141,7 +141,7 @@ def span(first: int, size: int) -> str:
 
 
 def step(field: Field) -> str:
-    """What one raw unit is worth."""
+    """Worth of one raw unit."""
     if field.scale == 1.0:
         return field.unit
     worth = 1.0 / field.scale

@@ -44,7 +44,7 @@ class Window:
         self._cells = np.frombuffer(memory, np.uint32)
         self._words = self._cells[WORDS_AT : WORDS_AT + WORDS]
         self._shown = np.zeros(WORDS, np.uint32)
-        """What the look before left in the memory."""
+        """Words that the look before left in the memory."""
         self._ended = threading.Event()
         self._failure: BaseException | None = None
         self._thread = threading.Thread(target=self._serve, name="window", daemon=True)

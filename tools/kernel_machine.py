@@ -1,4 +1,4 @@
-"""A small virtual machine with a Debian kernel, for tests that need what this computer's kernel does not give.
+"""A small virtual machine with a Debian kernel, for tests that the kernel of this computer cannot run.
 
 The kernel is unpacked from its package, not installed. The machine sees this computer's files read-only. It has a PCI
 device whose memory is plain, which can stand for a board.
@@ -46,8 +46,8 @@ POLL_S = 0.2
 INSTRUCTION_TIME = " -icount shift=0"
 """The emulated computer's clock goes by its instructions, 1 ns each, as long as it has something to do.
 
-So it is always a computer of 1 GIPS to its programs, however slow it is emulated: what needs real time works there,
-and a busy host makes it longer, never late.
+So it is always a computer of 1 GIPS to its programs, however slow it is emulated. Programs that need real time work
+there, and a busy host makes it longer, never late.
 """
 PLAIN_MEMORY = " -device bochs-display"
 """A PCI device of 16 MiB of memory that does nothing by itself."""
@@ -68,7 +68,7 @@ def which(command: str) -> str | None:
 
 
 def pytest_command(parts: Sequence[str], arguments: Sequence[str]) -> list[str]:
-    """What runs the tests of these folders, here and inside, where nothing can be written to the checkout.
+    """Command that runs the tests of these folders, here and inside, where nothing can be written to the checkout.
 
     The tests of a folder have its name as their mark.
     """
@@ -129,9 +129,9 @@ def _unpack() -> None:
 
 
 def guest_script(share: Path, command: Sequence[str], settings: dict[str, str]) -> str:
-    """What the machine does: its results are files, since its console drops characters.
+    """Script of the machine: its results are files, since its console drops characters.
 
-    Python and the checkout are mounted a second time, with a cache, over where they are: without one every start of
+    Python and the checkout are mounted a second time, with a cache, over where they are. Without one every start of
     Python reads all of its files through the emulated disk again.
     """
     host = "/run/host"

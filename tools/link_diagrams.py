@@ -118,7 +118,7 @@ def diagram(drawn: dict[tuple[State, State], list[str]]) -> str:
 
 
 def table() -> str:
-    """What is done, and where it leads, by state and stimulus."""
+    """Action and next state, by state and stimulus."""
     lines = ["| in state | happens | is done | and then |", "| --- | --- | --- | --- |"]
     for (state, stimulus), transition in TRANSITIONS.items():
         targets = [
@@ -133,7 +133,7 @@ def table() -> str:
 
 
 def section() -> str:
-    """What stands between the marks."""
+    """Text between the marks."""
     receiving = {role: arrows(role, sending=False) for role in Role}
     if receiving[Role.HOST] != receiving[Role.ROBOT]:
         raise ValueError("the roles receive differently: draw a diagram for each")

@@ -50,7 +50,7 @@ class Case:
 
     name: str
     faults: tuple[Mapping[str, Any], ...] = ()
-    """None for a person who presses Ctrl-C."""
+    """None without a person that presses Ctrl-C."""
     by_force: bool = False
     """It counts from when the true force passes the limit, not from the begin of the fault."""
     per_stiffness: Mapping[str, float] = field(default_factory=dict)
@@ -82,12 +82,12 @@ UNCOVERED = (
     Case("the sensor's Fz tells a tenth", (_fault("signal", "scale", factor=0.1),)),
     Case("the sensor's Fz drifts by 2 N/s the wrong way", (_fault("signal", "drift", per_s=2.0),)),
 )
-"""What lies within its limits after the checks."""
+"""Faults that pass the checks and stay within the limits."""
 
 
 @dataclass(frozen=True)
 class Times:
-    """What one run showed, s and N; None where it did not happen."""
+    """Result of one run, s and N; None where it did not happen."""
 
     order_s: float | None
     """From the begin to the first order of the retraction."""
@@ -258,7 +258,7 @@ def measure() -> dict[str, Any]:
 
 
 def columns(runs: Sequence[Times]) -> dict[str, list[Any]]:
-    """What the page needs of the runs of one case at one stiffness, rounded to what is told."""
+    """Figures of the runs of one case at one stiffness for the page, rounded as the page tells them."""
     return {
         "order_s": [_rounded(run.order_s) for run in runs],
         "below_s": [_rounded(run.below_s) for run in runs],
@@ -316,7 +316,7 @@ def times_table(figures: Mapping[str, Any]) -> str:
 
 
 def uncovered_table(figures: Mapping[str, Any]) -> str:
-    """What became of runs whose sensor went wrong unseen."""
+    """Results of runs whose sensor went wrong unseen."""
     rows = []
     for case in UNCOVERED:
         for stiffness, runs in figures[case.name].items():

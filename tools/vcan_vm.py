@@ -32,7 +32,7 @@ STREAM_PATIENCE = 20.0
 
 
 def direct() -> list[str] | None:
-    """What to put before a command so that it may create vcan interfaces, or None where that cannot be."""
+    """Prefix of a command that may then create vcan interfaces, or None where that cannot be."""
     ip = which("ip")
     if ip is None:
         return None

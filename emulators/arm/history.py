@@ -3,8 +3,8 @@
 Time runs on two shifted grids: the ticks of a servo, and one transport delay later the moments at which the
 position loops take their set points. Ticks are computed one by one, samples between them as arrays.
 
-The path may be read beyond its committed end, as if nothing more were ordered: ticks are computed once, those ahead
-as well, and those that an order overtakes are computed anew.
+The path may be read beyond its committed end, as if no further order came. Ticks are computed once, those ahead as
+well; ticks that an order overtakes are computed anew.
 """
 
 import math
@@ -51,7 +51,7 @@ class Servo(Protocol):
         """Another one like it, to be changed."""
 
     def factors(self) -> tuple[float, ...]:
-        """Those of `PositionLoop.factors` from the moment on at which the loops take this tick's set point."""
+        """As `PositionLoop.factors`, from the moment on at which the loops take this tick's set point."""
 
 
 S = TypeVar("S", bound=Servo)
@@ -75,7 +75,7 @@ class History(Generic[S]):
         self._ahead: deque[S] = deque()
         """After the ticks behind it, as if nothing were ordered meanwhile."""
         self.on_change: Callable[[float], object] = _unread
-        """Told up to when the path stays as it could be read before, s, when an order changes the ticks ahead."""
+        """Called when an order changes the ticks ahead, with the time up to which the path stays as it was read, s."""
         self.accepted = 0
         """Targets taken so far; the first has the number 1."""
         self._begun = 0

@@ -100,7 +100,7 @@ class _WaypointServo:
         return after
 
     def factors(self) -> tuple[float, ...]:
-        """Those of the loops."""
+        """Factors of the loops."""
         return self.loops.factors()
 
     def clear(self) -> None:

@@ -76,7 +76,7 @@ class Fault:
 
     @property
     def all_parameters(self) -> Mapping[str, Parameter]:
-        """Those of its own, and the duration of one that lasts."""
+        """Parameters of its own, and the duration of a fault that lasts."""
         if self.lasts_s is None:
             return self.parameters
         until = "how long; otherwise until the end" if self.lasts_s == FOREVER else "how long"

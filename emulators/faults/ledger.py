@@ -78,7 +78,7 @@ class Ledger:
         self.injections: list[Injection] = []
         """All of them, in order."""
         self.on_fault: Callable[[str], object] = _unheard
-        """Told in words of every begin and every end."""
+        """Called with words for every begin and every end of a fault."""
         self.on_change: list[Callable[[], object]] = []
         """Called after a fault has begun or ended: a device may have something to say."""
 

@@ -37,7 +37,7 @@ WIRE_FAULTS: Mapping[str, Fault] = {
         "the next bytes or frames from the device are lost", {"count": Parameter(20, "how many", 1, 10000)}
     ),
 }
-"""Of every wire."""
+"""Faults of every wire."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -74,7 +74,7 @@ SCALES_FAULTS: Mapping[str, Fault] = {
 BOARD_FRAMES_FAULTS: Mapping[str, Fault] = {
     "unplugged": Fault("the sensor's plug is pulled off its receiver board", {}, 2.0)
 }
-"""Of a receiver board, which is read and streams nothing."""
+"""Faults of a receiver board, which is read and streams nothing."""
 
 FRAMES_FAULTS: Mapping[str, Fault] = {
     **WIRE_FAULTS,

@@ -161,12 +161,12 @@ class Firmware:
         return None if self._sampling is None else self._newest(self._sampling, at)
 
     def due_samples(self, now: float) -> Iterator[Sample]:
-        """Those of the stream to be sent now: their time has come, and their delay has passed."""
+        """Samples of the stream to be sent now: their time has come, and their delay has passed."""
         samples = self._stream_samples(now)
         return samples if self._late is None else self._late.arrived(samples, now)
 
     def _stream_samples(self, now: float) -> Iterator[Sample]:
-        """Those of the stream whose time has come, each as it was at its time."""
+        """Samples of the stream whose time has come, each as it was at its time."""
         stream, sampling = self._stream, self._sampling
         while stream is not None and sampling is not None and stream.due <= now:
             yield self._newest(sampling, stream.due)

@@ -96,7 +96,7 @@ class Jr3Sensor:
         self._source = source
         self._samples = samples = Samples(source, SENSOR_RATE_HZ, self._counts)
         self.on_invalidate = samples.on_invalidate
-        """Told the number of the first sample that may be another than was read ahead."""
+        """Called with the number of the first sample that may differ from the one that was read ahead."""
         self.invalidate = samples.invalidate
         """Samples from a time on, s, are others than could be read."""
         self.committed_until = samples.committed_until
@@ -104,8 +104,8 @@ class Jr3Sensor:
         self.predicted_until = samples.predicted_until
         """The same for a reader that minds `on_invalidate`."""
         self.counts_from = samples.starting
-        """Six counts (n, 6), whole numbers, of the sample with the first number and all after it: to the second
-        number, the newest that there is at present, and on behind it as far as they are predicted.
+        """Six counts of each sample, whole numbers (n, 6). The samples are those from the first number to the second,
+        the newest at present, and further ones as far as they are predicted.
         """
         self._noise = NumberedNoise(profile.noise_counts, seed)
         words = np.array(profile.full_scale_words, dtype=np.float64)

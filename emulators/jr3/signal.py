@@ -17,7 +17,7 @@ from protocol.jr3 import AXES
 Floats = NDArray[np.float64]
 
 _EPSILON = 1e-6
-"""Of a sample period: by so much a time may be too early through rounding."""
+"""Share of a sample period by which a time may be too early through rounding."""
 _ROUNDING_S = 1e-9
 """By so much the time since a begin may fall short of a whole period through rounding."""
 _STUCK, _NOISE = "stuck", "noise"

@@ -97,7 +97,7 @@ class S3Controller:
         }
         """Its faults, by target, for a ledger."""
         self.faults = Ledger(S3_FAULTS)
-        """Of a controller without a cell."""
+        """Faults of a controller without a cell."""
         for target, handlers in self.handlers.items():
             self.faults.attach(target, handlers)
 

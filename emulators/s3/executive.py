@@ -53,8 +53,8 @@ _UNIT_TOLERANCE = 0.01
 """Assumed: how far a quaternion's norm may be from 1; words of 1/16384 alone make up 0.0001."""
 
 _LOOK_AHEAD_S = 0.14
-"""Chosen: from one move order to the next on a link of 9600 baud, less the transport delay, for so much of the path
-is committed anyway; ticks computed beyond an order are in vain.
+"""Chosen: from one move order to the next on a link of 9600 baud, less the transport delay, since that part of the path
+is committed anyway. Ticks computed beyond an order are in vain.
 """
 
 Answer: TypeAlias = Telegram | int | None

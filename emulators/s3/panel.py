@@ -41,7 +41,7 @@ class PanelState:
     activity: str
     """Source of the arm's orders: none, movement sequence, program."""
     flags: dict[str, bool]
-    """Those of the status answer, and the work stop."""
+    """Flags of the status answer, and the work stop."""
     program: int
     instruction: int
     points_waiting: int

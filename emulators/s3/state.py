@@ -37,7 +37,7 @@ class State:
     programming_unit: bool = False
     """The programming unit is connected; told in the status alone."""
     interrupt_permitted: bool = False
-    """Told in the status alone."""
+    """Only the status tells it."""
     starting: bool = False
     """Powered up and not ready: neither hears nor says anything."""
 
@@ -172,7 +172,7 @@ class RefusalRule:
     taken_too: bool = True
     """It also refuses a point that was accepted and whose answer waits until it is reached."""
     mark: Mark = field(default=Mark.ASSUMED, kw_only=True)
-    """Of the condition."""
+    """Mark of the condition."""
 
 
 _START, _MOVE, _MODE = FunctionCode.START_PROGRAM, FunctionCode.MOVE, FunctionCode.WRITE_MODE

@@ -58,7 +58,7 @@ class Samples:
         """The samples from number `_ready_from` on that were computed already."""
         self._ready_from = 0
         self.on_invalidate: list[Callable[[int], object]] = []
-        """Told the number of the first sample that may be another than was read ahead."""
+        """Called with the number of the first sample that may differ from the one that was read ahead."""
         source.on_change = self.invalidate
 
     def starting(self, first: int, last: int) -> Floats:

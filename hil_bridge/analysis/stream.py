@@ -38,7 +38,7 @@ class _Frame(Struct):
 
 
 class _Configured(Struct):
-    """What of a recorded configuration says how the sensor lies to the approach direction."""
+    """Fields of a recorded configuration that say how the sensor lies to the approach direction."""
 
     sensor: _Mounting
     frame: _Frame

@@ -1,4 +1,4 @@
-"""What a run comes down to, from its record alone: figures of merit, durations, times and counters."""
+"""Summary of a run, from its record alone: figures of merit, durations, times and counters."""
 
 import math
 import statistics
@@ -42,13 +42,13 @@ class Summary:
     outcome: str
     cause: str
     followed: tuple[str, ...]
-    """What happened after the cause, in order."""
+    """Events after the cause, in order."""
     left: str
     """Where the tool was left, in words; empty when it never moved or the record was cut off before."""
     truncated: bool
     """The record ends early: the figures cover what is there."""
     checks: tuple[str, ...]
-    """What was found of the sensor before the touch, in words, and what was taken for zero."""
+    """Findings about the sensor before the touch, in words, and the reading that was taken for zero."""
     controller: str
     seed: str
     force_reference_n: float | None

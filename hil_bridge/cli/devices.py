@@ -43,7 +43,7 @@ def device_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def device_settings(robot: str | None, sensor: str | None, surface: str | None) -> Mapping[str, object]:
-    """What these options say in a configuration, by key."""
+    """The values of these options in a configuration, by key."""
 
     settings: dict[str, object] = {"cell.surface_kind": surface}
     for section, said in (("robot", robot), ("sensor", sensor)):

@@ -79,7 +79,7 @@ def run(
     emulated slcan adapter, or with --virtual over in-memory wires. Ctrl-C retracts and ends with a whole record, and
     so do a closed terminal and the signals of `kill`.
 
-    What is there already is overwritten only with --overwrite.
+    A file that exists is overwritten only with --overwrite.
     """
     from hil_bridge.runs.outputs import Outputs
     from hil_bridge.runs.session import execute

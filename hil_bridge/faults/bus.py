@@ -1,4 +1,4 @@
-"""What can go wrong on an emulated CAN bus in memory: the hands for `emulators.faults.bus`."""
+"""Faults of an emulated CAN bus in memory: the handlers for `emulators.faults.bus`."""
 
 from collections.abc import Callable, Mapping
 

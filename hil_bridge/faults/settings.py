@@ -1,4 +1,4 @@
-"""What a configuration says of a fault: where, what, when, for how long, with which parameters."""
+"""A fault in a configuration: target, name, time of its begin, duration, parameters."""
 
 import operator
 import re
@@ -16,14 +16,14 @@ if TYPE_CHECKING:
     from hil_bridge.recording import CycleRecord
 
 Faults: TypeAlias = Mapping[str, Mapping[str, Fault]]
-"""What can go wrong, by target and name."""
+"""All faults, by target and name."""
 _QUANTITIES: Mapping[str, Callable[["CycleRecord"], float]] = {
     "force": lambda record: record.force,
     "depth_mm": lambda record: record.depth * 1e3,
     "travel_mm": lambda record: record.travel_commanded * 1e3,
     "cycle": lambda record: float(record.cycle),
 }
-"""What a condition may look at in a cycle: N, mm below the start point, mm along the surface, number."""
+"""Quantities of a cycle for a condition: N, mm below the start point, mm along the surface, number."""
 _COMPARISONS: Mapping[str, Callable[[float, float], bool]] = {"<": operator.lt, ">": operator.gt}
 _CONDITION = re.compile(r"\s*([a-z_]{1,20})\s*([<>])\s*([-+]?[0-9]{1,12}(?:\.[0-9]{1,12})?)\s*")
 

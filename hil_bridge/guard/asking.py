@@ -76,11 +76,11 @@ class Situation:
     """How long the computer stood still."""
     saturated: bool = False
     fault: str = ""
-    """What is wrong with a device, in words."""
+    """Fault of a device, in words."""
     dead_axis: str = ""
     """Which axis does not live, in words."""
     controller_failure: str = ""
-    """What is wrong with the controller, in words."""
+    """Fault of the controller, in words."""
     swing_n: float = 0.0
     """Amplitude of a swing that goes on at the least gain; 0 for none."""
     stiffness_n_m: float | None = None
@@ -105,7 +105,7 @@ class Asked:
         self._loop: ControlLoop = control_loop(config)
 
     def __call__(self, situation: Situation) -> Decision:
-        """What the loop decides. Raises ConfigError for a start, or an order before, outside the workspace."""
+        """Decision of the loop. Raises ConfigError for a start, or an order before, outside the workspace."""
         config, loop, seen = self.config, self._loop, situation
         start = seen.start_m or middle(config)
         commanded = self.commanded_mm(seen) * 1e-3
@@ -197,7 +197,7 @@ class Asked:
     def _output(
         self, task: TaskState, measurement: Measurement, seen: Situation
     ) -> tuple[TaskState, TaskOutput]:
-        """What task and controller would like. The task's own word where it needs no controller's memory."""
+        """Intent of task and controller; the task's own where it needs no memory of the controller."""
         if seen.phase is Phase.RETRACT and seen.wanted_mm is None:
             return self._loop.task.step(task, measurement)
         speed_mm_s = self.config.task.approach_speed_mm_s if seen.phase is Phase.APPROACH else 0.0
@@ -211,7 +211,7 @@ class Asked:
 
 
 def middle(config: Config) -> Vector:
-    """Of the workspace, base frame, m."""
+    """Middle of the workspace, base frame, m."""
     low, high = config.limits.workspace_min_m, config.limits.workspace_max_m
     x, y, z = ((a + b) / 2 for a, b in zip(low, high, strict=True))
     return x, y, z

@@ -94,7 +94,7 @@ _QUANTITIES = (
     _simple("tilt", "°", Cause.POSE, "tilt_deg", 180.0),
     _simple("gap", "ms", Cause.DEADLINE, "gap_ms", 1e6),
 )
-"""Of a run that goes on."""
+"""Quantities of a run that goes on."""
 _RISE = _Quantity(
     "force",
     "N",
@@ -103,7 +103,7 @@ _RISE = _Quantity(
     1e6,
     lambda calm, value: dataclasses.replace(calm, resultant_n=value),
 )
-"""Of a retraction."""
+"""Quantities of a retraction."""
 
 
 def margins(ask: Asked, situation: Situation) -> Iterator[Margin]:

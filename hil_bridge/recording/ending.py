@@ -25,12 +25,12 @@ class Outcome(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class RunEnd:
-    """What only the run itself knows when it ends."""
+    """Facts that only the run itself knows when it ends."""
 
     outcome: Outcome
     cause: str = ""
     line_floor_s: float | None = None
-    """What the characters of one cycle take on the line at least."""
+    """Shortest time of one cycle's characters on the line."""
     link: Mapping[str, float] = field(default_factory=dict)
     """Counters of the computer link by name."""
     sensor_lost: int | None = None
@@ -40,7 +40,7 @@ class RunEnd:
     left: str = ""
     """Where the tool was left, in words; empty when it never moved."""
     followed: tuple[str, ...] = ()
-    """What happened after the cause, in order."""
+    """Events after the cause, in order."""
 
     def as_metadata(self) -> dict[str, str]:
         """For `Recorder.close`, so that a record tells its end by itself."""

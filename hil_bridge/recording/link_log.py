@@ -1,8 +1,8 @@
 """The log of a wire, put into records that cost a run next to nothing.
 
 A cycle of the computer link is some twenty pieces of a few bytes and a dozen link events; one record holds many of
-them, as lines of a text capture do: seconds since the record's time, `tx` or `rx` as the PC sees it, hexadecimal bytes
-or CAN frames; or `--` and what the link made of them, like `ACK sent: block acknowledged`.
+them. They are lines as in a text capture: seconds since the record's time, `tx` or `rx` as the PC sees it, then
+hexadecimal bytes or CAN frames. A line with `--` tells an event of the link, like `ACK sent: block acknowledged`.
 """
 
 from collections.abc import Callable
@@ -12,7 +12,7 @@ from hil_bridge.transports import Frames
 LINK_EVENT = "--"
 """Stands for the direction of what did not travel."""
 PIECES = 64
-"""Of one record at most."""
+"""Most pieces of one record."""
 SPAN_S = 0.5
 """A record is put when its pieces reach over more than this, so that a killed process loses little."""
 

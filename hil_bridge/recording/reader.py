@@ -17,10 +17,10 @@ from hil_bridge.errors import ConfigError
 from hil_bridge.recording.recorder import DEVICES_NAME, END_NAME, METADATA_NAME
 from hil_bridge.recording.records import CycleRecord, EventRecord, LinkRecord, SensorRecord, TruthRecord
 from hil_bridge.recording.topics import CYCLE, EVENT, LINK, SENSOR, TRUTH, Record, Topic
-from hil_bridge.text_files import named, read_up_to
+from hil_bridge.text_files import format_path, read_up_to
 
 CHUNK_LIMIT_BYTES = 1 << 24
-"""Of one chunk, unpacked. Chosen: 16 times the largest that a run writes, 4 times what other programs write."""
+"""Largest chunk, unpacked. Chosen: 16 times the largest of a run, 4 times the largest of other programs."""
 UNPACKED_LIMIT_BYTES = 1 << 31
 """Of all chunks of a recording, unpacked, and of the file as it is. Chosen: half a day of the default run, and what
 reads it needs some times that in memory.
@@ -35,21 +35,21 @@ _CHUNK = struct.Struct("<QQQ")
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """What is kept of a run."""
+    """Records of a run."""
 
     cycles: tuple[CycleRecord, ...]
     sensors: tuple[SensorRecord, ...] = ()
     events: tuple[EventRecord, ...] = ()
     metadata: Mapping[str, str] = field(default_factory=dict)
-    """What was known before the run: configuration, versions, seed."""
+    """Metadata from before the run: configuration, versions, seed."""
     end: Mapping[str, str] = field(default_factory=dict)
-    """What was known after an orderly end; empty when the run was cut off."""
+    """Metadata from after an orderly end; empty when the run was cut off."""
     truncated: bool = False
     """The file ends early or is damaged; what came before the damage is here."""
     truths: tuple[TruthRecord, ...] = ()
-    """What the emulated cell knew; empty for a real one."""
+    """Ground truth from the emulated cell; empty for a real one."""
     devices: Mapping[str, str] = field(default_factory=dict)
-    """What was known of the devices once they were ready, see `device_facts`; empty before that."""
+    """Facts of the devices once they were ready, see `device_facts`; empty before that."""
 
 
 def read(path: Path) -> Recording:
@@ -60,7 +60,7 @@ def read(path: Path) -> Recording:
     records, metadata, finished = _contents(path, (CYCLE, SENSOR, TRUTH, EVENT))
     if not records[CYCLE.name]:
         why = "holds no control cycle" if finished else "ends or is damaged before the first control cycle"
-        raise ConfigError(f"{path} {why}: nothing can be shown or replayed; record the run again")
+        raise ConfigError(f"{path} {why}: nothing can be format_value or replayed; record the run again")
     return Recording(
         tuple(records[CYCLE.name]),
         tuple(records[SENSOR.name]),
@@ -122,14 +122,16 @@ def _bytes(path: Path) -> bytes:
             head = file.read(len(_MAGIC))
             return head + read_up_to(file, UNPACKED_LIMIT_BYTES) if head == _MAGIC else head
     except OSError as error:
-        raise ConfigError(f"cannot read the recording {named(path)}: {error.strerror or error}") from error
+        raise ConfigError(
+            f"cannot read the recording {format_path(path)}: {error.strerror or error}"
+        ) from error
     except ValueError as error:  # a NUL in the path
-        raise ConfigError(f"cannot read the recording {named(path)}: {error}") from error
+        raise ConfigError(f"cannot read the recording {format_path(path)}: {error}") from error
 
 
 def _too_long(path: Path, what: str) -> ConfigError:
     return ConfigError(
-        f"{named(path)} is refused: it says that it holds {what}, but at most {UNPACKED_LIMIT_BYTES} are read, "
+        f"{format_path(path)} is refused: it says that it holds {what}, but at most {UNPACKED_LIMIT_BYTES} are read, "
         f"{CHUNK_LIMIT_BYTES} of them in a chunk; is it damaged, or no recording of a run?"
     )
 
@@ -185,7 +187,7 @@ def _mcap_records(data: bytes) -> Iterator[McapRecord]:
 
 
 def _claims(data: bytes) -> Iterator[int]:
-    """What each chunk says of its size unpacked, as far as the file can be followed."""
+    """Unpacked size that each chunk states, as far as the file can be followed."""
     at = len(_MAGIC)
     while at + _RECORD.size <= len(data):
         opcode, length = _RECORD.unpack_from(data, at)

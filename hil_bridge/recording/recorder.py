@@ -21,7 +21,7 @@ from hil_bridge.recording.topics import TOPICS, Record, Topic
 
 METADATA_NAME = "run"
 DEVICES_NAME = "devices"
-"""What is known of the devices once they are ready: JSON by device."""
+"""Facts of the devices once they are ready: JSON by device."""
 END_NAME = "end"
 """Written by an orderly end only; its absence tells a reader that the run was cut off."""
 DROPPED_PREFIX = "dropped"
@@ -51,9 +51,9 @@ class Chunks:
     """
 
     seconds: float
-    """Of the run's clock from its first record to its last, at most."""
+    """Longest time from its first record to its last, s on the run's clock."""
     size: int
-    """Of its records before compression, bytes; the chunk that is being filled is held in memory, some of it twice."""
+    """Most bytes of its records before compression. The chunk that is being filled is in memory, some of it twice."""
 
 
 CHUNKS = Chunks(seconds=1.0, size=1 << 20)
@@ -122,7 +122,7 @@ class Recorder:
         self._guarded(lambda: self._begin(metadata))
         self._stopping = False
         self._pause_ends = 0.0
-        """Of the system's monotonic clock, which the writer reads."""
+        """End of the pause on the system's monotonic clock, which the writer reads."""
         self._wake = threading.Lock()
         """Held while the writer has no reason to wake; only the loop's thread releases it."""
         self._wake.acquire()
@@ -145,7 +145,7 @@ class Recorder:
 
     @property
     def error(self) -> BridgeError | None:
-        """What ended the writing early, or None."""
+        """Error that ended the writing early, or None."""
         return self._error
 
     @property
@@ -168,7 +168,7 @@ class Recorder:
         self._devices = facts
 
     def pause(self, seconds: float) -> None:
-        """Tell that the loop awaits nothing for so long: the writer thread works then, and from one pause to the next
+        """Tell that the loop awaits nothing for so long: the writer thread works then. From one pause to the next it
         lets the loop have the interpreter to itself, unless the pauses do not suffice or no other comes.
         """
         if self._thread is not None:

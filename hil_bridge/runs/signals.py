@@ -15,7 +15,7 @@ React = Callable[[signal.Signals], object]
 class Signals:
     """Hears the signals of `ENDING` and hands them on.
 
-    By Python's own handlers, since a loop in virtual time has none: they run in the main thread between two of its
+    It uses Python's own handlers, since a loop in virtual time has none. They run in the main thread between two of its
     instructions, so a reaction may only set a flag, tell the loop, or raise.
     """
 

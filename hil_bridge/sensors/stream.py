@@ -64,7 +64,7 @@ class ForceSensor:
         """The newest frame when the device said that it had taken its zero; None before."""
         self._facts: SensorFacts | None = None
         self._watch: AxisWatch
-        """Of the device since it was ready."""
+        """Watch over the device since it was ready."""
         self._converted: WrenchFrame | None = None
         """The frame whose wrench was asked for last."""
         self._wrench: Wrench = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -84,7 +84,7 @@ class ForceSensor:
 
     @property
     def facts(self) -> SensorFacts:
-        """What the device tells of itself; known once it is ready."""
+        """Facts that the device tells of itself; known once it is ready."""
         assert self._facts is not None, "the device is ready first"
         return self._facts
 
@@ -121,7 +121,7 @@ class ForceSensor:
     async def tare(self) -> None:
         """Let the device take its present filtered output as zero. Frames from before are forgotten.
 
-        What the output was is looked at first: a zero moves the values, and the end of the range stays where it is.
+        The output before the zero is looked at first: a zero moves the values, but not the end of the range.
         """
         await self.frame()
         self._client.zero()

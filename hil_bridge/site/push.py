@@ -1,4 +1,4 @@
-"""What pushes by hand tell of how a force sensor is mounted. Pure.
+"""Mounting of a force sensor from pushes by hand. Pure.
 
 A hand that pushes along an axis of the tool is a force of the environment on the tool along that axis. The sensor's
 reading less the one before it then names the axis that answers, and its sign; three such pushes name the mounting.
@@ -22,7 +22,7 @@ NOISE_FACTOR = 10.0
 SURE_SHARE = 0.87
 """Share of the force on one axis above which that axis is named for sure. Chosen: within 30° of it."""
 RIGHT_ANGLE_DEG = 20.0
-"""How far from a multiple of a right angle a hand may be off. Chosen: nobody pushes straighter."""
+"""How far from a multiple of a right angle a hand may be off. Chosen: a person does not push straighter."""
 
 _FORCES = 3
 _SQUARE = 90.0
@@ -33,7 +33,7 @@ class Answer:
     """How the sensor answered a push."""
 
     axis: str
-    """Of the sensor, fx fy fz: the one that changed most."""
+    """Axis of the sensor that changed most: fx, fy or fz."""
     sign: int
     force_n: float
     """Length of the change of the force."""
@@ -84,7 +84,7 @@ def push_threshold(noise: Sequence[float]) -> float:
 
 
 def judge_push(before: Sequence[float], during: Sequence[float], noise: Sequence[float]) -> Answer | None:
-    """What a push did to the mean wrench in the sensor frame, N and N·m; None where it is too weak to tell."""
+    """Change of the mean wrench by a push, sensor frame, N and N·m; None where it is too weak to tell."""
     change = [during[k] - before[k] for k in range(_FORCES)]
     length = math.hypot(*change)
     if not length >= push_threshold(noise):

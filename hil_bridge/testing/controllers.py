@@ -1,4 +1,4 @@
-"""Tests that every force controller has to pass, for the test module of whoever writes one.
+"""Tests that every force controller has to pass, for the test module of its author.
 
     import pytest
     from hil_bridge.testing.controllers import *

@@ -1,4 +1,4 @@
-"""What every transport needs inside: a place for arrivals until somebody listens, and a queue with times."""
+"""Parts that every transport needs inside: a place for arrivals until the client listens, and a queue with times."""
 
 import asyncio
 from collections import deque
@@ -46,7 +46,7 @@ class Delivery(Generic[Data]):
         self.waiting = 0
         """Bytes or frames that arrived before `start`."""
         self.overruns = 0
-        """Bytes or frames lost because nobody started the transport."""
+        """Bytes or frames lost because the client had not started the transport."""
         self.ended: TransportError | None = None
         """Why nothing comes any more."""
 

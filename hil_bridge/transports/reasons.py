@@ -87,7 +87,7 @@ def error_number(error: BaseException | None) -> int | None:
 
 
 def reason(scheme: str, target: str, error: BaseException) -> str:
-    """What an error means and what to do."""
+    """Meaning of an error, and a remedy."""
     number = error_number(error)
     if number is not None and number in ADVICE.get(scheme, {}):
         return ADVICE[scheme][number].format(target=target)

@@ -66,7 +66,7 @@ async def listen_tcp(
     name: str,
     around: Callable[[Transport[bytes]], Transport[bytes]] = _as_it_is,
 ) -> tuple[Transport[bytes], str, int]:
-    """Wait for clients, one at a time: a client that comes while another is there waits until that one has left, or
+    """Wait for clients, one at a time. A client that comes while another is there waits until that one has left, or
     takes its place where that one has been silent since it came.
 
     `around` makes the transport of a client out of its connection. Gives the transport, and the address and port

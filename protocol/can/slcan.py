@@ -12,7 +12,7 @@ from protocol.endpoint import LocalProtocolError, RemoteProtocolError
 
 CR = b"\r"
 BELL = b"\a"
-"""What an adapter answers instead of CR when it refuses."""
+"""Answer of an adapter instead of CR when it refuses."""
 LONGEST_LINE = 30
 """T, 8 digits, length, 8 bytes, time stamp; without the CR."""
 TIMESTAMP_MODULUS_MS = 60000

@@ -1,4 +1,4 @@
-"""What both gateways of a JR3 sensor have in common, for one firmware runs in both: filter, counter, payloads.
+"""Parts that both gateways of a JR3 sensor share, for one firmware runs in both: filter, counter, payloads.
 
 Source: firmware roboticslab-uc3m/jr3-mbed-firmware, read for facts. Payloads are little-endian.
 """
@@ -18,11 +18,11 @@ SMALLEST_CUTOFF_HZ = 0.01
 """One unit of the wire. What would be rounded to 0 there would switch the filter off instead of closing it."""
 
 UNFILTERED = "the gateway's filter is off (cut-off 0): every sample is as noisy as the sensor"
-"""What a client says of a cut-off of 0, which may be meant or a slip."""
+"""Notice of a client about a cut-off of 0, which may be meant or a slip."""
 
 
 class GatewayState(IntEnum):
-    """What an acknowledge says first."""
+    """First byte of an acknowledge."""
 
     READY = 0
     NOT_INITIALISED = 1

@@ -7,7 +7,7 @@ Theory of operation. A session goes through the phases ASKING, the steps of its 
 | ASKING | the acknowledge "ready" of the question for the state | FAILED after `ready_timeout_s` |
 | a step: start, full scales | the acknowledge of its order | ASKING when one says "not ready" |
 | SETTLING | the end of `settle_s`; tells SensorReady | ASKING when one says "not ready" |
-| READY | its owner, who may stop it | FAILED when one says "not ready" |
+| READY | its owner, which may stop it | FAILED when one says "not ready" |
 | STOPPING | the acknowledge of the stop; then STOPPED | FAILED after `retries` |
 
 Steps for full scales are left out where these are known. In every phase but ASKING an order without acknowledge is
@@ -73,7 +73,7 @@ _ASKING, _SETTLING, _READY = Phase.ASKING, Phase.SETTLING, Phase.READY
 
 
 class SessionProfile(Protocol):
-    """What the profiles of both clients say of a session; times in s."""
+    """Settings of a session that the profiles of both clients have; times in s."""
 
     @property
     def cutoff_hz(self) -> float: ...
@@ -91,7 +91,7 @@ class SessionProfile(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Dialect(Generic[Op]):
-    """What differs between the gateways."""
+    """Differences between the gateways."""
 
     name: str
     """Begins the text of a failure."""
@@ -111,7 +111,7 @@ class Dialect(Generic[Op]):
     check_cutoff: Callable[[float], None]
     """Raises ValueError for a cut-off in Hz that cannot be sent."""
     why_silent: Callable[[str], str]
-    """What to say of a gateway that acknowledged nothing for a time, which is given as text."""
+    """Words for a gateway that acknowledged nothing for a time, which is given as text."""
 
 
 @dataclass(slots=True)
@@ -131,7 +131,7 @@ class GatewaySession(Generic[Op]):
         self._dialect = dialect
         self._profile = profile
         self.cutoff_hz = profile.cutoff_hz
-        """What orders carry; 0 is unfiltered."""
+        """Cut-off in an order; 0 is unfiltered."""
         self.statistics = SensorStatistics()
         self._counter = SampleCounter(self.statistics, dialect.counter_step, dialect.counter_behind)
         self._range = Range()
@@ -200,7 +200,7 @@ class GatewaySession(Generic[Op]):
         """
         if self.phase in (Phase.STOPPING, Phase.STOPPED):
             return
-        # What is under way may still be acknowledged: that must not be taken for the stop's acknowledge.
+        # Orders under way may still be acknowledged: that must not be taken for the stop's acknowledge.
         self._foreign_acknowledges = int(self._flight is not None)
         self._end(Phase.STOPPING)
         self._enqueue(self._dialect.stop)

@@ -52,7 +52,7 @@ def test_what_is_wrong_is_named_with_the_way_out(tmp_path: Path, text: str, mess
     assert message in refusal(tmp_path, text)
 
 
-def test_an_option_is_named_as_it_was_typed_and_the_file_as_it_stands(tmp_path: Path) -> None:
+def test_an_option_is_named_as_it_was_typed(tmp_path: Path) -> None:
     assert refusal(tmp_path, "", run__duration_s=0.0).startswith("--duration: must be greater than 0")
     assert refusal(tmp_path, "", task__force_n=-3.0).startswith("--force-n must be a number above 0")
     assert refusal(tmp_path, "[run]\nseed = -1", run__duration_s=3.0).startswith("c.toml: run.seed")
@@ -102,7 +102,7 @@ def test_the_defaults_file_has_every_setting_with_a_comment() -> None:
     assert tomllib.loads(commented_defaults())["cell"]["surface"]
 
 
-def test_the_schema_describes_every_setting_and_has_the_keys_of_the_configuration() -> None:
+def test_the_schema_describes_every_setting_by_its_key() -> None:
     described = json.loads(json.dumps(schema()))
 
     def walk(prefix: str, node: dict[str, Any]) -> set[str]:

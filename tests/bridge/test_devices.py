@@ -167,7 +167,7 @@ def robot_failure(answer: Callable[[bytes], bytes], hang_up_at: float | None = N
                 await robot.read_status()
             took = clock.now() - began
             if hang_up_at is not None:
-                with pytest.raises(TransportEnded):  # and nobody waits for a dead wire again
+                with pytest.raises(TransportEnded):  # and no task waits for a dead wire again
                     await robot.read_status()
                 assert clock.now() - began == took
         finally:
@@ -306,7 +306,7 @@ def test_orders_are_called_by_name_with_values_in_their_units() -> None:
     with_robot(script, S3Site(ORDERS))
 
 
-def test_who_gives_up_an_order_leaves_it_under_way_and_the_next_wait_for_its_end() -> None:
+def test_an_order_given_up_stays_under_way_and_the_next_waits() -> None:
     async def script(robot: S3Link, clock: Clock) -> None:
         ended: list[str] = []
 
@@ -355,7 +355,7 @@ def test_where_a_controller_takes_no_bid_ahead_none_goes_out() -> None:
     with_robot(script)
 
 
-def test_what_has_not_been_answered_to_its_caller_is_followed_by_no_bid() -> None:
+def test_no_bid_follows_an_answer_that_its_caller_has_not_got() -> None:
     async def script(robot: S3Link, clock: Clock) -> None:
         with pytest.raises(OrderRefused):
             await robot.exchange(Telegram(TelegramType.ORDER, 99, 0), soon=True)
@@ -410,7 +410,7 @@ def test_an_order_longer_than_a_block_goes_in_several() -> None:
     with_robot(script, S3Site(ORDERS))
 
 
-def test_an_order_that_this_controller_does_not_know_is_refused_with_a_remedy() -> None:
+def test_an_order_unknown_to_the_controller_is_refused_with_a_remedy() -> None:
     async def script(robot: S3Link, clock: Clock) -> None:
         with pytest.raises(
             OrderRefused, match="refused order 6: 11 wrong function code; this controller does"
@@ -421,7 +421,7 @@ def test_an_order_that_this_controller_does_not_know_is_refused_with_a_remedy() 
     with_robot(script)
 
 
-def test_a_program_is_received_over_many_blocks_at_the_pace_of_the_line() -> None:
+def test_a_program_comes_over_many_blocks_at_the_lines_pace() -> None:
     content = bytes(range(256)) * 4
 
     async def script(robot: S3Link, clock: Clock) -> None:
@@ -461,7 +461,7 @@ def test_an_answer_too_short_is_the_devices_error() -> None:
 
 
 def answered(answer: Telegram, ask: Callable[[S3Link], Awaitable[object]]) -> object:
-    """What the client makes of a robot that gives this answer to every order."""
+    """Result of the client for a robot that gives this answer to every order."""
 
     class Answering(Link):
         def next_event(self) -> None:

@@ -34,7 +34,7 @@ EIGHT = [
 
 @dataclass
 class Probed:
-    """What a probe found and said."""
+    """Findings and words of a probe."""
 
     finding: Finding | None = None
     tries: list[tuple[Try, Outcome]] = field(default_factory=list)
@@ -151,7 +151,7 @@ def test_other_rates_are_found(line: LineSettings) -> None:
     assert result.took < 25.0
 
 
-def test_odd_parity_acknowledges_a_bid_without_parity_and_is_still_found() -> None:
+def test_odd_parity_acknowledges_a_bid_and_is_still_found() -> None:
     """ENQ and ACK have two ones each: with odd parity their parity bit looks like a stop bit."""
     result = probed(LinkProfile(parity="O"), url="memory:robot?baudrate=9600&parity=N")
     assert result.tries[0][1].reply is Reply.BLOCK_REFUSED
@@ -188,7 +188,7 @@ def test_an_answer_with_a_dle_decides_the_doubling_by_itself() -> None:
 
 
 def test_spontaneous_messages_are_acknowledged_and_told() -> None:
-    """The controller bids before anybody listens, and answers no bid until it has bid again."""
+    """The controller bids before the probe listens, and answers no bid until it has bid again."""
     result = probed(LinkProfile(), prepare=lambda cell, now: cell.robot.press_emergency_stop(now))
     assert result.finding is not None
     assert len(result.said) == 1
@@ -217,7 +217,7 @@ def run_search(answer: Callable[[Try], Outcome], lines=(USUAL,)) -> tuple[Search
     return search, tries
 
 
-def test_a_controller_that_takes_no_marked_query_leaves_the_doubling_undecided() -> None:
+def test_a_controller_without_marked_queries_leaves_doubling_open() -> None:
     search, tries = run_search(
         lambda attempt: Outcome(Reply.ANSWERED if attempt.query is Query.PLAIN else Reply.BLOCK_REFUSED)
     )

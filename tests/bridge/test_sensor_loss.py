@@ -104,7 +104,7 @@ def silence(cell: Any, now: float) -> None:
 
 
 @pytest.mark.parametrize("device", ["CAN gateway", "UART gateway"])
-def test_a_gateway_that_falls_silent_stops_the_run_and_the_tool_retracts(device: str) -> None:
+def test_a_silent_gateway_stops_the_run_and_the_tool_retracts(device: str) -> None:
     result, force = run_until_lost(URLS[device], silence)
     assert result.outcome is Outcome.STOPPED
     assert "the newest force is" in result.cause
@@ -112,7 +112,7 @@ def test_a_gateway_that_falls_silent_stops_the_run_and_the_tool_retracts(device:
     assert force == 0.0
 
 
-def test_a_sensor_unplugged_from_its_board_stops_the_run_and_the_tool_retracts() -> None:
+def test_a_sensor_unplugged_from_its_board_makes_the_tool_retract() -> None:
     result, force = run_until_lost(URLS["receiver board"], lambda cell, now: cell.sensor.unplug(now))
     assert result.outcome is Outcome.STOPPED
     assert "watch dog" in result.cause

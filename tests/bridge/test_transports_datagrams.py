@@ -85,7 +85,7 @@ def test_jitter_lies_in_its_bounds_and_keeps_the_order() -> None:
 
 
 def _run(client: str, count: int = 2000) -> tuple[list[tuple[float, bytes]], Any]:
-    """What arrives of numbered datagrams every 4 ms, and the counts of the sender."""
+    """Arrivals of numbered datagrams every 4 ms, and the counts of the sender."""
     result: list[Any] = []
 
     async def main() -> None:

@@ -130,7 +130,7 @@ def test_pasted_bytes_of_the_line_are_decoded() -> None:
 
 @dataclass
 class Log:
-    """What a run tells."""
+    """Messages of a run."""
 
     cycles: list[CycleRecord] = field(default_factory=list)
     events: list[EventRecord] = field(default_factory=list)
@@ -208,9 +208,7 @@ def test_ready_tare_and_stop() -> None:
 
 
 @pytest.mark.parametrize(("kept_bytes", "seconds"), [(0, 1.25), (256, 0.99)])
-def test_a_close_in_the_deaf_second_waits_until_the_gateway_has_stopped(
-    kept_bytes: int, seconds: float
-) -> None:
+def test_a_close_in_the_deaf_second_waits_for_the_gateway(kept_bytes: int, seconds: float) -> None:
     """A stop that the gateway does not hear is repeated before the line is closed; one that it keeps is not."""
     closed: list[float] = []
 

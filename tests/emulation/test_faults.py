@@ -49,7 +49,7 @@ def counts(
             assert inject is not None
             inject(cell, first / RATE)
             injected = True
-        # What a gateway does: it takes all that is told, and uses of it what has come.
+        # As a gateway does: it takes all that is told, and uses the part that has come.
         blocks.append(cell.sensor.jr3.counts_from(first, first + step - 1)[:step].copy())
         first += step
     return np.concatenate(blocks)

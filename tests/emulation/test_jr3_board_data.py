@@ -1,4 +1,4 @@
-"""What the board computes: filters, transforms, rate, peaks, load envelopes; and that blocks change nothing."""
+"""Computations of the board: filters, transforms, rate, peaks, load envelopes; and that blocks change nothing."""
 
 from collections.abc import Callable
 

@@ -1,8 +1,8 @@
 """The CAN gateway as transcripts, one for every sentence that is known of its behaviour.
 
 A line is milliseconds since power-up, direction (`>` to the gateway, `<` from it) and frame. Frames are written out;
-`sample N`, `zeros N` and `filtered N HZ` stand for the force and the moment frame with counter N, made here by hand
-and not by the codec, of a sensor that reads 1000 −2000 3000 400 −500 600 counts.
+`sample N`, `zeros N` and `filtered N HZ` stand for the force and the moment frame with counter N of a sensor that reads
+1000 −2000 3000 400 −500 600 counts. They are made here by hand and not by the codec.
 """
 
 import itertools
@@ -27,7 +27,7 @@ UNITS = np.array([115, 111, 185, 5.6, 5.2, 6.1]) / 16384
 
 @dataclass(frozen=True)
 class Transcript:
-    """What is said of the gateway, and what goes over the bus when it is so."""
+    """A statement about the gateway, and the bus traffic that shows it."""
 
     sentence: str
     lines: str

@@ -1,8 +1,8 @@
 """The emulated UART gateway as transcripts, and its misreadings.
 
-A line is milliseconds since power-up, direction (`>` to the gateway, `<` from it) and bytes: text as it is, hex
-after a colon. `sample N` and `zeros N` stand for a data frame with counter N, made here by hand and not by the
-codec, of a sensor that reads 1000 −2000 3000 400 −500 600 counts.
+A line is milliseconds since power-up, direction (`>` to the gateway, `<` from it) and bytes: text as it is, hex after a
+colon. `sample N` and `zeros N` stand for a data frame with counter N of a sensor that reads 1000 −2000 3000 400 −500
+600 counts. They are made here by hand and not by the codec.
 """
 
 import itertools
@@ -30,7 +30,7 @@ Wrench = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
 @dataclass(frozen=True)
 class Transcript:
-    """What is said of the gateway, and what goes over the line when it is so."""
+    """A statement about the gateway, and the line traffic that shows it."""
 
     sentence: str
     lines: str

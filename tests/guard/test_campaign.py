@@ -1,7 +1,7 @@
 """Hundreds of runs, each with a fault at some moment, a controller, a stiffness and a shape drawn by its seed.
 
-What must hold whatever was drawn: the true force stays within its bound, no order goes deeper after a stop, the run
-ends in time and with a cause that fits what was injected, its recording is whole and replayed alike, and no run
+Every draw must keep these promises. The true force stays within its bound, no order goes deeper after a stop, and the
+run ends in time and with a cause that fits the injected faults. Its recording is whole and replayed alike, and no run
 that ends pressing has completed. Set HIL_BRIDGE_SEEDS to 10000 for a night.
 """
 
@@ -59,7 +59,7 @@ PARAMETERS: dict[tuple[str, str], dict[str, Any]] = {
     ("computer", "pause"): {"seconds": 2.0},
     ("surface", "hard"): {"factor": 2.0},
 }
-"""What is not at its default."""
+"""Settings that are not at their defaults."""
 
 BEFORE = ("connect", "tare")
 SEEN_BY_WEIGHT = {
@@ -88,7 +88,7 @@ FITTING = {
     "obstacle": r"force|contact|touching|away|left after|rest|weight",
     "computer": r"computer|force is|no new force",
 }
-"""What the cause of a stop may speak of, by the target of the fault."""
+"""Words that the cause of a stop may hold, by the target of the fault."""
 
 
 @dataclass

@@ -108,7 +108,7 @@ def test_a_start_in_contact_is_refused_before_it_moves(
 
 
 @SURFACES
-def test_a_start_in_contact_with_an_unknown_tool_is_found_by_the_lift(
+def test_a_start_in_contact_with_an_unknown_tool_is_found(
     guarded: Run, configured: Configured, stiffness: float
 ) -> None:
     """Nothing tells the weight: the way to the zero does."""

@@ -124,7 +124,7 @@ def test_a_run_emulates_the_sensor_that_it_is_told_to(tmp_path: Path) -> None:
     assert sum(math.isfinite(truth.sampled_at) for truth in truths) > 0.9 * len(truths) > 0.0
 
 
-def test_a_killed_emulator_ends_the_run_at_once_with_its_cause_and_a_whole_record(tmp_path: Path) -> None:
+def test_a_killed_emulator_ends_the_run_at_once_with_its_cause(tmp_path: Path) -> None:
     record = tmp_path / "r.mcap"
     with emulated("cell", "--robot-port", "tcp-listen://127.0.0.1:0?baudrate=9600&parity=E") as (
         cell,
@@ -172,7 +172,7 @@ def test_ctrl_c_retracts_and_leaves_everything(tmp_path: Path, short: str) -> No
 
 
 def test_ctrl_c_while_connecting_ends_at_once(tmp_path: Path) -> None:
-    """The robot is a pseudo-terminal on which nobody answers."""
+    """The robot is a pseudo-terminal that does not answer."""
     master, slave = pty.openpty()
     try:
         tty.setraw(slave)

@@ -200,7 +200,7 @@ async def test_the_error_queue_does_not_keep_the_loop_busy() -> None:
         await wire.aclose()
 
 
-async def test_everything_pending_is_delivered_in_one_batch_with_the_kernels_times() -> None:
+async def test_everything_pending_comes_in_one_batch_with_kernel_times() -> None:
     with closing(Clock.running()) as clock:
         listening = await listen_datagrams("udp-bind://127.0.0.1:0", clock)
         wire = await connect_datagrams(listening.address, clock)

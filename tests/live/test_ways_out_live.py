@@ -28,10 +28,10 @@ HIL = "from hil_bridge.cli import main; main()"
 BUG = (
     "import hil_bridge.runs.cycle as run\n"
     "told = run.Run._record\n"
-    "def broken(self, status, sample, decision, **known):\n"
+    "def broken(self, report, sample, decision, sent, **known):\n"
     "    if known['cycle'] and decision.output.phase == 'track' and decision.output.command.stiffness:\n"
     "        raise ZeroDivisionError('lost count')\n"
-    "    return told(self, status, sample, decision, **known)\n"
+    "    return told(self, report, sample, decision, sent, **known)\n"
     "run.Run._record = broken\n"
 )
 """A bug that strikes once the surface is tracked."""
@@ -76,7 +76,7 @@ def send(number: signal.Signals) -> Callable[["Cell", subprocess.Popen[str]], No
 
 @dataclass(frozen=True)
 class Way:
-    """What ends a run, and what is promised of it."""
+    """A way to end a run, and its promises."""
 
     act: Callable[["Cell", subprocess.Popen[str]], None]
     code: int

@@ -22,7 +22,7 @@ PATIENCE = 150.0
 """For a whole process on an emulated computer, s."""
 
 
-def test_the_loop_holds_its_force_and_a_log_of_the_bus_agrees_with_the_record(
+def test_the_loop_holds_its_force_and_the_bus_log_agrees(
     vcan: Any, command: Callable[[str], str], tmp_path: Path
 ) -> None:
     record, summary, log = tmp_path / "r.mcap", tmp_path / "s.json", tmp_path / "can.log"

@@ -68,7 +68,7 @@ def test_robot_takes_both_length_styles_and_host_only_the_whole(style):
     assert isinstance(HOST.decode(block), Block if style == "whole" else Flaw)
 
 
-def test_robot_waits_for_more_while_the_shorter_reading_has_a_wrong_check_character():
+def test_robot_waits_while_the_shorter_reading_has_a_wrong_check():
     # Data length 12: at byte 12 of the telegram stands a DLE ETX that is data.
     raw = telegram(bytes.fromhex("41 42 43 44 10 03 45 46 47 48 49 4A"), "data")
     block = encode_block(raw)
@@ -77,7 +77,7 @@ def test_robot_waits_for_more_while_the_shorter_reading_has_a_wrong_check_charac
     assert ROBOT.decode(block) == Block(raw, 2, 25)
 
 
-def test_robot_reports_a_wrong_check_character_once_no_reading_is_left():
+def test_robot_reports_a_wrong_check_once_no_reading_is_left():
     block = bytearray(encode_block(telegram(b"1234")))
     block[-1] ^= 1
     assert ROBOT.decode(bytes(block)) is None

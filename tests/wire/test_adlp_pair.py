@@ -18,7 +18,7 @@ EPOCH = 777.25
 
 
 def telegram(role, number, size=4):
-    """A telegram that tells who sent it and is found once only."""
+    """A telegram that tells its sender and is found once only."""
     data = number.to_bytes(2, "big") + bytes((0x10, 0x03, 0x05, 0x06)[:size])
     return (8 + len(data)).to_bytes(2, "big") + bytes((role is Role.HOST, 0, 24, 1, 0, 0)) + data
 

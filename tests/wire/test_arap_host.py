@@ -139,7 +139,7 @@ def test_one_order_at_a_time():
     cell.host.order(read_status())
 
 
-def test_an_announced_order_is_sent_with_the_bid_that_was_ahead_of_it():
+def test_an_announced_order_is_sent_with_the_bid_ahead_of_it():
     cell = Cell(answer=answers([STATUS.to_telegram()]))
     cell.host.announce()
     assert cell.run() == []

@@ -30,7 +30,7 @@ FULL_SCALES = (115, 111, 185, 56, 52, 61)
 """As the gateway tells them, N and N·m×10. Source: ratings seen in the field."""
 NODE = 1
 PERIOD_MS = 2.0
-"""Of the sensor's stream while nobody moves, and as the client asks for."""
+"""Period of the sensor's stream while the robot stands still, and as the client asks for."""
 PATIENCE_S = 20.0
 """For the next byte of the other side: a Python program has to start."""
 LOOK_MS = 200.0
@@ -140,7 +140,7 @@ class Turn:
     """One turnaround, s: from the write of a sensor sample, the end of the status answer right after it."""
 
     began: float
-    """Of the monotonic clock."""
+    """Begin, s on the monotonic clock."""
     bid: float
     """Until the bid for the next order, its first byte, was read."""
     order: float
@@ -235,7 +235,7 @@ class Cell:
         return Telegram.decode(found.telegram, from_robot=False)
 
     def _read(self) -> bytes:
-        """What comes next on the robot's wire; while nothing moves the sensor lives beside it.
+        """Next bytes on the robot's wire; while nothing moves the sensor lives beside it.
 
         Raises EOFError at the wire's end.
         """
@@ -263,7 +263,7 @@ class Cell:
 
 
 def read_some(fd: int) -> bytes:
-    """What is there; nothing at the end. A pseudo-terminal's end is an error to Linux."""
+    """Bytes that are there; none at the end. A pseudo-terminal's end is an error to Linux."""
     try:
         return os.read(fd, 4096)
     except OSError:

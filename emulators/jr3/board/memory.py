@@ -30,7 +30,7 @@ _RAW_WORDS = 4
 
 
 class Use(Enum):
-    """What the board does with a word that the host has written."""
+    """Ways in which the board treats a word that the host has written."""
 
     IGNORE = auto()
     """The board's own; assumed: it writes it over at once."""
@@ -64,7 +64,7 @@ _USES = {
 
 
 def use_of(address: int) -> Use:
-    """What the board does with a word that the host writes there."""
+    """The way in which the board treats a word that the host writes there."""
     if address >= RAM_WORDS:
         return Use.IGNORE
     found = register_at(address)
@@ -104,7 +104,7 @@ class Memory:
         return words
 
     def pack(self, address: int, count: int, block: Block, samples: range) -> bytes:
-        """What `read` says after each of these samples, big-endian."""
+        """Answer of `read` after each of these samples, big-endian."""
         rows = np.empty((len(samples), count), ">u2")
         rows[:] = self.words[address : address + count]
         offset = samples.start - block.start

@@ -30,7 +30,7 @@ class Trace:
         return 0 if sample < self.first else (sample - self.first) // self.step + 1
 
     def words(self, sample: int) -> list[int]:
-        """What stands in the memory after a sample, unsigned."""
+        """Words in the memory after a sample, unsigned."""
         words: list[int] = self.values[:, self.index(sample)].view(np.uint16).tolist()
         return words
 
@@ -40,7 +40,7 @@ class Trace:
         return values
 
     def columns(self, samples: NDArray[np.int64]) -> NDArray[np.int64]:
-        """What `index` says of each of these samples."""
+        """`index` for each of these samples."""
         return np.maximum((samples - self.first) // self.step + 1, 0)
 
 
@@ -51,7 +51,7 @@ class Place:
     first: int
     step: int
     begin: int
-    """What stood there before, of its first word; the calculations follow."""
+    """Place of the first word's value before the block; the calculations follow."""
     pitch: int
     """From one word to the next."""
     columns: int
@@ -160,7 +160,7 @@ class Piece:
 
 @lru_cache(maxsize=512)
 def pieces(address: int, count: int) -> tuple[Piece, ...]:
-    """What of `count` words from an address is computed."""
+    """The computed pieces among `count` words from an address."""
     found: list[Piece] = []
     for offset in range(min(count, _END - address)):
         name, word = COLUMNS.get(address + offset, ("", 0))

@@ -33,7 +33,7 @@ _NO_CONTOUR, _NO_OSCILLATION = ContourState(), OscillationState()
 
 
 class Sample(Struct, frozen=True):
-    """What one cycle has measured."""
+    """Measurements of one cycle."""
 
     now: float
     """When it is looked at, s on the run's clock."""
@@ -54,7 +54,7 @@ class Sample(Struct, frozen=True):
     dead_axis: str = ""
     """Which axis of the controlled force does not live, in words; empty while all do."""
     fault: str = ""
-    """What is wrong with a device, in words; empty while nothing is."""
+    """Fault of a device, in words; empty while there is none."""
     force_travel: float = 0.0
     """Contact force along the travel direction, N, positive where the surface pushes against the travel."""
     wrench: tuple[float, ...] = ()
@@ -64,8 +64,8 @@ class Sample(Struct, frozen=True):
     paired_force: float | None = None
     """Contact force along the approach direction at that moment, N; None where none is known."""
     peak_force: float = 0.0
-    """Force along the approach direction farthest from 0 of all frames since the decision before, N: from the zero, or
-    from what the sensor read before it, whichever is more.
+    """Force along the approach direction farthest from 0 of all frames since the decision before, N. It counts from the
+    zero, or from the reading before the zero, whichever is more.
     """
     peak_resultant: float = 0.0
     """Largest length of the force vector of these frames, likewise, N."""
@@ -93,15 +93,15 @@ class LoopState(Struct, frozen=True):
 
 
 class Proposal(Struct, frozen=True):
-    """What task and controller would like to command, for the supervisor to judge."""
+    """Command that task and controller ask for; the supervisor judges it."""
 
     depth: float
     """Reported position along the approach direction from the start point, m."""
     measurement: Measurement
-    """What the controller was given."""
+    """Input of the controller."""
     output: TaskOutput
     failure: str
-    """What is wrong with the controller, in words; empty while nothing is."""
+    """Fault of the controller, in words; empty while there is none."""
     advice: Advice | None
     """The oscillation detector's word; None where it has none."""
     task: TaskState
@@ -110,7 +110,7 @@ class Proposal(Struct, frozen=True):
 
 
 class Decision(Struct, frozen=True):
-    """What the cycle is to command, and why."""
+    """Command of the cycle, with its reasons."""
 
     depth: float
     """Reported position along the approach direction from the start point, m."""
@@ -158,9 +158,9 @@ class ControlLoop:
     as the paper does.
     """
     sample_time: float = SAMPLE_MS * 1e-3
-    """What the controller is tuned for, s; the first sample counts as that long."""
+    """Sample time that the controller is tuned for, s; the first sample counts as that long."""
     fixed_dt: float | None = None
-    """What every sample counts as, s, whatever was measured; None for what was measured."""
+    """Time that every sample counts as, s, instead of the measured one; None for the measured one."""
 
     def initial(self, start: Vector) -> LoopState:
         """State at the start point, away from the surface; its reported position in the base frame, m."""
@@ -187,7 +187,7 @@ class ControlLoop:
         return min(max(now - before, 0.0), LONGEST_SAMPLES * self.sample_time)
 
     def propose(self, state: LoopState, sample: Sample) -> Proposal:
-        """What task and controller make of a sample."""
+        """Intent of task and controller for a sample."""
         (x, y, z), (a, b, c) = sample.position, state.start
         x, y, z = x - a, y - b, z - c
         (a, b, c), (u, v, w) = self.approach, self.travel
@@ -275,7 +275,8 @@ class ControlLoop:
     def _decide(self, state: TaskState, measurement: Measurement) -> tuple[TaskState, TaskOutput, str]:
         """The task's step, and what is wrong with its controller; empty while nothing is.
 
-        A controller may be anybody's: whatever it raises, and an answer that is not of numbers, is its failure.
+        A controller may come from another package: every error that it raises, and an answer that is not of numbers,
+        is its failure.
         """
         try:
             task, output = self.task.step(state, measurement)
@@ -326,7 +327,7 @@ class ControlLoop:
 
 
 def one_line(text: str) -> str:
-    """The first line of somebody's text, with half characters written out."""
+    """The first line of a text from another package; half characters are written out."""
     return (text.splitlines() or [""])[0].encode(errors="backslashreplace").decode()
 
 

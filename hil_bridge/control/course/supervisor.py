@@ -1,11 +1,11 @@
 """The last word before the wire: what may be sent, what is clamped, what ends the run. Pure.
 
-Which side is safe: away from the surface. Depth may grow no faster than so much a second, no farther than a
-total, and no farther than where the stiffness in hand predicts the force limit; a move that pulls back is never
-shortened by these, only by the workspace. A request that leaves the workspace is cut where the straight way
-from the last allowed position meets its border, so the cut position is never deeper than both ends. A stop is
-latched: only a new state, made by a person's decision, ends it. A stop asks for a retraction, and the
-retraction is supervised too: where it makes the force rise, the tool stands still.
+Which side is safe: away from the surface. Depth has three limits: a growth per second, a total, and the depth at which
+the stiffness in hand predicts the force limit. A move that pulls back is never shortened by these, only by the
+workspace. A request that leaves the workspace is cut where the straight way from the last allowed position meets its
+border. So the cut position is never deeper than both ends. A stop is latched: only a new state, made by a person's
+decision, ends it. A stop asks for a retraction, and the retraction is supervised too: where it makes the force rise,
+the tool stands still.
 """
 
 import math
@@ -43,7 +43,7 @@ class Cause(StrEnum):
 
 
 class Observation(Struct, frozen=True):
-    """What is known of the cell in this cycle."""
+    """Facts about the cell in this cycle."""
 
     now: float
     """s on the run's clock."""
@@ -66,7 +66,7 @@ class Observation(Struct, frozen=True):
     depth: float = 0.0
     """Reported position along the approach direction from the start point, m."""
     fault: str = ""
-    """What is wrong with a device, in words; empty while nothing is."""
+    """Fault of a device, in words; empty while there is none."""
     peak_force: float = 0.0
     """Force along the approach direction farthest from 0 of all frames since the decision before, N, from the zero or
     without it.
@@ -103,7 +103,7 @@ class Allow(Struct, frozen=True):
 
     kind: ClassVar[str] = "allow"
     depth: float
-    """Of the command from the start point, m."""
+    """Depth of the command from the start point, m."""
     position: Vector
     """The same as a point in the base frame, m."""
 
@@ -113,7 +113,7 @@ class Clamp(Struct, frozen=True):
 
     kind: ClassVar[str] = "clamp"
     depth: float
-    """Of the command from the start point, m."""
+    """Depth of the command from the start point, m."""
     position: Vector
     """The same as a point in the base frame, m."""
     reasons: tuple[str, ...]
@@ -131,7 +131,7 @@ Verdict: TypeAlias = Allow | Clamp | Stop
 
 
 class Retreat(Struct, frozen=True):
-    """What a retraction has met so far."""
+    """Course of a retraction so far."""
 
     began_at: float
     """s on the run's clock."""
@@ -218,8 +218,8 @@ class Supervisor:
         """One cycle of pulling back, which no stop ends but one: a force that rises, or stays over its limit, while
         the tool moves away. The tool stands still then.
 
-        Where the force cannot be known the tool goes back to the depth of the start, where it has been, and, where it
-        pressed, by no more than `blind_retract_mm`. The request must be finite. A stop stays latched.
+        Where the force cannot be known the tool goes back to the depth of the start, where it has been. Where it
+        pressed, it goes back by no more than `blind_retract_mm`. The request must be finite. A stop stays latched.
         """
         before, seen = state.retreat, observation
         after = before
@@ -434,7 +434,7 @@ def _clamp(limits: Limits, state: SupervisorState, request: Request, dt: float) 
     target: Vector = (tx, ty, tz)
     low, high = limits.workspace_min_m, limits.workspace_max_m
     if not (low[0] <= tx <= high[0] and low[1] <= ty <= high[1] and low[2] <= tz <= high[2]):
-        # What leads across goes first: a border beside the way must not hold the depth.
+        # The part across the approach is cut first: a border beside the way must not hold the depth.
         target = bx + nx * along, by + ny * along, bz + nz * along
         share = min(map(_share_inside, state.position, target, low, high))
         # The last allowed position is inside; the border only takes off what the arithmetic left over.

@@ -10,7 +10,7 @@ from protocol.s3.arap import Move, MoveKind, Telegram, stop_program
 
 _POINT = MoveKind.POINT
 _ZEROS: Vector = (0.0, 0.0, 0.0)
-"""What a start, and an end without any point before it, carry as coordinates."""
+"""Coordinates that a start carries, and an end without any point before it."""
 
 
 class Orders(Protocol):

@@ -48,7 +48,7 @@ def _line(link: LinkProfile) -> LineSettings:
 
 
 def robot_site(settings: KindSettings) -> S3Site:
-    """What the files of a configuration say of the controller's orders and programs. Raises ConfigError."""
+    """Orders and programs of the controller from the files of a configuration. Raises ConfigError."""
     orders, programs = settings.client.orders_file, settings.emulated.robot.program_folder
     return S3Site(
         read_orders(Path(orders), settings.client.link.max_telegram) if orders else KNOWN,
@@ -71,7 +71,7 @@ async def connect(url: str, settings: KindSettings, wiring: Wiring) -> S3Link:
 
 
 def facts(url: str, settings: KindSettings) -> RobotFacts:
-    """What is known of a controller behind this wire; its servo is as assumed of the emulated one."""
+    """Facts of a controller behind this wire; its servo is assumed to be like the emulated one's."""
     link = robot_wire(url, settings.client.link)[1] if url else settings.client.link
     return robot_facts(link, settings.emulated.servo)
 

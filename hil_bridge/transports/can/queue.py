@@ -1,4 +1,4 @@
-"""What every CAN wire needs for sending: a bounded queue whose frames do not grow old, and its counts."""
+"""Parts that every CAN wire needs for sending: a bounded queue whose frames do not grow old, and its counts."""
 
 import math
 from collections import deque
@@ -15,7 +15,7 @@ SEND_DEADLINE_S = 0.1
 
 @dataclass(frozen=True, slots=True)
 class CanStatistics:
-    """What a node of a CAN bus has seen since it was opened."""
+    """Counts of a node of a CAN bus since it was opened."""
 
     sent: int = 0
     """Frames that the interface has taken; on a bus in memory, frames that were acknowledged."""
@@ -30,14 +30,14 @@ class CanStatistics:
     malformed: int = 0
     """Arrivals that were no classical CAN frame."""
     overruns: int = 0
-    """Arrivals lost because nobody took them in time."""
+    """Arrivals lost because the client did not take them in time."""
 
 
 class SendQueue:
     """Frames that wait for the bus, in order.
 
-    A frame is given up when it has waited for the deadline and nothing has left meanwhile: a slow bus delays,
-    a stuck one does not keep old commands for later.
+    A frame is given up when it has waited for the deadline and nothing has left meanwhile. A slow bus delays; a stuck
+    one does not keep old commands for later.
     """
 
     __slots__ = ("_deadline", "_name", "dropped", "frames", "progress", "sent")

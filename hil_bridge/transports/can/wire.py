@@ -51,7 +51,7 @@ class _Outage:
 class CanWire:
     """Transport over an open python-can bus.
 
-    What the interface has no room for waits in a queue and is given up when nothing leaves for `send_deadline_s`.
+    Frames without room in the interface wait in a queue. They are given up when none leaves for `send_deadline_s`.
     An interface that goes down, or bus-off, has LINK_PATIENCE_S to come back. All of this is told in band, by
     error frames: INTERFACE_DOWN and TX_TIMEOUT are made here, also RESTARTED when the interface is up again.
 
@@ -141,7 +141,7 @@ class CanWire:
     # --- sending
 
     def _push(self) -> None:
-        """Give the interface what it takes. Calls nobody back, except that a wire that breaks says so."""
+        """Give the interface as many frames as it takes. Makes no callback, except that a broken wire is reported."""
         while len(self._queue) and (self._outage is None or not self._outage.link):
             try:
                 self._bus.send(to_message(self._queue.head), timeout=0)
@@ -262,7 +262,7 @@ class CanWire:
             self._outage = _Outage(self._clock.now(), error, link=True)
             if self._fd >= 0:
                 self._clock.loop.remove_reader(self._fd)
-            # may be within `send`, where nobody expects to be called back
+            # may be within `send`, in which the client does not expect a callback
             self._clock.loop.call_soon(self._tell_down)
             self._arm()
 

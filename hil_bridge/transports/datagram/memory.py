@@ -40,7 +40,7 @@ class Path:
     reorder: float = 0.0
     """Probability that a datagram comes right behind the next one, or after `HELD_S` without one; 0 … 1."""
     seed: int = 0
-    """Of the numbers that are drawn."""
+    """Seed of the numbers that are drawn."""
 
     @property
     def changes_nothing(self) -> bool:

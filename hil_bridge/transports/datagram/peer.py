@@ -47,7 +47,7 @@ class Peer(Generic[Address]):
         self.strangers = 0
         """Datagrams of strangers."""
         self.refused = 0
-        """Those of them that were not taken."""
+        """Strangers that were refused."""
         self._fixed = address is not None
         self._refuse = refuse
         self._spoke_at = float("-inf")

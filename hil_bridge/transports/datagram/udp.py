@@ -113,7 +113,7 @@ def _text(address: Address) -> str:
 class UdpWire:
     """A transport of datagrams over a socket that is bound, not connected and does not block.
 
-    What arrives carries the kernel's time on Linux, else the time at which it was read. A datagram for which the
+    An arrival carries the kernel's time on Linux, else the time at which it was read. A datagram for which the
     system has no room is given up: it would be old when there is room again.
     """
 

@@ -20,7 +20,7 @@ def hung_up(fd: int) -> bool:
 
 
 class FileOwner(Protocol):
-    """What kind of file it is."""
+    """Kind of the file."""
 
     @property
     def fd(self) -> int:
@@ -33,10 +33,10 @@ class FileOwner(Protocol):
         """Close without waiting."""
 
     def at_end(self) -> TransportError:
-        """What it means when there is nothing more to read."""
+        """Error for a port that has nothing more to read."""
 
     def broken(self, error: OSError) -> TransportError:
-        """What an error of the operating system means."""
+        """Error for an error of the operating system."""
 
 
 class FileWire:

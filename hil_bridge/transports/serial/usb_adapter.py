@@ -48,8 +48,8 @@ class UsbAdapterProfile:
 
 
 class UsbAdapter:
-    """A byte wire with a USB adapter on it. `to_host` is the direction in which bytes go to the adapter's computer:
-    what is received for a client, what is sent for the device at the other end of the cable.
+    """A byte wire with a USB adapter on it. `to_host` is the direction in which bytes go to the adapter's computer: the
+    received ones for a client, the sent ones for the device at the other end of the cable.
     """
 
     __slots__ = ("_delivery", "_inner", "_to_host", "_to_line", "_towards")

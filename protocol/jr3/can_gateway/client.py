@@ -45,7 +45,7 @@ class GatewayClient:
         self._forces: bytes | None = None
         self._session = session = GatewaySession(self._dialect(), profile, now)
         self.statistics = session.statistics
-        # What the owner asks for, and the clock, concern the session alone.
+        # The owner's requests, and the clock, concern the session alone.
         self.zero, self.set_filter, self.stop = session.zero, session.set_filter, session.stop
         self.next_event = session.next_event
         self.next_deadline, self.handle_deadline = session.next_deadline, session.handle_deadline

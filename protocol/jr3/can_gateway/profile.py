@@ -1,4 +1,4 @@
-"""What a client may choose and has to assume about its CAN gateway."""
+"""Settings and assumptions of a client about its CAN gateway."""
 
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal

@@ -1,4 +1,4 @@
-"""What a client of a board and a server of its registers may choose, and what they have to assume."""
+"""Settings and assumptions of a client of a board and of a server of its registers."""
 
 from dataclasses import dataclass
 from typing import Any, ClassVar, Final, Literal

@@ -1,7 +1,7 @@
-"""What a host does with a board's registers, as steps: the kernel driver's start-up, commands, a zero.
+"""A host's work with a board's registers, as steps: the kernel driver's start-up, commands, a zero.
 
 A sequence is a generator of steps. It is sent the words of each Read and nothing for the other steps, and it
-knows no wire and no clock: whoever runs it reads, writes and waits. Order and pauses are those of Linux's
+knows no wire and no clock: its caller reads, writes and waits. Order and pauses are those of Linux's
 jr3_pci driver.
 """
 
@@ -109,7 +109,7 @@ def configure(profile: BoardClientProfile) -> Steps[BoardIdentity]:
 
 
 def attach(profile: BoardClientProfile) -> Steps[BoardIdentity]:
-    """Take a board that somebody else has brought up. Raises RemoteProtocolError when there is no sensor."""
+    """Take over a board that is already running. Raises RemoteProtocolError when there is no sensor."""
     yield from _sensor(profile, 0)
     return (yield from _identity())
 

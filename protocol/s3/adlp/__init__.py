@@ -1,16 +1,16 @@
 """ADLP-10, the data link of the S3 computer link: control bytes, blocks, and both ends of the link.
 
-What a link promises on a line where bytes get lost, doubled, changed or late, but none becomes a control byte by
-itself or one STX the other (no check character covers it), and an answer comes within `answer_timeout_s`: a telegram
-is delivered once at the most, in order. `MessageSent` says that all of a message were, `LinkFailed` that they may not
-have been; one of them comes for each message, within `bid_limit` answer time-outs for its bids, `repeat_limit` + 1 for
-each block, one for each WACK, and the line's time. A message may be delivered in pieces where its sender's EOT or our
-ACK was late. While all blocks begin with the same STX (`stx_alternation = "off"`) this holds only for a sender whose
-answer time-out is longer than the receiver's gap time-out, and of two equal telegrams in a row the second may be taken
-for a repeat when an ACK is late.
+The link's promise holds on a line where bytes get lost, doubled, changed or late. But no byte becomes a control byte by
+itself, nor one STX the other (no check character covers it), and an answer comes within `answer_timeout_s`. A telegram
+is then delivered once at the most, in order. `MessageSent` says that all telegrams of a message were delivered,
+`LinkFailed` that they may not have been. One of them comes for each message, within `bid_limit` answer time-outs for
+its bids, `repeat_limit` + 1 for each block, one for each WACK, and the line's time. A message may be delivered in
+pieces where its sender's EOT or our ACK was late. With `stx_alternation = "off"` all blocks begin with the same STX.
+Then the promise holds only for a sender whose answer time-out is longer than the receiver's gap time-out. Of two equal
+telegrams in a row the second may be taken for a repeat when an ACK is late.
 
-What it keeps: one unfinished block, `QUEUE_LIMIT` messages to send, `MESSAGE_LIMIT` blocks of the message that comes
-in, and `EVENT_LIMIT` events; bytes to send until they are taken, no more of them than bytes came and messages say.
+The link keeps one unfinished block, `QUEUE_LIMIT` messages to send, `MESSAGE_LIMIT` blocks of the incoming message, and
+`EVENT_LIMIT` events. It also keeps bytes to send until they are taken, no more than bytes came and messages hold.
 """
 
 from protocol.s3.adlp.block import (

@@ -60,7 +60,7 @@ class Block(NamedTuple):
 
 
 class Flaw(NamedTuple):
-    """What began like a block and is none."""
+    """Bytes that began like a block and are none."""
 
     text: str
     at: int
@@ -108,7 +108,7 @@ class BlockFormat:
 
     stuffing: DleStuffing
     styles: tuple[LengthStyle, ...]
-    """What the length field may count: from a robot always the whole telegram."""
+    """Meaning of the length field: from a robot always the whole telegram."""
     max_telegram: int
 
     def decode(self, data: bytes, start: int = 0) -> Block | Flaw | None:
@@ -200,7 +200,7 @@ class BlockScanner:
         return dropped
 
     def feed(self, data: bytes) -> list[Token]:
-        """What the bytes complete, in order."""
+        """Events that the bytes complete, in order."""
         if self._pending:
             data, self._pending = self._pending + data, b""
         tokens: list[Token] = []

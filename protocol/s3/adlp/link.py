@@ -55,9 +55,9 @@ Bidding ahead
 Noise
     No check character covers the control bytes, so rules guard them. Behind `GARBAGE_SIZE` meaningless bytes a control
     byte is one more of them, until silence: it may be data of a mutilated block. In DISCARDING only a whole block
-    counts. Two bytes are never what they seem (`_is_too_early`): an answer to a block that has not left yet, and a bid
-    before our last answer can have been heard. The line made them of others; a second ACK would acknowledge a block
-    that was never received.
+    counts. Two bytes are never what they seem (`_is_too_early`). One is an answer to a block that has not left yet, the
+    other a bid before our last answer can have been heard. The line made them of others; a second ACK would acknowledge
+    a block that was never received.
 
 What all this promises the owner is in the package's docstring. Source: computer-link specification, section 2.
 """
@@ -73,8 +73,9 @@ from protocol.s3.adlp.shared import Shared
 from protocol.s3.adlp.transitions import TRANSITIONS, Action, State, Stimulus
 
 GARBAGE_SIZE = 5
-"""After so many meaningless bytes in one run a control byte is one more of them, until the line falls silent:
-else the data of a mutilated block would be answered. Mark: chosen (STX, length and addresses of a block)."""
+"""After so many meaningless bytes in one run a control byte is one more of them, until the line falls silent. Otherwise
+the data of a mutilated block would be answered. Mark: chosen (STX, length and addresses of a block).
+"""
 
 _ACCEPTED_STYLES: dict[str, tuple[LengthStyle, ...]] = {
     "both": LENGTH_STYLES,
@@ -119,7 +120,7 @@ class Link:
             self._table[state][stimulus] = actions[transition.action]
 
     def _actions(self) -> dict[Action, Callable[[], State]]:
-        """What does each action; it returns the state that follows."""
+        """Method of each action; it returns the state that follows."""
         sender, receiver = self._sender, self._receiver
         return {
             Action.BID: sender.bid,

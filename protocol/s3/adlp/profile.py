@@ -1,4 +1,4 @@
-"""What may differ between one S3 computer link and the next, as one profile."""
+"""Differences between one S3 computer link and the next, as one profile."""
 
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, TypeAlias

@@ -17,7 +17,7 @@ from protocol.s3.adlp.transitions import State
 QUEUE_LIMIT = 16
 """Messages that may wait to be sent. Mark: chosen."""
 HOLDING_SHARE = 0.5
-"""Of the time that the other side waits for a block, so long is a line held for a message that is on its way here.
+"""Share of the time that the other side waits for a block. For so long the line is held for an announced message.
 Mark: chosen."""
 
 # Names of this module, for speed: until Python 3.12 an enum's own name costs five times that.
@@ -31,7 +31,7 @@ _MESSAGE_SENT = MessageSent()
 
 @dataclass(slots=True)
 class _Message:
-    """What is remembered of the oldest queued message on its way."""
+    """State of the oldest queued message under way."""
 
     index: int = 0
     bids: int = 1
@@ -56,7 +56,7 @@ class SendingHalf:
         self.announced = False
         """A bid is to go out, or has, for a message that is not there yet."""
         self._blocks: list[bytes] = []
-        """Those of the oldest message as blocks; empty until the bid for it has gone out."""
+        """Blocks of the oldest message; empty until the bid for it has gone out."""
         self._message = _Message()
 
     def put(self, telegrams: Sequence[bytes]) -> None:

@@ -1,4 +1,4 @@
-"""What the sending and the receiving half of one end of the link share: state, clock, bytes to send, noise account."""
+"""Parts that the sending and the receiving half of one end share: state, clock, bytes to send, noise account."""
 
 from protocol.s3.adlp.events import NoticeKind
 from protocol.s3.adlp.journal import Count, Journal

@@ -7,7 +7,7 @@ from enum import IntEnum
 
 
 class FunctionCode(IntEnum):
-    """What a telegram is about. Payloads are known for 2, 3, 19, 20, 24, 29 and 127 only."""
+    """Subject of a telegram. Payloads are known for 2, 3, 19, 20, 24, 29 and 127 only."""
 
     SEND_PROGRAM = 1
     START_PROGRAM = 2
@@ -48,7 +48,7 @@ class FunctionCode(IntEnum):
 
 
 class TelegramType(IntEnum):
-    """What a telegram is in the exchange."""
+    """Role of a telegram in the exchange."""
 
     ORDER = 0x01
     """Order or query."""
@@ -201,7 +201,7 @@ def function_text(code: int) -> str:
 
 
 def refusal_remedy(code: int) -> str:
-    """What a person can do about a refusal; empty where nobody knows."""
+    """Remedy of a person for a refusal; empty where none is known."""
     return _REFUSAL_REMEDIES.get(RefusalCode(code), "") if code in _REFUSALS else ""
 
 

@@ -56,7 +56,7 @@ class Refused:
 
 @dataclass(frozen=True, slots=True)
 class OrderFailed:
-    """Nobody knows whether the order was done: the link failed, or the answer is missing or wrong."""
+    """Unknown whether the order was done: the link failed, or the answer is missing or wrong."""
 
     order: Telegram
     reason: LinkFailure | OrderFailure
@@ -98,7 +98,7 @@ class ArapHost:
         self._deadline: float | None = None
         self._events: deque[ArapEvent] = deque()
         self.events_dropped = 0
-        """Events that nobody took in time."""
+        """Events that the owner did not take in time."""
 
     @property
     def outstanding(self) -> Telegram | None:

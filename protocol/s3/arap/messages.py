@@ -50,7 +50,7 @@ def position_from_words(words: Sequence[int]) -> Vector:
 
 
 def round_position(position: Sequence[float]) -> Vector:
-    """What the controller understands when it is sent this position, m; errors as `position_words`."""
+    """Position that the controller understands when it is sent this one, m; errors as `position_words`."""
     return position_from_words(position_words(position))
 
 
@@ -78,7 +78,7 @@ def _expect(telegram: Telegram, function: int, *types: int) -> None:
 
 
 def _flags(names: Mapping[str, int]) -> tuple[tuple[bool, ...], ...]:
-    """What every value of a byte says, in the order of the names of its bits."""
+    """Meaning of every value of a byte, in the order of the names of its bits."""
     return tuple(tuple(bool(byte >> bit & 1) for bit in names.values()) for byte in range(256))
 
 
@@ -267,7 +267,7 @@ class Spontaneous:
         return cls(telegram.suffix, int(raw["x"]), int(raw["y"]))
 
     def to_telegram(self) -> Telegram:
-        """What the controller sends."""
+        """Text of the controller's message."""
         data = layouts.SPONTANEOUS.pack({"x": self.x, "y": self.y})
         return Telegram(
             FunctionCode.SPONTANEOUS, TelegramType.SPONTANEOUS, self.suffix, data, from_robot=True

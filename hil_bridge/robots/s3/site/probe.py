@@ -51,7 +51,7 @@ TO_FILL_IN = """
 #= workspace_min_m = [-3.0, -3.0, -3.0]
 #= workspace_max_m = [3.0, 3.0, 3.0]
 """
-"""What only a person knows, with the defaults."""
+"""Facts that only a person knows, with the defaults."""
 
 
 def probe_robot(url: str, out: Path | None, patience: float, overwrite: bool = False) -> None:
@@ -164,7 +164,7 @@ class _Session:
         self._failure = cause
         with suppress(asyncio.InvalidStateError):
             self._outcome.set_exception(cause)
-            self._outcome.exception()  # seen, also when nobody waits any more
+            self._outcome.exception()  # marks it as seen, also when the waiting task is gone
 
 
 def url_with_line(url: str, line: LineSettings) -> str:
@@ -188,7 +188,7 @@ def try_text(attempt: Try) -> str:
 
 
 def finding_rows(url: str, finding: Finding) -> list[tuple[str, str]]:
-    """What was found, as a table of two columns."""
+    """Findings, as a table of two columns."""
     stuffing = finding.dle_stuffing
     evidence = finding.stuffing_evidence or "not decided: a query with 10h was refused either way"
     return [

@@ -1,8 +1,8 @@
 """The search for a robot's link settings, as a plan without I/O: what to try next, given what was answered.
 
-Only read status is ever sent, which changes nothing in the controller. Each try is one such query: an acknowledged
-bid (ENQ) proves rate and parity, an acknowledged block proves how lengths are counted and whether a DLE (10h) inside
-a telegram is doubled, a readable answer proves that the controller counts and doubles as we do.
+Only read status is ever sent, which changes nothing in the controller. Each try is one such query. An acknowledged bid
+(ENQ) proves rate and parity. An acknowledged block proves how lengths are counted and whether a DLE (10h) inside a
+telegram is doubled. A readable answer proves that the controller counts and doubles as we do.
 
 A plain read status holds no 10h, and its answer only by chance. So doubling is asked for with a function suffix of
 10h: Assumed: a controller answers it, or refuses it as a wrong suffix (code 2), and does nothing else.
@@ -28,7 +28,7 @@ a bid before it has bid again, after 2 s (computer-link specification, section 2
 
 
 class Query(Enum):
-    """What a try asks; the values are telegrams."""
+    """Query of a try; the values are telegrams."""
 
     PLAIN = read_status()
     MARKED = Telegram(FunctionCode.READ_STATUS, TelegramType.ORDER, suffix=int(Control.DLE))
@@ -71,7 +71,7 @@ class Try:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What came of a try."""
+    """Result of a try."""
 
     reply: Reply
     text: str = ""
@@ -101,9 +101,9 @@ class Search:
     def __init__(self, lines: Sequence[LineSettings | None]) -> None:
         self._steps = _on_lines(lines)
         self.attempt: Try | None = next(self._steps)
-        """What to try now; None when the search has ended."""
+        """Next try; None when the search has ended."""
         self.finding: Finding | None = None
-        """What works, once that is known."""
+        """Settings that work, once they are known."""
 
     def take(self, outcome: Outcome) -> None:
         """Go on to the next try, knowing what came of the present one."""

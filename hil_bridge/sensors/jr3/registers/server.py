@@ -1,8 +1,8 @@
 """The register server on TCP: several clients at one board, none of which can hurt the others or the board.
 
-No client holds a place for ever. One whose computer or cable is gone is found by TCP's own questions. Where all
-places are taken, a client that has not sent a single byte makes room for the next, and one that has asked something
-and neither asks nor streams any more is dropped after `idle_timeout_s`. One that does not read is cut off.
+No client holds a place for ever. One whose computer or cable is gone is found by TCP's own questions. Where all places
+are taken, a client that has not sent a single byte makes room for the next. A client that has asked something, and
+neither asks nor streams any more, is dropped after `idle_timeout_s`. One that does not read is cut off.
 """
 
 import asyncio

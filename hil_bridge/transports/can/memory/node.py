@@ -59,7 +59,7 @@ class MemoryCanNode:
         self.queue = SendQueue(bus.name)
         self.counters = ErrorCounters()
         self.state = self.counters.state
-        """What the counters make of it."""
+        """State by its counters."""
         self.on_bus = True
         """Whether it sends, receives and acknowledges: that is, not bus-off."""
         self.recovery = 0

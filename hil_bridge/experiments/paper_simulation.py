@@ -20,8 +20,8 @@ PERIOD = 0.18
 Parameters = tuple[tuple[str, str | float | bool | None], ...]
 
 
-class WallRun(NamedTuple):
-    """What a run left, a value a sample."""
+class PaperRun(NamedTuple):
+    """Results of a run, one value a sample."""
 
     force: tuple[float, ...]
     """N, as measured."""
@@ -31,7 +31,7 @@ class WallRun(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class WallJob:
+class PaperJob:
     """One run of the paper's simulation."""
 
     controller: str
@@ -47,7 +47,7 @@ class WallJob:
     noise: float = NOISE_N
     """Half-width of the uniform force noise, N."""
 
-    def __call__(self) -> WallRun:
+    def __call__(self) -> PaperRun:
         """Run it."""
         controller = make_controller(self.controller, **dict(self.parameters))
         noise, state, commanded = Random(self.seed), controller.initial(), 0.0
@@ -68,4 +68,4 @@ class WallJob:
             [True] * self.samples,
             self.resolution * 1e3,
         )
-        return WallRun(tuple(forces), tuple(positions), merit)
+        return PaperRun(tuple(forces), tuple(positions), merit)
