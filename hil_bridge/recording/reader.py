@@ -24,7 +24,7 @@ from hil_bridge.recording.records import (
     WireRecord,
 )
 from hil_bridge.recording.topics import CYCLE, EVENT, LINK, SENSOR, TRUTH, WIRE, Record, Topic
-from hil_bridge.text_files import read_up_to
+from hil_bridge.text_files import format_path, read_up_to
 
 CHUNK_LIMIT_BYTES = 1 << 24
 """Largest chunk, unpacked. Chosen: 16 times the largest of a run, 4 times the largest of other programs."""
