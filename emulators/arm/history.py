@@ -82,8 +82,8 @@ class History(Generic[S]):
         """How many of them are no longer waiting: the servo has come to them, or they were given up."""
         self._begins: deque[float] = deque(maxlen=_BEGINS)
 
-        # Item k % n describes the loops from the moment they take set point k. It holds the factors of 1, a and b in the
-        # positions and the velocities of the axes (6, 3), and the servo itself.
+        # Item k % n describes the loops from the moment they take set point k. It holds the factors of 1, a and b in
+        # the positions and the velocities of the axes (6, 3), and the servo itself.
         self._kept = math.ceil((_PAST_S + self._delay) / self._period) + 2
         self._size = self._kept + math.ceil((look_ahead + self._delay) / self._period) + 2
         self._newest = 0
