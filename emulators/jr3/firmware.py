@@ -32,7 +32,7 @@ class _Sampling:
     taken: int = 0
     """Samples so far: the frame counter before it wraps."""
     read: int = 0
-    """Samples that were read of the sensor so far, some of them ahead of their time and perhaps in vain."""
+    """Samples that were read of the sensor so far, some of them ahead of their time and perhaps never used."""
     ahead: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 6)))
     """Counts of the samples that were read last: those not yet taken are at its end."""
 
@@ -150,7 +150,7 @@ class Firmware:
         self._smoothing = period / (period + 1 / (2 * math.pi * cutoff_hz)) if cutoff_hz else 1.0
 
     def reset(self) -> None:
-        """Begin to read the calibration anew; the gateway says when that is done."""
+        """Begin to read the calibration again; the gateway says when that is done."""
         self.stop()
         self.initialised = False
 

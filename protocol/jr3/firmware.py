@@ -99,7 +99,7 @@ class SampleCounter:
         self._sequence: int | None = None
 
     def restart(self) -> None:
-        """The device begins to count anew; the sequence goes on by 1."""
+        """The device begins to count again; the sequence goes on by 1."""
         self._last = None
 
     def follow(self, counter: int) -> int | None:
