@@ -126,6 +126,10 @@ SensorEvent: TypeAlias = (
 )
 
 
+_STANDS_AFTER = 3
+"""Chosen: so many samples in a row with the same counter are no accident."""
+
+
 @dataclass(slots=True)
 class SensorStatistics:
     """Faults of the samples that came, or of other bytes, since the client began."""
@@ -134,10 +138,17 @@ class SensorStatistics:
     """Samples that the counter says are missing, where the device has a cadence of its own."""
     repeated: int = 0
     """Samples dropped because their counter was there before: duplicates and stragglers."""
+    standing: int = 0
+    """Samples in a row that came with the counter of the newest one, so that it stands still; 0 while it moves."""
     unpaired: int = 0
     """Force or moment frames without their other half."""
     malformed: int = 0
     """Payloads that make no sense."""
+
+    @property
+    def stands(self) -> bool:
+        """Whether samples go on while their counter stands still, too long for an accident."""
+        return self.standing >= _STANDS_AFTER
 
 
 class SensorClient(Endpoint[Data, Data, SensorEvent], Protocol[Data]):

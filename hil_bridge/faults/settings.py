@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal, Self, TypeAlias
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from emulators.cell_faults import FELT_BY_SENSOR, RECEIVERS
+from emulators.cell_faults import FELT_BY_SENSOR, RECEIVERS, RECEIVERS_WITH
 from emulators.faults import Fault, find
 from hil_bridge.errors import ConfigError
 
@@ -85,7 +85,7 @@ class FaultConfig(BaseModel):
     def check_cell(self, robot_url: str, sensor_url: str, receiver: str, faults: Faults) -> None:
         """Raise ValueError where it concerns a real device, or is none of the `faults` that the cell can have."""
         name = f"{self.on}: {self.fault}"
-        find(faults, self.on, self.fault).values(name, self.given)
+        values, _ = find(faults, self.on, self.fault).values(name, self.given)
         if robot_url:
             raise ValueError(f"{name} needs the emulated cell, but robot.url names a real robot")
         if sensor_url and self.on in FELT_BY_SENSOR:
@@ -93,6 +93,10 @@ class FaultConfig(BaseModel):
         able = RECEIVERS.get((self.on, self.fault))
         if able is not None and receiver not in able:
             raise ValueError(f"{name} needs sensor.emulated = {' or '.join(able)}, not {receiver}")
+        key, value, able_with = RECEIVERS_WITH.get((self.on, self.fault), ("", "", ()))
+        if key and values[key] == value and receiver not in able_with:
+            wanted = " or ".join(able_with)
+            raise ValueError(f"{name} with {key} = {value} needs sensor.emulated = {wanted}, not {receiver}")
 
 
 def refuse_faults(faults: Sequence[FaultConfig], command: str) -> None:

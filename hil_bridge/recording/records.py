@@ -9,6 +9,7 @@ from typing import Annotated, TypeAlias
 from msgspec import Meta, Struct
 
 from hil_bridge.control.course.loop import Sample
+from hil_bridge.control.course.task import Phase
 
 Vector: TypeAlias = Annotated[tuple[float, ...], Meta(min_length=3, max_length=3)]
 Quaternion: TypeAlias = Annotated[tuple[float, ...], Meta(min_length=4, max_length=4)]
@@ -16,6 +17,8 @@ Six: TypeAlias = Annotated[tuple[float, ...], Meta(min_length=6, max_length=6)]
 """A wrench, or the joints of a robot."""
 Values: TypeAlias = Annotated[tuple[int | float, ...], Meta(min_length=6, max_length=6)]
 """Six values of a sensor: whole numbers of a device that counts."""
+PhaseName: TypeAlias = Annotated[str, Meta(extra_json_schema={"enum": [*map(str, Phase)]})]
+VerdictName: TypeAlias = Annotated[str, Meta(extra_json_schema={"enum": ["allow", "clamp", "stop"]})]
 
 
 class CycleRecord(Struct, frozen=True):
@@ -23,8 +26,8 @@ class CycleRecord(Struct, frozen=True):
 
     cycle: int
     """Number of the control cycle."""
-    phase: str
-    """connect, tare, approach, track, retract or end."""
+    phase: PhaseName
+    """approach, track, retract or end."""
     # --- times of the hops
     started_at: float
     """Cycle begins: the status order is handed to the link, s."""
@@ -68,7 +71,7 @@ class CycleRecord(Struct, frozen=True):
     """The controller rests in its dead band: no position that the robot can take is nearer."""
     in_contact: bool = False
     """The tool touches the surface."""
-    verdict: str = "allow"
+    verdict: VerdictName = "allow"
     """allow, clamp or stop."""
     reasons: tuple[str, ...] = ()
     """Why the supervisor clamped or stopped."""
@@ -113,7 +116,9 @@ class LinkRecord(Struct, frozen=True):
     at: float
     """When its first piece was sent or received, s on the run's clock."""
     pieces: tuple[str, ...]
-    """Each: seconds since `at`, `tx` or `rx` as the PC sees it and hexadecimal bytes, or `--` and a link event."""
+    """Each: seconds since `at`, `tx` or `rx` as the PC sees it and hexadecimal bytes, or `--` and a link event; of
+    several datagrams, a space between them.
+    """
 
 
 class WireRecord(Struct, frozen=True):
@@ -124,8 +129,8 @@ class WireRecord(Struct, frozen=True):
     device: str
     """sensor."""
     pieces: tuple[str, ...]
-    """Each: seconds since `at`, `tx` or `rx` as the PC sees it, and hexadecimal bytes or CAN frames such as 190#00FF.
-    004!00 is a bus error that the interface tells of.
+    """Each: seconds since `at`, `tx` or `rx` as the PC sees it, and hexadecimal bytes or CAN frames: 190#00FF, R and a
+    number for the bytes that a remote frame asks for, and 004!00 where the interface tells of a bus error.
     """
 
 

@@ -296,7 +296,8 @@ class Run:
             if decision.output.phase is Phase.TRACK and track_ends == math.inf:
                 track_ends = sample.now + self._config.run.duration_s
             if decision.output.failed:
-                self._blame(decision.output.cause)
+                stands = f"; {self._sensor.stands}" if self._sensor.stands else ""
+                self._blame(f"{decision.output.cause}{stands}")
             if decision.stands:
                 sent = await stand_still(motion)
             else:

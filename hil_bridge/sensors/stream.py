@@ -78,6 +78,13 @@ class ForceSensor:
         return self._client.statistics.lost
 
     @property
+    def stands(self) -> str:
+        """What to say of a device whose frames go on while their counter stands still; empty while it does not."""
+        if not self._client.statistics.stands:
+            return ""
+        return "frames go on, but their counter stands still, as after the sensor is unplugged"
+
+    @property
     def is_ready(self) -> bool:
         """The device has streamed, so that its facts are known."""
         return self._facts is not None

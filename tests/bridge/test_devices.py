@@ -17,6 +17,7 @@ from hil_bridge.transports import Frames, connect_bytes, connect_can, listen_byt
 from hil_bridge.transports.pump import Pump
 from protocol.endpoint import LocalProtocolError
 from protocol.jr3 import GatewayClient, GatewayClientProfile, parse_frame
+from protocol.jr3.firmware import HANGS
 from protocol.s3.adlp import Link, LinkProfile, MessageReceived, Role
 from protocol.s3.arap import Mode, ProgramAnswer, Telegram, TelegramType, read_status, write_mode
 
@@ -107,7 +108,7 @@ def test_a_full_scale_of_zero_is_refused_by_name(question: str, answer: str, mes
 @pytest.mark.parametrize(
     ("default", "message"),
     [
-        ("", "silent: nothing of a gateway on the bus in 10 s: power, bit rate, wiring?"),
+        ("", "silent: nothing of a gateway on the bus in 10 s: power, bit rate, wiring? " + HANGS),
         ("102#00", "silent for 10 s while others are on the bus: wrong node number?"),
         ("101#01", "acknowledges but not ready after 10 s: sensor unplugged?"),
     ],

@@ -5,8 +5,9 @@ The same functions make the decisions of a run and of its replay; a run looks at
 
 import math
 from dataclasses import dataclass
+from typing import Annotated
 
-from msgspec import Struct
+from msgspec import Meta, Struct
 from msgspec.structs import replace
 
 from hil_bridge.control.course.contour import Contour, ContourState, normal_force
@@ -57,7 +58,7 @@ class Sample(Struct, frozen=True):
     """Fault of a device, in words; empty while there is none."""
     force_travel: float = 0.0
     """Contact force along the travel direction, N, positive where the surface pushes against the travel."""
-    wrench: tuple[float, ...] = ()
+    wrench: Annotated[tuple[float, ...], Meta(max_length=6)] = ()
     """The whole contact wrench, tool frame, N and N·m: for the record alone."""
     position_at: float | None = None
     """When `position` was true, s on the run's clock; None where that is not known."""

@@ -29,17 +29,28 @@ class GatewayClientProfile:
     period_ms: float = setting(
         10.0,
         Mark.CHOSEN,
-        "between frames, asynchronous; the counter wraps every 8.4 s and must tell frames apart",
+        "between frames, asynchronous; tested by the firmware's authors from 1 on; the counter wraps every 8.4 s",
         unit="ms",
         above=0.0,
         maximum=4000.0,
     )
     ack_timeout_s: float = setting(
-        0.25, Mark.OBSERVED, "wait for an acknowledge before asking again", unit="s", above=0.0
+        0.25,
+        Mark.OBSERVED,
+        "wait for an acknowledge before asking again; for a stop, a period of the stream more",
+        unit="s",
+        above=0.0,
     )
     retries: int = setting(3, Mark.CHOSEN, "repetitions of a command without acknowledge", minimum=0)
     ready_timeout_s: float = setting(
         10.0, Mark.CHOSEN, "patience with a gateway that is silent or not ready", unit="s", above=0.0
+    )
+    still_timeout_s: float = setting(
+        1.0,
+        Mark.CHOSEN,
+        "patience with samples whose counter stands still, beside five periods: a gateway without its sensor",
+        unit="s",
+        above=0.0,
     )
     settle_s: float = setting(
         0.1, Mark.OBSERVED, "between start and first use or zero, for the filter", unit="s", minimum=0.0

@@ -16,6 +16,7 @@ from protocol.jr3.range import Range
 from protocol.jr3.registers.profile import BoardClientProfile
 from protocol.jr3.registers.startup import (
     DEAF,
+    NEW,
     BoardIdentity,
     Read,
     Reset,
@@ -73,7 +74,7 @@ class BoardPhase(Enum):
 
 
 # plain numbers: an operation on flags costs as much as the rest of a sample
-_TROUBLE = int(DEAF | Errors.SENSOR_CHANGE)
+_TROUBLE = int(DEAF | NEW)
 _BUSY = int(Errors.SYSTEM_BUSY)
 _RUNNING = frozenset({BoardPhase.STARTING, BoardPhase.SETTLING, BoardPhase.READY})
 

@@ -80,6 +80,8 @@ _WORD2 = REGISTERS["command_word2"].address
 
 DEAF = Errors.WATCH_DOG | Errors.WATCH_DOG2
 """Errors with which the board hears no sensor."""
+NEW = Errors.SENSOR_CHANGE | Errors.CALIBRATION_CRC
+"""Errors with which the board has another sensor, or reads the calibration of the same one again."""
 
 
 def start_up(profile: BoardClientProfile) -> Steps[BoardIdentity]:
@@ -158,7 +160,7 @@ def _sensor(profile: BoardClientProfile, further: int) -> Steps[None]:
         if errors & Errors.SENSOR_CHANGE:
             # Latched: the driver would look for ever. The manual has the host clear it by this command.
             yield from command(profile, CommandCode.BIT_RESET, _ERRORS, Errors.SENSOR_CHANGE)
-        if errors & (DEAF | Errors.SENSOR_CHANGE) or not serial or not model:
+        if errors & (DEAF | NEW) or not serial or not model:
             good = 0
             if waited >= profile.ready_timeout_s:
                 why = f" ({errors_text(errors)})" if errors else ""

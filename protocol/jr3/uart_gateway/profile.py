@@ -41,7 +41,8 @@ class UartGatewayClientProfile:
     ack_timeout_s: float = setting(
         1.25,
         Mark.DERIVED,
-        "wait for an acknowledge before asking again: more than the deaf second, or the repeat is lost too",
+        "wait for an acknowledge before asking again: more than the deaf second, or the repeat is lost too; for a "
+        "stop, a period of the stream more",
         unit="s",
         above=0.0,
     )
@@ -50,6 +51,13 @@ class UartGatewayClientProfile:
         12.0,
         Mark.CHOSEN,
         "patience with a gateway that is silent or not ready: twice its boot of 5 s and more",
+        unit="s",
+        above=0.0,
+    )
+    still_timeout_s: float = setting(
+        1.0,
+        Mark.CHOSEN,
+        "patience with samples whose counter stands still, beside five periods: a gateway without its sensor",
         unit="s",
         above=0.0,
     )
