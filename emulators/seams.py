@@ -106,7 +106,7 @@ class EmulatedRobot(Protocol):
 class WrenchSource(Protocol):
     """The true wrench that a sensor feels. The cell implements it.
 
-    It may be asked for a time again: after `on_change`, or when a reader begins anew.
+    It may be asked for a time again: after `on_change`, or when a reader begins again.
     """
 
     on_change: Callable[[float], object]

@@ -74,7 +74,7 @@ class StreamClient(Endpoint[Data, Data, StreamEvent], Protocol[Data]):
     before it asks for the data to send. These are the answers, one for each packet. The client needs no limits, no
     ramps and no watchdog: its user has them.
 
-    Sequence numbers count packets. A client unwraps the robot's own number, and counts on where that begins anew. A
+    Sequence numbers count packets. A client unwraps the robot's own number, and counts on where that begins again. A
     packet that came late keeps its own, smaller number.
     """
 

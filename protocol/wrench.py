@@ -8,7 +8,7 @@ no port, reads no clock and waits for nothing. `hil_bridge.sensors.stream.ForceS
 | `SensorReady` | once the device streams, before the first frame; again when its facts have changed |
 | `WrenchFrame` | for every complete sample, oldest first |
 | `Zeroed` | the zero that `zero` asked for holds: frames told later count from it |
-| `SensorRestarted` | the device has begun anew and has forgotten its zero; the client begins again too |
+| `SensorRestarted` | the device has begun again and has forgotten its zero; the client begins again too |
 | `SensorNotice` | something worth a line in the record |
 | `SensorStopped` | the device knows that it is not needed any more, or there is no way to tell it |
 | `SensorFailed` | the session is over; the last event |
@@ -98,7 +98,7 @@ class Zeroed:
 
 @dataclass(frozen=True, slots=True)
 class SensorRestarted:
-    """The device began anew and has forgotten its offsets; the client has begun again."""
+    """The device began again and has forgotten its offsets; the client has begun again."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,7 +187,7 @@ class HostTare:
         """The newest sample has completed a zero; the next one counts from it."""
 
     def zero(self) -> None:
-        """Take a zero from the samples that come next. A zero under way begins anew."""
+        """Take a zero from the samples that come next. A zero under way begins again."""
         self._missing, self._sums = self._samples, (0.0,) * len(AXES)
 
     def values(self, raw: Sequence[float]) -> tuple[float, float, float, float, float, float]:

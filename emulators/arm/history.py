@@ -4,7 +4,7 @@ Time runs on two shifted grids: the ticks of a servo, and the moments at which t
 The second grid lies one transport delay later. Ticks are computed one by one, samples between them as arrays.
 
 The path may be read beyond its committed end, as if no further order came. Ticks are computed once, those ahead as
-well; ticks that an order overtakes are computed anew.
+well; ticks that an order overtakes are computed again.
 """
 
 import math

@@ -57,7 +57,7 @@ class _Sampling:
     taken: int = 0
     """Samples so far: the frame counter before it wraps."""
     read: int = 0
-    """Samples that were read of the sensor so far, some of them ahead of their time and perhaps in vain."""
+    """Samples that were read of the sensor so far, some of them ahead of their time and perhaps never used."""
     ahead: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 6)))
     """Counts of the samples that were read last: those not yet taken are at its end."""
 

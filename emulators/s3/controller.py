@@ -209,7 +209,7 @@ class S3Controller:
         self._say(error.to_telegram())
 
     def release_emergency_stop(self, now: float) -> None:
-        """Allow operation again; it has to be ordered anew."""
+        """Allow operation again; it has to be ordered again."""
         self._executive.happen(Stimulus.EMERGENCY_RELEASE, now)
 
     def set_work_stop(self, active: bool, now: float) -> None:
@@ -333,7 +333,7 @@ class S3Controller:
             self._restart(injection.injected_at)
 
     def _restart(self, now: float) -> None:
-        """Begin anew, silent at first; disc and arm of the controller stay as they are."""
+        """Begin again, silent at first; disc and arm of the controller stay as they are."""
         self._executive.happen(Stimulus.POWER_UP, now)
         self._orders.clear()
         self._ready_at = now + self.profile.start_up_s

@@ -54,7 +54,7 @@ _UNIT_TOLERANCE = 0.01
 
 _LOOK_AHEAD_S = 0.14
 """Chosen: from one move order to the next on a link of 9600 baud. The transport delay is taken off, since that part of
-the path is committed anyway. Ticks computed beyond an order are in vain.
+the path is committed anyway. Ticks computed beyond an order are wasted.
 """
 
 Answer: TypeAlias = Telegram | int | None

@@ -98,7 +98,7 @@ CHANGES: Mapping[Stimulus, Change] = {
     Stimulus.READY: _sets(starting=False),
     #
     Stimulus.EMERGENCY_STOP: _halts(Mark.OBSERVED, emergency_stop=True, mode=Mode.STANDBY),
-    Stimulus.EMERGENCY_RELEASE: _sets(emergency_stop=False),  # operation has to be ordered anew
+    Stimulus.EMERGENCY_RELEASE: _sets(emergency_stop=False),  # operation has to be ordered again
     Stimulus.WORK_STOP: _halts(work_stop=True),  # the mode stays
     Stimulus.WORK_RELEASE: _sets(work_stop=False),
     Stimulus.KEY_AUTO: _sets(key_auto=True),

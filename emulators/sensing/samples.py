@@ -73,7 +73,7 @@ class Samples:
         if last >= stop:
             ahead = math.floor(self.predicted_until(last / self._rate) * self._rate)
             fresh = self._make(stop, max(last + 1, min(ahead, last + _AHEAD)))
-            # The last samples are kept: a reader may begin anew at the same moment.
+            # The last samples are kept: a reader may begin again at the same moment.
             ready = (
                 fresh if ready is None or stop <= first else np.concatenate((ready[first - begin :], fresh))
             )

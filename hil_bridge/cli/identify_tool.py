@@ -91,7 +91,7 @@ def identify_tool(
     A table for --from has a line of column names: qw qx qy qz (tool in base) and fx_n fy_n fz_n mx_nm my_nm mz_nm (mean
     readings in the sensor frame, N and N·m). It may also have their standard deviations sd_fx_n … sd_mz_nm.
     """
-    from hil_bridge.control import identify_tool as identified
+    from hil_bridge.control import identify_tool as tool_estimate
     from hil_bridge.errors import ConfigError
     from hil_bridge.recording.files import check_place, write_whole
     from hil_bridge.runs.zeroing import wrist
@@ -125,7 +125,7 @@ def identify_tool(
     if save is not None:
         write_whole(save, poses_as_csv(poses).encode(), overwrite)
         click.echo(f"poses: {save}")
-    estimate = identified(poses, wrist(config))
+    estimate = tool_estimate(poses, wrist(config))
     _tell(poses, estimate)
     if out is not None:
         write_whole(out, tool_as_toml(estimate).encode(), overwrite)

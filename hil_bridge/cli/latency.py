@@ -27,7 +27,7 @@ def latency(recording: Path, output: Path | None, overwrite: bool) -> None:
     """Tell where the time between a force and the motion that answers it went in a recorded run.
 
     With -o the site's turnaround and the jitter of its sensor become a configuration: `hil-bridge run SITE.toml`
-    then draws them anew, by the seed, in an emulated cell with the same gateway or board.
+    then draws them again, by the seed, in an emulated cell with the same gateway or board.
     """
     from hil_bridge.analysis.latency import latency_of
     from hil_bridge.errors import ConfigError

@@ -1,7 +1,7 @@
 """The clock of emulated devices: an event has the time at which it was due, not the time of a late wake-up.
 
 A computer calls back some time after the deadline and then needs time to compute. The device has neither delay. An
-answer reckoned from the wake-up would begin that much later on its line. A chain of deadlines would fall behind a
+answer calculated from the wake-up would begin that much later on its line. A chain of deadlines would fall behind a
 little more with each.
 """
 

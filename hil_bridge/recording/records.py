@@ -88,13 +88,13 @@ class CycleRecord(Struct, frozen=True):
     """Complete input of the decision; None where it was not kept."""
     # --- more times of the hops; NaN for a time without a stamp
     status_transmitted_at: float = math.nan
-    """The last character of the status order has left the line, reckoned at the line's rate, s."""
+    """The last character of the status order has left the line, calculated at the line's rate, s."""
     decoded_at: float = math.nan
     """The sensor frame that the controller was given had been decoded, s."""
     proposed_at: float = math.nan
     """The controller is done; the supervisor begins, s."""
     transmitted_at: float = math.nan
-    """The last character of the move order has left the line, reckoned at the line's rate, s."""
+    """The last character of the move order has left the line, calculated at the line's rate, s."""
     sensor_counter: int = 0
     """Counter of the sensor frame used, as the device sent it."""
 

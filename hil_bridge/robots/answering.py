@@ -56,7 +56,7 @@ class Answering(Generic[Data]):
         self.fault = ""
         """The first fault that the robot reported in this movement."""
         self.lost = ""
-        """Why the movement was ended by the other side, or for want of targets."""
+        """Reason for which the other side, or a lack of targets, ended the movement."""
         self._limits = MotionLimits(0.0)
         self._setpoint: Pose | None = None
         """Answer to the newest packet; None outside of a movement."""

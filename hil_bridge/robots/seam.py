@@ -52,7 +52,7 @@ class Sent(NamedTuple):
     begun_at: float
     """The first byte was handed to the port; of a stream: the target was replaced."""
     left_at: float = math.nan
-    """The last byte had left the line, reckoned."""
+    """The last byte had left the line, calculated."""
     accepted_at: float = math.nan
     """The robot had said that it takes it."""
 

@@ -97,7 +97,7 @@ class StreamedLink(Generic[Data]):
         return newest
 
     async def release(self, report: RobotReport) -> None:
-        """Each movement is begun anew, and ends with the stream: nothing is left open."""
+        """Each movement begins and ends by itself and ends with the stream: nothing is left open."""
 
     @asynccontextmanager
     async def motion(self, limits: MotionLimits) -> AsyncIterator[StreamedMotion[Data]]:

@@ -405,7 +405,7 @@ class Run:
         )
 
     def _wrist_at(self, quaternion: Quaternion) -> WristAtOrientation:
-        """The wrist at this orientation, made anew only when the tool has turned."""
+        """The wrist at this orientation, made again only when the tool has turned."""
         if self._turned_wrist is None or self._turned_wrist[0] != quaternion:
             frame = self._config.frame
             wrist = self._wrist.at_orientation(

@@ -316,7 +316,7 @@ class _Session:
         try:
             if self._recorder.error is not None:
                 raise self._recorder.error
-            with self._interruptible(), self._scheduled():
+            with self._interruptible(), self._real_time_loop():
                 try:
                     result = await self._with_devices()
                 except asyncio.CancelledError:  # by a signal: everything has been closed on the way here
@@ -345,7 +345,7 @@ class _Session:
             self.record_error = error
 
     @contextmanager
-    def _scheduled(self) -> Iterator[None]:
+    def _real_time_loop(self) -> Iterator[None]:
         """The loop's thread as the configuration wants it; the recorder has been started, and stays as it is."""
         with gc_paused():
             if self._clock.is_virtual:
@@ -376,7 +376,7 @@ class _Session:
             if devices.served is not None:
                 self._emulated(devices.served)
             run = self._run = Run(config, clock, robot, sensor, self)
-            async with self._shown():
+            async with self._live_view():
                 self._result = await run()
             return self._result
 
@@ -414,7 +414,7 @@ class _Session:
         return self._run is not None and self._run.moving
 
     @asynccontextmanager
-    async def _shown(self) -> AsyncIterator[None]:
+    async def _live_view(self) -> AsyncIterator[None]:
         """The live view, drawn by the screen's thread; in virtual time there is no person to watch.
 
         No part of it waits for the terminal: the loop goes on when that is paused or gone.

@@ -120,7 +120,7 @@ def numbers(values: Sequence[float]) -> str:
 
 
 def unit(quaternion: Quaternion) -> Quaternion:
-    """Device words are rounded; turns are reckoned with unit length."""
+    """Device words are rounded; turns are calculated with unit length."""
     length = math.hypot(*quaternion)
     w, x, y, z = (part / length for part in quaternion)
     return w, x, y, z

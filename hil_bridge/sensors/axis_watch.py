@@ -37,7 +37,7 @@ class AxisWatch:
         self._moved = False
 
     def zeroed(self) -> None:
-        """A zero was taken: the values begin anew."""
+        """A zero was taken: the values begin again."""
         self._first = None
 
     def frame(self, values: Sequence[float], at: float) -> None:

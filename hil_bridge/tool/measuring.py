@@ -225,7 +225,7 @@ class _Measuring:
 
 
 def _unit(quaternion: Quaternion) -> Quaternion:
-    """Device words are rounded; turns are reckoned with unit length."""
+    """Device words are rounded; turns are calculated with unit length."""
     length = math.hypot(*quaternion)
     if length < 0.5:
         raise DeviceError(f"the robot reports the orientation {quaternion}, which is none")

@@ -105,7 +105,7 @@ class SampleCounter:
         self._sequence: int | None = None
 
     def restart(self) -> None:
-        """The device begins to count anew; the sequence goes on by 1."""
+        """The device begins to count again; the sequence goes on by 1."""
         self._last = None
         self._statistics.standing = 0
 

@@ -12,7 +12,7 @@ Theory of operation. A session goes through the phases ASKING, the steps of its 
 
 Steps for full scales are left out where these are known. In every phase but ASKING an order without acknowledge is
 repeated `retries` times, then the session is FAILED; a full scale of 0 makes it FAILED at once. A boot-up begins the
-session anew, except in STOPPING and STOPPED. A stop goes out from every phase, FAILED too.
+session again, except in STOPPING and STOPPED. A stop goes out from every phase, FAILED too.
 
 Three sides drive it. The owner asks with `zero`, `set_filter` and `stop`. The client tells what it has read by
 `acknowledge`, `boot_up`, `sample` and `tell`, and encodes the order that `order_to_send` gives. Time comes with
@@ -241,7 +241,7 @@ class GatewaySession(Generic[Op]):
             self._events.append(WrenchFrame(counts, counter, sequence, at, saturated))
 
     def boot_up(self, now: float) -> None:
-        """The gateway has begun anew and knows nothing of this session."""
+        """The gateway has begun again and knows nothing of this session."""
         if self.phase in (Phase.STOPPING, Phase.STOPPED):
             return
         if self.phase is not Phase.ASKING:

@@ -33,7 +33,7 @@ class Range:
         self.restart()
 
     def restart(self) -> None:
-        """The device began anew, without offsets."""
+        """The device began again, without offsets."""
         self._offset: tuple[int, ...] = (0,) * len(AXES)
         self.newest: Sequence[int] | None = None
         """The newest sample since the zero."""

@@ -359,7 +359,7 @@ def test_trying_ends_with_the_named_time_and_the_last_reason() -> None:
 
 
 def reconnecting(clock: Clock, absent: int) -> tuple[Reconnecting, list[Transport[bytes]], list[str]]:
-    """A wire in memory that comes back after this many tries in vain; its far ends, and what was noticed."""
+    """A wire in memory that comes back after this many failed tries; its far ends, and what was noticed."""
     far_ends: list[Transport[bytes]] = []
     notices: list[str] = []
     tries = iter(range(1000))

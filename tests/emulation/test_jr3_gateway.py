@@ -173,7 +173,7 @@ def test_sync_sends_force_then_moment_in_both_modes() -> None:
     assert value(ask(gateway, "080#", AWAKE)) == ((0,) * 6, 0)
     assert value(ask(gateway, "080#", AWAKE + 0.0051)) == (tuple(COUNTS), math.floor(0.0051 / TS))
     assert ask(gateway, START_UNFILTERED, AWAKE + 0.006)[-1] == "101#00"
-    # The first asynchronous start since power-up begins to count anew.
+    # The first asynchronous start since power-up begins to count again.
     assert value(ask(gateway, "080#", AWAKE + 0.0071)) == (tuple(COUNTS), math.floor(0.0011 / TS))
 
 

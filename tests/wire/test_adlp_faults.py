@@ -254,8 +254,8 @@ class LinkUnderFaults(RuleBasedStateMachine):
         assert self.now <= queued + self.bound(), "the outcome comes in time"
 
     def bound(self):
-        """For all messages of both sides. Each may be kept waiting while the other side's end, its bids begun anew, and
-        by every bid that no message has followed.
+        """For all messages of both sides. Each may wait while the other side's end, its bids begun again, and for every
+        bid that no message has followed.
         """
         p = self.profile
         waits = p.bid_limit * (p.answer_timeout_s + p.character_time) + p.answer_timeout_s + p.gap_timeout_s

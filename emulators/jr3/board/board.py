@@ -161,7 +161,7 @@ class Board:
         return self._due.get(_Due.COMMAND, self._now)
 
     def reset(self, now: float) -> None:
-        """Start the board's program anew. Assumed: the words that the host had written are lost."""
+        """Start the board's program again. Assumed: the words that the host had written are lost."""
         self._advance(now)
         self._processor.sampling.cut()
         self._start(self._now)

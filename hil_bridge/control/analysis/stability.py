@@ -236,8 +236,8 @@ def holding_limit_cycle(
         2δ = f_m·(q/2 + δ),    δ = q·f_m/(2·(2 − f_m)),    if it was short of the border at m − 1 ticks:
         f_(m−1)·(q/2 + δ) < δ.
 
-    More than one m can fulfil that. The axis also swings through by what it coasts, and when the force is sampled
-    meanwhile, it is that which counts. So the cycle has no formula: it is found. The equations of the switched loop,
+    More than one m can fulfil that. The axis also coasts beyond that place, and a force that is sampled meanwhile
+    counts. So the cycle has no formula: it is found. The equations of the switched loop,
     linear between ticks, are stepped until they repeat, from some steps below the border, as a controller arrives
     there. Nothing in them is random or fitted.
 

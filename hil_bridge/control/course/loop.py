@@ -294,7 +294,7 @@ class ControlLoop:
     def _face(
         self, state: LoopState, measurement: Measurement, sample: Sample
     ) -> tuple[ContourState, Measurement]:
-        """The measurement along the surface's normal while tracking; the estimate begins anew with every contact."""
+        """The measurement along the surface's normal while tracking; the estimate begins again with every contact."""
         if self.contour is None or state.task.phase is not _TRACK:
             return _NO_CONTOUR, measurement
         force, travel = measurement.force, measurement.travel
@@ -313,7 +313,7 @@ class ControlLoop:
     def _watch(
         self, state: OscillationState, measurement: Measurement, output: TaskOutput
     ) -> tuple[OscillationState, Advice | None]:
-        """The detector's word on a sample of TRACK in contact; it begins anew with every other phase."""
+        """The detector's word on a sample of TRACK in contact; it begins again with every other phase."""
         if self.detector is None or output.phase is not _TRACK:
             return _NO_OSCILLATION, None
         if output.command is None or not output.in_contact:

@@ -58,7 +58,7 @@ class TaskParameters:
     loss_threshold_n: float = 0.5
     """Force below which contact counts as lost; lower than the other so that noise does not toggle it."""
     loss_ms: float = 800.0
-    """Time without contact after which the surface is approached anew; until then the controller may find it by
+    """Time without contact after which the surface is approached again; until then the controller may find it by
     itself, without travelling on. Chosen: five samples of 172 … 187 ms reach it and four do not.
     """
     loss_limit: int = 20

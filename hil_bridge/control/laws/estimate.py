@@ -39,7 +39,7 @@ class StiffnessEstimate(Struct, frozen=True):
     stiffness: float | None = None
     """N/m; None before the first pair that counted."""
     position: float | None = None
-    """Reported position of the older sample, m; None when the next sample begins anew."""
+    """Reported position of the older sample, m; None when the next sample begins again."""
     force: float = 0.0
     """Force of the older sample, N."""
     age: int = 0

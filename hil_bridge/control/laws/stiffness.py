@@ -78,7 +78,7 @@ class Stiffness(Struct, frozen=True):
     pressed: float = 0.0
     """Σ w φ Δf, N·m."""
     force: float | None = None
-    """Force of the older pair, N; None when the next pair begins anew."""
+    """Force of the older pair, N; None when the next pair begins again."""
     position: float = 0.0
     """Position of the older pair, m."""
     travel: float = 0.0
@@ -107,8 +107,8 @@ def observe(
 ) -> Stiffness:
     """Take one sample. `slope` is how much deeper the surface lies per travel, where the caller knows it better.
 
-    Without contact the estimate stays and pairs begin anew. A sample that is saturated or not finite is passed over. So
-    is a move that is too small: its older half is replaced, for sums of small moves carry the robot's dead band.
+    Without contact the estimate stays and pairs begin again. A sample that is saturated or not finite is passed over.
+    So is a move that is too small: its older half is replaced, for sums of small moves carry the robot's dead band.
     """
     if not measurement.in_contact:
         return replace(estimate, force=None)

@@ -123,7 +123,7 @@ class S3Link:
         """
         self.transmitted_at = math.nan
         """Time at which its last character, which ends the message, has left the line. Ports do not tell it, so it is
-        reckoned from the hand-over to the port, at the line's rate.
+        calculated from the hand-over to the port, at the line's rate.
         """
         self._answered_at = math.nan
         self._answer_time = answer_time(profile)

@@ -123,7 +123,7 @@ def _definition(name: str, value: object) -> OrderDefinition:
     try:
         table = _OrderTable.model_validate(value)
     except ValidationError as error:
-        raise _explained(name, error) from error
+        raise _explain(name, error) from error
     for suffix in table.suffixes:
         if not (suffix.isdecimal() and len(suffix) <= SUFFIX_DIGITS):
             raise DefinitionError("a suffix is a whole number", name, "suffixes", suffix)
@@ -173,7 +173,7 @@ def _payload(name: str, part: str, items: list[_FieldTable], length: int | None,
     return Payload(fields.Layout(f"{name} {part}", size, ">", found), rest)
 
 
-def _explained(name: str, error: ValidationError) -> DefinitionError:
+def _explain(name: str, error: ValidationError) -> DefinitionError:
     """The first thing that has the wrong form, in words."""
     first: Any = error.errors()[0]
     got = f", got {format_value(first['input'])}"

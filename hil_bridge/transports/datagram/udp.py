@@ -33,7 +33,7 @@ MOST_PER_WAKE_UP = 256
 
 RECEIVE_BUFFER_BYTES = 1 << 20
 """Room that the system is asked for, bytes; it gives what its limit allows. Chosen: 0.2 s of 7000 datagrams a second,
-each of which the kernel reckons at 768 bytes at least."""
+each of which the kernel calculates at 768 bytes at least."""
 
 _LINUX = sys.platform == "linux"
 _SO_TIMESTAMPNS, _SO_RXQ_OVFL = 35, 40

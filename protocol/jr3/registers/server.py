@@ -60,7 +60,7 @@ class ResetRefused(RemoteProtocolError):
 class RegisterServer:
     """Endpoint of the server: bytes in, bytes out; tells ConnectionOver when the client is beyond help.
 
-    After that it begins anew, for wires on which there is no other connection.
+    After that it begins again, for wires on which there is no other connection.
     """
 
     def __init__(self, registers: Registers, profile: RegisterServerProfile, now: float) -> None:

@@ -31,7 +31,7 @@ class LinkFailure(StrEnum):
     EARLY_EOT = "early EOT"
     """Theirs: ended before a valid block came."""
     INCOMPLETE = "incomplete"
-    """Theirs: fell silent or began anew in the middle."""
+    """Theirs: fell silent or began again in the middle."""
     TOO_LONG = "too long"
     """Theirs: more blocks than we keep."""
 

@@ -39,7 +39,7 @@ Time-outs (seconds from the end of the characters that we handed out last, `Shar
     gap                     `gap_time` without a byte, inside a block or behind garbage: the block is refused by NAK.
     A block that comes in holds off the state's own time-out; the gap stands for it (`_block_is_coming`). Deadlines that
     the owner did not handle in time do not count against data that came first (`receive`). A late owner is noticed
-    where it matters: behind an old ACK the other side no longer waits, and a bid goes out anew (`Shared.is_overdue`).
+    where it matters: behind an old ACK the other side no longer waits, and a bid goes out again (`Shared.is_overdue`).
 
 Contention
     Both bid at once: each hears ENQ while BIDDING (`_collide`). The `collision_winner` goes on waiting for its ACK, the

@@ -176,7 +176,7 @@ class MemoryCanBus:
         return self._attempt is not None and self._clock.now() < self._at(self._attempt.start)
 
     def _joins(self) -> bool:
-        """Arbitrate anew for a node that comes until the instant at which a frame begins; whether there is one."""
+        """Arbitrate again for a node that comes until the instant at which a frame begins; whether there is one."""
         attempt = self._attempt
         if attempt is None or self._calling_back or self._clock.now() > self._at(attempt.start):
             return False
