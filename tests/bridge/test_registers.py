@@ -3,6 +3,7 @@
 import itertools
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -21,7 +22,6 @@ from hil_bridge.runs.compose import Ports, emulated_cell, open_devices
 from hil_bridge.runs.cycle import Run
 from hil_bridge.sensors.jr3.registers import (
     ListenerProfile,
-    ProgramWord,
     board_wire,
     connect_board,
     open_pci,
@@ -36,6 +36,7 @@ from protocol.jr3.registers import (
     BoardClient,
     BoardClientProfile,
     Op,
+    ProgramWord,
     Read,
     Request,
     Reset,
@@ -283,6 +284,47 @@ def test_a_reset_needs_the_boards_program(sysfs: Path) -> None:
     board.close()
     at = [BLOCK + byte for byte in (0x60000, 0, 0x40000, 4 * 0x3FFF, 0x40000 + 4 * 0x3FFF)]
     assert [get(sysfs, byte) for byte in at] == [0, 0x1234, 0x56, 0xABCD, 0xEF]
+
+
+def test_a_client_s_program_goes_where_the_board_s_own_does(sysfs: Path) -> None:
+    put(sysfs, BLOCK + 0x60000, 77)
+    board = open_pci("03:00.0", channel=1, sysfs=sysfs)
+    board.load(0, ())
+    board.load(0x3FFE, (0x1234, 0x56, 0xABCD, 0xEF))
+    with pytest.raises(RemoteProtocolError, match="not within the program's memory"):
+        board.load(0x3FFF, (1, 2, 3, 4))
+    board.close()
+    at = [BLOCK + byte for byte in (0x60000, 4 * 0x3FFE, 4 * 0x3FFF, 0x40000 + 4 * 0x3FFF)]
+    assert [get(sysfs, byte) for byte in at] == [0, 0x1234, 0xABCD, 0xEF]
+
+
+@pytest.mark.parametrize(
+    ("text", "says"), [(None, "cannot read"), ("0002 0000 1 2", "is no board program: it has no end mark")]
+)
+def test_a_run_with_a_wrong_program_is_refused_in_one_line(
+    tmp_path: Path, text: str | None, says: str
+) -> None:
+    path, config = tmp_path / "p.idm", tmp_path / "run.toml"
+    if text is not None:
+        path.write_text(text)
+    config.write_text(f'[sensor]\nemulated = "board"\n[sensor.board]\nprogram = "{path}"\n')
+    ended = CliRunner().invoke(cli, ["run", str(config), "--virtual", "--no-view"])
+    assert isinstance(ended.exception, ConfigError)
+    assert says in str(ended.exception)
+    assert "\n" not in str(ended.exception)
+
+
+def test_a_run_loads_the_program_of_its_settings(tmp_path: Path) -> None:
+    path, config = tmp_path / "p.idm", tmp_path / "run.toml"
+    path.write_text("0002 0000 1 2 ffff")
+    config.write_text(
+        f'[sensor]\nemulated = "board"\n[sensor.board]\nprogram = "{path}"\n[run]\nduration_s = 1.0\n'
+    )
+    loaded: list[tuple[int, ...]] = []
+    with mock.patch.object(Board, "load", lambda self, address, words, now: loaded.append((address, *words))):
+        ended = CliRunner().invoke(cli, ["run", str(config), "--virtual", "--no-view"])
+    assert ended.exit_code == 0, ended.stderr
+    assert loaded == [(0,), (0, 1, 2)]
 
 
 def test_a_program_file(tmp_path: Path) -> None:

@@ -12,7 +12,14 @@ from hypothesis import strategies as st
 
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
 from protocol.fields import Layout
-from protocol.jr3.board import REGISTERS, CommandCode, check_range, from_signed, pack_words
+from protocol.jr3.board import (
+    REGISTERS,
+    CommandCode,
+    check_instructions,
+    check_range,
+    from_signed,
+    pack_words,
+)
 from protocol.jr3.registers import (
     BURST,
     FILTER_DELAYS,
@@ -25,7 +32,9 @@ from protocol.jr3.registers import (
     Burst,
     ConnectionOver,
     Garbage,
+    Load,
     Op,
+    ProgramWord,
     Read,
     RegisterServer,
     RegisterServerProfile,
@@ -68,6 +77,8 @@ GOLDEN_REQUESTS = {
     "4A52 01 01 1234 00A0 0052 00000000": Request(Op.READ, 0x1234, 0x00A0, 82),
     "4A52 02 01 0001 00E7 0001 00000000 0800": Request(Op.WRITE, 1, 0x00E7, 1, (0x0800,)),
     "4A52 03 01 FFFF 0000 0000 00000000": Request(Op.RESET, 0xFFFF),
+    "4A52 05 01 0003 0000 0000 00000000": Request(Op.PROGRAM, 3),
+    "4A52 05 01 0004 3FFF 0002 00000000 ABCD 0056": Request(Op.PROGRAM, 4, 0x3FFF, 2, (0xABCD, 0x56)),
     "4A52 04 0A 0002 0090 0062 000003E8": Request(Op.STREAM, 2, 0x0090, 98, (), 1000, 10),
 }
 GOLDEN_RESPONSES = {
@@ -149,7 +160,7 @@ def test_any_split_gives_the_same_telegrams(cuts: list[int]) -> None:
         for item in reader.feed(WIRE[begin:end])
     ]
     assert found == request_reader().feed(WIRE)
-    assert [type(item) for item in found] == [Garbage, *[Request] * 4, Garbage, Request]
+    assert [type(item) for item in found] == [Garbage, *[Request] * len(GOLDEN_REQUESTS), Garbage, Request]
 
 
 def test_every_single_cut_gives_the_same_telegrams() -> None:
@@ -192,6 +203,8 @@ def test_what_cannot_be_said_is_refused() -> None:
         Request(Op.WRITE, 1, 0, 0, ()),
         Request(Op.WRITE, 1, 0, 2, (1,)),
         Request(Op.WRITE, 1, 0, 257, (0,) * 257),
+        Request(Op.PROGRAM, 1, 0, 2, (1,)),
+        Request(Op.PROGRAM, 1, 0, 257, (0,) * 257),
         Request(Op.WRITE, 1, 0, 1, (70000,)),
         Request(Op.READ, 70000),
     ):
@@ -226,6 +239,7 @@ class Words:
         self.resets = 0
         self.may_reset = True
         self.commands: list[int] = []
+        self.loads: list[tuple[int, ...]] = []
         self.answers: dict[int, int] = {}
         """Next value of command_word0, by command; 0 otherwise."""
         self.poke("serial_no", 4711)
@@ -263,6 +277,10 @@ class Words:
             raise ResetRefused("not this one")
         self.resets += 1
 
+    def load(self, address: int, words: Sequence[int], now: float) -> None:
+        check_instructions(address, words)
+        self.loads.append((address, *words))
+
 
 def tick(board: Words, counter: int, fz: int = 0, number: int = 2) -> None:
     board.poke(f"filter{number}", fz, 2)
@@ -285,6 +303,8 @@ def perform(board: Words, sequence: Steps[Any], now: float = EPOCH) -> tuple[Any
                     board.write(address, values, now)
                 case Reset():
                     board.reset(now)
+                case Load(address, values):
+                    board.load(address, values, now)
                 case Wait(duration):
                     now += duration
             step = sequence.send(answer)
@@ -420,6 +440,8 @@ def test_server_reads_and_writes_and_resets() -> None:
         (Request(Op.READ, 9, 0, 0), Status.BAD_COUNT),
         (Request(Op.READ, 9, 0, 257), Status.BAD_COUNT),
         (Request(Op.WRITE, 9, 0x3FFF, 2, (1, 2)), Status.OUTSIDE_MAP),
+        (Request(Op.PROGRAM, 9, 0x3FFF, 4, (1, 2, 3, 4)), Status.OUTSIDE_MAP),
+        (Request(Op.PROGRAM, 9, 0, 1, (1,)), Status.OUTSIDE_MAP),
         (Request(Op.RESET, 9), Status.REFUSED),
         (Request(77, 9), Status.UNKNOWN_OP),
         (Request(Op.CONNECTION, 9), Status.UNKNOWN_OP),
@@ -507,11 +529,13 @@ def test_a_flood_of_requests_is_answered_in_bounded_pieces() -> None:
 class Pair:
     """A client and its server, joined without a wire; time goes from deadline to deadline."""
 
-    def __init__(self, board: Words, profile: BoardClientProfile) -> None:
+    def __init__(
+        self, board: Words, profile: BoardClientProfile, program: Sequence[ProgramWord] = ()
+    ) -> None:
         self.now = EPOCH
         self.board = board
         self.server = RegisterServer(board, RegisterServerProfile(), self.now)
-        self.client = BoardClient(profile, self.now)
+        self.client = BoardClient(profile, self.now, program)
         self.events: list[SensorEvent] = []
         self.cut = False
 
@@ -553,13 +577,14 @@ class Ticking(Words):
     """Counts filter2's outputs, 2000 a second, as the time goes; fz is 100."""
 
     def read(self, address: int, count: int, now: float) -> tuple[int, ...]:
-        number = round((now - EPOCH) * 2000)
+        number = round((now - EPOCH) * 2000) - self.behind
         if not self.still:
             self.poke("count2", number)
             self.poke("count1", 4 * number)
         return super().read(address, count, now)
 
     still = False
+    behind = 0
 
 
 @pytest.fixture
@@ -695,6 +720,39 @@ def test_a_refused_reset_is_told_and_passed_over() -> None:
     assert isinstance(events[2], SensorReady)
 
 
+PROGRAM = (
+    *(ProgramWord(0x10 + k, k, 0xEF) for k in range(130)),
+    ProgramWord(0x3FFF, 0xABCD, 0x56),
+)
+
+
+def test_a_program_is_loaded_between_the_reset_and_the_pause_after_it() -> None:
+    board = Ticking()
+    _, steps, _ = perform(board, start_up(FAST, PROGRAM))
+    assert [type(step) for step in steps[:6]] == [Load, Load, Load, Load, Wait, Read]
+    assert [(load[0], len(load) - 1) for load in board.loads] == [(0, 0), (0x10, 256), (0x90, 4), (0x3FFF, 2)]
+    assert board.loads[2:] == [(0x90, 128, 0xEF, 129, 0xEF), (0x3FFF, 0xABCD, 0x56)]
+    assert board.resets == 0
+
+
+def test_a_client_with_a_program_starts_up_over_its_server() -> None:
+    board = Ticking()
+    board.may_reset = False
+    pair = Pair(board, FAST, PROGRAM)
+    _, ready, *_ = pair.run(1.0)
+    assert isinstance(ready, SensorReady)
+    assert [load[0] for load in board.loads] == [0, 0x10, 0x90, 0x3FFF]
+
+
+def test_a_program_outside_the_processor_s_memory_is_refused() -> None:
+    pair = Pair(Ticking(), FAST, (ProgramWord(0x4000, 1, 2),))
+    assert failure(pair.run(1.0)) == (
+        "board: the server refuses a program: words outside the board's memory map"
+    )
+    with pytest.raises(ValueError, match="program is loaded by start_up = driver alone"):
+        BoardClientProfile(program="x.idm", start_up="none")
+
+
 def test_a_second_client_takes_the_board_as_it_is() -> None:
     board = Ticking()
     for i in range(6):
@@ -729,6 +787,23 @@ def test_a_changed_sensor_begins_again_without_a_reset(pair: Pair) -> None:
     assert pair.board.resets == 1
     first = next(event for event in events if isinstance(event, WrenchFrame))
     assert first.sequence == before + 1
+
+
+def test_a_calibration_that_is_read_again_is_seen_while_it_is_read(pair: Pair) -> None:
+    """The same sensor plugged in again sets no `sensor changed`, but its offsets are lost."""
+    pair.frames(0.3)
+    pair.board.poke("errors", 0x3000)
+    assert SensorRestarted() in pair.run(0.4)
+
+
+def test_a_sensor_that_was_away_between_two_samples_is_seen_by_its_counter() -> None:
+    board = Ticking()
+    pair = Pair(board, replace(FAST, period_ms=200.0))
+    events = pair.run(2.0)
+    assert SensorRestarted() not in events
+    assert isinstance(events[-1], WrenchFrame)
+    board.behind = 66  # 33 ms of filter2's outputs
+    assert SensorRestarted() in pair.run(2.25)
 
 
 def test_saturation_is_told_once_and_again_after_a_quiet_time(pair: Pair) -> None:

@@ -21,7 +21,7 @@ from emulators.jr3.faults import SECOND
 from emulators.jr3.scales import WrongScales
 from emulators.jr3.sensor import SENSOR_RATE_HZ, Jr3Sensor
 from protocol.jr3 import AXES
-from protocol.jr3.board import REGISTERS, WORD_MODULUS, Errors, check_range, from_signed
+from protocol.jr3.board import REGISTERS, WORD_MODULUS, Errors, check_instructions, check_range, from_signed
 
 _EPSILON = 1e-6
 """Share of a sample period by which a time may be too early through rounding."""
@@ -165,6 +165,15 @@ class Board:
         self._advance(now)
         self._processor.sampling.cut()
         self._start(self._now)
+
+    def load(self, address: int, words: Sequence[int], now: float) -> None:
+        """Reset it for a program, or take instructions, which are not looked at: it runs its own.
+
+        Raises RemoteProtocolError for what a processor could not be loaded with.
+        """
+        check_instructions(address, words)
+        if not words:
+            self.reset(now)
 
     # --- the truth, which no wire tells
 

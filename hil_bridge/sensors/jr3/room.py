@@ -1,6 +1,7 @@
 """The JR3's room, as the house sees it: a sensor behind a CAN gateway, a UART gateway or a receiver board."""
 
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any
 
 from emulators.jr3 import Jr3Profiles, make_board, make_gateway, make_uart
@@ -9,7 +10,14 @@ from emulators.seams import SensorFactory
 from emulators.wires.slcan_adapter import SlcanAdapter, SlcanProfile
 from hil_bridge.errors import ConfigError
 from hil_bridge.kinds import CanBus, KindSettings, SensorEmulation, SensorKind
-from hil_bridge.sensors.jr3.registers import BOARD, ListenerProfile, board_wire, connect_board, serve_board
+from hil_bridge.sensors.jr3.registers import (
+    BOARD,
+    ListenerProfile,
+    board_wire,
+    connect_board,
+    read_program,
+    serve_board,
+)
 from hil_bridge.sensors.jr3.settings import Jr3Settings
 from hil_bridge.transports import Transport
 from hil_bridge.transports.can.slcan_device import SlcanDevice
@@ -120,8 +128,10 @@ def _board_form(url: str) -> str | None:
 
 
 async def _connect_board(url: str, settings: KindSettings, wiring: Wiring) -> tuple[Transport[Any], Any]:
+    path = settings.client.board.program
+    program = read_program(Path(path)) if path else ()
     wire, profile = await connect_board(url, settings.client.board, wiring.clock)
-    return wiring.tap(wire), BoardClient(profile, wiring.clock.now())
+    return wiring.tap(wire), BoardClient(profile, wiring.clock.now(), program)
 
 
 async def _serve_board(url: str, board: Any, settings: KindSettings, serving: Serving) -> str:

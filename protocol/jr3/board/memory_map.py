@@ -151,6 +151,19 @@ def check_range(address: int, count: int) -> None:
         )
 
 
+INSTRUCTIONS = 0x4000
+"""Instructions that the board's processor has room for. Source: Linux's jr3_pci driver."""
+
+
+def check_instructions(address: int, words: Sequence[int]) -> None:
+    """Raise RemoteProtocolError for halves of instructions without their other, and outside the program's memory."""
+    if len(words) % 2 or address < 0 or address + len(words) // 2 > INSTRUCTIONS:
+        raise RemoteProtocolError(
+            f"{len(words)} half instructions from {address:#06x} are not within the program's memory "
+            f"0x0000 … {INSTRUCTIONS - 1:#06x}"
+        )
+
+
 def describe(address: int, words: Sequence[int]) -> list[dict[str, object]]:
     """Every named word of a burst as name, raw value, value in its unit, mark and meaning: for people to read."""
     rows: list[dict[str, object]] = []

@@ -21,3 +21,10 @@ class Registers(Protocol):
 
     def reset(self, now: float) -> None:
         """Restart the board's processor as its reset line does."""
+
+    def load(self, address: int, words: Sequence[int], now: float) -> None:
+        """Write instructions from this one on, the low and the high half of each in turn; without words, pull the
+        reset line of a processor whose instructions follow.
+
+        Raises RemoteProtocolError for halves without their other, and outside the program's memory.
+        """

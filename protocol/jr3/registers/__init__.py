@@ -10,6 +10,8 @@ from protocol.jr3.registers.profile import (
 from protocol.jr3.registers.server import ConnectionOver, RegisterServer, ResetRefused, farewell
 from protocol.jr3.registers.startup import (
     BoardIdentity,
+    Load,
+    ProgramWord,
     Read,
     Reset,
     Step,
@@ -57,7 +59,9 @@ __all__ = [
     "Burst",
     "ConnectionOver",
     "Garbage",
+    "Load",
     "Op",
+    "ProgramWord",
     "Read",
     "RegisterServer",
     "RegisterServerProfile",

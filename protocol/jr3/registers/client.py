@@ -13,11 +13,13 @@ from protocol.endpoint import LocalProtocolError, RemoteProtocolError
 from protocol.jr3.board import REGISTERS, SATURATIONS, Errors, pack_words
 from protocol.jr3.counts import facts_of
 from protocol.jr3.range import Range
-from protocol.jr3.registers.profile import BoardClientProfile
+from protocol.jr3.registers.profile import BoardClientProfile, filter_tick
 from protocol.jr3.registers.startup import (
     DEAF,
     NEW,
     BoardIdentity,
+    Load,
+    ProgramWord,
     Read,
     Reset,
     Step,
@@ -58,6 +60,10 @@ from protocol.wrench import (
 
 _COUNTER_MODULUS = 65536
 _TAG_MODULUS = 65536
+_SEEN_S = 0.03
+"""Derived: a board reads a calibration for 33 ms, which samples not farther apart than this see."""
+_STOOD_S = 0.02
+"""Chosen: longer than a command of another client keeps the board busy, shorter than it reads a calibration."""
 _QUIET_S = 1.0
 """Chosen: saturation is told again once it has been away for so long."""
 
@@ -82,7 +88,8 @@ _RUNNING = frozenset({BoardPhase.STARTING, BoardPhase.SETTLING, BoardPhase.READY
 class BoardClient:
     """Endpoint of the client: bytes in, bytes out, tells SensorEvents."""
 
-    def __init__(self, profile: BoardClientProfile, now: float) -> None:
+    def __init__(self, profile: BoardClientProfile, now: float, program: Sequence[ProgramWord] = ()) -> None:
+        """`program` is loaded at the start-up; without it the board or its server has one."""
         self._profile = profile
         self._first = REGISTERS[f"filter{profile.filter}"].address
         # filter0 has no counter of its own and the rate of filter1
@@ -95,6 +102,10 @@ class BoardClient:
         )
         self._longest_ns = 1.25e9 * profile.period
         """Between two time stamps when none is missing, with room for a late one, ns."""
+        self._tick = filter_tick(profile.filter)
+        self._may_miss = profile.period > _SEEN_S
+        """Samples are so far apart that the sensor may be exchanged between two."""
+        self._counted_ns = 0
         self._by_poll = profile.mode == "poll"
         self._data_timeout = max(profile.data_timeout_s, 5 * profile.period * profile.bursts)
         self.statistics = SensorStatistics()
@@ -134,7 +145,7 @@ class BoardClient:
         self._dated = now
         self._saturated = 0
         self._saturated_until = now
-        self._begin(start_up(profile) if profile.start_up == "driver" else attach(profile), now)
+        self._begin(start_up(profile, program) if profile.start_up == "driver" else attach(profile), now)
 
     @property
     def phase(self) -> BoardPhase:
@@ -269,6 +280,8 @@ class BoardClient:
                 self._step_tag = self._request(Op.READ, address, count)
             case Write(address, values):
                 self._step_tag = self._request(Op.WRITE, address, len(values), words=values)
+            case Load(address, words):
+                self._step_tag = self._request(Op.PROGRAM, address, len(words), words=words)
             case _:
                 self._step_tag = self._request(Op.RESET)
         self._answer_by = now + self._profile.answer_timeout_s
@@ -433,8 +446,13 @@ class BoardClient:
                 self.statistics.repeated += 1
                 continue
             else:
-                sequence += (counter - self._counter) % _COUNTER_MODULUS
+                step = (counter - self._counter) % _COUNTER_MODULUS
+                if self._may_miss and self._stood((time_ns - self._counted_ns) * 1e-9, step):
+                    self._begin_again(now)
+                    return
+                sequence += step
             self._sequence, self._counter, self._sampled_at = sequence, counter, now
+            self._counted_ns = time_ns
             counts = fx, fy, fz, mx, my, mz
             saturated = self._range.saturated(counts)
             if self._range.warnings:
@@ -454,8 +472,17 @@ class BoardClient:
         if errors & DEAF:
             self._fail(f"it hears no sensor ({errors_text(errors)}): check the sensor's plug and cable")
             return
+        self._begin_again(now)
+
+    def _begin_again(self, now: float) -> None:
         self._events.append(SensorRestarted())
         self._begin(configure(self._profile), now)
+
+    def _stood(self, elapsed: float, step: int) -> bool:
+        """Whether the counter, which went on by `step` in this time, s, stood still in between."""
+        wrap = _COUNTER_MODULUS * self._tick
+        missing = (elapsed - step * self._tick) % wrap
+        return _STOOD_S + self._tick < missing < wrap / 2
 
     def _on_saturation(self, errors: int, warnings: int, now: float) -> None:
         """Tell each axis once, and again only after a quiet time: a contact at the limit rattles."""
@@ -478,5 +505,7 @@ def _name(step: Step | None) -> str:
             return f"a read of {count} words from {address:04X}"
         case Write(address, words):
             return f"a write of {len(words)} words to {address:04X}"
+        case Load(_, words) if words:
+            return "a program"
         case _:
             return "a reset"

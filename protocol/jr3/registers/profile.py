@@ -45,6 +45,12 @@ class BoardClientProfile:
         "driver: reset the board and do what the kernel's driver does; none: take it as it is, "
         "for a second client",
     )
+    program: str = setting(
+        "",
+        Mark.CHOSEN,
+        "path of the program that the board's processor is loaded with after its reset, JR3's jr3pci.idm; "
+        "empty: the board or its server has it",
+    )
     reset_ms: float = setting(25.0, Mark.OBSERVED, "pause after a reset", unit="ms", minimum=0.0)
     poll_s: float = setting(
         1.0, Mark.OBSERVED, "between looks whether the sensor is there", unit="s", above=0.0
@@ -86,6 +92,8 @@ class BoardClientProfile:
             raise ValueError(f"mode must be stream or poll, got {self.mode}")
         if self.start_up not in ("driver", "none"):
             raise ValueError(f"start_up must be driver or none, got {self.start_up}")
+        if self.program and self.start_up == "none":
+            raise ValueError("program is loaded by start_up = driver alone; leave one of the two out")
 
     @property
     def period(self) -> float:

@@ -137,6 +137,9 @@ class RegisterServer:
                 case Op.RESET:
                     status = Status.OK
                     self._registers.reset(now)
+                case Op.PROGRAM:
+                    status = Status.OK
+                    self._registers.load(request.address, request.words, now)
                 case Op.STREAM:
                     status = self._on_stream(request, now)
                     if status is Status.OK:

@@ -4,7 +4,7 @@ A sequence is a generator of steps. It is sent the words of each Read and nothin
 and no clock: its caller reads, writes and waits. Order and pauses are those of Linux's jr3_pci driver.
 """
 
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias, TypeVar
 
@@ -45,6 +45,24 @@ class Reset:
 
 
 @dataclass(frozen=True, slots=True)
+class Load:
+    """Write instructions into the board's processor; without words, reset it and let its program follow."""
+
+    address: int
+    words: tuple[int, ...] = ()
+    """Low and high half of each in turn."""
+
+
+@dataclass(frozen=True, slots=True)
+class ProgramWord:
+    """One instruction of the board's processor: 24 bits in two halves."""
+
+    address: int
+    low: int
+    high: int
+
+
+@dataclass(frozen=True, slots=True)
 class Wait:
     """Let time pass."""
 
@@ -52,7 +70,7 @@ class Wait:
     """s."""
 
 
-Step: TypeAlias = Read | Write | Reset | Wait
+Step: TypeAlias = Read | Write | Reset | Load | Wait
 Result = TypeVar("Result")
 Steps: TypeAlias = Generator[Step, Sequence[int], Result]
 
@@ -84,14 +102,33 @@ NEW = Errors.SENSOR_CHANGE | Errors.CALIBRATION_CRC
 """Errors with which the board has another sensor, or reads the calibration of the same one again."""
 
 
-def start_up(profile: BoardClientProfile) -> Steps[BoardIdentity]:
+_LOADED_AT_ONCE = 128
+"""Instructions of one telegram. Source: the register protocol's 256 words."""
+
+
+def start_up(profile: BoardClientProfile, program: Sequence[ProgramWord] = ()) -> Steps[BoardIdentity]:
     """Bring a board from power-up to measuring with an empty transform, its largest full scales, no offsets.
 
+    A program is loaded between the reset and the pause after it; without one, the board or its server has it.
     Raises RemoteProtocolError when there is no sensor or the board refuses.
     """
-    yield Reset()
+    yield Load(0) if program else Reset()
+    yield from _loads(program)
     yield Wait(profile.reset_ms * 1e-3)
     return (yield from configure(profile))
+
+
+def _loads(program: Sequence[ProgramWord]) -> Iterator[Load]:
+    """The program in as few pieces as it has gaps, none too long for a telegram."""
+    first, words = 0, list[int]()
+    for word in program:
+        if words and (word.address != first + len(words) // 2 or len(words) == 2 * _LOADED_AT_ONCE):
+            yield Load(first, tuple(words))
+            words = []
+        first = first if words else word.address
+        words += (word.low, word.high)
+    if words:
+        yield Load(first, tuple(words))
 
 
 def configure(profile: BoardClientProfile) -> Steps[BoardIdentity]:

@@ -6,7 +6,7 @@ chosen.
 """
 
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Final, Generic, TypeAlias, TypeVar
@@ -40,6 +40,10 @@ class Op(IntEnum):
     """Reset the board, as its driver does."""
     STREAM = 4
     """`count` words from `address` every `period_us`, by the server's clock; period 0 ends it."""
+    PROGRAM = 5
+    """The words behind the header are instructions of the board's processor, from number `address` on: low and high
+    half of each in turn. Without words the processor is reset, and its program follows.
+    """
 
 
 class Status(IntEnum):
@@ -84,11 +88,11 @@ REQUEST: Final = Layout(
     ">",
     (
         _field("magic", 0, "H", "4A52, the letters JR"),
-        _field("op", 2, "B", "1 read, 2 write, 3 reset, 4 stream"),
+        _field("op", 2, "B", "1 read, 2 write, 3 reset, 4 stream, 5 program"),
         _field("bursts", 3, "B", "stream: bursts in one response, 0 = 1; else ignored"),
         _field("tag", 4, "H", "any number; the response repeats it"),
         _field("address", 6, "H", "first word"),
-        _field("count", 8, "H", "words, 1 … 256; a write carries them behind the header"),
+        _field("count", 8, "H", "words, 1 … 256; a write or a program carries them behind the header"),
         _field("period_us", 10, "I", "stream: from burst to burst, 0 ends the stream; else ignored", "µs"),
     ),
 )
@@ -124,7 +128,7 @@ class Request:
     tag: int
     address: int = 0
     count: int = 0
-    """Words to read; of a write, the number of `words`."""
+    """Words to read; of a write or a program, the number of `words`."""
     words: tuple[int, ...] = ()
     period_us: int = 0
     bursts: int = 1
@@ -160,10 +164,13 @@ class Garbage:
 
 def encode_request(request: Request) -> bytes:
     """Bytes of a request. Raises LocalProtocolError for what no field can hold or no burst may have."""
-    if request.op == Op.WRITE and not (
-        request.count == len(request.words) and 0 < request.count <= MAX_WORDS
+    fewest = _FEWEST.get(request.op)
+    if fewest is not None and not (
+        request.count == len(request.words) and fewest <= request.count <= MAX_WORDS
     ):
-        raise LocalProtocolError(f"a write has 1 … {MAX_WORDS} words, got {len(request.words)}")
+        raise LocalProtocolError(
+            f"a {Op(request.op).name.lower()} has {fewest} … {MAX_WORDS} words, got {len(request.words)}"
+        )
     header = REQUEST.pack(
         {
             "magic": int.from_bytes(_REQUEST_MAGIC),
@@ -175,7 +182,7 @@ def encode_request(request: Request) -> bytes:
             "period_us": request.period_us,
         }
     )
-    return header + (pack_words(request.words) if request.op == Op.WRITE else b"")
+    return header + (b"" if fewest is None else pack_words(request.words))
 
 
 def encode_response(response: Response) -> bytes:
@@ -209,14 +216,18 @@ def _unpack_words(data: bytes, at: int, count: int) -> tuple[int, ...]:
     return struct.unpack_from(f">{count}H", data, at)
 
 
+_FEWEST: Final[Mapping[int, int]] = {Op.WRITE: 1, Op.PROGRAM: 0}
+"""Ops whose requests carry words behind the header, and how many at least."""
+
+
 def _request_size(header: bytes) -> int:
     """Length of the telegram that begins so. Raises RemoteProtocolError when none does."""
     values = REQUEST.unpack(header)
-    if values["op"] != Op.WRITE:
+    op, count = int(values["op"]), int(values["count"])
+    if (fewest := _FEWEST.get(op)) is None:
         return REQUEST.size
-    count = int(values["count"])
-    if not 0 < count <= MAX_WORDS:
-        raise RemoteProtocolError(f"a write of {count} words")
+    if not fewest <= count <= MAX_WORDS:
+        raise RemoteProtocolError(f"a {Op(op).name.lower()} of {count} words")
     return REQUEST.size + 2 * count
 
 
@@ -228,7 +239,7 @@ def _decode_request(data: bytes) -> Request:
         int(values["tag"]),
         int(values["address"]),
         count,
-        _unpack_words(data, REQUEST.size, count) if op == Op.WRITE else (),
+        _unpack_words(data, REQUEST.size, count) if op in _FEWEST else (),
         int(values["period_us"]),
         int(values["bursts"]),
     )

@@ -4,7 +4,6 @@ from hil_bridge.sensors.jr3.registers.pci import (
     DEFAULT_OFFSET,
     SYSFS,
     PciRegisters,
-    ProgramWord,
     open_pci,
     read_program,
 )
@@ -25,7 +24,6 @@ __all__ = [
     "SYSFS",
     "ListenerProfile",
     "PciRegisters",
-    "ProgramWord",
     "RegisterListener",
     "ServedBoard",
     "board_wire",

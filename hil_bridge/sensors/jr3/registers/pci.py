@@ -11,15 +11,21 @@ import os
 import re
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 from hil_bridge.errors import ConfigError, DeviceError, TransportUnavailable
 from hil_bridge.text_files import read_text
 from protocol.endpoint import RemoteProtocolError
-from protocol.jr3.board import MEMORY_WORDS, REGISTERS, check_range, pack_words
-from protocol.jr3.registers import ResetRefused
+from protocol.jr3.board import (
+    INSTRUCTIONS,
+    MEMORY_WORDS,
+    REGISTERS,
+    check_instructions,
+    check_range,
+    pack_words,
+)
+from protocol.jr3.registers import ProgramWord, ResetRefused
 
 SYSFS: Final = Path("/sys/bus/pci/devices")
 DEFAULT_OFFSET: Final = 0x18000
@@ -30,20 +36,10 @@ _CHANNELS = {0x1111: 1, 0x3111: 1, 0x3112: 2, 0x3113: 3, 0x3114: 4}
 """Channels by PCI device number."""
 _BLOCK_BYTES = 0x80000
 _PROGRAM_LOW, _PROGRAM_HIGH, _RESET = 0x00000 // 4, 0x40000 // 4, 0x60000 // 4
-_PROGRAM_WORDS = 0x4000
 _WORDS_END = 0x40000
 """Byte at which the program's upper half begins: the words end before it."""
 _ADDRESS = re.compile(r"(?:([0-9a-fA-F]{4}):)?([0-9a-fA-F]{2}:[0-9a-fA-F]{2}\.[0-7])")
 _LIST = "`lspci -d 1762:` lists the boards"
-
-
-@dataclass(frozen=True, slots=True)
-class ProgramWord:
-    """One instruction of the board's processor: 24 bits in two halves."""
-
-    address: int
-    low: int
-    high: int
 
 
 class PciRegisters:
@@ -90,10 +86,18 @@ class PciRegisters:
             raise ResetRefused(
                 f"{self.name}: no program file was given; a board that is reset needs its program"
             )
-        self._memory[_RESET] = 0
+        self.load(0, ())
         for word in self._program:
-            self._memory[_PROGRAM_LOW + word.address] = word.low
-            self._memory[_PROGRAM_HIGH + word.address] = word.high
+            self.load(word.address, (word.low, word.high))
+
+    def load(self, address: int, words: Sequence[int], now: float = 0.0) -> None:
+        """Write instructions, or reset the processor for them. Raises RemoteProtocolError outside its memory."""
+        check_instructions(address, words)
+        if not words:
+            self._memory[_RESET] = 0
+        for place, (low, high) in enumerate(zip(words[::2], words[1::2], strict=True), address):
+            self._memory[_PROGRAM_LOW + place] = low
+            self._memory[_PROGRAM_HIGH + place] = high
 
     def close(self) -> None:
         """Give the memory back. Harmless when called again."""
@@ -156,7 +160,7 @@ def read_program(path: Path) -> tuple[ProgramWord, ...]:
             words = [next(numbers) for _ in range(count)]
             if address & 0x4000:
                 continue  # data: the driver does not load them either
-            if count % 2 or address + count // 2 > _PROGRAM_WORDS or max(words, default=0) > 0xFFFF:
+            if count % 2 or address + count // 2 > INSTRUCTIONS or max(words, default=0) > 0xFFFF:
                 raise ConfigError(f"{path} is no board program: {count} words for {address:#06x}")
             pairs = zip(words[::2], words[1::2], strict=True)
             program += [ProgramWord(address + i, low, high) for i, (low, high) in enumerate(pairs)]

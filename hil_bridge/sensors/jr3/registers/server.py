@@ -72,6 +72,10 @@ class SharedRegisters:
         """Restart the board. Raises ResetRefused where this must not be."""
         self._registers.reset(self._time(now))
 
+    def load(self, address: int, words: Sequence[int], now: float) -> None:
+        """Write instructions, or reset the board for them. Raises RemoteProtocolError for what cannot be loaded."""
+        self._registers.load(address, words, self._time(now))
+
     def _time(self, now: float) -> float:
         # a deadline is handled at its own time, which may be a rounding step ahead of the clock
         self._latest = max(self._latest, now)
