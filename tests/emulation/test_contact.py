@@ -1,6 +1,7 @@
 """Forces of a surface on the tool tip."""
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -146,6 +147,6 @@ def test_the_depth_below_a_slope_is_the_one_of_its_shape_anywhere() -> None:
         {"stiffness_n_m": math.nan},
     ],
 )
-def test_a_surface_that_cannot_be_is_refused(bad: dict[str, float]) -> None:
+def test_a_surface_that_cannot_be_is_refused(bad: dict[str, Any]) -> None:
     with pytest.raises(ValueError, match=next(iter(bad))):
         SurfaceProfile(**bad)

@@ -3,6 +3,7 @@
 import copy
 import math
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
@@ -24,8 +25,8 @@ DOWN = (0.0, 1.0, 0.0, 0.0)
 ALL = pytest.mark.parametrize("material", [MaterialProfile(), HUNT, SLS], ids=lambda m: m.kind)
 
 
-def surface(material: MaterialProfile, **others) -> SurfaceProfile:
-    return SurfaceProfile(**{"material": material, "friction": 0.0} | others)
+def surface(material: MaterialProfile, friction: float = 0.0, **others: Any) -> SurfaceProfile:
+    return SurfaceProfile(material=material, friction=friction, **others)
 
 
 def pressed(contact: Contact, depths: np.ndarray, begin: int = 0, along: float = 0.0) -> np.ndarray:

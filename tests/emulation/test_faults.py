@@ -303,7 +303,8 @@ def test_one_way_alone_and_the_next_frames() -> None:
 
 
 def test_the_ledger_tells_what_was_when_and_how_often() -> None:
-    cell, said = moving_cell(), []
+    cell = moving_cell()
+    said: list[str] = []
     cell.ledger.on_fault = said.append
     cell.inject("signal", "dead", T0 + 1.0, axis="fx", for_s=0.5)
     cell.inject("robot", "standby", T0 + 1.1)

@@ -1,5 +1,7 @@
 """The emulated sensor: grid, counts, noise that belongs to the sample, saturation."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -13,7 +15,7 @@ FIRST = 8_000 * 1000 + 17
 """A sample number after an odd epoch of 1000 s."""
 
 
-def constant(*wrench: float):  # type: ignore[no-untyped-def]
+def constant(*wrench: float) -> Callable[[NDArray[np.float64]], NDArray[np.float64]]:
     return lambda times: np.tile(np.array(wrench), (len(times), 1))
 
 
@@ -73,7 +75,7 @@ def test_noise_does_not_depend_on_blocks(sizes: list[int], seed: int) -> None:
     sensor, first, blocks = (
         Jr3Sensor(SensorProfile(), KnownWrench(constant(*[1.0] * 6)), seed),
         FIRST,
-        [np.empty((0, 6))],
+        [np.empty((0, 6), np.int64)],
     )
     for size in sizes:
         blocks.append(sensor.counts(indices(first, size)))

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from emulators.arm.loops import ServoProfile
@@ -92,7 +93,7 @@ def test_the_path_does_not_depend_on_how_often_it_is_asked(gaps: list[float]) ->
     times = T0 + np.linspace(0.0, 1.4, 300)
     expected = once.path.trajectory(times)
     now = T0
-    blocks = []
+    blocks: list[tuple[NDArray[np.float64], NDArray[np.float64]]] = []
     for gap in gaps:
         block = times[(times > now) & (times <= now + gap)] if blocks else times[times <= now + gap]
         blocks.append(often.path.trajectory(block) if len(block) else (np.empty((0, 3)), np.empty((0, 3))))

@@ -1,6 +1,8 @@
 """RFC 2217: bytes from the standards, any split, garbage, and client and server against each other and alone."""
 
 import re
+from collections.abc import Iterable
+from typing import Any
 
 import pytest
 from hypothesis import given, settings
@@ -39,16 +41,16 @@ from protocol.rfc2217 import (
 EVEN = PortSettings(9600, ComParity.EVEN)
 
 
-def drained(endpoint):  # type: ignore[no-untyped-def]
+def drained(endpoint: Any) -> list[Any]:
     events = []
     while (event := endpoint.next_event()) is not None:
         events.append(event)
     return events
 
 
-def joined(events):  # type: ignore[no-untyped-def]
+def joined(events: Iterable[Any]) -> list[Any]:
     """Payload that came in pieces as one."""
-    whole = []
+    whole: list[Any] = []
     for event in events:
         if isinstance(event, Payload | SerialData) and whole and type(whole[-1]) is type(event):
             whole[-1] = type(event)(whole[-1].data + event.data)
