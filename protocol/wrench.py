@@ -13,10 +13,10 @@ no port, reads no clock and waits for nothing. `hil_bridge.sensors.stream.ForceS
 | `SensorStopped` | the device knows that it is not needed any more, or there is no way to tell it |
 | `SensorFailed` | the session is over; the last event |
 
-Six values are always fx fy fz mx my mz: force and moment of all that hangs below the sensor, and of all that touches
-it, on the sensor's tool side, about the sensor's origin, in its own right-handed frame. How that frame sits in the
-tool's, and a mirrored one, are settings of the bridge. A client tells the values as the device counts them. They mean
-N and N·m times `SensorFacts.scales`, which are 1.0 for a device that tells SI units.
+Six values are always fx fy fz mx my mz. They are force and moment of all that hangs below the sensor, and of all that
+touches it, on the sensor's tool side. They are about the sensor's origin, in its own right-handed frame. How that frame
+sits in the tool's, and a mirrored one, are settings of the bridge. A client tells the values as the device counts them.
+They mean N and N·m times `SensorFacts.scales`, which are 1.0 for a device that tells SI units.
 """
 
 import math
@@ -35,22 +35,22 @@ AXES = ("fx", "fy", "fz", "mx", "my", "mz")
 
 @dataclass(frozen=True, slots=True)
 class SensorFacts:
-    """What is known of a sensor once it streams. Raises ValueError for values that cannot be."""
+    """Facts of a sensor once it streams. Raises ValueError for impossible values."""
 
     model: str
-    """What the device says of the sensor: model and serial number; empty where it says nothing."""
+    """Model and serial number from the device; empty where it tells none."""
     scales: Wrench
     """N or N·m for one of `WrenchFrame.values`, axis by axis; 1.0 where the values are SI units."""
     full_scales: Wrench | None
-    """What each axis is calibrated for, N and N·m; None where the device does not tell it."""
+    """Calibrated range of each axis, N and N·m; None where the device does not tell it."""
     range: Wrench | None
     """The largest wrench that the device can tell, from the zero of its electronics, N and N·m; None if not known."""
     period: float | None
     """Between two frames by the device's clock, s; None where each has to be asked for."""
     delay: float
-    """How much later than the force itself the device's filter tells of it, s, at low frequencies."""
+    """Delay of the device's filter behind the force itself, s, at low frequencies."""
     tares: Literal["device", "host"]
-    """Who takes off the zero: the device, or the client with `HostTare`."""
+    """Side that takes off the zero: the device, or the client with `HostTare`."""
 
     def __post_init__(self) -> None:
         for name in ("scales", "full_scales", "range"):
@@ -118,7 +118,7 @@ class SensorFailed:
     """The session is over."""
 
     text: str
-    """What is wrong and what to look at, one line."""
+    """Fault and place to look at, one line."""
 
 
 SensorEvent: TypeAlias = (
@@ -126,18 +126,29 @@ SensorEvent: TypeAlias = (
 )
 
 
+_STANDS_AFTER = 3
+"""Chosen: so many samples in a row with the same counter are no accident."""
+
+
 @dataclass(slots=True)
 class SensorStatistics:
-    """What was wrong with the samples that came, or with what came instead, since the client began."""
+    """Faults of the samples that came, or of other bytes, since the client began."""
 
     lost: int = 0
     """Samples that the counter says are missing, where the device has a cadence of its own."""
     repeated: int = 0
     """Samples dropped because their counter was there before: duplicates and stragglers."""
+    standing: int = 0
+    """Samples in a row that came with the counter of the newest one, so that it stands still; 0 while it moves."""
     unpaired: int = 0
     """Force or moment frames without their other half."""
     malformed: int = 0
     """Payloads that make no sense."""
+
+    @property
+    def stands(self) -> bool:
+        """Whether samples go on while their counter stands still, too long for an accident."""
+        return self.standing >= _STANDS_AFTER
 
 
 class SensorClient(Endpoint[Data, Data, SensorEvent], Protocol[Data]):

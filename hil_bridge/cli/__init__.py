@@ -29,7 +29,7 @@ from hil_bridge.console.screen import leave
 from hil_bridge.errors import BridgeError
 
 EXIT_INTERRUPTED = 130
-"""What a shell expects of a command that Ctrl-C ended."""
+"""Exit code that a shell expects of a command that Ctrl-C ended."""
 EXIT_BUG = 70
 """Apart from what a command tells by its own. Source: EX_SOFTWARE of sysexits(3)."""
 

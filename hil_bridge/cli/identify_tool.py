@@ -85,12 +85,11 @@ def identify_tool(
 ) -> None:
     """Find mass and centre of gravity of the tool, and the sensor's bias.
 
-    The robot pulls back from the surface, turns the tool slowly about its tip to either side about two level
-    axes, and returns; nothing may be in reach of the turning tool. No zero is taken. Copy what -o writes into
-    the configuration.
+    The robot pulls back from the surface, turns the tool slowly about its tip to either side about two level axes, and
+    returns. Nothing may be in reach of the turning tool. No zero is taken. Copy what -o writes into the configuration.
 
-    A table for --from has a line of column names: qw qx qy qz (tool in base), fx_n fy_n fz_n mx_nm my_nm mz_nm
-    (mean readings in the sensor frame, N and N·m) and, if known, their standard deviations sd_fx_n … sd_mz_nm.
+    A table for --from has a line of column names: qw qx qy qz (tool in base) and fx_n fy_n fz_n mx_nm my_nm mz_nm (mean
+    readings in the sensor frame, N and N·m). It may also have their standard deviations sd_fx_n … sd_mz_nm.
     """
     from hil_bridge.control import identify_tool as identified
     from hil_bridge.errors import ConfigError

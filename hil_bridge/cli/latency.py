@@ -41,7 +41,7 @@ def latency(recording: Path, output: Path | None, overwrite: bool) -> None:
     lines = [*_lines(found)]
     if record.truncated:
         lines.append("the recording is cut short or damaged: this is what came before")
-    if output is not None:  # before anything is said: whoever reads it may have gone
+    if output is not None:  # before the first output: a reader such as `head` may have closed the pipe
         text, left_out = _site(record)
         write_whole(output, text.encode(), overwrite)
         lines.append(f"wrote {output}{left_out and f'; {left_out}'}")

@@ -1,4 +1,4 @@
-"""What is kept of a run: records, and the file they are written to."""
+"""Records of a run, and the file that they are written to."""
 
 from hil_bridge.recording.ending import CHECK_EVENT, PHASE_EVENT, STOP_EVENT, Outcome, RunEnd
 from hil_bridge.recording.link_log import LINK_EVENT, LinkLog

@@ -19,7 +19,7 @@ from protocol.can.frame import CanFrame
 LINK_EVENT = "--"
 """Stands for the direction of what did not travel."""
 PIECES = 64
-"""Of one record at most."""
+"""Most pieces of one record."""
 SPAN_S = 0.5
 """A record is put when its pieces reach over more than this, so that a killed process loses little."""
 

@@ -24,10 +24,10 @@ from hil_bridge.recording.records import (
     WireRecord,
 )
 from hil_bridge.recording.topics import CYCLE, EVENT, LINK, SENSOR, TRUTH, WIRE, Record, Topic
-from hil_bridge.text_files import named, read_up_to
+from hil_bridge.text_files import format_path, read_up_to
 
 CHUNK_LIMIT_BYTES = 1 << 24
-"""Of one chunk, unpacked. Chosen: 16 times the largest that a run writes, 4 times what other programs write."""
+"""Largest chunk, unpacked. Chosen: 16 times the largest of a run, 4 times the largest of other programs."""
 UNPACKED_LIMIT_BYTES = 1 << 31
 """Of all chunks of a recording, unpacked, and of the file as it is. Chosen: half a day of the default run, and what
 reads it needs some times that in memory.
@@ -44,19 +44,19 @@ _CHUNK = struct.Struct("<QQQ")
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """What is kept of a run."""
+    """Records of a run."""
 
     cycles: tuple[CycleRecord, ...]
     sensors: tuple[SensorRecord, ...] = ()
     events: tuple[EventRecord, ...] = ()
     metadata: Mapping[str, str] = field(default_factory=dict)
-    """What was known before the run: configuration, versions, seed."""
+    """Metadata from before the run: configuration, versions, seed."""
     end: Mapping[str, str] = field(default_factory=dict)
-    """What was known after an orderly end; empty when the run was cut off."""
+    """Metadata from after an orderly end; empty when the run was cut off."""
     truncated: bool = False
     """The file ends early or is damaged; what came before the damage is here."""
     truths: tuple[TruthRecord, ...] = ()
-    """What the emulated cell knew; empty for a real one."""
+    """Ground truth from the emulated cell; empty for a real one."""
     devices: Mapping[str, str] = field(default_factory=dict)
     """What was known of the devices once they were ready, see `device_facts`; empty before that."""
     unix_zero_ns: int = 0
@@ -172,14 +172,16 @@ def _bytes(path: Path) -> bytes:
             head = file.read(len(_MAGIC))
             return head + read_up_to(file, UNPACKED_LIMIT_BYTES) if head == _MAGIC else head
     except OSError as error:
-        raise ConfigError(f"cannot read the recording {named(path)}: {error.strerror or error}") from error
+        raise ConfigError(
+            f"cannot read the recording {format_path(path)}: {error.strerror or error}"
+        ) from error
     except ValueError as error:  # a NUL in the path
-        raise ConfigError(f"cannot read the recording {named(path)}: {error}") from error
+        raise ConfigError(f"cannot read the recording {format_path(path)}: {error}") from error
 
 
 def _too_long(path: Path, what: str) -> ConfigError:
     return ConfigError(
-        f"{named(path)} is refused: it says that it holds {what}, but at most {UNPACKED_LIMIT_BYTES} are read, "
+        f"{format_path(path)} is refused: it says that it holds {what}, but at most {UNPACKED_LIMIT_BYTES} are read, "
         f"{CHUNK_LIMIT_BYTES} of them in a chunk; is it damaged, or no recording of a run?"
     )
 
@@ -193,7 +195,7 @@ class _TooMuch(Exception):
 
 
 class _Damage(Exception):
-    """From here on the file cannot be read."""
+    """The file cannot be read from here on."""
 
 
 def _items(data: bytes, wanted: Sequence[Topic]) -> Iterator[Metadata | int | tuple[str, Record]]:
@@ -243,7 +245,7 @@ def _mcap_records(data: bytes) -> Iterator[McapRecord]:
 
 
 def _claims(data: bytes) -> Iterator[int]:
-    """What each chunk says of its size unpacked, as far as the file can be followed."""
+    """Unpacked size that each chunk states, as far as the file can be followed."""
     at = len(_MAGIC)
     while at + _RECORD.size <= len(data):
         opcode, length = _RECORD.unpack_from(data, at)

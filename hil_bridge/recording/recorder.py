@@ -28,7 +28,7 @@ from hil_bridge.recording.topics import TOPICS, Record, Topic
 
 METADATA_NAME = "run"
 DEVICES_NAME = "devices"
-"""What is known of the devices once they are ready: JSON by device."""
+"""Facts of the devices once they are ready: JSON by device."""
 END_NAME = "end"
 """Written by an orderly end only; its absence tells a reader that the run was cut off."""
 DROPPED_PREFIX = "dropped"
@@ -60,9 +60,9 @@ class Chunks:
     """
 
     seconds: float
-    """Of the run's clock from its first record to its last, at most."""
+    """Longest time from its first record to its last, s on the run's clock."""
     size: int
-    """Of its records before compression, bytes; the chunk that is being filled is held in memory, some of it twice."""
+    """Most bytes of its records before compression. The chunk that is being filled is in memory, some of it twice."""
 
 
 CHUNKS = Chunks(seconds=1.0, size=1 << 20)
@@ -86,7 +86,7 @@ def map_buffers() -> None:
 class Recorder:
     """Takes records without blocking and writes them to one file.
 
-    `put`, `pause` and `close` belong to one thread, that of the event loop. A failing disk does not stop a run: the
+    `put`, `pause` and `close` belong to one thread, that of the event loop. A failing disk does not stop a run. The
     error is kept in `error` and told in `trouble`, later records are counted as dropped, and `close` raises it.
     """
 
@@ -102,10 +102,9 @@ class Recorder:
     ) -> None:
         """Open the file and write what is known before the run.
 
-        `wall_ns` turns a time of the run's clock into ns since the Unix epoch. `threaded` writes in a thread
-        of its own; without it the caller's `put` writes a batch now and then, and the file depends on the
-        records alone. A file that is there already is emptied only with `overwrite`. Raises ConfigError when the
-        file cannot be opened.
+        `wall_ns` turns a time of the run's clock into ns since the Unix epoch. `threaded` writes in a thread of its
+        own. Without it the caller's `put` writes a batch now and then, and the file depends on the records alone. A
+        file that is there already is emptied only with `overwrite`. Raises ConfigError when the file cannot be opened.
         """
         self._path = path
         self._wall_ns = wall_ns
@@ -131,7 +130,7 @@ class Recorder:
         self._guarded(lambda: self._begin(metadata))
         self._stopping = False
         self._pause_ends = 0.0
-        """Of the system's monotonic clock, which the writer reads."""
+        """End of the pause on the system's monotonic clock, which the writer reads."""
         self._wake = threading.Lock()
         """Held while the writer has no reason to wake; only the loop's thread releases it."""
         self._wake.acquire()
@@ -154,7 +153,7 @@ class Recorder:
 
     @property
     def error(self) -> BridgeError | None:
-        """What ended the writing early, or None."""
+        """Error that ended the writing early, or None."""
         return self._error
 
     @property
@@ -177,7 +176,7 @@ class Recorder:
         self._devices = facts
 
     def pause(self, seconds: float) -> None:
-        """Tell that the loop awaits nothing for so long: the writer thread works then, and from one pause to the next
+        """Tell that the loop awaits nothing for so long: the writer thread works then. From one pause to the next it
         lets the loop have the interpreter to itself, unless the pauses do not suffice or no other comes.
         """
         if self._thread is not None:

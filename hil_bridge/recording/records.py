@@ -1,4 +1,4 @@
-"""What is kept of a run: one record a cycle, the sensor's whole stream, and what happened beside.
+"""Records of a run: one for each cycle, the sensor's whole stream, and other events.
 
 The text under a field is also what a recording's schema tells of it, and so what Foxglove shows.
 """
@@ -56,7 +56,7 @@ class CycleRecord(Struct, frozen=True):
     """Reported orientation, tool in base, w x y z."""
     depth: float
     """Reported position along the approach direction from the start point, m."""
-    # --- what the controller and the supervisor made of it
+    # --- answer of the controller and verdict of the supervisor
     depth_commanded: float
     """m along the approach direction from the start point, as sent, after rounding to device words."""
     travel_commanded: float
@@ -66,9 +66,9 @@ class CycleRecord(Struct, frozen=True):
     stiffness: float | None = None
     """Estimated contact stiffness, N/m."""
     gain: float = 1.0
-    """Factor of the adaptation on the feedback law's output."""
+    """Factor of the adaptation on the feedback law's output, without unit."""
     held: bool = False
-    """The controller chose not to move."""
+    """The controller rests in its dead band: no position that the robot can take is nearer."""
     in_contact: bool = False
     """The tool touches the surface."""
     verdict: VerdictName = "allow"
@@ -76,8 +76,8 @@ class CycleRecord(Struct, frozen=True):
     reasons: tuple[str, ...] = ()
     """Why the supervisor clamped or stopped."""
     explanation: dict[str, float] = {}
-    """What else explains the controller's answer, by name."""
-    # --- what it takes to decide again
+    """Further values that explain the controller's answer, by name."""
+    # --- input for deciding again
     target: Vector = (0.0, 0.0, 0.0)
     """Tool position that the supervisor allowed, robot base frame, m; ordered in whole device steps."""
     start: Vector = (0.0, 0.0, 0.0)
@@ -85,8 +85,8 @@ class CycleRecord(Struct, frozen=True):
     asked: str = ""
     """Why the run was asked to finish before this decision; empty in all other cycles."""
     sample: Sample | None = None
-    """All that the decision was given; None where nobody kept it."""
-    # --- more times of the hops; NaN for what was not stamped
+    """Complete input of the decision; None where it was not kept."""
+    # --- more times of the hops; NaN for a time without a stamp
     status_transmitted_at: float = math.nan
     """The last character of the status order has left the line, reckoned at the line's rate, s."""
     decoded_at: float = math.nan
@@ -135,15 +135,15 @@ class WireRecord(Struct, frozen=True):
 
 
 class TruthRecord(Struct, frozen=True):
-    """What an emulated cell knows of a cycle and no device tells. Times are seconds on the run's clock, NaN for what
-    never happened or is not emulated.
+    """Ground truth of a cycle from an emulated cell. Times are seconds on the run's clock, NaN for events that
+    never happened or are not emulated.
     """
 
     cycle: int
     """Number of the control cycle."""
     at: float
-    """Moment of position, force and joints: the end of the cycle, of a material that remembers up to a few ticks
-    of the robot later, s.
+    """Moment of position, force and joints, s: the end of the cycle. With a material that has memory it is up to a few
+    ticks of the robot later.
     """
     sampled_at: float
     """The sensor measured the sample that the controller was given, s."""
@@ -165,6 +165,6 @@ class EventRecord(Struct, frozen=True):
     at: float
     """s on the run's clock."""
     kind: str
-    """What sort of event."""
+    """Kind of the event."""
     text: str
-    """What happened."""
+    """Text of the event."""

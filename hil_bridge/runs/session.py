@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hil_bridge.clock import Clock, run_real, run_virtual
-from hil_bridge.clock.realtime import collect_young, prompt_threads, quiet_garbage, scheduled
+from hil_bridge.clock.realtime import collect_generation_1, gc_paused, real_time_thread, short_switch_interval
 from hil_bridge.console.debugging import told_bug
 from hil_bridge.console.screen import LEAVE_SECONDS, Terminal
 from hil_bridge.errors import BridgeError
@@ -55,9 +55,9 @@ EXIT_CODES = {Outcome.COMPLETED: 0, Outcome.STOPPED: 3, Outcome.INTERRUPTED: 130
 """130 is what a shell expects of a command that Ctrl-C ended."""
 
 TELL_SECONDS = 5.0
-"""For so long a blocked output is waited for when a signal that comes from no keyboard ended the run. Chosen."""
+"""Longest wait for a blocked output when a signal that comes from no keyboard ended the run. Chosen."""
 _DRAWING_S = 0.015
-"""What drawing the view takes: 8 ms as a rule, 12 ms at most in a run of 20 s. Chosen."""
+"""Time to draw the view: 8 ms as a rule, 12 ms at most in a run of 20 s. Chosen."""
 _UNDER_WAY_S = 0.005
 """Chosen: after the end of a cycle; a status order takes ten times as long on a 9600-baud line."""
 
@@ -97,10 +97,10 @@ def execute(
 
 
 def _end(session: "_Session", result: RunResult, outputs: Outputs, path: Path) -> int:
-    """Write what is wanted of the record at `path`, then say how the run ended; its exit code.
+    """Write the wanted outputs from the record at `path`, then print how the run ended; returns the exit code.
 
-    Everything is written before anything is said, since the reader of the output may have gone. A signal keeps the
-    run from its report, and a second one from waiting for a terminal that takes no more.
+    All files are written before the first line is printed, since the reader of the output may have gone. A signal
+    keeps the run from its report. A second one keeps it from waiting for a terminal that takes no more.
     """
     signals, terminal = session.signals, session.terminal
     code = EXIT_CODES[result.outcome]
@@ -151,15 +151,15 @@ class _Session:
         self.terminal = terminal
         self.signals = signals
         self._facts = facts_of(config)
-        """Of the robot; with the line of its URL once it is connected."""
+        """Facts of the robot; with the line of its URL once it is connected."""
         self._clock: Clock
         self._recorder: Recorder
         self._logs: dict[str, LinkLog]
-        """Of the devices' wires, by device."""
+        """Logs of the devices' wires, by device."""
         self._truths: GroundTruth | None = None
         self._faults: FaultSchedule | None = None
         self.faults: list[str] = []
-        """What became of each injected fault, in words."""
+        """Outcome of each injected fault, in words."""
         self._view: LiveView | None = None
         self._robot: RobotLink | None = None
         self._sensor: ForceSensor | None = None
@@ -174,7 +174,7 @@ class _Session:
         self.cycles = 0
         """Cycles so far; a record without any has no figures."""
         self.end = RunEnd(Outcome.STOPPED)
-        """What the record tells of the end."""
+        """Metadata of the end for the record."""
         self.record_error: BridgeError | None = None
         """Why the record is incomplete."""
         self.bugs: list[str] = []
@@ -183,9 +183,9 @@ class _Session:
         """A further signal came when the movement had ended already: the process shall end at once."""
 
     verbose = True
-    """Of a `DeviceLog`: the record holds every event of a link."""
+    """Setting of a `DeviceLog`: the record holds every event of a link."""
 
-    # --- what the run and the devices tell
+    # --- records and notices of the run and the devices
 
     def cycle(self, record: CycleRecord) -> None:
         """A cycle has ended."""
@@ -202,10 +202,10 @@ class _Session:
         if self.cycles % _COLLECT_EVERY:
             return
         if self._clock.is_virtual:
-            collect_young()
+            collect_generation_1()
         else:
-            # By then the next order is on the line, and everybody waits for its answer.
-            self._clock.call_at(self._clock.now() + _UNDER_WAY_S, collect_young)
+            # By then the next order is on the line, and the run only waits for its answer.
+            self._clock.call_at(self._clock.now() + _UNDER_WAY_S, collect_generation_1)
 
     def event(self, record: EventRecord) -> None:
         """Something happened beside the cycles."""
@@ -226,7 +226,7 @@ class _Session:
             self.faults.append(record.text)
 
     def _devices(self) -> Devices:
-        """What is known of robot and sensor, both being ready."""
+        """Facts of robot and sensor, both being ready."""
         assert self._sensor is not None
         return Devices(self._facts, Sensor(sensor_kind(self._config).name, self._sensor.facts))
 
@@ -238,7 +238,7 @@ class _Session:
             time.sleep(seconds)
 
     def _tell_check(self, text: str) -> None:
-        """What was found of the sensor, while a person can still intervene."""
+        """Findings about the sensor, while a person can still intervene."""
         if self._view is None:
             self.terminal.out.say(f"sensor: {text}")
         elif "unchecked" in text:
@@ -247,7 +247,7 @@ class _Session:
             self._view.check(text)
 
     def _tell_trouble(self, text: str) -> None:
-        """Of the recorder, at once; the run goes on, since nothing in it depends on its record."""
+        """Tell trouble of the recorder at once. The run goes on, since nothing in it depends on its record."""
         self._trouble_told = True
         self.notice("recorder", text)
         self.terminal.err.say(f"hil-bridge: {text}; the run goes on")
@@ -347,11 +347,11 @@ class _Session:
     @contextmanager
     def _scheduled(self) -> Iterator[None]:
         """The loop's thread as the configuration wants it; the recorder has been started, and stays as it is."""
-        with quiet_garbage():
+        with gc_paused():
             if self._clock.is_virtual:
                 yield
                 return
-            with prompt_threads(), scheduled(self._config.realtime) as executor:
+            with short_switch_interval(), real_time_thread(self._config.realtime) as executor:
                 if executor is not None:
                     asyncio.get_running_loop().set_default_executor(executor)
                 yield

@@ -43,7 +43,7 @@ ARRIVAL_S = 10.0
 FRAMES_MIN = 10
 """Fewest frames to average. Chosen."""
 TIME_CONSTANTS = 7.0
-"""Of the sensor's filter, waited for beside the settling. Derived: after as many less than 0.1 % is left."""
+"""Time constants of the sensor's filter, beside the settling. Derived: after as many less than 0.1 % is left."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""What both gateways of a JR3 sensor have in common, for one firmware runs in both: filter, counter, payloads.
+"""Parts that both gateways of a JR3 sensor share, for one firmware runs in both: filter, counter, payloads.
 
 Source: firmware roboticslab-uc3m/jr3-mbed-firmware, read for facts. Payloads are little-endian.
 """
@@ -18,11 +18,17 @@ SMALLEST_CUTOFF_HZ = 0.01
 """One unit of the wire. What would be rounded to 0 there would switch the filter off instead of closing it."""
 
 UNFILTERED = "the gateway's filter is off (cut-off 0): every sample is as noisy as the sensor"
-"""What a client says of a cut-off of 0, which may be meant or a slip."""
+"""Notice of a client about a cut-off of 0, which may be meant or a slip."""
+
+
+TESTED_PERIOD_MS = 1.0
+"""Shortest period of a stream that the firmware was tested with. Source: firmware's own notes."""
+HANGS = "it may hang since its sensor was unplugged: plug the sensor in, then switch the gateway off and on"
+"""What to do with a gateway that does not answer: its program may wait for its sensor. Source: firmware."""
 
 
 class GatewayState(IntEnum):
-    """What an acknowledge says first."""
+    """First byte of an acknowledge."""
 
     READY = 0
     NOT_INITIALISED = 1
@@ -101,6 +107,7 @@ class SampleCounter:
     def restart(self) -> None:
         """The device begins to count anew; the sequence goes on by 1."""
         self._last = None
+        self._statistics.standing = 0
 
     def follow(self, counter: int) -> int | None:
         """The sequence of this sample, or None for one that was there before."""
@@ -110,9 +117,11 @@ class SampleCounter:
             step = (counter - self._last) % COUNTER_MODULUS
             if step == 0 or step > self._straggler_from:
                 self._statistics.repeated += 1
+                self._statistics.standing += step == 0
                 return None
             self._sequence = (self._sequence or 0) + step
             if self._step and (missing := round(step / self._step) - 1) > 0:
                 self._statistics.lost += missing
         self._last = counter
+        self._statistics.standing = 0
         return self._sequence

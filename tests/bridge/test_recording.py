@@ -27,7 +27,7 @@ from hil_bridge.control import Predictive
 from hil_bridge.control.course.loop import Sample
 from hil_bridge.control.course.task import Phase
 from hil_bridge.errors import BridgeError, ConfigError
-from hil_bridge.experiments import run_cell
+from hil_bridge.experiments import run_emulated
 from hil_bridge.facts import ACCEPTED, Devices, RobotFacts, Sensor
 from hil_bridge.recording import (
     VIRTUAL_CHUNKS,
@@ -303,7 +303,7 @@ def test_a_cut_file_gives_what_came_before(tmp_path: Path) -> None:
     assert recording.cycles[-1].started_at > 107.0
 
 
-def test_chunks_of_a_virtual_run_are_of_one_size_however_slowly_records_come(tmp_path: Path) -> None:
+def test_chunks_of_a_virtual_run_have_one_size(tmp_path: Path) -> None:
     recorder = Recorder(
         tmp_path / "virtual.mcap", wall_ns, threaded=False, metadata={}, chunks=VIRTUAL_CHUNKS
     )
@@ -329,7 +329,7 @@ def test_the_c_library_is_asked_for_buffers_with_pages_of_their_own(
     assert asked == [(-3, 131_072)]  # M_MMAP_THRESHOLD of glibc
 
 
-def test_where_the_c_library_takes_no_such_wish_it_records_all_the_same(
+def test_a_c_library_without_the_setting_records_all_the_same(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(recorder_module.ctypes, "CDLL", lambda name: object())
@@ -388,7 +388,7 @@ def with_chunk(path: Path, claim: int, compression: str, packed: bytes) -> Path:
 
 
 def peak_bytes(path: Path) -> tuple[str, int]:
-    """What reading comes to, and the most memory that Python and the unpackers took for it."""
+    """Result of reading, and the most memory that Python and the unpackers took for it."""
     tracemalloc.start()
     try:
         said = "truncated" if read(path).truncated else "whole"
@@ -411,9 +411,7 @@ PACKERS = {
 
 @pytest.mark.parametrize("name", PACKERS)
 @pytest.mark.parametrize("claim", [BOMB, 1 << 40, 1 << 63])
-def test_a_chunk_that_claims_too_much_is_refused_before_it_is_unpacked(
-    tmp_path: Path, name: str, claim: int
-) -> None:
+def test_a_chunk_that_claims_too_much_is_refused_while_packed(tmp_path: Path, name: str, claim: int) -> None:
     path = with_chunk(tmp_path / "bomb.mcap", claim, name.partition(" ")[0], PACKERS[name]())
     said, peak = peak_bytes(path)
     assert "bomb.mcap is refused: it says that it holds" in said
@@ -439,7 +437,7 @@ def test_many_chunks_of_ordinary_size_are_refused_together(
         read(path)
 
 
-def test_what_hides_its_chunks_from_the_first_look_is_stopped_on_the_way(
+def test_a_file_that_hides_its_chunks_is_stopped_on_the_way(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = write(tmp_path / "run.mcap", stream(10.0))
@@ -449,7 +447,7 @@ def test_what_hides_its_chunks_from_the_first_look_is_stopped_on_the_way(
         read(path)
 
 
-def test_a_file_without_an_end_or_with_an_impossible_name_is_no_recording() -> None:
+def test_a_file_without_an_end_is_no_recording() -> None:
     with pytest.raises(ConfigError, match="is not an MCAP file"):
         read(Path("/dev/zero"))
     with pytest.raises(ConfigError, match="null byte"):
@@ -537,7 +535,7 @@ def test_what_a_controller_explains_is_recorded_as_numbers(monkeypatch: pytest.M
         return state, structs.replace(command, explanation={"why": "soft", "found": True})  # type: ignore[dict-item]
 
     monkeypatch.setattr(Predictive, "step", talkative)
-    cycles = run_cell(Config.model_validate({"run": {"duration_s": 2.0}})).cycles
+    cycles = run_emulated(Config.model_validate({"run": {"duration_s": 2.0}})).cycles
     told = [cycle.explanation for cycle in cycles if cycle.phase == "track"]
     assert told
     assert all(math.isnan(one["why"]) and one["found"] == 1.0 for one in told)

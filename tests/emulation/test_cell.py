@@ -134,7 +134,7 @@ def test_the_same_seed_gives_the_same_frames() -> None:
     assert (frames(2) != frames(3)).any()
 
 
-def test_both_resting_places_of_one_reported_position_differ_by_less_than_the_papers_limit_cycle() -> None:
+def test_both_resting_places_of_one_position_differ_little() -> None:
     cell = s3_jr3_cell(PaperCellProfile(surface=SurfaceProfile(stiffness_n_m=20_000.0), tool=NO_TOOL), T0, 1)
     motion, forces, reported = cell.robot.motion, [], []
     for k, height in enumerate((0.588, 0.5875, 0.588)):
@@ -178,7 +178,7 @@ Orders = list[tuple[float, int, float]]
 
 
 def frames_of(profile: PaperCellProfile, orders: Orders) -> list[str]:
-    """What the gateway says while the robot is told this: pauses in s, what, and how far in mm."""
+    """Messages of the gateway while the robot is told this: pauses in s, what, and how far in mm."""
     cell = s3_jr3_cell(profile, T0, seed=3)
     gateway, motion = cell.sensor, cell.robot.motion
     gateway.handle_deadline(T0 + 3.0)

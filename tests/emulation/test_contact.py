@@ -32,7 +32,7 @@ def test_damping_adds_on_the_way_in_and_never_pulls_on_the_way_out() -> None:
     assert not force(profile, (0.9, 0.0, TOP + 0.001), (0.0, 0.0, -1.0)).any()
 
 
-def test_friction_opposes_sliding_in_proportion_to_the_pressing_force() -> None:
+def test_friction_opposes_sliding_in_proportion_to_the_force() -> None:
     profile = SurfaceProfile(friction=0.3, friction_smoothing_mm_s=1e-6)
     pushed = force(profile, (0.9, 0.0, TOP - 0.002), (0.03, 0.04, 0.0))
     assert pushed == pytest.approx([-1.8, -2.4, 10.0])

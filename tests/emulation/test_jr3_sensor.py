@@ -39,7 +39,7 @@ def test_samples_lie_on_the_absolute_grid() -> None:
     assert asked == [k / 8000 for k in range(FIRST, FIRST + 4)]
 
 
-def test_physics_is_asked_once_for_each_sample_as_far_ahead_as_it_is_certain() -> None:
+def test_physics_is_asked_once_for_each_sample_while_certain() -> None:
     asked: list[float] = []
 
     def wrench_at(times: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -58,7 +58,7 @@ def test_physics_is_asked_once_for_each_sample_as_far_ahead_as_it_is_certain() -
     expected = plain.counts(np.arange(FIRST, FIRST + 17 * 41))
     assert np.array_equal(np.concatenate((*parts[:-1], again)), expected)
     assert np.array_equal(parts[-1], again[:17])
-    # what nobody asks for is left out, and goes on where it is asked for again
+    # samples that are not asked for are left out, and the stream goes on where it is asked for again
     asked.clear()
     assert np.array_equal(ahead.counts(np.array([FIRST + 9000])), plain.counts(np.array([FIRST + 9000])))
     assert asked[0] == (FIRST + 9000) / 8000

@@ -227,7 +227,7 @@ class Words:
         self.may_reset = True
         self.commands: list[int] = []
         self.answers: dict[int, int] = {}
-        """What command_word0 becomes, by command; 0 otherwise."""
+        """Next value of command_word0, by command; 0 otherwise."""
         self.poke("serial_no", 4711)
         self.poke("model_no", 67)
         self.poke("units", 1)

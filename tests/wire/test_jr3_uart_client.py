@@ -1,4 +1,4 @@
-"""What the client of the UART gateway alone has: its pace, its bytes, and why it may be silent."""
+"""Properties of the client of the UART gateway alone: its pace, its bytes, and the reasons of its silence."""
 
 from typing import Any
 
@@ -6,7 +6,7 @@ import pytest
 
 from protocol.endpoint import LocalProtocolError
 from protocol.jr3.counts import facts_of
-from protocol.jr3.firmware import first_order_delay
+from protocol.jr3.firmware import HANGS, first_order_delay
 from protocol.jr3.uart_gateway import Phase, encode_data
 from protocol.wrench import SensorFailed, SensorNotice, SensorReady, SensorStopped, WrenchFrame, Zeroed
 
@@ -60,7 +60,7 @@ def test_a_client_tells_which_axes_are_saturated(uart: Any) -> None:
 @pytest.mark.parametrize(
     ("heard", "text"),
     [
-        (b"", "silent for 3 s: power, cable, port?"),
+        (b"", f"silent for 3 s: power, cable, port? {HANGS}"),
         (b"\xf8\x00\x80", "bytes but no frame of a gateway in 3 s: not 115200 baud, or another device?"),
         (encode_data([7] * 6, 1), "sends but acknowledges nothing in 3 s: is the line to it open?"),
     ],
@@ -97,7 +97,7 @@ def test_not_ready_is_asked_again_after_the_pause(uart: Any) -> None:
     assert uart.events(client) == [READY]
 
 
-def test_an_acknowledge_that_nobody_waits_for_makes_the_gateway_deaf_too(uart: Any) -> None:
+def test_an_unexpected_acknowledge_makes_the_gateway_deaf_too(uart: Any) -> None:
     """Both answers to a repeated command come: the second begins another deaf second."""
     client = uart.begin()
     client.data_to_send(T0)

@@ -121,7 +121,7 @@ def _board_form(url: str) -> str | None:
 
 async def _connect_board(url: str, settings: KindSettings, wiring: Wiring) -> tuple[Transport[Any], Any]:
     wire, profile = await connect_board(url, settings.client.board, wiring.clock)
-    return wiring.shown(wire), BoardClient(profile, wiring.clock.now())
+    return wiring.tap(wire), BoardClient(profile, wiring.clock.now())
 
 
 async def _serve_board(url: str, board: Any, settings: KindSettings, serving: Serving) -> str:

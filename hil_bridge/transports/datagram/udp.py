@@ -113,7 +113,7 @@ def _text(address: Address) -> str:
 class UdpWire:
     """A transport of datagrams over a socket that is bound, not connected and does not block.
 
-    What arrives carries the kernel's time on Linux, else the time at which it was read. A datagram for which the
+    An arrival carries the kernel's time on Linux, else the time at which it was read. A datagram for which the
     system has no room is given up: it would be old when there is room again.
     """
 
@@ -147,7 +147,7 @@ class UdpWire:
         )
 
     def start(self, on_data: Callable[[Datagrams], None], on_end: Callable[[TransportError], None]) -> None:
-        # what came before lies in the operating system's buffer
+        # earlier arrivals lie in the operating system's buffer
         self._delivery.start(on_data, on_end)
         if self._open:
             self._clock.loop.add_reader(self._socket.fileno(), self._readable)

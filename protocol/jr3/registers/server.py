@@ -34,7 +34,7 @@ class _Stream:
     """Burst k is due at `anchor` + k · `period`."""
 
     head: bytes
-    """Of every delivery."""
+    """Head of every delivery."""
     address: int
     count: int
     anchor: float
@@ -185,5 +185,5 @@ class RegisterServer:
 
 
 def farewell(status: Status) -> bytes:
-    """What a server says before it closes a connection."""
+    """Notice of a server before it closes a connection."""
     return encode_response(Response(Op.CONNECTION, status, 0))

@@ -1,11 +1,12 @@
 """The client of a JR3 UART gateway: a GatewaySession over bytes.
 
-Order of the session: state, full scales, start, a pause, and on request zero; stop at the end. The gateway
-acknowledges a command and then sleeps for a second: what is sent to it in that time is lost, or waits in its
-driver and hides what comes after it. So every acknowledge, expected or not, is followed by a pause, and a command
-without acknowledge is repeated only after more than that second.
+Order of the session: state, full scales, start, a pause, and on request zero; stop at the end. The gateway acknowledges
+a command and then sleeps for a second. Bytes sent to it in that time are lost, or wait in its driver and hide those
+that come after. So every acknowledge, expected or not, is followed by a pause, and a command without acknowledge is
+repeated only after more than that second.
 """
 
+from protocol.jr3.firmware import HANGS
 from protocol.jr3.gateway_session import Dialect, GatewaySession, Phase
 from protocol.jr3.uart_gateway.messages import (
     FROM_GATEWAY,
@@ -38,7 +39,7 @@ class UartGatewayClient:
         self._frame_heard = False
         self._session = session = GatewaySession(self._dialect(), profile, now)
         self.statistics = session.statistics
-        # What the owner asks for, and the clock, concern the session alone.
+        # The owner's requests, and the clock, concern the session alone.
         self.zero, self.set_filter, self.stop = session.zero, session.set_filter, session.stop
         self.next_event = session.next_event
         self.next_deadline, self.handle_deadline = session.next_deadline, session.handle_deadline
@@ -50,6 +51,8 @@ class UartGatewayClient:
             zero=Op.ZERO,
             set_filter=Op.SET_FILTER,
             stop=Op.STOP,
+            joins=frozenset({Op.STOP}),
+            joined_s=self._profile.period_ms * 1e-3,
             pause_s=self._profile.pause_s,
             period=self._profile.period_ms * 1e-3,
             counter_step=self._profile.period_ms * 1e3 / self._profile.sample_period_us,
@@ -65,7 +68,7 @@ class UartGatewayClient:
             return (
                 f"bytes but no frame of a gateway in {waited}: not {UART_BAUDRATE} baud, or another device?"
             )
-        return f"silent for {waited}: power, cable, port?"
+        return f"silent for {waited}: power, cable, port? {HANGS}"
 
     @property
     def phase(self) -> Phase:
@@ -74,7 +77,7 @@ class UartGatewayClient:
 
     @property
     def stop_patience(self) -> float:
-        """How long SensorStopped may take when the first stop was lost, s: a stop and its repetition."""
+        """Longest time that SensorStopped may take when the first stop was lost, s: a stop and its repetition."""
         return self._session.stop_patience
 
     # --- the wire
