@@ -1,8 +1,8 @@
 """The emulated cell: any robot and any sensor, coupled by a tool and a surface. See `emulators.seams` for its parts.
 
-Frames: base with z up; the tool frame's z axis points out of the flange, so that a tool pointing down has the
-quaternion (0, 1, 0, 0); the sensor frame has the tool frame's orientation and lies in the flange. The sensor
-reads the wrench that surface and gravity exert on the tool: pressing down on the surface gives a negative Fz.
+Frames: the base has z up. The tool frame's z axis points out of the flange, so that a tool pointing down has the
+quaternion (0, 1, 0, 0). The sensor frame has the tool frame's orientation and lies in the flange. The sensor reads the
+wrench that surface and gravity exert on the tool: pressing down on the surface gives a negative Fz.
 """
 
 import math
@@ -107,7 +107,7 @@ class TrueState:
     position: Vector
     """Tool centre point in the base frame, m."""
     velocity: Vector
-    """Its velocity in the base frame, m/s."""
+    """Velocity of the tool in the base frame, m/s."""
     quaternion: Quaternion
     """Tool frame in the base frame, w x y z."""
     contact_force: Vector
@@ -152,7 +152,7 @@ class Cell(Generic[Robot, Sensor]):
         ((_, quaternion),) = path.orientations(np.array([now]))
         self._turn(quaternion)
         self.on_change: Callable[[float], object] = _unread
-        """Told by the cell since when the wrench is another than it could be read, s; set by the sensor."""
+        """Called by the cell with the time from which the wrench differs from the one read, s; set by the sensor."""
         self.committed_until = path.committed_until
         """Up to when the wrench may be read at a given time and stays unless a fault changes it, s."""
         # A surface with memory would have to be shown a changed future again.
@@ -242,8 +242,8 @@ class Cell(Generic[Robot, Sensor]):
         return self._contact_force(self._surface.aside(), times, count=False)
 
     def truth_available_from(self, time: float) -> float:
-        """The earliest moment from `time` on, s, of which the truth is still known: a surface with memory has
-        forgotten all before the newest sample that it was shown.
+        """The earliest moment from `time` on, s, of which the truth is still known. A surface with memory has lost all
+        before the newest sample that it was shown.
         """
         shown = self._surface.remembered_until
         return time if shown is None else max(time, shown)
@@ -256,8 +256,8 @@ class Cell(Generic[Robot, Sensor]):
     def _contact_force(self, surface: Surface, times: Floats, count: bool = True) -> Floats:
         """Force of surface and obstacles on the tool tip, (n, 3) at ascending `times` (n,), base frame, N.
 
-        A surface with memory is first shown the samples that were never read, so that its force depends on the
-        motion and not on the reads. Where it cannot go back far enough, it answers as if the tip jumped there.
+        A surface with memory is first shown the samples that were never read. So its force depends on the motion and
+        not on the reads. Where it cannot go back far enough, it answers as if the tip jumped there.
         """
         if (shown := surface.remembered_until) is not None:
             begin = max(shown, times[0] - _PAST_S) * _MEMORY_RATE_HZ

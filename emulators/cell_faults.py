@@ -13,7 +13,7 @@ CELL_FAULTS: Mapping[str, Mapping[str, Fault]] = {
     **JR3_FAULTS,
     **OWN_FAULTS,
 }
-"""By target."""
+"""Faults by target."""
 
 FELT_BY_SENSOR = ("signal", "scales", "frames", "bus", "surface", "obstacle")
 """Targets that have no effect but through the emulated sensor."""

@@ -1,4 +1,4 @@
-"""What robot and sensor tell besides their answers and frames: notices, bytes, events of the link."""
+"""Reports of robot and sensor besides their answers and frames: notices, bytes, events of the link."""
 
 from collections.abc import Callable
 from typing import Any, Protocol

@@ -1,4 +1,4 @@
-"""What can go wrong, as a tree that says whose matter it is. Messages are one line: what, where, what to do."""
+"""Errors, as a tree by the part at fault. Messages are one line: what, where, what to do."""
 
 
 class BridgeError(Exception):

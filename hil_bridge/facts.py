@@ -1,8 +1,8 @@
 """Facts of the devices of a run, as plain values: a run sees them, a recording keeps them, reports need no more.
 
-The rooms of the devices tell them when a run begins. A hop is a stretch of a cycle between two moments. A moment is
-a stamp of the cycle (`CycleRecord`), a truth of an emulated cell (`TruthRecord`), `earliest_at` (see
-`analysis.latency.earliest_arrivals`), or one that the robot's facts derive from a stamp.
+The rooms of the devices tell them when a run begins. A hop is a stretch of a cycle between two moments. A moment is a
+stamp of the cycle (`CycleRecord`), a truth of an emulated cell (`TruthRecord`), or `earliest_at` (see
+`analysis.latency.earliest_arrivals`). It may also be one that the robot's facts derive from a stamp.
 """
 
 from enum import StrEnum
@@ -40,7 +40,7 @@ class Hop(Struct, frozen=True):
     end: str
     owner: Owner
     words: str
-    """What takes the time, for a sentence."""
+    """Words for the cause of this time, for a sentence."""
 
 
 class Moment(Struct, frozen=True):
@@ -54,10 +54,10 @@ class Moment(Struct, frozen=True):
 
 
 class RobotHops(Struct, frozen=True):
-    """How a robot's stamps divide a cycle from `sent_at` on."""
+    """Hops into which a robot's stamps divide a cycle from `sent_at` on."""
 
     to_answer: tuple[Hop, ...]
-    """From `sent_at` to the answer of the order, each beginning where one ends."""
+    """Hops from `sent_at` to the answer of the order, each beginning where one ends."""
     to_motion: tuple[tuple[Hop, ...], ...] = ()
     """Ways from `sent_at` to the motion. The first holds whose last hop never ends before it begins, else the last."""
     beside: tuple[Hop, ...] = ()
@@ -80,7 +80,7 @@ class Traffic(Struct, frozen=True):
 
 
 class ServoFacts(Struct, frozen=True):
-    """How the robot follows its points."""
+    """Servo of the robot."""
 
     interpolation_s: _Positive
     """Between two set points of the interpolator."""
@@ -88,7 +88,7 @@ class ServoFacts(Struct, frozen=True):
     natural_frequency_rad_s: _Positive
     damping_ratio: _Positive
     dead_band_steps: _NotNegative = 0.0
-    """How far the position may be off without being corrected, either way, in steps of the position."""
+    """Largest error of the position without correction, either way, in steps of the position."""
     marks: dict[str, str] = {}
     """How well each of them is known, see `protocol.marks`, by the name of its setting."""
 
@@ -103,7 +103,7 @@ class Pacing(StrEnum):
 
 
 class RobotFacts(Struct, frozen=True):
-    """What is known of the robot and of the wire to it."""
+    """Facts about the robot and the wire to it."""
 
     model: str = ""
     """Maker, controller and protocol, for people."""
@@ -119,9 +119,9 @@ class RobotFacts(Struct, frozen=True):
     order_step_m: _Positive | None = None
     """Resolution of a position that is ordered; None: finer than matters, or not known."""
     line_floor_s: _Positive | None = None
-    """What one cycle takes on the robot's wire at least; None: too short to matter."""
+    """Shortest time of one cycle on the robot's wire; None: too short to matter."""
     byte_time_s: _Positive | None = None
-    """What a byte takes on the wire; None: too short to matter."""
+    """Time of a byte on the wire; None: too short to matter."""
     servo: ServoFacts | None = None
     hops: RobotHops | None = None
     routine: tuple[str, ...] = ()
@@ -132,7 +132,7 @@ class RobotFacts(Struct, frozen=True):
 
 
 class Sensor(Struct, frozen=True, omit_defaults=True):
-    """What is known of the sensor and of what stands before it."""
+    """Facts about the sensor and its electronics."""
 
     kind: str = ""
     """gateway, uart or board, or what its room is called; empty where it is not known."""
@@ -143,7 +143,7 @@ class Sensor(Struct, frozen=True, omit_defaults=True):
 
     @property
     def delay_s(self) -> float | None:
-        """How much later than the force itself its filter tells of it, at low frequencies; None if not known."""
+        """Delay of its filter at low frequencies; None if not known."""
         return self.older_delay_s if self.facts is None else self.facts.delay
 
 
@@ -154,5 +154,5 @@ class Devices(Struct, frozen=True):
     sensor: Sensor = Sensor()
 
     def as_metadata(self) -> dict[str, str]:
-        """For a recording: JSON by device."""
+        """Metadata for a recording: JSON by device."""
         return {name: msgspec.json.encode(getattr(self, name)).decode() for name in self.__struct_fields__}

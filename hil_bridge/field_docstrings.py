@@ -1,4 +1,4 @@
-"""The docstrings under the fields of a class, for people who read a file and not the source."""
+"""The docstrings under the fields of a class, for people that read a file and not the source."""
 
 import ast
 import inspect
@@ -16,7 +16,7 @@ def field_docstrings(cls: type) -> dict[str, str]:
 
 @cache
 def _by_class(module: str) -> dict[str, dict[str, str]]:
-    """Of all classes of a module; its source is read when somebody asks, for not every start has to pay for it."""
+    """Texts of all classes of a module. Its source is read at the first call, since most starts do not need it."""
     try:
         tree = ast.parse(inspect.getsource(sys.modules[module]))
     except (OSError, TypeError):

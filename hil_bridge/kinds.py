@@ -25,8 +25,19 @@ from emulators.seams import RobotFactory, SensorFactory, SurfaceFactory
 from hil_bridge.errors import ConfigError
 from hil_bridge.facts import RobotFacts
 from hil_bridge.plugins import find_plugin, plugin_names
-from hil_bridge.transports.urls import CONNECT_BYTES, WireUrl, parse_url
+from hil_bridge.robots.seam import RobotLink
+from hil_bridge.transports import Transport
+from hil_bridge.transports.urls import (
+    CONNECT_BYTES,
+    CONNECT_CAN,
+    CONNECT_DATAGRAMS,
+    LISTEN_DATAGRAMS,
+    WireUrl,
+    parse_url,
+)
+from hil_bridge.wiring import Serving, Wiring
 from protocol.marks import Mark, setting
+from protocol.wrench import SensorClient
 
 _ROBOTS = {"s3": "hil_bridge.robots.s3.room:ROBOT"}
 _SENSORS = {
@@ -46,8 +57,8 @@ class KindSettings:
     """How its emulator behaves: `[cell.NAME]`."""
 
 
-def _byte_wire(url: str, settings: KindSettings) -> WireUrl:
-    return parse_url(url, CONNECT_BYTES)
+def _any_wire(url: str, settings: KindSettings) -> WireUrl:
+    return parse_url(url, {**CONNECT_BYTES, **CONNECT_CAN, **LISTEN_DATAGRAMS, **CONNECT_DATAGRAMS})
 
 
 def _not_mine(url: str) -> str | None:
@@ -62,14 +73,14 @@ class RobotEmulation:
     """Dataclass of its section `[cell.NAME]`."""
     make: Callable[[KindSettings], RobotFactory]
     """A factory of robots with these settings. Raises ConfigError for a file that they name."""
-    serve: Callable[[str, Any, KindSettings, Any], Awaitable[str]]
-    """Let the robot listen on a URL: from the URL, the robot, the settings and a `wiring.Serving`. Gives the URL for
+    serve: Callable[[str, Any, KindSettings, Serving], Awaitable[str]]
+    """Let the robot listen on a URL: from the URL, the robot, the settings and the wires. Gives the URL for
     its client, without the kind.
     """
     usual: Callable[[KindSettings, bool], str]
     """The URL to listen on where a configuration names none; the second argument says whether in virtual time."""
     faults: Mapping[str, Mapping[str, Fault]] = field(default_factory=dict)
-    """What can go wrong with it, in words, by target and name; its handlers do it."""
+    """Its faults, in words, by target and name; its handlers carry them out."""
     panel: Callable[..., AbstractAsyncContextManager[str]] | None = None
     """The panel of the emulated controller, for people; None for a kind without one."""
     check_panel: Callable[[str], object] | None = None
@@ -86,18 +97,18 @@ class RobotKind:
     """One line for people."""
     settings: type[Any]
     """Dataclass of its section `[robot.NAME]`."""
-    connect: Callable[[str, KindSettings, Any], Awaitable[Any]]
-    """The robot behind a wire's URL: from the URL, the settings and a `wiring.Wiring`. Gives a `robots.seam.RobotLink`
-    that is not started yet. Raises ConfigError for the URL, TransportUnavailable for the wire.
+    connect: Callable[[str, KindSettings, Wiring], Awaitable[RobotLink]]
+    """The robot behind a wire's URL: from the URL, the settings and its wires. Gives a link that is not started yet.
+    Raises ConfigError for the URL, TransportUnavailable for the wire.
     """
     facts: Callable[[str, KindSettings], RobotFacts]
-    """What is known of the robot behind a wire's URL, "" for the emulated one, before anything is opened."""
+    """Facts of the robot behind a wire's URL, "" for the emulated one, before a wire is opened."""
     emulation: RobotEmulation | None = None
     directly: bool = False
     """Its settings stand in `[robot]` and `[cell]` themselves, as they did when there was no other robot."""
     check: Callable[[KindSettings], object] | None = None
     """Raises ConfigError for settings that no run can have, before anything is opened."""
-    parse: Callable[[str, KindSettings], WireUrl] = _byte_wire
+    parse: Callable[[str, KindSettings], WireUrl] = _any_wire
     """A wire's URL in its parts, for those that look at the wire alone. Raises ConfigError for one that cannot be of
     this kind.
     """
@@ -111,7 +122,7 @@ class SensorEmulation:
     """Dataclass of its section `[cell.NAME]`."""
     make: Callable[[KindSettings], SensorFactory]
     """A factory of sensors with these settings."""
-    serve: Callable[[str, Any, KindSettings, Any], Awaitable[str]]
+    serve: Callable[[str, Any, KindSettings, Serving], Awaitable[str]]
     """As of a `RobotEmulation`."""
     usual: Callable[[KindSettings, bool], str]
     """As of a `RobotEmulation`."""
@@ -138,9 +149,9 @@ class SensorKind:
     """One line for people."""
     settings: type[Any]
     """Dataclass of its section `[sensor.NAME]`."""
-    connect: Callable[[str, KindSettings, Any], Awaitable[tuple[Any, Any]]]
-    """The sensor behind a wire's URL: from the URL, the settings and a `wiring.Wiring`. Gives the wire and the
-    `protocol.wrench.SensorClient` that speaks over it. Errors as of `RobotKind.connect`.
+    connect: Callable[[str, KindSettings, Wiring], Awaitable[tuple[Transport[Any], SensorClient[Any]]]]
+    """The sensor behind a wire's URL: from the URL, the settings and its wires. Gives the wire and the
+    client that speaks over it. Errors as of `RobotKind.connect`.
     """
     emulation: SensorEmulation | None = None
     directly: bool = False
@@ -149,12 +160,12 @@ class SensorKind:
     """The wire's URL of a URL without a kind that means this kind of sensor; None for every other URL."""
     check: Callable[[KindSettings], object] | None = None
     """Raises ConfigError for settings that no run can have, before anything is opened."""
-    parse: Callable[[str, KindSettings], WireUrl] = _byte_wire
+    parse: Callable[[str, KindSettings], WireUrl] = _any_wire
     """A wire's URL in its parts, for those that look at the wire alone. Raises ConfigError for one that cannot be of
     this kind.
     """
     bus: CanBus | None = None
-    """Of a device on CAN: an interface with another rate cannot reach it."""
+    """Bus of a device on CAN: an interface with another rate cannot reach it."""
     also: str = ""
     """An older name under which `sensor.emulated` chooses it."""
 
@@ -214,7 +225,7 @@ class Registry(Generic[_Kind]):
 
 @dataclass(frozen=True)
 class CellSection(CellProfile):
-    """What every emulated cell has, whatever its devices: the base of the section `[cell]`."""
+    """Settings of every emulated cell, whatever its devices: the base of the section `[cell]`."""
 
     surface_kind: str = setting(
         "", Mark.CHOSEN, "kind of surface that another package offers; empty: ours, by [cell.surface]"
@@ -260,6 +271,6 @@ def emulated_sensor(name: str) -> SensorKind:
 
 
 def faults_of(robot: str, sensor: str) -> Mapping[str, Mapping[str, Fault]]:
-    """What can go wrong in a cell with these emulated devices, by target and name. Raises ConfigError."""
+    """All faults of a cell with these emulated devices, by target and name. Raises ConfigError."""
     devices = ROBOTS.kind(robot).emulation, emulated_sensor(sensor).emulation
     return {**{on: faults for one in devices if one for on, faults in one.faults.items()}, **OWN_FAULTS}

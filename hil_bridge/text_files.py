@@ -21,7 +21,7 @@ DEPTH_LIMIT = 32
 INTEGER_LIMIT = 1 << 63
 """Whole numbers lie below this, and not below its negative. Standard: TOML 1.0 asks for 64 bits and allows no more."""
 SHOWN_CHARACTERS = 80
-"""Of a wrong value in a message at most. Chosen: a line of a terminal."""
+"""Most characters of a wrong value in a message. Chosen: a line of a terminal."""
 
 _PIECE_BYTES = 1 << 20
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
@@ -33,14 +33,16 @@ def read_text(path: Path, limit: int = TEXT_LIMIT_BYTES, encoding: str = "utf-8"
         with path.open("rb") as file:
             data = read_up_to(file, limit + 1)
         if len(data) > limit:
-            raise ConfigError(f"{named(path)} is longer than {limit} bytes: it is not what is wanted here")
+            raise ConfigError(
+                f"{format_path(path)} is longer than {limit} bytes: it is not what is wanted here"
+            )
         return data.decode(encoding).replace("\r\n", "\n")
     except OSError as error:
-        raise ConfigError(f"cannot read {named(path)}: {error.strerror or error}") from error
+        raise ConfigError(f"cannot read {format_path(path)}: {error.strerror or error}") from error
     except UnicodeDecodeError as error:
-        raise ConfigError(f"{named(path)} is no text in {encoding}: {error.reason}") from error
+        raise ConfigError(f"{format_path(path)} is no text in {encoding}: {error.reason}") from error
     except ValueError as error:  # a NUL in the path
-        raise ConfigError(f"cannot read {named(path)}: {error}") from error
+        raise ConfigError(f"cannot read {format_path(path)}: {error}") from error
 
 
 def read_up_to(file: BinaryIO, limit: int) -> bytes:
@@ -53,7 +55,7 @@ def read_up_to(file: BinaryIO, limit: int) -> bytes:
 
 def read_toml(path: Path) -> dict[str, Any]:
     """The values of a TOML file. Raises ConfigError as `read_text` and `parse_toml` do."""
-    return parse_toml(read_text(path, TOML_LIMIT_BYTES), named(path))
+    return parse_toml(read_text(path, TOML_LIMIT_BYTES), format_path(path))
 
 
 def parse_toml(text: str, source: str) -> dict[str, Any]:
@@ -93,7 +95,7 @@ def toml_pair(key: str, value: object) -> str:
 
 
 def parse_json(text: str) -> Any:
-    """What a JSON text of a recording says. Raises ValueError with the reason."""
+    """Value of a JSON text in a recording. Raises ValueError with the reason."""
     try:
         value = json.loads(text)
     except RecursionError as error:
@@ -103,13 +105,13 @@ def parse_json(text: str) -> Any:
     return value
 
 
-def shown(value: object) -> str:
+def format_value(value: object) -> str:
     """A value for a message, cut where it is long."""
     text = repr(value)
     return text if len(text) <= SHOWN_CHARACTERS else f"{text[:SHOWN_CHARACTERS]}…"
 
 
-def named(path: Path) -> str:
+def format_path(path: Path) -> str:
     """A path for a message, which stays one line."""
     text = str(path)
     return text if text.isprintable() else repr(text)
@@ -119,7 +121,7 @@ _TOO_DEEP = f"tables and arrays lie more than {DEPTH_LIMIT} deep in each other"
 
 
 def _problems(value: object) -> Iterator[str]:
-    """What no value of ours is like, found without recursion."""
+    """Properties that none of our values has, found without recursion."""
     waiting: list[tuple[str, int, object]] = [("", 0, value)]
     while waiting:
         key, depth, found = waiting.pop()
@@ -129,12 +131,12 @@ def _problems(value: object) -> Iterator[str]:
             case dict():
                 for name, item in found.items():
                     if not name.isprintable():
-                        yield f"the key {shown(name)} holds a character that cannot be printed"
+                        yield f"the key {format_value(name)} holds a character that cannot be printed"
                     waiting.append((f"{key}.{name}" if key else name, depth + 1, item))
             case list():
                 waiting += ((key, depth + 1, item) for item in found)
             case str() if "\0" in found:
-                yield f"{_cut(key)}: a text must not hold a NUL character, got {shown(found)}"
+                yield f"{_cut(key)}: a text must not hold a NUL character, got {format_value(found)}"
             case int() if not -INTEGER_LIMIT <= found < INTEGER_LIMIT:
                 yield f"{_cut(key)}: a whole number must fit 64 bits"
 

@@ -50,19 +50,19 @@ class Wiring:
 
     async def bytes(self, url: str) -> Transport[bytes]:
         """A byte wire. Raises ConfigError for the URL, TransportUnavailable for the wire."""
-        return self.shown(await connect_bytes(url, self.clock, self.log.notice))
+        return self.tap(await connect_bytes(url, self.clock, self.log.notice))
 
     async def can(self, url: str, accept: Sequence[CanFilter] = ()) -> Transport[Frames]:
         """A wire of CAN frames, of those that one of the filters accepts; of all without filters. Errors as `bytes`."""
-        return self.shown(await connect_can(url, self.clock, accept))
+        return self.tap(await connect_can(url, self.clock, accept))
 
     async def datagrams(self, url: str, speak_first: bool = True) -> Transport[Datagrams]:
         """A wire of datagrams, on which the client speaks first, or the device does. Errors as `bytes`."""
         if speak_first:
-            return self.shown(await connect_datagrams(url, self.clock, self.log.notice))
-        return self.shown((await listen_datagrams(url, self.clock, self.log.notice)).transport)
+            return self.tap(await connect_datagrams(url, self.clock, self.log.notice))
+        return self.tap((await listen_datagrams(url, self.clock, self.log.notice)).transport)
 
-    def shown(self, wire: Transport[_Data]) -> Transport[_Data]:
+    def tap(self, wire: Transport[_Data]) -> Transport[_Data]:
         """A wire that the room has opened itself, shown to the log like every other."""
         return Tap(self.wrap(self.device, wire), partial(self.log.traffic, self.device))
 
@@ -74,11 +74,11 @@ class Serving:
     clock: Clock
     stack: AsyncExitStack
     on_failure: Callable[[BaseException], object]
-    """Told why a device can no longer be served."""
+    """Called with the reason when a device can no longer be served."""
     say: Callable[[str], None]
-    """Told, a line each, of connections that ended badly."""
+    """Called with a line for each connection that ended badly."""
     pumps: list[Pump[Any, Any]] = field(default_factory=list)
-    """Of every device: to be woken when a fault begins or ends."""
+    """Pumps of all devices: to be woken when a fault begins or ends."""
 
     async def serve_bytes(self, url: str, endpoint: Any) -> str:
         """Let an endpoint speak over a byte wire that listens; the URL for its client. Raises ConfigError for the URL,

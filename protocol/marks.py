@@ -1,7 +1,7 @@
-"""Where a fact comes from, kept next to the fact.
+"""Origin of a fact, kept next to the fact.
 
-A *profile* is a frozen dataclass whose fields are made by `setting`: each has a default, a mark that says
-how well the default is known, and a sentence of meaning. `settings` lists them for people to read.
+A *profile* is a frozen dataclass whose fields are made by `setting`. Each has a default, a mark that says how well the
+default is known, and a sentence of meaning. `settings` lists them for people to read.
 """
 
 import dataclasses
@@ -17,16 +17,16 @@ class Mark(StrEnum):
     DERIVED = "derived"
     """Follows from observed values by arithmetic or measurement."""
     STANDARD = "standard"
-    """What links and devices of this kind do."""
+    """Links and devices of this kind do so."""
     ASSUMED = "assumed"
-    """Nobody knows; correct it on site."""
+    """Unknown; correct it on site."""
     CHOSEN = "chosen"
     """A choice of this project or its user, not a fact about a device."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class SettingInfo:
-    """What is said about a setting beside its default."""
+    """Notes about a setting beside its default."""
 
     mark: Mark
     meaning: str

@@ -1,4 +1,4 @@
-"""What a robot tells of itself, whatever its wire, and the shape of a client whose robot drives the cycle."""
+"""Report of a robot about itself, whatever its wire, and the shape of a client whose robot drives the cycle."""
 
 import math
 from typing import NamedTuple, Protocol, TypeAlias, TypeVar
@@ -16,19 +16,19 @@ class RobotReport(NamedTuple):
     sequence: int
     """Number of the report; it rises by one with each, and by more where some were lost."""
     pose: Pose
-    """Of the tool in the robot's base frame, as reported."""
+    """Pose of the tool in the robot's base frame, as reported."""
     pose_at: float
     """When the pose was true."""
     received_at: float
     """When the report was complete."""
     fault: str = ""
-    """What forbids to move, in words with a remedy: emergency stop, program stopped; empty while nothing does."""
+    """Reasons that forbid to move, in words with a remedy: emergency stop, program stopped; empty without any."""
     stamps: tuple[tuple[str, float], ...] = ()
     """More times of the way to this report, by name."""
 
 
 def orientation_fault(quaternion: Quaternion) -> str:
-    """What is wrong with an orientation; empty while nothing is."""
+    """Fault of an orientation, in words; empty without any."""
     return (
         ""
         if abs(math.hypot(*quaternion) - 1.0) <= UNIT_TOLERANCE
@@ -37,7 +37,7 @@ def orientation_fault(quaternion: Quaternion) -> str:
 
 
 def pose_fault(pose: Pose) -> str:
-    """What is wrong with a pose that another side has given; empty while nothing is."""
+    """Fault of a pose that another side has given, in words; empty without any."""
     if not all(map(math.isfinite, pose.position)):
         return f"the position {pose.position}, which is none"
     return orientation_fault(pose.quaternion)
@@ -71,10 +71,10 @@ class StreamClient(Endpoint[Data, Data, StreamEvent], Protocol[Data]):
     """The codec of a robot that sends a packet by its own clock and is answered each time.
 
     Its user takes the events at once. For each `ReportReceived`, in order, it calls `target` or `hold` exactly once,
-    before it asks for the data to send: these are the answers, one for each packet. The client needs no limits, no
+    before it asks for the data to send. These are the answers, one for each packet. The client needs no limits, no
     ramps and no watchdog: its user has them.
 
-    Sequence numbers count packets. A client unwraps the robot's own number, and counts on where that begins anew. A
+    Sequence numbers count packets. A client unwraps the robot's own number, and counts on where that begins again. A
     packet that came late keeps its own, smaller number.
     """
 

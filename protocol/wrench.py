@@ -8,15 +8,15 @@ no port, reads no clock and waits for nothing. `hil_bridge.sensors.stream.ForceS
 | `SensorReady` | once the device streams, before the first frame; again when its facts have changed |
 | `WrenchFrame` | for every complete sample, oldest first |
 | `Zeroed` | the zero that `zero` asked for holds: frames told later count from it |
-| `SensorRestarted` | the device has begun anew and has forgotten its zero; the client begins again too |
+| `SensorRestarted` | the device has begun again and has forgotten its zero; the client begins again too |
 | `SensorNotice` | something worth a line in the record |
 | `SensorStopped` | the device knows that it is not needed any more, or there is no way to tell it |
 | `SensorFailed` | the session is over; the last event |
 
-Six values are always fx fy fz mx my mz: force and moment of all that hangs below the sensor, and of all that touches
-it, on the sensor's tool side, about the sensor's origin, in its own right-handed frame. How that frame sits in the
-tool's, and a mirrored one, are settings of the bridge. A client tells the values as the device counts them. They mean
-N and N·m times `SensorFacts.scales`, which are 1.0 for a device that tells SI units.
+Six values are always fx fy fz mx my mz. They are force and moment of all that hangs below the sensor, and of all that
+touches it, on the sensor's tool side. They are about the sensor's origin, in its own right-handed frame. How that frame
+sits in the tool's, and a mirrored one, are settings of the bridge. A client tells the values as the device counts them.
+They mean N and N·m times `SensorFacts.scales`, which are 1.0 for a device that tells SI units.
 """
 
 import math
@@ -35,22 +35,22 @@ AXES = ("fx", "fy", "fz", "mx", "my", "mz")
 
 @dataclass(frozen=True, slots=True)
 class SensorFacts:
-    """What is known of a sensor once it streams. Raises ValueError for values that cannot be."""
+    """Facts of a sensor once it streams. Raises ValueError for impossible values."""
 
     model: str
-    """What the device says of the sensor: model and serial number; empty where it says nothing."""
+    """Model and serial number from the device; empty where it tells none."""
     scales: Wrench
     """N or N·m for one of `WrenchFrame.values`, axis by axis; 1.0 where the values are SI units."""
     full_scales: Wrench | None
-    """What each axis is calibrated for, N and N·m; None where the device does not tell it."""
+    """Calibrated range of each axis, N and N·m; None where the device does not tell it."""
     range: Wrench | None
     """The largest wrench that the device can tell, from the zero of its electronics, N and N·m; None if not known."""
     period: float | None
     """Between two frames by the device's clock, s; None where each has to be asked for."""
     delay: float
-    """How much later than the force itself the device's filter tells of it, s, at low frequencies."""
+    """Delay of the device's filter behind the force itself, s, at low frequencies."""
     tares: Literal["device", "host"]
-    """Who takes off the zero: the device, or the client with `HostTare`."""
+    """Side that takes off the zero: the device, or the client with `HostTare`."""
 
     def __post_init__(self) -> None:
         for name in ("scales", "full_scales", "range"):
@@ -98,7 +98,7 @@ class Zeroed:
 
 @dataclass(frozen=True, slots=True)
 class SensorRestarted:
-    """The device began anew and has forgotten its offsets; the client has begun again."""
+    """The device began again and has forgotten its offsets; the client has begun again."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,7 +118,7 @@ class SensorFailed:
     """The session is over."""
 
     text: str
-    """What is wrong and what to look at, one line."""
+    """Fault and place to look at, one line."""
 
 
 SensorEvent: TypeAlias = (
@@ -132,7 +132,7 @@ _STANDS_AFTER = 3
 
 @dataclass(slots=True)
 class SensorStatistics:
-    """What was wrong with the samples that came, or with what came instead, since the client began."""
+    """Faults of the samples that came, or of other bytes, since the client began."""
 
     lost: int = 0
     """Samples that the counter says are missing, where the device has a cadence of its own."""
@@ -187,7 +187,7 @@ class HostTare:
         """The newest sample has completed a zero; the next one counts from it."""
 
     def zero(self) -> None:
-        """Take a zero from the samples that come next. A zero under way begins anew."""
+        """Take a zero from the samples that come next. A zero under way begins again."""
         self._missing, self._sums = self._samples, (0.0,) * len(AXES)
 
     def values(self, raw: Sequence[float]) -> tuple[float, float, float, float, float, float]:

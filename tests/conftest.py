@@ -1,4 +1,4 @@
-"""What holds for every test: how long an example takes on a busy machine says nothing about the code.
+"""Settings for every test: the time of an example on a busy machine says nothing about the code.
 
 Examples are the same in every run, so that a run that fails fails again; `--hypothesis-profile explore` draws others.
 """

@@ -72,7 +72,7 @@ def upward(graph: ImportGraph, package: str) -> list[tuple[str, str]]:
 
 
 def lines(graph: ImportGraph, package: str) -> Iterable[str]:
-    """What is counted, as text."""
+    """The counts, as text."""
     inside = {package, *graph.find_descendants(package)}
     folders = {module for module in inside if graph.find_children(module)}
     rooms = arrows(graph, package, lambda module: room(module, package))

@@ -17,6 +17,8 @@ from protocol.s3.arap import (
     KNOWN_ORDERS,
     REFUSAL,
     SPONTANEOUS,
+    TYPE_FLAG,
+    TYPE_FLAG_TEXT,
     TYPE_NAMES,
     FunctionCode,
     Mode,
@@ -37,7 +39,7 @@ DOCUMENT = Path(__file__).resolve().parent.parent / "docs" / "computer-link.md"
 
 
 def control_bytes() -> str:
-    """What every control byte says."""
+    """Meaning of every control byte."""
     return table(
         ("byte", "name", "meaning"),
         ((f"`{code:02X}`", code.name.replace("_", " "), CONTROL_TEXTS[code]) for code in Control),
@@ -50,8 +52,9 @@ def header() -> str:
 
 
 def types() -> str:
-    """What a telegram is in the exchange."""
-    return table(("type", "meaning"), ((f"`{code:02X}`", code.text) for code in TelegramType))
+    """Role of a telegram in the exchange."""
+    flag = f"`+ {TYPE_FLAG:02X}`", f"the same, {TYPE_FLAG_TEXT}"
+    return table(("type", "meaning"), [*((f"`{code:02X}`", code.text) for code in TelegramType), flag])
 
 
 def functions() -> str:
@@ -141,7 +144,7 @@ def span(first: int, size: int) -> str:
 
 
 def step(field: Field) -> str:
-    """What one raw unit is worth."""
+    """Worth of one raw unit."""
     if field.scale == 1.0:
         return field.unit
     worth = 1.0 / field.scale

@@ -93,7 +93,7 @@ def is_sending(state: State, target: State) -> bool:
 
 
 def arrows(role: Role, sending: bool) -> dict[tuple[State, State], list[str]]:
-    """For each pair of states what leads from the one to the other. For the receiver listening is as idle."""
+    """Arrows for each pair of states from the one to the other. For the receiver listening is as idle."""
     pairs: dict[tuple[State, State], list[str]] = {}
     for state, stimulus, _, target in transitions(role):
         alike = state is State.LISTENING and TRANSITIONS.get((State.IDLE, stimulus)) is not None
@@ -118,7 +118,7 @@ def diagram(drawn: dict[tuple[State, State], list[str]]) -> str:
 
 
 def table() -> str:
-    """What is done, and where it leads, by state and stimulus."""
+    """Action and next state, by state and stimulus."""
     lines = ["| in state | happens | is done | and then |", "| --- | --- | --- | --- |"]
     for (state, stimulus), transition in TRANSITIONS.items():
         targets = [
@@ -133,7 +133,7 @@ def table() -> str:
 
 
 def section() -> str:
-    """What stands between the marks."""
+    """Text between the marks."""
     receiving = {role: arrows(role, sending=False) for role in Role}
     if receiving[Role.HOST] != receiving[Role.ROBOT]:
         raise ValueError("the roles receive differently: draw a diagram for each")

@@ -1,4 +1,4 @@
-"""What the tools that write tables into a document share: a table, its place between two marks, and the command."""
+"""Parts of the tools that write tables into a document: a table, its place between two marks, and the command."""
 
 import argparse
 from collections.abc import Callable, Iterable, Mapping, Sequence

@@ -39,7 +39,7 @@ STIFFNESSES_N_M = (5e3, 5e4)
 WATCH_S, TICK_S = 0.05, 0.001
 """How often the truth is asked for, and how finely, s."""
 TRACK_S = 9.0
-"""How long a run would track if nothing happened, s."""
+"""Time for which a run would track if nothing happened, s."""
 AFTER_S = (0.8, 2.0)
 """When a fault comes after the begin of TRACK, s: between these, drawn by the seed."""
 
@@ -50,9 +50,9 @@ class Case:
 
     name: str
     faults: tuple[Mapping[str, Any], ...] = ()
-    """None for a person who presses Ctrl-C."""
+    """None without a person that presses Ctrl-C."""
     by_force: bool = False
-    """It counts from when the true force passes the limit, not from the begin of the fault."""
+    """The time counts from the moment at which the true force passes the limit, not from the begin of the fault."""
     per_stiffness: Mapping[str, float] = field(default_factory=dict)
     """Parameters that are so much divided by the stiffness in kN/m, so that the force is the same."""
 
@@ -82,17 +82,17 @@ UNCOVERED = (
     Case("the sensor's Fz tells a tenth", (_fault("signal", "scale", factor=0.1),)),
     Case("the sensor's Fz drifts by 2 N/s the wrong way", (_fault("signal", "drift", per_s=2.0),)),
 )
-"""What lies within its limits after the checks."""
+"""Faults that pass the checks and stay within the limits."""
 
 
 @dataclass(frozen=True)
 class Times:
-    """What one run showed, s and N; None where it did not happen."""
+    """Result of one run, s and N; None where it did not happen."""
 
     order_s: float | None
-    """From the begin to the first order of the retraction."""
+    """Time from the begin to the first order of the retraction."""
     below_s: float | None
-    """From the begin to the true force being below the limit for good; None where it never was above."""
+    """Time from the begin until the true force is below the limit for good; None where it never was above."""
     largest_n: float
     """Largest true force from the begin on."""
     end_n: float
@@ -258,7 +258,7 @@ def measure() -> dict[str, Any]:
 
 
 def columns(runs: Sequence[Times]) -> dict[str, list[Any]]:
-    """What the page needs of the runs of one case at one stiffness, rounded to what is told."""
+    """Figures of the runs of one case at one stiffness for the page, rounded as the page tells them."""
     return {
         "order_s": [_rounded(run.order_s) for run in runs],
         "below_s": [_rounded(run.below_s) for run in runs],
@@ -316,7 +316,7 @@ def times_table(figures: Mapping[str, Any]) -> str:
 
 
 def uncovered_table(figures: Mapping[str, Any]) -> str:
-    """What became of runs whose sensor went wrong unseen."""
+    """Results of runs whose sensor went wrong unseen."""
     rows = []
     for case in UNCOVERED:
         for stiffness, runs in figures[case.name].items():

@@ -37,7 +37,7 @@ Values: TypeAlias = Mapping[str, object]
 
 
 class Run(NamedTuple):
-    """What a recording says, each value by its dotted name."""
+    """Values of a recording, each by its dotted name."""
 
     cycles: Sequence[Values]
     metadata: Values
@@ -73,7 +73,7 @@ def only_in_one(before: Iterable[str], after: Iterable[str], kind: str) -> Itera
 
 
 def compared(before: Run, after: Run) -> tuple[list[str], bool]:
-    """What differs, a line each, and whether all that is judged is equal."""
+    """Differences, a line each, and whether all that is judged is equal."""
     told: list[str] = []
     if not before.cycles or len(before.cycles) != len(after.cycles):
         told.append(f"DIFFERENT cycles: {len(before.cycles)} before, {len(after.cycles)} after")

@@ -63,7 +63,7 @@ def functions(tree: Path, path: Path) -> Iterator[Function]:
 
 
 def lines(tree: Path) -> Iterable[str]:
-    """What is counted, as text."""
+    """The counts, as text."""
     counts = {
         path: line_count(path) for roots in KINDS.values() for each in roots for path in files(tree, each)
     }

@@ -1,10 +1,10 @@
 """A motion in time: its past, the present tick, and its future unless more is ordered.
 
-Time runs on two shifted grids: the ticks of a servo, and one transport delay later the moments at which the
-position loops take their set points. Ticks are computed one by one, samples between them as arrays.
+Time runs on two shifted grids: the ticks of a servo, and the moments at which the position loops take their set points.
+The second grid lies one transport delay later. Ticks are computed one by one, samples between them as arrays.
 
-The path may be read beyond its committed end, as if nothing more were ordered: ticks are computed once, those ahead
-as well, and those that an order overtakes are computed anew.
+The path may be read beyond its committed end, as if no further order came. Ticks are computed once, those ahead as
+well; ticks that an order overtakes are computed again.
 """
 
 import math
@@ -51,7 +51,7 @@ class Servo(Protocol):
         """Another one like it, to be changed."""
 
     def factors(self) -> tuple[float, ...]:
-        """Those of `PositionLoop.factors` from the moment on at which the loops take this tick's set point."""
+        """As `PositionLoop.factors`, from the moment on at which the loops take this tick's set point."""
 
 
 S = TypeVar("S", bound=Servo)
@@ -75,14 +75,14 @@ class History(Generic[S]):
         self._ahead: deque[S] = deque()
         """After the ticks behind it, as if nothing were ordered meanwhile."""
         self.on_change: Callable[[float], object] = _unread
-        """Told up to when the path stays as it could be read before, s, when an order changes the ticks ahead."""
+        """Called when an order changes the ticks ahead, with the time up to which the path stays as it was read, s."""
         self.accepted = 0
         """Targets taken so far; the first has the number 1."""
         self._begun = 0
         """How many of them are no longer waiting: the servo has come to them, or they were given up."""
         self._begins: deque[float] = deque(maxlen=_BEGINS)
 
-        # Item k % n describes the loops from the moment they take set point k: the factors of 1, a and b in
+        # Item k % n describes the loops from the moment they take set point k. It holds the factors of 1, a and b in
         # the positions and the velocities of the axes (6, 3), and the servo itself.
         self._kept = math.ceil((_PAST_S + self._delay) / self._period) + 2
         self._size = self._kept + math.ceil((look_ahead + self._delay) / self._period) + 2
@@ -189,8 +189,8 @@ class History(Generic[S]):
         ]
 
     def _locate(self, times: Floats) -> tuple[int, int, Floats]:
-        """Ticks whose set points the loops have at the first and the last of `times`, and the times (n,)
-        since they took that of tick 0, s.
+        """Ticks whose set points the loops have at the first and the last of `times`. With them the times (n,) since
+        the loops took the set point of tick 0, s.
         """
         # Later ticks have no say yet.
         newest = self._look_to(float(times[-1]) - self._delay)

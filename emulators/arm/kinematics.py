@@ -2,11 +2,11 @@
 
 Lengths, ranges and speeds: project specification of the computer link, section 6. Angles in rad, lengths in m.
 
-Assumed, because zero positions and signs are not public: with all axes at zero the arm points along base x, the
-upper arm stands upright, the forearm lies level with its own axis above axis 3, the wrist is straight and the
-tool's x axis points up, so that a tool pointing down in front of the base has axes 4 and 6 near zero. Axis 1
-turns about base z, which axis 2 crosses; axes 2, 3 and 5 turn about y at zero (positive: down and forward),
-axes 4 and 6 about the forearm's axis, all by the right hand.
+Assumed, because zero positions and signs are not public. With all axes at zero the arm points along base x and the
+upper arm stands upright. The forearm lies level with its own axis above axis 3, the wrist is straight, and the tool's x
+axis points up. So a tool pointing down in front of the base has axes 4 and 6 near zero. Axis 1 turns about base z,
+which axis 2 crosses. Axes 2, 3 and 5 turn about y at zero (positive: down and forward). Axes 4 and 6 turn about the
+forearm's axis. All turn by the right hand.
 
 Axis 3 is read against the horizon or against the upper arm, see `ArmSize.axis_3_against`. The wrist is spherical.
 """
@@ -29,7 +29,7 @@ _TOOL_AT_ZERO: Quaternion = (0.0, _HALF, 0.0, _HALF)
 """Tool frame in the base frame with all joints at zero: z forward, x up."""
 _TURN = 2.0 * math.pi
 _ROUNDING = 1e-9
-"""How far beyond the end of a range, in rad, an angle still counts as inside."""
+"""Angle by which a posture may lie beyond the end of a range, rad, and still count as inside."""
 _ON_AXIS_1_M = 1e-6
 """A wrist nearer than this to axis 1 leaves its angle open."""
 _STRAIGHT = 1e-4
@@ -43,7 +43,7 @@ class Route:
     """The joints along a straight line, at places close enough together to go straight between them."""
 
     parts: tuple[float, ...]
-    """How much of the line lies behind each place, ascending from 0 to 1."""
+    """Share of the line behind each place, ascending from 0 to 1."""
     joints: tuple[Joints, ...]
     """The joints at each place."""
     least_times: tuple[float, ...]
@@ -62,8 +62,8 @@ class Route:
         return a, b, c, d, e, f
 
     def slowed(self, duration: float) -> tuple[float, ...]:
-        """When each place is passed, s after the first, by a walk that would take `duration` at even speed and
-        slows down wherever a joint cannot follow; empty where all can.
+        """Times at which each place is passed, s after the first, by a walk that would take `duration` at even speed.
+        It slows down wherever a joint cannot follow; empty where all can.
         """
         stretches = [(b - a) * duration for a, b in zip(self.parts, self.parts[1:], strict=False)]
         if all(least <= even for least, even in zip(self.least_times, stretches, strict=True)):
@@ -111,11 +111,11 @@ class Arm:
         return Pose((x + reach * along[0], y + reach * along[1], z + reach * along[2]), quaternion)
 
     def postures(self, position: Vector, quaternion: Quaternion, near: Joints) -> list[Joints]:
-        """Every way inside the ranges to hold the tool in a pose (m, unit quaternion), up to eight: arm turned to
-        the front or to the back, elbow up or down, wrist flipped or not.
+        """Every way inside the ranges to hold the tool in a pose (m, unit quaternion). There are up to eight: arm
+        turned to the front or to the back, elbow up or down, wrist flipped or not.
 
-        Of angles a whole turn apart, the one next to `near` is taken; an angle that a singularity leaves open,
-        axis 1 or axis 4, stays as in `near`.
+        Of angles a whole turn apart, the one next to `near` is taken. An angle that a singularity leaves open, axis 1
+        or axis 4, stays as in `near`.
         """
         along = _tool_axis(quaternion)
         x, y, z = (p - self._wrist_to_tip * a for p, a in zip(position, along, strict=True))
@@ -158,11 +158,11 @@ class Arm:
         return min(postures, key=lambda joints: self._effort(near, joints), default=None)
 
     def least_time(self, before: Joints, after: Joints) -> float:
-        """How long the slowest joint takes from one posture to another, s."""
+        """Time of the slowest joint from one posture to another, s."""
         return max(abs(q - p) / speed for p, q, speed in zip(before, after, self._speeds, strict=True))
 
     def bend(self, joints: Joints) -> float:
-        """How far the forearm hangs from the straight arm, rad, -π … π: positive with the elbow up."""
+        """Angle of the forearm from the straight arm, rad, -π … π: positive with the elbow up."""
         return math.remainder(math.pi / 2.0 - joints[1] - self._offset + self._pitch(joints), _TURN)
 
     def _pitch(self, joints: Joints) -> float:

@@ -6,9 +6,9 @@ position resolution.
 At tick k (`powered_at + k * period`) a set point is put out; one transport delay later the position loops take it.
 Between two such moments the input of a loop is constant, so its state has a closed form.
 
-A loop turns itself off inside the dead band: where the set point equals the reported position when the loop
-takes it, the loop holds the place where the axis is at that moment, and keeps holding it until the set point
-changes or the axis leaves the band.
+A loop turns itself off inside the dead band. Where the set point equals the reported position when the loop takes it,
+the loop holds the axis at its place of that moment. It keeps holding until the set point changes or the axis leaves the
+band.
 """
 
 import math
@@ -136,9 +136,9 @@ class Ticks:
     powered_at: float
     """Tick 0, s."""
     period: float
-    """From one tick to the next, s."""
+    """Time from one tick to the next, s."""
     delay: float
-    """From a tick to the moment at which the loops take its set point, s."""
+    """Time from a tick to the moment at which the loops take its set point, s."""
 
 
 class Mechanics:
@@ -168,7 +168,7 @@ class Loops:
     __slots__ = ("_error", "_input", "_mechanics", "_velocity", "offset", "reported", "resting", "set_point")
 
     def __init__(self, mechanics: Mechanics, position: Vector) -> None:
-        """At rest."""
+        """The loops stand still at this position."""
         self._mechanics = mechanics
         self.set_point = [round(p / mechanics.step) for p in position]
         """Resolution steps."""
@@ -182,7 +182,7 @@ class Loops:
         self._velocity = [0.0, 0.0, 0.0]
 
     def factors(self) -> tuple[float, ...]:
-        """Those of `PositionLoop.factors` from this moment on."""
+        """As `PositionLoop.factors`, from this moment on."""
         return self._mechanics.loop.factors(self._input, self._error, self._velocity, self.offset)
 
     def reports(self, tau: float) -> list[int]:

@@ -68,7 +68,7 @@ class Fault:
     meaning: str
     parameters: Mapping[str, Parameter] = field(default_factory=dict)
     lasts_s: float | None = None
-    """For how long unless told otherwise; None for one that strikes now, or at its next opportunities."""
+    """Duration unless the injection tells another; None for a fault that strikes now, or at its next opportunities."""
     amounts: tuple[str, ...] = ()
     """Parameters that must not all be 0: it would be no fault."""
     distinct: tuple[str, ...] = ()
@@ -76,7 +76,7 @@ class Fault:
 
     @property
     def all_parameters(self) -> Mapping[str, Parameter]:
-        """Those of its own, and the duration of one that lasts."""
+        """Parameters of its own, and the duration of a fault that lasts."""
         if self.lasts_s is None:
             return self.parameters
         until = "how long; otherwise until the end" if self.lasts_s == FOREVER else "how long"

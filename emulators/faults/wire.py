@@ -37,7 +37,7 @@ WIRE_FAULTS: Mapping[str, Fault] = {
         "the next bytes or frames from the device are lost", {"count": Parameter(20, "how many", 1, 10000)}
     ),
 }
-"""Of every wire."""
+"""Faults of every wire."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,7 +144,7 @@ class FaultyWire(Generic[Data]):
         self.bad = False
         """Whether a fault is, or was, on it: then something may still be under way."""
         self.handlers: Mapping[str, Handler] = {name: Handler(self._begin) for name in WIRE_FAULTS}
-        """For a ledger."""
+        """Handlers for a ledger."""
 
     def incoming(self, data: Data, now: float) -> Data:
         """Take data sent to the device; those, of them or of earlier ones, that it receives now."""

@@ -101,4 +101,4 @@ JR3_FAULTS: Mapping[str, Mapping[str, Fault]] = {
     "scales": SCALES_FAULTS,
     "frames": FRAMES_FAULTS,
 }
-"""By target."""
+"""Faults by target."""

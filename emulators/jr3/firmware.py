@@ -57,7 +57,7 @@ class _Sampling:
     taken: int = 0
     """Samples so far: the frame counter before it wraps."""
     read: int = 0
-    """Samples that were read of the sensor so far, some of them ahead of their time and perhaps in vain."""
+    """Samples that were read of the sensor so far, some of them ahead of their time and perhaps never used."""
     ahead: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 6)))
     """Counts of the samples that were read last: those not yet taken are at its end."""
 
@@ -261,12 +261,12 @@ class Firmware:
         return None if self._sampling is None else self._newest(self._sampling, at)
 
     def due_samples(self, now: float) -> Iterator[Sample]:
-        """Those of the stream to be sent now: their time has come, and their delay has passed."""
+        """Samples of the stream to be sent now: their time has come, and their delay has passed."""
         samples = self._stream_samples(now)
         return samples if self._late is None else self._late.arrived(samples, now)
 
     def _stream_samples(self, now: float) -> Iterator[Sample]:
-        """Those of the stream whose time has come, each as it was at its time."""
+        """Samples of the stream whose time has come, each as it was at its time."""
         stream, sampling = self._stream, self._sampling
         while stream is not None and sampling is not None and not stream.ends and stream.due <= now:
             yield self._newest(sampling, stream.due)
@@ -381,8 +381,8 @@ class Firmware:
         if self._zero_requested:
             self._zero_requested = False
             self._offset = self._filtered + self._smoothing * away[0]
-        # Of a block only the last output is ever sent, so the recursion is one weighted sum; taken from where
-        # the filter stands, so that a constant input leaves it exactly there.
+        # Of a block only the last output is ever sent, so the recursion is one weighted sum. It is taken from the
+        # filter's present output, so that a constant input leaves it exactly there.
         weights = _impulse_response(self._smoothing, len(counts))
         self._filtered = self._filtered + weights.dot(away)  # which `@` does as well, but begins more slowly
 

@@ -95,7 +95,7 @@ class Jr3Sensor:
         self._source = source
         self._samples = samples = Samples(source, SENSOR_RATE_HZ, self._counts)
         self.on_invalidate = samples.on_invalidate
-        """Told the number of the first sample that may be another than was read ahead."""
+        """Called with the number of the first sample that may differ from the one that was read ahead."""
         self.invalidate = samples.invalidate
         """Samples from a time on, s, are others than could be read."""
         self.committed_until = samples.committed_until
@@ -103,8 +103,8 @@ class Jr3Sensor:
         self.predicted_until = samples.predicted_until
         """The same for a reader that minds `on_invalidate`."""
         self.counts_from = samples.starting
-        """Six counts (n, 6), whole numbers, of the sample with the first number and all after it: to the second
-        number, the newest that there is at present, and on behind it as far as they are predicted.
+        """Six counts of each sample, whole numbers (n, 6). The samples are those from the first number to the second,
+        the newest at present, and further ones as far as they are predicted.
         """
         self._noise = NumberedNoise(profile.noise_counts, seed)
         self._become(profile)
@@ -173,6 +173,6 @@ class Jr3Sensor:
         return channels.T.astype(np.int64)
 
     def _add_noise(self, counts: NDArray[np.float64], first: int) -> None:
-        """To six rows (6, n) of the samples from number `first` on."""
+        """Add noise to six rows (6, n) of the samples from number `first` on."""
         if self.profile.noise_counts:
             self._noise.add(counts, first, self.signal.noise if self.signal.faulty else None)

@@ -1,8 +1,8 @@
 """A microcontroller between a JR3 sensor's serial link and a serial line.
 
-Behaves as the firmware roboticslab-uc3m/jr3-mbed-firmware-usb does, which was read for facts only. It misreads
-what it receives in its own ways, and a client has to live with that: it reads all bytes in one go, lays them
-over those of the read before, takes the first frame in it and sleeps for a second, whatever that frame was.
+Behaves as the firmware roboticslab-uc3m/jr3-mbed-firmware-usb does, which was read for facts only. It misreads its
+input in its own ways, and a client has to live with that. It reads all bytes in one go, lays them over those of the
+read before, takes the first frame in it and sleeps for a second, whatever that frame was.
 """
 
 import math

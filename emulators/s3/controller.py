@@ -95,9 +95,9 @@ class S3Controller:
             },
             "link": {**self._wire.handlers, **self._link_handlers()},
         }
-        """Its faults, by target, for a ledger."""
+        """Faults of the controller, by target, for a ledger."""
         self.faults = Ledger(S3_FAULTS)
-        """Of a controller without a cell."""
+        """Faults of a controller without a cell."""
         for target, handlers in self.handlers.items():
             self.faults.attach(target, handlers)
 
@@ -122,8 +122,8 @@ class S3Controller:
         return waiting
 
     def joints(self, now: float) -> Joints:
-        """Axes 1 to 6 of the true tool pose at `now`, rad; those of the set point where the servo swings beyond
-        the end of a range.
+        """Axes 1 to 6 of the true tool pose at `now`, rad. Where the servo swings beyond the end of a range, they are
+        those of the set point.
         """
         return self._executive.joints(now)
 
@@ -209,7 +209,7 @@ class S3Controller:
         self._say(error.to_telegram())
 
     def release_emergency_stop(self, now: float) -> None:
-        """Allow operation again; it has to be ordered anew."""
+        """Allow operation again; it has to be ordered again."""
         self._executive.happen(Stimulus.EMERGENCY_RELEASE, now)
 
     def set_work_stop(self, active: bool, now: float) -> None:
@@ -333,7 +333,7 @@ class S3Controller:
             self._restart(injection.injected_at)
 
     def _restart(self, now: float) -> None:
-        """Begin anew, silent at first; disc and arm of the controller stay as they are."""
+        """Begin again, silent at first; disc and arm of the controller stay as they are."""
         self._executive.happen(Stimulus.POWER_UP, now)
         self._orders.clear()
         self._ready_at = now + self.profile.start_up_s

@@ -1,8 +1,8 @@
 """Stored programs that do something: lines to move along and times to wait, one after the other.
 
 Assumed throughout: the language of real S3 programs is not public. A program whose contents begin with the line
-`# emulated program` is text for this emulator; every other one, with contents of a real controller or none, is
-one instruction that takes a time given by the profile.
+`# emulated program` is text for this emulator. Every other one, with contents of a real controller or none, is one
+instruction that takes a time given by the profile.
 
     # emulated program
     move 900 -100 650 100    # to x y z in mm at mm/s, straight, orientation as it is
@@ -34,9 +34,10 @@ class MoveStep:
 
 @dataclass(frozen=True, slots=True)
 class WaitStep:
-    """Nothing for a while."""
+    """A wait."""
 
     seconds: float
+    """s"""
 
 
 Step: TypeAlias = MoveStep | WaitStep

@@ -37,7 +37,7 @@ class State:
     programming_unit: bool = False
     """The programming unit is connected; told in the status alone."""
     interrupt_permitted: bool = False
-    """Told in the status alone."""
+    """Only the status tells it."""
     starting: bool = False
     """Powered up and not ready: neither hears nor says anything."""
 
@@ -98,7 +98,7 @@ CHANGES: Mapping[Stimulus, Change] = {
     Stimulus.READY: _sets(starting=False),
     #
     Stimulus.EMERGENCY_STOP: _halts(Mark.OBSERVED, emergency_stop=True, mode=Mode.STANDBY),
-    Stimulus.EMERGENCY_RELEASE: _sets(emergency_stop=False),  # operation has to be ordered anew
+    Stimulus.EMERGENCY_RELEASE: _sets(emergency_stop=False),  # operation has to be ordered again
     Stimulus.WORK_STOP: _halts(work_stop=True),  # the mode stays
     Stimulus.WORK_RELEASE: _sets(work_stop=False),
     Stimulus.KEY_AUTO: _sets(key_auto=True),
@@ -143,14 +143,15 @@ def after(state: State, stimulus: Stimulus, profile: S3Profile) -> State:
     return replace(state, **CHANGES[stimulus].values)
 
 
-def status_flags(state: State, moving: bool) -> dict[str, bool]:
+def status_flags(state: State, moving: bool, profile: S3Profile) -> dict[str, bool]:
     """Bits of the status answer's bytes 16 (assumed) and 17 (observed), by name; `moving` is the arm."""
+    stopped = state.emergency_stop and not profile.emergency_stop_keeps_standby
     return {
         "local": not state.link_control,
         "interrupt_permitted": state.interrupt_permitted,
         "programming_unit": state.programming_unit,
         "key_auto": state.key_auto,
-        "standby": not state.operation,
+        "standby": not state.operation and not stopped,
         "operation": state.operation,
         "execution": moving or state.activity is Activity.PROGRAM,
         "emergency_stop": state.emergency_stop,
@@ -172,7 +173,7 @@ class RefusalRule:
     taken_too: bool = True
     """It also refuses a point that was accepted and whose answer waits until it is reached."""
     mark: Mark = field(default=Mark.ASSUMED, kw_only=True)
-    """Of the condition."""
+    """Mark of the condition."""
 
 
 _START, _MOVE, _MODE = FunctionCode.START_PROGRAM, FunctionCode.MOVE, FunctionCode.WRITE_MODE

@@ -58,12 +58,12 @@ class Samples:
         """The samples from number `_ready_from` on that were computed already."""
         self._ready_from = 0
         self.on_invalidate: list[Callable[[int], object]] = []
-        """Told the number of the first sample that may be another than was read ahead."""
+        """Called with the number of the first sample that may differ from the one that was read ahead."""
         source.on_change = self.invalidate
 
     def starting(self, first: int, last: int) -> Floats:
-        """Sample number `first` and all after it: to `last`, the newest that there is at present, and on behind it as
-        far as they are predicted: see `on_invalidate`.
+        """Samples from number `first` on: to `last`, the newest at present, and on behind it as far as they are
+        predicted; see `on_invalidate`.
         """
         ready = self._ready
         if ready is None or not self._ready_from <= first <= self._ready_from + len(ready):
@@ -73,7 +73,7 @@ class Samples:
         if last >= stop:
             ahead = math.floor(self.predicted_until(last / self._rate) * self._rate)
             fresh = self._make(stop, max(last + 1, min(ahead, last + _AHEAD)))
-            # The last samples are kept: a reader may begin anew at the same moment.
+            # The last samples are kept: a reader may begin again at the same moment.
             ready = (
                 fresh if ready is None or stop <= first else np.concatenate((ready[first - begin :], fresh))
             )
@@ -116,7 +116,7 @@ class NumberedNoise:
         """Noise that was drawn last, by its number."""
 
     def add(self, samples: Floats, first: int, alter: Callable[[Floats, int], Floats] | None = None) -> None:
-        """To six rows (6, n) of the samples from number `first` on, in place.
+        """Add to six rows (6, n) of the samples from number `first` on, in place.
 
         `alter` is given the noise (6, m) of the samples from a number on, and answers with the noise to add instead.
         """

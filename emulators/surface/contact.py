@@ -56,10 +56,12 @@ class Shape(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Plane:
-    """Rises along the path; `height` at path coordinate 0, m, `slope` in rad."""
+    """A plane that rises along the path."""
 
     height: float
+    """Height at path coordinate 0, m."""
     slope: float = 0.0
+    """rad, positive where the surface rises along the path."""
 
     def depth_and_normal(self, along: Floats, height: Floats) -> tuple[Floats, Floats, Floats]:
         sine, cosine = math.sin(self.slope), math.cos(self.slope)
@@ -69,14 +71,17 @@ class Plane:
 
 @dataclass(frozen=True, slots=True)
 class Sinusoidal:
-    """Waves of `amplitude` and `period` about `height`, m, rising through it at path coordinate 0.
+    """Waves about a height, rising through it at path coordinate 0.
 
     The depth is that below the tangent under the tip: exact to first order in depth times curvature.
     """
 
     height: float
+    """m"""
     amplitude: float
+    """m"""
     period: float
+    """Length of a wave along the path, m."""
 
     def depth_and_normal(self, along: Floats, height: Floats) -> tuple[Floats, Floats, Floats]:
         wave_number = 2.0 * math.pi / self.period
@@ -89,15 +94,17 @@ class Sinusoidal:
 
 @dataclass(frozen=True, slots=True)
 class CircularArc:
-    """A lying cylinder of `radius`, its crest of `height` at path coordinate 0, m."""
+    """A lying cylinder with its crest at path coordinate 0."""
 
     height: float
+    """Height of the crest, m."""
     radius: float
+    """m"""
 
     def depth_and_normal(self, along: Floats, height: Floats) -> tuple[Floats, Floats, Floats]:
         up = height - (self.height - self.radius)
         distance = np.hypot(along, up)
-        # A tip in the axis itself has no normal; any does, and up is what the others tend to from above.
+        # A tip in the axis itself has no normal. Any would do; up is the limit of the others from above.
         safe = np.where(distance > 0.0, distance, 1.0)
         return self.radius - distance, along / safe, np.where(distance > 0.0, up / safe, 1.0)
 
@@ -194,7 +201,7 @@ class Contact:
         self._material = profile.material.law(profile.stiffness_n_m, profile.damping_ns_m)
         self._memory = Memory()
         self._memories: deque[Memory] = deque(maxlen=_REMEMBERED)
-        """Those of the last times, oldest first."""
+        """States at the last times, oldest first."""
         self._counts = True
         self.faults = SurfaceFaults(on_change)
         """Changes of the surface by its faults."""
@@ -218,7 +225,7 @@ class Contact:
 
     @property
     def handlers(self) -> Mapping[str, Handler]:
-        """Its faults, for a ledger."""
+        """Handlers of its faults, for a ledger."""
         return self.faults.handlers
 
     def depth_and_normal(self, positions: Floats) -> tuple[Floats, Floats]:

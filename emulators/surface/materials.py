@@ -1,4 +1,4 @@
-"""How a surface answers to being pressed: spring, spring with hysteresis, or one that relaxes.
+"""Materials of a surface: a spring, a spring with hysteresis, or one that relaxes.
 
 Depths and speeds are along the outward normal, positive into the material; forces are positive outward and
 never negative, for nothing sticks.
@@ -90,14 +90,14 @@ class MaterialProfile:
 
 @dataclass(frozen=True, slots=True)
 class Memory:
-    """State of a material by its past; by default of one that has none, or was never touched."""
+    """State of a material by its past. The default is a material without a past, or one that was never touched."""
 
     time: float = -math.inf
-    """Of the newest sample, s."""
+    """Time of the newest sample, s."""
     dent: float = 0.0
-    """How deep the surface is, m, be it held there or on its way back."""
+    """Depth of the surface, m, held there by the tip or on its way back."""
     strain: float = 0.0
-    """Of the Maxwell element's spring, m."""
+    """Strain of the Maxwell element's spring, m."""
 
 
 class Material(Protocol):
@@ -121,7 +121,9 @@ class Linear:
     """f = k·d + c·ḋ while in contact."""
 
     stiffness: float
+    """k, N/m."""
     damping: float
+    """c, N·s/m."""
     has_memory: ClassVar[bool] = False
 
     def press(
@@ -139,9 +141,13 @@ class HuntCrossley:
     """
 
     stiffness: float
+    """k, N/m."""
     exponent: float
+    """n, without unit."""
     reference_depth: float
+    """d₀, m."""
     dissipation: float
+    """a, s/m."""
     has_memory: ClassVar[bool] = False
 
     def press(
@@ -157,16 +163,19 @@ class HuntCrossley:
 class StandardLinearSolid:
     """f = k·s + k₁·e with dent s, k₁ = share·k, and ė = ṡ − e/τ for the strain e of the Maxwell spring.
 
-    While the tip is in contact s is its depth. A tip that leaves faster than the material follows leaves a
-    dent that goes by f = 0, with the time constant τ·(1 + share), and meets no force before it is below it.
+    While the tip is in contact s is its depth. A tip that leaves faster than the material follows leaves a dent that
+    goes by f = 0, with the time constant τ·(1 + share). It meets no force before it is below the dent.
 
     Exact for a depth that is linear between samples; so is the strain, whatever the blocks. Assumed: the
     memory travels with the tip, as if the dent were dragged along and no fresh material came under it.
     """
 
     stiffness: float
+    """k, N/m."""
     share: float
+    """k₁/k, without unit."""
     relaxation_time: float
+    """τ, s."""
     has_memory: ClassVar[bool] = True
 
     def press(
@@ -177,7 +186,7 @@ class StandardLinearSolid:
         time = max(memory.time, float(times[-1]))
         if memory.dent == 0.0 and not (depth > 0.0).any():
             return np.zeros_like(depth), Memory(time)
-        # Over a step h the strain keeps exp(-h/τ) of itself and gains g of what the dent grows by.
+        # Over a step h the strain keeps exp(-h/τ) of itself and gains g of the growth of the dent.
         steps = np.maximum(np.diff(times, prepend=memory.time), 0.0) / self.relaxation_time
         keeps = np.exp(-steps)
         gains = np.ones_like(steps)

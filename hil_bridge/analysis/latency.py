@@ -1,4 +1,4 @@
-"""Where the time between a force and the motion that answers it goes, hop by hop, from a record alone."""
+"""The hops of the time between a force and the motion that answers it, from a record alone."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -25,12 +25,12 @@ _STAMPS = frozenset(
     for field in inspect.type_info(CycleRecord).fields  # type: ignore[attr-defined]
     if isinstance(field.type, inspect.FloatType) and field.name.endswith("_at")
 )
-"""Of a cycle: names that a recording's facts may use."""
+"""Moments of a cycle: names that a recording's facts may use."""
 
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """A hop and how long it took."""
+    """A hop and its duration."""
 
     hop: Hop
     times: Times
@@ -38,11 +38,13 @@ class Part:
 
 @dataclass(frozen=True, slots=True)
 class Constant:
-    """A delay that nothing stamps."""
+    """A delay without a stamp in the record."""
 
     words: str
     seconds: float
+    """s"""
     source: str
+    """Origin of the number, in words."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,8 +56,9 @@ class Latency:
     beside: tuple[Part, ...]
     """Hops of the cycle that the sample does not wait for."""
     name: str
-    """From where to where the chain leads, in words."""
+    """Begin and end of the chain, in words."""
     total: Times
+    """Time from the begin of the chain to its end, s."""
     constants: tuple[Constant, ...] = ()
 
     @property
@@ -91,11 +94,11 @@ def latency_of(recording: Recording) -> Latency | None:
         return None
     known = any(math.isfinite(truth.sampled_at) for truth in recording.truths)
     earliest = {} if known else earliest_arrivals(recording.sensors)
-    found = budget(recording.cycles, devices.robot.hops, recording.truths, earliest)
+    found = latency_budget(recording.cycles, devices.robot.hops, recording.truths, earliest)
     return None if found is None else replace(found, constants=_constants(devices, found))
 
 
-def budget(
+def latency_budget(
     cycles: Sequence[CycleRecord],
     robot: RobotHops,
     truths: Sequence[TruthRecord] = (),
@@ -105,7 +108,7 @@ def budget(
 
     `robot` are the hops behind the hand-over, `earliest` the earliest arrivals by the frame's sequence.
     """
-    moment = moments(cycles, robot, truths, earliest)
+    moment = timestamps(cycles, robot, truths, earliest)
 
     def took(hop: Hop) -> Times | None:
         return times_of((moment(hop.end) - moment(hop.begin)).tolist())
@@ -146,11 +149,11 @@ def _ends_early(way: Sequence[Hop], moment: Callable[[str], Floats]) -> bool:
 
 
 def earliest_arrivals(frames: Sequence[SensorRecord]) -> dict[int, float]:
-    """By the frame's sequence, when it would have arrived with the smallest delay, s; empty for too few frames.
+    """Arrival times with the smallest delay, s, by the frame's sequence; empty for too few frames.
 
-    The straight line that lies nowhere above the arrivals and nearest to them on the mean; it carries an edge of
-    their lower convex hull, so drift between the two clocks does not count as delay. What an arrival is later is
-    jitter alone: without the cell's truth nobody can tell the smallest delay itself.
+    The result comes from the straight line that lies nowhere above the arrivals and nearest to them on the mean. It
+    carries an edge of their lower convex hull, so drift between the two clocks does not count as delay. The lateness of
+    an arrival is jitter alone: the smallest delay itself is known only from the cell's truth.
     """
     points = sorted((frame.sequence, frame.at) for frame in frames if math.isfinite(frame.at))
     if len(points) < 2 or points[0][0] == points[-1][0]:
@@ -174,7 +177,7 @@ def _falls_below(a: tuple[int, float], b: tuple[int, float], c: tuple[int, float
     return (b[1] - a[1]) * (c[0] - a[0]) >= (c[1] - a[1]) * (b[0] - a[0])
 
 
-def moments(
+def timestamps(
     cycles: Sequence[CycleRecord],
     robot: RobotHops,
     truths: Sequence[TruthRecord] = (),
@@ -211,7 +214,7 @@ def moments(
 
 
 def _constants(devices: Devices, found: Latency) -> tuple[Constant, ...]:
-    """What lies before the sample and behind the motion."""
+    """The constant delays before the sample and behind the motion."""
     constants = []
     if delay := devices.sensor.delay_s:
         constants.append(Constant("the sensor's filter", delay, "from its cut-off frequency"))

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from hil_bridge.analysis.latency import earliest_arrivals, moments
+from hil_bridge.analysis.latency import earliest_arrivals, timestamps
 from hil_bridge.errors import ConfigError
 from hil_bridge.facts import Owner
 from hil_bridge.recording.device_facts import devices_of
@@ -16,12 +16,12 @@ from hil_bridge.recording.reader import Recording
 from hil_bridge.text_files import toml_pair
 
 FEWEST_QUANTILES, MOST_QUANTILES = 21, 201
-"""Of each distribution, ends included: one for every value, but no fewer than these, for that is no distribution, and
-no more, or nobody could read the file. Chosen: of many values the rare late ones must stay rare, and straight lines
-between quantiles 0.5 % apart make no more of them than that.
+"""Quantiles of each distribution, ends included: one for every value, within these limits. Fewer values are no
+distribution; more make a file that a person cannot read. Chosen: the rare late values among many must stay rare. Lines
+between quantiles 0.5 % apart keep them so.
 """
 _DIGITS = 4
-"""Of a value in ms: a tenth of a microsecond."""
+"""Decimals of a value in ms: a tenth of a microsecond."""
 
 
 def robot_quantiles_ms(recording: Recording) -> dict[str, list[float]]:
@@ -32,7 +32,7 @@ def robot_quantiles_ms(recording: Recording) -> dict[str, list[float]]:
     hops = devices_of(recording).robot.hops
     if hops is None:
         raise ConfigError("the recording does not tell its link's settings: its latency cannot be reckoned")
-    moment = moments(recording.cycles, hops)
+    moment = timestamps(recording.cycles, hops)
     return {
         hop.name: _quantiles_ms((moment(hop.end) - moment(hop.begin)).tolist(), "cycles")
         for hop in (*hops.beside, *hops.to_answer)

@@ -24,7 +24,7 @@ _TOLERANCE = 0.02
 
 
 class _Mounting(Struct):
-    """How the sensor sits on the tool, as configured."""
+    """Place of the sensor on the tool, as configured."""
 
     quaternion: Quaternion
     mounting_deg: float
@@ -38,7 +38,7 @@ class _Frame(Struct):
 
 
 class _Configured(Struct):
-    """What of a recorded configuration says how the sensor lies to the approach direction."""
+    """Fields of a recorded configuration that say how the sensor lies to the approach direction."""
 
     sensor: _Mounting
     frame: _Frame

@@ -17,7 +17,7 @@ class Times:
     max_s: float
 
     def as_ms(self) -> Mapping[str, float]:
-        """Percentiles and largest in ms, for a summary; a nanosecond is as fine as anybody stamps."""
+        """Percentiles and largest in ms, for a summary. Times are stamped no finer than a nanosecond."""
         named = {"p50_ms": self.p50_s, "p90_ms": self.p90_s, "p99_ms": self.p99_s, "max_ms": self.max_s}
         return {name: round(value * 1e3, 6) for name, value in named.items()}
 

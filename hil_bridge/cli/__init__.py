@@ -11,6 +11,7 @@ from hil_bridge.cli.decode import decode
 from hil_bridge.cli.doctor import doctor
 from hil_bridge.cli.emulate import emulate
 from hil_bridge.cli.experiment import experiment
+from hil_bridge.cli.export import export
 from hil_bridge.cli.faults import faults
 from hil_bridge.cli.files import config, profile, report
 from hil_bridge.cli.free import free
@@ -28,7 +29,7 @@ from hil_bridge.console.screen import leave
 from hil_bridge.errors import BridgeError
 
 EXIT_INTERRUPTED = 130
-"""What a shell expects of a command that Ctrl-C ended."""
+"""Exit code that a shell expects of a command that Ctrl-C ended."""
 EXIT_BUG = 70
 """Apart from what a command tells by its own. Source: EX_SOFTWARE of sysexits(3)."""
 
@@ -93,6 +94,7 @@ for command in (
     replay,
     latency,
     report,
+    export,
     config,
     profile,
     probe,

@@ -22,7 +22,7 @@ def _print(items: list[dict[str, object]]) -> None:
 
 
 def _bytes(hex_bytes: tuple[str, ...]) -> bytes:
-    """What was pasted. Raises ConfigError naming the digit that is none."""
+    """The pasted bytes. Raises ConfigError naming the digit that is none."""
     from hil_bridge.errors import ConfigError
 
     text = "".join(hex_bytes).replace(":", "").replace(",", "")

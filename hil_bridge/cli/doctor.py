@@ -8,7 +8,7 @@ import click
 from hil_bridge.cli.paths import FILE
 
 EXIT_UNFIT = 3
-"""What the configuration names cannot work on this computer."""
+"""Exit code when something that the configuration names cannot work on this computer."""
 
 
 @click.command(short_help="Check ports, CAN interfaces, clock, scheduler.")

@@ -51,7 +51,7 @@ def schema() -> None:
 
 @click.group(no_args_is_help=False)
 def profile() -> None:
-    """What is known and what is assumed about the devices."""
+    """List known and assumed facts about the devices."""
 
 
 @profile.command(short_help="Print every assumed value in use, and its mark.")

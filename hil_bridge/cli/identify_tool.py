@@ -85,14 +85,13 @@ def identify_tool(
 ) -> None:
     """Find mass and centre of gravity of the tool, and the sensor's bias.
 
-    The robot pulls back from the surface, turns the tool slowly about its tip to either side about two level
-    axes, and returns; nothing may be in reach of the turning tool. No zero is taken. Copy what -o writes into
-    the configuration.
+    The robot pulls back from the surface, turns the tool slowly about its tip to either side about two level axes, and
+    returns. Nothing may be in reach of the turning tool. No zero is taken. Copy what -o writes into the configuration.
 
-    A table for --from has a line of column names: qw qx qy qz (tool in base), fx_n fy_n fz_n mx_nm my_nm mz_nm
-    (mean readings in the sensor frame, N and N·m) and, if known, their standard deviations sd_fx_n … sd_mz_nm.
+    A table for --from has a line of column names: qw qx qy qz (tool in base) and fx_n fy_n fz_n mx_nm my_nm mz_nm (mean
+    readings in the sensor frame, N and N·m). It may also have their standard deviations sd_fx_n … sd_mz_nm.
     """
-    from hil_bridge.control import identify_tool as identified
+    from hil_bridge.control import identify_tool as tool_estimate
     from hil_bridge.errors import ConfigError
     from hil_bridge.recording.files import check_place, write_whole
     from hil_bridge.runs.zeroing import wrist
@@ -126,7 +125,7 @@ def identify_tool(
     if save is not None:
         write_whole(save, poses_as_csv(poses).encode(), overwrite)
         click.echo(f"poses: {save}")
-    estimate = identified(poses, wrist(config))
+    estimate = tool_estimate(poses, wrist(config))
     _tell(poses, estimate)
     if out is not None:
         write_whole(out, tool_as_toml(estimate).encode(), overwrite)

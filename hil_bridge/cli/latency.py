@@ -27,7 +27,7 @@ def latency(recording: Path, output: Path | None, overwrite: bool) -> None:
     """Tell where the time between a force and the motion that answers it went in a recorded run.
 
     With -o the site's turnaround and the jitter of its sensor become a configuration: `hil-bridge run SITE.toml`
-    then draws them anew, by the seed, in an emulated cell with the same gateway or board.
+    then draws them again, by the seed, in an emulated cell with the same gateway or board.
     """
     from hil_bridge.analysis.latency import latency_of
     from hil_bridge.errors import ConfigError
@@ -41,7 +41,7 @@ def latency(recording: Path, output: Path | None, overwrite: bool) -> None:
     lines = [*_lines(found)]
     if record.truncated:
         lines.append("the recording is cut short or damaged: this is what came before")
-    if output is not None:  # before anything is said: whoever reads it may have gone
+    if output is not None:  # before the first output: a reader such as `head` may have closed the pipe
         text, left_out = _site(record)
         write_whole(output, text.encode(), overwrite)
         lines.append(f"wrote {output}{left_out and f'; {left_out}'}")

@@ -22,10 +22,10 @@ def monitor(
 ) -> None:
     """Show a link as one line for each block: time, time since the line before, direction, time on the line, meaning.
 
-    FILE is a recording of a run, or a text capture with lines like `0.013402 S3 06`. Two URLs are two ports that
-    listen to what the PC sends and to what the robot sends, in this order; one URL is a port that hears both. A CAN
-    URL shows the frames of a JR3 gateway. Nothing is ever sent. Times are those at which the bytes were seen: in a
-    recording, what the PC sends is seen when it is handed to the port, before it is on the line.
+    FILE is a recording of a run, or a text capture with lines like `0.013402 S3 06`. Two URLs are two ports: the first
+    hears the PC, the second the robot. One URL is a port that hears both. A CAN URL shows the frames of a JR3 gateway.
+    Nothing is ever sent. Times are those at which the bytes were seen. In a recording, bytes from the PC are seen when
+    they are handed to the port, before they are on the line.
     """
     from hil_bridge.errors import ConfigError
     from hil_bridge.robots.s3.orders_file import read_orders

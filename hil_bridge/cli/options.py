@@ -1,4 +1,4 @@
-"""What several commands have in common: an option, and output whose reader may leave before its end."""
+"""Parts that several commands share: an option, and output whose reader may leave before its end."""
 
 from collections.abc import Iterable
 

@@ -33,7 +33,7 @@ def probe() -> None:
 )
 @overwrite_option
 def robot(url: str, out: Path | None, patience_s: float, overwrite: bool) -> None:
-    """Find rate, parity, length style and doubling of DLE on a controller's link.
+    """Find rate, parity, length style and doubling of DLE on a controller's link, and the profile that this makes.
 
     Nothing but read status is sent, so that nothing moves or changes. What the URL says of the line is tried first.
     Exit code 3 when nothing works.
@@ -59,8 +59,8 @@ def robot(url: str, out: Path | None, patience_s: float, overwrite: bool) -> Non
 def sensor(url: str, config_file: Path | None, no_push: bool, duration_s: float | None) -> None:
     """Show what a force sensor tells of itself, its noise, and its wrench, live.
 
-    On a terminal it asks for a push along +X, +Y and +Z of the tool, names the axis that answers and its sign, and
-    says what to set in [sensor] where that is not as configured. Nothing is zeroed, nothing moves. URL is that of
+    On a terminal it asks for a push along +X, +Y and +Z of the tool and names the axis that answers and its sign. Where
+    that is not as configured, it says what to set in [sensor]. Nothing is zeroed, nothing moves. URL is that of
     `run --sensor`.
     """
     from hil_bridge.settings.configuration import load_config

@@ -33,9 +33,9 @@ def replay(
 ) -> None:
     """Feed a recording's inputs to controller and supervisor and compare every command.
 
-    Unchanged, every command must be the same: otherwise the first difference is told and the exit code is 1.
-    With --controller or a file of changes (tables such as [limits] or [controller], laid over the recorded
-    configuration) it shows what would have been commanded in every situation that the run came into.
+    Unchanged, every command must be the same: otherwise the first difference is told and the exit code is 1. With
+    --controller or a file of changes it shows what would have been commanded in every situation of the run. The file
+    has tables such as [limits] or [controller], laid over the recorded configuration.
     """
     from hil_bridge.recording import read
     from hil_bridge.recording.files import check_place
@@ -76,7 +76,7 @@ def _versions(recorded: str) -> "Iterator[str]":
 
 
 def _changes(cycles: "list[ReplayedCycle]", controller: str) -> "Iterator[str]":
-    """What would have been commanded instead, by phase."""
+    """Commands that the replay would have given instead, by phase."""
     yield f"what {controller} and these limits would have commanded in the recorded situations:"
     yield f"{'phase':<10}{'cycles':>8}{'other':>8}{'rms':>10}{'largest':>10}  of the difference in depth, mm"
     for phase in dict.fromkeys(cycle.record.phase for cycle in cycles):

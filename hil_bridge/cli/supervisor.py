@@ -14,7 +14,7 @@ _Command = TypeVar("_Command", bound=Callable[..., Any])
 
 @click.group(no_args_is_help=False)
 def supervisor() -> None:
-    """What refuses, clamps or ends a run."""
+    """Conditions that refuse, clamp or end a run."""
 
 
 @supervisor.command(short_help="List every condition and what it leads to.")
@@ -87,9 +87,9 @@ def _words(name: str, key: str, text: str) -> Callable[[_Command], _Command]:
 def explain(config_file: Path | None, phase: str, **given: Any) -> None:
     """Say what the supervisor would do with an observation, by the limits of a configuration.
 
-    It asks the control loop of a run. What is not given is as in a calm run. Told are the verdict, its cause, the
-    setting that ruled, what the tool does then, the deepest order, and for each quantity how far it is from the value
-    at which it alone would stop the run, nearest first.
+    It asks the control loop of a run. What is not given is as in a calm run. It prints the verdict, its cause, the
+    setting that ruled, the tool's next reaction and the deepest order. For each quantity it prints how far it is from
+    the value at which it alone would stop the run, nearest first.
 
     \b
       hil-bridge supervisor explain --force 120 --age-ms 30
@@ -98,8 +98,8 @@ def explain(config_file: Path | None, phase: str, **given: Any) -> None:
     """
     from hil_bridge.control import Phase
     from hil_bridge.guard.asking import Situation
-    from hil_bridge.guard.explaining import explain as explained
+    from hil_bridge.guard.explaining import explain as explain_decision
     from hil_bridge.settings.configuration import load_config
 
     known = {name: value for name, value in given.items() if value is not None}
-    tell(explained(load_config(config_file, {}), Situation(Phase(phase), **known)).lines())
+    tell(explain_decision(load_config(config_file, {}), Situation(Phase(phase), **known)).lines())

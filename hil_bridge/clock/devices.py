@@ -1,8 +1,8 @@
-"""The clock of emulated devices: what happens to them has the time it was due at, not that of a late wake-up.
+"""The clock of emulated devices: an event has the time at which it was due, not the time of a late wake-up.
 
-A computer calls back some time after the deadline and then needs time to compute; neither is the device's. An answer
-reckoned from the wake-up would begin that much later on its line, and a chain of deadlines would fall behind
-a little more with each.
+A computer calls back some time after the deadline and then needs time to compute. The device has neither delay. An
+answer calculated from the wake-up would begin that much later on its line. A chain of deadlines would fall behind a
+little more with each.
 """
 
 import copy
@@ -11,11 +11,11 @@ from collections.abc import Callable
 from hil_bridge.clock.clock import Clock, Timer
 
 EARLY_S = 60e-6
-"""How much earlier than a deadline the wake-up is asked for, s; what is then left of it is waited out by looking at the
-clock, so that a device is never early.
+"""Time before a deadline for which the wake-up is asked, s. The rest is waited out by looking at the clock, so that a
+device is never early.
 
-Chosen: about what a processor takes to wake from idle, so that little is left and an emulated cell takes as much of a
-processor as without. What a paced line hands to its client would be late by as much.
+Chosen: about the time of a processor to wake from idle, so that little is left to wait out. An emulated cell then takes
+as much of a processor as without. Without this time, bytes of a paced line would reach their client that much later.
 """
 
 
@@ -44,7 +44,7 @@ class _DueTime:
         self._time = time
         self._call_at = call_at
         self._newest = float("-inf")
-        """What was told last: a deadline may be handled after what came later than it."""
+        """Newest event: a deadline may be handled after an event that came later than it."""
         self._due: float | None = None
         """The time of the deadline that is being handled."""
 

@@ -8,7 +8,7 @@ class BusyPolling(selectors.DefaultSelector):
     """As the platform's own, but awake for the first part of every wait.
 
     A thread that sleeps gives up its processor, which then sleeps too: to wake both takes tens of microseconds, more
-    in a virtual machine. Who polls is spared that, and takes all of one processor.
+    in a virtual machine. A thread that polls avoids this delay, and takes all of one processor.
     """
 
     def __init__(self, awake_s: float) -> None:

@@ -1,4 +1,4 @@
-"""What makes one thread of a Linux process keep its times: priority, processor, sleep, memory, garbage, other threads.
+"""Settings that make one thread of a Linux process keep its times: priority, processor, sleep, memory, other threads.
 
 Nothing of this is needed for a loop of a few hertz; a 1 kHz sensor on a busy machine is what it is for.
 """
@@ -18,7 +18,7 @@ from hil_bridge.errors import ConfigError
 from protocol.marks import Mark, check_settings, setting
 
 GIVE_WAY_S = 1e-4
-"""For so long at most a thread that computes keeps the interpreter from one that has been woken. Chosen: by itself
+"""Longest time for which a computing thread keeps the interpreter from one that was woken. Chosen: by itself
 that is 5 ms, and the recorder's writer would hold up the loop for all that it has to encode at once.
 """
 
@@ -27,7 +27,7 @@ LATENCY_FILE = "/dev/cpu_dma_latency"
 Documentation/power/pm_qos_interface.rst.
 """
 UDEV_RULE = 'KERNEL=="cpu_dma_latency", GROUP="dialout", MODE="0660"'
-"""Lets those who may open serial ports write to it."""
+"""Rule that lets every user of the group of serial ports write to it."""
 _NO_LATENCY = struct.pack("=i", 0)
 _MCL_CURRENT, _MCL_FUTURE = 1, 2
 """Flags of mlockall. Source: Linux, sys/mman.h."""
@@ -67,11 +67,11 @@ class RealTime:
 
 
 @contextmanager
-def scheduled(wanted: RealTime) -> Iterator[ThreadPoolExecutor | None]:
+def real_time_thread(wanted: RealTime) -> Iterator[ThreadPoolExecutor | None]:
     """Run the calling thread as wanted while inside; other threads stay as they are.
 
-    Threads begun inside keep ordinary priority; those of the executor that is given also run on all processors
-    (None when the thread is pinned to none). Raises ConfigError for what the machine or its limits refuse.
+    Threads begun inside keep ordinary priority. Those of the executor that is given also run on all processors (None
+    when the thread is pinned to none). Raises ConfigError for what the machine or its limits refuse.
     """
     undo: list[Callable[[], object]] = []
     executor = None
@@ -99,7 +99,7 @@ def scheduled(wanted: RealTime) -> Iterator[ThreadPoolExecutor | None]:
 
 
 @contextmanager
-def prompt_threads() -> Iterator[None]:
+def short_switch_interval() -> Iterator[None]:
     """Let a thread that is woken wait for a computing one no longer than `GIVE_WAY_S`."""
     before = sys.getswitchinterval()
     sys.setswitchinterval(GIVE_WAY_S)
@@ -110,8 +110,8 @@ def prompt_threads() -> Iterator[None]:
 
 
 @contextmanager
-def quiet_garbage() -> Iterator[None]:
-    """Keep the collector from coming by itself: what is there stays, `collect_young` takes what comes."""
+def gc_paused() -> Iterator[None]:
+    """Keep the collector from coming by itself: what is there stays, `collect_generation_1` takes what comes."""
     enabled = gc.isenabled()
     gc.collect()
     gc.freeze()
@@ -124,8 +124,8 @@ def quiet_garbage() -> Iterator[None]:
             gc.enable()
 
 
-def collect_young() -> None:
-    """Collect what has become garbage since the last time; for a moment in which everybody waits for a wire."""
+def collect_generation_1() -> None:
+    """Collect garbage made since the last time; for a moment in which the run only waits for a wire."""
     gc.collect(1)
 
 

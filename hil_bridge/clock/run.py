@@ -12,7 +12,7 @@ Main: TypeAlias = Coroutine[Any, Any, T] | Callable[[], Coroutine[Any, Any, T]]
 
 
 class LeakedTasks(VirtualTimeError):
-    """The main coroutine returned while tasks that nobody had asked to end were still running."""
+    """The main coroutine returned while tasks that it had not cancelled were still running."""
 
 
 def run_real(main: Main[T], busy_poll_s: float = 0.0) -> T:
@@ -29,8 +29,8 @@ def run_real(main: Main[T], busy_poll_s: float = 0.0) -> T:
 def run_virtual(main: Main[T]) -> T:
     """Run a coroutine, or the coroutine that a function makes, in a new loop in virtual time.
 
-    Stricter than real time: raises LeakedTasks for tasks left behind, VirtualDeadlock when nothing can happen
-    any more, and what a callback raised where real time would only have logged it.
+    Stricter than real time: raises LeakedTasks for tasks left behind, and VirtualDeadlock when nothing can happen any
+    more. It also raises errors of callbacks, which real time would only have logged.
     """
     unhandled: list[dict[str, Any]] = []
     leaked: list[str] = []

@@ -1,9 +1,9 @@
 """An event loop in virtual time: nothing ever waits, time jumps to the next timer.
 
-The loop is asyncio's own but for one turn of it, its timers and its `time()`: a simulated minute is some tens of
-thousands of turns, and asyncio's turn spends most of its time on files and clocks that are not there. Two private
-names of asyncio's base loop are used because there is no public way to turn it otherwise: `_run_once`, and
-`_ready`, the callbacks of the next turn.
+The loop is asyncio's own but for its turn, its timers and its `time()`. A simulated minute is some tens of thousands of
+turns. Asyncio's turn spends most of its time on files and clocks that are not there. Two private names of asyncio's
+base loop are used because there is no public way to turn it otherwise: `_run_once`, and `_ready`, the callbacks of the
+next turn.
 """
 
 import asyncio
@@ -17,8 +17,8 @@ from typing import Any, NoReturn
 VIRTUAL_EPOCH = 7919.3
 """Virtual time when a loop begins, s.
 
-Odd, so that code which anchors its deadlines at 0 fails in tests; small, so that a float resolves 0.9 ps and
-sums of microseconds stay exact to the nanosecond.
+Odd, so that code which anchors its deadlines at 0 fails in tests. Small, so that a float resolves 0.9 ps and sums of
+microseconds stay exact to the nanosecond.
 """
 
 VIRTUAL_WALL_NS = 1_600_000_000_000_000_000
@@ -152,11 +152,11 @@ class VirtualLoop(asyncio.SelectorEventLoop):
         raise VirtualTimeError(f"no threads in virtual time: {getattr(func, '__qualname__', func)}")
 
     def add_reader(self, fd: Any, callback: Any, *args: Any) -> None:  # type: ignore[override]
-        """Nobody waits for a file descriptor here: always raises VirtualTimeError."""
+        """Always raises VirtualTimeError: virtual time does not wait for file descriptors."""
         raise VirtualTimeError("no file descriptors in virtual time: use memory wires, or real time")
 
     def add_writer(self, fd: Any, callback: Any, *args: Any) -> None:  # type: ignore[override]
-        """Nobody waits for a file descriptor here: always raises VirtualTimeError."""
+        """Always raises VirtualTimeError: virtual time does not wait for file descriptors."""
         raise VirtualTimeError("no file descriptors in virtual time: use memory wires, or real time")
 
 

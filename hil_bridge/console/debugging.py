@@ -13,7 +13,7 @@ def _note(context: click.Context, parameter: click.Parameter, given: bool) -> No
 debug_option = click.option(
     "--debug", is_flag=True, expose_value=False, callback=_note, help="Show the traceback of a bug."
 )
-"""For the whole program and for the commands that a person repeats to see more."""
+"""Options of the whole program and of the commands that a person repeats to see more."""
 
 
 def debug_wanted(context: click.Context | None = None) -> bool:
@@ -23,7 +23,7 @@ def debug_wanted(context: click.Context | None = None) -> bool:
 
 
 def told_bug(what: str, trace: str, context: click.Context | None = None) -> str:
-    """What the screen shows of a bug: its traceback where that was asked for, and one line that says what it was."""
+    """Text about a bug for the screen: its traceback where one was asked for, and one line that names it."""
     line = f"hil-bridge: this is a bug: {' '.join(what.split())}"
     if debug_wanted(context):
         return f"{trace.rstrip()}\n{line}"

@@ -33,7 +33,7 @@ from hil_bridge.control.geometry.frames import (
     transform_wrench,
     turn_between,
 )
-from hil_bridge.control.geometry.wrist import Facing, Wrist
+from hil_bridge.control.geometry.wrist import Wrist, WristAtOrientation
 from hil_bridge.control.laws.estimate import Gates, StiffnessEstimate
 from hil_bridge.control.laws.fuzzy import (
     Inference,
@@ -56,7 +56,7 @@ from hil_bridge.control.laws.linear import Admittance, AdmittanceState, Pi, PiSt
 from hil_bridge.control.laws.predictive import Predictive, PredictiveState
 from hil_bridge.control.laws.rules import PAPER_RULES, RuleBase, parse_rules, read_rules, rules_as_toml
 from hil_bridge.control.laws.stiffness import Pairing, Stiffness
-from hil_bridge.control.types import Command, Controller, Measurement, in_numbers
+from hil_bridge.control.types import Command, Controller, Measurement, numeric_explanation
 
 __all__ = [
     "CONTROLLERS",
@@ -73,7 +73,6 @@ __all__ = [
     "ControlLoop",
     "Controller",
     "Decision",
-    "Facing",
     "FiguresOfMerit",
     "FuzzyAdaptive",
     "FuzzyPi",
@@ -115,6 +114,7 @@ __all__ = [
     "ToolPose",
     "Verdict",
     "Wrist",
+    "WristAtOrientation",
     "computed_matrix",
     "controller_kind",
     "controller_names",
@@ -122,11 +122,11 @@ __all__ = [
     "figures_of_merit",
     "force_along",
     "identify_tool",
-    "in_numbers",
     "infer",
     "lift_fault",
     "make_controller",
     "normal_force",
+    "numeric_explanation",
     "one_line",
     "parse_rules",
     "quantise",

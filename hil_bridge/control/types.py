@@ -1,7 +1,7 @@
-"""What a controller is given and what it answers. SI units; the coordinate is the approach direction.
+"""Measurement and command: a controller's input and its answer. SI units; the coordinate is the approach direction.
 
-The approach direction is a unit vector pointing from the tool into the surface: positions grow into the
-surface, forces are positive while the tool presses.
+The approach direction is a unit vector pointing from the tool into the surface. Positions grow into the surface; forces
+are positive while the tool presses.
 """
 
 import math
@@ -72,14 +72,16 @@ class Command(Struct, frozen=True):
     gain: float = 1.0
     """Factor that an adaptation applied to the feedback law's output."""
     held: bool = False
-    """True when the controller chose not to move because no reachable position is nearer."""
+    """True when the controller rests in its dead band: no position that the robot can take is nearer."""
     explanation: dict[str, float] = {}
-    """What else explains the answer (quantised levels, …), by name, for the record."""
+    """Further numbers that explain the answer (quantised levels, …), by name, for the record."""
 
 
-def plain(answer: Any) -> Command:
-    """What should be a command in the types that it says, for anybody's may be of others that only behave so. Raises
-    whatever comes of turning it into them; what is in the explanation stays.
+def as_command(answer: Any) -> Command:
+    """The answer of a controller as a command whose fields have the declared types.
+
+    A controller of another package may answer with types that only behave alike. Raises every error of the
+    conversion. The values of the explanation are not converted.
     """
     if (
         type(answer.position) is float
@@ -101,9 +103,10 @@ def plain(answer: Any) -> Command:
     )
 
 
-def in_numbers(explanation: Mapping[Any, Any]) -> dict[str, float]:
-    """An explanation for the record. Anybody's controller may have put anything there, and it moves nothing: what is
-    no number is NaN.
+def numeric_explanation(explanation: Mapping[Any, Any]) -> dict[str, float]:
+    """An explanation for the record, by name. A value that is no number becomes NaN.
+
+    The explanation moves nothing, and a controller of another package may have put any object into it.
     """
     return {
         name if type(name) is str else _name(name): value if type(value) is float else _number(value)
@@ -114,14 +117,14 @@ def in_numbers(explanation: Mapping[Any, Any]) -> dict[str, float]:
 def _name(value: Any) -> str:
     try:
         return str(value)
-    except Exception:  # whatever that object of somebody else's raises
+    except Exception:  # an object of another package may raise anything
         return f"<{type(value).__name__}>"
 
 
 def _number(value: Any) -> float:
     try:
         return float(value)
-    except Exception:  # likewise
+    except Exception:  # an object of another package may raise anything
         return math.nan
 
 
@@ -131,10 +134,10 @@ State = TypeVar("State")
 class Controller(Protocol[State]):
     """A pure control law: same state, measurement and reference, same answer. No clock, no I/O.
 
-    Gains may count per sample. A controller says for which sample time it is tuned by an attribute `sample_ms`, in ms;
-    one without it is taken for `SAMPLE_MS`, and `controller.sample_ms` of a configuration goes before both. A run whose
-    control period differs from it by more than a factor of two is refused. `Measurement.dt` is the measured time, for
-    a controller that counts in seconds.
+    Gains may count per sample. A controller says for which sample time it is tuned by an attribute `sample_ms`, in ms.
+    One without it is taken for `SAMPLE_MS`; `controller.sample_ms` of a configuration goes before both. A run whose
+    control period differs from it by more than a factor of two is refused. `Measurement.dt` is the measured time, for a
+    controller that counts in seconds.
     """
 
     @property

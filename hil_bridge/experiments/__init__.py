@@ -1,8 +1,8 @@
 """The paper's figures and tables, repeated by simulation and on the emulated cell, and what goes beyond."""
 
-from hil_bridge.experiments.chain import CellRun, run_cell
 from hil_bridge.experiments.comparison import COMPARISON
-from hil_bridge.experiments.pages import write_findings, write_page
+from hil_bridge.experiments.emulated_run import EmulatedRun, run_emulated
+from hil_bridge.experiments.files import write_findings, write_page
 from hil_bridge.experiments.pool import run_jobs
 from hil_bridge.experiments.resolution import RESOLUTION
 from hil_bridge.experiments.results import Experiment, Findings
@@ -17,10 +17,10 @@ EXPERIMENTS = {
 
 __all__ = [
     "EXPERIMENTS",
-    "CellRun",
+    "EmulatedRun",
     "Experiment",
     "Findings",
-    "run_cell",
+    "run_emulated",
     "run_jobs",
     "write_findings",
     "write_page",

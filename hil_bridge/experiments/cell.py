@@ -8,15 +8,15 @@ from numpy.typing import NDArray
 
 from hil_bridge.control import FiguresOfMerit, figures_of_merit
 from hil_bridge.control.analysis.merit import STEADY_SAMPLES
-from hil_bridge.experiments.chain import run_cell
-from hil_bridge.experiments.wall import Parameters
+from hil_bridge.experiments.emulated_run import run_emulated
+from hil_bridge.experiments.paper_simulation import Parameters
 from hil_bridge.recording import Outcome
 from hil_bridge.settings.configuration import Config
 
 Floats = NDArray[np.float64]
 
 CYCLE_S = {9600: 0.18, 19200: 0.102}
-"""What a cycle takes by the rate of the link, s, by which a way in a sample is turned into a speed. Source: measured in
+"""Time of a cycle by the rate of the link, s. It turns a way in a sample into a speed. Source: measured in
 virtual time; the spread of 4 % either way does not change how many position steps a sample asks for.
 """
 CORRECTION_MM = 2.1
@@ -63,7 +63,7 @@ class CellJob:
     reference: float = 10.0
     """N"""
     duration: float = 16.0
-    """Of TRACK, s."""
+    """Duration of TRACK, s."""
     step_mm: float = 1.0
     """Travel along the surface in a sample."""
     contour: bool = False
@@ -77,7 +77,7 @@ class CellJob:
     """Noise of every axis before the sensor's filters, rms."""
     resolution_mm: float = 0.125
     steady_samples: int = STEADY_SAMPLES
-    """At the end of the run, which count as its steady state."""
+    """Samples at the end of the run that count as its steady state."""
 
     def config(self) -> Config:
         """The configuration of the run; what is not named here stands at its default."""
@@ -127,7 +127,7 @@ class CellJob:
 
     def __call__(self) -> CellTrace:
         """Run it."""
-        run = run_cell(self.config())
+        run = run_emulated(self.config())
         cycles = [cycle for cycle in run.cycles if cycle.phase == "track"]
 
         def column(name: str) -> Floats:

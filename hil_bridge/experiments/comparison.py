@@ -5,29 +5,29 @@ from collections.abc import Sequence
 from hil_bridge.control import CONTROLLERS
 from hil_bridge.experiments.cell import CYCLE_S, CellJob, CellTrace
 from hil_bridge.experiments.drawing import COLOURS, MARKERS, Sheet
+from hil_bridge.experiments.paper_simulation import Parameters
 from hil_bridge.experiments.results import (
     Claim,
     Experiment,
     Findings,
     Row,
+    digits,
     distinct,
+    figure,
     markdown,
-    number,
-    pick,
     rounded,
-    shown,
+    rows_where,
     verdict,
 )
 from hil_bridge.experiments.statistics import figures, spread
-from hil_bridge.experiments.wall import Parameters
 
 STIFFNESSES = (500.0, 1500.0, 5000.0, 20_000.0, 50_000.0, 200_000.0)
 NOISES = {"quiet": 1.0, "noisy": 100.0}
 """Noise before the sensor's filters, counts rms: as recorded, and such that ± 0.5 N is left."""
 SAMPLES = 50
-"""Of a run, about. Chosen: the slowest that reach the force on the sponge do so in a third of it."""
+"""Samples of a run, about. Chosen: the slowest that reach the force on the sponge do so in a third of them."""
 STEADY_SAMPLES = 20
-"""At the end of a run. Chosen: what the rise of fixed gains on the sponge leaves, with as much to spare."""
+"""Samples at the end of a run. Chosen: fixed gains leave them after their rise on the sponge, with as many to spare."""
 CONDITIONS = tuple((baudrate, noise) for baudrate in CYCLE_S for noise in NOISES)
 REFERENCE_N = 20.0
 RESOLUTION = 0.125e-3
@@ -104,18 +104,18 @@ def _draw(table: Sequence[Row]) -> bytes:
             column, title, limits = _PANELS[at // len(CONDITIONS)]
             baudrate, noise = CONDITIONS[at % len(CONDITIONS)]
             for index, name in enumerate(names):
-                rows = pick(table, controller=name, baudrate=baudrate, noise=noise)
+                rows = rows_where(table, controller=name, baudrate=baudrate, noise=noise)
                 known = [row for row in rows if row[column] is not None]
                 ax.errorbar(
-                    [number(row, "stiffness_n_m") for row in known],
-                    values := [max(number(row, column), limits[0]) for row in known],
+                    [figure(row, "stiffness_n_m") for row in known],
+                    values := [max(figure(row, column), limits[0]) for row in known],
                     [
                         # A bar down to zero would fill a logarithmic axis.
                         [
-                            min(number(row, f"{column}_sd"), value / 2)
+                            min(figure(row, f"{column}_sd"), value / 2)
                             for row, value in zip(known, values, strict=True)
                         ],
-                        [number(row, f"{column}_sd") for row in known],
+                        [figure(row, f"{column}_sd") for row in known],
                     ],
                     color=COLOURS[index % len(COLOURS)],
                     marker=MARKERS[index % len(MARKERS)],
@@ -148,41 +148,43 @@ def _draw(table: Sequence[Row]) -> bytes:
 
 
 def held(row: Row) -> bool:
-    """Whether a point of the grid counts as held: 90 % reached, contact kept, mean error within a resolution
-    step's force and the steady swing within two of them, each with 1 N for noise.
+    """Whether a point of the grid counts as held: 90 % reached, contact kept, and mean error within a resolution step's
+    force. The steady swing must lie within two of them. Each limit has 1 N more for noise.
     """
-    step = number(row, "stiffness_n_m") * RESOLUTION
+    step = figure(row, "stiffness_n_m") * RESOLUTION
     return (
         row["rise_samples"] is not None
         and row["steady_error_n"] is not None
-        and number(row, "contact_losses") == 0
-        and abs(number(row, "steady_error_n")) <= step + 1.0
-        and number(row, "steady_peak_to_peak_n") <= 2 * step + 1.0
+        and figure(row, "contact_losses") == 0
+        and abs(figure(row, "steady_error_n")) <= step + 1.0
+        and figure(row, "steady_peak_to_peak_n") <= 2 * step + 1.0
     )
 
 
 def ranking(table: Sequence[Row]) -> list[Row]:
     """A row for each controller, the one first that holds most points of the grid."""
-    ranked = [_rank(str(name), pick(table, controller=name)) for name in distinct(table, "controller")]
-    return sorted(ranked, key=lambda row: (-number(row, "held"), number(row, "mean RMS error, N")))
+    ranked = [_rank(str(name), rows_where(table, controller=name)) for name in distinct(table, "controller")]
+    return sorted(ranked, key=lambda row: (-figure(row, "held"), figure(row, "mean RMS error, N")))
 
 
 def _rank(name: str, rows: Sequence[Row]) -> Row:
     good = [row for row in rows if held(row)]
     walls = [
-        k for k in distinct(rows, "stiffness_n_m") if all(held(row) for row in pick(rows, stiffness_n_m=k))
+        k
+        for k in distinct(rows, "stiffness_n_m")
+        if all(held(row) for row in rows_where(rows, stiffness_n_m=k))
     ]
-    errors, _ = spread(number(row, "rms_error_n") for row in rows)
-    sponge = pick(rows, stiffness_n_m=5000)
+    errors, _ = spread(figure(row, "rms_error_n") for row in rows)
+    sponge = rows_where(rows, stiffness_n_m=5000)
     rise, _ = spread(
-        number(row, "rise_samples") if row["rise_samples"] is not None else None for row in sponge
+        figure(row, "rise_samples") if row["rise_samples"] is not None else None for row in sponge
     )
-    overshoot, _ = spread(number(row, "overshoot_percent") for row in sponge)
+    overshoot, _ = spread(figure(row, "overshoot_percent") for row in sponge)
     return {
         "controller": name,
         "held": len(good),
         "of": len(rows),
-        "held throughout, N/m": ", ".join(shown(k) for k in walls) or "none",
+        "held throughout, N/m": ", ".join(digits(k) for k in walls) or "none",
         "mean RMS error, N": rounded(errors),
         "rise at 5 000 N/m, samples": rounded(rise),
         "overshoot at 5 000 N/m, %": rounded(overshoot),
@@ -196,22 +198,22 @@ def describe(table: Sequence[Row]) -> tuple[str, tuple[Claim, ...]]:
     of = {str(row["controller"]): row for row in ranked}
     fixed, adapted = of["fuzzy"], of["fuzzy-adaptive"]
     hardest = max(distinct(table, "stiffness_n_m"))
-    on_hardest = sum(held(row) for row in pick(table, stiffness_n_m=hardest))
-    seeds = number(table[0], "seeds")
-    gained = number(adapted, "held") - number(fixed, "held")
+    on_hardest = sum(held(row) for row in rows_where(table, stiffness_n_m=hardest))
+    seeds = figure(table[0], "seeds")
+    gained = figure(adapted, "held") - figure(fixed, "held")
     text = (
         f"The paper says that no fixed gain matrix is stable over a large range of stiffness and that the "
         f"adaptive scheme performs acceptably in various contact conditions; it compares with no other "
         f"controller. Here every controller holds {REFERENCE_N:g} N on "
         f"{len(distinct(table, 'stiffness_n_m'))} surfaces from "
-        f"{shown(min(distinct(table, 'stiffness_n_m')))} to {shown(hardest)} N/m, quiet and noisy, at 9600 and "
+        f"{digits(min(distinct(table, 'stiffness_n_m')))} to {digits(hardest)} N/m, quiet and noisy, at 9600 and "
         f"19200 baud, {seeds:g} seeds each, about {SAMPLES} samples a run, the "
         f"last {STEADY_SAMPLES} of which are its steady state. A point counts as held when "
         f"90 % was reached, contact was never lost, and the steady force is right within a resolution step "
         f"and swings by no more than two. The fixed gains hold {fixed['held']} of {fixed['of']} points, the "
         f"paper's adaptation {adapted['held']}, and {best['controller']} {best['held']}. On "
-        f"{shown(hardest)} N/m one resolution step is worth {shown(hardest * RESOLUTION)} N, more than the "
-        f"desired force, and {on_hardest} of {len(pick(table, stiffness_n_m=hardest))} points are held "
+        f"{digits(hardest)} N/m one resolution step is worth {digits(hardest * RESOLUTION)} N, more than the "
+        f"desired force, and {on_hardest} of {len(rows_where(table, stiffness_n_m=hardest))} points are held "
         f"there: what position steps cannot reach, no controller can, and passive compliance is the paper's "
         f"remedy. On the softest surface a run of {SAMPLES} samples is too short for controllers that move by a "
         f"few steps a sample.\n\n" + markdown(ranked, list(ranked[0]))
@@ -220,7 +222,7 @@ def describe(table: Sequence[Row]) -> tuple[str, tuple[Claim, ...]]:
         Claim(
             "fixed gains are not stable over a large range of stiffness",
             f"they hold {fixed['held']} of {fixed['of']} points ({fixed['held throughout, N/m']} N/m "
-            f"throughout): " + verdict(number(fixed, "held") < number(fixed, "of")),
+            f"throughout): " + verdict(figure(fixed, "held") < figure(fixed, "of")),
         ),
         Claim(
             "the adaptive scheme performs acceptably in various contact conditions",

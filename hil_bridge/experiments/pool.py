@@ -17,7 +17,7 @@ CHUNK = 4
 """Jobs handed to a process at once. Chosen: a second or two of work."""
 
 THREAD_VARIABLES = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
-"""What the libraries below numpy read when they are loaded."""
+"""Environment variables that the libraries below numpy read when they are loaded."""
 
 
 def run_jobs(
@@ -52,7 +52,7 @@ def run_jobs(
                 advance(len(futures[future]))
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
-            # else leaving the pool waits for what they do now
+            # else leaving the pool waits for their present jobs
             for worker in multiprocessing.active_children():
                 worker.terminate()
             raise
@@ -61,8 +61,8 @@ def run_jobs(
 
 @contextmanager
 def _one_thread_each() -> Iterator[None]:
-    """Processes that start meanwhile leave their linear algebra in one thread: theirs are matrices of three rows,
-    for which waking a thread on every core takes longer than the product.
+    """Processes that start meanwhile leave their linear algebra in one thread. Theirs are matrices of three rows, for
+    which waking a thread on every core takes longer than the product.
     """
     before = {name: os.environ.get(name) for name in THREAD_VARIABLES}
     os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))

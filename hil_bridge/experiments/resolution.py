@@ -1,8 +1,8 @@
 """The paper's discussion: the limit cycle that the position resolution leaves, measured and predicted.
 
-The controller is an integral one whose loop gain is the same on every surface, so that stiffness and
-resolution alone make the difference: in the paper's simulation, where the position is rounded and nothing
-else, and through the whole chain, whose servo does not react inside its dead band. Each has its prediction.
+The controller is an integral one whose loop gain is the same on every surface, so that stiffness and resolution alone
+make the difference. It runs in the paper's simulation, which only rounds the position, and through the whole chain,
+whose servo does not react inside its dead band. Each has its prediction.
 """
 
 import math
@@ -20,19 +20,19 @@ from hil_bridge.control.analysis.stability import (
 )
 from hil_bridge.experiments.cell import CellJob, CellTrace
 from hil_bridge.experiments.drawing import COLOURS, MARKERS, Sheet
+from hil_bridge.experiments.paper_simulation import PERIOD, PaperJob, PaperRun, Parameters
 from hil_bridge.experiments.results import (
     Claim,
     Experiment,
     Findings,
     Row,
-    number,
-    pick,
+    digits,
+    figure,
     rounded,
-    shown,
+    rows_where,
     verdict,
 )
 from hil_bridge.experiments.statistics import spread
-from hil_bridge.experiments.wall import PERIOD, Parameters, WallJob, WallRun
 from protocol.s3.adlp import BLOCK_OVERHEAD
 
 STIFFNESSES = (5e3, 1e4, 2e4, 5e4)
@@ -58,14 +58,14 @@ def _reference(stiffness: float, resolution_mm: float) -> float:
     return (math.ceil(10.0 / step) + 2.5) * step
 
 
-def jobs(seeds: int) -> list[WallJob | CellJob]:
+def jobs(seeds: int) -> list[PaperJob | CellJob]:
     """Both models for every stiffness and resolution."""
-    done: list[WallJob | CellJob] = []
+    done: list[PaperJob | CellJob] = []
     for stiffness in STIFFNESSES:
         for resolution_mm in RESOLUTIONS_MM:
             wanted = _reference(stiffness, resolution_mm)
             done.append(
-                WallJob(
+                PaperJob(
                     "pi",
                     _parameters(stiffness),
                     stiffness,
@@ -99,9 +99,9 @@ ROUNDED = SampledPlant(PERIOD, PERIOD / 2, 100.0 / PERIOD)
 def plant(job: CellJob, period: float) -> SampledPlant:
     """The chain as the stability analysis sees it, from the profiles of the cell; the force's filter apart.
 
-    Derived: the delay is half the time between two force frames, the line time of the move up to its last
-    character, the controller's turnaround, half a tick of waiting for the interpolator, and its transport
-    delay.
+    Derived: the delay is a sum. It begins with half the time between two force frames, the line time of the move up to
+    its last character, and the controller's turnaround. To this come half a tick of waiting for the interpolator, and
+    its transport delay.
     """
     config = job.config()
     cell = config.cell
@@ -156,7 +156,7 @@ def evaluate(done: Sequence[Any], results: Sequence[Any]) -> Findings:
             (wall,) = (
                 result
                 for job, result in pairs
-                if isinstance(job, WallJob)
+                if isinstance(job, PaperJob)
                 and job.stiffness == stiffness
                 and round(job.resolution * 1e3, 6) == resolution_mm
             )
@@ -171,7 +171,7 @@ def evaluate(done: Sequence[Any], results: Sequence[Any]) -> Findings:
 
 
 def _row(
-    stiffness: float, resolution_mm: float, wall: WallRun, cells: Sequence[tuple[CellJob, CellTrace]]
+    stiffness: float, resolution_mm: float, wall: PaperRun, cells: Sequence[tuple[CellJob, CellTrace]]
 ) -> Row:
     job = cells[0][0]
     sample, _ = spread(trace.period for _, trace in cells)
@@ -216,7 +216,7 @@ def _period(trace: CellTrace) -> float | None:
 def _draw(table: Sequence[Row]) -> bytes:
     with Sheet(7.6, 5.2) as sheet:
         (ax,) = sheet.axes
-        forces = [number(row, "step_force_n") for row in table]
+        forces = [figure(row, "step_force_n") for row in table]
         ends = [0.8 * min(forces), 1.25 * max(forces)]
         ax.plot(ends, ends, color="black", lw=1.0, ls="--", label="k_e·Δx_res, as the paper says")
         for column, colour, name in (
@@ -225,8 +225,8 @@ def _draw(table: Sequence[Row]) -> bytes:
         ):
             known = [row for row in table if row[column] is not None]
             ax.errorbar(
-                [number(row, "step_force_n") for row in known],
-                values := [number(row, column) for row in known],
+                [figure(row, "step_force_n") for row in known],
+                values := [figure(row, column) for row in known],
                 [TOLERANCE * value for value in values],
                 ls="none",
                 marker="_",
@@ -238,7 +238,7 @@ def _draw(table: Sequence[Row]) -> bytes:
             )
         ax.plot(
             forces,
-            [number(row, "rounding_n") for row in table],
+            [figure(row, "rounding_n") for row in table],
             ls="none",
             marker="x",
             ms=7,
@@ -246,11 +246,11 @@ def _draw(table: Sequence[Row]) -> bytes:
             label="simulated: rounding alone",
         )
         for index, resolution in enumerate(RESOLUTIONS_MM):
-            rows = pick(table, resolution_mm=resolution)
+            rows = rows_where(table, resolution_mm=resolution)
             ax.errorbar(
-                [number(row, "step_force_n") for row in rows],
-                [number(row, "chain_n") for row in rows],
-                [number(row, "chain_n_sd") for row in rows],
+                [figure(row, "step_force_n") for row in rows],
+                [figure(row, "chain_n") for row in rows],
+                [figure(row, "chain_n_sd") for row in rows],
                 ls="none",
                 marker=MARKERS[index],
                 ms=7,
@@ -268,7 +268,7 @@ def _draw(table: Sequence[Row]) -> bytes:
 
 def _places(rows: Sequence[Row]) -> str:
     return ", ".join(
-        f"{shown(row['stiffness_n_m'])} N/m at {shown(row['resolution_mm'])} mm ({shown(row['step_force_n'])} N)"
+        f"{digits(row['stiffness_n_m'])} N/m at {digits(row['resolution_mm'])} mm ({digits(row['step_force_n'])} N)"
         for row in rows
     )
 
@@ -278,10 +278,10 @@ def _agreement(table: Sequence[Row], model: str) -> str:
     column = f"{model}_within_25_percent"
     parts = []
     for value, title in ((YES, "within 25 %"), (NO, "farther off"), (NONE, NONE)):
-        rows = pick(table, **{column: value})
+        rows = rows_where(table, **{column: value})
         if not rows:
             continue
-        ratios = [number(row, f"{model}_ratio") for row in rows if row[f"{model}_ratio"] is not None]
+        ratios = [figure(row, f"{model}_ratio") for row in rows if row[f"{model}_ratio"] is not None]
         span = f", {min(ratios):.2f} … {max(ratios):.2f} times as predicted" if ratios else ""
         where = f"each of the {len(rows)} points" if len(rows) == len(table) else _places(rows)
         parts.append(f"{title} at {where}{span}")
@@ -291,25 +291,25 @@ def _agreement(table: Sequence[Row], model: str) -> str:
 def _between(values: Sequence[float], unit: str) -> str:
     if not values:
         return "none"
-    low, high = shown(min(values)), shown(max(values))
+    low, high = digits(min(values)), digits(max(values))
     return f"{low} {unit}" if low == high else f"{low} to {high} {unit}"
 
 
 def _known(table: Sequence[Row], column: str) -> list[float]:
-    return [number(row, column) for row in table if row[column] is not None]
+    return [figure(row, column) for row in table if row[column] is not None]
 
 
 def describe(table: Sequence[Row]) -> tuple[str, tuple[Claim, ...]]:
-    """What the paper says of the amplitude, and what came out."""
+    """The paper's claim about the amplitude, and the result here."""
     forces = _known(table, "step_force_n")
-    ratios = [number(row, "chain_n") / number(row, "step_force_n") for row in table]
-    simulated = [number(row, "rounding_n") / number(row, "step_force_n") for row in table]
+    ratios = [figure(row, "chain_n") / figure(row, "step_force_n") for row in table]
+    simulated = [figure(row, "rounding_n") / figure(row, "step_force_n") for row in table]
     slope, _ = np.polyfit(np.log(forces), np.log(_known(table, "chain_n")), 1)
     text = (
         f"The paper says that a constant force ends in a slow oscillation of amplitude k_e·Δx_res, because "
         f"the position may be anywhere within half a step of the reported one. Over {len(table)} "
-        f"combinations of stiffness and resolution, k_e·Δx_res from {shown(min(forces))} to "
-        f"{shown(max(forces))} N, an integral controller was left alone with the force half-way between two "
+        f"combinations of stiffness and resolution, k_e·Δx_res from {digits(min(forces))} to "
+        f"{digits(max(forces))} N, an integral controller was left alone with the force half-way between two "
         f"steps. With rounding alone the peak-to-peak is {min(simulated):.2f} to {max(simulated):.2f} times "
         f"k_e·Δx_res; against the describing function of the quantised loop it is "
         f"{_agreement(table, 'rounding')}. Through the whole chain it is {min(ratios):.2f} to "
@@ -323,7 +323,7 @@ def describe(table: Sequence[Row]) -> tuple[str, tuple[Claim, ...]]:
         f"{_agreement(table, 'chain')}. k_e·Δx_res is what a servo leaves that goes on to its set point. The "
         f"oscillation's period is {_between(_known(table, 'chain_period_s'), 's')}, predicted "
         f"{_between(_known(table, 'chain_predicted_period_s'), 's')}, at "
-        f"{shown(number(table[0], 'sample_ms'))} ms a sample. The columns of ratios are measured over "
+        f"{digits(figure(table[0], 'sample_ms'))} ms a sample. The columns of ratios are measured over "
         f"predicted."
     )
     claim = Claim(

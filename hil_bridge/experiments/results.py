@@ -1,4 +1,4 @@
-"""What an experiment is, what it leaves, and how tables become files and come back."""
+"""An experiment and its findings, and the way of tables into files and back."""
 
 import csv
 import io
@@ -22,7 +22,7 @@ class Job(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Claim:
-    """What the paper says, and what came out, in a line each."""
+    """A claim of the paper and the result here, one line each."""
 
     paper: str
     found: str
@@ -30,7 +30,7 @@ class Claim:
 
 @dataclass(frozen=True, slots=True)
 class Findings:
-    """What an experiment leaves."""
+    """Results of an experiment."""
 
     table: tuple[Row, ...]
     """The numbers, as they go into the CSV file."""
@@ -51,15 +51,15 @@ class Experiment:
     evaluate: Callable[..., Findings]
     """Table and picture from the jobs and their results, two sequences of the same length."""
     describe: Callable[[Sequence[Row]], tuple[str, tuple[Claim, ...]]]
-    """The paragraph, and the paper's claims with what came out: from the table alone, so that no number in
-    the text can differ from the CSV file.
+    """The paragraph, and the paper's claims with the results. Both come from the table alone, so that no number in the
+    text can differ from the CSV file.
     """
-    shown: tuple[str, ...] = ()
+    page_columns: tuple[str, ...] = ()
     """Columns of the table that a page shows; none for a table too long for it."""
 
 
 def rounded(value: float | None) -> float | None:
-    """To the digits that a table keeps."""
+    """The value with the digits that a table keeps."""
     return None if value is None else float(f"{value:.{SIGNIFICANT_DIGITS}g}")
 
 
@@ -97,11 +97,11 @@ def markdown(rows: Sequence[Row], columns: Sequence[str]) -> str:
         "| " + " | ".join(column.replace("_", " ") for column in columns) + " |",
         "|" + "---|" * len(columns),
     ]
-    lines += ["| " + " | ".join(shown(row[column]) for column in columns) + " |" for row in rows]
+    lines += ["| " + " | ".join(digits(row[column]) for column in columns) + " |" for row in rows]
     return "\n".join(lines)
 
 
-def shown(value: Value) -> str:
+def digits(value: Value) -> str:
     """A figure as a person reads it: three digits, thousands apart, a dash for none."""
     match value:
         case None:
@@ -117,22 +117,22 @@ def shown(value: Value) -> str:
 
 
 def verdict(holds: bool) -> str:
-    """What a page says of a claim."""
+    """Words of a page for a claim."""
     return "reproduced" if holds else "not reproduced"
 
 
-def pick(rows: Sequence[Row], **wanted: Value) -> list[Row]:
+def rows_where(rows: Sequence[Row], **wanted: Value) -> list[Row]:
     """The rows that have these values."""
     return [row for row in rows if all(row[name] == value for name, value in wanted.items())]
 
 
-def one(rows: Sequence[Row], **wanted: Value) -> Row:
+def only_row(rows: Sequence[Row], **wanted: Value) -> Row:
     """The only such row. Raises ValueError when there is none, or more than one."""
-    (row,) = pick(rows, **wanted)
+    (row,) = rows_where(rows, **wanted)
     return row
 
 
-def number(row: Row, column: str) -> float:
+def figure(row: Row, column: str) -> float:
     """A figure that is there. Raises TypeError when it is none."""
     value = row[column]
     if not isinstance(value, (int, float)):

@@ -6,7 +6,7 @@ from typing import Any
 from hil_bridge.control import computed_matrix, infer
 from hil_bridge.control.laws.tables import GAIN_MATRIX, LEVELS
 from hil_bridge.experiments.drawing import Sheet
-from hil_bridge.experiments.results import Claim, Experiment, Findings, Job, Row, number
+from hil_bridge.experiments.results import Claim, Experiment, Findings, Job, Row, figure
 
 
 def evaluate(done: Sequence[Job], results: Sequence[Any]) -> Findings:
@@ -31,14 +31,14 @@ def evaluate(done: Sequence[Job], results: Sequence[Any]) -> Findings:
         for entry in table:
             differs = entry["printed"] != entry["computed"]
             ax.text(
-                number(entry, "change_level"),
-                number(entry, "error_level"),
+                figure(entry, "change_level"),
+                figure(entry, "error_level"),
                 f"{entry['computed']}" + (f"\n({entry['printed']})" if differs else ""),
                 ha="center",
                 va="center",
                 fontsize=8.5 if differs else 9.5,
                 fontweight="bold" if differs else "normal",
-                color="white" if abs(number(entry, "computed")) > 4 else "black",
+                color="white" if abs(figure(entry, "computed")) > 4 else "black",
                 bbox={"boxstyle": "square,pad=0.25", "facecolor": "none", "edgecolor": "black", "lw": 2.0}
                 if differs
                 else None,
@@ -58,7 +58,7 @@ def describe(table: Sequence[Row]) -> tuple[str, tuple[Claim, ...]]:
     """Which entries agree, and which do not."""
     wrong = [row for row in table if row["printed"] != row["computed"]]
     at = {
-        (int(number(row, "error_level")), int(number(row, "change_level"))): number(row, "printed")
+        (int(figure(row, "error_level")), int(figure(row, "change_level"))): figure(row, "printed")
         for row in table
     }
     odd = [(error, change) for (error, change), value in at.items() if at[-error, -change] != -value]

@@ -6,9 +6,19 @@ from typing import Any
 import numpy as np
 
 from hil_bridge.experiments.drawing import COLOURS, Sheet, label
-from hil_bridge.experiments.results import Claim, Experiment, Findings, Row, number, one, pick, shown, verdict
+from hil_bridge.experiments.paper_simulation import RESOLUTION, PaperJob, PaperRun, Parameters
+from hil_bridge.experiments.results import (
+    Claim,
+    Experiment,
+    Findings,
+    Row,
+    digits,
+    figure,
+    only_row,
+    rows_where,
+    verdict,
+)
 from hil_bridge.experiments.statistics import figures
-from hil_bridge.experiments.wall import RESOLUTION, Parameters, WallJob, WallRun
 
 STIFFNESSES = (1e3, 5e3, 2e4, 5e4, 1e5)
 """N/m. Source: project specification of the force control, section 4; the paper prints none."""
@@ -25,19 +35,19 @@ SETTLED_STEPS = 0.05
 """Resolution steps per second below which a mean over seeds counts as rest."""
 
 
-def jobs(controllers: Sequence[str], seeds: int) -> list[WallJob]:
+def jobs(controllers: Sequence[str], seeds: int) -> list[PaperJob]:
     """Every controller on every wall, for noise seeds 0, 1, …"""
     return [
-        WallJob(name, PARAMETERS[name], stiffness, REFERENCE_N, seed)
+        PaperJob(name, PARAMETERS[name], stiffness, REFERENCE_N, seed)
         for name in controllers
         for stiffness in STIFFNESSES
         for seed in range(seeds)
     ]
 
 
-def tabulate(done: Sequence[WallJob], results: Sequence[WallRun]) -> tuple[Row, ...]:
+def tabulate(done: Sequence[PaperJob], results: Sequence[PaperRun]) -> tuple[Row, ...]:
     """A row for each controller and wall: figures over the seeds."""
-    groups: dict[tuple[str, float], list[WallRun]] = {}
+    groups: dict[tuple[str, float], list[PaperRun]] = {}
     for job, result in zip(done, results, strict=True):
         groups.setdefault((job.controller, job.stiffness), []).append(result)
     return tuple(
@@ -46,7 +56,7 @@ def tabulate(done: Sequence[WallJob], results: Sequence[WallRun]) -> tuple[Row, 
     )
 
 
-def evaluate(done: Sequence[WallJob], results: Sequence[WallRun]) -> Findings:
+def evaluate(done: Sequence[PaperJob], results: Sequence[PaperRun]) -> Findings:
     """Table, and the force over the first samples of the first seed."""
     table = tabulate(done, results)
     names = list(dict.fromkeys(job.controller for job in done))
@@ -80,37 +90,37 @@ def evaluate(done: Sequence[WallJob], results: Sequence[WallRun]) -> Findings:
 def _cycling(rows: Sequence[Row]) -> list[int]:
     """Walls on which the command still moves in steady state."""
     return [
-        int(number(row, "stiffness_n_m")) for row in rows if number(row, "steps_per_second") > SETTLED_STEPS
+        int(figure(row, "stiffness_n_m")) for row in rows if figure(row, "steps_per_second") > SETTLED_STEPS
     ]
 
 
 def _walls(stiffnesses: Sequence[Any]) -> str:
     if not stiffnesses:
         return "no wall"
-    return ", ".join(shown(value) for value in stiffnesses) + " N/m"
+    return ", ".join(digits(value) for value in stiffnesses) + " N/m"
 
 
 def _steps(row: Row) -> float:
     """Steady peak-to-peak in resolution steps of the position."""
-    return number(row, "steady_peak_to_peak_n") / (number(row, "stiffness_n_m") * RESOLUTION)
+    return figure(row, "steady_peak_to_peak_n") / (figure(row, "stiffness_n_m") * RESOLUTION)
 
 
 def describe_fixed(table: Sequence[Row]) -> tuple[str, tuple[Claim, ...]]:
-    """What came out of Fig. 3."""
-    soft, sponge, hard, hardest = (one(table, stiffness_n_m=k) for k in (1000, 5000, 50_000, 100_000))
-    cycling = _cycling(pick(table, controller=FIXED))
-    creeps = number(soft, "overshoot_percent") < 2.0 and number(soft, "rise_samples") > 50
+    """Text and claims for Fig. 3."""
+    soft, sponge, hard, hardest = (only_row(table, stiffness_n_m=k) for k in (1000, 5000, 50_000, 100_000))
+    cycling = _cycling(rows_where(table, controller=FIXED))
+    creeps = figure(soft, "overshoot_percent") < 2.0 and figure(soft, "rise_samples") > 50
     cycles = 50_000 in cycling and _steps(hard) > 1.5
     text = (
         f"The paper says that with a fixed gain matrix the response is overdamped on a soft wall and ends "
         f"in a limit cycle on a hard one. The first is {verdict(creeps)}, the second {verdict(cycles)}. On "
-        f"{shown(soft['stiffness_n_m'])} N/m the force takes {shown(soft['rise_samples'])} samples to 90 % "
-        f"of the {REFERENCE_N:g} N, on {shown(sponge['stiffness_n_m'])} N/m "
-        f"{shown(sponge['rise_samples'])}, and on {shown(hardest['stiffness_n_m'])} N/m "
-        f"{shown(hardest['rise_samples'])}; overshoot is {shown(soft['overshoot_percent'])} % on the "
-        f"softest and {shown(hard['overshoot_percent'])} % on {shown(hard['stiffness_n_m'])} N/m. There the "
-        f"force swings by {shown(hard['steady_peak_to_peak_n'])} N for ever, {_steps(hard):.1f} resolution "
-        f"steps; on the hardest by {shown(hardest['steady_peak_to_peak_n'])} N, {_steps(hardest):.1f} "
+        f"{digits(soft['stiffness_n_m'])} N/m the force takes {digits(soft['rise_samples'])} samples to 90 % "
+        f"of the {REFERENCE_N:g} N, on {digits(sponge['stiffness_n_m'])} N/m "
+        f"{digits(sponge['rise_samples'])}, and on {digits(hardest['stiffness_n_m'])} N/m "
+        f"{digits(hardest['rise_samples'])}; overshoot is {digits(soft['overshoot_percent'])} % on the "
+        f"softest and {digits(hard['overshoot_percent'])} % on {digits(hard['stiffness_n_m'])} N/m. There the "
+        f"force swings by {digits(hard['steady_peak_to_peak_n'])} N for ever, {_steps(hard):.1f} resolution "
+        f"steps; on the hardest by {digits(hardest['steady_peak_to_peak_n'])} N, {_steps(hardest):.1f} "
         f"steps. In steady state the command still moves on {_walls(cycling)}; on the softest because it "
         f"has not arrived yet. The paper prints neither the desired force nor the stiffnesses, so its "
         f"curves cannot be laid over these."
@@ -118,12 +128,12 @@ def describe_fixed(table: Sequence[Row]) -> tuple[str, tuple[Claim, ...]]:
     claims = (
         Claim(
             "overdamped on a soft wall",
-            f"rise {shown(soft['rise_samples'])} samples, overshoot {shown(soft['overshoot_percent'])} % at "
-            f"{shown(soft['stiffness_n_m'])} N/m: {verdict(creeps)}",
+            f"rise {digits(soft['rise_samples'])} samples, overshoot {digits(soft['overshoot_percent'])} % at "
+            f"{digits(soft['stiffness_n_m'])} N/m: {verdict(creeps)}",
         ),
         Claim(
             "limit cycle on a hard wall",
-            f"{shown(hard['steady_peak_to_peak_n'])} N peak to peak at {shown(hard['stiffness_n_m'])} N/m: "
+            f"{digits(hard['steady_peak_to_peak_n'])} N peak to peak at {digits(hard['stiffness_n_m'])} N/m: "
             + verdict(cycles),
         ),
     )
@@ -131,40 +141,40 @@ def describe_fixed(table: Sequence[Row]) -> tuple[str, tuple[Claim, ...]]:
 
 
 def describe_adapted(table: Sequence[Row]) -> tuple[str, tuple[Claim, ...]]:
-    """What came out of Fig. 5."""
-    fixed, adapted, aware = (pick(table, controller=name) for name in (FIXED, ADAPTED, AWARE))
-    before, after = (one(rows, stiffness_n_m=5000) for rows in (fixed, adapted))
-    faster = number(before, "rise_samples") / number(after, "rise_samples")
-    hard = one(adapted, stiffness_n_m=100_000)
-    hard_fixed = one(fixed, stiffness_n_m=100_000)
-    small = [row for row in adapted if number(row, "stiffness_n_m") <= 20_000]
-    overshoot = max(number(row, "overshoot_percent") for row in small)
-    calm = [row for row in aware if number(row, "stiffness_n_m") >= 5_000]
+    """Text and claims for Fig. 5."""
+    fixed, adapted, aware = (rows_where(table, controller=name) for name in (FIXED, ADAPTED, AWARE))
+    before, after = (only_row(rows, stiffness_n_m=5000) for rows in (fixed, adapted))
+    faster = figure(before, "rise_samples") / figure(after, "rise_samples")
+    hard = only_row(adapted, stiffness_n_m=100_000)
+    hard_fixed = only_row(fixed, stiffness_n_m=100_000)
+    small = [row for row in adapted if figure(row, "stiffness_n_m") <= 20_000]
+    overshoot = max(figure(row, "overshoot_percent") for row in small)
+    calm = [row for row in aware if figure(row, "stiffness_n_m") >= 5_000]
     bound = all(
-        abs(number(row, "steady_error_n")) <= number(row, "stiffness_n_m") * RESOLUTION / 2 for row in calm
+        abs(figure(row, "steady_error_n")) <= figure(row, "stiffness_n_m") * RESOLUTION / 2 for row in calm
     )
     aware_cycling, cycling = (
-        _cycling([row for row in rows if number(row, "stiffness_n_m") >= 5_000]) for rows in (aware, adapted)
+        _cycling([row for row in rows if figure(row, "stiffness_n_m") >= 5_000]) for rows in (aware, adapted)
     )
     aware_overshoot = max(
-        number(row, "overshoot_percent") for row in aware if number(row, "stiffness_n_m") <= 50_000
+        figure(row, "overshoot_percent") for row in aware if figure(row, "stiffness_n_m") <= 50_000
     )
     gone = "does" if not cycling else "does not"
     text = (
         f"The paper says that adaptation makes the response faster with a small overshoot and that the "
-        f"limit cycle disappears. Faster: at {shown(after['stiffness_n_m'])} N/m the rise falls from "
-        f"{shown(before['rise_samples'])} to {shown(after['rise_samples'])} samples, {faster:.1f} times. "
-        f"Small overshoot: at most {shown(overshoot)} % up to 20 000 N/m, but "
-        f"{shown(hard['overshoot_percent'])} % at {shown(hard['stiffness_n_m'])} N/m. The limit cycle "
+        f"limit cycle disappears. Faster: at {digits(after['stiffness_n_m'])} N/m the rise falls from "
+        f"{digits(before['rise_samples'])} to {digits(after['rise_samples'])} samples, {faster:.1f} times. "
+        f"Small overshoot: at most {digits(overshoot)} % up to 20 000 N/m, but "
+        f"{digits(hard['overshoot_percent'])} % at {digits(hard['stiffness_n_m'])} N/m. The limit cycle "
         f"{gone} disappear at {REFERENCE_N:g} N: the command keeps moving on {_walls(cycling)}, and at "
-        f"{shown(hard['stiffness_n_m'])} N/m the force swings by {shown(hard['steady_peak_to_peak_n'])} N, "
-        f"with fixed gains by {shown(hard_fixed['steady_peak_to_peak_n'])} N. The reason is that the fuzzy "
+        f"{digits(hard['stiffness_n_m'])} N/m the force swings by {digits(hard['steady_peak_to_peak_n'])} N, "
+        f"with fixed gains by {digits(hard_fixed['steady_peak_to_peak_n'])} N. The reason is that the fuzzy "
         f"correction goes on beside the feedforward: quartered and rounded to whole steps it still "
         f"outweighs an error that no reachable position can better, for one step is worth "
-        f"{shown(number(hard, 'stiffness_n_m') * RESOLUTION)} N there. The resolution-aware controller "
+        f"{digits(figure(hard, 'stiffness_n_m') * RESOLUTION)} N there. The resolution-aware controller "
         f"commands the feedforward alone and rests inside half a step: from 5 000 N/m on its command moves "
         f"on {_walls(aware_cycling)}, its mean error is {'within' if bound else 'not always within'} half a "
-        f"step's force, and its overshoot is at most {shown(aware_overshoot)} % up to 50 000 N/m."
+        f"step's force, and its overshoot is at most {digits(aware_overshoot)} % up to 50 000 N/m."
     )
     claims = (
         Claim(
@@ -173,9 +183,9 @@ def describe_adapted(table: Sequence[Row]) -> tuple[str, tuple[Claim, ...]]:
         ),
         Claim(
             "small overshoot",
-            f"at most {shown(overshoot)} % up to 20 000 N/m, {shown(hard['overshoot_percent'])} % at "
+            f"at most {digits(overshoot)} % up to 20 000 N/m, {digits(hard['overshoot_percent'])} % at "
             f"100 000 N/m: {verdict(overshoot < 15)} up to 20 000 N/m, "
-            f"{verdict(number(hard, 'overshoot_percent') < 15)} on the hardest wall",
+            f"{verdict(figure(hard, 'overshoot_percent') < 15)} on the hardest wall",
         ),
         Claim(
             "the limit cycle disappears",

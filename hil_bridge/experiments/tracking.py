@@ -11,10 +11,10 @@ from hil_bridge.experiments.results import (
     Experiment,
     Findings,
     Row,
-    number,
-    one,
+    digits,
+    figure,
+    only_row,
     rounded,
-    shown,
     verdict,
 )
 from hil_bridge.experiments.statistics import figures, spread
@@ -26,7 +26,7 @@ STIFFNESS = 5000.0
 FLAT_SECONDS, CONTOUR_SECONDS = 20.0, 40.0
 """Chosen: a hundred samples on the flat sponge, more than a period of the contour."""
 SHOWN_SECONDS = 10.0
-"""What the picture of the flat sponge shows; nothing new happens later."""
+"""Part of the flat sponge that the picture shows; nothing new happens later."""
 
 
 def jobs(controllers: Sequence[str], contour: bool, seeds: int) -> list[CellJob]:
@@ -177,48 +177,48 @@ def evaluate_contour(done: Sequence[CellJob], results: Sequence[CellTrace]) -> F
 
 def describe_fig7(table: Sequence[Row]) -> tuple[str, tuple[Claim, ...]]:
     """The flat sponge without adaptation."""
-    row = one(table, controller=FIXED)
+    row = only_row(table, controller=FIXED)
     text = (
         f"The paper shows that the fuzzy controller without adaptation reaches and holds {REFERENCE_N:g} N "
-        f"on a flat sponge of about {shown(STIFFNESS)} N/m, at 1 mm a sample. Through the emulated chain, "
-        f"at {shown(row['period_ms'])} ms a sample, it takes {shown(row['rise_samples'])} samples to 90 % "
-        f"(spread {shown(row['rise_samples_sd'])} over {row['seeds']} seeds), overshoots by "
-        f"{shown(row['overshoot_percent'])} % and rests at a mean error of {shown(row['steady_error_n'])} "
-        f"N, with {shown(row['steady_peak_to_peak_n'])} N peak to peak and {shown(row['contact_losses'])} "
+        f"on a flat sponge of about {digits(STIFFNESS)} N/m, at 1 mm a sample. Through the emulated chain, "
+        f"at {digits(row['period_ms'])} ms a sample, it takes {digits(row['rise_samples'])} samples to 90 % "
+        f"(spread {digits(row['rise_samples_sd'])} over {row['seeds']} seeds), overshoots by "
+        f"{digits(row['overshoot_percent'])} % and rests at a mean error of {digits(row['steady_error_n'])} "
+        f"N, with {digits(row['steady_peak_to_peak_n'])} N peak to peak and {digits(row['contact_losses'])} "
         f"contact losses. It rests because Table 1 takes an error below 5 % of the desired force for small "
         f"and Table 3 answers small with nothing; one resolution step is worth "
-        f"{shown(STIFFNESS * 0.125e-3)} N here. The paper prints no time axis in words, so the rise cannot "
+        f"{digits(STIFFNESS * 0.125e-3)} N here. The paper prints no time axis in words, so the rise cannot "
         f"be compared in seconds."
     )
     claim = Claim(
         "the fuzzy controller holds 10 N on a sponge",
-        f"rise {shown(row['rise_samples'])} samples, steady error "
-        f"{shown(row['steady_error_n'])} N: "
-        + verdict(abs(number(row, "steady_error_n")) <= STIFFNESS * 0.125e-3),
+        f"rise {digits(row['rise_samples'])} samples, steady error "
+        f"{digits(row['steady_error_n'])} N: "
+        + verdict(abs(figure(row, "steady_error_n")) <= STIFFNESS * 0.125e-3),
     )
     return text, (claim,)
 
 
 def describe_fig8(table: Sequence[Row]) -> tuple[str, tuple[Claim, ...]]:
     """The flat sponge with adaptation."""
-    fixed, adapted, best = (one(table, controller=name) for name in (FIXED, ADAPTED, BEST))
-    faster = number(fixed, "rise_samples") / number(adapted, "rise_samples")
+    fixed, adapted, best = (only_row(table, controller=name) for name in (FIXED, ADAPTED, BEST))
+    faster = figure(fixed, "rise_samples") / figure(adapted, "rise_samples")
     word = "faster" if faster > 1.05 else "no faster"
-    better = number(fixed, "rise_samples") / number(best, "rise_samples")
-    estimate = number(adapted, "stiffness_estimate_n_m") / STIFFNESS
+    better = figure(fixed, "rise_samples") / figure(best, "rise_samples")
+    estimate = figure(adapted, "stiffness_estimate_n_m") / STIFFNESS
     text = (
         f"The paper says that the adaptive controller responds faster than the fixed one and that the "
-        f"estimator works as expected. It came out {word}: {shown(adapted['rise_samples'])} samples to 90 % "
-        f"against {shown(fixed['rise_samples'])}, a factor of {faster:.1f}. The estimate ends at "
-        f"{shown(adapted['stiffness_estimate_n_m'])} N/m, {estimate:.2f} times the stiffness of the sponge; "
+        f"estimator works as expected. It came out {word}: {digits(adapted['rise_samples'])} samples to 90 % "
+        f"against {digits(fixed['rise_samples'])}, a factor of {faster:.1f}. The estimate ends at "
+        f"{digits(adapted['stiffness_estimate_n_m'])} N/m, {estimate:.2f} times the stiffness of the sponge; "
         f"the reported position lags and is rounded, and the force is sampled at another moment than the "
         f"position, which the paper's eq. (4) does not know. Overshoot is "
-        f"{shown(adapted['overshoot_percent'])} %, against {shown(fixed['overshoot_percent'])} % with fixed "
-        f"gains; the steady force swings by {shown(adapted['steady_peak_to_peak_n'])} N against "
-        f"{shown(fixed['steady_peak_to_peak_n'])} N. The project's own controller, {BEST}, takes "
-        f"{shown(best['rise_samples'])} samples ({better:.1f} times faster than fixed gains), overshoots by "
-        f"{shown(best['overshoot_percent'])} % and leaves {shown(best['steady_peak_to_peak_n'])} N peak to "
-        f"peak at a mean error of {shown(best['steady_error_n'])} N."
+        f"{digits(adapted['overshoot_percent'])} %, against {digits(fixed['overshoot_percent'])} % with fixed "
+        f"gains; the steady force swings by {digits(adapted['steady_peak_to_peak_n'])} N against "
+        f"{digits(fixed['steady_peak_to_peak_n'])} N. The project's own controller, {BEST}, takes "
+        f"{digits(best['rise_samples'])} samples ({better:.1f} times faster than fixed gains), overshoots by "
+        f"{digits(best['overshoot_percent'])} % and leaves {digits(best['steady_peak_to_peak_n'])} N peak to "
+        f"peak at a mean error of {digits(best['steady_error_n'])} N."
     )
     claims = (
         Claim(
@@ -227,7 +227,7 @@ def describe_fig8(table: Sequence[Row]) -> tuple[str, tuple[Claim, ...]]:
         ),
         Claim(
             "the environment estimator works as expected",
-            f"it ends at {shown(adapted['stiffness_estimate_n_m'])} N/m on {shown(STIFFNESS)} N/m",
+            f"it ends at {digits(adapted['stiffness_estimate_n_m'])} N/m on {digits(STIFFNESS)} N/m",
         ),
     )
     return text, claims
@@ -235,43 +235,45 @@ def describe_fig8(table: Sequence[Row]) -> tuple[str, tuple[Claim, ...]]:
 
 def describe_fig9(table: Sequence[Row]) -> tuple[str, tuple[Claim, ...]]:
     """The contour without adaptation."""
-    row = one(table, controller=FIXED)
+    row = only_row(table, controller=FIXED)
     slope = np.pi * 2 * 10.0 / 200.0
     text = (
         f"The paper shows the contour that was executed (Fig. 9) and the force without adaptation (Fig. "
         f"10), without dimensions; here the sponge is a wave of 10 mm amplitude and 200 mm period. After "
-        f"the rise the force is off by {shown(row['tracking_rms_n'])} N RMS and at worst by "
-        f"{shown(row['worst_error_n'])} N, with {shown(row['contact_losses'])} contact losses. On the "
+        f"the rise the force is off by {digits(row['tracking_rms_n'])} N RMS and at worst by "
+        f"{digits(row['worst_error_n'])} N, with {digits(row['contact_losses'])} contact losses. On the "
         f"steepest part the surface moves by {slope:.2f} mm a sample under the tool, so an integrating "
         f"controller must be off by as much as it takes to command that move at every sample: the error "
         f"follows the slope of the contour."
     )
     claim = Claim(
         "a curved contour is tracked without adaptation",
-        f"{shown(row['tracking_rms_n'])} N RMS, {shown(row['contact_losses'])} contact losses: "
-        + verdict(number(row, "contact_losses") == 0),
+        f"{digits(row['tracking_rms_n'])} N RMS, {digits(row['contact_losses'])} contact losses: "
+        + verdict(figure(row, "contact_losses") == 0),
     )
     return text, (claim,)
 
 
 def describe_fig11(table: Sequence[Row]) -> tuple[str, tuple[Claim, ...]]:
     """The contour with adaptation."""
-    fixed, adapted, best, normal = (one(table, controller=name) for name in (FIXED, ADAPTED, BEST, NORMAL))
-    ratio = number(adapted, "tracking_rms_n") / number(fixed, "tracking_rms_n")
-    best_ratio = number(best, "tracking_rms_n") / number(fixed, "tracking_rms_n")
+    fixed, adapted, best, normal = (
+        only_row(table, controller=name) for name in (FIXED, ADAPTED, BEST, NORMAL)
+    )
+    ratio = figure(adapted, "tracking_rms_n") / figure(fixed, "tracking_rms_n")
+    best_ratio = figure(best, "tracking_rms_n") / figure(fixed, "tracking_rms_n")
     text = (
         f"The paper shows the same contour with adaptation and calls it better. Here the RMS force error is "
-        f"{shown(adapted['tracking_rms_n'])} N with the paper's adaptation against "
-        f"{shown(fixed['tracking_rms_n'])} N without ({ratio:.2f} times), at worst "
-        f"{shown(adapted['worst_error_n'])} N against {shown(fixed['worst_error_n'])} N, with "
-        f"{shown(adapted['contact_losses'])} and {shown(fixed['contact_losses'])} contact losses. The "
-        f"estimate ends at {shown(adapted['stiffness_estimate_n_m'])} N/m: on a slope the surface itself "
+        f"{digits(adapted['tracking_rms_n'])} N with the paper's adaptation against "
+        f"{digits(fixed['tracking_rms_n'])} N without ({ratio:.2f} times), at worst "
+        f"{digits(adapted['worst_error_n'])} N against {digits(fixed['worst_error_n'])} N, with "
+        f"{digits(adapted['contact_losses'])} and {digits(fixed['contact_losses'])} contact losses. The "
+        f"estimate ends at {digits(adapted['stiffness_estimate_n_m'])} N/m: on a slope the surface itself "
         f"moves between two samples, and eq. (4) takes the force that this makes for an answer to the "
-        f"robot's move. The project's own controller, {BEST}, is off by {shown(best['tracking_rms_n'])} N "
-        f"RMS ({best_ratio:.2f} times fixed gains), at worst by {shown(best['worst_error_n'])} N. All these control "
+        f"robot's move. The project's own controller, {BEST}, is off by {digits(best['tracking_rms_n'])} N "
+        f"RMS ({best_ratio:.2f} times fixed gains), at worst by {digits(best['worst_error_n'])} N. All these control "
         f"the force along a fixed direction, as the paper does. Along the normal that is estimated from motion and "
-        f"force, {BEST} is off by {shown(normal['tracking_rms_n'])} N RMS of the normal force, at worst by "
-        f"{shown(normal['worst_error_n'])} N, and the tool keeps its speed along the surface."
+        f"force, {BEST} is off by {digits(normal['tracking_rms_n'])} N RMS of the normal force, at worst by "
+        f"{digits(normal['worst_error_n'])} N, and the tool keeps its speed along the surface."
     )
     claim = Claim(
         "adaptation improves the force on a contour",

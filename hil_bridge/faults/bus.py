@@ -1,4 +1,4 @@
-"""What can go wrong on an emulated CAN bus in memory: the hands for `emulators.faults.bus`."""
+"""Faults of an emulated CAN bus in memory: the handlers for `emulators.faults.bus`."""
 
 from collections.abc import Callable, Mapping
 
@@ -27,7 +27,7 @@ class BusFaults:
         self.handlers: Mapping[str, Handler] = {
             name: Handler(begin, self._end) for name, begin in begins.items()
         }
-        """For a ledger."""
+        """Handlers for a ledger."""
 
     def close(self) -> None:
         """End all of them."""

@@ -1,4 +1,4 @@
-"""What a configuration says of a fault: where, what, when, for how long, with which parameters."""
+"""A fault in a configuration: target, name, time of its begin, duration, parameters."""
 
 import operator
 import re
@@ -16,14 +16,14 @@ if TYPE_CHECKING:
     from hil_bridge.recording import CycleRecord
 
 Faults: TypeAlias = Mapping[str, Mapping[str, Fault]]
-"""What can go wrong, by target and name."""
+"""All faults, by target and name."""
 _QUANTITIES: Mapping[str, Callable[["CycleRecord"], float]] = {
     "force": lambda record: record.force,
     "depth_mm": lambda record: record.depth * 1e3,
     "travel_mm": lambda record: record.travel_commanded * 1e3,
     "cycle": lambda record: float(record.cycle),
 }
-"""What a condition may look at in a cycle: N, mm below the start point, mm along the surface, number."""
+"""Quantities of a cycle for a condition: N, mm below the start point, mm along the surface, number."""
 _COMPARISONS: Mapping[str, Callable[[float, float], bool]] = {"<": operator.lt, ">": operator.gt}
 _CONDITION = re.compile(r"\s*([a-z_]{1,20})\s*([<>])\s*([-+]?[0-9]{1,12}(?:\.[0-9]{1,12})?)\s*")
 
@@ -38,7 +38,7 @@ class Condition:
 
     @classmethod
     def read(cls, text: str) -> Self:
-        """From text such as `force > 8`. Raises ValueError."""
+        """A condition from text such as `force > 8`. Raises ValueError."""
         found = _CONDITION.fullmatch(text)
         if found is None or found[1] not in _QUANTITIES:
             raise ValueError(
@@ -59,17 +59,17 @@ class FaultConfig(BaseModel):
     on: str = ""
     """Target: `hil-bridge faults` lists them."""
     fault: str = ""
-    """Its name at that target."""
+    """Name of the fault at that target."""
     phase: Literal["", "connect", "tare", "approach", "track", "retract"] = ""
     """Phase of the run at whose begin it comes, or in which `when` is looked at; empty: the first, or any."""
     after_s: float = Field(default=0.0, ge=0)
-    """How much later."""
+    """Delay after that."""
     when: str = ""
     """Condition at the end of a cycle at which it comes, such as "force > 8": force, depth_mm, travel_mm or cycle."""
     for_s: float | None = None
-    """How long it lasts; by default as long as `hil-bridge faults` says."""
+    """Duration; by default that of `hil-bridge faults`."""
     parameters: dict[str, Any] = Field(default={}, alias="with")
-    """Its parameters that differ from their defaults."""
+    """Parameters of the fault that differ from their defaults."""
 
     @property
     def given(self) -> dict[str, Any]:

@@ -47,40 +47,40 @@ class Situation:
     age_ms: float = 0.0
     """Age of the newest frame."""
     unchanged_ms: float = 0.0
-    """For how long frames have carried identical counts."""
+    """Time for which frames have carried identical counts."""
     still_ms: float = 0.0
     """Time of the cycles without a new frame, this one included."""
     counter_back: int = 0
-    """By how much the frame counter went back."""
+    """Counts by which the frame counter went back."""
     depth_mm: float | None = None
     """Reported depth below the start; by default the commanded one."""
     commanded_mm: float | None = None
-    """Depth below the start that was ordered last; by default the reported one, and where none is given where the
-    expected stiffness bears the wanted force, in APPROACH the start.
+    """Depth below the start that was ordered last; by default the reported one. Without that it is where the expected
+    stiffness bears the wanted force, in APPROACH the start.
     """
     wanted_mm: float | None = None
     """Depth that is wanted next; by default the task's own step, in TRACK the depth ordered last."""
     across_mm: float = 0.0
     """How far across the approach is wanted next."""
     unanswered_mm: float = 0.0
-    """How far the tool went deeper since the force changed last."""
+    """Way that the tool went deeper since the force changed last."""
     moved_mm: float = 0.0
-    """How far the reported position moved since the cycle before."""
+    """Way of the reported position since the cycle before."""
     cycle_ms: float | None = None
-    """How long ago that was; by default what a cycle takes on the line at least, and for what is ordered the sample
-    time of the controller.
+    """Time since then. By default it is the least line time of a cycle, and for orders the sample time of the
+    controller.
     """
     tilt_deg: float = 0.0
     """Turn of the reported orientation from that of the start."""
     gap_ms: float = 0.0
-    """How long the computer stood still."""
+    """Time for which the computer stood still."""
     saturated: bool = False
     fault: str = ""
-    """What is wrong with a device, in words."""
+    """Fault of a device, in words."""
     dead_axis: str = ""
     """Which axis does not live, in words."""
     controller_failure: str = ""
-    """What is wrong with the controller, in words."""
+    """Fault of the controller, in words."""
     swing_n: float = 0.0
     """Amplitude of a swing that goes on at the least gain; 0 for none."""
     stiffness_n_m: float | None = None
@@ -90,11 +90,11 @@ class Situation:
     lowest_n: float | None = None
     """Resultant force that a retraction had come down to; by default the present one."""
     retracting_ms: float = 0.0
-    """How long the tool retracts already; 0 for the first cycle."""
+    """Time of the retraction so far; 0 for the first cycle."""
     from_contact: bool = True
     """Whether that began in contact."""
     back_mm: float = 0.0
-    """How far back the tool has come since the force fell last."""
+    """Way that the tool has come back since the force fell last."""
 
 
 class Asked:
@@ -105,7 +105,7 @@ class Asked:
         self._loop: ControlLoop = control_loop(config)
 
     def __call__(self, situation: Situation) -> Decision:
-        """What the loop decides. Raises ConfigError for a start, or an order before, outside the workspace."""
+        """Decision of the loop. Raises ConfigError for a start, or an order before, outside the workspace."""
         config, loop, seen = self.config, self._loop, situation
         start = seen.start_m or middle(config)
         commanded = self.commanded_mm(seen) * 1e-3
@@ -197,7 +197,7 @@ class Asked:
     def _output(
         self, task: TaskState, measurement: Measurement, seen: Situation
     ) -> tuple[TaskState, TaskOutput]:
-        """What task and controller would like. The task's own word where it needs no controller's memory."""
+        """Intent of task and controller; the task's own where it needs no memory of the controller."""
         if seen.phase is Phase.RETRACT and seen.wanted_mm is None:
             return self._loop.task.step(task, measurement)
         speed_mm_s = self.config.task.approach_speed_mm_s if seen.phase is Phase.APPROACH else 0.0
@@ -211,7 +211,7 @@ class Asked:
 
 
 def middle(config: Config) -> Vector:
-    """Of the workspace, base frame, m."""
+    """Middle of the workspace, base frame, m."""
     low, high = config.limits.workspace_min_m, config.limits.workspace_max_m
     x, y, z = ((a + b) / 2 for a, b in zip(low, high, strict=True))
     return x, y, z

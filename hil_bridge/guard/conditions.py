@@ -117,13 +117,13 @@ SHELL: tuple[ConditionRow, ...] = (
         Reaction.LEFT,
     ),
 )
-"""What happens around the cycles."""
+"""Conditions around the cycles."""
 
 CONDITIONS: tuple[ConditionRow, ...] = (*BEFORE, *STOPS, *CLAMPS, *ENDS, *SHELL)
 """All of them, in the order in which a run meets them."""
 
 HEAD = ("name", "condition", "settings", "looked at", "reaction", "exit code")
-"""Of the table, as `cells` fills it."""
+"""Head of the table, as `cells` fills it."""
 
 
 def cells(row: ConditionRow) -> tuple[str, str, Sequence[str], str, str, str]:

@@ -1,4 +1,4 @@
-"""What the supervisor would do with an observation, asked of the control loop that a run has.
+"""The supervisor's decision for an observation, asked of the control loop that a run has.
 
 Nothing is decided here. Which setting ruled is found by asking again with each setting loosened, and how far a limit
 is by asking with larger and larger values.
@@ -30,9 +30,9 @@ class Explanation:
     settings: tuple[str, ...]
     """The settings that ruled, as `section.name = value`."""
     rows: tuple[ConditionRow, ...]
-    """Of the table of conditions."""
+    """Rows of the table of conditions."""
     then: str
-    """What the tool does."""
+    """Reaction of the tool."""
     deepest_mm: float | None
     """Deepest order that would be sent in this cycle; None where none of the kind is."""
     deepest_because: str
@@ -41,7 +41,7 @@ class Explanation:
     """Nearest first."""
 
     def lines(self) -> Iterator[str]:
-        """For a terminal."""
+        """Lines for a terminal."""
         yield _line("verdict", self.verdict if self.cause is None else f"{self.verdict}: {self.cause}")
         for reason in self.reasons:
             yield _line("because", reason)
@@ -67,9 +67,9 @@ def _leads_to(row: ConditionRow) -> str:
 
 
 def explain(config: Config, situation: Situation) -> Explanation:
-    """What a run with this configuration would do. Raises ConfigError for a situation that no run can be in."""
+    """Decision of a run with this configuration. Raises ConfigError for a situation that no run can be in."""
     ask = Asked(config)
-    # what goes by the configuration must stay as it is when a setting is loosened
+    # values that follow from the configuration must stay when a setting is loosened
     situation = dataclasses.replace(
         situation,
         start_m=situation.start_m or middle(config),
@@ -149,7 +149,7 @@ def _value(config: Config, key: str) -> str:
 
 
 def _told(decision: Decision) -> tuple[object, ...]:
-    """What of a decision a setting may change, without the numbers in its words."""
+    """Parts of a decision that a setting may change, without the numbers in its words."""
     verdict = decision.verdict
     cause = verdict.cause if isinstance(verdict, Stop) else None
     words = ("".join(c for c in reason if not (c.isdigit() or c in "-.e+")) for reason in decision.reasons)
@@ -171,7 +171,7 @@ def _rows(
 
 
 def _then(decision: Decision, situation: Situation, commanded_mm: float) -> str:
-    """What the tool does next, in words."""
+    """Next reaction of the tool, in words."""
     way = round(decision.target.depth * 1e3 - commanded_mm, 6)
     depth = f"{number(decision.target.depth * 1e3)} mm"
     if decision.ended and situation.phase is not Phase.RETRACT:

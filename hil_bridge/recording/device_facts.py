@@ -16,7 +16,7 @@ _Facts = TypeVar("_Facts", bound=Struct)
 
 
 def devices_of(recording: Recording) -> Devices:
-    """What a recording tells of its devices; one that was made before recordings told them is asked for its
+    """Facts of the devices in a recording. In a recording made before recordings held them they come from its
     configuration and its end.
     """
     if not recording.devices:
@@ -34,7 +34,7 @@ def recorded_configuration(recording: Recording) -> Mapping[str, Any]:
 
 
 def json_or_none(text: str | None) -> object:
-    """What a text of a recording says; None where it says nothing or is no JSON."""
+    """Value of a JSON text in a recording; None where the text is empty or no JSON."""
     try:
         return parse_json(text) if text else None
     except ValueError:

@@ -1,8 +1,8 @@
 """Facts of the devices in recordings of versions 0.1 and 0.2, which knew one robot and one make of sensor.
 
 Version 0.1 told none: they follow from the configuration, what was checked before the touch, and the end. Version 0.2
-told some under other names. What the S3 and the JR3 were then stands here once more as plain numbers, so that these
-recordings mean the same whatever becomes of the devices.
+told some under other names. The facts of the S3 and the JR3 of that time stand here once more as plain numbers. So
+these recordings mean the same, whatever becomes of the devices.
 """
 
 import math
@@ -27,7 +27,7 @@ from hil_bridge.text_files import parse_json
 from protocol.wrench import AXES, SensorFacts
 
 _COUNTS = 16384
-"""Of full scale; twice as many can be told. Source: JR3 manual 5907E."""
+"""Counts of full scale; twice as many can be told. Source: JR3 manual 5907E."""
 _STATUS_ANSWER, _MOVE_ANSWER = 41, 17
 """Characters of both answers: a header of 8, a status of 24, and 9 around a telegram.
 
@@ -43,7 +43,7 @@ _BEHIND = "interpolator and way to the position loops"
 
 
 def _hops(status_answer_s: float, move_answer_s: float) -> RobotHops:
-    """Those of an S3 whose answers take so long on the line."""
+    """Hops of an S3 whose answers take so long on the line."""
     return RobotHops(
         to_answer=(
             _LINE,
@@ -139,11 +139,11 @@ def from_configuration(config: Mapping[str, Any], end: Mapping[str, str], checks
 
 
 _MOVE_LENGTH = 52
-"""Of a move telegram where the configuration does not tell. Source: as above."""
+"""Bytes of a move telegram where the configuration does not tell. Source: as above."""
 
 
 def _character_time(link: Mapping[str, Any]) -> float:
-    """Of one character on the line, s. Raises ValueError for settings that were none."""
+    """Time of one character on the line, s. Raises ValueError for invalid settings."""
     baudrate, parity, stop_bits = _number(link, "baudrate"), link.get("parity", "E"), link.get("stop_bits", 1)
     if not baudrate or parity not in ("N", "E", "O") or stop_bits not in (1, 2):
         raise ValueError("no settings of a serial line")
@@ -175,7 +175,7 @@ def _sensor(config: Mapping[str, Any], end: Mapping[str, str], checks: Sequence[
 
 
 def _full_scales(config: Mapping[str, Any], checks: Sequence[str]) -> list[float] | None:
-    """What the sensor told before the touch, else that of the emulated one, N and N·m."""
+    """Full scales of the sensor, as told before the touch, else those of the emulated one, N and N·m."""
     for text in checks:
         if found := _FULL_SCALES.match(text):
             told: list[Any] = found[1].split()
@@ -193,7 +193,7 @@ def _full_scales(config: Mapping[str, Any], checks: Sequence[str]) -> list[float
 
 
 def _gateway_delay(sensor: Mapping[str, Any]) -> float | None:
-    """Of a CAN gateway's filter; None for other devices, whose URLs only the composition root reads."""
+    """Delay of a CAN gateway's filter; None for other devices, whose URLs only the composition root reads."""
     url = sensor.get("url")
     on_can = (
         url.startswith("can+")
@@ -222,5 +222,5 @@ def _number(table: Mapping[str, Any], name: str) -> float | None:
 
 
 def _told_number(end: Mapping[str, str], name: str) -> float | None:
-    """What the end tells by this name, if it is a number. Raises ValueError for what is no JSON."""
+    """Number in the end's metadata under this name, if it is one. Raises ValueError for a text that is no JSON."""
     return _number({name: parse_json(end.get(name, "null"))}, name)

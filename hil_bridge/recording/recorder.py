@@ -1,4 +1,11 @@
-"""The record of a run: an MCAP file written beside the control path, never on it."""
+"""The record of a run: an MCAP file written beside the control path, never on it.
+
+Messages stand in the file in the order in which they were put, and that is not quite the order of their log times: a
+cycle is placed by its decision and put at its end, a stretch of a wire's log by its first piece, and the truth of an
+emulated cell waits for the robot's motion. No message is placed more than ORDER_WINDOW_S before one that stands before
+it in the file. So a reader that sorts what it has read in this window has all messages in order. A message that is put
+later still has the earliest log time that this allows; its publish time, and the times in it, stay its own.
+"""
 
 import contextlib
 import ctypes
@@ -21,11 +28,13 @@ from hil_bridge.recording.topics import TOPICS, Record, Topic
 
 METADATA_NAME = "run"
 DEVICES_NAME = "devices"
-"""What is known of the devices once they are ready: JSON by device."""
+"""Facts of the devices once they are ready: JSON by device."""
 END_NAME = "end"
 """Written by an orderly end only; its absence tells a reader that the run was cut off."""
 DROPPED_PREFIX = "dropped"
 
+ORDER_WINDOW_S = 10.0
+"""How far the log times of a file may fall, s. Chosen: twice what the truth of an emulated cell waits for a cycle."""
 QUEUE_RECORDS = 16384
 """Records that wait for the writer at most: about 16 s of a 1 kHz sensor stream, 5 MB."""
 BATCH_RECORDS = 512
@@ -51,9 +60,9 @@ class Chunks:
     """
 
     seconds: float
-    """Of the run's clock from its first record to its last, at most."""
+    """Longest time from its first record to its last, s on the run's clock."""
     size: int
-    """Of its records before compression, bytes; the chunk that is being filled is held in memory, some of it twice."""
+    """Most bytes of its records before compression. The chunk that is being filled is in memory, some of it twice."""
 
 
 CHUNKS = Chunks(seconds=1.0, size=1 << 20)
@@ -77,7 +86,7 @@ def map_buffers() -> None:
 class Recorder:
     """Takes records without blocking and writes them to one file.
 
-    `put`, `pause` and `close` belong to one thread, that of the event loop. A failing disk does not stop a run: the
+    `put`, `pause` and `close` belong to one thread, that of the event loop. A failing disk does not stop a run. The
     error is kept in `error` and told in `trouble`, later records are counted as dropped, and `close` raises it.
     """
 
@@ -93,10 +102,9 @@ class Recorder:
     ) -> None:
         """Open the file and write what is known before the run.
 
-        `wall_ns` turns a time of the run's clock into ns since the Unix epoch. `threaded` writes in a thread
-        of its own; without it the caller's `put` writes a batch now and then, and the file depends on the
-        records alone. A file that is there already is emptied only with `overwrite`. Raises ConfigError when the
-        file cannot be opened.
+        `wall_ns` turns a time of the run's clock into ns since the Unix epoch. `threaded` writes in a thread of its
+        own. Without it the caller's `put` writes a batch now and then, and the file depends on the records alone. A
+        file that is there already is emptied only with `overwrite`. Raises ConfigError when the file cannot be opened.
         """
         self._path = path
         self._wall_ns = wall_ns
@@ -122,7 +130,7 @@ class Recorder:
         self._guarded(lambda: self._begin(metadata))
         self._stopping = False
         self._pause_ends = 0.0
-        """Of the system's monotonic clock, which the writer reads."""
+        """End of the pause on the system's monotonic clock, which the writer reads."""
         self._wake = threading.Lock()
         """Held while the writer has no reason to wake; only the loop's thread releases it."""
         self._wake.acquire()
@@ -145,7 +153,7 @@ class Recorder:
 
     @property
     def error(self) -> BridgeError | None:
-        """What ended the writing early, or None."""
+        """Error that ended the writing early, or None."""
         return self._error
 
     @property
@@ -168,7 +176,7 @@ class Recorder:
         self._devices = facts
 
     def pause(self, seconds: float) -> None:
-        """Tell that the loop awaits nothing for so long: the writer thread works then, and from one pause to the next
+        """Tell that the loop awaits nothing for so long: the writer thread works then. From one pause to the next it
         lets the loop have the interpreter to itself, unless the pauses do not suffice or no other comes.
         """
         if self._thread is not None:
@@ -264,14 +272,19 @@ class Recorder:
     def _write(self, record: Record) -> None:
         topic = self._topics[type(record)]
         at = topic.time_of(record)
-        if not math.isfinite(at):
+        if not math.isfinite(at):  # of no device that tells the truth
             at = self._newest
+            record = topic.timed(record, at)
         self._newest = max(self._newest, at)
         if self._chunk_began is None:
             self._chunk_began = at
-        wall = self._wall_ns(at)
+        placed = self._wall_ns(max(at, self._newest - ORDER_WINDOW_S))
         self._writer.add_message(
-            self._channels[type(record)], wall, topic.encode(record), wall, self._written[topic.name]
+            self._channels[type(record)],
+            placed,
+            topic.encode(record),
+            self._wall_ns(at),
+            self._written[topic.name],
         )
         self._written[topic.name] += 1
         if at - self._chunk_began >= self._chunk_seconds:

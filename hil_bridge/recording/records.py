@@ -1,4 +1,4 @@
-"""What is kept of a run: one record a cycle, the sensor's whole stream, and what happened beside.
+"""Records of a run: one for each cycle, the sensor's whole stream, and other events.
 
 The text under a field is also what a recording's schema tells of it, and so what Foxglove shows.
 """
@@ -9,6 +9,7 @@ from typing import Annotated, TypeAlias
 from msgspec import Meta, Struct
 
 from hil_bridge.control.course.loop import Sample
+from hil_bridge.control.course.task import Phase
 
 Vector: TypeAlias = Annotated[tuple[float, ...], Meta(min_length=3, max_length=3)]
 Quaternion: TypeAlias = Annotated[tuple[float, ...], Meta(min_length=4, max_length=4)]
@@ -16,6 +17,8 @@ Six: TypeAlias = Annotated[tuple[float, ...], Meta(min_length=6, max_length=6)]
 """A wrench, or the joints of a robot."""
 Values: TypeAlias = Annotated[tuple[int | float, ...], Meta(min_length=6, max_length=6)]
 """Six values of a sensor: whole numbers of a device that counts."""
+PhaseName: TypeAlias = Annotated[str, Meta(extra_json_schema={"enum": [*map(str, Phase)]})]
+VerdictName: TypeAlias = Annotated[str, Meta(extra_json_schema={"enum": ["allow", "clamp", "stop"]})]
 
 
 class CycleRecord(Struct, frozen=True):
@@ -23,8 +26,8 @@ class CycleRecord(Struct, frozen=True):
 
     cycle: int
     """Number of the control cycle."""
-    phase: str
-    """connect, tare, approach, track, retract or end."""
+    phase: PhaseName
+    """approach, track, retract or end."""
     # --- times of the hops
     started_at: float
     """Cycle begins: the status order is handed to the link, s."""
@@ -53,7 +56,7 @@ class CycleRecord(Struct, frozen=True):
     """Reported orientation, tool in base, w x y z."""
     depth: float
     """Reported position along the approach direction from the start point, m."""
-    # --- what the controller and the supervisor made of it
+    # --- answer of the controller and verdict of the supervisor
     depth_commanded: float
     """m along the approach direction from the start point, as sent, after rounding to device words."""
     travel_commanded: float
@@ -63,18 +66,18 @@ class CycleRecord(Struct, frozen=True):
     stiffness: float | None = None
     """Estimated contact stiffness, N/m."""
     gain: float = 1.0
-    """Factor of the adaptation on the feedback law's output."""
+    """Factor of the adaptation on the feedback law's output, without unit."""
     held: bool = False
-    """The controller chose not to move."""
+    """The controller rests in its dead band: no position that the robot can take is nearer."""
     in_contact: bool = False
     """The tool touches the surface."""
-    verdict: str = "allow"
+    verdict: VerdictName = "allow"
     """allow, clamp or stop."""
     reasons: tuple[str, ...] = ()
     """Why the supervisor clamped or stopped."""
     explanation: dict[str, float] = {}
-    """What else explains the controller's answer, by name."""
-    # --- what it takes to decide again
+    """Further values that explain the controller's answer, by name."""
+    # --- input for deciding again
     target: Vector = (0.0, 0.0, 0.0)
     """Tool position that the supervisor allowed, robot base frame, m; ordered in whole device steps."""
     start: Vector = (0.0, 0.0, 0.0)
@@ -82,16 +85,16 @@ class CycleRecord(Struct, frozen=True):
     asked: str = ""
     """Why the run was asked to finish before this decision; empty in all other cycles."""
     sample: Sample | None = None
-    """All that the decision was given; None where nobody kept it."""
-    # --- more times of the hops; NaN for what was not stamped
+    """Complete input of the decision; None where it was not kept."""
+    # --- more times of the hops; NaN for a time without a stamp
     status_transmitted_at: float = math.nan
-    """The last character of the status order has left the line, reckoned at the line's rate, s."""
+    """The last character of the status order has left the line, calculated at the line's rate, s."""
     decoded_at: float = math.nan
     """The sensor frame that the controller was given had been decoded, s."""
     proposed_at: float = math.nan
     """The controller is done; the supervisor begins, s."""
     transmitted_at: float = math.nan
-    """The last character of the move order has left the line, reckoned at the line's rate, s."""
+    """The last character of the move order has left the line, calculated at the line's rate, s."""
     sensor_counter: int = 0
     """Counter of the sensor frame used, as the device sent it."""
 
@@ -113,7 +116,9 @@ class LinkRecord(Struct, frozen=True):
     at: float
     """When its first piece was sent or received, s on the run's clock."""
     pieces: tuple[str, ...]
-    """Each: seconds since `at`, `tx` or `rx` as the PC sees it and hexadecimal bytes, or `--` and a link event."""
+    """Each: seconds since `at`, `tx` or `rx` as the PC sees it and hexadecimal bytes, or `--` and a link event; of
+    several datagrams, a space between them.
+    """
 
 
 class WireRecord(Struct, frozen=True):
@@ -124,21 +129,21 @@ class WireRecord(Struct, frozen=True):
     device: str
     """sensor."""
     pieces: tuple[str, ...]
-    """Each: seconds since `at`, `tx` or `rx` as the PC sees it, and hexadecimal bytes or CAN frames: 190#00FF,
-    and 004!00 where the interface tells of a bus error.
+    """Each: seconds since `at`, `tx` or `rx` as the PC sees it, and hexadecimal bytes or CAN frames: 190#00FF, R and a
+    number for the bytes that a remote frame asks for, and 004!00 where the interface tells of a bus error.
     """
 
 
 class TruthRecord(Struct, frozen=True):
-    """What an emulated cell knows of a cycle and no device tells. Times are seconds on the run's clock, NaN for what
-    never happened or is not emulated.
+    """Ground truth of a cycle from an emulated cell. Times are seconds on the run's clock, NaN for events that
+    never happened or are not emulated.
     """
 
     cycle: int
     """Number of the control cycle."""
     at: float
-    """Moment of position, force and joints: the end of the cycle, of a material that remembers up to a few ticks
-    of the robot later, s.
+    """Moment of position, force and joints, s: the end of the cycle. With a material that has memory it is up to a few
+    ticks of the robot later.
     """
     sampled_at: float
     """The sensor measured the sample that the controller was given, s."""
@@ -160,6 +165,6 @@ class EventRecord(Struct, frozen=True):
     at: float
     """s on the run's clock."""
     kind: str
-    """What sort of event."""
+    """Kind of the event."""
     text: str
-    """What happened."""
+    """Text of the event."""

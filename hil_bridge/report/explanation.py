@@ -1,4 +1,4 @@
-"""What the controller did, cycle by cycle: levels, fired rules, estimate, gain and verdict as tables."""
+"""The controller's decisions, cycle by cycle: levels, fired rules, estimate, gain and verdict as tables."""
 
 import math
 from collections import Counter
@@ -16,7 +16,7 @@ RULES_SHOWN = 3
 LEVELS = {"level_error": "error", "level_change": "change", "level_output": "output"}
 """Names of the levels by their keys in a cycle's explanation."""
 _RULE_SIGN = "→"
-"""What the name of a rule has, and no other key of an explanation."""
+"""Sign in the name of every rule, and in no other key of an explanation."""
 _UNITS = {"_m": (1e3, ".3f", "mm"), "_n": (1.0, ".2f", "N")}
 """Scale, format and unit by the ending of a key."""
 
@@ -41,7 +41,7 @@ def decisions(recording: Recording, zero: float) -> Decisions | None:
     cycles = tracked(recording)
     if not cycles:
         return None
-    chosen = evenly(cycles, ROWS_SHOWN)
+    chosen = decimate(cycles, ROWS_SHOWN)
     columns = [(title, [text(cycle) for cycle in chosen]) for title, text in _columns(zero)]
     columns = [(title, texts) for title, texts in columns if any(texts)]
     rows = tuple(zip(*(texts for _, texts in columns), strict=True))
@@ -74,8 +74,8 @@ def rules(explanation: Mapping[str, float]) -> list[tuple[str, float]]:
     return sorted(fired, key=lambda rule: (-rule[1], rule[0]))
 
 
-def evenly(cycles: Sequence[CycleRecord], most: int) -> list[CycleRecord]:
-    """At most so many of them, the first and the last among them."""
+def decimate(cycles: Sequence[CycleRecord], most: int) -> list[CycleRecord]:
+    """At most so many of these cycles, the first and the last among them."""
     if len(cycles) <= most:
         return list(cycles)
     return [cycles[round(k * (len(cycles) - 1) / (most - 1))] for k in range(most)]
@@ -114,7 +114,7 @@ def _rules_text(cycle: CycleRecord) -> str:
 
 
 def _other_text(cycle: CycleRecord) -> str:
-    """What else the controller tells, with the units that its names end in."""
+    """Other values of the controller, with the units that their names end in."""
     told = []
     for key, value in cycle.explanation.items():
         if key in LEVELS or _RULE_SIGN in key or not _known(value):

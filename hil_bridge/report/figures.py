@@ -59,7 +59,7 @@ def merit_rows(summary: Summary) -> tuple[Row, ...]:
 
 
 def run_rows(summary: Summary) -> tuple[Row, ...]:
-    """What else is to be said about the run."""
+    """Other remarks about the run."""
     times, dropped = summary.cycle_time, sum(summary.recorder_dropped.values())
 
     mean, p50, p90, p99, largest = (

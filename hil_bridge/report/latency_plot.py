@@ -29,7 +29,7 @@ _LEVELS = (0.44, 0.72, 1.0)
 """Heights of the names above, in turn: three neighbours do not cover each other."""
 _WHOLE = -0.55
 _MOST = 2.0
-"""Of the medians' sum, that the axis shows of the whole at most: an outlier must not flatten the hops."""
+"""Largest part of the whole on the axis, in sums of medians: an outlier must not flatten the hops."""
 
 
 def draw_latency(latency: Latency) -> bytes:

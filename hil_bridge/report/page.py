@@ -13,7 +13,7 @@ from hil_bridge.report.figures import merit_rows, quantity, run_rows
 from hil_bridge.report.latency_section import latency_section
 from hil_bridge.report.markup import pairs, rows, table
 from hil_bridge.report.plots import draw, size_px
-from hil_bridge.report.sections import beginning, controller_section, stability_section
+from hil_bridge.report.sections import controller_section, stability_section, start_time
 from hil_bridge.text_files import parse_json
 
 PICTURE = "report.png"
@@ -93,7 +93,7 @@ def page(recording: Recording, summary: Summary, picture: bytes) -> str:
 
 
 def _events(recording: Recording) -> str:
-    zero = beginning(recording)
+    zero = start_time(recording)
     shown = table(
         (
             f'<td class="value">{event.at - zero:.3f} s</td><td>{escape(event.kind)}</td>'

@@ -20,15 +20,15 @@ from hil_bridge.report.stability import (
 )
 
 _AS_PREDICTED = (0.5, 2.0)
-"""Measured over predicted swing that still counts as predicted: the prediction is for the least favourable
-place between two positions, and noise widens what is measured.
+"""Measured over predicted swing that still counts as predicted. The prediction is for the least favourable place
+between two positions, and noise widens the measured swing.
 """
 _MOVES_TOLD = 0.005
 """Resolution steps a second that are printed as more than 0.00."""
 
 
-def beginning(recording: Recording) -> float:
-    """What the page counts times from, s on the run's clock."""
+def start_time(recording: Recording) -> float:
+    """Start of the page's times, s on the run's clock."""
     return min([recording.cycles[0].started_at, *(event.at for event in recording.events)])
 
 
@@ -61,7 +61,7 @@ def stability_section(recording: Recording, summary: Summary) -> str:
 
 def controller_section(recording: Recording) -> str:
     """Empty when nothing was tracked."""
-    found = decisions(recording, beginning(recording))
+    found = decisions(recording, start_time(recording))
     if found is None:
         return ""
     parts = ["<h2>What the controller did</h2>"]
@@ -111,7 +111,7 @@ def margins_sentence(analysis: Analysis, loop: LinearLoop) -> str:
 
 
 def cycle_sentence(analysis: Analysis) -> str:
-    """What was predicted beside what was measured."""
+    """Predicted values beside measured ones."""
     predicted, swing, steps = analysis.predicted, analysis.steady_peak_to_peak, analysis.steps_per_second
     if predicted is None:
         unstable = analysis.loop is not None and not analysis.loop.margins.stable

@@ -1,4 +1,4 @@
-"""What a record tells about the stability of its force loop, and about the limit cycle that quantised
+"""Stability of a recorded force loop, and the limit cycle that quantised
 positions leave in it: predicted beside measured.
 """
 
@@ -48,7 +48,7 @@ noise gets there once in hundreds of runs.
 """
 _FREQUENCIES = 200
 _MOST_TAPS = 500
-"""Samples that the servo may take to settle; whoever records more has no force loop but a garbled file."""
+"""Most samples that the servo may take to settle. A larger number comes from a garbled file, not from a force loop."""
 _BISECTIONS = 14
 _SOFTEST = 1e-4
 """Share of the stiffness below which no comfortable one is looked for."""
@@ -97,7 +97,7 @@ class Analysis:
     resolution: float
     """Δx_res, m"""
     dead_band: float
-    """How far the position may be off without being corrected, either way, in resolution steps."""
+    """Largest error of the position without correction, either way, in resolution steps."""
     loop: LinearLoop | None
     """None for a controller that is not linear."""
     predicted: LimitCycle | None
@@ -105,8 +105,9 @@ class Analysis:
     steady_peak_to_peak: float | None
     """N; None when the run has no steady state."""
     steps_per_second: float | None
+    """Resolution steps a second that the command moved in steady state, 1/s; None without a steady state."""
     dominant_period: float | None
-    """Of the force error in steady state, s; None when no period stands out."""
+    """Period of the force error in steady state, s; None when no period stands out."""
 
     @property
     def step_force(self) -> float:
@@ -277,7 +278,7 @@ def _comfortable(found: Margins) -> bool:
 def _comfortable_to(
     stiffness: float, response: Response, plant: SampledPlant, found: Margins
 ) -> float | None:
-    """By bisection of the stiffness, for the phase margin follows it by no formula."""
+    """Stiffness by bisection, for the phase margin follows it by no formula."""
     if not math.isfinite(found.gain_margin):
         return None
     low, high = stiffness, stiffness * found.gain_margin

@@ -3,9 +3,9 @@
 No I/O and no clock: it is told the time, as every endpoint. It stands around the robot's `StreamClient` and answers
 each packet inside the call that brought it, so that no task lies between packet and answer.
 
-An answer moves the set point towards the newest target by at most speed x cycle, and never by more than speed x the
-time since the step before. So packets that were held up and come together do not add up to a jump. The set point does
-not move
+An answer moves the set point towards the newest target by at most speed x cycle. It never moves it by more than speed x
+the time since the step before. So packets that were held up and come together do not add up to a jump. The set point
+does not move
 
 - without a new target for `hold_after`, though it goes on once there is one;
 - in this movement any more, when the robot reports a fault: what it did meanwhile is not known;
@@ -52,14 +52,14 @@ class Answering(Generic[Data]):
         self.newest: RobotReport | None = None
         """The report with the highest number."""
         self.speed = 0.0
-        """Of the set point, m/s; may be set at any time."""
+        """Speed of the set point, m/s; may be set at any time."""
         self.fault = ""
         """The first fault that the robot reported in this movement."""
         self.lost = ""
-        """Why the movement was ended by the other side, or for want of targets."""
+        """Reason for which the other side, or a lack of targets, ended the movement."""
         self._limits = MotionLimits(0.0)
         self._setpoint: Pose | None = None
-        """What the newest packet was answered with; None outside of a movement."""
+        """Answer to the newest packet; None outside of a movement."""
         self._goal: Pose | None = None
         self._aimed_at = self._stepped_at = -math.inf
         self._held = False

@@ -35,7 +35,7 @@ class Asking(Generic[Data, Event, Answer]):
         self._on_failure = on_failure
         self._pump: Pump[Data, Event] = Pump(endpoint, wire, clock, on_event, self._ended)
         self._answer: asyncio.Future[Answer] | None = None
-        """Of the exchange under way; cancelled when its caller waits no more."""
+        """Answer of the exchange under way; cancelled when its caller waits no more."""
         self._waiting: deque[asyncio.Future[None]] = deque()
         """Callers that wait for the exchange under way to end."""
         self._failure: BridgeError | None = None

@@ -1,6 +1,6 @@
-"""What a run sees of a robot, of either kind.
+"""The view that a run has of a robot, of either kind.
 
-An *asked* robot tells where it is when it is asked, and takes points one by one: each `to` is an order with an answer,
+An *asked* robot tells where it is when it is asked, and takes points one by one. Each `to` is an order with an answer,
 and the robot goes there by itself. A *streamed* robot sends a packet every few milliseconds by its own clock. Each is
 answered at once with the next set point on the way to the newest target; `to` only replaces that target.
 
@@ -52,14 +52,14 @@ class Sent(NamedTuple):
     begun_at: float
     """The first byte was handed to the port; of a stream: the target was replaced."""
     left_at: float = math.nan
-    """The last byte had left the line, reckoned."""
+    """The last byte had left the line, calculated."""
     accepted_at: float = math.nan
     """The robot had said that it takes it."""
 
 
 @dataclass(frozen=True, slots=True)
 class MotionLimits:
-    """What holds for one movement, whatever is ordered in it."""
+    """Settings that hold for one movement, whatever is ordered in it."""
 
     speed: float
     """Along the path, m/s; of a stream also between two targets."""
@@ -131,7 +131,7 @@ class RobotLink(Protocol):
 
     @property
     def facts(self) -> RobotFacts:
-        """What is known of it, with the settings of the URL."""
+        """Facts of the robot, with the settings of the URL."""
 
     @property
     def counters(self) -> Mapping[str, int]:
@@ -148,7 +148,7 @@ class RobotLink(Protocol):
 
         A stream hands out its newest report, each once, if that came within the last two cycles of the robot. Else it
         waits for the next one. So a control period that is longer than the robot's cycle acts on the newest report at
-        each beat, and a run without a period goes at the robot's pace. Raises BridgeError when none comes.
+        each period's end. A run without a period goes at the robot's pace. Raises BridgeError when none comes.
         """
 
     async def release(self, report: RobotReport) -> None:

@@ -42,7 +42,7 @@ HOPS = RobotHops(
         ),
     ),
 )
-"""How the stamps of a stream divide a cycle: the robot fetches the newest target with its next packet."""
+"""Hops into which the stamps of a stream divide a cycle: the robot fetches the newest target with its next packet."""
 
 
 class StreamedLink(Generic[Data]):
@@ -97,7 +97,7 @@ class StreamedLink(Generic[Data]):
         return newest
 
     async def release(self, report: RobotReport) -> None:
-        """Each movement is begun anew, and ends with the stream: nothing is left open."""
+        """Each movement begins and ends by itself and ends with the stream: nothing is left open."""
 
     @asynccontextmanager
     async def motion(self, limits: MotionLimits) -> AsyncIterator[StreamedMotion[Data]]:

@@ -32,7 +32,7 @@ class StreamedMotion(Generic[Data]):
 
     @property
     def speed(self) -> float:
-        """Of the way to the targets, m/s."""
+        """Speed of the way to the targets, m/s."""
         return self._answering.speed
 
     @speed.setter

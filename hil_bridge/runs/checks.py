@@ -1,4 +1,4 @@
-"""What a run refuses before anything moves, from its configuration and this computer alone.
+"""Refusals of a run before anything moves, from its configuration and this computer alone.
 
 `run` raises the first of these, `doctor` tells all of them: so that the one cannot pass what the other refuses.
 """
@@ -6,7 +6,7 @@
 from collections.abc import Callable, Iterator, Mapping
 
 from hil_bridge.clock import VIRTUAL_EPOCH
-from hil_bridge.clock.realtime import scheduled
+from hil_bridge.clock.realtime import real_time_thread
 from hil_bridge.errors import ConfigError
 from hil_bridge.kinds import ROBOTS, emulated_sensor
 from hil_bridge.runs.compose import check_panel, make_cell
@@ -72,7 +72,7 @@ def _cell(config: Config, virtual: bool) -> None:
 
 def _thread(config: Config, virtual: bool) -> None:
     if not virtual:
-        with scheduled(config.realtime):
+        with real_time_thread(config.realtime):
             pass
 
 

@@ -40,7 +40,7 @@ class Ports:
     robot: str | None
     sensor: str | None
     panel: str | None = None
-    """Of the emulated controller, for people."""
+    """URL of the emulated controller's panel, for people."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +69,7 @@ class Devices:
 
 
 def cell_ports(config: Config, virtual: bool) -> Ports:
-    """Where the cell of a configuration listens, with no panel."""
+    """URLs at which the cell of a configuration listens, without a panel."""
     robot, sensor = ROBOTS.kind(config.robot.emulated), emulated_sensor(config.sensor.emulated)
     return Ports(
         _with_kind(robot, _emulation(robot).usual(settings_of(config, robot), virtual)),
@@ -239,7 +239,7 @@ class _FaultEnd:
 
 
 def _emulation(kind: Any) -> Any:
-    """What emulates a kind of device. Raises ConfigError where nothing does."""
+    """Emulation of a kind of device. Raises ConfigError for a kind without one."""
     found: RobotEmulation | SensorEmulation | None = kind.emulation
     if found is None:
         raise ConfigError(f"{kind.name} has no emulator; give the URL of a real one")

@@ -17,15 +17,15 @@ from hil_bridge.control import (
     Command,
     ControlLoop,
     Decision,
-    Facing,
     LoopState,
     Peaks,
     Phase,
     Sample,
     Supervisor,
     Task,
-    in_numbers,
+    WristAtOrientation,
     make_controller,
+    numeric_explanation,
     one_line,
     turn_between,
 )
@@ -60,15 +60,15 @@ BUG_EVENT = "bug"
 TIME_IS_UP = "time is up"
 """Why a run ends that went as it was meant to."""
 MAIN_SHARE = 0.5
-"""Of the approach direction on an axis of the sensor, from which that axis matters. Chosen: tilted by less than 60°."""
+"""Share of the approach direction on a sensor's axis from which that axis matters. Chosen: tilted by less than 60°."""
 
 
 _APPROACH, _TRAVEL = 0, 1
-"""Directions in which the contact force is taken, by their place in `Facing.directions`."""
+"""Directions in which the contact force is taken, by their place in `WristAtOrientation.directions`."""
 
 
 class Log(Protocol):
-    """Where a run puts what it knows; must not block."""
+    """Log of a run for its records; must not block."""
 
     def cycle(self, record: CycleRecord) -> None:
         """A cycle has ended."""
@@ -79,15 +79,15 @@ class Log(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class RunResult:
-    """How a run ended."""
+    """Result of a run."""
 
     outcome: Outcome
     cause: str = ""
     """The first one."""
     left: str = ""
-    """Where the tool was left, in words; empty where it never moved."""
+    """Place at which the tool was left, in words; empty where it never moved."""
     followed: tuple[str, ...] = ()
-    """What happened after the first cause."""
+    """Events after the first cause."""
 
 
 def control_loop(
@@ -140,18 +140,18 @@ class Run:
         self._filter_delay = math.nan
         self._start: RobotReport
         self._orientation: Quaternion
-        """Of the start: every order keeps it."""
+        """Orientation of the start: every order keeps it."""
         self._quaternion_tare: Quaternion | None = None
         self._state: LoopState | None = None
         """After the last order that the robot took; None before the first cycle."""
-        self._faced: tuple[Quaternion, Facing] | None = None
+        self._turned_wrist: tuple[Quaternion, WristAtOrientation] | None = None
         self._interrupted = False
         self._phase = ""
         self._outcome, self._cause = Outcome.COMPLETED, ""
         self._followed: list[str] = []
         self._pause = 0.0
         self._log_error: Exception | None = None
-        """What the log raised when it was told of an event."""
+        """Error that the log raised for an event."""
         self.moving = False
         """A movement sequence is under way: only `interrupt` may end it, not cancellation."""
 
@@ -195,7 +195,7 @@ class Run:
         return RunResult(self._outcome, self._cause, left, tuple(self._followed))
 
     def _limits(self) -> MotionLimits:
-        """Of the movement: a stream holds when no decision comes for longer than one may last."""
+        """Limits of the movement: a stream holds when no decision comes for longer than one may last."""
         config = self._config
         hold_after = (config.limits.cycle_deadline_ms + config.run.period_ms) * 1e-3
         return MotionLimits(config.robot.velocity_mm_s * 1e-3, hold_after)
@@ -211,8 +211,8 @@ class Run:
                 return
             self._start = zero.start
             self._quaternion_tare = self._orientation if self._config.sensor.tare else None
-            facing = self._facing(zero.start.pose.quaternion)
-            self._sensor.peaks = Peaks(facing, self._sensor.facts.scales, zero.contact)
+            wrist = self._wrist_at(zero.start.pose.quaternion)
+            self._sensor.peaks = Peaks(wrist, self._sensor.facts.scales, zero.contact)
             self._state = self._loop.initial(zero.start.pose.position)
             await self._cycles(motion)
         except BridgeError as error:
@@ -267,7 +267,7 @@ class Run:
         assert state is not None
         track_ends = math.inf
         unpaced = not self._config.run.period_ms  # then an order is always followed by another at once
-        async for cycle, started_at in self._beats():
+        async for cycle, started_at in self._cycle_starts():
             if self._log_error is not None:
                 raise self._log_error
             commanded_before = state.supervisor.depth
@@ -325,23 +325,23 @@ class Run:
         if self._outcome is Outcome.COMPLETED and state.task.cause != TIME_IS_UP:
             self._cause = state.task.cause
 
-    async def _beats(self) -> AsyncIterator[tuple[int, float]]:
-        """Number and begin of each cycle: as fast as the robot reports, or on the period's absolute beats.
+    async def _cycle_starts(self) -> AsyncIterator[tuple[int, float]]:
+        """Number and begin of each cycle: as fast as the robot reports, or at whole multiples of the period.
 
-        After an overrun the beats missed are skipped, never caught up.
+        After an overrun the cycles missed are skipped, never caught up.
         """
         period = self._config.run.period_ms * 1e-3
-        anchor, beat, cycle = self._clock.now(), 0, 0
+        anchor, place, cycle = self._clock.now(), 0, 0
         while True:
             yield cycle, self._clock.now()
             cycle += 1
             if not period:
                 continue
-            next_beat = max(beat + 1, math.ceil((self._clock.now() - anchor) / period))
-            if (skipped := next_beat - beat - 1) > 0:
-                self._event("overrun", f"{skipped} beats of {period * 1e3:g} ms skipped")
-            beat = next_beat
-            await self._clock.sleep_until(anchor + beat * period)
+            next_place = max(place + 1, math.ceil((self._clock.now() - anchor) / period))
+            if (skipped := next_place - place - 1) > 0:
+                self._event("overrun", f"{skipped} cycles of {period * 1e3:g} ms skipped")
+            place = next_place
+            await self._clock.sleep_until(anchor + place * period)
 
     def _sample(self, report: RobotReport, frame: WrenchFrame) -> Sample:
         """The newest of everything, now that the robot has told where it is."""
@@ -358,14 +358,14 @@ class Run:
             (None, 0.0) if quaternion == self._orientation else turn_between(self._orientation, quaternion)
         )
         now = self._clock.now()
-        facing = self._facing(quaternion)
-        wrench = facing.contact_wrench(sensor.wrench(frame))
+        wrist = self._wrist_at(quaternion)
+        wrench = wrist.contact_wrench(sensor.wrench(frame))
         paired = sensor.wrench_at(report.pose_at + self._filter_delay)
         # by place, in the order of the fields: by name every one costs as much as to read it
         return Sample(
             now,
             position,
-            facing.force_along(_APPROACH, wrench),
+            wrist.force_along(_APPROACH, wrench),
             math.hypot(wrench[0], wrench[1], wrench[2]),
             frame.at,
             frame.sequence,
@@ -373,10 +373,10 @@ class Run:
             saturated or bool(sensor.saturated),
             self._dead_axis(quaternion),
             fault,
-            facing.force_along(_TRAVEL, wrench),
+            wrist.force_along(_TRAVEL, wrench),
             wrench,
             report.pose_at,
-            None if paired is None else facing.force_along(_APPROACH, facing.contact_force(paired)),
+            None if paired is None else wrist.force_along(_APPROACH, wrist.contact_force(paired)),
             peak_force,
             peak_resultant,
             peak_moment,
@@ -391,7 +391,7 @@ class Run:
         return frame
 
     def _dead_axis(self, quaternion: Quaternion) -> str:
-        """What is wrong with a force axis that the controlled force mainly lies on; empty while nothing is."""
+        """Fault of a force axis that carries most of the controlled force, in words; empty while there is none."""
         if not self._sensor.dead:
             return ""
         shares = self._wrist.seen_by_sensor(self._config.frame.approach, quaternion).tolist()
@@ -404,18 +404,20 @@ class Run:
             f"{' and '.join(dead)} of the force sensor did not change since the zero while other axes moved"
         )
 
-    def _facing(self, quaternion: Quaternion) -> Facing:
-        """The wrist at this orientation, made anew only when the tool has turned."""
-        if self._faced is None or self._faced[0] != quaternion:
+    def _wrist_at(self, quaternion: Quaternion) -> WristAtOrientation:
+        """The wrist at this orientation, made again only when the tool has turned."""
+        if self._turned_wrist is None or self._turned_wrist[0] != quaternion:
             frame = self._config.frame
-            facing = self._wrist.facing(quaternion, self._quaternion_tare, frame.approach, frame.travel)
-            self._faced = quaternion, facing
-        return self._faced[1]
+            wrist = self._wrist.at_orientation(
+                quaternion, self._quaternion_tare, frame.approach, frame.travel
+            )
+            self._turned_wrist = quaternion, wrist
+        return self._turned_wrist[1]
 
     def _record(
         self, report: RobotReport, sample: Sample, decision: Decision, sent: Sent, **known: Any
     ) -> CycleRecord:
-        """What the cycle came to; `known` is what only its course knows, by the record's names."""
+        """Record of the cycle; `known` are the values that only its course knows, by the record's names."""
         output = decision.output
         command = output.command or Command(decision.target.depth, 0.0)
         return CycleRecord(
@@ -443,7 +445,7 @@ class Run:
             verdict=decision.verdict.kind,
             reasons=decision.reasons,
             explanation={
-                **in_numbers(command.explanation),
+                **numeric_explanation(command.explanation),
                 "feedback_m": command.correction,
                 **({"surface_deg": math.degrees(decision.angle)} if decision.angle else {}),
             },

@@ -1,4 +1,4 @@
-"""Lifting a tool off from whatever state a stop left it in, for a person who stands at the cell.
+"""Lift a tool off from any state that a stop left it in, for a person at the cell.
 
 Nothing is taken for zero and no tool must be known: the force at the beginning is what is there, and it must not
 rise. Steps are those of the way to a zero at first, later those of an approach.
@@ -23,7 +23,7 @@ from protocol.geometry import Quaternion
 
 @dataclass(frozen=True, slots=True)
 class Freed:
-    """What came of it."""
+    """Result of lifting off."""
 
     moved_mm: float
     before: tuple[float, ...]
@@ -35,7 +35,7 @@ class Freed:
 
     @property
     def text(self) -> str:
-        """In words, for the last line."""
+        """The result in words, for the last line."""
         what = "contact force" if self.known else "force that the sensor reads, the tool's weight included,"
         before, after = math.hypot(*self.before), math.hypot(*self.after)
         return f"freed by {self.moved_mm:.1f} mm: {what} {before:.1f} N before, {after:.1f} N after"
@@ -50,7 +50,7 @@ def free(config: Config, distance_mm: float, say: Callable[[str], None]) -> Free
     async def main() -> Freed:
         clock = Clock.running()
         try:
-            # What a dead run left streaming counts from its zero; a stream that is stopped forgets it.
+            # A stream that a dead run left counts from that run's zero; a stream that is stopped loses this zero.
             async with open_devices(config, clock, LogTo()) as devices:
                 await bring_up(devices.robot, devices.sensor)
             async with open_devices(config, clock, LogTo()) as devices:

@@ -24,7 +24,7 @@ ARRIVED_M = 0.3e-3
 ARRIVAL_S = 3.0
 """Chosen: how long is waited for that."""
 TIME_CONSTANTS = 7.0
-"""Of the sensor's filter, waited for at the end. Derived: after as many less than 0.1 % is left."""
+"""Time constants of the sensor's filter, waited for at the end. Derived: after as many less than 0.1 % is left."""
 REST_S = 0.05
 """Chosen: waited for beside the filter, for a servo to come to rest."""
 HASTE = 2.0
@@ -58,7 +58,7 @@ class Left:
 
     @property
     def text(self) -> str:
-        """In words, for the last line of a run."""
+        """The result in words, for the last line of a run."""
         force = f"{self.force:.1f} N" if math.isfinite(self.force) else "force unknown"
         if self.retracted:
             return f"retracted, {force}"
@@ -130,7 +130,7 @@ class WayOut:
         return Request(depth, (x, y, z), approach)
 
     def _observe(self, state: LoopState) -> Observation:
-        """What the sensor tells, without a status."""
+        """Observation from the sensor alone, without a status of the robot."""
         sensor, newest, now = self._sensor, self._sensor.newest, self._clock.now()
         resultant, fault = math.nan, ""
         if newest is not None and sensor.peaks is not None:
@@ -153,7 +153,7 @@ class WayOut:
     async def rest(self, start: Vector, commanded: Vector, answers: bool) -> tuple[float, float]:
         """Wait until the robot has come to rest at the last order; its depth from the start, m, and the force, N.
 
-        Where it does not answer the depth is that of the last order, to which a robot that is asked goes by itself; a
+        Where it does not answer, the depth is that of the last order. A robot that is asked goes there by itself; a
         streamed one may not have been given it. NaN for what cannot be known any more.
         """
         asked = self._robot.facts.pacing is Pacing.ASKED

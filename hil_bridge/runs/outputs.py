@@ -1,4 +1,4 @@
-"""What a run leaves: where it goes, whether it can go there, and what of it is printed at the end."""
+"""Outputs of a run: their place, whether they can go there, and the part that is printed at the end."""
 
 import os
 import shutil

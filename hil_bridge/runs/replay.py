@@ -1,7 +1,7 @@
 """Deciding again what a recording tells: the same controller and supervisor must give the same commands, bit for bit.
 
-With another controller or other limits, what would have been commanded: each cycle starts from what really was
-commanded before it, since that is what the measurements belong to.
+With another controller or other limits, it tells what would have been commanded. Each cycle starts from the real
+command before it, since the measurements belong to that.
 """
 
 from collections.abc import Iterator, Mapping
@@ -35,7 +35,7 @@ class ReplayedCycle:
 
     @property
     def differences(self) -> dict[str, tuple[object, object]]:
-        """What is not the same, by name: recorded, replayed."""
+        """Differences by name: recorded, replayed."""
         record, decision = self.record, self.decision
         pairs: dict[str, tuple[object, object]] = {
             "target": (record.target, decision.position),
@@ -76,7 +76,7 @@ def recorded_config(recording: Recording, changes: Mapping[str, Any]) -> Config:
 
 
 def changes_of(path: Path | None, controller: str | None) -> dict[str, Any]:
-    """What a TOML file and an option want to have different from the recorded run. Raises ConfigError."""
+    """Changes to the recorded run from a TOML file and an option. Raises ConfigError."""
     changes: dict[str, Any] = {}
     if path is not None:
         changes = read_toml(path)

@@ -10,7 +10,7 @@ from contextlib import suppress
 import click
 
 from hil_bridge.clock import Clock, run_real
-from hil_bridge.clock.realtime import scheduled
+from hil_bridge.clock.realtime import real_time_thread
 from hil_bridge.errors import BridgeError, DeviceError
 from hil_bridge.runs.compose import Ports, emulated_cell
 from hil_bridge.settings.configuration import Config
@@ -18,7 +18,7 @@ from hil_bridge.settings.configuration import Config
 
 def serve(config: Config, ports: Ports, as_json: bool) -> None:
     """Serve on these ports and print where, until SIGINT or SIGTERM. Raises BridgeError when a port fails."""
-    with scheduled(config.realtime) as executor:
+    with real_time_thread(config.realtime) as executor:
         run_real(lambda: _serve(config, ports, as_json, executor), config.realtime.busy_poll_ms * 1e-3)
 
 

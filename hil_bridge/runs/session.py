@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hil_bridge.clock import Clock, run_real, run_virtual
-from hil_bridge.clock.realtime import collect_young, prompt_threads, quiet_garbage, scheduled
+from hil_bridge.clock.realtime import collect_generation_1, gc_paused, real_time_thread, short_switch_interval
 from hil_bridge.console.debugging import told_bug
 from hil_bridge.console.screen import LEAVE_SECONDS, Terminal
 from hil_bridge.errors import BridgeError
@@ -33,6 +33,7 @@ from hil_bridge.recording import (
     SensorRecord,
     WireRecord,
 )
+from hil_bridge.recording.topics import Record
 from hil_bridge.robots.seam import RobotLink
 from hil_bridge.runs.checks import check
 from hil_bridge.runs.compose import ServedCell, open_devices
@@ -54,9 +55,9 @@ EXIT_CODES = {Outcome.COMPLETED: 0, Outcome.STOPPED: 3, Outcome.INTERRUPTED: 130
 """130 is what a shell expects of a command that Ctrl-C ended."""
 
 TELL_SECONDS = 5.0
-"""For so long a blocked output is waited for when a signal that comes from no keyboard ended the run. Chosen."""
+"""Longest wait for a blocked output when a signal that comes from no keyboard ended the run. Chosen."""
 _DRAWING_S = 0.015
-"""What drawing the view takes: 8 ms as a rule, 12 ms at most in a run of 20 s. Chosen."""
+"""Time to draw the view: 8 ms as a rule, 12 ms at most in a run of 20 s. Chosen."""
 _UNDER_WAY_S = 0.005
 """Chosen: after the end of a cycle; a status order takes ten times as long on a 9600-baud line."""
 
@@ -96,10 +97,10 @@ def execute(
 
 
 def _end(session: "_Session", result: RunResult, outputs: Outputs, path: Path) -> int:
-    """Write what is wanted of the record at `path`, then say how the run ended; its exit code.
+    """Write the wanted outputs from the record at `path`, then print how the run ended; returns the exit code.
 
-    Everything is written before anything is said, since the reader of the output may have gone. A signal keeps the
-    run from its report, and a second one from waiting for a terminal that takes no more.
+    All files are written before the first line is printed, since the reader of the output may have gone. A signal
+    keeps the run from its report. A second one keeps it from waiting for a terminal that takes no more.
     """
     signals, terminal = session.signals, session.terminal
     code = EXIT_CODES[result.outcome]
@@ -150,15 +151,15 @@ class _Session:
         self.terminal = terminal
         self.signals = signals
         self._facts = facts_of(config)
-        """Of the robot; with the line of its URL once it is connected."""
+        """Facts of the robot; with the line of its URL once it is connected."""
         self._clock: Clock
         self._recorder: Recorder
         self._logs: dict[str, LinkLog]
-        """Of the devices' wires, by device."""
+        """Logs of the devices' wires, by device."""
         self._truths: GroundTruth | None = None
         self._faults: FaultSchedule | None = None
         self.faults: list[str] = []
-        """What became of each injected fault, in words."""
+        """Outcome of each injected fault, in words."""
         self._view: LiveView | None = None
         self._robot: RobotLink | None = None
         self._sensor: ForceSensor | None = None
@@ -173,7 +174,7 @@ class _Session:
         self.cycles = 0
         """Cycles so far; a record without any has no figures."""
         self.end = RunEnd(Outcome.STOPPED)
-        """What the record tells of the end."""
+        """Metadata of the end for the record."""
         self.record_error: BridgeError | None = None
         """Why the record is incomplete."""
         self.bugs: list[str] = []
@@ -182,14 +183,14 @@ class _Session:
         """A further signal came when the movement had ended already: the process shall end at once."""
 
     verbose = True
-    """Of a `DeviceLog`: the record holds every event of a link."""
+    """Setting of a `DeviceLog`: the record holds every event of a link."""
 
-    # --- what the run and the devices tell
+    # --- records and notices of the run and the devices
 
     def cycle(self, record: CycleRecord) -> None:
         """A cycle has ended."""
         self.cycles += 1
-        self._recorder.put(record)
+        self._put(record.answered_at, record)
         if self._recorder.trouble and not self._trouble_told:
             self._tell_trouble(self._recorder.trouble)
         if self._truths is not None:
@@ -201,14 +202,14 @@ class _Session:
         if self.cycles % _COLLECT_EVERY:
             return
         if self._clock.is_virtual:
-            collect_young()
+            collect_generation_1()
         else:
-            # By then the next order is on the line, and everybody waits for its answer.
-            self._clock.call_at(self._clock.now() + _UNDER_WAY_S, collect_young)
+            # By then the next order is on the line, and the run only waits for its answer.
+            self._clock.call_at(self._clock.now() + _UNDER_WAY_S, collect_generation_1)
 
     def event(self, record: EventRecord) -> None:
         """Something happened beside the cycles."""
-        self._recorder.put(record)
+        self._put(record.at, record)
         self._moved = self._moved or self._moving
         if record.kind == BUG_EVENT:
             self.bugs.append(record.text)
@@ -225,7 +226,7 @@ class _Session:
             self.faults.append(record.text)
 
     def _devices(self) -> Devices:
-        """What is known of robot and sensor, both being ready."""
+        """Facts of robot and sensor, both being ready."""
         assert self._sensor is not None
         return Devices(self._facts, Sensor(sensor_kind(self._config).name, self._sensor.facts))
 
@@ -237,7 +238,7 @@ class _Session:
             time.sleep(seconds)
 
     def _tell_check(self, text: str) -> None:
-        """What was found of the sensor, while a person can still intervene."""
+        """Findings about the sensor, while a person can still intervene."""
         if self._view is None:
             self.terminal.out.say(f"sensor: {text}")
         elif "unchecked" in text:
@@ -246,7 +247,7 @@ class _Session:
             self._view.check(text)
 
     def _tell_trouble(self, text: str) -> None:
-        """Of the recorder, at once; the run goes on, since nothing in it depends on its record."""
+        """Tell trouble of the recorder at once. The run goes on, since nothing in it depends on its record."""
         self._trouble_told = True
         self.notice("recorder", text)
         self.terminal.err.say(f"hil-bridge: {text}; the run goes on")
@@ -255,11 +256,18 @@ class _Session:
 
     def frame(self, frame: WrenchFrame) -> None:
         """A complete frame of the sensor has arrived."""
+        self._logs["robot"].age(frame.at)  # while the robot is silent, frames alone come
         self._recorder.put(SensorRecord(frame.at, frame.sequence, frame.values))
 
     def notice(self, kind: str, text: str) -> None:
         """A device tells something that is worth a line in the record."""
         self.event(EventRecord(self._clock.now(), kind, text))
+
+    def _put(self, at: float, record: Record) -> None:
+        """Record something of this time, and before it what the devices' logs hold for too long by then."""
+        for log in self._logs.values():
+            log.age(at)
+        self._recorder.put(record)
 
     def traffic(self, device: str, direction: Direction, data: Any) -> None:
         """Data have just gone over a device's wire."""
@@ -301,15 +309,14 @@ class _Session:
                 "version": version("hil-bridge"),
             },
         )
-        put = self._recorder.put
         self._logs = {
-            "robot": LinkLog(lambda at, pieces: put(LinkRecord(at, pieces))),
-            "sensor": LinkLog(lambda at, pieces: put(WireRecord(at, "sensor", pieces))),
+            "robot": LinkLog(lambda at, pieces: self._put(at, LinkRecord(at, pieces))),
+            "sensor": LinkLog(lambda at, pieces: self._put(at, WireRecord(at, "sensor", pieces))),
         }
         try:
             if self._recorder.error is not None:
                 raise self._recorder.error
-            with self._interruptible(), self._scheduled():
+            with self._interruptible(), self._real_time_loop():
                 try:
                     result = await self._with_devices()
                 except asyncio.CancelledError:  # by a signal: everything has been closed on the way here
@@ -338,13 +345,13 @@ class _Session:
             self.record_error = error
 
     @contextmanager
-    def _scheduled(self) -> Iterator[None]:
+    def _real_time_loop(self) -> Iterator[None]:
         """The loop's thread as the configuration wants it; the recorder has been started, and stays as it is."""
-        with quiet_garbage():
+        with gc_paused():
             if self._clock.is_virtual:
                 yield
                 return
-            with prompt_threads(), scheduled(self._config.realtime) as executor:
+            with short_switch_interval(), real_time_thread(self._config.realtime) as executor:
                 if executor is not None:
                     asyncio.get_running_loop().set_default_executor(executor)
                 yield
@@ -369,7 +376,7 @@ class _Session:
             if devices.served is not None:
                 self._emulated(devices.served)
             run = self._run = Run(config, clock, robot, sensor, self)
-            async with self._shown():
+            async with self._live_view():
                 self._result = await run()
             return self._result
 
@@ -407,7 +414,7 @@ class _Session:
         return self._run is not None and self._run.moving
 
     @asynccontextmanager
-    async def _shown(self) -> AsyncIterator[None]:
+    async def _live_view(self) -> AsyncIterator[None]:
         """The live view, drawn by the screen's thread; in virtual time there is no person to watch.
 
         No part of it waits for the terminal: the loop goes on when that is paused or gone.

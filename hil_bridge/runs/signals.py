@@ -15,7 +15,7 @@ React = Callable[[signal.Signals], object]
 class Signals:
     """Hears the signals of `ENDING` and hands them on.
 
-    By Python's own handlers, since a loop in virtual time has none: they run in the main thread between two of its
+    It uses Python's own handlers, since a loop in virtual time has none. They run in the main thread between two of its
     instructions, so a reaction may only set a flag, tell the loop, or raise.
     """
 
@@ -23,7 +23,7 @@ class Signals:
         self.first: signal.Signals | None = None
         """The one that came first, if any."""
         self.count = 0
-        """How many came."""
+        """Number of signals."""
         self._react: React = at_once
 
     @contextmanager

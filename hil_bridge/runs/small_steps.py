@@ -23,7 +23,7 @@ WINDOW_S = 0.3
 FRAMES_MIN = 4
 """Chosen: fewest frames of a reading."""
 TIME_CONSTANTS = 7.0
-"""Of the sensor's filter, waited for after a step. Derived: after as many less than 0.1 % is left."""
+"""Time constants of the sensor's filter, waited for after a step. Derived: after as many less than 0.1 % is left."""
 LIFT_SPEED_M_S = 2e-3
 """Chosen: path velocity of the way to the zero; a robot that goes elsewhere is halted before it has gone far."""
 STEP_PATIENCE_S = 2.0
@@ -79,13 +79,13 @@ class SmallSteps:
                 )
 
     async def quiet(self) -> Reading:
-        """What the sensor reads once its filter has settled."""
+        """Reading of the sensor once its filter has settled."""
         since = self._clock.now() + TIME_CONSTANTS * self._sensor.delay
         await self._clock.sleep_until(since)
         return await self._reading(since, FRAMES_MIN)
 
     async def steady(self, change_n: float) -> Reading:
-        """What the sensor reads once it drifts by less than `change_n`, N. Raises DeviceError when it does not."""
+        """Reading of the sensor once it drifts by less than `change_n`, N. Raises DeviceError when it does not."""
         sensor = self._sensor
         patience = self._clock.now() + STEADY_PATIENCE_S + TIME_CONSTANTS * sensor.delay
         while True:
@@ -101,7 +101,7 @@ class SmallSteps:
                 )
 
     async def _reading(self, since: float, count: int) -> Reading:
-        """At least so many frames from this time on. Raises DeviceError when they do not come."""
+        """Reading from at least so many frames from this time on. Raises DeviceError when they do not come."""
         sensor, patience = self._sensor, self._clock.now() + STREAM_PATIENCE_S
         while len(frames := sensor.window(since)) < count:
             sensor.check()
@@ -120,7 +120,7 @@ def numbers(values: Sequence[float]) -> str:
 
 
 def unit(quaternion: Quaternion) -> Quaternion:
-    """Device words are rounded; turns are reckoned with unit length."""
+    """Device words are rounded; turns are calculated with unit length."""
     length = math.hypot(*quaternion)
     w, x, y, z = (part / length for part in quaternion)
     return w, x, y, z

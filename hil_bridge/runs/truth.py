@@ -29,7 +29,7 @@ class _Cycle:
 
 
 _NO_JOINTS = (math.nan,) * 6
-"""Told of a robot that tells no joints."""
+"""Joints of a robot that tells none."""
 
 
 class GroundTruth:

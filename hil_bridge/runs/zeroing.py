@@ -1,8 +1,7 @@
 """Before the touch: what robot and sensor must show before a run trusts them, and the zero.
 
-Nothing moves before the sensor reads the weight of the known tool. Then the tool moves a little away from the
-surface, in small slow steps, and the zero is taken only if the force does not change on that way and the reported
-position follows.
+Nothing moves before the sensor reads the weight of the known tool. Then the tool moves a little away from the surface,
+in small slow steps. The zero is taken only if the force does not change on that way and the reported position follows.
 """
 
 import asyncio
@@ -33,7 +32,7 @@ ZERO_PATIENCE_S = 20.0
 
 @dataclass(frozen=True, slots=True)
 class Zero:
-    """What was taken for zero, and where."""
+    """Reading that was taken for zero, and the pose of that moment."""
 
     start: RobotReport
     """After the way to the zero: the start point of the run."""
@@ -42,12 +41,12 @@ class Zero:
 
     @property
     def force(self) -> float:
-        """Its length, N."""
+        """Length of the force, N."""
         return math.hypot(*self.contact[:3])
 
 
 def wrist(config: Config) -> Wrist:
-    """How this configuration says that the sensor sits, and what hangs below it."""
+    """Mounting of the sensor by this configuration, and the load below it."""
     sensor, tool = config.sensor, config.tool
     mounting = quaternion_about((0.0, 0.0, 1.0), math.radians(sensor.mounting_deg))
     return Wrist(

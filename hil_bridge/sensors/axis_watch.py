@@ -1,9 +1,9 @@
 """Which axes of a sensor are dead, from its values alone, frame by frame. Pure.
 
 A quiet axis cannot be told from a dead one while nothing moves: behind a slow filter it may repeat its value for
-minutes. But a living axis changes now and then after a zero, by noise alone, and no real axis stands still while
-another moves by a tenth of its full scale. So an axis is taken for dead when it has not changed once since the zero,
-for long, although another moved that far.
+minutes. But a living axis changes now and then after a zero, by noise alone. No real axis stands still while another
+moves by a tenth of its full scale. So an axis is taken for dead when it has not changed once since the zero, for long,
+although another moved that far.
 """
 
 from collections.abc import Sequence
@@ -13,7 +13,7 @@ from protocol.wrench import AXES, SensorFacts
 DEAD_AFTER_S = 3.9
 """Chosen: a living quiet axis was seen to change within 0.4 s of a zero; ten times that, less a little."""
 DEAD_WHILE_MOVED_SHARE = 0.1
-"""Of full scale. Chosen: far more than one axis of a real sensor can move without the others feeling it."""
+"""Share of full scale. Chosen: far more than one axis of a real sensor can move without the others feeling it."""
 DEAD_WHILE_MOVED = (10.0, 10.0, 10.0, 0.5, 0.5, 0.5)
 """The same in N and N·m for a sensor that does not tell its full scales. Chosen: a tenth of a small sensor's, for a
 threshold that is too low stops a run too early.
@@ -30,14 +30,14 @@ class AxisWatch:
             else [DEAD_WHILE_MOVED_SHARE * full_scale for full_scale in facts.full_scales]
         )
         self._far = [reach / scale for reach, scale in zip(far, facts.scales, strict=True)]
-        """How far an axis must move from its first value, in values."""
+        """Way from its first value that an axis must move, in values."""
         self._first: Sequence[float] | None = None
         self._unchanged = set(range(len(AXES)))
         self._first_at = self._for = 0.0
         self._moved = False
 
     def zeroed(self) -> None:
-        """A zero was taken: the values begin anew."""
+        """A zero was taken: the values begin again."""
         self._first = None
 
     def frame(self, values: Sequence[float], at: float) -> None:

@@ -47,7 +47,7 @@ class ForceSensor:
         self.received = 0
         """Complete frames so far."""
         self.repeated = 0
-        """How many of the newest frames in a row carried identical values on all axes."""
+        """Number of newest frames in a row with identical values on all axes."""
         self.unchanged_since = math.nan
         """When the first of these frames arrived, s on the run's clock."""
         self.saturated_axes = 0
@@ -64,7 +64,7 @@ class ForceSensor:
         """The newest frame when the device said that it had taken its zero; None before."""
         self._facts: SensorFacts | None = None
         self._watch: AxisWatch
-        """Of the device since it was ready."""
+        """Watch over the device since it was ready."""
         self._converted: WrenchFrame | None = None
         """The frame whose wrench was asked for last."""
         self._wrench: Wrench = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -91,7 +91,7 @@ class ForceSensor:
 
     @property
     def facts(self) -> SensorFacts:
-        """What the device tells of itself; known once it is ready."""
+        """Facts that the device tells of itself; known once it is ready."""
         assert self._facts is not None, "the device is ready first"
         return self._facts
 
@@ -128,7 +128,7 @@ class ForceSensor:
     async def tare(self) -> None:
         """Let the device take its present filtered output as zero. Frames from before are forgotten.
 
-        What the output was is looked at first: a zero moves the values, and the end of the range stays where it is.
+        The output before the zero is looked at first: a zero moves the values, but not the end of the range.
         """
         await self.frame()
         self._client.zero()

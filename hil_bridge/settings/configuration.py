@@ -31,7 +31,7 @@ from hil_bridge.field_docstrings import field_docstrings
 from hil_bridge.kinds import ROBOTS, SENSORS, CellSection, emulated_sensor, faults_of
 from hil_bridge.settings.earlier import told_of
 from hil_bridge.settings.kinds import Chosen, cell_section, chosen_in, merged_section
-from hil_bridge.text_files import read_toml, shown, toml_pair
+from hil_bridge.text_files import format_value, read_toml, toml_pair
 from protocol.geometry import Quaternion, Vector
 from protocol.marks import Setting, settings
 
@@ -66,13 +66,13 @@ class RunConfig(_Section):
     """The run as a whole."""
 
     duration_s: float = Field(default=30.0, gt=0)
-    """How long to track the surface once in contact."""
+    """Time to track the surface once in contact."""
     seed: int = Field(default=1, ge=0)
     """Seed of every random draw in the emulated cell."""
     period_ms: float = Field(default=0.0, ge=0)
     """Control period; 0 runs as fast as the robot's link answers."""
     panel_url: str = ""
-    """Where the emulated controller's panel listens, tcp-listen://127.0.0.1:0; empty: nowhere."""
+    """URL at which the emulated controller's panel listens, tcp-listen://127.0.0.1:0; empty: no panel."""
 
 
 class RobotSection(_Section):
@@ -111,7 +111,7 @@ class SensorSection(_Section):
     """
     emulated: str = "gateway"
     """Kind of the emulated sensor: gateway, uart or board for a JR3 behind a CAN gateway, a UART gateway or a receiver
-    board, or one that another package offers.
+    board. Other packages may offer more.
     """
     mounting_deg: float = 0.0
     """Rotation of the sensor about the tool's z axis: angle from the tool's x axis to the sensor's."""
@@ -128,8 +128,8 @@ class SensorSection(_Section):
     right.
     """
     tare: bool = True
-    """Take what the sensor reads before the movement for zero, whatever it is; otherwise only the bias given here
-    and the tool's weight are taken off, so that a force that is there already is seen.
+    """Take the sensor's reading before the movement for zero, whatever it is. Otherwise only the bias given here and
+    the tool's weight are taken off, so that a force that is there already is seen.
     """
     bias_n: Vector = (0.0, 0.0, 0.0)
     """Forces that the sensor reads with nothing on it, fx fy fz as it counts; used where no zero is taken."""
@@ -181,14 +181,14 @@ else:
 
 
 class ToolConfig(_Section):
-    """What hangs below the sensor."""
+    """The load below the sensor."""
 
     mass_kg: float | None = Field(default=None, ge=0)
     """Mass below the sensor, which `identify-tool` measures; the sensor must read its weight before a run moves.
     Nothing where it is not known: an emulated cell then tells its own.
     """
     centre_of_gravity_mm: Vector = (0.0, 0.0, 0.0)
-    """From the sensor's origin, along the tool frame's axes."""
+    """Place from the sensor's origin, along the tool frame's axes."""
 
 
 class FrameConfig(_Section):
@@ -200,7 +200,7 @@ class FrameConfig(_Section):
     """Along the surface; perpendicular to `approach`."""
     follow_normal: bool = False
     """Control the force along the surface's normal, estimated from motion and force, and hold the speed along the
-    surface; otherwise both keep the directions given here, as in the paper.
+    surface. Otherwise both keep the directions given here, as in the paper.
     """
     contour: Contour = Contour()
     """How the normal is estimated."""
@@ -277,7 +277,7 @@ class Config(_Section):
     cell: CellConfig = CellConfig()
     """The emulated cell: used by `emulate`, and by `run` for what has no URL."""
     faults: tuple[FaultConfig, ...] = ()
-    """What goes wrong on purpose in the emulated cell, a table [[faults]] each; `hil-bridge faults` lists it all."""
+    """Faults on purpose in the emulated cell, a table [[faults]] each; `hil-bridge faults` lists them all."""
 
     @field_validator("task")
     @classmethod
@@ -332,7 +332,7 @@ def read_config(values: Mapping[str, Any]) -> Config:
 
 
 def load_config(path: Path | None, overrides: Mapping[str, object]) -> Config:
-    """Read a TOML file, put the overrides that are not None (`section.key`) on top, and validate.
+    """Read a TOML file, put the overrides that are not None (by dotted key) on top, and validate.
 
     Raises ConfigError with the file, the key and what to do.
     """
@@ -344,8 +344,10 @@ def load_config(path: Path | None, overrides: Mapping[str, object]) -> Config:
     for key, value in overrides.items():
         if value is None:
             continue
-        section, name = key.split(".")
-        table = values.setdefault(section, {})
+        *sections, name = key.split(".")
+        table: Any = values
+        for section in sections:
+            table = table.setdefault(section, {}) if isinstance(table, dict) else None
         if isinstance(table, dict):
             table[name] = value
             given.add(key)
@@ -430,7 +432,7 @@ def _sections(key: str, section: object) -> Iterator[tuple[str, Any]]:
 
 @cache
 def _comments(cls: Any) -> dict[str, str]:
-    """What is said about each field of a section: the setting's meaning with unit and mark, or its docstring."""
+    """Text for each field of a section: the setting's meaning with unit and mark, or its docstring."""
     comments = field_docstrings(cls)
     if issubclass(cls, BaseModel):
         return comments
@@ -444,7 +446,7 @@ def _comments(cls: Any) -> dict[str, str]:
 def explain(error: ValidationError, path: Path | None, given: set[str]) -> str:
     """The first thing that is wrong as one line: where, what, what to do."""
     first = error.errors()[0]
-    location, got = [str(part) for part in first["loc"]], f", got {shown(first['input'])}"
+    location, got = [str(part) for part in first["loc"]], f", got {format_value(first['input'])}"
     match first["type"]:
         case "extra_forbidden" | "unexpected_keyword_argument":
             old = told_of(".".join(location), first["input"])
@@ -474,7 +476,7 @@ def explain(error: ValidationError, path: Path | None, given: set[str]) -> str:
 
 
 def _at(location: Sequence[str]) -> object:
-    """What stands there in the default configuration; None for what is not there."""
+    """Value in the default configuration; None for a key that is not there."""
     found: Any = Config()
     for part in location:
         found = getattr(found, part, None)

@@ -14,7 +14,7 @@ from hil_bridge.control.types import SAMPLE_MS
 FRAME_MS = 10.0
 """Between two frames of the sensor's default stream, by which version 0.1.0 chose its numbers of frames."""
 RECORDED_CYCLE_S = 0.25
-"""What each cycle of such a recording counts as. Chosen: near to what they took, and a power of two, so that a speed
+"""Time that each cycle of such a recording counts as. Chosen: near to the real time, and a power of two: a speed
 times this time is the recorded step to the last bit.
 """
 
@@ -24,11 +24,11 @@ class Renamed:
     """A setting that was counted."""
 
     key: str
-    """Its new name, `section.name`."""
+    """New name of the key, `section.name`."""
     frames: bool = False
-    """It counted frames, not cycles."""
+    """The old setting counted frames, not cycles."""
     reached: bool = True
-    """Of a count: the run did something at that count, not after it."""
+    """For a count: the run reacted at that count, not after it."""
 
     @property
     def is_speed(self) -> bool:
@@ -36,7 +36,7 @@ class Renamed:
         return self.key.endswith("_mm_s")
 
     def value(self, before: float, cycle_ms: float) -> float:
-        """What the old value comes to with cycles of this time."""
+        """The old value with cycles of this time."""
         if self.is_speed:
             return before / (cycle_ms * 1e-3)
         # cycles are not evenly long: half of one less is reached by the same one
@@ -54,11 +54,11 @@ RENAMED: Mapping[str, Renamed] = {
     "limits.still_after_cycles": Renamed("limits.still_after_ms"),
     "oscillation.window_samples": Renamed("oscillation.window_ms", reached=False),
 }
-"""By the old name."""
+"""Replacements by the old name."""
 
 
 def told_of(key: str, value: object) -> str:
-    """What to write instead of an old setting, with its value at the S3's 180 ms; empty for a key that is none."""
+    """Replacement for an old setting, with its value at the S3's 180 ms; empty for a key that is none."""
     renamed = RENAMED.get(key)
     if renamed is None:
         return ""

@@ -49,7 +49,7 @@ def merged_section(base: type[BaseModel], registry: Registry[Any], names: Sequen
     for kind in map(registry.kind, names):
         more[field_name(kind.name)] = (kind.settings, kind.settings())
     return create_model(
-        base.__name__, __base__=(base, *ours), __doc__=base.__doc__, __module__=base.__module__, **more
+        base.__name__, __base__=(*ours, base), __doc__=base.__doc__, __module__=base.__module__, **more
     )
 
 
@@ -70,7 +70,7 @@ def cell_section(chosen: Chosen) -> Any:
     return dataclasses.make_dataclass(
         "CellConfig",
         fields,
-        bases=(CellSection, *ours),
+        bases=(*reversed(ours), CellSection),
         frozen=True,
         namespace={
             "__module__": CellSection.__module__,
@@ -104,7 +104,7 @@ def sensor_kind(config: Any) -> SensorKind:
 
 
 def facts_of(config: Any) -> RobotFacts:
-    """What is known of a run's robot before anything is opened. Raises ConfigError for its URL."""
+    """Facts of a run's robot before a wire is opened. Raises ConfigError for its URL."""
     url = config.robot.url
     kind, wire = robot_of(url) if url else (ROBOTS.kind(config.robot.emulated), "")
     return recorded_facts(config, kind.facts(wire, settings_of(config, kind)))

@@ -15,7 +15,7 @@ from typing import Any
 import click
 
 from hil_bridge.clock import Clock, run_real
-from hil_bridge.clock.realtime import RealTime, scheduled
+from hil_bridge.clock.realtime import RealTime, real_time_thread
 from hil_bridge.errors import ConfigError
 from hil_bridge.kinds import CanBus, robot_of, sensor_of
 from hil_bridge.runs.checks import problems
@@ -31,9 +31,9 @@ PERIOD_S, CYCLES = 1e-3, 1000
 LATE_S = 1e-3
 """Wake-ups later than this are worth a warning. Chosen: a sample of a 1 kHz stream."""
 CONNECT_S = 2.0
-"""For how long a host may take to answer. Chosen."""
+"""Longest wait for a host's answer. Chosen."""
 LOCKED_BYTES = 1 << 29
-"""What a process with all its memory locked needs at most. Chosen."""
+"""Most memory that a process with all its memory locked needs. Chosen."""
 
 
 def doctor(config_file: Path | None, root: Path = Path("/")) -> bool:
@@ -62,8 +62,10 @@ def _say(fact: Fact) -> None:
 def computer(
     root: Path, details: Mapping[str, Mapping[str, Any]] | None, realtime: RealTime
 ) -> Iterator[Fact]:
-    """Everything about this computer, wires first; wake-ups as a thread has them that is run so."""
-    for port in facts.serial_ports(root):  # perhaps nobody wants it: only a configuration's can fail
+    """Everything about this computer, wires first; wake-ups as a thread with these settings has them."""
+    for port in facts.serial_ports(
+        root
+    ):  # a port may be unused: only one that the configuration names can fail
         yield replace(port, level=Level.WARN) if port.level is Level.FAIL else port
     yield from facts.can_interfaces(root, details)
     yield socketcan()
@@ -168,14 +170,14 @@ def socketcan() -> Fact:
 def wake_ups(realtime: RealTime) -> Fact:
     """How late this process wakes, measured as it would be run; as any other where the machine refuses that."""
     try:
-        with scheduled(realtime):
+        with real_time_thread(realtime):
             return judged(run_real(_lateness, realtime.busy_poll_ms * 1e-3), realtime)
     except ConfigError:
         return judged(run_real(_lateness), RealTime())
 
 
 def judged(late: Sequence[float], realtime: RealTime) -> Fact:
-    """What these latenesses of a thread run so, s, the least first, say of the machine, and what is left to be done."""
+    """Finding from these latenesses of a thread run so, s, ascending, about the machine, and the remedy."""
     mean, p99 = sum(late) / len(late), late[int(0.99 * len(late))]
     awake = ", processors kept awake" * realtime.keep_awake + ", busy polling" * bool(realtime.busy_poll_ms)
     text = (
@@ -196,7 +198,7 @@ def judged(late: Sequence[float], realtime: RealTime) -> Fact:
 
 
 async def _lateness() -> list[float]:
-    """How late each of many periodic wake-ups was, s, the least first."""
+    """Lateness of each of many periodic wake-ups, s, ascending."""
     clock = Clock.running()
     try:
         begun = clock.now()
@@ -213,7 +215,7 @@ async def _lateness() -> list[float]:
 def keeping_awake(wanted: bool) -> Fact:
     """Whether we may keep the processors from sleeping."""
     try:
-        with scheduled(RealTime(keep_awake=True)):
+        with real_time_thread(RealTime(keep_awake=True)):
             asks = "asks" if wanted else "would ask"
             return ok("processors' sleep", f"may be prevented; `realtime.keep_awake` {asks} for it")
     except ConfigError as error:
@@ -224,7 +226,7 @@ def keeping_awake(wanted: bool) -> Fact:
 def priority() -> Fact:
     """Whether we may take real-time priority."""
     try:
-        with scheduled(RealTime(fifo_priority=1)):
+        with real_time_thread(RealTime(fifo_priority=1)):
             return ok("real-time priority", "permitted; `realtime.fifo_priority` asks for it")
     except ConfigError:
         limit = resource.getrlimit(resource.RLIMIT_RTPRIO)[0]

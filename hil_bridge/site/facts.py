@@ -1,4 +1,4 @@
-"""What a computer tells of itself below /sys, /proc and /dev, judged for a bridge's needs.
+"""Facts about a computer from /sys, /proc and /dev, judged for a bridge's needs.
 
 Everything is read below a root folder, so that tests can lay out a computer of their own. Sources: kernel
 documentation, Documentation/ABI/testing/sysfs-class-net, sysfs-bus-usb, sysfs-class-tty, sysfs-devices-system-cpu;
@@ -49,7 +49,7 @@ class Fact:
     subject: str
     text: str
     remedy: str = ""
-    """What to do about it."""
+    """Remedy."""
 
     def __str__(self) -> str:
         remedy = f"; {self.remedy}" if self.remedy else ""
@@ -118,7 +118,7 @@ def serial_port(root: Path, name: str) -> Fact:
 
 
 def latency_timer(root: Path, name: str) -> Iterator[Fact]:
-    """How long a USB adapter keeps characters, where it has such a timer."""
+    """Time for which a USB adapter keeps characters, where it has such a timer."""
     path = f"/sys/bus/usb-serial/devices/{name}/latency_timer"
     text = _read(root / path.lstrip("/"))
     if not text.isdigit():
@@ -149,7 +149,7 @@ def _adapter(root: Path, name: str) -> str:
 
 
 def _group(information: os.stat_result) -> str:
-    """Who may open it beside its owner."""
+    """Users that may open it beside its owner."""
     if information.st_mode & stat.S_IRWXG:
         try:
             return grp.getgrgid(information.st_gid).gr_name
@@ -164,7 +164,7 @@ def _holders(root: Path, device: str) -> Iterator[str]:
         try:
             open_files = [os.readlink(link) for link in (process / "fd").iterdir()]
         except OSError:
-            continue  # somebody else's, or it has ended
+            continue  # of another user, or it has ended
         if device in open_files:
             yield f"{_read(process / 'comm') or 'process'} ({process.name})"
 
@@ -291,7 +291,7 @@ def vcan(root: Path, release: str) -> Fact:
 
 
 def clock_source(root: Path) -> Fact:
-    """What the kernel reads the time from."""
+    """Source of the kernel's time."""
     name = _read(root / "sys/devices/system/clocksource/clocksource0/current_clocksource") or "unknown"
     if name in _BAD_CLOCKS:
         return warn(

@@ -1,4 +1,4 @@
-"""What pushes by hand tell of how a force sensor is mounted. Pure.
+"""Mounting of a force sensor from pushes by hand. Pure.
 
 A hand that pushes along an axis of the tool is a force of the environment on the tool along that axis. The sensor's
 reading less the one before it then names the axis that answers, and its sign; three such pushes name the mounting.
@@ -22,7 +22,7 @@ NOISE_FACTOR = 10.0
 SURE_SHARE = 0.87
 """Share of the force on one axis above which that axis is named for sure. Chosen: within 30° of it."""
 RIGHT_ANGLE_DEG = 20.0
-"""How far from a multiple of a right angle a hand may be off. Chosen: nobody pushes straighter."""
+"""How far from a multiple of a right angle a hand may be off. Chosen: a person does not push straighter."""
 
 _FORCES = 3
 _SQUARE = 90.0
@@ -30,15 +30,15 @@ _SQUARE = 90.0
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """How the sensor answered a push."""
+    """Answer of the sensor to a push."""
 
     axis: str
-    """Of the sensor, fx fy fz: the one that changed most."""
+    """Axis of the sensor that changed most: fx, fy or fz."""
     sign: int
     force_n: float
     """Length of the change of the force."""
     share: float
-    """How much of it lies on that axis, 0 … 1: the cosine of the angle between them."""
+    """Share of the push on that axis, 0 … 1: the cosine of the angle between them."""
     direction: tuple[float, ...]
     """Unit vector of the change along the sensor's axes."""
 
@@ -49,7 +49,7 @@ class Answer:
 
     @property
     def text(self) -> str:
-        """In words."""
+        """The answer in words."""
         named = f"{'+' if self.sign > 0 else '−'}{self.axis.capitalize()}"
         if self.sure:
             return f"{named} answers: {self.force_n:.1f} N, {self.share:.0%} of it on this axis"
@@ -84,7 +84,7 @@ def push_threshold(noise: Sequence[float]) -> float:
 
 
 def judge_push(before: Sequence[float], during: Sequence[float], noise: Sequence[float]) -> Answer | None:
-    """What a push did to the mean wrench in the sensor frame, N and N·m; None where it is too weak to tell."""
+    """Change of the mean wrench by a push, sensor frame, N and N·m; None where it is too weak to tell."""
     change = [during[k] - before[k] for k in range(_FORCES)]
     length = math.hypot(*change)
     if not length >= push_threshold(noise):
@@ -95,7 +95,7 @@ def judge_push(before: Sequence[float], during: Sequence[float], noise: Sequence
 
 
 def expected(wrist: Wrist, axis: int) -> Answer:
-    """How a sensor that sits as `wrist` says answers a push of 1 N along an axis of the tool: 0 x, 1 y, 2 z."""
+    """Answer of a sensor mounted as `wrist` says to a push of 1 N along an axis of the tool: 0 x, 1 y, 2 z."""
     seen = wrist.alignment()[axis].tolist()
     answer = judge_push((0.0,) * _FORCES, [LEAST_N * part for part in seen], (0.0,) * _FORCES)
     assert answer is not None

@@ -1,7 +1,7 @@
 """`hil-bridge probe sensor`: what a force sensor tells of itself, how it is mounted, and what it feels.
 
-Nothing is sent but what a run sends at its start, and no zero: the wrench shown is the device's own, with the weight
-of all that hangs below the sensor in it.
+Nothing is sent but the requests of a run's start, and no zero. The wrench shown is the device's own, with the weight of
+all that hangs below the sensor in it.
 """
 
 import asyncio
@@ -37,19 +37,19 @@ from hil_bridge.wiring import Wiring
 from protocol.wrench import AXES, WrenchFrame
 
 NOISE_S = 1.0
-"""For so long the stream's rate and noise are measured, and what is there before a push. Chosen."""
+"""Time for the stream's rate and noise, and for the force before a push. Chosen."""
 HOLD_S = 0.5
-"""For so long a push must be held. Chosen."""
+"""Time for which a push must be held. Chosen."""
 LOOK_S = 0.1
 """How often it is looked for. Chosen."""
 PATIENCE_S = 60.0
-"""For how long a push is waited for, and then for its end. Chosen: somebody has to walk to the cell."""
+"""Longest wait for a push, and then for its end. Chosen: a person has to walk to the cell."""
 FIRST_S = 5.0
 """For how long the first frame is waited for once the device says that it streams. Chosen: behind the slowest filter
 of a UART gateway it comes within a second.
 """
 SHOW_S = 1.0
-"""From one live line to the next."""
+"""Time from one live line to the next."""
 STEADY_SHARE = 0.25
 """How much a push that is held may vary, rms, as a share of itself. Chosen: more is a knock, or a hand on its way."""
 
@@ -58,7 +58,7 @@ Seen = TypeVar("Seen")
 
 @dataclass(frozen=True, slots=True)
 class Screen:
-    """Where a probe speaks."""
+    """Screen of a probe."""
 
     say: Callable[[str], object]
     """Shown a line that stays."""
@@ -72,7 +72,7 @@ class Stream:
 
     rate_hz: float
     mean: tuple[float, ...]
-    """In the sensor frame, N and N·m."""
+    """Mean wrench in the sensor frame, N and N·m."""
     rms: tuple[float, ...]
     """About the mean, per axis."""
 
@@ -137,7 +137,7 @@ async def probe(
 ) -> None:
     """Open a sensor, tell of it, ask for pushes unless `entered` is None, then show the wrench; errors as above.
 
-    `entered` is set by somebody who wants to go on without the push that is asked for.
+    A person sets `entered` to go on without the push that is asked for.
     """
     frames: deque[WrenchFrame] = deque()
 
@@ -175,7 +175,7 @@ class _Look:
         self._sensor.check()
 
     def back(self, seconds: float) -> Stream:
-        """What came in the last so many seconds. Raises DeviceError when that is no stream."""
+        """Frames of the last so many seconds. Raises DeviceError when they are no stream."""
         since = self._clock.now() - seconds
         recent = [self._sensor.wrench(frame) for frame in list(self._frames) if frame.at > since]
         if len(recent) < 2:
@@ -193,7 +193,7 @@ class _Look:
 
 
 async def _tell(sensor: ForceSensor, look: _Look, url: str, screen: Screen) -> tuple[float, ...]:
-    """What the device says of itself, and what its stream is like; the noise of each axis."""
+    """Facts that the device tells of itself and of its stream, and the noise of each axis."""
     scales = (await sensor.ready()).full_scales
     try:
         async with asyncio.timeout(FIRST_S):
@@ -271,7 +271,7 @@ async def _pushes(
 
 
 async def _push(look: _Look, noise: Sequence[float], screen: Screen, entered: asyncio.Event) -> Answer | None:
-    """The answer to one push, once it is held; None where somebody or the patience is against it."""
+    """Answer to one push, once it is held; None where a person pressed Enter or the wait ran out."""
     before = look.back(NOISE_S).mean
 
     def held() -> Answer | None:
@@ -297,7 +297,7 @@ async def _push(look: _Look, noise: Sequence[float], screen: Screen, entered: as
 async def _until(
     look: _Look, screen: Screen, entered: asyncio.Event, seen: Callable[[], Seen | None]
 ) -> Seen | None:
-    """What is seen, looked for again and again; None once somebody pressed Enter, or nobody has the patience."""
+    """First value of `seen`, asked again and again; None once a person pressed Enter or the wait ran out."""
     for number in range(round(PATIENCE_S / LOOK_S)):
         await look.after(LOOK_S)
         if (found := seen()) is not None or entered.is_set():

@@ -33,7 +33,7 @@ async def _repeat(sender: DatagramWire, said: list[bytes], ear: Ear) -> None:
 
 
 async def _balance(left: DatagramWire, right: DatagramWire) -> None:
-    """What left went into the network has come out, or is counted as lost; the right end has sent nothing."""
+    """Every datagram from the left end has come out or is counted as lost; the right end has sent nothing."""
     for _ in range(TRIES):
         here, there = left.statistics, right.statistics
         gone = here.lost + there.lost + here.unreachable + there.refused + there.overruns
@@ -70,7 +70,7 @@ async def check_loss_is_counted(case: DatagramCase, left: DatagramWire, right: D
 
 
 async def check_sending_never_blocks(case: DatagramCase, left: DatagramWire, right: DatagramWire) -> None:
-    """Nobody reads at the other end, which then has lost what its queue could not hold."""
+    """The other end does not read and has lost the datagrams for which its queue had no room."""
     clock, flood = asyncio.get_running_loop(), [bytes(1000)] * 100
     began = clock.time()
     for _ in range(50):

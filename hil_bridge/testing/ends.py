@@ -1,4 +1,4 @@
-"""What both suites of wires need: cases that open two ends, an ear at an end, and a loop to run a check in."""
+"""Parts that both suites of wires need: cases that open two ends, an ear at an end, and a loop to run a check in."""
 
 import asyncio
 import threading
@@ -16,7 +16,7 @@ Ends: TypeAlias = tuple[Transport[Any], Transport[Any]]
 
 
 class Case(Protocol):
-    """What both kinds of case have."""
+    """Fields that both kinds of case have."""
 
     @property
     def open(self) -> Callable[[Clock], AbstractAsyncContextManager[tuple[Any, Any]]]:
@@ -39,7 +39,7 @@ class StreamCase:
     frames: bool = False
     """Whether it carries CAN frames."""
     peer_end: type[TransportError] | None = TransportEnded
-    """What the left end ends with when the right one closes; None where a wire does not tell."""
+    """Error with which the left end ends when the right one closes; None where a wire does not tell."""
     peer_end_right: type[TransportError] | None = TransportEnded
     volume: int = 100_000
     """Bytes for the big transfer; less than a queue where the peer of a slow line can send without limit."""
@@ -65,7 +65,7 @@ class DatagramCase:
     cut: Callable[[Any], None] | None = None
     """Breaks the left end; it may become known when the other side speaks next. None: cannot be done in a test."""
     peer_end: type[TransportError] | None = None
-    """What an end ends with when the other one closes; None where a wire does not tell."""
+    """Error with which an end ends when the other one closes; None where a wire does not tell."""
     virtual: bool = False
 
     def unpack(self, data: Any) -> bytes:
@@ -83,7 +83,7 @@ class Ear:
         self.data = b""
         """Everything that arrived on a stream, joined."""
         self.batches: list[Any] = []
-        """What arrived, as it was delivered."""
+        """Arrivals, as they were delivered."""
         self.ends: list[TransportError] = []
         transport.start(self._on_data, self._on_end)
 

@@ -1,4 +1,4 @@
-"""Tests that every wire has to pass, for the test module of those who write one.
+"""Tests that every wire has to pass, for the test module of its author.
 
     import pytest
     from hil_bridge.testing.transports import StreamCase, TestStreamWire

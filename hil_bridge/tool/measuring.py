@@ -43,7 +43,7 @@ ARRIVAL_S = 10.0
 FRAMES_MIN = 10
 """Fewest frames to average. Chosen."""
 TIME_CONSTANTS = 7.0
-"""Of the sensor's filter, waited for beside the settling. Derived: after as many less than 0.1 % is left."""
+"""Time constants of the sensor's filter, beside the settling. Derived: after as many less than 0.1 % is left."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -225,7 +225,7 @@ class _Measuring:
 
 
 def _unit(quaternion: Quaternion) -> Quaternion:
-    """Device words are rounded; turns are reckoned with unit length."""
+    """Device words are rounded; turns are calculated with unit length."""
     length = math.hypot(*quaternion)
     if length < 0.5:
         raise DeviceError(f"the robot reports the orientation {quaternion}, which is none")

@@ -22,10 +22,10 @@ from hil_bridge.transports.opening import (
     listen_can,
     listen_datagrams,
 )
-from hil_bridge.transports.serial.line import LineEnd, LineNotices, Paced
+from hil_bridge.transports.serial.line import LineNotices, PacedLine, Uart
 from hil_bridge.transports.serial.uart import Damaged, Flaw, LineErrors, LineSettings, Parity
 from hil_bridge.transports.serial.usb_adapter import UsbAdapter, UsbAdapterProfile
-from hil_bridge.transports.wrappers import Delayed, Direction, Faults, Faulty, Tap
+from hil_bridge.transports.wrappers import Direction, Tap
 
 __all__ = [
     "BitErrors",
@@ -34,26 +34,23 @@ __all__ = [
     "DatagramStatistics",
     "DatagramWire",
     "Datagrams",
-    "Delayed",
     "Direction",
     "Disturbance",
     "ErrorCounters",
-    "Faults",
-    "Faulty",
     "Flaw",
     "Frames",
-    "LineEnd",
     "LineErrors",
     "LineNotices",
     "LineSettings",
     "Listening",
     "MemoryCanBus",
     "MemoryCanNode",
-    "Paced",
+    "PacedLine",
     "Parity",
     "Reconnecting",
     "Tap",
     "Transport",
+    "Uart",
     "UsbAdapter",
     "UsbAdapterProfile",
     "connect_bytes",

@@ -16,11 +16,11 @@ some seconds to start, and a refused connection costs it nothing. Without jitter
 
 Opened = TypeVar("Opened")
 Notice = Callable[[str, str], None]
-"""Told kind and text of what is worth a line in the record."""
+"""Called with kind and text of an event that is worth a line in the record."""
 
 
 def waits() -> Iterator[float]:
-    """How long to wait before each further try, s; without end."""
+    """Times to wait before each further try, s; without end."""
     wait = FIRST_WAIT_S
     while True:
         yield wait
@@ -47,7 +47,7 @@ async def persistent(open_it: Callable[[], Awaitable[Opened]], patience_s: float
 class Reconnecting:
     """A byte wire that is opened again when it breaks or the other side ends it.
 
-    What was under way is lost, and so is what is sent meanwhile: a link that repeats gets over it. `on_notice` is
+    Bytes under way are lost, and so are bytes sent meanwhile: a link that repeats gets over it. `on_notice` is
     told of every loss and return. When the wire is not back after `patience_s` it ends with TransportBroken.
     """
 

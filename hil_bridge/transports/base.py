@@ -28,8 +28,8 @@ class Transport(Protocol[Data]):
     def start(self, on_data: Callable[[Data], None], on_end: Callable[[TransportError], None]) -> None:
         """Begin delivery; called once. What arrived since opening is delivered too.
 
-        `on_end` is called exactly once, after the last data: with TransportClosed after our own `aclose`,
-        TransportBroken when the peer or the cable broke, TransportEnded when the other side closed properly.
+        `on_end` is called exactly once, after the last data. It gets TransportClosed after our own `aclose`,
+        TransportBroken when the peer or the cable broke, and TransportEnded when the other side closed properly.
         """
 
     def send(self, data: Data) -> None:

@@ -1,4 +1,4 @@
-"""What every transport needs inside: a place for arrivals until somebody listens, and a queue with times."""
+"""Parts that every transport needs inside: a place for arrivals until the client listens, and a queue with times."""
 
 import asyncio
 from collections import deque
@@ -18,7 +18,7 @@ QUEUE_FRAMES = 1024
 """Bound of every queue of CAN frames. Chosen: an eighth of a second of a full bus at 1 Mbit/s."""
 
 FLUSH_S = 1.0
-"""For how long `aclose` hands over what is queued, s. Part of the transport contract."""
+"""Longest time for which `aclose` hands over queued data, s. Part of the transport contract."""
 
 
 class Delivery(Generic[Data]):
@@ -46,7 +46,7 @@ class Delivery(Generic[Data]):
         self.waiting = 0
         """Bytes or frames that arrived before `start`."""
         self.overruns = 0
-        """Bytes or frames lost because nobody started the transport."""
+        """Bytes or frames lost because the client had not started the transport."""
         self.ended: TransportError | None = None
         """Why nothing comes any more."""
 
@@ -144,7 +144,7 @@ class TimedQueue:
         self._armed = False
         now = self._clock.now()
         try:
-            # what is put meanwhile waits for the next turn, or two ends that answer each other never return
+            # data put meanwhile wait for the next turn: else two ends that answer each other never return
             for _ in range(len(self._actions)):
                 if not self._actions or self._actions[0][0] > now:
                     break

@@ -25,7 +25,7 @@ class Listening(Generic[Data]):
 class Exchange:
     """The transport of a listener: connected to the one client that is there.
 
-    What is sent while nobody is there is lost, as on an unplugged cable; `lost` counts it.
+    Bytes sent while no client is there are lost, as on an unplugged cable; `lost` counts them.
     """
 
     def __init__(self, name: str, free: Callable[[], None], stop: Callable[[], None]) -> None:
@@ -36,7 +36,7 @@ class Exchange:
         self._free = free
         self._stop = stop
         self.lost = 0
-        """Bytes sent that nobody received."""
+        """Bytes sent that no client received."""
 
     @property
     def name(self) -> str:

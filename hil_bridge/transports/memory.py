@@ -11,17 +11,17 @@ from hil_bridge.errors import TransportEnded, TransportError, TransportUnavailab
 from hil_bridge.transports.base import Transport
 from hil_bridge.transports.delivery import QUEUE_BYTES, Delivery, TimedQueue, flush
 from hil_bridge.transports.listening import Exchange
-from hil_bridge.transports.serial.line import LineEnd
+from hil_bridge.transports.serial.line import Uart
 
 
 @dataclass(frozen=True, slots=True)
 class _Listener:
     exchange: Exchange
-    end: LineEnd | None
+    end: Uart | None
 
 
 _LISTENERS: WeakKeyDictionary[asyncio.AbstractEventLoop, dict[str, _Listener]] = WeakKeyDictionary()
-"""Who listens under which name, for each loop."""
+"""Listeners by their names, for each loop."""
 
 
 def memory_pair(
@@ -29,8 +29,8 @@ def memory_pair(
 ) -> tuple[Transport[bytes], Transport[bytes]]:
     """Two ends of a wire. What one sends reaches the other whole after the latency, never within `send`.
 
-    `line` promises that one of the two is given to a serial line: that takes time itself, so that without latency
-    the wire hands on within `send`, and no byte is with anybody earlier for it.
+    `line` promises that one of the two is given to a serial line, which takes time itself. So without latency the wire
+    hands on within `send`, and no byte arrives earlier for it.
     """
     at_once = line and latency_s <= 0.0
     here = _MemoryEnd(clock, latency_s, name, at_once)
@@ -39,7 +39,7 @@ def memory_pair(
     return here, there
 
 
-def listen_memory(name: str, clock: Clock, end: LineEnd | None = None) -> Transport[bytes]:
+def listen_memory(name: str, clock: Clock, end: Uart | None = None) -> Transport[bytes]:
     """Wait for clients of this name in this loop, one at a time. Raises TransportUnavailable if taken.
 
     `end` is the listener's UART; the line itself is at the client's side of the wire.
@@ -54,17 +54,17 @@ def listen_memory(name: str, clock: Clock, end: LineEnd | None = None) -> Transp
 
 def connect_memory(
     name: str, latency_s: float, clock: Clock, line: bool = False
-) -> tuple[Transport[bytes], LineEnd | None]:
-    """Connect to who listens under this name; gives the wire and the listener's UART, if it has one.
+) -> tuple[Transport[bytes], Uart | None]:
+    """Connect to the listener under this name; gives the wire and the listener's UART, if it has one.
 
     The wire is to be given to a serial line where the listener has a UART, or where `line` says so.
 
-    Raises TransportUnavailable when nobody listens or another client is there.
+    Raises TransportUnavailable without a listener, or when another client is there.
     """
     listener = _LISTENERS.get(clock.loop, {}).get(name)
     if listener is None:
         raise TransportUnavailable(
-            f"memory:{name}: nobody listens under this name; start the other side first"
+            f"memory:{name}: no program listens under this name; start the other side first"
         )
     if listener.exchange.busy:
         raise TransportUnavailable(f"memory:{name}: another client is connected; close that one first")

@@ -17,7 +17,7 @@ from hil_bridge.transports.datagram import connect_memory as connect_memory_data
 from hil_bridge.transports.datagram import listen_memory as listen_memory_datagrams
 from hil_bridge.transports.listening import Listening
 from hil_bridge.transports.memory import connect_memory, listen_memory
-from hil_bridge.transports.serial.line import FIFO, LineEnd, LineNotices, Paced
+from hil_bridge.transports.serial.line import FIFO, LineNotices, PacedLine, Uart
 from hil_bridge.transports.serial.pseudo_terminal import PseudoTerminal
 from hil_bridge.transports.serial.uart import Damaged, LineSettings
 from hil_bridge.transports.serial.usb_adapter import UsbAdapter, UsbAdapterProfile
@@ -75,7 +75,7 @@ def _connect_memory(parsed: WireUrl, clock: Clock, on_notice: Notice) -> Transpo
     if line is None:
         return _with_adapter(wire, parsed, clock, Direction.RECEIVED)
     notices = LineNotices(parsed.text, line, clock, on_notice)
-    paced = Paced(wire, LineEnd(lambda: line, on_flaw=notices), clock, _fifo(parsed), far)
+    paced = PacedLine(wire, Uart(lambda: line, on_flaw=notices), clock, _fifo(parsed), far)
     return _with_adapter(paced, parsed, clock, Direction.RECEIVED)
 
 
@@ -93,7 +93,7 @@ async def _connect_host(parsed: WireUrl, clock: Clock, on_notice: Notice) -> Tra
 async def connect_can(url: str, clock: Clock, accept: Sequence[CanFilter] = ()) -> Transport[Frames]:
     """Open a CAN wire that receives what one of the filters accepts; everything without filters.
 
-    What is wrong on the bus arrives in band, as error frames that `protocol.can.error` reads. Raises ConfigError
+    Errors on the bus arrive in band, as error frames that `protocol.can.error` reads. Raises ConfigError
     for the URL, TransportUnavailable for the wire.
     """
     return await _open_can(parse_url(url, CONNECT_CAN), clock, accept)
@@ -118,8 +118,8 @@ async def listen_bytes(url: str, clock: Clock) -> Listening[bytes]:
         case "rfc2217-listen":
             return await _listen_rfc2217(parsed, line or LineSettings(), clock)
         case _:
-            # the line lies at the client's side, and so does its name
-            end = None if line is None else LineEnd(lambda: line, _damaged(parsed))
+            # the client's side holds the emulated line, and the client names its baud rate
+            end = None if line is None else Uart(lambda: line, _damaged(parsed))
             return Listening(listen_memory(parsed.target, clock, end), f"memory:{parsed.target}")
 
 
@@ -134,7 +134,7 @@ def _listen_pty(parsed: WireUrl, clock: Clock) -> Listening[bytes]:
         rate = terminal.baudrate
         return line if rate in (None, line.baudrate) else LineSettings(rate, line.parity, line.stopbits)
 
-    return Listening(_device_line(terminal, parsed, line, clock, LineEnd(client)), with_line(address, line))
+    return Listening(_device_line(terminal, parsed, line, clock, Uart(client)), with_line(address, line))
 
 
 async def _listen_rfc2217(parsed: WireUrl, line: LineSettings, clock: Clock) -> Listening[bytes]:
@@ -142,17 +142,17 @@ async def _listen_rfc2217(parsed: WireUrl, line: LineSettings, clock: Clock) -> 
 
     port = Rfc2217Port(line, clock)
     wire, host, number = await listen_tcp(*parsed.host_port, clock, parsed.text, port.serve)
-    paced = _device_line(wire, parsed, line, clock, LineEnd(lambda: port.settings, on_flaw=port.flawed))
+    paced = _device_line(wire, parsed, line, clock, Uart(lambda: port.settings, on_flaw=port.flawed))
     port.on_break = partial(paced.hold, direction=Direction.RECEIVED)
     return Listening(paced, with_line(f"rfc2217://{_authority(host, number)}", line))
 
 
 def _device_line(
-    wire: Transport[bytes], parsed: WireUrl, line: LineSettings, clock: Clock, far: LineEnd | None
-) -> Paced:
+    wire: Transport[bytes], parsed: WireUrl, line: LineSettings, clock: Clock, far: Uart | None
+) -> PacedLine:
     """The line between an emulated device and what leads to its client."""
     adapted = _with_adapter(wire, parsed, clock, Direction.SENT)
-    return Paced(adapted, LineEnd(lambda: line, _damaged(parsed)), clock, _fifo(parsed), far)
+    return PacedLine(adapted, Uart(lambda: line, _damaged(parsed)), clock, _fifo(parsed), far)
 
 
 def _with_adapter(

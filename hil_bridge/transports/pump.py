@@ -77,7 +77,7 @@ class Pump(Generic[Data, Event]):
                 self._on_event(event)
                 if self._ended:
                     return
-            # read anew: a callback may have told the endpoint a later time
+            # read again: a callback may have told the endpoint a later time
             data = endpoint.data_to_send(clock.now())
             if not len(data):
                 break

@@ -26,7 +26,7 @@ _CAN_ADVICE = {
     errno.EACCES: "no permission to open the CAN interface",
 }
 _NET_ADVICE = {
-    errno.ECONNREFUSED: "nobody listens there; start the other side first or check the port number",
+    errno.ECONNREFUSED: "no program listens there; start the other side first or check the port number",
     errno.EHOSTUNREACH: "the host cannot be reached; check the address and the cable",
     errno.ENETUNREACH: "the network cannot be reached; check the address and the cable",
     errno.ETIMEDOUT: "no answer; check the address and the cable",
@@ -87,7 +87,7 @@ def error_number(error: BaseException | None) -> int | None:
 
 
 def reason(scheme: str, target: str, error: BaseException) -> str:
-    """What an error means and what to do."""
+    """Meaning of an error, and a remedy."""
     number = error_number(error)
     if number is not None and number in ADVICE.get(scheme, {}):
         return ADVICE[scheme][number].format(target=target)

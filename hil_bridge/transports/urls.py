@@ -1,4 +1,4 @@
-"""Wires by URL: what may be written, and what it opens.
+"""Wires by URL: the possible URLs, and the wires that they open.
 
 | connect | listen |
 |---|---|
@@ -13,23 +13,22 @@
 | `udp://host:port` | `udp-bind://127.0.0.1:6510?strangers=refuse` |
 | `udp+memory:NAME?latency_ms=5&jitter_ms=1&loss=0.01&duplicate=0.01&reorder=0.01&seed=7` | the same, and `strangers` |
 
-A baud rate on a wire that is no serial port means that bytes are paced as on such a line. Without more said a
+A baud rate on a wire that is no serial port means that bytes are paced as on such a line. Without options a
 line has 9600 baud, no parity and one stop bit.
 
-The listening side's options are the settings of the emulated device's UART. Where the client's are known too –
-in memory from its URL, on RFC 2217 from what it sets, on a pseudo-terminal its baud rate alone – a difference
-between the two makes what arrives on either side what a UART would make of it. Who names no line in memory is
-taken to be set right.
+The listening side's options are the settings of the emulated device's UART. The client's settings may be known too: in
+memory from its URL, on RFC 2217 from its requests, on a pseudo-terminal its baud rate alone. Then a difference between
+the two changes the bytes on either side as a UART would. A listener in memory without a line is taken to be set right.
 
 Options of an emulated line:
-- `damaged=drop`, `zero` or `keep`: what the device makes of a character with a parity or framing error: nothing,
+- `damaged=drop`, `zero` or `keep`: bytes that the device takes for a character with a parity or framing error: none,
   00h, the bits as read. Assumed: `drop`, which fits a controller that is silent to a wrong parity.
 - `usb_latency_ms=16`: a USB adapter at the computer's end, with this latency timer.
 
 Options of a TCP connection:
 - `connect_s=30`: for how long to try to connect, at growing intervals; by default once.
-- `reconnect_s=30`: a connection that broke is made again for this long, and what was under way is lost; by default
-  it ends the run. While it is away nothing is heard of the device: time limits above this wire still hold.
+- `reconnect_s=30`: a connection that broke is made again for this long, and bytes under way are lost; by default
+  it ends the run. While it is away no byte of the device arrives: time limits above this wire still hold.
 
 Datagrams: `udp` speaks first, and takes the datagrams of that host and port alone. `udp-bind` waits for the other
 side to speak first, and answers the side that spoke last.
@@ -56,8 +55,8 @@ from protocol.can.slcan import BIT_RATE_COMMANDS
 SLCAN = ("can+slcan", "can+slcan+tcp")
 """Schemes of a serial CAN adapter."""
 SLCAN_BAUDRATE = 115_200
-"""Of the serial port of an slcan adapter whose URL names none. Chosen: python-can's. Most adapters are USB devices,
-which have no rate.
+"""Baud rate of an slcan adapter's serial port without one in its URL. Chosen: python-can's. Most adapters are USB
+devices, which have no rate.
 """
 SERIAL_PORTS = ("serial", "rfc2217", "rfc2217-listen")
 """Schemes whose wire always is a serial line."""
@@ -87,7 +86,7 @@ class WireUrl:
 
 
 _DIGITS = 9
-"""Of a whole number in a URL at most. Chosen: more than any rate or port has."""
+"""Most digits of a whole number in a URL. Chosen: more than any rate or port has."""
 
 
 def _whole(text: str) -> int:
@@ -158,7 +157,7 @@ def _path(text: str) -> Path:
 @dataclass(frozen=True, slots=True)
 class _Scheme:
     target: str
-    """What comes after the colon, as an example for messages; empty when nothing may."""
+    """Address after the colon, as an example for messages; empty when there must be none."""
     options: Mapping[str, Callable[[str], Any]]
 
 

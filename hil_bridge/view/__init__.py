@@ -1,5 +1,5 @@
-"""The live view of a run in a terminal: here what it shows, and in `live`, apart from it for what that needs takes long
-to import, how it is drawn.
+"""The live view of a run in a terminal. This module says what it shows; `live` draws it and is apart because its
+imports take long.
 """
 
 from hil_bridge.view.model import REFRESH_SECONDS, Health, Snapshot, ViewModel

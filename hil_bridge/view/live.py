@@ -18,9 +18,9 @@ LINE_SECONDS = 1.0
 class LiveView:
     """Shows a run while it goes on.
 
-    `update` and `enter` only store and belong to the control path. `refresh` draws, which takes milliseconds
-    and waits for a slow terminal, for ever for one that is paused: call it, and `close`, in a thread of the view's
-    own. A terminal that goes away ends the view, not the run.
+    `update` and `enter` only store and belong to the control path. `refresh` draws, which takes milliseconds and waits
+    for a slow terminal, for ever for one that is paused. Call it, and `close`, in a thread of the view's own. A
+    terminal that goes away ends the view, not the run.
     """
 
     def __init__(self, total_s: float | None, reference_n: float, stream: TextIO, robot: RobotFacts) -> None:
@@ -30,7 +30,7 @@ class LiveView:
         redrawable = console.is_terminal and not console.is_dumb_terminal
         self._live: Live | None = None
         if redrawable and console.encoding.startswith("utf"):
-            # not redirected: who writes to a stream elsewhere would wait for the thread that draws
+            # not redirected: a program that writes to a stream elsewhere would wait for the thread that draws
             self._live = Live(
                 console=console,
                 auto_refresh=False,

@@ -1,22 +1,22 @@
-"""What the live view shows, as data: the control path stores, the view takes a snapshot when it likes."""
+"""Data of the live view: the control path stores, the view takes a snapshot when it likes."""
 
 import math
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from hil_bridge.analysis.latency import Latency, budget
+from hil_bridge.analysis.latency import Latency, latency_budget
 from hil_bridge.facts import RobotFacts
 from hil_bridge.recording.records import CycleRecord
 
 REFRESH_SECONDS = 0.2
-"""How often a run should have the view drawn at most."""
+"""Shortest time between two drawings of the view."""
 HISTORY_CYCLES = 60
 
 
 @dataclass(frozen=True, slots=True)
 class Health:
-    """What the cycle record does not say about the wires."""
+    """Facts about the wires that the cycle record does not hold."""
 
     link_errors: int = 0
     """Troubles of the robot link so far, as its facts add them up."""
@@ -35,17 +35,17 @@ class Snapshot:
     phase: str
     elapsed_s: float
     tracked_s: float
-    """How long the surface has been tracked."""
+    """Time for which the surface has been tracked."""
     total_s: float | None
     """How long it is to be tracked, where that is known."""
     reference_n: float
     line_floor_s: float | None
-    """What the characters of one cycle take on the line."""
+    """Time of one cycle's characters on the line."""
     newest: CycleRecord | None
     forces_n: tuple[float, ...]
-    """Of the last cycles, oldest first."""
+    """Forces of the last cycles, oldest first."""
     latency: Latency | None
-    """Of the same cycles, from the arrival of the sensor frame to the move's answer."""
+    """Latency of the same cycles, from the arrival of the sensor frame to the move's answer."""
     sensor_age_s: float | None
     link_errors: int
     frames_lost: int
@@ -54,9 +54,9 @@ class Snapshot:
     link: Mapping[str, int]
     """Counters of the robot link by name."""
     check: str = ""
-    """What was found of the sensor before the touch last, in words."""
+    """Last finding about the sensor before the touch, in words."""
     warning: str = ""
-    """What a person should know at once, beside what the run itself does."""
+    """Warning that a person should read at once, beside the run's own reactions."""
     period_s: float | None = None
     """Between the begins of the last two cycles."""
 
@@ -73,7 +73,7 @@ class Snapshot:
 
     @property
     def cycle_time_s(self) -> float | None:
-        """From the begin of the newest cycle to its answer; to the next begin for a robot that drives the cycle."""
+        """Time of the newest cycle from begin to answer; to the next begin for a robot that drives the cycle."""
         if self.robot.cycle_s is not None:
             return self.period_s
         if self.newest is None or not math.isfinite(self.newest.answered_at):
@@ -132,7 +132,7 @@ class ViewModel:
             line_floor_s=self._robot.line_floor_s,
             newest=newest,
             forces_n=tuple(cycle.force for cycle in cycles),
-            latency=budget(cycles, self._robot.hops) if cycles and self._robot.hops else None,
+            latency=latency_budget(cycles, self._robot.hops) if cycles and self._robot.hops else None,
             sensor_age_s=None if health.sensor_at is None else max(0.0, now - health.sensor_at),
             link_errors=health.link_errors,
             frames_lost=health.frames_lost,

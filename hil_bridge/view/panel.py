@@ -163,7 +163,7 @@ def _latency(snapshot: Snapshot) -> tuple[Text, Text]:
 
 
 def _link(snapshot: Snapshot) -> tuple[Text, Text]:
-    """What went over the robot's link, and the counters of all that went wrong there."""
+    """Traffic on the robot's link, and the counters of all troubles there."""
     line = Text("link        ", style="dim", no_wrap=True, overflow="ellipsis")
     counts = (
         f"{snapshot.link.get(one.sent, 0)} {one.what} sent, {snapshot.link.get(one.received, 0)} received"

@@ -1,4 +1,4 @@
-"""What a CAN interface says when something is wrong on the bus: error reports in SocketCAN's form.
+"""Reports of a CAN interface about errors on the bus, in SocketCAN's form.
 
 A report travels as a `CanFrame` with the flag `error`: its identifier is a sum of classes, its eight bytes say
 more about each class. Source: linux/can/error.h (Linux 6.1).
@@ -15,7 +15,7 @@ REPORT_BYTES = 8
 
 
 class ErrorClass(IntFlag):
-    """What a report is about; several may come together."""
+    """Subject of a report; several may come together."""
 
     TX_TIMEOUT = 0x001
     """A frame did not leave in time and was given up."""
@@ -60,7 +60,7 @@ class Violation(IntFlag):
     OVERLOAD = 0x20
     ACTIVE = 0x40
     SENDING = 0x80
-    """It happened to a frame of our own."""
+    """The error happened to a frame of our own."""
 
 
 class ErrorState(StrEnum):
@@ -73,7 +73,7 @@ class ErrorState(StrEnum):
 
 
 class _Byte(IntEnum):
-    """Where each matter stands."""
+    """Place of each matter in the report."""
 
     ARBITRATION, CONTROLLER, VIOLATION, LOCATION, TRANSCEIVER, SPECIFIC, TRANSMIT_ERRORS, RECEIVE_ERRORS = (
         range(8)
@@ -92,12 +92,12 @@ class CanErrorReport:
     controller: Controller = _NO_STATE
     violation: Violation = _NO_VIOLATION
     location: int = 0
-    """Where in the frame the violation was, as numbered in error.h."""
+    """Place of the violation in the frame, as numbered in error.h."""
     arbitration_bit: int = 0
-    """In which bit the arbitration was lost; 0 when not known."""
+    """Bit in which the arbitration was lost; 0 when not known."""
     transceiver: int = 0
     specific: bytes = bytes(3)
-    """What the controller adds: three bytes, or one when there are counters."""
+    """Details that the controller adds: three bytes, or one when there are counters."""
     counters: tuple[int, int] | None = None
     """Transmit and receive error counter, or None where the interface does not tell."""
 
@@ -182,7 +182,7 @@ def encode_error(report: CanErrorReport, at: float | None = None) -> CanFrame:
 
 
 def decode_error(frame: CanFrame) -> CanErrorReport:
-    """What an interface reports. Classes and bits that are not known here are kept.
+    """Error report of an interface. Classes and bits that are not known here are kept.
 
     Raises LocalProtocolError for a frame of a node, RemoteProtocolError for a report of another length.
     """

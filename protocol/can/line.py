@@ -22,13 +22,13 @@ INTERMISSION_BITS = 3
 ERROR_FLAG_BITS = 6
 ERROR_DELIMITER_BITS = 8
 SUSPEND_BITS = 8
-"""What an error passive node waits after a frame of its own before it may send another."""
+"""Wait of an error passive node after a frame of its own before it may send another."""
 BUS_FREE_BITS = 11
-"""Recessive bits in a row by which a node knows that nobody sends."""
+"""Recessive bits in a row by which a node knows that the bus is free."""
 
 _After: TypeAlias = "list[tuple[int, _After]]"
-"""What may follow what a frame has so far, by the value of its next byte: how many stuff bits the byte has, and what
-may follow it.
+"""Successors of the present state, by the value of the next byte: the number of stuff bits in the byte, and its
+own successors.
 """
 _TAIL_BITS = CRC_DELIMITER_BITS + ACK_SLOT_BITS + ACK_DELIMITER_BITS + END_OF_FRAME_BITS
 
@@ -46,7 +46,7 @@ def _crc_table() -> tuple[int, ...]:
 def _after_bit(state: int, bit: int) -> tuple[int, int]:
     """The state after one more bit and after the stuff bit that may follow it; how many follow it, 0 or 1.
 
-    A state is last level × 4 + length of its run − 1, with runs of 1 to 4: a run of five has its stuff bit at once,
+    A state is last level × 4 + length of its run − 1, with runs of 1 to 4. A run of five has its stuff bit at once,
     which begins a new run.
     """
     level, run = state >> 2, (state & 3) + 1
@@ -55,7 +55,7 @@ def _after_bit(state: int, bit: int) -> tuple[int, int]:
 
 
 def _stuff_table() -> list[_After]:
-    """What may follow, for every state."""
+    """Successors of every state."""
     table: list[_After] = [[] for _ in range(8)]
     for before, entries in enumerate(table):
         for byte in range(256):
@@ -74,7 +74,7 @@ _IDLE = 1 << 2
 
 
 def stuff_bits(frame: CanFrame) -> int:
-    """How many stuff bits the frame has."""
+    """Number of stuff bits in the frame."""
     register, count, after = _head(frame.identifier, frame.extended, frame.remote, len(frame.data))
     if not frame.remote:
         for byte in frame.data:
@@ -117,7 +117,7 @@ def arbitration_rank(frame: CanFrame) -> int:
 
 @lru_cache(maxsize=1024)
 def _head(identifier: int, extended: bool, remote: bool, length: int) -> tuple[int, int, _After]:
-    """Of the bits before the payload: the checksum's register after them, how many stuff bits, what may follow."""
+    """For the bits before the payload: the checksum's register after them, the number of stuff bits, the successors."""
     if extended:
         # start, 11 bits, substitute remote request 1, identifier extension 1, 18 bits, remote, two reserved 0
         word = (identifier >> 18) << 2 | 0b11

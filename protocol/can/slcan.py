@@ -12,7 +12,7 @@ from protocol.endpoint import LocalProtocolError, RemoteProtocolError
 
 CR = b"\r"
 BELL = b"\a"
-"""What an adapter answers instead of CR when it refuses."""
+"""Answer of an adapter instead of CR when it refuses."""
 LONGEST_LINE = 30
 """T, 8 digits, length, 8 bytes, time stamp; without the CR."""
 TIMESTAMP_MODULUS_MS = 60000
@@ -99,7 +99,7 @@ class SlcanClient:
     """
 
     def __init__(self, bitrate: int | None = None) -> None:
-        # Empty lines end what a host before us left half said. Source: CAN232 manual.
+        # Empty lines end a command that an earlier host left incomplete. Source: CAN232 manual.
         rate = b"" if bitrate is None else BIT_RATE_COMMANDS[bitrate]
         self._text = bytearray(b"\r\r\rC\r" + rate + b"O\r")
         self._lines = LineDecoder()

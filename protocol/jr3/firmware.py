@@ -1,4 +1,4 @@
-"""What both gateways of a JR3 sensor have in common, for one firmware runs in both: filter, counter, payloads.
+"""Parts that both gateways of a JR3 sensor share, for one firmware runs in both: filter, counter, payloads.
 
 Source: firmware roboticslab-uc3m/jr3-mbed-firmware, read for facts. Payloads are little-endian.
 """
@@ -18,7 +18,7 @@ SMALLEST_CUTOFF_HZ = 0.01
 """One unit of the wire. What would be rounded to 0 there would switch the filter off instead of closing it."""
 
 UNFILTERED = "the gateway's filter is off (cut-off 0): every sample is as noisy as the sensor"
-"""What a client says of a cut-off of 0, which may be meant or a slip."""
+"""Notice of a client about a cut-off of 0, which may be meant or a slip."""
 
 
 TESTED_PERIOD_MS = 1.0
@@ -28,7 +28,7 @@ HANGS = "it may hang since its sensor was unplugged: plug the sensor in, then sw
 
 
 class GatewayState(IntEnum):
-    """What an acknowledge says first."""
+    """First byte of an acknowledge."""
 
     READY = 0
     NOT_INITIALISED = 1
@@ -105,7 +105,7 @@ class SampleCounter:
         self._sequence: int | None = None
 
     def restart(self) -> None:
-        """The device begins to count anew; the sequence goes on by 1."""
+        """The device begins to count again; the sequence goes on by 1."""
         self._last = None
         self._statistics.standing = 0
 

@@ -12,7 +12,7 @@ Theory of operation. A session goes through the phases ASKING, the steps of its 
 
 Steps for full scales are left out where these are known. In every phase but ASKING an order without acknowledge is
 repeated `retries` times, then the session is FAILED; a full scale of 0 makes it FAILED at once. A boot-up begins the
-session anew, except in STOPPING and STOPPED. A stop goes out from every phase, FAILED too.
+session again, except in STOPPING and STOPPED. A stop goes out from every phase, FAILED too.
 
 Three sides drive it. The owner asks with `zero`, `set_filter` and `stop`. The client tells what it has read by
 `acknowledge`, `boot_up`, `sample` and `tell`, and encodes the order that `order_to_send` gives. Time comes with
@@ -74,7 +74,7 @@ _ASKING, _SETTLING, _READY = Phase.ASKING, Phase.SETTLING, Phase.READY
 
 
 class SessionProfile(Protocol):
-    """What the profiles of both clients say of a session; times in s."""
+    """Settings of a session that the profiles of both clients have; times in s."""
 
     @property
     def cutoff_hz(self) -> float: ...
@@ -94,7 +94,7 @@ class SessionProfile(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Dialect(Generic[Op]):
-    """What differs between the gateways."""
+    """Differences between the gateways."""
 
     name: str
     """Begins the text of a failure."""
@@ -118,7 +118,7 @@ class Dialect(Generic[Op]):
     check_cutoff: Callable[[float], None]
     """Raises ValueError for a cut-off in Hz that cannot be sent."""
     why_silent: Callable[[str], str]
-    """What to say of a gateway that acknowledged nothing for a time, which is given as text."""
+    """Words for a gateway that acknowledged nothing for a time, which is given as text."""
 
 
 @dataclass(slots=True)
@@ -138,7 +138,7 @@ class GatewaySession(Generic[Op]):
         self._dialect = dialect
         self._profile = profile
         self.cutoff_hz = profile.cutoff_hz
-        """What orders carry; 0 is unfiltered."""
+        """Cut-off in an order; 0 is unfiltered."""
         self.statistics = SensorStatistics()
         self._counter = SampleCounter(self.statistics, dialect.counter_step, dialect.counter_behind)
         self._range = Range()
@@ -185,7 +185,7 @@ class GatewaySession(Generic[Op]):
         flight = self._flight
         return flight is not None and (flight.op in self._asks_scales or self._foreign_acknowledges > 0)
 
-    # --- what the owner asks for
+    # --- requests of the owner
 
     def zero(self) -> None:
         """Make the present wrench the origin, once settled. Raises LocalProtocolError after the end."""
@@ -209,17 +209,17 @@ class GatewaySession(Generic[Op]):
     def stop(self) -> None:
         """End the session; SensorStopped tells that the gateway knows. Harmless when called again.
 
-        The stop goes out at once, even to a deaf gateway: the owner may not wait for the pause's end, and a driver
-        may keep what arrives. Where it is lost, it is repeated.
+        The stop goes out at once, even to a deaf gateway. The owner may not wait for the pause's end, and a driver may
+        keep bytes that arrive. Where it is lost, it is repeated.
         """
         if self.phase in (Phase.STOPPING, Phase.STOPPED):
             return
-        # What is under way may still be acknowledged: that must not be taken for the stop's acknowledge.
+        # Orders under way may still be acknowledged: that must not be taken for the stop's acknowledge.
         self._foreign_acknowledges = int(self._flight is not None)
         self._end(Phase.STOPPING)
         self._enqueue(self._dialect.stop)
 
-    # --- what the client tells and takes
+    # --- calls of the client
 
     def tell(self, event: SensorEvent) -> None:
         """Tell the owner, after all that waits."""
@@ -241,7 +241,7 @@ class GatewaySession(Generic[Op]):
             self._events.append(WrenchFrame(counts, counter, sequence, at, saturated))
 
     def boot_up(self, now: float) -> None:
-        """The gateway has begun anew and knows nothing of this session."""
+        """The gateway has begun again and knows nothing of this session."""
         if self.phase in (Phase.STOPPING, Phase.STOPPED):
             return
         if self.phase is not Phase.ASKING:

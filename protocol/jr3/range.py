@@ -1,8 +1,8 @@
 """The end of a JR3 sensor's range, looked for in its counts behind a zero. Pure.
 
-A zero moves the counts and not the end of the range: the device takes its offset off behind the converter, and counts
-that leave 16 bits by that come round at the other end, with the wrong sign. So the end of the range is looked for in
-the counts as they were before the zero, and counts that came round are beyond the range as well.
+A zero moves the counts and not the end of the range. The device takes its offset off behind the converter. Counts that
+leave 16 bits by that come round at the other end, with the wrong sign. So the end of the range is looked for in the
+counts as they were before the zero. Counts that came round are beyond the range as well.
 """
 
 from collections.abc import Sequence
@@ -33,13 +33,13 @@ class Range:
         self.restart()
 
     def restart(self) -> None:
-        """The device began anew, without offsets."""
+        """The device began again, without offsets."""
         self._offset: tuple[int, ...] = (0,) * len(AXES)
         self.newest: Sequence[int] | None = None
         """The newest sample since the zero."""
         self._near: set[str] = set()
         self.warnings: list[str] = []
-        """What the newest sample is worth saying, each once, in words."""
+        """Notices about the newest sample, each once, in words."""
         self._set_calm()
 
     def zeroed(self, before: Sequence[int] | None) -> None:

@@ -10,7 +10,7 @@ from protocol.endpoint import LocalProtocolError, RemoteProtocolError
 from protocol.rfc2217.telnet import Option, subnegotiation
 
 FROM_SERVER = 100
-"""What a server adds to a command's code."""
+"""Offset that a server adds to a command's code."""
 
 
 class Command(IntEnum):
@@ -91,7 +91,7 @@ READY_MODEM = 0xB0
 
 @dataclass(frozen=True, slots=True)
 class PortSettings:
-    """What a serial port is set to."""
+    """Settings of a serial port."""
 
     baudrate: int = 9600
     parity: ComParity = ComParity.NONE

@@ -39,7 +39,7 @@ ServerEvent: TypeAlias = SettingsChanged | BreakSet | SerialData | Malformed
 
 PARITIES = (ComParity.NONE, ComParity.ODD, ComParity.EVEN)
 STOP_SIZES = (StopSize.ONE, StopSize.TWO)
-"""What the port can be set to, with any baud rate and 8 data bits."""
+"""Settings that the port can have, with any baud rate and 8 data bits."""
 
 _FLOW = range(Control.ASK_FLOW, Control.ASK_BREAK)
 _BREAK = {Control.BREAK_ON: True, Control.BREAK_OFF: False}
@@ -54,7 +54,7 @@ class ComPortServer:
 
     def __init__(self, settings: PortSettings) -> None:
         self.settings = settings
-        """What the port is set to."""
+        """Settings of the port."""
         self._break = False
         self._switches = dict.fromkeys(_SWITCHES, True)
         """DTR and RTS, which lead nowhere."""
@@ -86,7 +86,7 @@ class ComPortServer:
         """There is no deadline."""
 
     def send(self, data: bytes) -> None:
-        """What the port has received, for the client. Raises LocalProtocolError when too much waits."""
+        """Bytes that the port has received, for the client. Raises LocalProtocolError when too much waits."""
         self._session.send(data)
 
     def notify(self, state: LineState) -> None:

@@ -1,4 +1,4 @@
-"""What client and server have in common: payload and commands apart, a bounded queue, the wish for silence."""
+"""Parts that client and server share: payload and commands apart, a bounded queue, the wish for silence."""
 
 from collections import deque
 from collections.abc import Iterator
@@ -45,7 +45,7 @@ class Malformed:
 Event = TypeVar("Event")
 
 OPTIONS = (Option.BINARY, Option.SUPPRESS_GO_AHEAD)
-"""What both sides are ready to use, in both directions."""
+"""Options that both sides are ready to use, in both directions."""
 
 
 class Session(Generic[Event]):
@@ -63,7 +63,7 @@ class Session(Generic[Event]):
         """Bytes of answers that were not given because nothing leaves."""
 
     def say(self, said: bytes) -> None:
-        """Queue commands. What no longer fits is lost, so that one who asks and does not listen costs nothing."""
+        """Queue commands. Commands beyond the limit are lost: a peer that asks and does not listen costs nothing."""
         if len(self._out) + len(said) > QUEUE_BYTES:
             self.lost += len(said)
         else:
@@ -81,7 +81,7 @@ class Session(Generic[Event]):
         self._out += travelling
 
     def data_to_send(self) -> bytes:
-        """What may be sent now."""
+        """Bytes that may be sent now."""
         if self._suspended:
             return b""
         data = bytes(self._out)

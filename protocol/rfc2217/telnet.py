@@ -18,7 +18,7 @@ SUBNEGOTIATION_LIMIT = 256
 
 
 class Verb(IntEnum):
-    """What is said about an option. [standard, RFC 854]"""
+    """Verbs about an option. [standard, RFC 854]"""
 
     WILL = 251
     """I want to use it, or agree to."""
@@ -56,7 +56,7 @@ class Negotiation:
 
 @dataclass(frozen=True, slots=True)
 class Subnegotiation:
-    """What an option that is in use has to say."""
+    """Message of an option that is in use."""
 
     option: int
     data: bytes
@@ -83,7 +83,7 @@ def negotiation(verb: Verb, option: int) -> bytes:
 
 
 def subnegotiation(option: int, data: bytes) -> bytes:
-    """What an option has to say, as it travels."""
+    """Message of an option, as it travels."""
     return bytes((IAC, SUBNEGOTIATION_BEGIN, option)) + escaped(data) + bytes((IAC, SUBNEGOTIATION_END))
 
 
@@ -105,7 +105,7 @@ class TelnetReader:
         """Option and data of the subnegotiation that is being read, no longer than it may be."""
 
     def receive(self, data: bytes) -> list[TelnetEvent]:
-        """What these bytes complete."""
+        """Events that these bytes complete."""
         events: list[TelnetEvent] = []
         payload = bytearray()
         at = 0
@@ -167,7 +167,7 @@ class TelnetReader:
                 self._inside.append(byte)
             return None
         if byte != SUBNEGOTIATION_END:
-            # the end was lost: what follows is a command of its own
+            # the end was lost: the next bytes are a command of their own
             self._command(byte, payload)
             return Garbled("a subnegotiation has no end")
         self._state = _State.PAYLOAD
@@ -184,7 +184,7 @@ class Options:
     """
 
     def __init__(self, wanted_here: Iterable[Option], wanted_there: Iterable[Option]) -> None:
-        """What this side is ready to use, and what it is ready to let the other use."""
+        """Options that this side is ready to use, and those that it lets the other side use."""
         self._wanted = {Verb.DO: frozenset(wanted_here), Verb.WILL: frozenset(wanted_there)}
         self._asked: set[tuple[bool, int]] = set()
         self._used: set[tuple[bool, int]] = set()

@@ -1,4 +1,4 @@
-"""What the characters of a control cycle take on the computer link, by arithmetic from its line.
+"""Time of a control cycle's characters on the computer link, by arithmetic from its line.
 
 Source: computer-link specification, sections 2 and 5: a message travels as ENQ, ACK, block, ACK, EOT.
 """
@@ -11,7 +11,7 @@ _AROUND = BLOCK_OVERHEAD + 4
 
 
 def line_floor(profile: LinkProfile) -> float:
-    """What the characters of one cycle take on the line at least, s: a status and a move, without turnaround."""
+    """Shortest time of one cycle's characters on the line, s: a status and a move, without turnaround."""
     telegrams = HEADER_SIZE + (HEADER_SIZE + STATUS.size) + profile.move_length + HEADER_SIZE
     return (telegrams + 4 * _AROUND) * profile.character_time
 
@@ -25,5 +25,5 @@ def answer_time(profile: LinkProfile) -> float:
 
 
 def move_answer_time(profile: LinkProfile) -> float:
-    """From the beginning of a move's answer to its end on the line, s."""
+    """Time from the beginning of a move's answer to its end on the line, s."""
     return (HEADER_SIZE + _AROUND) * profile.character_time

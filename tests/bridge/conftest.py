@@ -15,7 +15,8 @@ from hil_bridge.robots.s3.link import S3Link
 from hil_bridge.runs.compose import make_cell, open_devices
 from hil_bridge.runs.cycle import Run, RunResult
 from hil_bridge.settings.configuration import Config
-from hil_bridge.transports import Faults, Faulty, Frames, Transport
+from hil_bridge.testing.wires import Faults, Faulty
+from hil_bridge.transports import Frames, Transport
 
 
 class CutCan:
@@ -44,7 +45,7 @@ class Bench:
     ended_at: float = 0.0
     meddle: Callable[["Bench", CycleRecord], None] = lambda bench, record: None
     prepare: Callable[["Bench"], None] = lambda bench: None
-    """Called when the cell stands and nobody has spoken to it yet."""
+    """Called when the cell stands and before the first telegram to it."""
     cell: PaperCell = field(init=False)
     clock: Clock = field(init=False)
     line: Faulty = field(init=False)
@@ -70,7 +71,7 @@ class Bench:
 
     @property
     def true_force(self) -> float:
-        """What presses at the end, N; nothing once the tool has been retracted."""
+        """Force at the end, N; 0 once the tool has been retracted."""
         return self.cell.true_state(self.ended_at).contact_force[2]
 
     async def main(self) -> None:

@@ -129,8 +129,8 @@ def test_the_clients_bits_are_the_saturated_axes_and_reach_the_guard() -> None:
     async def script(sensor: ForceSensor, tell: Tell, clock: Clock) -> None:
         await sensor.ready()
         down, along = (0.0, 0.0, -1.0), (1.0, 0.0, 0.0)
-        facing = wrist(Config()).facing((1.0, 0.0, 0.0, 0.0), None, down, along)
-        sensor.peaks = Peaks(facing, sensor.facts.scales)
+        turned = wrist(Config()).at_orientation((1.0, 0.0, 0.0, 0.0), None, down, along)
+        sensor.peaks = Peaks(turned, sensor.facts.scales)
         await tell(0.0, 0.0, 400.0, 0.0, 0.0, 0.0, status=0b000100)
         assert sensor.saturated == ("fz",)
         await tell(0.0, 0.0, 1.0, 0.0, 0.0, 0.0, status=0b100001)

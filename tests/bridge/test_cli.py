@@ -108,6 +108,11 @@ def test_help_imports_none_of_the_heavy_libraries() -> None:
             "unknown option 'speed'; allowed: baudrate",
         ),
         (["run", "--unchecked", "--sensor", "tcp://h:1"], "unknown scheme 'tcp'; allowed: can+"),
+        (["run", "--link-profile", "x"], "--link-profile must be one of default, observed-client, got 'x'"),
+        (
+            ["emulate", "robot", "--link-profile", "x"],
+            "--link-profile must be one of default, observed-client",
+        ),
         (["emulate", "cell", "--robot-port", "foo:"], "unknown scheme 'foo'; allowed: pty, tcp-listen"),
         (["emulate", "cell", "--sensor-port", "foo:"], "unknown scheme 'foo'; allowed: can+"),
         (["emulate", "robot", "--robot-port", "tcp-listen://h"], "host and port must be like 127.0.0.1:4000"),
@@ -138,7 +143,7 @@ def test_bad_input_is_one_line_that_says_what_to_do(
     ("robot", "message"),
     [
         ("serial:///dev/there-is-none", "cannot be opened: there is no such port; check the cable"),
-        ("tcp://127.0.0.1:1", "nobody listens there; start the other side first"),
+        ("tcp://127.0.0.1:1", "no program listens there; start the other side first"),
     ],
 )
 def test_a_wire_that_cannot_be_opened_is_a_device_error(hil: Command, robot: str, message: str) -> None:
@@ -172,7 +177,7 @@ def test_a_port_without_permission_names_the_group(hil: Command, monkeypatch: py
 # --- whole runs
 
 
-def test_a_run_that_the_machine_refuses_leaves_an_earlier_recording_alone(hil: Command) -> None:
+def test_a_refused_run_leaves_an_earlier_recording_alone(hil: Command) -> None:
     Path("keep.mcap").write_bytes(b"an hour of work")
     Path("rt.toml").write_text("[realtime]\ncpus = [999]\n")
     code, _, errors = hil("run", "rt.toml", "--no-view", "--record", "keep.mcap")
@@ -184,7 +189,7 @@ def test_a_run_that_the_machine_refuses_leaves_an_earlier_recording_alone(hil: C
 def test_what_is_wanted_is_written_before_anything_is_said(
     hil: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """As with `| head`: whoever reads the output may have gone by then."""
+    """As with `| head`: the reader of the output may have gone by then."""
     there: list[bool] = []
 
     class Left(io.StringIO):
@@ -237,7 +242,7 @@ def test_a_sensor_that_never_boots_is_one_line_and_keeps_the_record(hil: Command
     assert "holds no control cycle" in refused(hil("report", "r.mcap"))
 
 
-def test_a_device_that_fails_before_the_first_cycle_is_the_cause_told(
+def test_a_device_that_fails_before_the_first_cycle_is_the_cause(
     hil: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fail(self: Run, status: object, frame: object) -> None:
@@ -280,7 +285,7 @@ def test_sound_bytes_and_frames_decode_with_exit_code_0(hil: Command) -> None:
     assert (code, json.loads(output)[0]["op"]) == (0, "start async")
 
 
-def test_what_is_wrong_in_a_block_is_told_with_its_place_and_exit_code_2(hil: Command) -> None:
+def test_a_fault_in_a_block_is_told_with_its_place_and_exit_code_2(hil: Command) -> None:
     code, output, errors = hil("decode", "computer-link", STATUS_ORDER, "19")
     (item,) = json.loads(output)
     assert (code, errors) == (2, "")

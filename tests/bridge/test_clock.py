@@ -2,7 +2,7 @@
 
 import asyncio
 import threading
-from asyncio import sleep as pass_time  # in virtual time, where nobody waits
+from asyncio import sleep as pass_time  # in virtual time, without waiting
 
 import pytest
 

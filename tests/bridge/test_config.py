@@ -10,8 +10,17 @@ import pytest
 from pydantic import BaseModel
 
 from hil_bridge.errors import ConfigError
-from hil_bridge.settings.configuration import Config, commented_defaults, load_config, profile_rows, schema
+from hil_bridge.settings.configuration import (
+    Config,
+    commented_defaults,
+    dump,
+    load_config,
+    profile_rows,
+    read_config,
+    schema,
+)
 from protocol.marks import Mark
+from protocol.s3.adlp import LinkProfile
 
 
 def refusal(tmp_path: Path, text: str, **overrides: object) -> str:
@@ -45,6 +54,15 @@ def refusal(tmp_path: Path, text: str, **overrides: object) -> str:
         ('[controller]\nname = "pid"', "there is no controller 'pid'; choose one of fuzzy, "),
         ("[controller.parameters]\nfoo = 1", "predictive has no parameter 'foo', only window"),
         ("[run]\nseed = -1\nx = 1", "(and 1 more)"),
+        (
+            '[robot.link]\nprofile = "x"',
+            "robot.link.profile must be one of default, observed-client, got 'x'",
+        ),
+        ('[cell.link]\nprofile = "x"', "cell.link.profile must be one of default, observed-client, got 'x'"),
+        (
+            '[robot.link]\nprofile = "observed-client"\nmove_length = 52',
+            "robot.link.move_length must be 60 in the profile observed-client, got 52; leave it or the profile out",
+        ),
         ("hello", "c.toml is no TOML: "),
     ],
 )
@@ -52,7 +70,7 @@ def test_what_is_wrong_is_named_with_the_way_out(tmp_path: Path, text: str, mess
     assert message in refusal(tmp_path, text)
 
 
-def test_an_option_is_named_as_it_was_typed_and_the_file_as_it_stands(tmp_path: Path) -> None:
+def test_an_option_is_named_as_it_was_typed(tmp_path: Path) -> None:
     assert refusal(tmp_path, "", run__duration_s=0.0).startswith("--duration: must be greater than 0")
     assert refusal(tmp_path, "", task__force_n=-3.0).startswith("--force-n must be a number above 0")
     assert refusal(tmp_path, "[run]\nseed = -1", run__duration_s=3.0).startswith("c.toml: run.seed")
@@ -102,7 +120,7 @@ def test_the_defaults_file_has_every_setting_with_a_comment() -> None:
     assert tomllib.loads(commented_defaults())["cell"]["surface"]
 
 
-def test_the_schema_describes_every_setting_and_has_the_keys_of_the_configuration() -> None:
+def test_the_schema_describes_every_setting_by_its_key() -> None:
     described = json.loads(json.dumps(schema()))
 
     def walk(prefix: str, node: dict[str, Any]) -> set[str]:
@@ -128,3 +146,14 @@ def test_every_setting_with_a_mark_is_a_profile_row(tmp_path: Path) -> None:
     assert rows["robot.link.bid_limit"].default == 3
     assert rows["robot.link.baudrate"].info.mark is Mark.OBSERVED
     assert rows["cell.robot.turnaround_ms"].info.mark is Mark.ASSUMED
+
+
+def test_a_profile_stands_for_its_settings_beside_others_and_comes_back_from_a_record(tmp_path: Path) -> None:
+    file = tmp_path / "c.toml"
+    file.write_text('[robot.link]\nprofile = "observed-client"\nbaudrate = 19200\n')
+    config = load_config(file, {"cell.link.profile": "observed-client"})
+    assert config.robot.link == LinkProfile.named("observed-client", baudrate=19200)
+    assert config.cell.link == LinkProfile.named("observed-client")
+    assert read_config(json.loads(dump(config))) == config
+    over = load_config(file, {"robot.link.profile": "default"}).robot.link
+    assert over == LinkProfile(baudrate=19200)

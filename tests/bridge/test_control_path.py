@@ -56,7 +56,7 @@ class Loudspeaker:
 def run_watched(
     bench: Callable[..., Any], monkeypatch: pytest.MonkeyPatch, meddle: Callable[..., None], **sections: Any
 ) -> list[str]:
-    """What was heard between the third cycle and the end of the movement."""
+    """Arrivals between the third cycle and the end of the movement."""
     WATCH.heard.clear()
     WATCH.thread = threading.get_ident()
 

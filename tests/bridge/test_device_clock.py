@@ -7,14 +7,14 @@ import pytest
 from hil_bridge.clock import Clock, device_clock, run_real, run_virtual
 from hil_bridge.clock.devices import EARLY_S
 from hil_bridge.errors import TransportError
-from hil_bridge.transports import LineSettings, Paced
+from hil_bridge.transports import LineSettings, PacedLine
 
 LINE = LineSettings(19200)
 CHARACTER = LINE.bits / LINE.baudrate
 LATE = 0.3 * CHARACTER
 """By which every timer is called back after the time that was asked for."""
 LOOK = 1e-6
-"""What a look at the clock takes, s."""
+"""Time of a look at the clock, s."""
 
 
 class LateClock:
@@ -69,7 +69,7 @@ def test_an_answer_on_a_paced_line_begins_when_the_question_ended(late: float) -
     computer = LateClock()
     clock = device_clock(computer)  # type: ignore[arg-type]
     wire = Wire(clock)
-    line = Paced(wire, LINE, clock)
+    line = PacedLine(wire, LINE, clock)
     line.start(lambda data: line.send(data * 2), lambda cause: None)
     wire.arrive(b"\x05")
     asked = computer.time

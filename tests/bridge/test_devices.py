@@ -12,10 +12,12 @@ from hil_bridge.device_log import Silence
 from hil_bridge.errors import DeviceError, OrderRefused, TransportClosed, TransportEnded
 from hil_bridge.robots.s3.link import S3Link
 from hil_bridge.robots.s3.orders_file import parse_orders
+from hil_bridge.robots.seam import MotionLimits
 from hil_bridge.sensors.stream import ForceSensor
 from hil_bridge.transports import Frames, connect_bytes, connect_can, listen_bytes, listen_can
 from hil_bridge.transports.pump import Pump
 from protocol.endpoint import LocalProtocolError
+from protocol.geometry import Pose
 from protocol.jr3 import GatewayClient, GatewayClientProfile, parse_frame
 from protocol.jr3.firmware import HANGS
 from protocol.s3.adlp import Link, LinkProfile, MessageReceived, Role
@@ -147,7 +149,7 @@ def test_closing_does_not_wait_for_a_gateway_that_is_gone() -> None:
 
 
 def robot_failure(answer: Callable[[bytes], bytes], hang_up_at: float | None = None) -> tuple[str, float]:
-    """How reading the status fails against a peer that answers every piece of data so, and after how long."""
+    """Error of reading the status against a peer that answers every piece of data so, and the time until it."""
 
     async def main() -> tuple[str, float]:
         clock = Clock.running()
@@ -168,7 +170,7 @@ def robot_failure(answer: Callable[[bytes], bytes], hang_up_at: float | None = N
                 await robot.read_status()
             took = clock.now() - began
             if hang_up_at is not None:
-                with pytest.raises(TransportEnded):  # and nobody waits for a dead wire again
+                with pytest.raises(TransportEnded):  # and no task waits for a dead wire again
                     await robot.read_status()
                 assert clock.now() - began == took
         finally:
@@ -272,17 +274,23 @@ ORDERS = parse_orders(SITE, LinkProfile().max_telegram)
 Robot = Callable[[S3Link, Clock], Awaitable[None]]
 
 
-def with_robot(script: Robot, site: S3Site = EMPTY_SITE) -> None:
-    """Run a script with the emulated robot on a 9600 baud line."""
+def with_robot(
+    script: Robot, site: S3Site = EMPTY_SITE, *, link: LinkProfile | None = None, cuts: bool = False
+) -> list[str]:
+    """Run a script with the emulated robot on a 9600 baud line, which may cut a block short at the first DLE ETX; what
+    its client told people.
+    """
+    log = Notices()
+    controllers = S3Profiles(link=LinkProfile(block_end="trailer" if cuts else "length"))
 
     async def main() -> None:
         clock = Clock.running()
         position, down = (0.9, -0.1, 0.6), (0.0, 1.0, 0.0, 0.0)
-        controller = S3Controller(S3Profiles(), StartPose(position, down, 0.2), clock.now(), 1, site)
+        controller = S3Controller(controllers, StartPose(position, down, 0.2), clock.now(), 1, site)
         port = (await listen_bytes("memory:s3", clock)).transport
         Pump(controller, port, clock, lambda event: None, lambda cause: None).start()
         wire = await connect_bytes("memory:s3?baudrate=9600&parity=E", clock)
-        robot = S3Link(wire, LinkProfile(), clock, Silence(), site.orders)
+        robot = S3Link(wire, link or LinkProfile(), clock, log, site.orders)
         robot.start()
         try:
             await script(robot, clock)
@@ -291,6 +299,7 @@ def with_robot(script: Robot, site: S3Site = EMPTY_SITE) -> None:
             await port.aclose()
 
     run_virtual(main)
+    return [text for _, text in log.notices]
 
 
 def test_orders_are_called_by_name_with_values_in_their_units() -> None:
@@ -307,7 +316,7 @@ def test_orders_are_called_by_name_with_values_in_their_units() -> None:
     with_robot(script, S3Site(ORDERS))
 
 
-def test_who_gives_up_an_order_leaves_it_under_way_and_the_next_wait_for_its_end() -> None:
+def test_an_order_given_up_stays_under_way_and_the_next_waits() -> None:
     async def script(robot: S3Link, clock: Clock) -> None:
         ended: list[str] = []
 
@@ -345,6 +354,55 @@ def test_an_announced_order_finds_the_line_won() -> None:
     with_robot(script)
 
 
+HIT_M = 0x1003 / 8000
+"""A coordinate whose word is DLE ETX, m."""
+
+
+DOWN = (0.0, 1.0, 0.0, 0.0)
+SLOW = MotionLimits(0.05, 1.0, 1.0)
+
+
+def test_a_place_that_would_cut_its_block_short_gives_way_by_one_step() -> None:
+    async def script(robot: S3Link, clock: Clock) -> None:
+        await robot.ready()
+        async with robot.motion(SLOW) as motion:
+            for height in (HIT_M, HIT_M - 1e-5, HIT_M + 1e-5):
+                await motion.to(Pose((0.9, -0.1, height), DOWN))
+                await clock.sleep_until(clock.now() + 3.0)
+                reached = (await robot.read_status()).position[2]
+                assert reached != HIT_M
+                assert abs(reached - height) <= 0.125e-3 + 1e-9
+            assert motion.commanded == (0.9, -0.1, HIT_M + 1e-5)
+        # three points, and the end at the last of them
+        assert (robot.counters["10 03 avoided"], robot.counters["10 03 in data"]) == (4, 0)
+
+    assert with_robot(script, cuts=True) == []
+
+
+def test_without_giving_way_the_order_fails_and_the_link_says_why() -> None:
+    async def script(robot: S3Link, clock: Clock) -> None:
+        await robot.ready()
+        with pytest.raises(DeviceError, match="10 03 in data 1"):
+            async with robot.motion(SLOW) as motion:
+                await motion.to(Pose((0.9, -0.1, HIT_M), DOWN))
+
+    told = with_robot(script, link=LinkProfile(avoid_trailer=False), cuts=True)
+    assert sum(text.startswith("10 03 in data: a controller that ends a block") for text in told) == 1
+
+
+def test_what_cannot_give_way_is_counted_each_time_and_told_once_a_minute() -> None:
+    async def script(robot: S3Link, clock: Clock) -> None:
+        for _ in range(5):
+            with pytest.raises(OrderRefused):
+                await robot.order("start_program", program=0x1003)
+        await clock.sleep_until(clock.now() + 61.0)
+        with pytest.raises(OrderRefused):
+            await robot.order("start_program", program=0x1003)
+        assert robot.counters["10 03 in data"] == 6
+
+    assert [text.partition(":")[0] for text in with_robot(script)] == ["10 03 in data"] * 2
+
+
 def test_where_a_controller_takes_no_bid_ahead_none_goes_out() -> None:
     async def script(robot: S3Link, clock: Clock) -> None:
         robot.profile = LinkProfile(bid_ahead=False)
@@ -356,7 +414,7 @@ def test_where_a_controller_takes_no_bid_ahead_none_goes_out() -> None:
     with_robot(script)
 
 
-def test_what_has_not_been_answered_to_its_caller_is_followed_by_no_bid() -> None:
+def test_no_bid_follows_an_answer_that_its_caller_has_not_got() -> None:
     async def script(robot: S3Link, clock: Clock) -> None:
         with pytest.raises(OrderRefused):
             await robot.exchange(Telegram(TelegramType.ORDER, 99, 0), soon=True)
@@ -411,7 +469,7 @@ def test_an_order_longer_than_a_block_goes_in_several() -> None:
     with_robot(script, S3Site(ORDERS))
 
 
-def test_an_order_that_this_controller_does_not_know_is_refused_with_a_remedy() -> None:
+def test_an_order_unknown_to_the_controller_is_refused_with_a_remedy() -> None:
     async def script(robot: S3Link, clock: Clock) -> None:
         with pytest.raises(
             OrderRefused, match="refused order 6: 11 wrong function code; this controller does"
@@ -422,7 +480,7 @@ def test_an_order_that_this_controller_does_not_know_is_refused_with_a_remedy() 
     with_robot(script)
 
 
-def test_a_program_is_received_over_many_blocks_at_the_pace_of_the_line() -> None:
+def test_a_program_comes_over_many_blocks_at_the_lines_pace() -> None:
     content = bytes(range(256)) * 4
 
     async def script(robot: S3Link, clock: Clock) -> None:
@@ -462,7 +520,7 @@ def test_an_answer_too_short_is_the_devices_error() -> None:
 
 
 def answered(answer: Telegram, ask: Callable[[S3Link], Awaitable[object]]) -> object:
-    """What the client makes of a robot that gives this answer to every order."""
+    """Result of the client for a robot that gives this answer to every order."""
 
     class Answering(Link):
         def next_event(self) -> None:

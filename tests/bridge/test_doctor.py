@@ -67,7 +67,7 @@ def test_a_usb_adapter_is_named_and_its_latency_is_warned_of(tmp_path: Path) -> 
     assert "setserial /dev/ttyUSB0 low_latency" in timer.remedy
 
 
-def test_a_low_latency_timer_is_good_and_a_port_without_one_says_nothing(tmp_path: Path) -> None:
+def test_a_low_latency_timer_is_good_and_none_says_nothing(tmp_path: Path) -> None:
     assert [found.level for found in facts.serial_ports(usb_port(tmp_path / "a", 1))] == [Level.OK, Level.OK]
     assert len(list(facts.serial_ports(usb_port(tmp_path / "b", None)))) == 1
 
@@ -220,13 +220,13 @@ def test_wake_ups_are_measured_as_the_thread_would_be_run(monkeypatch: pytest.Mo
     wanted = []
 
     @contextmanager
-    def scheduled(realtime: RealTime) -> Iterator[None]:
+    def real_time_thread(realtime: RealTime) -> Iterator[None]:
         wanted.append(realtime)
         if realtime.cpus:
             raise ConfigError("refused")
         yield
 
-    monkeypatch.setattr(doctor, "scheduled", scheduled)
+    monkeypatch.setattr(doctor, "real_time_thread", real_time_thread)
     monkeypatch.setattr(doctor, "CYCLES", 5)
     assert "kept awake, busy polling" in doctor.wake_ups(RealTime(keep_awake=True, busy_poll_ms=1.0)).text
     assert "kept awake" not in doctor.wake_ups(RealTime(keep_awake=True, cpus=(4096,))).text

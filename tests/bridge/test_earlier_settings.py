@@ -48,7 +48,7 @@ def test_an_old_key_is_answered_with_its_new_name_and_value(
     assert f"{old} is now {now} is the same with a" in refused(tmp_path, f"[{section}]\n{name} = {before}\n")
 
 
-def test_an_old_key_with_a_value_that_is_none_is_answered_with_its_new_name(tmp_path: Path) -> None:
+def test_an_old_key_with_a_wrong_value_is_answered_with_its_new_name(tmp_path: Path) -> None:
     told = refused(tmp_path, '[task]\nstep_mm = "far"\n')
     assert told.endswith("task.step_mm is now a speed: task.speed_mm_s")
 
@@ -71,7 +71,7 @@ def test_speeds_of_the_task_beyond_the_path_velocity_are_refused(tmp_path: Path)
     assert load_config(file, {}).task.speed_mm_s == 60.0
 
 
-def test_a_control_period_that_the_controller_is_not_tuned_for_is_refused(tmp_path: Path) -> None:
+def test_a_period_that_the_controller_is_not_tuned_for_is_refused(tmp_path: Path) -> None:
     told = refused(tmp_path, "[run]\nperiod_ms = 20.0\n")
     assert "controller predictive is tuned for a sample every 180 ms" in told
     assert "controller.sample_ms = 20" in told

@@ -14,7 +14,7 @@ from emulators.s3_jr3_cell import s3_jr3_cell
 from hil_bridge.cli import cli
 from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.errors import ConfigError
-from hil_bridge.experiments import CellRun, run_cell
+from hil_bridge.experiments import EmulatedRun, run_emulated
 from hil_bridge.faults.schedule import FAULT_EVENT, FaultSchedule
 from hil_bridge.faults.settings import FaultConfig
 from hil_bridge.recording import PHASE_EVENT, EventRecord, TruthRecord, read
@@ -30,20 +30,20 @@ NEEDED: dict[tuple[str, str], dict[str, Any]] = {
     ("scales", "wrong"): {"phase": "connect", "after_s": 0.0},
     ("obstacle", "above"): {"phase": "retract", "after_s": 0.0},
 }
-"""What a fault needs beyond its defaults to have an effect one second after the tracking has begun."""
+"""Settings of a fault beyond its defaults for an effect one second after the tracking has begun."""
 EVERY = [(target, fault) for target, faults in CELL_FAULTS.items() for fault in faults]
 
 
-def run_with(*faults: dict[str, Any], duration_s: float = 2.0, **sections: Any) -> CellRun:
+def run_with(*faults: dict[str, Any], duration_s: float = 2.0, **sections: Any) -> EmulatedRun:
     config = {"run": {"duration_s": duration_s}, "faults": list(faults), **sections}
-    return run_cell(Config.model_validate(config))
+    return run_emulated(Config.model_validate(config))
 
 
-def texts(run: CellRun) -> list[str]:
+def texts(run: EmulatedRun) -> list[str]:
     return [event.text for event in run.events if event.kind == FAULT_EVENT]
 
 
-def struck(run: CellRun, target: str, fault: str) -> int:
+def struck(run: EmulatedRun, target: str, fault: str) -> int:
     (count,) = (
         int(found[1])
         for text in texts(run)
@@ -99,7 +99,7 @@ def test_the_computer_stands_still_where_the_bridge_lets_it() -> None:
 # --- when
 
 
-def events(run: CellRun) -> list[tuple[float, str]]:
+def events(run: EmulatedRun) -> list[tuple[float, str]]:
     return [(event.at, event.text) for event in run.events if event.kind == FAULT_EVENT]
 
 

@@ -23,7 +23,7 @@ def written(tree, **modules):
 
 
 def run(tool, tree):
-    """What the tool says of a checkout, and its exit code."""
+    """Output of the tool for a checkout, and its exit code."""
     command = [sys.executable, "-m", f"tools.{tool}", "--tree", tree]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert not done.stderr
@@ -49,7 +49,7 @@ def test_arrows_are_counted_by_room_and_a_circle_is_named(tmp_path):
     ]
 
 
-def test_lines_are_counted_by_room_and_long_and_wide_functions_are_named(tmp_path):
+def test_lines_are_counted_by_room_and_wide_functions_named(tmp_path):
     wide = "class Wide:\n    def take(self, a, *b, c=1, **d):\n        return a\n"
     long = "def act():\n" + "    pass\n" * 600
     tree = written(tmp_path, hil_bridge__room__wide=wide, tools__long=long, tests__wire__test_it="\n" * 7)

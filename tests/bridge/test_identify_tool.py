@@ -62,7 +62,7 @@ def test_the_default_tool_of_the_cell_comes_out(identify: Command) -> None:
     assert found.sensor.bias_nm == pytest.approx((0.0, 0.0, 0.0), abs=0.001)
 
 
-def test_another_tool_comes_out_of_its_table_as_well_and_a_wrong_mounting_shows(identify: Command) -> None:
+def test_another_tool_comes_out_of_its_table_as_well(identify: Command) -> None:
     cell = "[cell.tool]\nmass_kg = 1.2\ncentre_of_gravity_mm = [15.0, -10.0, 60.0]\n"
     code, measured, _ = identify("--virtual", "--save", "poses.csv", "-o", "tool.toml", config=cell)
     assert code == 0
@@ -80,7 +80,7 @@ def test_another_tool_comes_out_of_its_table_as_well_and_a_wrong_mounting_shows(
     assert errors.startswith("the residuals are large")
 
 
-def test_the_tool_turns_in_small_steps_above_its_start_and_comes_back(
+def test_the_tool_turns_in_small_steps_and_comes_back(
     identify: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     ordered: list[tuple[tuple[float, ...], tuple[float, ...]]] = []

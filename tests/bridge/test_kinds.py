@@ -86,7 +86,7 @@ def test_a_robots_url_without_a_kind_is_one_of_an_s3(url: str) -> None:
     assert robot_of(f"s3+{url}") == (ROBOTS.kind("s3"), url)
 
 
-def test_a_sensors_url_of_no_kind_is_refused_with_the_kinds_that_there_are() -> None:
+def test_a_sensors_url_of_no_kind_is_refused_with_the_kinds() -> None:
     with pytest.raises(ConfigError, match=r"unknown scheme 'tcp'.*kinds jr3, jr3-uart, jr3-board"):
         sensor_of("tcp://10.0.0.1:4000")
 
@@ -143,7 +143,7 @@ def test_toys_close_the_loop_and_the_record_tells_their_facts(tmp_path: Path) ->
 
 
 @pytest.mark.usefixtures("toys")
-def test_a_robot_that_is_quick_refuses_a_controller_tuned_for_a_slow_one() -> None:
+def test_a_quick_robot_refuses_a_controller_tuned_for_a_slow_one() -> None:
     told = refusal("run", "--virtual", "--no-view", "--no-record", *NAMES)
     assert "controller.sample_ms = 4" in told
 

@@ -21,10 +21,10 @@ from emulators.quantiles import draw
 from emulators.s3_jr3_cell import PaperCellProfile, s3_jr3_cell
 from hil_bridge.analysis.hops import JITTER, MIDDLE, SENSOR
 from hil_bridge.analysis.latency import (
-    budget,
     earliest_arrivals,
+    latency_budget,
     latency_of,
-    moments,
+    timestamps,
 )
 from hil_bridge.analysis.site_latency import MOST_QUANTILES
 from hil_bridge.analysis.summary import summarise
@@ -52,7 +52,7 @@ from protocol.s3.timing import line_floor
 CHARACTER = 11 / 9600
 MOVE_ANSWER = (8 + 5 + 4) * CHARACTER
 STATUS_ANSWER = (8 + 24 + 5 + 4) * CHARACTER
-"""Of 8 bytes header, 24 bytes status, 5 around a telegram, and ENQ, ACK, ACK, EOT; specification, section 5."""
+"""Time of 8 bytes header, 24 bytes status, 5 around a telegram, and ENQ, ACK, ACK, EOT; specification, section 5."""
 ODD_STATUS = (3.0, 3.5, 4.0, 20.0, 55.0)
 ODD_MOVE = (30.0, 31.0, 60.0, 61.0, 90.0)
 ODD_DELAY = (0.0, 0.5, 1.0, 1.5, 8.0)
@@ -166,8 +166,8 @@ def test_each_hop_begins_where_the_one_before_it_ends(truths: tuple[TruthRecord,
     assert all(a.hop.end == b.hop.begin for a, b in itertools.pairwise(found.chain))
 
 
-def test_without_the_truth_the_chain_ends_with_the_answer_and_knows_only_jitter() -> None:
-    """Frames arrive 4 ms after their time at least, every fourth one 2 ms later: nobody knows of the 4."""
+def test_without_the_truth_the_chain_ends_with_the_answer() -> None:
+    """Frames arrive 4 ms after their time at least, every fourth one 2 ms later: the 4 ms are not known."""
     frames = tuple(SensorRecord(of.sensor_at, of.sensor_sequence, (0,) * 6) for of in CYCLES)
     late = tuple(structs.replace(f, at=f.at + 0.002 * (f.sequence % 4 == 3)) for f in frames)
     cycles = tuple(structs.replace(c, sensor_at=f.at) for c, f in zip(CYCLES, late, strict=True))
@@ -236,7 +236,7 @@ def test_a_recording_of_before_divides_a_cycle_as_the_robot_does_now() -> None:
 def test_hops_of_another_robot_are_told_as_they_are() -> None:
     """One that says when it took the order, and nothing of a motion."""
     taken = Hop("taken", "sent_at", "answered_at", Owner.ROBOT, "robot's answer")
-    found = budget(CYCLES, RobotHops((taken,)))
+    found = latency_budget(CYCLES, RobotHops((taken,)))
     assert found is not None
     assert found.name == "sample's arrival to answer"
     assert [part.hop.name for part in found.chain] == [*(hop.name for hop in MIDDLE), "taken"]
@@ -246,7 +246,7 @@ def test_hops_of_another_robot_are_told_as_they_are() -> None:
 @pytest.mark.parametrize("name", ["phase", "explanation", "of no cycle", "__class__"])
 def test_a_hop_between_moments_that_are_none_has_no_time(name: str) -> None:
     """A recording's facts are not trusted."""
-    assert budget(CYCLES, RobotHops((Hop("odd", "sent_at", name, Owner.LINE, ""),))) is None
+    assert latency_budget(CYCLES, RobotHops((Hop("odd", "sent_at", name, Owner.LINE, ""),))) is None
 
 
 @pytest.mark.parametrize(
@@ -332,7 +332,7 @@ def run(path: Path, **sections: Any) -> Recording:
 def turnarounds_ms(recorded: Recording) -> dict[str, Any]:
     hops = devices_of(recorded).robot.hops
     assert hops is not None
-    moment = moments(recorded.cycles, hops)
+    moment = timestamps(recorded.cycles, hops)
     return {
         "status": (moment("status_replied_at") - moment("status_transmitted_at")) * 1e3,
         "move": (moment("replied_at") - moment("transmitted_at")) * 1e3,
@@ -462,7 +462,7 @@ def test_the_command_tells_and_writes_what_the_run_takes(tmp_path: Path) -> None
 # --- the stamps of an order
 
 
-def test_an_order_is_stamped_from_its_first_bid_to_its_last_character() -> None:
+def test_an_order_is_stamped_from_first_bid_to_last_character() -> None:
     """The first bid is not heard."""
     status = bytes.fromhex("10 02 00 20 00 00 13 02 00 00") + bytes(24)
     status += b"\x10\x03" + bytes([reduce(xor, status[2:], 3)])

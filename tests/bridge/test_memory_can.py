@@ -1,6 +1,6 @@
 """The CAN bus in memory against the rules of the wire: times, arbitration, acknowledge, errors, all exact."""
 
-from asyncio import sleep as pass_time  # in virtual time, where nobody waits
+from asyncio import sleep as pass_time  # in virtual time, without waiting
 from collections.abc import Awaitable, Callable
 from typing import Any
 
@@ -32,7 +32,7 @@ PATIENCE = 0.1
 
 
 class Log:
-    """What arrives at a node, with the time: frames and error reports apart."""
+    """Arrivals at a node, with the time: frames and error reports apart."""
 
     def __init__(self, node: Any, clock: Clock) -> None:
         self.items: list[tuple[float, CanFrame]] = []
@@ -104,7 +104,7 @@ def test_frames_take_their_bits_and_are_there_at_the_end_of_frame() -> None:
     virtual(main)
 
 
-def test_the_frame_whose_bits_are_dominant_wins_among_those_that_wait() -> None:
+def test_the_frame_with_dominant_bits_wins_the_arbitration() -> None:
     async def main(clock: Clock) -> None:
         bus = MemoryCanBus(clock)
         nodes = [bus.connect() for _ in range(5)]
@@ -152,7 +152,7 @@ def test_a_node_that_answers_takes_part_in_the_next_arbitration() -> None:
     virtual(main)
 
 
-def test_who_comes_at_the_instant_of_the_begin_takes_part_and_who_comes_later_waits() -> None:
+def test_a_node_joins_at_the_begin_of_a_frame_and_waits_after_it() -> None:
     async def main(clock: Clock) -> None:
         bus = MemoryCanBus(clock)
         first, second, late = (bus.connect() for _ in range(3))
@@ -188,7 +188,7 @@ def test_a_frame_sent_in_the_intermission_waits_for_its_end() -> None:
 
 
 @pytest.mark.parametrize("after", [0, 1, 2])
-def test_who_comes_in_the_intermission_takes_part_in_the_arbitration_behind_it(after: int) -> None:
+def test_a_node_that_comes_in_the_intermission_takes_part(after: int) -> None:
     async def main(clock: Clock) -> None:
         bus = MemoryCanBus(clock)
         talker, other, log = bus.connect(), bus.connect(), Log(bus.connect(), clock)
@@ -221,7 +221,7 @@ def test_who_leaves_in_the_intermission_does_not_begin_a_frame() -> None:
     virtual(main)
 
 
-def test_a_disturbance_that_begins_in_the_intermission_spoils_the_next_frame() -> None:
+def test_a_disturbance_in_the_intermission_spoils_the_next_frame() -> None:
     async def main(clock: Clock) -> None:
         bus = MemoryCanBus(clock)
         talker, log = bus.connect(), Log(bus.connect(), clock)
@@ -249,7 +249,7 @@ def test_a_long_burst_does_not_drift() -> None:
     virtual(main)
 
 
-def test_the_queue_is_bounded_and_a_leaving_node_hands_over_its_frames() -> None:
+def test_the_queue_is_bounded_and_a_leaving_node_empties_it() -> None:
     async def main(clock: Clock) -> None:
         bus = MemoryCanBus(clock, 10_000)
         sender, log = bus.connect(), Log(bus.connect(), clock)
@@ -284,16 +284,16 @@ def test_filters_choose_what_a_node_is_given() -> None:
         await pass_time(1)
         assert [frame.identifier for frame in log.frames] == [0x101, 0x601, 0x6FF]
         assert node.statistics.received == 3
-        # who filters a frame acknowledges it all the same
+        # a node that filters a frame acknowledges it all the same
         assert sender.statistics.sent == 5
 
     virtual(main)
 
 
-# --- nobody acknowledges
+# --- no acknowledge
 
 
-def test_a_node_alone_repeats_becomes_error_passive_and_never_bus_off() -> None:
+def test_a_node_alone_becomes_error_passive_never_bus_off() -> None:
     async def main(clock: Clock) -> None:
         bus = MemoryCanBus(clock)
         node = bus.connect()
@@ -372,7 +372,7 @@ def test_who_joins_a_lone_sender_acknowledges_its_next_attempt(after: float) -> 
         assert earliest - 1e-11 <= log.times[0] < earliest + cycle * US
         assert sender.statistics.sent == 1
         assert sender.statistics.dropped == 0
-        # nobody missed at 0 s; one or two attempts failed in 0.1 ms; all of 16 in 50 ms; the success takes one off
+        # no miss at 0 s; one or two attempts failed in 0.1 ms; all of 16 in 50 ms; the success takes one off
         assert sender.counters.transmit in {0.0: {0}, 0.0001: {7, 15}, 0.05: {127}}[after]
         if after == 0.05:
             assert own.states == [ErrorState.WARNING, ErrorState.PASSIVE, ErrorState.WARNING]
@@ -449,7 +449,7 @@ def test_an_error_in_the_last_bit_doubles_the_frame() -> None:
     virtual(main)
 
 
-def test_a_node_whose_frames_are_all_disturbed_goes_bus_off_and_comes_back() -> None:
+def test_a_node_with_all_frames_disturbed_goes_bus_off_and_returns() -> None:
     async def main(clock: Clock) -> None:
         bus = MemoryCanBus(clock)
         bus.disturb = Hits(*[20] * 32)
@@ -479,7 +479,7 @@ def test_a_node_whose_frames_are_all_disturbed_goes_bus_off_and_comes_back() -> 
     virtual(main)
 
 
-def test_a_node_that_is_bus_off_neither_hears_nor_acknowledges_and_traffic_brings_it_back() -> None:
+def test_a_bus_off_node_hears_nothing_and_traffic_brings_it_back() -> None:
     async def main(clock: Clock) -> None:
         bus = MemoryCanBus(clock)
         sick = bus.connect()
@@ -655,7 +655,7 @@ def test_nodes_of_a_bus_must_agree_on_the_bitrate() -> None:
 
 def test_the_bus_behind_a_url_can_be_had() -> None:
     async def main(clock: Clock) -> None:
-        with pytest.raises(ConfigError, match="nobody is on this bus"):
+        with pytest.raises(ConfigError, match="no node is on this bus"):
             memory_can_bus("sensor", clock)
         node = await connect_can("can+memory:sensor", clock, accept=[CanFilter(0x601)])
         assert isinstance(node, MemoryCanNode)

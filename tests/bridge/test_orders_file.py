@@ -236,7 +236,7 @@ def site_of(config: Config) -> S3Site:
     return robot_site(KindSettings(config.robot, config.cell))
 
 
-def test_files_are_looked_for_beside_the_configuration_that_names_them(tmp_path: Path) -> None:
+def test_files_are_found_beside_the_configuration_that_names_them(tmp_path: Path) -> None:
     programs = tmp_path / "programs"
     programs.mkdir()
     (programs / "7.prg").write_bytes(b"seven")

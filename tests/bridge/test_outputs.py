@@ -1,4 +1,4 @@
-"""What a run leaves behind, and what it never writes over; in virtual time and in an empty folder."""
+"""Outputs of a run, and files that it never overwrites; in virtual time and in an empty folder."""
 
 import errno
 import io
@@ -288,9 +288,7 @@ def test_what_fails_in_mid_run_is_said_while_it_runs(hil: Command, monkeypatch: 
     assert at_once == f"{at_the_end}; the run goes on"
 
 
-def test_a_disk_that_is_full_from_the_beginning_is_told_before_the_movement(
-    hil: Command, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_full_disk_is_told_before_the_movement(hil: Command, monkeypatch: pytest.MonkeyPatch) -> None:
     fill(monkeypatch, 100)
     monkeypatch.setattr("hil_bridge.runs.session.open_devices", lambda *_: pytest.fail("a device was opened"))
     code, output, errors = hil(*VIRTUAL)

@@ -11,7 +11,7 @@ from hil_bridge.clock import polling
 from hil_bridge.clock.polling import BusyPolling
 
 LOOK_S = 0.25
-"""What one look takes on the clock of these tests; a power of two, so that sums are exact."""
+"""Time of one look on the clock of these tests; a power of two, so that sums are exact."""
 
 
 class Looks:

@@ -1,13 +1,14 @@
 """The pump: data, events and deadlines between an endpoint and a wire, and no error lost."""
 
-from asyncio import sleep as pass_time  # in virtual time, where nobody waits
+from asyncio import sleep as pass_time  # in virtual time, without waiting
 from collections import deque
 
 import pytest
 
 from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.errors import TransportBroken, TransportClosed, TransportEnded, TransportError
-from hil_bridge.transports import Faults, Faulty, memory_pair
+from hil_bridge.testing.wires import Faults, Faulty
+from hil_bridge.transports import memory_pair
 from hil_bridge.transports.pump import Pump
 
 

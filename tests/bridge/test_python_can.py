@@ -6,7 +6,7 @@ The kernel's side of a SocketCAN socket is played by a python-can bus, after net
 import errno
 import os
 import sys
-from asyncio import sleep as pass_time  # in virtual time, where nobody waits
+from asyncio import sleep as pass_time  # in virtual time, without waiting
 from collections import deque
 from collections.abc import Awaitable, Callable
 from contextlib import closing
@@ -46,7 +46,7 @@ class Kernel(can.BusABC):
         """Frames that the interface takes before it is full."""
         self.up = True
         self.error: int | None = None
-        """What the socket tells next, once."""
+        """Next answer of the socket, once."""
         self.pending: deque[can.Message] = deque()
         self.sent: list[tuple[float, can.Message]] = []
         self.closed = False
@@ -68,7 +68,7 @@ class Kernel(can.BusABC):
     def _of(self, fd: int) -> "Kernel":
         return next(kernel for kernel in (self, *self.renewed) if kernel.fd == fd)
 
-    # --- what happens to the interface
+    # --- events of the interface
 
     def arrive(self, *frames: CanFrame) -> None:
         """Frames of others, or reports of the driver."""
@@ -135,7 +135,7 @@ class Kernel(can.BusABC):
 
 
 class Ear:
-    """What the wire delivers."""
+    """Deliveries of the wire."""
 
     def __init__(self, wire: CanWire, clock: Clock) -> None:
         self.frames: list[CanFrame] = []
@@ -235,7 +235,7 @@ def test_frames_survive_python_can(frame: CanFrame) -> None:
 # --- sending
 
 
-def test_what_the_interface_has_no_room_for_leaves_later_and_in_order() -> None:
+def test_frames_without_room_in_the_interface_leave_in_order() -> None:
     async def check(clock: Clock, kernel: Kernel, wire: CanWire, ear: Ear) -> None:
         kernel.room, start = 2, clock.now()
         wire.send(frames(3))
@@ -340,7 +340,7 @@ def test_an_interface_that_is_down_for_a_while_is_told_and_forgiven() -> None:
         kernel.arrive(CanFrame(0x601))
         wire.send(frames(1, 0x200))
         await pass_time(0.01)
-        # what had arrived before is handed over before the report
+        # earlier arrivals are handed over before the report
         assert ear.frames == [CanFrame(0x600), CanFrame(0x601)]
         assert ear.classes == [ErrorClass.INTERFACE_DOWN, ErrorClass.TX_TIMEOUT, ErrorClass.RESTARTED]
         assert ear.reports[0][0] == start
@@ -351,7 +351,7 @@ def test_an_interface_that_is_down_for_a_while_is_told_and_forgiven() -> None:
     played(check)
 
 
-def test_an_interface_found_down_while_sending_calls_nobody_back_within_send() -> None:
+def test_an_interface_found_down_calls_back_only_after_send() -> None:
     async def check(clock: Clock, kernel: Kernel, wire: CanWire, ear: Ear) -> None:
         kernel.up = False
         ear.within_send = True
@@ -372,7 +372,7 @@ def test_an_interface_found_down_while_sending_calls_nobody_back_within_send() -
     played(check)
 
 
-def test_nothing_leaves_before_the_owner_is_told_that_the_interface_is_back() -> None:
+def test_nothing_leaves_before_the_owner_knows_the_interface_is_back() -> None:
     async def check(clock: Clock, kernel: Kernel, wire: CanWire, ear: Ear) -> None:
         kernel.go_down()
         await pass_time(PROBE_S / 2)

@@ -15,10 +15,10 @@ from hil_bridge.clock import realtime
 from hil_bridge.clock.realtime import (
     GIVE_WAY_S,
     RealTime,
-    collect_young,
-    prompt_threads,
-    quiet_garbage,
-    scheduled,
+    collect_generation_1,
+    gc_paused,
+    real_time_thread,
+    short_switch_interval,
 )
 from hil_bridge.errors import ConfigError
 
@@ -42,14 +42,14 @@ def test_a_thread_that_never_sleeps_may_not_come_first() -> None:
 
 def test_nothing_changes_where_nothing_is_wanted() -> None:
     before = os.sched_getaffinity(0), os.sched_getscheduler(0), locked_kilobytes()
-    with scheduled(RealTime()) as executor:
+    with real_time_thread(RealTime()) as executor:
         assert executor is None
         assert (os.sched_getaffinity(0), os.sched_getscheduler(0), locked_kilobytes()) == before
 
 
 def test_a_computing_thread_gives_way_soon() -> None:
     before = sys.getswitchinterval()
-    with prompt_threads():
+    with short_switch_interval():
         assert sys.getswitchinterval() == pytest.approx(GIVE_WAY_S)
     assert sys.getswitchinterval() == before
 
@@ -57,7 +57,7 @@ def test_a_computing_thread_gives_way_soon() -> None:
 def test_only_the_loops_thread_is_pinned() -> None:
     before = os.sched_getaffinity(0)
     one = min(before)
-    with scheduled(RealTime(cpus=(one,))) as executor:
+    with real_time_thread(RealTime(cpus=(one,))) as executor:
         assert os.sched_getaffinity(0) == {one}
         assert executor is not None
         assert executor.submit(os.sched_getaffinity, 0).result() == before
@@ -69,7 +69,7 @@ def test_a_processor_that_is_not_there_is_refused_in_one_line(others: tuple[int,
     before = os.sched_getaffinity(0)
     with (
         pytest.raises(ConfigError, match=r"realtime\.cpus: this process may not run on 999"),
-        scheduled(RealTime(cpus=(*others, 999))),
+        real_time_thread(RealTime(cpus=(*others, 999))),
     ):
         pass
     assert os.sched_getaffinity(0) == before
@@ -80,7 +80,7 @@ def test_priority_is_that_of_the_loops_thread_alone() -> None:
     before = os.sched_getscheduler(0)
     seen: list[int] = []
     try:
-        with scheduled(RealTime(fifo_priority=1)):
+        with real_time_thread(RealTime(fifo_priority=1)):
             assert os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK == os.SCHED_FIFO
             thread = threading.Thread(target=lambda: seen.append(os.sched_getscheduler(0)))
             thread.start()
@@ -98,7 +98,7 @@ def test_what_is_not_permitted_says_how_to_permit_it(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(os, "sched_setscheduler", refuse)
     with (
         pytest.raises(ConfigError, match="SCHED_FIFO 50 is not permitted; set an rtprio limit"),
-        scheduled(RealTime(fifo_priority=50)),
+        real_time_thread(RealTime(fifo_priority=50)),
     ):
         pass
 
@@ -108,7 +108,7 @@ def test_memory_is_locked_while_inside() -> None:
     if ctypes.CDLL(None).mlockall(1) != 0:
         pytest.skip("locking memory is not permitted here")
     ctypes.CDLL(None).munlockall()
-    with scheduled(RealTime(lock_memory=True)):
+    with real_time_thread(RealTime(lock_memory=True)):
         assert locked_kilobytes() > before + 1000
     assert locked_kilobytes() <= before
 
@@ -123,9 +123,9 @@ def test_processors_are_kept_awake_as_long_as_the_file_is_open(
     def held() -> bool:
         return any(Path(f"/proc/self/fd/{fd}").resolve() == stand_in for fd in os.listdir("/proc/self/fd"))
 
-    with scheduled(RealTime()):
+    with real_time_thread(RealTime()):
         assert not held()
-    with scheduled(RealTime(keep_awake=True)):
+    with real_time_thread(RealTime(keep_awake=True)):
         assert held()
     assert not held()
     assert stand_in.read_bytes() == bytes(4)  # no latency at all
@@ -141,7 +141,7 @@ def test_a_machine_that_may_not_be_kept_awake_says_so_in_one_line(
         raise OSError(error, os.strerror(error))
 
     monkeypatch.setattr(os, "open", refuse)
-    with pytest.raises(ConfigError) as caught, scheduled(RealTime(keep_awake=True)):
+    with pytest.raises(ConfigError) as caught, real_time_thread(RealTime(keep_awake=True)):
         pass
     line = str(caught.value)
     assert line.startswith("realtime.keep_awake: /dev/cpu_dma_latency: ")
@@ -163,11 +163,11 @@ def test_garbage_waits_until_it_is_asked_for() -> None:
             Node.alive -= 1
 
     gc.enable()
-    with quiet_garbage():
+    with gc_paused():
         for _ in range(5000):
             Node()
         assert Node.alive == 5000
-        collect_young()
+        collect_generation_1()
         assert Node.alive == 0
         assert not gc.isenabled()
     assert gc.isenabled()

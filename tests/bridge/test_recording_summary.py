@@ -119,7 +119,7 @@ def test_only_tracking_counts_for_the_figures() -> None:
     assert summarise(Recording(cycles([50.0] * 39)), END).force_mean_steady_n is None
 
 
-def test_the_sample_that_stopped_the_run_counts_for_the_largest_force() -> None:
+def test_the_sample_that_stopped_counts_for_the_largest_force() -> None:
     """From 45 N to 235 N between two samples: what stopped the run is the overshoot."""
     tracked = cycles([0.0, 20.0, 45.0, *[45.0] * 40])
     (stopped,) = cycles([235.0], "retract", first=43)
@@ -151,7 +151,7 @@ def test_a_run_stopped_for_force_shows_the_force(bench: Callable[..., Any]) -> N
     assert summary.figures["largest_force_n"] == limit.force
 
 
-def test_lost_frames_are_what_the_client_counted_and_recorder_drops_count_as_received() -> None:
+def test_lost_frames_are_the_clients_and_recorder_drops_count() -> None:
     sensors = tuple(SensorRecord(0.0, 78 * k, (0,) * 6) for k in range(5))
     whole = Recording(cycles(STEP), sensors, end={"dropped/sensor": "3"})
     summary = summarise(whole, replace(END, sensor_lost=4))

@@ -251,7 +251,7 @@ def test_words_lie_every_four_bytes_of_a_channel(
     assert [get(sysfs, at + 4 * word) for word in (0xE5, 0xE6, 0xE7)] == [1, 2, 0x0800]
 
 
-def test_the_copyright_says_that_the_words_are_where_they_are_looked_for(sysfs: Path) -> None:
+def test_the_copyright_shows_where_the_words_lie(sysfs: Path) -> None:
     put(sysfs, 0x18000 + 4 * 0x40, *(ord(letter) << 8 for letter in "Copyright  JR3,  Inc   1994"[:24]))
     board = open_pci("03:00.0", sysfs=sysfs)
     assert board.text == "Copyright JR3, Inc 1"

@@ -80,7 +80,7 @@ def test_a_run_that_was_stopped_is_replayed_with_its_stop(
     assert [c for c in replay(Recording(cycles), config, forced=False) if c.differences] == []
 
 
-def test_another_controller_is_asked_in_the_situations_that_really_were(recording: Path) -> None:
+def test_another_controller_is_asked_in_the_real_situations(recording: Path) -> None:
     record = read(recording)
     config = recorded_config(record, changes_of(None, "pi"))
     assert config.controller.parameters == {}
@@ -103,7 +103,7 @@ def test_tighter_limits_show_where_they_would_have_stopped_the_run(recording: Pa
     assert stops[0] == next(cycle for cycle, force in along.items() if force > highest - 0.1)
 
 
-def test_a_cycle_that_was_not_recorded_ends_the_replay_with_its_number(recording: Path) -> None:
+def test_a_cycle_missing_in_the_record_ends_the_replay(recording: Path) -> None:
     record = read(recording)
     gap = replace(record, cycles=record.cycles[:5] + record.cycles[6:])
     with pytest.raises(ConfigError, match="inputs of cycle 5 are not in the recording"):
@@ -119,7 +119,7 @@ def test_a_foreign_configuration_is_refused_in_one_line(recording: Path, config:
     assert "\n" not in str(refused.value)
 
 
-def test_a_recording_that_names_no_setting_was_made_with_the_defaults(recording: Path) -> None:
+def test_a_recording_that_names_no_setting_has_the_defaults(recording: Path) -> None:
     record = replace(read(recording), metadata={"config": "{}"})
     assert recorded_config(record, changes_of(None, "pi")).controller.name == "pi"
     assert recorded_config(record, {}) == Config()
@@ -182,7 +182,7 @@ def test_a_reader_that_has_left_does_not_change_the_exit_code(
     assert (done.returncode, done.stderr) == (code, "")
 
 
-def test_the_command_says_that_other_limits_would_have_stopped_the_run(
+def test_the_command_says_that_other_limits_would_have_stopped(
     recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     limits = tmp_path / "limits.toml"

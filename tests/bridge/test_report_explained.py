@@ -163,7 +163,7 @@ def test_margins_are_those_of_the_controller_in_the_configuration() -> None:
     assert body.margins == margins(5000.0, admittance_response(50.0, 2200.0, plant.period), plant)
 
 
-def test_the_margin_is_gone_at_the_stiffness_that_is_told_and_comfortable_up_to_the_other() -> None:
+def test_the_margin_is_gone_at_one_stiffness_and_fine_up_to_the_other() -> None:
     loop = linear(recording := record([cycle(k) for k in range(60)]))
     plant = analysis(recording).plant
     assert margins(loop.unstable_from, loop.response, plant).gain_margin == pytest.approx(1.0)
@@ -237,7 +237,7 @@ def test_the_predicted_limit_cycle_counts_the_dead_band_of_the_servo() -> None:
     )
 
 
-def test_an_unstable_loop_has_no_phase_margin_and_is_told_what_it_did() -> None:
+def test_an_unstable_loop_has_no_phase_margin() -> None:
     recording = record([structs.replace(square(k), stiffness=200_000.0) for k in range(60)])
     assert '<td>phase margin</td><td class="value">none</td>' in section(recording)
     assert "the force within 0.60 N, 0.0 steps" in cycle_sentence(analysis(recording))
@@ -327,7 +327,7 @@ def test_levels_rules_and_the_rest_stand_in_the_row_of_their_cycle() -> None:
     }
 
 
-def test_columns_that_stay_empty_and_sections_without_content_are_left_out(tmp_path: Path) -> None:
+def test_empty_columns_and_sections_are_left_out(tmp_path: Path) -> None:
     plain = record([cycle(k) for k in range(5)])
     found = decisions(plain, 0.0)
     assert found is not None
@@ -348,7 +348,7 @@ def test_the_strongest_rules_are_counted_and_equal_ones_each() -> None:
     assert "<td>B∧B→B</td><td>2</td><td>50.0 %</td><td>0.80</td>" in controller_section(recording)
 
 
-def test_of_many_cycles_at_most_two_hundred_are_shown_first_and_last_among_them() -> None:
+def test_of_many_cycles_at_most_two_hundred_are_shown() -> None:
     recording = record([cycle(k) for k in range(1000)])
     found = decisions(recording, 100.08)
     assert found is not None

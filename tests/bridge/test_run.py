@@ -12,7 +12,7 @@ from hil_bridge.control import CONTROLLERS, Command, ControlLoop, Measurement
 from hil_bridge.errors import DeviceError
 from hil_bridge.recording import CycleRecord, Outcome
 from hil_bridge.settings.configuration import Config
-from hil_bridge.transports import Faults
+from hil_bridge.testing.wires import Faults
 from protocol.can.frame import CanFrame
 from protocol.jr3 import GatewayClientProfile
 from protocol.s3.adlp import LinkProfile
@@ -49,13 +49,13 @@ def rise(run: Bench, force: float) -> int:
 
 
 def rms_after_rise(run: Bench, force: float) -> float:
-    """Of the force error from three samples after the rise on, N."""
+    """Root mean square of the force error from three samples after the rise on, N."""
     tracked = run.tracked()[rise(run, force) + 3 :]
     return math.sqrt(statistics.fmean((record.force - force) ** 2 for record in tracked))
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
-def test_on_the_flat_sponge_what_knows_the_stiffness_rises_twice_as_fast(bench: RunBench, seed: int) -> None:
+def test_on_a_flat_sponge_knowing_the_stiffness_rises_faster(bench: RunBench, seed: int) -> None:
     runs = {
         name: bench(run={"duration_s": 15.0, "seed": seed}, controller={"name": name})
         for name in ("fuzzy", "fuzzy-adaptive", "resolution-aware", "predictive")
@@ -244,13 +244,13 @@ def test_hops_are_stamped_in_order(bench: RunBench) -> None:
         assert 0.0 <= record.status_at - record.sensor_at <= 0.0102
 
 
-def test_a_fixed_period_keeps_absolute_beats_and_skips_what_it_misses(bench: RunBench) -> None:
+def test_a_fixed_period_skips_the_cycles_that_it_misses(bench: RunBench) -> None:
     begins = [record.started_at for record in bench(run={"duration_s": 5.0, "period_ms": 250.0}).cycles]
     assert [b - begins[0] for b in begins] == pytest.approx([k * 0.25 for k in range(len(begins))], abs=1e-9)
     run = bench(run={"duration_s": 3.0, "period_ms": 100.0})
     begins = [record.started_at for record in run.cycles]
     assert [b - begins[0] for b in begins] == pytest.approx([k * 0.2 for k in range(len(begins))], abs=1e-9)
-    assert run.texts("overrun")[0] == "1 beats of 100 ms skipped"
+    assert run.texts("overrun")[0] == "1 cycles of 100 ms skipped"
 
 
 def test_the_tare_hides_the_tools_weight(bench: RunBench) -> None:
@@ -364,6 +364,19 @@ def test_a_robot_in_emergency_stop_is_not_moved(bench: RunBench) -> None:
         bench(prepare=lambda bench: bench.cell.robot.press_emergency_stop(bench.clock.now()))
 
 
+@pytest.mark.parametrize("block_end", ["length", "trailer"])
+def test_a_run_completes_as_the_observed_client_spoke(bench: RunBench, block_end: str) -> None:
+    """Also with a controller that takes the first DLE ETX for a block's end, which is the likeliest of a real one."""
+    link = {"profile": "observed-client"}
+    run = bench(
+        run={"duration_s": 10.0}, robot={"link": link}, cell={"link": {**link, "block_end": block_end}}
+    )
+    assert run.result.outcome is Outcome.COMPLETED
+    assert statistics.fmean(record.force for record in run.tracked()[-20:]) == pytest.approx(10.0, abs=0.6)
+    assert run.true_force == 0.0
+    assert run.robot.counters["block repeated"] == run.robot.counters["10 03 in data"] == 0
+
+
 def test_line_floor_follows_the_profile() -> None:
     assert line_floor(LinkProfile(baudrate=19200)) == pytest.approx(136 * 11 / 19200)
     assert line_floor(LinkProfile(parity="N", move_length=60)) == pytest.approx(144 * 10 / 9600)
@@ -381,7 +394,7 @@ def test_a_force_that_swings_has_its_gain_lowered_and_calms_down(bench: RunBench
     assert guarded.result.outcome is Outcome.COMPLETED
 
 
-def test_a_force_that_goes_on_swinging_at_the_lowest_gain_ends_the_run(bench: RunBench) -> None:
+def test_a_force_that_swings_at_the_lowest_gain_ends_the_run(bench: RunBench) -> None:
     run = bench(
         run={"duration_s": 60.0},
         cell={"surface": {"stiffness_n_m": 60_000.0, "damping_ns_m": 0.0}, "sensor": LARGE_SENSOR},
@@ -520,7 +533,7 @@ def test_a_force_axis_that_dies_while_pressing_does_not_press_on(bench: RunBench
     assert run.true_force == 0.0
 
 
-def test_a_sensor_at_the_end_of_its_range_is_found_behind_a_large_zero(bench: RunBench) -> None:
+def test_a_sensor_at_the_end_of_its_range_behind_a_large_zero(bench: RunBench) -> None:
     """The tool's weight takes Fz most of the way to one end, and the zero hides that. Pressing takes it through zero
     to the other, where the counts that the zero has moved come round.
     """

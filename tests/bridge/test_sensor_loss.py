@@ -118,7 +118,7 @@ def test_a_sensor_unplugged_from_its_gateway_stops_the_run_and_the_tool_retracts
 
 
 @pytest.mark.parametrize("device", ["CAN gateway", "UART gateway"])
-def test_a_gateway_that_falls_silent_stops_the_run_and_the_tool_retracts(device: str) -> None:
+def test_a_silent_gateway_stops_the_run_and_the_tool_retracts(device: str) -> None:
     result, force = run_until_lost(URLS[device], silence)
     assert result.outcome is Outcome.STOPPED
     assert "the newest force is" in result.cause

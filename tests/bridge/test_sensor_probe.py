@@ -1,4 +1,4 @@
-"""What the probe of a sensor says, against emulated sensors in virtual time and with pushes laid on them."""
+"""Messages of the probe of a sensor, against emulated sensors in virtual time and with pushes laid on them."""
 
 import asyncio
 from collections.abc import Callable, Sequence

@@ -147,7 +147,7 @@ def test_ctrl_c_while_the_report_is_drawn_ends_at_once(hil: Command, monkeypatch
     assert not any(Path("rep").iterdir())
 
 
-def test_every_signal_is_taken_for_ctrl_c_where_a_task_is_to_end_in_order() -> None:
+def test_every_signal_acts_like_ctrl_c_where_a_task_is_to_end() -> None:
     before = {number: signal.getsignal(number) for number in ENDING}
     for number in ENDING:
         with pytest.raises(KeyboardInterrupt), as_ctrl_c():
@@ -176,7 +176,7 @@ def test_beside_the_main_thread_no_handler_is_set() -> None:
 # --- outputs that take nothing
 
 
-def test_a_screen_waits_for_a_full_pipe_and_nothing_waits_for_the_screen() -> None:
+def test_a_screen_waits_for_a_full_pipe_and_no_task_for_it() -> None:
     there, here = os.pipe()
     os.set_blocking(here, False)
     filled = os.write(here, b"x" * (1 << 20))
@@ -294,9 +294,7 @@ def broken(*_: object) -> None:
     raise TypeError("a leg is\nmissing")
 
 
-def test_a_bug_outside_the_movement_is_one_line_that_names_the_record(
-    hil: Command, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_bug_outside_the_movement_is_one_line(hil: Command, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("hil_bridge.runs.session.open_devices", broken)
     code, output, errors = hil(*VIRTUAL)
     assert (code, output) == (70, "")

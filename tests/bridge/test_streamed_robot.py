@@ -225,7 +225,7 @@ def test_an_answer_carries_the_newest_target() -> None:
     run_cell(script)
 
 
-def test_a_far_target_is_reached_at_the_speed_of_the_limits_and_exactly() -> None:
+def test_a_far_target_is_reached_at_the_limits_speed_exactly() -> None:
     times = []
 
     async def script(cell: Cell) -> None:
@@ -281,7 +281,7 @@ def test_a_turn_is_bounded_too_and_ends_with_the_way() -> None:
         max_size=60,
     )
 )
-def test_no_course_of_packets_and_targets_moves_the_set_point_too_fast(
+def test_no_packets_and_targets_move_the_set_point_too_fast(
     course: list[tuple[float, int, float, bool]],
 ) -> None:
     """Packets that come in bursts, twice, late or not at all, and targets at any time."""
@@ -313,7 +313,7 @@ def test_no_course_of_packets_and_targets_moves_the_set_point_too_fast(
 # --- the dead-man's switch
 
 
-def test_a_controller_that_falls_silent_has_the_robot_held_on_its_way_until_it_speaks() -> None:
+def test_a_silent_controller_has_the_robot_held_on_its_way() -> None:
     async def script(cell: Cell) -> None:
         await cell.link.ready()
         async with cell.link.motion(LIMITS) as motion:
@@ -361,7 +361,7 @@ def test_a_movement_without_targets_is_given_up_in_the_end(silent: bool) -> None
     assert cell.robot.pose == moved(0.2)
 
 
-def test_a_bug_of_the_caller_leaves_the_robot_where_it_was_told_to_be_last() -> None:
+def test_a_bug_of_the_caller_leaves_the_robot_where_it_was() -> None:
     async def script(cell: Cell) -> None:
         await cell.link.ready()
 
@@ -463,7 +463,7 @@ def test_hold_gives_up_the_way_but_not_the_movement() -> None:
     run_cell(script)
 
 
-def test_a_robot_that_reports_a_fault_takes_no_target_in_this_movement() -> None:
+def test_a_robot_that_reports_a_fault_takes_no_target() -> None:
     words = r"robot on udp\+memory:robot cannot move: protective stop; release it at the pendant"
 
     async def script(cell: Cell) -> None:
@@ -493,7 +493,7 @@ def test_a_robot_that_reports_a_fault_takes_no_target_in_this_movement() -> None
     run_cell(script)
 
 
-def test_no_movement_begins_while_a_fault_is_reported_or_another_is_under_way() -> None:
+def test_no_movement_begins_during_a_fault_or_another_movement() -> None:
     async def script(cell: Cell) -> None:
         await cell.link.ready()
         async with cell.link.motion(LIMITS):
@@ -547,7 +547,7 @@ def test_a_reported_pose_that_is_none_is_a_fault() -> None:
 # --- reports
 
 
-def test_a_report_is_handed_out_once_while_it_is_fresh_and_else_waited_for() -> None:
+def test_a_report_is_handed_out_once_while_fresh() -> None:
     async def script(cell: Cell) -> None:
         first = await cell.link.ready()
         again = await cell.link.report()
@@ -569,7 +569,7 @@ def test_a_report_is_handed_out_once_while_it_is_fresh_and_else_waited_for() -> 
     run_cell(script)
 
 
-def test_a_robot_that_never_speaks_and_one_that_falls_silent_say_what_to_do() -> None:
+def test_a_robot_that_does_not_speak_says_what_to_do() -> None:
     async def never(cell: Cell) -> None:
         with pytest.raises(DeviceError, match=r"robot on udp.* sent nothing for 10 s; start its program"):
             await cell.link.ready()
@@ -592,7 +592,7 @@ def test_a_robot_that_never_speaks_and_one_that_falls_silent_say_what_to_do() ->
     assert run_cell(no_more).robot.pose == moved(1.0)
 
 
-def test_a_lossy_network_that_changes_the_order_costs_time_and_nothing_else() -> None:
+def test_a_lossy_network_costs_time_and_nothing_else() -> None:
     async def script(cell: Cell) -> None:
         await cell.link.ready()
         async with cell.link.motion(LIMITS) as motion:
@@ -709,7 +709,7 @@ def test_a_robot_without_a_cycle_cannot_stream() -> None:
 # --- what a run makes of it
 
 
-def test_a_small_step_is_waited_for_until_the_robot_reports_to_be_there() -> None:
+def test_a_small_step_is_waited_for_until_it_is_reported() -> None:
     async def script(cell: Cell) -> None:
         await cell.link.ready()
         steps = SmallSteps(cell.clock, cell.link, NO_SENSOR)
@@ -722,7 +722,7 @@ def test_a_small_step_is_waited_for_until_the_robot_reports_to_be_there() -> Non
     run_cell(script)
 
 
-def test_a_tool_is_known_to_be_retracted_only_where_the_robot_tells_so() -> None:
+def test_a_tool_is_retracted_only_where_the_robot_tells_so() -> None:
     rests: list[tuple[float, float]] = []
 
     async def script(cell: Cell) -> None:
@@ -742,7 +742,7 @@ def test_a_tool_is_known_to_be_retracted_only_where_the_robot_tells_so() -> None
     assert math.isnan(silent)
 
 
-def test_a_retraction_is_judged_again_after_each_step_that_the_robot_was_given() -> None:
+def test_a_retraction_is_judged_again_after_each_step() -> None:
     async def script(cell: Cell) -> None:
         await cell.link.ready()
         config, blamed = Config(), list[str]()

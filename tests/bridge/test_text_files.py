@@ -1,4 +1,4 @@
-"""What no sane file holds, at every place that reads one: one line and exit code 2, no traceback."""
+"""Texts that no sane file holds, at every place that reads one: one line and exit code 2, no traceback."""
 
 import sys
 from collections.abc import Callable
@@ -60,7 +60,7 @@ def test_a_hostile_toml_file_is_one_line(tmp_path: Path, reader: Callable[[Path]
 
 
 @pytest.mark.parametrize("reader", [*READERS.values(), read_poses], ids=[*READERS, "poses"])
-def test_a_path_that_cannot_be_and_a_file_that_is_no_text_are_one_line(
+def test_an_impossible_path_and_a_file_without_text_are_one_line(
     tmp_path: Path, reader: Callable[[Path], object]
 ) -> None:
     (tmp_path / "bytes").write_bytes(b"\xff\xfe")

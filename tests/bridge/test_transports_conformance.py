@@ -10,15 +10,13 @@ import pytest
 from hil_bridge.clock import Clock
 from hil_bridge.errors import TransportBroken, TransportUnavailable
 from hil_bridge.testing.transports import DatagramCase, Ends, StreamCase, TestDatagramWire, TestStreamWire
+from hil_bridge.testing.wires import Delayed, Faults, Faulty
 from hil_bridge.transports import (
     DatagramWire,
-    Delayed,
     Direction,
-    Faults,
-    Faulty,
     LineSettings,
     MemoryCanBus,
-    Paced,
+    PacedLine,
     Parity,
     Reconnecting,
     Tap,
@@ -92,7 +90,7 @@ async def _memory_can_url(clock: Clock) -> AsyncIterator[Ends]:
 LINE = LineSettings(9600, Parity.EVEN)
 CASES = (
     StreamCase("memory", _memory),
-    StreamCase("paced", _around(lambda wire, clock: Paced(wire, LINE, clock)), volume=60_000),
+    StreamCase("paced", _around(lambda wire, clock: PacedLine(wire, LINE, clock)), volume=60_000),
     StreamCase(
         "usb adapter",
         _around(lambda wire, clock: UsbAdapter(wire, UsbAdapterProfile(), clock)),

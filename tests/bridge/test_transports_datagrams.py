@@ -85,7 +85,7 @@ def test_jitter_lies_in_its_bounds_and_keeps_the_order() -> None:
 
 
 def _run(client: str, count: int = 2000) -> tuple[list[tuple[float, bytes]], Any]:
-    """What arrives of numbered datagrams every 4 ms, and the counts of the sender."""
+    """Arrivals of numbered datagrams every 4 ms, and the counts of the sender."""
     result: list[Any] = []
 
     async def main() -> None:
@@ -187,7 +187,7 @@ def test_a_client_may_come_before_the_listener() -> None:
             left.send([b"anybody there"])
             await pass_time(0.1)
         assert left.statistics.unreachable == 20
-        told = "udp+memory:robot: nobody listens there; start the other side"
+        told = "udp+memory:robot: no program listens there; start the other side"
         assert notices == [("unreachable", told)] * 2  # at most one a second
         listening = await listen_datagrams("udp+memory:robot", clock)
         there = Log(listening.transport, clock)

@@ -1,6 +1,6 @@
 """Emulated lines whose ends differ, breaks, a plug that is pulled, a USB adapter: in virtual time, by URL and alone."""
 
-from asyncio import sleep as pass_time  # in virtual time, where nobody waits
+from asyncio import sleep as pass_time  # in virtual time, without waiting
 from itertools import pairwise
 from typing import Any
 
@@ -10,12 +10,12 @@ from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.errors import TransportError
 from hil_bridge.transports import (
     Damaged,
-    LineEnd,
     LineErrors,
     LineSettings,
-    Paced,
+    PacedLine,
     Parity,
     Transport,
+    Uart,
     UsbAdapter,
     UsbAdapterProfile,
     connect_bytes,
@@ -31,7 +31,7 @@ TEXT = b"The quick brown fox jumps over the lazy dog."
 
 
 class Log:
-    """What arrives at a transport, with the time."""
+    """Arrivals at a transport, with the time."""
 
     def __init__(self, transport: Transport[Any], clock: Clock) -> None:
         self.items: list[tuple[float, bytes]] = []
@@ -49,12 +49,12 @@ class Log:
 
 async def memory_line(
     clock: Clock, device: str, client: str
-) -> tuple[Log, Paced, Log, Transport[bytes], list[str]]:
+) -> tuple[Log, PacedLine, Log, Transport[bytes], list[str]]:
     """Device and client of a memory wire: what each hears, the client's line, the device's wire, notices."""
     listening = await listen_bytes(f"memory:robot{device}", clock)
     notices: list[str] = []
     line = await connect_bytes(f"memory:robot{client}", clock, lambda kind, text: notices.append(text))
-    assert isinstance(line, Paced)
+    assert isinstance(line, PacedLine)
     return Log(line, clock), line, Log(listening.transport, clock), listening.transport, notices
 
 
@@ -136,7 +136,7 @@ def test_the_ends_make_of_damaged_characters_what_they_are_set_to() -> None:
     run_virtual(check)
 
 
-def test_a_computer_takes_the_bits_as_they_are_and_is_told_once_a_second() -> None:
+def test_a_computer_takes_the_bits_and_is_told_once_a_second() -> None:
     async def main() -> None:
         clock = Clock.running()
         here, line, _, wire, notices = await memory_line(
@@ -161,8 +161,8 @@ def test_settings_that_change_hold_from_the_next_burst_on() -> None:
         clock = Clock.running()
         inner, far_wire = memory_pair(clock)
         settings = E
-        near = Paced(
-            inner, LineEnd(lambda: E, Damaged.DROP), clock, far=LineEnd(lambda: settings, Damaged.DROP)
+        near = PacedLine(
+            inner, Uart(lambda: E, Damaged.DROP), clock, far=Uart(lambda: settings, Damaged.DROP)
         )
         here, there = Log(near, clock), Log(far_wire, clock)
         for settings, arrives in ((E, True), (N, False), (LineSettings(300, Parity.EVEN), False), (E, True)):
@@ -183,7 +183,7 @@ def test_a_break_is_a_damaged_zero_and_takes_what_is_sent_meanwhile() -> None:
     async def main() -> None:
         clock = Clock.running()
         inner, far_wire = memory_pair(clock)
-        near = Paced(inner, LineEnd(lambda: E, Damaged.DROP), clock, far=LineEnd(lambda: E))
+        near = PacedLine(inner, Uart(lambda: E, Damaged.DROP), clock, far=Uart(lambda: E))
         here, there = Log(near, clock), Log(far_wire, clock)
         start = clock.now()
         near.send_break(0.25)
@@ -209,7 +209,7 @@ def test_a_break_within_a_burst_leaves_what_came_before_and_after() -> None:
     async def main() -> None:
         clock = Clock.running()
         inner, far_wire = memory_pair(clock)
-        near, there = Paced(inner, E, clock), Log(far_wire, clock)
+        near, there = PacedLine(inner, E, clock), Log(far_wire, clock)
         start = clock.now()
         near.send(bytes(range(1, 101)))
         await clock.sleep_until(start + 20.4 * CHARACTER)
@@ -228,7 +228,7 @@ def test_a_held_line_stays_low_until_it_is_released() -> None:
     async def main() -> None:
         clock = Clock.running()
         inner, far_wire = memory_pair(clock)
-        near, there = Paced(inner, E, clock), Log(far_wire, clock)
+        near, there = PacedLine(inner, E, clock), Log(far_wire, clock)
         near.hold(True)
         near.send(b"unseen")
         await pass_time(3)
@@ -245,7 +245,7 @@ def test_a_pulled_plug_tells_nobody_and_loses_what_is_on_the_line() -> None:
     async def main() -> None:
         clock = Clock.running()
         inner, far_wire = memory_pair(clock)
-        near = Paced(inner, E, clock)
+        near = PacedLine(inner, E, clock)
         here, there = Log(near, clock), Log(far_wire, clock)
         near.reconnect()  # it is in
         start = clock.now()
@@ -274,11 +274,11 @@ def test_a_pulled_plug_tells_nobody_and_loses_what_is_on_the_line() -> None:
     run_virtual(main)
 
 
-def test_the_end_comes_after_the_last_character_of_a_line_with_a_slower_receiver() -> None:
+def test_the_end_comes_after_the_last_character_of_a_slow_receiver() -> None:
     async def main() -> None:
         clock = Clock.running()
         inner, far_wire = memory_pair(clock)
-        near = Paced(inner, LineSettings(4800), clock, far=LineEnd(lambda: N))
+        near = PacedLine(inner, LineSettings(4800), clock, far=Uart(lambda: N))
         here = Log(near, clock)
         far_wire.send(bytes(20))
         await far_wire.aclose()

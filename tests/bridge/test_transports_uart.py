@@ -35,7 +35,7 @@ def begins(number: int, sender: LineSettings) -> float:
 
 
 def read(data: bytes, sender: LineSettings, receiver: LineSettings) -> list[Character]:
-    """What is read of an unbroken burst after which the line is idle."""
+    """Characters read of an unbroken burst after which the line is idle."""
     ear = Receiver(receiver)
     for k, byte in enumerate(data):
         ear.character(byte, begins(k, sender), sender)
@@ -103,7 +103,7 @@ def test_worked_out_by_hand(
     + [(E, LineSettings(rate, Parity.EVEN)) for rate in (4800, 19_200)],
     ids=str,
 )
-def test_a_bid_and_its_answer_never_pass_undamaged_between_other_settings(
+def test_a_bid_and_its_answer_do_not_pass_between_other_settings(
     sender: LineSettings, receiver: LineSettings
 ) -> None:
     for byte in (ENQ, ACK):
@@ -139,7 +139,7 @@ def test_after_idle_time_the_receiver_is_in_step_again(
     assert ear.listen(11.0)[-1] == Character(ENQ)
 
 
-def test_a_break_is_one_zero_however_long_and_the_next_character_needs_a_high_line() -> None:
+def test_a_break_is_one_zero_and_the_next_character_needs_high() -> None:
     ear = Receiver(E)
     ear.hold(True, 1.0)
     assert ear.listen(1.0 + 10.5 / 9600) == []
@@ -153,7 +153,7 @@ def test_a_break_is_one_zero_however_long_and_the_next_character_needs_a_high_li
     assert ear.quiet
 
 
-def test_other_settings_in_the_middle_give_up_the_character_that_is_being_read() -> None:
+def test_other_settings_give_up_the_character_being_read() -> None:
     ear = Receiver(N)
     ear.character(ENQ, 0.0, N)
     assert ear.listen(3 / 9600) == []

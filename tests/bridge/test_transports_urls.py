@@ -198,7 +198,7 @@ def test_refused(open_wire, url, says) -> None:  # type: ignore[no-untyped-def]
         ),
     ],
 )
-def test_an_emulated_slcan_adapter_is_reached_by_an_address_that_can_be_read(port: str, address: str) -> None:
+def test_an_emulated_slcan_adapter_has_a_readable_address(port: str, address: str) -> None:
     assert slcan_address(port) == address
     assert parse_url(address, CONNECT_CAN).options["bitrate"] == 1_000_000
 

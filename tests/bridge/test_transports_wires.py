@@ -1,6 +1,6 @@
-"""What each wire does in virtual time beyond the suite: exact times, faults, arbitration, new clients."""
+"""Each wire in virtual time beyond the suite: exact times, faults, arbitration, new clients."""
 
-from asyncio import sleep as pass_time  # in virtual time, where nobody waits
+from asyncio import sleep as pass_time  # in virtual time, without waiting
 from itertools import islice
 from typing import Any
 
@@ -13,13 +13,11 @@ from hil_bridge.errors import (
     TransportError,
     TransportUnavailable,
 )
+from hil_bridge.testing.wires import Delayed, Faults, Faulty
 from hil_bridge.transports import (
-    Delayed,
     Direction,
-    Faults,
-    Faulty,
     LineSettings,
-    Paced,
+    PacedLine,
     Parity,
     Reconnecting,
     Tap,
@@ -35,7 +33,7 @@ LINE = LineSettings(9600, Parity.EVEN, 1)
 
 
 class Log:
-    """What arrives at a transport, with the time."""
+    """Arrivals at a transport, with the time."""
 
     def __init__(self, transport: Transport[Any], clock: Clock) -> None:
         self.items: list[tuple[float, Any]] = []
@@ -62,7 +60,7 @@ def test_a_block_of_57_bytes_takes_exactly_its_character_times(outward: bool) ->
     async def main() -> None:
         clock = Clock.running()
         inner, far = memory_pair(clock)
-        near = Paced(inner, LINE, clock, fifo=14)
+        near = PacedLine(inner, LINE, clock, fifo=14)
         here, there = Log(near, clock), Log(far, clock)
         await pass_time(0.1)
         start = clock.now()
@@ -81,7 +79,7 @@ def test_bursts_queue_after_one_another_and_idle_time_is_not_made_up() -> None:
     async def main() -> None:
         clock = Clock.running()
         inner, far = memory_pair(clock)
-        near, there = Paced(inner, LINE, clock, fifo=14), Log(far, clock)
+        near, there = PacedLine(inner, LINE, clock, fifo=14), Log(far, clock)
         start = clock.now()
         near.send(b"abc")
         near.send(b"de")  # extends the burst
@@ -99,7 +97,7 @@ def test_paced_times_do_not_drift_over_a_long_burst() -> None:
     async def main() -> None:
         clock = Clock.running()
         inner, far = memory_pair(clock)
-        near, there = Paced(inner, LINE, clock), Log(far, clock)
+        near, there = PacedLine(inner, LINE, clock), Log(far, clock)
         start = clock.now()
         near.send(bytes(50_000))
         await pass_time(100)
@@ -112,7 +110,7 @@ def test_paced_bounds_both_queues() -> None:
     async def main() -> None:
         clock = Clock.running()
         inner, far = memory_pair(clock)
-        near, there = Paced(inner, LINE, clock), Log(far, clock)
+        near, there = PacedLine(inner, LINE, clock), Log(far, clock)
         here = Log(near, clock)
         with pytest.raises(TransportError, match="full"):
             near.send(bytes(70_000))
@@ -132,7 +130,7 @@ def test_the_end_comes_after_what_is_on_the_line() -> None:
     async def main() -> None:
         clock = Clock.running()
         for wrap, last in (
-            (lambda wire: Paced(wire, LINE, clock), 20 * 11 / 9600),
+            (lambda wire: PacedLine(wire, LINE, clock), 20 * 11 / 9600),
             (lambda wire: Delayed(wire, 0.25, clock), 0.25),
         ):
             inner, far = memory_pair(clock)
@@ -151,7 +149,7 @@ def test_closing_gives_a_slow_line_one_second() -> None:
     async def main() -> None:
         clock = Clock.running()
         inner, far = memory_pair(clock)
-        near, there = Paced(inner, LINE, clock, fifo=1), Log(far, clock)
+        near, there = PacedLine(inner, LINE, clock, fifo=1), Log(far, clock)
         start = clock.now()
         near.send(bytes(5000))
         await near.aclose()
@@ -284,7 +282,7 @@ def test_a_cut_cable_is_broken_here_and_silent_there() -> None:
 def test_clients_of_a_memory_listener_come_and_go() -> None:
     async def main() -> None:
         clock = Clock.running()
-        with pytest.raises(TransportUnavailable, match="nobody listens"):
+        with pytest.raises(TransportUnavailable, match="no program listens"):
             await connect_bytes("memory:robot", clock)
         listening = await listen_bytes("memory:robot", clock)
         with pytest.raises(TransportUnavailable, match="already"):
@@ -361,7 +359,7 @@ def test_trying_ends_with_the_named_time_and_the_last_reason() -> None:
 
 
 def reconnecting(clock: Clock, absent: int) -> tuple[Reconnecting, list[Transport[bytes]], list[str]]:
-    """A wire in memory that comes back after this many tries in vain; its far ends, and what was noticed."""
+    """A wire in memory that comes back after this many failed tries; its far ends, and what was noticed."""
     far_ends: list[Transport[bytes]] = []
     notices: list[str] = []
     tries = iter(range(1000))
@@ -380,7 +378,7 @@ def reconnecting(clock: Clock, absent: int) -> tuple[Reconnecting, list[Transpor
     return wire, far_ends, notices
 
 
-def test_a_wire_comes_back_as_often_as_it_must_and_what_was_sent_meanwhile_is_lost() -> None:
+def test_a_wire_comes_back_and_bytes_sent_meanwhile_are_lost() -> None:
     async def main() -> None:
         clock = Clock.running()
         wire, far_ends, notices = reconnecting(clock, absent=2)
@@ -408,7 +406,7 @@ def test_a_wire_comes_back_as_often_as_it_must_and_what_was_sent_meanwhile_is_lo
     run_virtual(main)
 
 
-def test_a_wire_that_does_not_come_back_is_broken_and_says_for_how_long_it_was_tried() -> None:
+def test_a_wire_that_stays_away_is_broken_and_says_how_long() -> None:
     async def main() -> None:
         clock = Clock.running()
         wire, far_ends, _ = reconnecting(clock, absent=999)

@@ -86,7 +86,7 @@ def test_what_is_wrong_with_the_wire_is_told_as_ever() -> None:
     assert "unknown scheme 'foo'" in refuse("foo:x?gateway=jr3", ConfigError)
     assert "unknown option 'speed'" in refuse("serial:///dev/x?gateway=jr3&speed=1", ConfigError)
     assert "unknown option 'gateway'" in refuse("can+memory:x?gateway=jr3", ConfigError)
-    assert "nobody listens" in refuse("memory:none?gateway=jr3", TransportUnavailable)
+    assert "no program listens" in refuse("memory:none?gateway=jr3", TransportUnavailable)
 
 
 @pytest.mark.parametrize(
@@ -130,7 +130,7 @@ def test_pasted_bytes_of_the_line_are_decoded() -> None:
 
 @dataclass
 class Log:
-    """What a run tells."""
+    """Messages of a run."""
 
     cycles: list[CycleRecord] = field(default_factory=list)
     events: list[EventRecord] = field(default_factory=list)
@@ -208,9 +208,7 @@ def test_ready_tare_and_stop() -> None:
 
 
 @pytest.mark.parametrize(("kept_bytes", "seconds"), [(0, 1.25), (256, 0.99)])
-def test_a_close_in_the_deaf_second_waits_until_the_gateway_has_stopped(
-    kept_bytes: int, seconds: float
-) -> None:
+def test_a_close_in_the_deaf_second_waits_for_the_gateway(kept_bytes: int, seconds: float) -> None:
     """A stop that the gateway does not hear is repeated before the line is closed; one that it keeps is not."""
     closed: list[float] = []
 

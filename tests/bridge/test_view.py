@@ -232,7 +232,7 @@ def test_a_terminal_that_goes_away_does_not_end_the_run(
 
 
 class Pauses(asyncio.Event):
-    """Tells when somebody waits for one."""
+    """Tells when a task waits for one."""
 
     def __init__(self) -> None:
         super().__init__()

@@ -58,7 +58,7 @@ def test_what_is_no_contact_or_no_number_is_left_out(sample: tuple[float, float,
     assert Contour().step(state, *sample) == state
 
 
-def test_standing_still_and_going_back_keep_the_points_ascending_and_few() -> None:
+def test_standing_and_going_back_keep_the_points_ascending() -> None:
     state = walk([0.2] * 40)[-1]
     for _ in range(100):
         state = Contour().step(state, 0.039, 0.0078, *reaction(math.atan(0.2), 10.0, 0.3))

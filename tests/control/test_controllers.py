@@ -43,7 +43,7 @@ def test_too_much_force_moves_away_and_too_little_moves_in(controller):
         assert command.correction == pytest.approx(command.position - 3e-3)
 
 
-def test_fuzzy_output_is_table_times_step_added_to_the_previous_command():
+def test_fuzzy_output_is_table_times_step_plus_the_last_command():
     controller = FuzzyPi()
     state, first = controller.step(controller.initial(), sample(0.0), 50.0)
     assert first.explanation.items() >= {"level_error": -6, "level_change": 0, "level_output": 4}.items()
@@ -99,7 +99,7 @@ def test_resolution_aware_holds_within_half_a_step_and_uncertainty():
 
 
 @pytest.mark.parametrize("kind", [FuzzyAdaptive, ResolutionAware])
-def test_after_contact_loss_the_estimate_stays_and_the_fuzzy_correction_works_alone(kind):
+def test_after_contact_loss_the_estimate_stays(kind):
     controller = kind()
     state, _ = learnt(controller, 5e3)
     state, command = controller.step(state, sample(0.0, 1e-3, 1e-3, in_contact=False), 10.0)
@@ -124,7 +124,7 @@ def test_feedforward_limit_bounds_the_move_of_a_wild_estimate(kind):
 @ALL
 @pytest.mark.parametrize("field", ["force", "position"])
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
-def test_measurement_that_is_not_finite_moves_nothing_and_is_forgotten(controller, field, value):
+def test_a_measurement_that_is_not_finite_moves_nothing(controller, field, value):
     state, _ = controller.step(controller.initial(), sample(2.0), 10.0)
     bad = Measurement(**{"time": 0.0, "force": 1.0, "position": 0.0, "commanded": 7e-3} | {field: value})
     after, command = controller.step(state, bad, 10.0)

@@ -53,7 +53,7 @@ def test_surfaces_of_the_rules_are_antisymmetric(error, change, surface):
 
 
 @pytest.mark.parametrize("surface", Surface)
-def test_no_surface_moves_without_error_or_pushes_when_force_is_far_too_large(surface):
+def test_no_surface_moves_without_error_or_pushes_at_large_force(surface):
     assert evaluate(surface, 0.0, 0.0).level_output == pytest.approx(0.0, abs=1e-12)
     assert evaluate(surface, 100.0, 0.0).level_output < -3
     assert evaluate(surface, -100.0, 0.0).level_output > 3

@@ -57,7 +57,7 @@ def test_a_body_that_was_held_back_does_not_run_on():
 
 
 @pytest.mark.parametrize("kind", [Pi, Admittance])
-def test_scheduling_scales_by_the_stiffness_and_is_wary_before_it_is_known(kind):
+def test_scheduling_scales_by_stiffness_and_is_careful_before(kind):
     plain, scheduled = kind(), kind(**SCHEDULED)
     before = [c.step(c.initial(), sample(4.0), 10.0)[1] for c in (plain, scheduled)]
     assert before[1].correction == pytest.approx(before[0].correction * 5e3 / 1e5)

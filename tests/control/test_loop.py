@@ -21,7 +21,7 @@ from hil_bridge.control import (
     Supervisor,
     Task,
     TaskParameters,
-    in_numbers,
+    numeric_explanation,
 )
 
 START = (0.9, 0.0, 0.6)
@@ -131,7 +131,7 @@ def test_what_explains_a_command_is_recorded_as_numbers():
         def __str__(self):
             raise RuntimeError("no name")
 
-    told = in_numbers(
+    told = numeric_explanation(
         {
             "found": True,
             "level": np.float32(0.5),
@@ -154,7 +154,7 @@ def test_the_text_of_a_failure_is_one_line_of_whole_characters():
     assert state.task.cause == "controller broken failed: ValueError: half \\udc80"
 
 
-def test_a_controller_that_fails_in_its_first_step_or_its_initial_state_is_no_different():
+def test_a_controller_that_fails_in_its_first_step_is_no_different():
     class Stillborn(Broken):
         def initial(self):
             raise KeyError("tuning")

@@ -1,7 +1,7 @@
 """The adaptive controllers on a contour, behind a robot with a dead band of half a resolution step.
 
-A sideways move over a slope changes the force without a move in depth, and the dead band reports moves
-that were not made: both spoil quotients of eq. (4).
+A sideways move over a slope changes the force without a move in depth. The dead band reports moves that were not made.
+Both spoil quotients of eq. (4).
 """
 
 import math
@@ -47,7 +47,7 @@ def rms_error(forces, reference=10.0):
 
 
 @pytest.mark.parametrize("surface", [slope(0.0), slope(0.05), slope(0.2), slope(-0.2), wave])
-def test_resolution_aware_follows_a_sponge_better_than_fixed_gains_and_keeps_contact(surface):
+def test_resolution_aware_beats_fixed_gains_on_a_sponge(surface):
     for seed in range(5):
         aware, estimates = track(ResolutionAware(force_uncertainty_n=0.1), 5e3, surface, seed)
         fixed, _ = track(FuzzyPi(), 5e3, surface, seed)
@@ -57,7 +57,7 @@ def test_resolution_aware_follows_a_sponge_better_than_fixed_gains_and_keeps_con
         assert all(5e3 / 3 < k < 5e3 * 3 for k in estimates)
 
 
-def test_resolution_aware_rests_on_a_hard_flat_surface_with_a_dead_band():
+def test_resolution_aware_rests_on_a_hard_surface():
     for seed in range(5):
         forces, _ = track(ResolutionAware(force_uncertainty_n=0.1), 2e4, slope(0.0), seed)
         assert max(forces[-40:]) == min(forces[-40:])

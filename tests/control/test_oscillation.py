@@ -35,7 +35,7 @@ def test_an_oscillation_is_found_within_a_window_and_measured(period):
     assert first.period == pytest.approx(period * 0.18, rel=0.25)
 
 
-def test_a_lasting_oscillation_lowers_the_gain_notch_by_notch_then_retracts():
+def test_a_lasting_oscillation_lowers_the_gain_then_retracts():
     advices = watch(swing(400, 10.0, 6))
     factors = [a.factor for a in advices if a.finding is Finding.OSCILLATING]
     assert factors == [0.5, 0.25, 0.125]

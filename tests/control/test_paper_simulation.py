@@ -30,7 +30,7 @@ def test_adaptation_rises_ten_times_faster_on_a_soft_wall(wall_means):
     assert wall_means(FuzzyAdaptive(), 1e3)["rise_samples"] < 10
 
 
-def test_limit_cycle_survives_the_papers_adaptation_unless_a_step_is_small_against_the_force(wall_means):
+def test_the_papers_adaptation_keeps_the_limit_cycle_on_hard_walls(wall_means):
     assert wall_means(FuzzyAdaptive(), 1e5)["steady_peak_to_peak"] == pytest.approx(76, rel=0.2)
     assert wall_means(FuzzyAdaptive(), 2e4)["steady_peak_to_peak"] == pytest.approx(10, rel=0.2)
     assert wall_means(FuzzyAdaptive(), 2e4, reference=100.0)["steady_peak_to_peak"] < 4.0

@@ -14,20 +14,20 @@ FRAMES = st.lists(st.tuples(*[st.integers(-32768, 32767)] * 6), min_size=1, max_
 
 
 def peaks(zero: tuple[float, ...] = (0.0,) * 6, wrist: Wrist = WRIST) -> Peaks:
-    return Peaks(wrist.facing(DOWN, DOWN, APPROACH), SCALES, zero)
+    return Peaks(wrist.at_orientation(DOWN, DOWN, APPROACH), SCALES, zero)
 
 
 @given(FRAMES)
 def test_the_extremes_are_those_of_the_contact_wrenches(frames: list[tuple[int, ...]]) -> None:
-    found, facing = peaks(), WRIST.facing(DOWN, DOWN, APPROACH)
+    found, wrist = peaks(), WRIST.at_orientation(DOWN, DOWN, APPROACH)
     wrenches = []
     for frame in frames:
         found.frame(frame)
         wrenches.append(
-            facing.contact_wrench([count * scale for count, scale in zip(frame, SCALES, strict=True)])
+            wrist.contact_wrench([count * scale for count, scale in zip(frame, SCALES, strict=True)])
         )
     force, resultant, moment, saturated = found.take()
-    along = [facing.force_along(0, wrench) for wrench in wrenches]
+    along = [wrist.force_along(0, wrench) for wrench in wrenches]
     assert abs(force) == pytest.approx(max(map(abs, along)))
     assert resultant == pytest.approx(max(sum(v * v for v in wrench[:3]) ** 0.5 for wrench in wrenches))
     assert moment == pytest.approx(max(sum(v * v for v in wrench[3:]) ** 0.5 for wrench in wrenches))

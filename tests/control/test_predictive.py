@@ -25,7 +25,7 @@ def learnt(stiffness, force=10.0):
 
 
 @pytest.mark.parametrize("stiffness", [5e3, 2e4, 5e4, 1e5])
-def test_under_the_papers_assumptions_it_rests_near_the_desired_force(wall, stiffness):
+def test_under_the_papers_assumptions_it_rests_near_the_force(wall, stiffness):
     for seed in range(20):
         merit = wall(PAPER, stiffness, seed).merit
         assert merit.steps_per_second == 0.0
@@ -34,7 +34,7 @@ def test_under_the_papers_assumptions_it_rests_near_the_desired_force(wall, stif
         assert merit.rise_samples <= 4
 
 
-def test_on_a_slope_it_commands_the_surface_of_where_the_tool_will_be():
+def test_on_a_slope_it_commands_the_surface_ahead_of_the_tool():
     controller, state = learnt(5e3)
     slope = 0.2
     for k in range(1, 12):
@@ -91,7 +91,7 @@ def test_probing_quickens_when_the_surface_hardly_answers():
     assert command.correction > 20 * 7.9 / 1e5
 
 
-def test_too_much_force_at_first_touch_backs_off_by_what_the_approach_allows():
+def test_too_much_force_at_first_touch_backs_off():
     _, command = Predictive().step(Predictive().initial(), sample(30.0, 1e-3, free_position=0.5e-3), 10.0)
     assert command.correction == pytest.approx(-20.0 * 0.5e-3 / (2 * 30.0))
 

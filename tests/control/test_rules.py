@@ -63,7 +63,7 @@ def test_names_of_terms_may_hold_anything():
     assert parse_rules(rules_as_toml(base)) == base
 
 
-def test_the_papers_base_answers_with_the_printed_table_or_the_computed_one():
+def test_the_papers_base_answers_with_either_table():
     printed, computed = (
         [
             [int(system.evaluate(error, change).level_output) for change in (-30.0, -0.1, 30.0)]

@@ -18,7 +18,7 @@ from hil_bridge.control.analysis.stability import (
 
 STEP = 0.125e-3
 FAST = 1e5
-"""rad/s: a servo that has settled before anyone looks."""
+"""rad/s: a servo that has settled before the next look."""
 
 
 def ideal(dead_samples: float = 0.5, period: float = 0.1) -> SampledPlant:
@@ -95,7 +95,7 @@ def test_a_loop_oscillates_from_its_gain_margin_on(delay, period):
     assert wild > 5.0
 
 
-def test_admittance_without_mass_is_an_integrator_and_mass_costs_phase():
+def test_admittance_without_mass_is_an_integrator():
     plant = SampledPlant(0.1, 0.07)
     z = np.exp(1j * np.array([0.1, 1.0, 3.0]))
     assert admittance_response(0.0, 50.0, 0.1)(z) == pytest.approx(pi_response(0.0, 0.1 / 50.0)(z))

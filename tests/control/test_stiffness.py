@@ -30,7 +30,7 @@ def known():
     return feed([pair(0.0, 0.0), pair(2e-3, 10.0)])
 
 
-def test_a_wall_without_noise_is_found_and_bias_is_no_more_than_the_quantisation():
+def test_a_wall_without_noise_is_found_with_little_bias():
     estimate = known()
     assert estimate.value == pytest.approx(5000.0, rel=0.01)
     assert estimate.relative_error(PAIRING) < 0.05
@@ -43,7 +43,7 @@ def test_the_paired_force_counts_and_the_newest_one_does_not():
 
 
 @pytest.mark.parametrize("stiffness", [500.0, 5e3, 1e5])
-def test_quantised_positions_spoil_the_estimate_by_no_more_than_its_error_says(stiffness):
+def test_quantised_positions_spoil_no_more_than_the_error_says(stiffness):
     for seed in range(20):
         random, estimate = Random(seed), Stiffness()
         for _ in range(12):

@@ -164,7 +164,7 @@ def test_not_a_number_anywhere_stops(where, value):
 
 
 @given(st.lists(st.tuples(MM, st.floats(-20, 20)), min_size=1, max_size=30))
-def test_allowed_path_stays_within_limits_clamps_are_idempotent_and_never_deeper_than_asked(asked):
+def test_the_allowed_path_stays_within_limits_and_never_gets_deeper(asked):
     state = START
     for k, (depth, across) in enumerate(asked):
         wanted = request(depth, across)

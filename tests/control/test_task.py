@@ -11,7 +11,7 @@ PARAMETERS = TaskParameters(travel_limit_mm=10.0, approach_depth_limit_mm=5.0, r
 
 
 STEP = 0.125e-3
-"""Of the robot's position, m."""
+"""Step of the robot's position, m."""
 
 
 def task_of(parameters, controller, limit=math.inf):
@@ -73,7 +73,7 @@ def test_nothing_there_is_a_cause_and_never_deeper_than_the_limit():
     assert outputs[-1].target.depth == 0.0
 
 
-def test_contact_loss_waits_then_approaches_anew_and_keeps_what_was_learnt():
+def test_contact_loss_approaches_anew_and_keeps_the_estimate():
     task = task_of(replace(PARAMETERS, loss_ms=450.0, travel_limit_mm=100.0), FuzzyAdaptive())
     # A hole of 4 mm after 5 mm of travel.
     state, outputs = drive(task, lambda d, t, k: 5000 * max(d - (3e-3 if t < 5e-3 else 7e-3), 0.0), 40)
@@ -154,7 +154,7 @@ def test_impossible_parameters_are_refused(wrong):
 
 @pytest.mark.parametrize("lag", [0, 1, 2, 4])
 @pytest.mark.parametrize(("stiffness", "limit"), [(5e3, 50.0), (2e4, 50.0), (5e3, 12.0)])
-def test_first_touch_presses_no_more_than_allowed_however_late_the_robot_follows(stiffness, limit, lag):
+def test_first_touch_presses_no_more_than_allowed(stiffness, limit, lag):
     """The robot is where it was sent `lag` samples ago, and the approach stops when contact shows."""
     parameters = replace(PARAMETERS, expected_stiffness_n_m=stiffness, approach_speed_mm_s=11.0)
     allowed = min(10.0, limit / 2)
@@ -173,7 +173,7 @@ def test_first_touch_presses_no_more_than_allowed_however_late_the_robot_follows
         assert stiffness * (commands[-1] - contact) <= allowed + threshold + 1e-6
 
 
-def test_approach_is_as_fast_as_its_setting_on_soft_surfaces_and_never_stands():
+def test_the_approach_is_as_fast_as_its_setting_and_never_stands():
     soft = task_of(replace(PARAMETERS, expected_stiffness_n_m=500.0), Watched())
     hard = task_of(replace(PARAMETERS, expected_stiffness_n_m=1e7), Watched())
     for task, step in ((soft, 0.5e-3), (hard, 0.2e-3 * 0.18)):

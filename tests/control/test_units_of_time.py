@@ -52,7 +52,7 @@ class Still:
 
 
 def outputs(task: Task, dt: float, seconds: float, force: float = 0.0) -> list[Any]:
-    """What a task says in cycles of this time; the robot follows at once, and the force is always the same."""
+    """Commands of a task in cycles of this time; the robot follows at once, and the force is always the same."""
     state, depth, answers = task.initial(), 0.0, []
     for k in range(round(seconds / dt)):
         state, output = task.step(state, Measurement(k * dt, force, depth, depth, dt=dt))
@@ -89,7 +89,7 @@ def test_without_a_position_step_nothing_is_rounded() -> None:
     assert Task(TaskParameters(), Still()).way(5.5, 0.1) == 5.5 * 1e-3 * 0.1
 
 
-def test_a_way_below_half_a_position_step_adds_up_and_is_never_made_faster() -> None:
+def test_a_way_below_half_a_step_adds_up_and_is_never_faster() -> None:
     task = Task(TaskParameters(), Still(), position_step=STEP)
     assert task.way(5.5, 0.002) == pytest.approx(5.5e-3 * 0.002)
     assert task.way(0.0, 0.18) == 0.0
@@ -134,7 +134,7 @@ def test_the_guard_limits_speeds_exactly(dt: float) -> None:
 
 
 @pytest.mark.parametrize("dt", [0.002, 0.004])
-def test_a_fast_robot_is_not_stopped_between_two_frames_of_a_slow_sensor(dt: float) -> None:
+def test_a_fast_robot_goes_on_between_frames_of_a_slow_sensor(dt: float) -> None:
     """Frames come every 10 ms, cycles every few."""
     state = SUPERVISOR.initial((0.0, 0.0, 0.0))
     for k in range(round(1.0 / dt)):
@@ -163,7 +163,7 @@ def loop(**more: Any) -> ControlLoop:
     return ControlLoop(task, Supervisor(Limits()), DOWN, (0.0, 1.0, 0.0), **more)
 
 
-def test_a_cycle_counts_for_the_time_since_the_one_before_and_the_first_for_the_sample_time() -> None:
+def test_a_cycle_counts_for_its_time_and_the_first_for_the_sample_time() -> None:
     control = loop(sample_time=0.02)
     state, seen = control.initial(START), []
     for now in (100.0, 100.004, 100.03, 100.030, 109.0, math.nan):
@@ -196,7 +196,7 @@ def test_our_controllers_are_tuned_for_the_slow_link(name: str) -> None:
     assert sample_time(make_controller(name)) == 0.18
 
 
-def test_the_sample_time_is_that_of_the_configuration_then_of_the_controller_then_assumed() -> None:
+def test_the_configuration_goes_before_the_controller_for_sample_time() -> None:
     assert sample_time(Still(sample_ms=4), 20.0) == 0.02
     assert sample_time(Still(sample_ms=4)) == 0.004
 
@@ -208,7 +208,7 @@ def test_the_sample_time_is_that_of_the_configuration_then_of_the_controller_the
 
 
 @pytest.mark.parametrize("wrong", [0.0, -1.0, math.nan, math.inf, "4", True, None])
-def test_a_sample_time_that_is_none_is_refused_with_the_controllers_name(wrong: object) -> None:
+def test_a_wrong_sample_time_is_refused_with_the_controllers_name(wrong: object) -> None:
     with pytest.raises(ConfigError, match="controller still: its sample_ms"):
         sample_time(Still(sample_ms=wrong))
 

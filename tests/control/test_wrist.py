@@ -36,7 +36,7 @@ def test_a_plain_sensor_is_taken_as_it_is() -> None:
     assert Wrist().contact_wrench(WRENCH, DOWN, DOWN).tolist() == list(WRENCH)
 
 
-def test_a_sensor_mounted_at_ninety_degrees_reads_the_tools_y_as_its_x() -> None:
+def test_a_sensor_mounted_at_ninety_degrees_reads_y_as_x() -> None:
     turned = Wrist(QUARTER).contact_wrench(WRENCH, DOWN, DOWN)
     assert turned.tolist() == pytest.approx([-2.0, 1.0, 3.0, -0.2, 0.1, 0.3])
 
@@ -93,7 +93,7 @@ def test_a_product_of_turns_is_one_after_the_other(a, b, vector) -> None:
 
 
 @given(QUATERNION, QUATERNION)
-def test_the_turn_between_two_orientations_leads_from_one_to_the_other_the_short_way(a, b) -> None:
+def test_the_turn_between_two_orientations_goes_the_short_way(a, b) -> None:
     axis, angle = turn_between(a, b)
     assert math.hypot(*axis) == pytest.approx(1.0)
     assert 0.0 <= angle <= math.pi + 1e-9
@@ -109,7 +109,7 @@ def test_a_direction_is_seen_along_the_sensors_own_axes() -> None:
 
 
 @given(QUATERNION, QUATERNION, QUATERNION, VECTOR, SIX, VECTOR, st.booleans())
-def test_facing_one_way_the_wrist_gives_the_same_in_plain_numbers(
+def test_the_wrist_at_one_orientation_gives_the_same_wrench(
     mounted: tuple[float, ...],
     quaternion: tuple[float, ...],
     tare: tuple[float, ...],
@@ -120,9 +120,9 @@ def test_facing_one_way_the_wrist_gives_the_same_in_plain_numbers(
 ) -> None:
     wrist = Wrist(mounted, position, flip, (1.0,) * 6, 2.0, (0.01, 0.02, 0.1))  # type: ignore[arg-type]
     for zero in (tare, None):
-        facing = wrist.facing(quaternion, zero, (1.0, 0.0, 0.0), direction)  # type: ignore[arg-type]
-        wrench = facing.contact_wrench(read)
+        turned = wrist.at_orientation(quaternion, zero, (1.0, 0.0, 0.0), direction)  # type: ignore[arg-type]
+        wrench = turned.contact_wrench(read)
         assert wrench == pytest.approx(wrist.contact_wrench(read, quaternion, zero).tolist(), abs=1e-9)
-        assert facing.force_along(1, wrench) == pytest.approx(
+        assert turned.force_along(1, wrench) == pytest.approx(
             force_along(direction, quaternion, wrench), abs=1e-8
         )

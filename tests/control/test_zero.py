@@ -1,4 +1,4 @@
-"""What must be true of a sensor before its reading is taken for zero."""
+"""Checks of a sensor before its reading is taken for zero."""
 
 import math
 

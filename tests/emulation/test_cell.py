@@ -11,7 +11,7 @@ from pydantic import TypeAdapter, ValidationError
 from emulators.arm.history import History
 from emulators.arm.waypoints import Waypoint
 from emulators.cell import ToolProfile, force_to_wrench, rotation_matrix
-from emulators.jr3 import GatewayProfile, SensorProfile
+from emulators.jr3 import Gateway, GatewayProfile, SensorProfile
 from emulators.s3_jr3_cell import PaperCell, PaperCellProfile, s3_jr3_cell
 from emulators.surface.contact import SurfaceProfile
 from protocol.can.frame import CanFrame
@@ -34,11 +34,13 @@ def settled_at(
 
 def read_frames(cell: PaperCell, begin: float, seconds: float) -> np.ndarray:
     """Forces in N (n, 3) of an unfiltered stream at 1 kHz, decoded here by hand."""
-    cell.sensor.receive([CanFrame(0x201, bytes.fromhex("0000E8030000"))], begin)
+    gateway = cell.sensor
+    assert isinstance(gateway, Gateway)
+    gateway.receive([CanFrame(0x201, bytes.fromhex("0000E8030000"))], begin)
     frames: list[CanFrame] = []
-    while (due := cell.sensor.next_deadline()) is not None and due <= begin + seconds:
-        cell.sensor.handle_deadline(due)
-        frames.extend(cell.sensor.data_to_send(due))
+    while (due := gateway.next_deadline()) is not None and due <= begin + seconds:
+        gateway.handle_deadline(due)
+        frames.extend(gateway.data_to_send(due))
     counts = np.array([struct.unpack("<3hH", f.data)[:3] for f in frames if f.identifier == 0x601])
     return counts * np.array([115.0, 111.0, FULL_SCALE_FZ]) / 16384.0
 
@@ -134,7 +136,7 @@ def test_the_same_seed_gives_the_same_frames() -> None:
     assert (frames(2) != frames(3)).any()
 
 
-def test_both_resting_places_of_one_reported_position_differ_by_less_than_the_papers_limit_cycle() -> None:
+def test_both_resting_places_of_one_position_differ_little() -> None:
     cell = s3_jr3_cell(PaperCellProfile(surface=SurfaceProfile(stiffness_n_m=20_000.0), tool=NO_TOOL), T0, 1)
     motion, forces, reported = cell.robot.motion, [], []
     for k, height in enumerate((0.588, 0.5875, 0.588)):
@@ -178,9 +180,10 @@ Orders = list[tuple[float, int, float]]
 
 
 def frames_of(profile: PaperCellProfile, orders: Orders) -> list[str]:
-    """What the gateway says while the robot is told this: pauses in s, what, and how far in mm."""
+    """Messages of the gateway while the robot is told this: pauses in s, what, and how far in mm."""
     cell = s3_jr3_cell(profile, T0, seed=3)
     gateway, motion = cell.sensor, cell.robot.motion
+    assert isinstance(gateway, Gateway)
     gateway.handle_deadline(T0 + 3.0)
     gateway.receive([CanFrame(0x201, struct.pack("<HI", 0, 7000))], T0 + 3.0)
     told, now = [], T0 + 3.0

@@ -1,6 +1,7 @@
 """Forces of a surface on the tool tip."""
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -32,7 +33,7 @@ def test_damping_adds_on_the_way_in_and_never_pulls_on_the_way_out() -> None:
     assert not force(profile, (0.9, 0.0, TOP + 0.001), (0.0, 0.0, -1.0)).any()
 
 
-def test_friction_opposes_sliding_in_proportion_to_the_pressing_force() -> None:
+def test_friction_opposes_sliding_in_proportion_to_the_force() -> None:
     profile = SurfaceProfile(friction=0.3, friction_smoothing_mm_s=1e-6)
     pushed = force(profile, (0.9, 0.0, TOP - 0.002), (0.03, 0.04, 0.0))
     assert pushed == pytest.approx([-1.8, -2.4, 10.0])
@@ -146,6 +147,6 @@ def test_the_depth_below_a_slope_is_the_one_of_its_shape_anywhere() -> None:
         {"stiffness_n_m": math.nan},
     ],
 )
-def test_a_surface_that_cannot_be_is_refused(bad: dict[str, float]) -> None:
+def test_a_surface_that_cannot_be_is_refused(bad: dict[str, Any]) -> None:
     with pytest.raises(ValueError, match=next(iter(bad))):
         SurfaceProfile(**bad)

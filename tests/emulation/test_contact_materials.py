@@ -3,6 +3,7 @@
 import copy
 import math
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
@@ -24,8 +25,8 @@ DOWN = (0.0, 1.0, 0.0, 0.0)
 ALL = pytest.mark.parametrize("material", [MaterialProfile(), HUNT, SLS], ids=lambda m: m.kind)
 
 
-def surface(material: MaterialProfile, **others) -> SurfaceProfile:
-    return SurfaceProfile(**{"material": material, "friction": 0.0} | others)
+def surface(material: MaterialProfile, friction: float = 0.0, **others: Any) -> SurfaceProfile:
+    return SurfaceProfile(material=material, friction=friction, **others)
 
 
 def pressed(contact: Contact, depths: np.ndarray, begin: int = 0, along: float = 0.0) -> np.ndarray:
@@ -63,7 +64,7 @@ def test_pressing_and_letting_go_costs_energy(material):
     st.lists(st.floats(-0.002, 0.004), min_size=1, max_size=6),
     st.floats(0.02, 0.1),
 )
-def test_no_course_that_ends_where_it_began_gains_energy_or_is_pulled(material, turns, seconds):
+def test_no_closed_course_gains_energy_or_is_pulled(material, turns, seconds):
     # From the air through any turning points and back into the air.
     corners = [-0.001, *turns, -0.001]
     each = max(int(seconds * RATE), 2)
@@ -75,12 +76,12 @@ def test_no_course_that_ends_where_it_began_gains_energy_or_is_pulled(material, 
     assert work(depths, forces) > -slack
 
 
-def test_a_standard_linear_solid_relaxes_with_its_time_constant_to_the_spring_alone():
+def test_a_standard_linear_solid_relaxes_to_the_spring_alone():
     contact = Contact(surface(MaterialProfile(SLS.kind, maxwell_share=0.5, relaxation_time_ms=200.0)))
     pressed(contact, [-0.001])
     forces = pressed(contact, np.full(2 * RATE, 0.002), begin=1)
     times = np.arange(2 * RATE) / RATE
-    # The jump takes one sample; from then on k·d·(1 + share·exp(−t/τ)), times what was lost in that sample.
+    # The jump takes one sample; from then on k·d·(1 + share·exp(−t/τ)), times the loss in that sample.
     over = forces / 10.0 - 1.0
     assert over[0] == pytest.approx(0.5, rel=1e-3)
     np.testing.assert_allclose(over, over[0] * np.exp(-times / 0.2), rtol=1e-9)
@@ -109,7 +110,7 @@ def test_a_dent_meets_no_force_until_it_has_come_back():
     again = copy.copy(contact)
     assert pressed(again, [0.0009], begin=RATE + 1)[0] == 0.0
     assert pressed(again, [0.0011], begin=RATE + 2)[0] > 0.0
-    # After a time constant of its way back, τ·(1 + share), the dent is 1/e of what it was.
+    # After a time constant of its way back, τ·(1 + share), the dent is 1/e of its depth before.
     pressed(contact, np.full(1600, -0.001), begin=RATE + 1)
     assert pressed(copy.copy(contact), [0.001 * math.exp(-1.0) * 0.99], begin=RATE + 1601)[0] == 0.0
     assert pressed(copy.copy(contact), [0.001 * math.exp(-1.0) * 1.01], begin=RATE + 1601)[0] > 0.0
@@ -141,7 +142,7 @@ def test_hunt_crossley_force_grows_with_the_power_of_depth(exponent):
     assert math.log2(double / single) == pytest.approx(exponent)
 
 
-def test_hunt_crossley_damping_is_a_share_of_the_force_and_never_pulls():
+def test_hunt_crossley_damping_is_a_share_and_never_pulls():
     contact = Contact(surface(MaterialProfile(HUNT.kind, dissipation_s_m=2.0)))
     place = np.array([[0.9, 0.0, TOP - 0.002]] * 3)
     speeds = np.array([[0.0, 0.0, -0.1], [0.0, 0.0, 0.1], [0.0, 0.0, 0.6]])
@@ -244,7 +245,7 @@ def sample_times(begin: float, end: float) -> np.ndarray:
     return np.arange(math.ceil(begin * RATE), math.floor(end * RATE)) / RATE
 
 
-def test_what_the_sensor_reads_does_not_depend_on_how_often_or_whether_anyone_looked():
+def test_the_sensors_reading_does_not_depend_on_earlier_looks():
     times = sample_times(777.2, 780.0)
     whole = lowered().wrench(times)
     assert whole[:, 2].min() < -11.0

@@ -50,7 +50,7 @@ def counts(
             assert inject is not None
             inject(cell, first / RATE)
             injected = True
-        # What a gateway does: it takes all that is told, and uses of it what has come.
+        # As a gateway does: it takes all that is told, and uses the part that has come.
         blocks.append(cell.sensor.jr3.counts_from(first, first + step - 1)[:step].copy())
         first += step
     return np.concatenate(blocks)
@@ -69,7 +69,7 @@ def test_a_signal_fault_holds_from_its_sample_to_its_last_exactly(surface: Surfa
     assert np.array_equal(clean[:, other], broken[:, other])
     assert np.array_equal(clean[:begin, 2], broken[:begin, 2])
     assert np.array_equal(clean[end:, 2], broken[end:, 2])
-    # N, without the noise of some counts: the wrench before the converter is what is scaled
+    # N, without the noise of some counts: the wrench before the converter is scaled
     assert np.allclose(broken[begin:end, 2], -3.0 * clean[begin:end, 2], atol=40.0)
     assert (np.abs(broken[begin:end, 2] - clean[begin:end, 2]) > 100).all()
 
@@ -303,7 +303,8 @@ def test_one_way_alone_and_the_next_frames() -> None:
 
 
 def test_the_ledger_tells_what_was_when_and_how_often() -> None:
-    cell, said = moving_cell(), []
+    cell = moving_cell()
+    said: list[str] = []
     cell.ledger.on_fault = said.append
     cell.inject("signal", "dead", T0 + 1.0, axis="fx", for_s=0.5)
     cell.inject("robot", "standby", T0 + 1.1)

@@ -97,7 +97,7 @@ def test_no_target_moves_the_set_point_faster_than_allowed(speed_mm_s: float) ->
     steps = np.linalg.norm(np.diff(places, axis=0), axis=1)
     assert steps == pytest.approx(np.full(98, speed_mm_s * 1e-3 * CYCLE), rel=1e-9)
     # and from cycle to cycle so moves the tool, for a critically damped loop does not overshoot
-    positions, _ = followed.path.trajectory(T0 + 0.0013 + CYCLE * np.arange(100))
+    positions, _ = followed.path.trajectory(T0 + 0.0013 + CYCLE * np.arange(100.0))
     steps = np.linalg.norm(np.diff(positions, axis=0), axis=1)
     assert steps.max() <= speed_mm_s * 1e-3 * CYCLE * (1.0 + 1e-9)
     assert steps.max() > speed_mm_s * 1e-3 * CYCLE * 0.99

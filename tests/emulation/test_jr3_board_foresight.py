@@ -29,8 +29,10 @@ PROFILES: tuple[tuple[dict[str, Any], dict[str, Any]], ...] = (
     ({"rate_divisor": 1, "rate_address": 0xF0, "peak_address": 0xA4, "idle_hz": 12345.6}, FULL_SCALES),
 )
 ENVELOPE = REGISTERS["load_envelope0"].address
-WRITES = ("errors", "rate_count", "threshold_bits", "offsets", "vect_axes", "rate_address", "rate_divisor")
-WRITES += ("peak_address", "near_sat_value", "sat_value", "full_scale")
+WRITES = (
+    *("errors", "rate_count", "threshold_bits", "offsets", "vect_axes", "rate_address", "rate_divisor"),
+    *("peak_address", "near_sat_value", "sat_value", "full_scale"),
+)
 VALUES = (0, 1, 5, 37, 0x90, 0xA8, 0xF0, 300, 6000, 0xFFFF)
 
 

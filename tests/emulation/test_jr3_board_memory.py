@@ -327,9 +327,7 @@ def test_full_scales_change_the_counts_and_vectors() -> None:
         (16.0, (460, 444, 740, 224, 208, 244)),
     ],
 )
-def test_max_full_scale_keeps_every_step_of_the_converter_and_to_its_span(
-    span: float, largest: tuple[int, ...]
-) -> None:
+def test_max_full_scale_keeps_every_step_of_the_converter(span: float, largest: tuple[int, ...]) -> None:
     sensor = SensorProfile(noise_counts=0.0, adc_bits=14)
     board = board_of(sensor=sensor, profile=BoardProfile(full_scale_span=span))
     assert get(board, "min_full_scale", STEADY) == (115, 111, 185, 56, 52, 61)
@@ -491,7 +489,7 @@ def test_the_plug_during_boot() -> None:
     assert get(board, "errors", POWERED + 1.1) == (0,)
 
 
-def test_unplugging_during_a_command_and_before_the_offsets_are_zeroed() -> None:
+def test_unplugging_during_a_command_and_before_the_zero() -> None:
     board = board_of(constant(*LOAD))
     at = POWERED + 1.0
     board.command(0x0A00, at)

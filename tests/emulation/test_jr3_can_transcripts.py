@@ -29,7 +29,7 @@ UNITS = np.array([115, 111, 185, 5.6, 5.2, 6.1]) / 16384
 
 @dataclass(frozen=True)
 class Transcript:
-    """What is said of the gateway, and what goes over the bus when it is so."""
+    """A statement about the gateway, and the bus traffic that shows it."""
 
     sentence: str
     lines: str
@@ -276,7 +276,7 @@ TRANSCRIPTS = [
         """,
     ),
     Transcript(
-        "no watchdog, no heartbeat: a stream that nobody asks about goes on, a gateway at rest is silent",
+        "no watchdog, no heartbeat: a stream without further requests goes on, a gateway at rest is silent",
         """
         2033   < 701#
         30000  > 201#000000093D00

@@ -86,7 +86,7 @@ def test_silent_for_2_s_then_boot_up_when_the_calibration_is_read() -> None:
     assert gateway.next_deadline() is None
 
 
-def test_commands_during_calibration_wait_and_most_of_a_flood_is_lost() -> None:
+def test_commands_during_calibration_wait_and_floods_are_lost() -> None:
     gateway = build()
     gateway.receive([parse_frame("401#")] * 40, T0 + 2.01)
     told = [text for _, text in run(gateway, T0 + 3)]
@@ -117,7 +117,7 @@ def test_queries() -> None:
 @pytest.mark.parametrize(
     "text", ["402#", "001#", "101#00", "601#", "701#", "781#00000000", "081#", "401#R", "00000401#"]
 )
-def test_other_nodes_unknown_ops_and_other_kinds_of_frames_get_no_answer(text: str) -> None:
+def test_other_nodes_ops_and_kinds_of_frames_get_no_answer(text: str) -> None:
     assert ask(awake(), text, AWAKE) == []
 
 
@@ -158,7 +158,7 @@ def test_a_sample_is_the_newest_of_the_8_khz_grid() -> None:
         assert -1e-5 < age < 125e-6 + TS + 1e-5
 
 
-def test_short_payloads_mean_unfiltered_and_as_fast_as_the_bus_allows() -> None:
+def test_short_payloads_mean_unfiltered_and_full_speed() -> None:
     gateway = awake()
     ask(gateway, "201#", AWAKE)
     told = run(gateway, AWAKE + 0.01)
@@ -173,11 +173,11 @@ def test_sync_sends_force_then_moment_in_both_modes() -> None:
     assert value(ask(gateway, "080#", AWAKE)) == ((0,) * 6, 0)
     assert value(ask(gateway, "080#", AWAKE + 0.0051)) == (tuple(COUNTS), math.floor(0.0051 / TS))
     assert ask(gateway, START_UNFILTERED, AWAKE + 0.006)[-1] == "101#00"
-    # The first asynchronous start since power-up begins to count anew.
+    # The first asynchronous start since power-up begins to count again.
     assert value(ask(gateway, "080#", AWAKE + 0.0071)) == (tuple(COUNTS), math.floor(0.0011 / TS))
 
 
-def test_start_sync_ends_the_asynchronous_stream_and_the_counter_goes_on() -> None:
+def test_start_sync_ends_the_asynchronous_stream() -> None:
     gateway = awake()
     ask(gateway, START_UNFILTERED, AWAKE)
     run(gateway, AWAKE + 0.1)
@@ -276,7 +276,7 @@ def test_the_zero_is_that_of_the_moment_of_the_command() -> None:
     assert counts[0] == pytest.approx(10_000, abs=40)
 
 
-def test_zero_while_stopped_takes_the_first_filtered_sample_after_start() -> None:
+def test_zero_while_stopped_takes_the_first_sample_after_start() -> None:
     gateway = awake()
     assert ask(gateway, "301#", AWAKE) == ["101#00"]
     ask(gateway, "181#C800", AWAKE)
@@ -286,7 +286,7 @@ def test_zero_while_stopped_takes_the_first_filtered_sample_after_start() -> Non
     assert np.array(counts) == pytest.approx(COUNTS * (1 - alpha), abs=1.01)
 
 
-def test_reset_stops_reads_the_calibration_and_acknowledges_without_boot_up() -> None:
+def test_reset_stops_and_reads_the_calibration_without_boot_up() -> None:
     gateway = awake()
     ask(gateway, START_UNFILTERED, AWAKE)
     run(gateway, AWAKE + 0.1)

@@ -95,7 +95,7 @@ class Bench:
             self.events.append(event)
 
     def run(self, until: float) -> list[SensorEvent]:
-        """What the client tells until then."""
+        """Messages of the client until then."""
         self.events = []
         self._settle()
         while True:

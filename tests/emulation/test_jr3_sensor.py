@@ -1,5 +1,7 @@
 """The emulated sensor: grid, counts, noise that belongs to the sample, saturation."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -13,7 +15,7 @@ FIRST = 8_000 * 1000 + 17
 """A sample number after an odd epoch of 1000 s."""
 
 
-def constant(*wrench: float):  # type: ignore[no-untyped-def]
+def constant(*wrench: float) -> Callable[[NDArray[np.float64]], NDArray[np.float64]]:
     return lambda times: np.tile(np.array(wrench), (len(times), 1))
 
 
@@ -39,7 +41,7 @@ def test_samples_lie_on_the_absolute_grid() -> None:
     assert asked == [k / 8000 for k in range(FIRST, FIRST + 4)]
 
 
-def test_physics_is_asked_once_for_each_sample_as_far_ahead_as_it_is_certain() -> None:
+def test_physics_is_asked_once_for_each_sample_while_certain() -> None:
     asked: list[float] = []
 
     def wrench_at(times: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -58,7 +60,7 @@ def test_physics_is_asked_once_for_each_sample_as_far_ahead_as_it_is_certain() -
     expected = plain.counts(np.arange(FIRST, FIRST + 17 * 41))
     assert np.array_equal(np.concatenate((*parts[:-1], again)), expected)
     assert np.array_equal(parts[-1], again[:17])
-    # what nobody asks for is left out, and goes on where it is asked for again
+    # samples that are not asked for are left out, and the stream goes on where it is asked for again
     asked.clear()
     assert np.array_equal(ahead.counts(np.array([FIRST + 9000])), plain.counts(np.array([FIRST + 9000])))
     assert asked[0] == (FIRST + 9000) / 8000
@@ -73,7 +75,7 @@ def test_noise_does_not_depend_on_blocks(sizes: list[int], seed: int) -> None:
     sensor, first, blocks = (
         Jr3Sensor(SensorProfile(), KnownWrench(constant(*[1.0] * 6)), seed),
         FIRST,
-        [np.empty((0, 6))],
+        [np.empty((0, 6), np.int64)],
     )
     for size in sizes:
         blocks.append(sensor.counts(indices(first, size)))

@@ -8,7 +8,7 @@ counter N, made here by hand and not by the codec, of a sensor that reads 1000 â
 import itertools
 import struct
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -21,7 +21,7 @@ from emulators.sensing import KnownWrench
 T0 = 4321.0
 COUNTS = (1000, -2000, 3000, 400, -500, 600)
 UNITS = np.array([115, 108, 185, 5.6, 5.2, 6.1]) / 16384
-FULL_SCALES = {"full_scales_n": (115.0, 108.0, 185.0)}
+SENSOR = SensorProfile(noise_counts=0.0, full_scales_n=(115.0, 108.0, 185.0))
 OK, NOT_READY = ":3C3031003E", ":3C3031013E"
 START_10_MS = ":3C3032000010270000 3E"
 
@@ -33,7 +33,7 @@ Wrench = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
 @dataclass(frozen=True)
 class Transcript:
-    """What is said of the gateway, and what goes over the line when it is so."""
+    """A statement about the gateway, and the line traffic that shows it."""
 
     sentence: str
     lines: str
@@ -384,11 +384,9 @@ def constant(times: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def powered(
-    at: float = T0, wrench_at: Wrench = constant, connected: bool = True, **profile: object
+    at: float = T0, wrench_at: Wrench = constant, connected: bool = True, **profile: Any
 ) -> UartGateway:
-    sensor = Jr3Sensor(
-        SensorProfile(noise_counts=0.0, connected=connected, **FULL_SCALES), KnownWrench(wrench_at), seed=3
-    )  # type: ignore[arg-type]
+    sensor = Jr3Sensor(replace(SENSOR, connected=connected), KnownWrench(wrench_at), seed=3)
     return UartGateway(UartGatewayProfile(**{**KIND, **profile}), sensor, powered_at=at)
 
 

@@ -119,7 +119,7 @@ def test_each_kind_of_order_takes_as_long_as_was_measured_of_it() -> None:
     status = np.array(turnarounds(profile, STATUS, 2000)) * 1e3
     moves = np.array(turnarounds(profile, START_MOVE, 50)) * 1e3
     others = np.array(turnarounds(profile, STOP, 50)) * 1e3
-    assert quantiles_of(status) == pytest.approx(ODD, rel=0.12)
+    assert quantiles_of(status.tolist()) == pytest.approx(ODD, rel=0.12)
     assert moves.min() >= 50.0 - 1e-6
     assert moves.max() <= 51.0 + 1e-6
     assert others.min() >= 8.0 - 1e-6

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from emulators.arm.loops import ServoProfile
@@ -73,7 +74,7 @@ def test_a_line_follows_an_independent_integration_of_the_loop(damping: float) -
     np.testing.assert_allclose(velocities[:, 2], reference[:, 1], rtol=0, atol=1e-7)
 
 
-def test_velocity_is_the_derivative_of_position_and_both_are_continuous() -> None:
+def test_velocity_is_the_derivative_of_position() -> None:
     motion = robot()
     motion.enqueue(Waypoint(shifted(0.003, 0.004, -0.002), DOWN, 0.02), T0)
     times = T0 + np.arange(0.0, 1.0, 1e-5)
@@ -92,7 +93,7 @@ def test_the_path_does_not_depend_on_how_often_it_is_asked(gaps: list[float]) ->
     times = T0 + np.linspace(0.0, 1.4, 300)
     expected = once.path.trajectory(times)
     now = T0
-    blocks = []
+    blocks: list[tuple[NDArray[np.float64], NDArray[np.float64]]] = []
     for gap in gaps:
         block = times[(times > now) & (times <= now + gap)] if blocks else times[times <= now + gap]
         blocks.append(often.path.trajectory(block) if len(block) else (np.empty((0, 3)), np.empty((0, 3))))
@@ -104,7 +105,7 @@ def test_the_path_does_not_depend_on_how_often_it_is_asked(gaps: list[float]) ->
     np.testing.assert_allclose(seen[1], expected[1][:count], rtol=0, atol=1e-13)
 
 
-def test_a_line_is_walked_at_its_speed_and_points_are_passed_without_a_stop() -> None:
+def test_a_line_is_walked_at_its_speed_without_a_stop_at_points() -> None:
     motion = robot()
     for k in range(1, 5):
         motion.enqueue(Waypoint(shifted(y=0.0125 * k), DOWN, 0.05), T0)
@@ -137,7 +138,7 @@ def test_the_loop_does_not_react_inside_the_dead_band() -> None:
     rest_after(motion, 2, T0 + 2.0)
     from_above = rest_after(motion, 1, T0 + 3.0)
     assert 1.01 < from_above <= 1.5
-    # So one reported position is two true ones, at most one step apart: on a stiffness k_e they are
+    # So one reported position is two true ones, at most one step apart. On a stiffness k_e they are
     # two forces at most k_e times the resolution apart, which is the paper's limit cycle.
     assert 0.02 < from_above - from_below <= 1.0
 
@@ -151,7 +152,7 @@ def test_a_wider_dead_band_reports_with_hysteresis() -> None:
     assert heights[changed.index(True)] == pytest.approx(0.8, abs=0.02)
 
 
-def test_what_is_reported_lies_on_the_grid_within_half_a_step_of_the_truth() -> None:
+def test_a_reported_position_lies_on_the_grid_near_the_truth() -> None:
     motion = robot()
     motion.enqueue(Waypoint(shifted(0.0031, -0.0017, 0.0023), DOWN, 0.01), T0)
     for k in range(80):

@@ -1,7 +1,7 @@
 """The emulated S3 at its wire: raw bytes in, raw bytes out, in fed time.
 
-Blocks marked golden come from the specification of the computer link, section 4; the other ones are built
-here by hand from its section 3, not by the project's codec.
+Blocks marked golden come from the specification of the computer link, section 4. The other ones are built here by hand
+from its section 3, not by the project's codec.
 """
 
 import math
@@ -183,7 +183,7 @@ def test_the_same_seed_answers_at_the_same_times() -> None:
 
 @pytest.mark.parametrize("size", [52, 60])
 @pytest.mark.parametrize("whole", [True, False])
-def test_a_movement_sequence_of_either_length_style_and_size_moves_the_robot(size: int, whole: bool) -> None:
+def test_a_movement_sequence_of_any_style_and_size_moves_the_robot(size: int, whole: bool) -> None:
     pendant = in_operation()
     length = size if whole else size - 8
     target = (900.0, -80.0, 595.0)
@@ -206,10 +206,11 @@ def test_velocity_and_run_speed_multiply() -> None:
 
 def test_a_full_queue_delays_the_answer_until_a_place_is_free() -> None:
     pendant = in_sequence()
-    first = None
+    taken = []
     for k in range(1, 5):
         assert pendant.accepts(move(POINT, (900.0, -100.0 + 10.0 * k, 600.0), mm_s=20.0))
-        first = first or pendant.now
+        taken.append(pendant.now)
+    first = taken[0]
     assert pendant.now - first < 0.06
     pendant.order(move(POINT, (900.0, -50.0, 600.0), mm_s=20.0))
     assert pendant.answer()[5] == RESPONSE
@@ -217,7 +218,7 @@ def test_a_full_queue_delays_the_answer_until_a_place_is_free() -> None:
     assert pendant.now == pytest.approx(first + 0.5, abs=0.025)
 
 
-def test_orders_behind_a_waiting_one_are_answered_in_turn_and_too_many_are_lost() -> None:
+def test_orders_behind_a_waiting_one_are_answered_in_turn() -> None:
     pendant = in_sequence(S3Profile(queue_depth=1, order_backlog=2))
     pendant.accepts(move(POINT, (900.0, -90.0, 600.0), mm_s=20.0))
     pendant.order(move(POINT, (900.0, -80.0, 600.0), mm_s=20.0))
@@ -238,7 +239,7 @@ def test_a_move_may_be_answered_only_when_reached() -> None:
     assert pendant.status() == (0b0010, 7200, -720, 4800)
 
 
-def test_a_move_not_reached_is_refused_when_the_emergency_stop_is_pressed() -> None:
+def test_a_move_not_reached_is_refused_at_an_emergency_stop() -> None:
     pendant = in_sequence(S3Profile(move_reply="reached"))
     pendant.order(move(POINT, (900.0, -50.0, 600.0), mm_s=20.0))
     assert pendant.run(0.3) == b""
@@ -258,7 +259,7 @@ def test_the_emergency_stop_stops_refuses_and_is_told() -> None:
     assert pendant.take() == bytes.fromhex("000C 00 00 7F 03 0011 000D 0000")
     pendant.run(0.5)
     flags, _, y, _ = pendant.status()
-    assert flags == 0b1001
+    assert flags == 0b1000, "the stop alone"
     assert -800 < y < -350
     assert pendant.refusal(move(POINT, (900.0, 0.0, 600.0))) == 13
     assert pendant.refusal(GOLDEN_OPERATION) == 13
@@ -268,6 +269,18 @@ def test_the_emergency_stop_stops_refuses_and_is_told() -> None:
     assert pendant.accepts(GOLDEN_OPERATION)
     assert pendant.refusal(move(POINT, (900.0, 0.0, 600.0))) == 15
     assert pendant.status()[2] == y
+
+
+@pytest.mark.parametrize(("keeps", "flags"), [(False, 0b1000), (True, 0b1001)])
+def test_an_emergency_stop_may_keep_the_flag_of_standby(keeps: bool, flags: int) -> None:
+    pendant = Pendant(S3Profile(emergency_stop_keeps_standby=keeps))
+    assert pendant.status()[0] == 0b0001
+    pendant.robot.press_emergency_stop(pendant.now)
+    assert pendant.robot.data_to_send(pendant.now) == ENQ
+    pendant.take()
+    assert pendant.status()[0] == flags
+    pendant.robot.release_emergency_stop(pendant.now)
+    assert pendant.status()[0] == 0b0001
 
 
 def test_stop_program_ends_a_movement() -> None:
@@ -342,7 +355,7 @@ def test_refusals(sent: bytes, code: int) -> None:
     assert pendant.accepts(move(POINT, HERE)), "a refused order leaves the sequence as it was"
 
 
-def test_an_unknown_program_is_refused_with_3_and_none_starts_within_a_movement() -> None:
+def test_an_unknown_program_is_refused_and_none_starts_in_a_movement() -> None:
     pendant = in_operation()
     assert pendant.refusal(block(2, 0, b"\0\2")) == 3
     assert pendant.accepts(move(START_MOVE))
@@ -386,7 +399,7 @@ def test_power_up_in_operation_needs_no_mode() -> None:
     assert Pendant(S3Profile(power_up_mode=1)).accepts(move(START_MOVE))
 
 
-def test_a_damaged_block_is_not_acknowledged_and_its_repeat_is_obeyed_once() -> None:
+def test_a_damaged_block_is_repeated_and_obeyed_once() -> None:
     pendant = Pendant()
     assert pendant.put(ENQ) == ACK
     # While the length may still count without the header, only the gap tells that nothing follows.
@@ -413,7 +426,7 @@ def test_the_farthest_point_is_arm_and_tool_stretched() -> None:
     assert in_sequence().refusal(move(POINT, (reach + 0.2, 0.0, 780.0), quaternion=forward)) == 15
 
 
-def test_a_point_that_only_a_bent_line_would_reach_is_refused_and_costs_nothing() -> None:
+def test_a_point_that_needs_a_bent_line_is_refused() -> None:
     pendant = in_sequence()
     # In reach after a turn of axis 1, but the straight line runs through the column.
     assert pendant.refusal(move(POINT, (-900.0, -100.0, 600.0))) == 15
@@ -445,7 +458,7 @@ def test_a_joint_slows_a_move_that_is_too_fast_for_it() -> None:
     assert interpolated(57.5) == pytest.approx(0.9, abs=0.03)
 
 
-def test_a_point_waiting_for_a_place_in_the_queue_is_forgotten_at_a_stop() -> None:
+def test_a_point_without_a_place_in_the_queue_ends_at_a_stop() -> None:
     pendant = in_sequence(S3Profile(queue_depth=1))
     assert pendant.accepts(move(POINT, (900.0, 0.0, 600.0), mm_s=20.0))
     pendant.order(move(POINT, (900.0, 100.0, 600.0), mm_s=20.0))

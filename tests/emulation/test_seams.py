@@ -220,7 +220,7 @@ def test_samples_are_computed_once_and_ahead_until_they_are_invalid() -> None:
     assert (samples.committed_until(5.0), samples.predicted_until(5.0)) == (5.01, 5.05)
 
 
-def test_noise_belongs_to_the_number_of_a_sample_and_has_the_rms_of_its_axis() -> None:
+def test_noise_belongs_to_a_samples_number_and_has_its_axis_rms() -> None:
     rms = (1.0, 2.0, 3.0, 0.1, 0.2, 0.3)
     source = KnownWrench(lambda times: np.zeros((len(times), 6)))
     first = 5_000_000

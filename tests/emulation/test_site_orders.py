@@ -125,7 +125,7 @@ class Host:
         return Refusal.from_telegram(self.ask(*telegrams)).code
 
 
-def test_what_was_written_into_a_register_is_read_from_it_in_the_answers_unit() -> None:
+def test_a_register_is_read_in_the_answers_unit() -> None:
     host = Host(READ, WRITE)
     assert host.call("read_register", number=3) == {"number": 3, "value": 1.5}
     assert host.call("write_register", number=3, value=-7.25) == {}
@@ -175,7 +175,7 @@ def test_defined_orders_are_refused_like_known_ones() -> None:
     assert host.refusal(Telegram(6, 1, 0, b"\0\1")) == 5
 
 
-def test_an_order_of_several_blocks_comes_whole_and_so_does_its_answer() -> None:
+def test_an_order_of_several_blocks_and_its_answer_come_whole() -> None:
     content = bytes(range(256)) * 3
     host = Host(SEND, FETCH)
     host.call("send_program", program=7, content=content)
@@ -184,7 +184,7 @@ def test_an_order_of_several_blocks_comes_whole_and_so_does_its_answer() -> None
     assert host.call("fetch", program=8) == {"content": b""}
 
 
-def test_several_blocks_are_refused_where_one_is_expected_and_when_the_last_is_missing() -> None:
+def test_several_blocks_are_refused_where_one_is_expected() -> None:
     host = Host(SEND, READ)
     long = split_telegram(Telegram(6, 1, 0, bytes(200)), 128)
     assert host.refusal(*long) == 4

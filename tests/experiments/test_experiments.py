@@ -9,12 +9,12 @@ from dataclasses import replace
 import pytest
 
 from hil_bridge.control import CONTROLLERS, figures_of_merit
-from hil_bridge.experiments import EXPERIMENTS, resolution, run_cell, run_jobs, write_findings, write_page
+from hil_bridge.experiments import EXPERIMENTS, resolution, run_emulated, run_jobs, write_findings, write_page
 from hil_bridge.experiments.cell import CellJob
 from hil_bridge.experiments.comparison import held, ranking, variants
-from hil_bridge.experiments.results import from_csv, markdown, one, shown, to_csv
+from hil_bridge.experiments.paper_simulation import RESOLUTION, PaperJob
+from hil_bridge.experiments.results import digits, from_csv, markdown, only_row, to_csv
 from hil_bridge.experiments.simulation import REFERENCE_N, STIFFNESSES
-from hil_bridge.experiments.wall import RESOLUTION, WallJob
 
 
 def evaluated(name, seeds, keep=lambda job: True):
@@ -30,7 +30,7 @@ def fig5():
 
 
 def row(table, controller, stiffness):
-    return one(table, controller=controller, stiffness_n_m=stiffness)
+    return only_row(table, controller=controller, stiffness_n_m=stiffness)
 
 
 @pytest.mark.parametrize(
@@ -119,14 +119,14 @@ def test_pictures_are_png_small_enough_and_repeat():
 
 
 def test_a_simulated_run_is_a_function_of_its_seed():
-    job = WallJob("fuzzy", (), 5e3, 50.0, seed=3, samples=30)
+    job = PaperJob("fuzzy", (), 5e3, 50.0, seed=3, samples=30)
     assert job() == job()
-    assert job() != WallJob("fuzzy", (), 5e3, 50.0, seed=4, samples=30)()
+    assert job() != PaperJob("fuzzy", (), 5e3, 50.0, seed=4, samples=30)()
 
 
 def test_a_run_of_the_chain_is_a_function_of_its_seed():
     config = CellJob("fuzzy", (), seed=1, duration=2.0).config()
-    first, second = run_cell(config), run_cell(config)
+    first, second = run_emulated(config), run_emulated(config)
     assert first == second
     assert first.result.outcome == "completed"
     assert {cycle.phase for cycle in first.cycles} >= {"approach", "track", "retract"}
@@ -134,7 +134,7 @@ def test_a_run_of_the_chain_is_a_function_of_its_seed():
 
 def test_processes_give_what_one_gives(monkeypatch):
     jobs = [CellJob("fuzzy", (), seed, duration=1.0) for seed in (1, 2)]
-    jobs += [WallJob("fuzzy", (), 5e3, 50.0, seed, samples=10) for seed in range(6)]
+    jobs += [PaperJob("fuzzy", (), 5e3, 50.0, seed, samples=10) for seed in range(6)]
     ended = []
     monkeypatch.setenv("OMP_NUM_THREADS", "3")
     monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
@@ -182,7 +182,13 @@ def test_page_names_its_command_and_finds_its_pictures(tmp_path):
 
 
 def test_figures_are_shown_as_people_read_them():
-    assert [shown(v) for v in (None, "x", 5000, 12345.6, 0.12345)] == ["–", "x", "5 000", "12 300", "0.123"]
+    assert [digits(v) for v in (None, "x", 5000, 12345.6, 0.12345)] == [
+        "–",
+        "x",
+        "5 000",
+        "12 300",
+        "0.123",
+    ]
     assert markdown([{"a_b": 1}], ["a_b"]).splitlines()[0] == "| a b |"
 
 
@@ -253,7 +259,7 @@ def test_comparison_counts_what_is_held():
     assert f"The fixed gains hold {counts['fuzzy']} of 2 points" in text
 
 
-def test_the_whole_grid_has_every_controller_with_and_without_the_estimate():
+def test_the_whole_grid_has_every_controller_twice():
     jobs = EXPERIMENTS["controllers"].jobs(1)
     assert {job.controller for job in jobs} == set(CONTROLLERS)
     assert {"pi", "pi+estimate", "admittance", "admittance+estimate"} <= set(variants())

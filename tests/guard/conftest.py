@@ -38,7 +38,7 @@ class Guarded:
     """Time, s, and length of the true contact force, N."""
     result: RunResult = field(default_factory=lambda: RunResult(Outcome.STOPPED))
     error: BridgeError | None = None
-    """What refused the run before it moved."""
+    """Condition that refused the run before it moved."""
     clock: Clock = field(init=False)
     cell: PaperCell = field(init=False)
     run: Run = field(init=False)
@@ -56,7 +56,7 @@ class Guarded:
 
     @property
     def cause(self) -> str:
-        """Of a run that was refused or stopped."""
+        """Cause of a run that was refused or stopped."""
         return str(self.error) if self.error is not None else self.result.cause
 
     def texts(self, kind: str) -> list[str]:

@@ -1,4 +1,4 @@
-"""What `supervisor explain` answers is what the control loop does, and the table of conditions names all of it."""
+"""`supervisor explain` answers as the control loop decides, and the table of conditions names all of it."""
 
 import dataclasses
 import math

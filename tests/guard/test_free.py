@@ -25,7 +25,7 @@ def left_with(stiffness: float, force: float, **more: Any) -> dict[str, Any]:
 def freed(
     config: Config, distance_mm: float, prepare: Callable[[PaperCell], object] = lambda cell: None
 ) -> tuple[Freed, float]:
-    """What came of it, and the true contact force at the end, N."""
+    """Result, and the true contact force at the end, N."""
     forces: list[float] = []
     said: list[str] = []
 

@@ -52,7 +52,7 @@ def test_a_run_that_is_repeated_shows_the_same(tool: dict[str, Any], number: int
 
 
 def test_a_tool_told_as_retracted_presses_on_nothing(tool: dict[str, Any]) -> None:
-    """What the runs of the page were told to be, and what was true."""
+    """Settings of the runs of the page, and their true values."""
     cases = [
         number for number, case in enumerate(tool["CASES"]) if case.name.startswith(("Ctrl-C", "the robot"))
     ]

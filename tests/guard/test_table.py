@@ -16,7 +16,7 @@ from hil_bridge.settings.configuration import Config
 
 LIMIT_N = 50.0
 LATENCY_CYCLES = 3
-"""From an order to the force that shows its effect: answer, motion, filter, and the cycle that sees it."""
+"""Cycles from an order to the force that shows its effect: answer, motion, filter, and the cycle that sees it."""
 STEP_M = 0.5e-3
 """Approach step, which is that of a retraction where the tool has not been."""
 SURFACES = pytest.mark.parametrize("stiffness", [5e3, 5e4])
@@ -108,7 +108,7 @@ def test_a_start_in_contact_is_refused_before_it_moves(
 
 
 @SURFACES
-def test_a_start_in_contact_with_an_unknown_tool_is_found_by_the_lift(
+def test_a_start_in_contact_with_an_unknown_tool_is_found(
     guarded: Run, configured: Configured, stiffness: float
 ) -> None:
     """Nothing tells the weight: the way to the zero does."""

@@ -1,4 +1,4 @@
-"""What the emulated receiver board costs: processor time alone, which other work on the machine hardly changes."""
+"""Cost of the emulated receiver board: processor time alone, which other work on the machine hardly changes."""
 
 import time
 

@@ -22,7 +22,7 @@ pytestmark = pytest.mark.live
 
 HIL = (sys.executable, "-c", "from hil_bridge.cli import main; main()")
 PATIENCE = 60.0
-"""For a whole process on a busy machine, s."""
+"""Longest wait for a whole process on a busy machine, s."""
 
 
 def start(*arguments: str) -> "subprocess.Popen[str]":
@@ -108,6 +108,25 @@ def test_two_processes_hold_ten_newtons(tmp_path: Path, short: str) -> None:
         assert figures["sensor_frames_lost"] == 0
 
 
+def test_a_run_speaks_as_the_observed_client_over_a_pseudo_terminal(short: str) -> None:
+    with emulated("cell", "--link-profile", "observed-client") as (_, options):
+        code, lines, errors = finish(
+            start(
+                "run",
+                short,
+                *options,
+                "--link-profile",
+                "observed-client",
+                "--duration",
+                "4",
+                "--no-view",
+                "--no-record",
+            )
+        )
+        assert (code, errors) == (0, "")
+        assert "completed" in lines
+
+
 def test_a_run_emulates_the_sensor_that_it_is_told_to(tmp_path: Path) -> None:
     config, record = tmp_path / "c.toml", tmp_path / "run.mcap"
     config.write_text(
@@ -124,7 +143,7 @@ def test_a_run_emulates_the_sensor_that_it_is_told_to(tmp_path: Path) -> None:
     assert sum(math.isfinite(truth.sampled_at) for truth in truths) > 0.9 * len(truths) > 0.0
 
 
-def test_a_killed_emulator_ends_the_run_at_once_with_its_cause_and_a_whole_record(tmp_path: Path) -> None:
+def test_a_killed_emulator_ends_the_run_at_once_with_its_cause(tmp_path: Path) -> None:
     record = tmp_path / "r.mcap"
     with emulated("cell", "--robot-port", "tcp-listen://127.0.0.1:0?baudrate=9600&parity=E") as (
         cell,
@@ -172,7 +191,7 @@ def test_ctrl_c_retracts_and_leaves_everything(tmp_path: Path, short: str) -> No
 
 
 def test_ctrl_c_while_connecting_ends_at_once(tmp_path: Path) -> None:
-    """The robot is a pseudo-terminal on which nobody answers."""
+    """The robot is a pseudo-terminal that does not answer."""
     master, slave = pty.openpty()
     try:
         tty.setraw(slave)

@@ -167,7 +167,7 @@ async def test_an_unreachable_port_is_counted_and_told_and_no_end() -> None:
         assert 5 <= wire.statistics.unreachable <= 10
         kind, text = notices[0]
         assert kind == "unreachable"
-        assert f"{gone.address.removeprefix('udp://')} cannot be reached: nobody listens there" in text
+        assert f"{gone.address.removeprefix('udp://')} cannot be reached: no program listens there" in text
         assert ear.ends == []
         # a device that is switched on later is heard
         again = await listen_datagrams(gone.address.replace("udp:", "udp-bind:"), clock)
@@ -200,7 +200,7 @@ async def test_the_error_queue_does_not_keep_the_loop_busy() -> None:
         await wire.aclose()
 
 
-async def test_everything_pending_is_delivered_in_one_batch_with_the_kernels_times() -> None:
+async def test_everything_pending_comes_in_one_batch_with_kernel_times() -> None:
     with closing(Clock.running()) as clock:
         listening = await listen_datagrams("udp-bind://127.0.0.1:0", clock)
         wire = await connect_datagrams(listening.address, clock)

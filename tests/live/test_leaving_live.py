@@ -33,7 +33,7 @@ OWN_TERMINAL = (
 )
 """The same as the leader of a session whose terminal is its standard input, so that its closing is a SIGHUP."""
 PATIENCE = 60.0
-"""For a whole process on a busy machine, s."""
+"""Longest wait for a whole process on a busy machine, s."""
 LEFT_N = 1.0
 """Largest force that counts as a tool off the surface."""
 CTRL_S, CTRL_Z = b"\x13", b"\x1a"
@@ -177,9 +177,7 @@ def test_a_terminal_that_closes_unheard_does_not_end_the_run(tmp_path: Path, ter
         ended_well(process, tmp_path)
 
 
-def test_a_paused_terminal_holds_up_neither_the_run_nor_a_second_ctrl_c(
-    tmp_path: Path, terminal: Terminal
-) -> None:
+def test_a_paused_terminal_holds_up_neither_run_nor_ctrl_c(tmp_path: Path, terminal: Terminal) -> None:
     """Sent by another process: the key itself would let the terminal go on."""
     on = terminal.slave
     with running(OWN_TERMINAL, tmp_path, stdin=on, stdout=on, stderr=on) as process:
@@ -209,7 +207,7 @@ def test_a_pipe_whose_reader_leaves_changes_nothing(tmp_path: Path) -> None:
         ended_well(process, tmp_path)
 
 
-def test_a_pipe_that_is_not_read_holds_up_neither_the_run_nor_its_end(tmp_path: Path) -> None:
+def test_an_unread_pipe_holds_up_neither_the_run_nor_its_end(tmp_path: Path) -> None:
     there, here = os.pipe()
     fcntl.fcntl(here, fcntl.F_SETPIPE_SZ, 4096)
     os.write(here, b"x" * 4096)  # full from the beginning

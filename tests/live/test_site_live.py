@@ -18,7 +18,7 @@ pytestmark = pytest.mark.live
 
 HIL = (sys.executable, "-c", "from hil_bridge.cli import main; main()")
 PATIENCE = 60.0
-"""For a whole process on a busy machine, s."""
+"""Longest wait for a whole process on a busy machine, s."""
 
 
 def start(*arguments: str) -> "subprocess.Popen[str]":
@@ -48,7 +48,7 @@ def test_two_tapped_lines_are_put_into_words_and_kept(tmp_path: Path) -> None:
             time.sleep(0.05)
         assert process.stdout is not None
         first = process.stdout.readline()
-        while "read status" not in first:  # bids that nobody answered come before
+        while "read status" not in first:  # bids without an answer come before
             assert "ENQ: no answer" in first
             first = process.stdout.readline()
         assert "PC→S3" in first

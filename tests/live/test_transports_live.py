@@ -59,7 +59,7 @@ class ScriptedSlcan:
         self._on_data: Callable[[Frames], None] | None = None
         self._on_end: Callable[[TransportError], None] = lambda error: None
         self.name = wire.name
-        # the client opens the channel before anybody starts this end
+        # the client opens the channel before the test starts this end
         wire.start(self._arrived, lambda error: self._on_end(error))
 
     def start(self, on_data: Callable[[Frames], None], on_end: Callable[[TransportError], None]) -> None:
@@ -147,7 +147,7 @@ CASES = (
     # a serial line does not tell its listener that the client has gone, nor that it takes nothing more
     StreamCase("pty and serial", _pty, peer_end=TransportBroken, peer_end_right=None, volume=50_000),
     StreamCase("tcp", _tcp, peer_end=TransportEnded, peer_end_right=None),
-    # a paced listener takes a second to hand over its last bytes, and 4 Mbit/s are what it has
+    # a paced listener takes a second to hand over its last bytes, and its line has 4 Mbit/s
     StreamCase("rfc2217", _rfc2217, peer_end=TransportEnded, peer_end_right=None, volume=60_000),
     StreamCase("tcp that reconnects", _reconnecting, peer_end=TransportBroken, peer_end_right=None),
     StreamCase("python-can virtual", _virtual_can, True, peer_end=None, peer_end_right=None, volume=8_000),
@@ -187,7 +187,7 @@ async def test_clients_of_a_tcp_listener_come_and_go_one_at_a_time() -> None:
         await heard.until(lambda: bool(heard.ends))
         assert [type(error) for error in heard.ends] == [TransportEnded]
         assert [type(error) for error in ear.ends] == [TransportClosed]
-        with pytest.raises(TransportUnavailable, match="nobody listens there"):
+        with pytest.raises(TransportUnavailable, match="no program listens there"):
             await connect_bytes(listening.address, clock)
 
 
@@ -296,7 +296,7 @@ async def test_the_pace_of_9600_baud_is_kept_within_one_percent() -> None:
         await listening.transport.aclose()
 
 
-async def test_a_client_of_a_pseudo_terminal_at_another_rate_is_not_understood() -> None:
+async def test_a_pseudo_terminals_client_at_another_rate_is_garbled() -> None:
     with closing(Clock.running()) as clock:
         listening = await listen_bytes("pty:?baudrate=9600&parity=E", clock)
         ear, device = Ear(BYTES, listening.transport), listening.address.partition("?")[0]
@@ -313,7 +313,7 @@ async def test_a_client_of_a_pseudo_terminal_at_another_rate_is_not_understood()
         await listening.transport.aclose()
 
 
-async def test_a_program_that_sets_nothing_finds_the_pseudo_terminal_set_right() -> None:
+async def test_a_program_that_sets_nothing_finds_the_terminal_set_right() -> None:
     with closing(Clock.running()) as clock:
         listening = await listen_bytes("pty:?baudrate=19200&parity=E", clock)
         ear = Ear(BYTES, listening.transport)
@@ -349,7 +349,7 @@ async def test_a_driver_that_counts_line_errors_is_asked(monkeypatch: pytest.Mon
 # --- RFC 2217
 
 
-async def test_a_client_at_other_settings_than_the_emulated_port_behind_rfc2217() -> None:
+async def test_a_client_at_other_settings_than_the_rfc2217_port() -> None:
     with closing(Clock.running()) as clock:
         listening = await listen_bytes("rfc2217-listen://127.0.0.1:0?baudrate=9600&parity=E", clock)
         assert listening.address.endswith("?baudrate=9600&parity=E&stopbits=1")
@@ -466,7 +466,7 @@ async def test_connecting_waits_for_a_server_that_starts_later() -> None:
         wire = await opening
         await wire.aclose()
         await listening.transport.aclose()
-        with pytest.raises(TransportUnavailable, match="nobody listens there"):
+        with pytest.raises(TransportUnavailable, match="no program listens there"):
             await connect_bytes(f"tcp://127.0.0.1:{port}?connect_s=0.25", clock)
 
 
@@ -519,7 +519,7 @@ async def test_a_link_names_the_pseudo_terminal_and_clients_come_and_go(tmp_path
             await connect_bytes(f"serial://{link}", clock)
 
 
-async def test_an_unread_pseudo_terminal_never_blocks_nor_breaks_its_emulator() -> None:
+async def test_an_unread_pseudo_terminal_never_blocks_its_emulator() -> None:
     with closing(Clock.running()) as clock:
         listening = await listen_bytes("pty:", clock)
         for _ in range(100):
@@ -547,14 +547,14 @@ async def test_a_can_interface_that_is_not_there() -> None:
 
 
 def _heard_by_adapter(master: int) -> bytes:
-    """What the opening of a channel sends; a busy computer hands it over in parts."""
+    """Bytes sent by the opening of a channel; a busy computer hands them over in parts."""
     heard = b""
     while not heard.endswith(b"C\rS8\rO\r"):
         heard += os.read(master, 4096)
     return heard
 
 
-async def test_a_port_that_another_program_holds_is_no_slcan_adapter_of_ours() -> None:
+async def test_a_port_held_by_another_program_is_no_slcan_adapter() -> None:
     master, slave = os.openpty()
     tty.setraw(slave)
     url = f"can+slcan://{os.ttyname(slave)}?bitrate=1000000"

@@ -28,15 +28,15 @@ HIL = "from hil_bridge.cli import main; main()"
 BUG = (
     "import hil_bridge.runs.cycle as run\n"
     "told = run.Run._record\n"
-    "def broken(self, status, sample, decision, **known):\n"
+    "def broken(self, report, sample, decision, sent, **known):\n"
     "    if known['cycle'] and decision.output.phase == 'track' and decision.output.command.stiffness:\n"
     "        raise ZeroDivisionError('lost count')\n"
-    "    return told(self, status, sample, decision, **known)\n"
+    "    return told(self, report, sample, decision, sent, **known)\n"
     "run.Run._record = broken\n"
 )
 """A bug that strikes once the surface is tracked."""
 PATIENCE = 90.0
-"""For a whole process on a busy machine, s."""
+"""Longest wait for a whole process on a busy machine, s."""
 SURFACE_MM, STIFFNESS_N_MM = 590.0, 5.0
 CONFIG = """
 [task]
@@ -53,7 +53,7 @@ start_position_mm = [900.0, -100.0, 592.0]
 
 @dataclass
 class End:
-    """How a run ended, and how it left the tool."""
+    """End of a run, and the state in which it left the tool."""
 
     code: int
     last: str
@@ -76,12 +76,12 @@ def send(number: signal.Signals) -> Callable[["Cell", subprocess.Popen[str]], No
 
 @dataclass(frozen=True)
 class Way:
-    """What ends a run, and what is promised of it."""
+    """A way to end a run, and its promises."""
 
     act: Callable[["Cell", subprocess.Popen[str]], None]
     code: int
     last: str
-    """How the last line begins."""
+    """Begin of the last line."""
     presses: bool = False
     """The tool is left on the surface."""
     cause: str = ""

@@ -62,7 +62,7 @@ class Vcan:
 
 @pytest.fixture
 def vcan() -> Iterator[Vcan]:
-    """An interface that is up and that nobody else knows."""
+    """An interface that is up and that no other program knows."""
     bus = Vcan(f"vcan{os.getpid()}x{next(_numbers)}")
     try:
         bus.add()

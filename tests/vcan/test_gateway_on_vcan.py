@@ -25,7 +25,7 @@ from protocol.wrench import WrenchFrame
 pytestmark = pytest.mark.vcan
 
 PATIENCE = 60.0
-"""For anything to happen on a busy machine, s."""
+"""Longest wait on a busy machine, s."""
 ANSWER_S = 2.0
 """Acknowledge time-out of the clients: on a busy machine the gateway is late."""
 STANDS_STILL_S = 0.05
@@ -33,7 +33,7 @@ STANDS_STILL_S = 0.05
 SCALES = SensorProfile().full_scales_n + SensorProfile().full_scales_nm
 FULL_SCALE = np.array(SCALES)
 COUNT = FULL_SCALE / 16384
-"""What one count is worth, N and N·m."""
+"""Worth of one count, N and N·m."""
 
 
 class Bus:
@@ -221,7 +221,7 @@ def counted(path: str) -> int:
 
 
 def test_the_stream_survives_an_interface_that_is_down_for_a_moment(vcan: Any) -> None:
-    """What was missed is counted: the gateway does not wait."""
+    """Missed samples are counted: the gateway does not wait."""
 
     async def script(bus: Bus) -> None:
         await bus.gateway(1, np.zeros(6))

@@ -18,7 +18,7 @@ from protocol.can.frame import CanFilter, CanFrame
 pytestmark = pytest.mark.vcan
 
 PATIENCE = 30.0
-"""For anything to happen on a busy machine, s."""
+"""Longest wait on a busy machine, s."""
 FRAMES = (
     CanFrame(0x201, bytes.fromhex("C80010270000")),
     CanFrame(0x080),
@@ -78,7 +78,7 @@ def on_bus(url: str, script: Callable[..., Awaitable[None]], *accept: Any) -> No
     run_real(main)
 
 
-def test_frames_of_every_kind_come_in_order_to_others_and_not_to_their_sender(vcan: Any) -> None:
+def test_frames_of_every_kind_come_in_order_not_to_their_sender(vcan: Any) -> None:
     async def script(clock: Clock, sender: Node, *others: Node) -> None:
         sender.wire.send(FRAMES)
         for other in others:
@@ -100,7 +100,7 @@ def test_the_kernel_lets_pass_only_what_was_asked_for(vcan: Any) -> None:
     on_bus(vcan.url, script, (), (CanFilter(0x201), CanFilter(0x7FF)))
 
 
-def test_frames_are_stamped_by_the_kernel_and_taken_all_at_once_after_a_pause(vcan: Any) -> None:
+def test_frames_have_the_kernels_times_and_come_at_once_after_a_pause(vcan: Any) -> None:
     """While the process is busy elsewhere, frames wait in the socket; their times are those of their arrival."""
 
     async def script(clock: Clock, sender: Node, receiver: Node) -> None:
@@ -164,7 +164,7 @@ def test_an_interface_that_stays_away_ends_the_wire_with_one_line(
     on_bus(vcan.url, script, ())
 
 
-def test_an_interface_that_is_down_cannot_be_opened_and_says_how_it_could(vcan: Any) -> None:
+def test_an_interface_that_is_down_says_how_it_could_be_opened(vcan: Any) -> None:
     async def script(clock: Clock) -> None:
         vcan.down()
         with pytest.raises(TransportUnavailable, match=f"is down; `sudo ip link set {vcan.name} up`"):

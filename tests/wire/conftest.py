@@ -48,9 +48,9 @@ class Wire:
     second: str
     """Which order comes after the first, in words."""
     step: float
-    """From an acknowledge until the next order may go out, s."""
+    """Time from an acknowledge until the next order may go out, s."""
     timeout: float
-    """For an acknowledge, s."""
+    """Time-out for an acknowledge, s."""
     sample: Callable[[int], Any]
     noise: Any
     """Malformed once."""
@@ -67,7 +67,7 @@ class Wire:
         return [(self.state, self.ok), *(start + scales if "start" in self.second else scales + start)]
 
     def orders(self, client: Any, now: float) -> list[str]:
-        """What the client sends."""
+        """Bytes that the client sends."""
         return self.text(client.data_to_send(now))
 
     def exchange(self, client: Any, now: float, answer: str, *, expect: str) -> None:
@@ -93,7 +93,7 @@ class Wire:
         return client
 
     def events(self, client: Any) -> list[SensorEvent]:
-        """What the client has told since the last time."""
+        """Events of the client since the last time."""
         return list(iter(client.next_event, None))
 
     def feed(self, client: Any, counters: Iterable[int], now: float = T0 + 10) -> list[WrenchFrame]:

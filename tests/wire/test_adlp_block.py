@@ -68,7 +68,7 @@ def test_robot_takes_both_length_styles_and_host_only_the_whole(style):
     assert isinstance(HOST.decode(block), Block if style == "whole" else Flaw)
 
 
-def test_robot_waits_for_more_while_the_shorter_reading_has_a_wrong_check_character():
+def test_robot_waits_while_the_shorter_reading_has_a_wrong_check():
     # Data length 12: at byte 12 of the telegram stands a DLE ETX that is data.
     raw = telegram(bytes.fromhex("41 42 43 44 10 03 45 46 47 48 49 4A"), "data")
     block = encode_block(raw)
@@ -77,7 +77,7 @@ def test_robot_waits_for_more_while_the_shorter_reading_has_a_wrong_check_charac
     assert ROBOT.decode(block) == Block(raw, 2, 25)
 
 
-def test_robot_reports_a_wrong_check_character_once_no_reading_is_left():
+def test_robot_reports_a_wrong_check_once_no_reading_is_left():
     block = bytearray(encode_block(telegram(b"1234")))
     block[-1] ^= 1
     assert ROBOT.decode(bytes(block)) is None
@@ -183,3 +183,18 @@ def test_unfinished_block_can_be_dropped():
     assert scanner.feed(bytes.fromhex("10 02 00 08 01")) == []
     assert scanner.drop() == 5
     assert scanner.feed(b"\x05") == [Control.ENQ]
+
+
+def test_a_receiver_may_end_a_block_at_the_first_trailer():
+    """Then the length is not looked at, and 10 03 inside the data cuts the block short."""
+    cut = BlockFormat("off", ("whole", "data"), 128, "trailer")
+    plain = telegram(bytes.fromhex("41 42 43 44"))
+    assert cut.decode(encode_block(plain)) == Block(plain, 2, len(plain) + 5)
+    assert cut.decode(encode_block(plain)[:-1]) is None
+    holding = encode_block(telegram(bytes.fromhex("41 10 03 44")))
+    found = cut.decode(holding)
+    assert isinstance(found, Flaw)
+    assert found.whole
+    assert found.size < len(holding)
+    assert isinstance(cut.decode(b"\x10\x02" + bytes(130)), Flaw)
+    assert cut.decode(b"\x10\x02" + bytes(129)) is None

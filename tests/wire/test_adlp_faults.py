@@ -3,9 +3,9 @@
 The line, at its worst, as `Line` below has it:
 
 - of the bytes handed out at once (a control byte or a block) one is lost, doubled or changed, or all from one byte on
-  are lost, or all that this side says from now on; a changed byte becomes no control byte, one STX does not become the
-  other, and a doubled byte arrives together with its twin. More than that can mean something else than was sent, and no
-  rule of this link could tell: ACK has no number, BCC is one XOR and STX stays outside it;
+  are lost. Or all bytes of this side are lost from now on. A changed byte becomes no control byte, one STX does not
+  become the other, and a doubled byte arrives together with its twin. More than that can mean something else than was
+  sent, and no rule of this link could tell: ACK has no number, BCC is one XOR and STX stays outside it;
 - a pause inside a block stays under `gap_timeout_s`, and what is under way is late by at most `LATE`, so that an
   answer, a gap time-out before it included, comes within `answer_timeout_s`.
 
@@ -55,7 +55,7 @@ PAUSE = 0.2
 
 
 def telegram(role, number):
-    """A telegram that tells who sent it, is found once only, and holds DLE ETX ENQ ACK as data."""
+    """A telegram that tells its sender, is found once only, and holds DLE ETX ENQ ACK as data."""
     data = number.to_bytes(2, "big") + bytes((0x10, 0x03, 0x05, 0x06))
     return (8 + len(data)).to_bytes(2, "big") + bytes((role is HOST, 0, 24, 1, 0, 0)) + data
 
@@ -93,7 +93,7 @@ class Line:
             self.under_way.append([self.free, bytes((byte,)), chunk, self.free])
 
     def take(self, until):
-        """What has arrived, one bytes object a moment; FIFO."""
+        """Arrivals, one bytes object a moment; FIFO."""
         taken = []
         while self.under_way and self.under_way[0][0] <= until:
             taken.append(self.under_way.pop(0))
@@ -143,7 +143,7 @@ class LinkUnderFaults(RuleBasedStateMachine):
             baudrate=11000, stx_alternation=alternation, dle_stuffing=stuffing, collision_winner=winner
         )
         self.ends = {role: Link(role, self.profile) for role in Role}
-        self.lines = {role: Line(self.profile.character_time) for role in Role}  # by who sends
+        self.lines = {role: Line(self.profile.character_time) for role in Role}  # by sender
         self.now = EPOCH
         self.numbers = count(1)
         self.announced = 0
@@ -203,7 +203,7 @@ class LinkUnderFaults(RuleBasedStateMachine):
 
     @rule(role=roles)
     def cut(self, role):
-        """All that this role says from now on is lost; mended when nobody says any more."""
+        """All bytes from this role are lost from now on, until the mending."""
         self.lines[role].cut = True
 
     @precondition(has_bytes_under_way)
@@ -254,8 +254,8 @@ class LinkUnderFaults(RuleBasedStateMachine):
         assert self.now <= queued + self.bound(), "the outcome comes in time"
 
     def bound(self):
-        """For all messages of both sides; each may be kept waiting while the other side's end, its bids begun anew,
-        and by every bid that no message has followed.
+        """For all messages of both sides. Each may wait while the other side's end, its bids begun again, and for every
+        bid that no message has followed.
         """
         p = self.profile
         waits = p.bid_limit * (p.answer_timeout_s + p.character_time) + p.answer_timeout_s + p.gap_timeout_s
@@ -313,7 +313,7 @@ def both_ends(alternation, answer_timeout):
 
 
 def carry(source, sink, now):
-    """What one end hands out, all of it, to the other."""
+    """Bytes that one end hands out, all of them, to the other."""
     sink.receive(source.data_to_send(now), now)
 
 
@@ -323,7 +323,7 @@ def delivered(link):
 
 
 @pytest.mark.parametrize(("alternation", "times"), [("off", 2), ("toggle", 1)])
-def test_without_alternation_a_repeat_within_the_gap_time_out_is_taken_for_another_block(alternation, times):
+def test_without_alternation_an_early_repeat_is_taken_for_new(alternation, times):
     """The promise needs a sender whose answer time-out is longer than the receiver's gap time-out, or alternation."""
     host, robot = both_ends(alternation, 0.1)
     only = telegram(HOST, 1)
@@ -341,7 +341,7 @@ def test_without_alternation_a_repeat_within_the_gap_time_out_is_taken_for_anoth
 
 
 @pytest.mark.parametrize(("alternation", "times"), [("off", 1), ("toggle", 2)])
-def test_without_alternation_an_equal_block_behind_a_late_ack_is_taken_for_a_repeat(alternation, times):
+def test_without_alternation_an_equal_block_may_pass_for_a_repeat(alternation, times):
     """The promise is for telegrams that differ from the one before in the same message, or alternation."""
     host, robot = both_ends(alternation, 2.0)
     same = telegram(HOST, 1)

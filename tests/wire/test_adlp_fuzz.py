@@ -43,7 +43,7 @@ PIECES = (
     encode_block(REPLY),
     encode_block(REPLY)[:-1] + b"\x00",
 )
-"""What means something to a link."""
+"""Bytes with a meaning for a link."""
 
 
 def uniform(rng, size):
@@ -145,7 +145,7 @@ def test_an_unfinished_block_is_at_most_a_block(stuffing, doubled):
     assert 128 <= most < doubled * 128 + BLOCK_OVERHEAD
 
 
-def test_an_owner_that_takes_nothing_costs_so_many_events_and_the_bytes_it_was_told_of():
+def test_an_owner_that_takes_nothing_costs_a_bounded_store():
     link = Link(Role.HOST, LinkProfile())
     for _ in range(EVENT_LIMIT + 50):
         link.receive(b"\x05", EPOCH)

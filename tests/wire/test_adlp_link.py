@@ -1,4 +1,4 @@
-"""What an end of the link takes from its owner, tells it, and keeps at the most.
+"""Input of an end of the link from its owner, its events, and its largest stores.
 
 What it does on the line is in the transcripts beside this file, what it makes of a bad line in test_adlp_faults.py.
 """
@@ -73,7 +73,7 @@ def exchange(link):
         link.data_to_send(EPOCH)
 
 
-def test_bids_and_acknowledgements_are_counted_always_and_told_when_asked_for():
+def test_bids_and_acknowledgements_are_always_counted():
     quiet, verbose = Link(HOST, LinkProfile()), Link(HOST, LinkProfile())
     assert not quiet.verbose
     verbose.verbose = True
@@ -96,7 +96,7 @@ def test_bids_and_acknowledgements_are_counted_always_and_told_when_asked_for():
 
 
 @pytest.mark.parametrize("acknowledged", [b"\x06", b"\x0f"], ids=["ACK", "RVI"])
-def test_who_was_held_up_for_longer_than_the_other_side_waits_bids_anew(acknowledged):
+def test_an_end_held_up_too_long_bids_anew(acknowledged):
     """The process was stopped while its bid was out: the other side has given up waiting for the block."""
     link, late = Link(HOST, LinkProfile()), EPOCH + 2.5
     link.announce()
@@ -119,7 +119,7 @@ def test_who_is_held_up_for_good_gives_up_after_as_many_bids_as_any():
     assert [event.reason for event in told(link) if isinstance(event, LinkFailed)] == [LinkFailure.NO_ANSWER]
 
 
-def test_what_is_announced_while_a_message_is_on_its_way_is_bid_for_behind_it():
+def test_an_announcement_during_a_message_is_bid_for_behind_it():
     link = Link(HOST, LinkProfile())
     link.send([ASK])
     link.data_to_send(EPOCH)
@@ -130,12 +130,12 @@ def test_what_is_announced_while_a_message_is_on_its_way_is_bid_for_behind_it():
     assert link.data_to_send(EPOCH) == b"\x04\x05"
 
 
-def test_a_message_that_is_given_after_the_line_was_held_too_long_bids_anew():
+def test_a_message_after_a_long_hold_bids_anew():
     link, late = Link(HOST, LinkProfile()), EPOCH + 1.5
     link.announce()
     link.data_to_send(EPOCH)
     link.receive(b"\x06", EPOCH)
-    link.send([ASK])  # before anybody has handled the time-out
+    link.send([ASK])  # before the owner has handled the time-out
     assert link.data_to_send(late) == b"\x04"
     assert link.data_to_send(late) == b"\x05"
     link.receive(b"\x06", late)
@@ -174,7 +174,7 @@ def test_a_message_without_end_is_given_up():
     assert failed.reason == "too long"
 
 
-def test_a_late_block_that_repeats_the_stx_but_not_the_telegram_is_nobodys():
+def test_a_late_block_with_the_old_stx_and_a_new_telegram_is_dropped():
     link = Link(HOST, LinkProfile(stx_alternation="toggle"))
     link.receive(b"\x05" + B_REPLY, 0.0)
     link.data_to_send(0.0)

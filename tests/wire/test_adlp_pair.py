@@ -18,7 +18,7 @@ EPOCH = 777.25
 
 
 def telegram(role, number, size=4):
-    """A telegram that tells who sent it and is found once only."""
+    """A telegram that tells its sender and is found once only."""
     data = number.to_bytes(2, "big") + bytes((0x10, 0x03, 0x05, 0x06)[:size])
     return (8 + len(data)).to_bytes(2, "big") + bytes((role is Role.HOST, 0, 24, 1, 0, 0)) + data
 
@@ -43,7 +43,7 @@ class Wire:
         if kind == "lose one":
             return data[:at] + data[at + 1 :]
         # A character that became another control byte would be undetectable by any rule of this link; parity
-        # catches what one wrong bit makes.
+        # catches the result of one wrong bit.
         if kind == "change" and data[at] != value and value not in SINGLE_CONTROLS:
             return data[:at] + bytes((value,)) + data[at + 1 :]
         return data

@@ -236,7 +236,7 @@ def test_a_sites_orders_are_described_by_their_definition():
     assert fields(describe(encode_block(Telegram(6, 7, 0, b"\0", True).encode()), orders=BOOK)) == {}
 
 
-def test_an_extended_answer_is_described_with_and_without_what_the_site_adds():
+def test_an_extended_answer_is_described_with_the_sites_additions():
     status = bytes(24)
     long, short = (
         encode_block(Telegram(19, 2, 0, data, True).encode()) for data in (status + b"\x50", status)

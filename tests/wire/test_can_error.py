@@ -90,7 +90,7 @@ def test_golden_frames_feed_encoder_and_decoder(key: tuple[int, str]) -> None:
     assert str(frame).replace("!", "#") == f"{key[0]:03X}#{key[1]}" != str(frame)
 
 
-def test_an_interface_that_is_down_cannot_be_mistaken_for_a_report_of_linux() -> None:
+def test_an_interface_that_is_down_is_no_report_of_linux() -> None:
     frame = encode_error(CanErrorReport(ErrorClass.INTERFACE_DOWN), at=2.5)
     assert frame.identifier > 0x7FF
     assert frame.received_at == 2.5

@@ -1,4 +1,4 @@
-"""What the client of the CAN gateway alone has: SYNC, nodes, halves of samples, pauses after repetitions."""
+"""Properties of the client of the CAN gateway alone: SYNC, nodes, halves of samples, pauses after repetitions."""
 
 from typing import Any
 
@@ -171,7 +171,7 @@ def test_profile_refuses(can: Any, wrong: dict[str, object]) -> None:
         can.profile(**wrong)
 
 
-def test_what_the_interface_reports_of_the_bus_is_told_and_ends_nothing(can: Any) -> None:
+def test_reports_of_the_interface_are_told_and_end_nothing(can: Any) -> None:
     client = can.begin()
     report = encode_error(CanErrorReport(ErrorClass.BUS_OFF))
     garbled = CanFrame(report.identifier, b"\0", error=True, extended=report.extended)

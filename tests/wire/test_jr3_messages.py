@@ -158,7 +158,9 @@ def test_counts_and_units() -> None:
 
 def test_describe_tells_values_with_units() -> None:
     told = describe(parse_frame("201#C80010270000"))
-    fields = {field["name"]: (field["value"], field["unit"]) for field in told.pop("fields")}
+    rows = told.pop("fields")
+    assert isinstance(rows, list)
+    fields = {row["name"]: (row["value"], row["unit"]) for row in rows}
     assert fields == {"cutoff": (2.0, "Hz"), "period": (0.01, "s")}
     assert told == {
         "identifier": "201",
@@ -171,6 +173,7 @@ def test_describe_tells_values_with_units() -> None:
     assert describe(parse_frame("601#0040000000000100"))["direction"] == "from gateway"
     assert describe(parse_frame("080#"))["problems"] == []
     scales = describe(parse_frame("101#0073006F00B900"))["fields"]
+    assert isinstance(scales, list)
     assert [field["name"] for field in scales] == ["state", "x", "y", "z"]
 
 

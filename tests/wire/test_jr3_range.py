@@ -36,7 +36,7 @@ def test_near_saturation_is_told_once_and_again_after_it_was_away() -> None:
 
 
 def sent(at_converter: int, offset: int) -> int:
-    """What the device sends: the offset taken off behind the converter, the low 16 bits of what comes out."""
+    """Output of the device: the offset taken off behind the converter, the low 16 bits of the result."""
     return (at_converter - offset + 32768) % 65536 - 32768
 
 

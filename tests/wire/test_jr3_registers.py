@@ -183,11 +183,11 @@ def test_garbage_then_valid_recovers() -> None:
         told, found = request_reader().feed(garbage + bytes.fromhex(golden))
         assert isinstance(told, Garbage)
         assert found == request_
-    (golden, response), *_ = GOLDEN_RESPONSES.items()
+    (golden_response, response), *_ = GOLDEN_RESPONSES.items()
     for text in ("6A72 01 63 0000 0000 0000 00 00", "6A72 01 00 0000 0000 FFFF 01 00"):
-        told, found = response_reader().feed(bytes.fromhex(text) + bytes.fromhex(golden))
-        assert isinstance(told, Garbage)
-        assert found == response
+        refused, answer = response_reader().feed(bytes.fromhex(text) + bytes.fromhex(golden_response))
+        assert isinstance(refused, Garbage)
+        assert answer == response
 
 
 @given(st.binary(max_size=200), st.binary(max_size=40))
@@ -241,7 +241,7 @@ class Words:
         self.commands: list[int] = []
         self.loads: list[tuple[int, ...]] = []
         self.answers: dict[int, int] = {}
-        """What command_word0 becomes, by command; 0 otherwise."""
+        """Next value of command_word0, by command; 0 otherwise."""
         self.poke("serial_no", 4711)
         self.poke("model_no", 67)
         self.poke("units", 1)
@@ -601,14 +601,17 @@ def test_client_starts_up_and_streams() -> None:
     board = Ticking()
     tick(board, 0, 100)
     pair = Pair(board, BoardClientProfile())
-    notice, ready, *frames = pair.run(10.325)
+    notice, ready, *others = pair.run(10.325)
+    frames = [event for event in others if isinstance(event, WrenchFrame)]
+    assert frames == others
     assert board.resets == 1
     assert board.commands == [0x0500, 0x0A00, 0x0600, 0x0700]
     assert notice == SensorNotice("board: sensor model 67, serial number 4711")
+    assert isinstance(ready, SensorReady)
     assert ready.facts.full_scales == (400.0, 400.0, 800.0, 25.0, 25.0, 26.0)
     assert ready.facts.model == "sensor model 67, serial number 4711"
     # start-up 10.125 s, settling 15 × 6.598 ms, then a sample every 10 ms
-    assert [frame.at - EPOCH for frame in frames if isinstance(frame, WrenchFrame)] == pytest.approx(
+    assert [frame.at - EPOCH for frame in frames] == pytest.approx(
         [10.22397 + 0.01 * k for k in range(1, 11)]
     )
     assert {frame.values for frame in frames} == {(0, 0, 100, 0, 0, 0)}
@@ -841,6 +844,7 @@ def test_no_sample_is_taken_while_the_board_is_busy(pair: Pair) -> None:
 
 
 def test_a_counter_that_stands_still(pair: Pair) -> None:
+    assert isinstance(pair.board, Ticking)
     pair.board.still = True
     text = failure(pair.run(5.0))
     assert "has stood at" in text

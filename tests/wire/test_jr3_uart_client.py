@@ -1,4 +1,4 @@
-"""What the client of the UART gateway alone has: its pace, its bytes, and why it may be silent."""
+"""Properties of the client of the UART gateway alone: its pace, its bytes, and the reasons of its silence."""
 
 from typing import Any
 
@@ -97,7 +97,7 @@ def test_not_ready_is_asked_again_after_the_pause(uart: Any) -> None:
     assert uart.events(client) == [READY]
 
 
-def test_an_acknowledge_that_nobody_waits_for_makes_the_gateway_deaf_too(uart: Any) -> None:
+def test_an_unexpected_acknowledge_makes_the_gateway_deaf_too(uart: Any) -> None:
     """Both answers to a repeated command come: the second begins another deaf second."""
     client = uart.begin()
     client.data_to_send(T0)

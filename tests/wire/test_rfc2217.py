@@ -1,6 +1,8 @@
 """RFC 2217: bytes from the standards, any split, garbage, and client and server against each other and alone."""
 
 import re
+from collections.abc import Iterable
+from typing import Any
 
 import pytest
 from hypothesis import given, settings
@@ -39,16 +41,16 @@ from protocol.rfc2217 import (
 EVEN = PortSettings(9600, ComParity.EVEN)
 
 
-def drained(endpoint):  # type: ignore[no-untyped-def]
+def drained(endpoint: Any) -> list[Any]:
     events = []
     while (event := endpoint.next_event()) is not None:
         events.append(event)
     return events
 
 
-def joined(events):  # type: ignore[no-untyped-def]
+def joined(events: Iterable[Any]) -> list[Any]:
     """Payload that came in pieces as one."""
-    whole = []
+    whole: list[Any] = []
     for event in events:
         if isinstance(event, Payload | SerialData) and whole and type(whole[-1]) is type(event):
             whole[-1] = type(event)(whole[-1].data + event.data)
@@ -316,7 +318,7 @@ def test_a_server_without_the_option_is_given_up_at_once() -> None:
     assert drained(client) == [
         PortFailed("the server has no com port control; a raw port is reached as tcp://")
     ]
-    # what it says afterwards changes nothing
+    # later bytes from it change nothing
     client.receive(negotiation(Verb.DONT, Option.COM_PORT), 0.2)
     client.receive(negotiation(Verb.DO, Option.COM_PORT), 0.2)
     client.receive(encode_command(Command.SET_PARITY, 1, server=True), 0.2)

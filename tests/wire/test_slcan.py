@@ -128,7 +128,7 @@ def test_a_client_opens_its_channel_sends_and_closes() -> None:
         client.send([CanFrame(0, error=True)])
 
 
-def test_a_client_passes_over_answers_and_takes_frames_with_and_without_a_time_stamp() -> None:
+def test_a_client_takes_frames_with_and_without_a_time_stamp() -> None:
     client = SlcanClient()
     assert heard(client, b"\r\rz\rZ\r\aV1013\rv1013\rNA123\rF80\r\at10021133\rt1002113300FF\r") == [
         CanFrame(0x100, b"\x11\x33"),

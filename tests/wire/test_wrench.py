@@ -1,4 +1,4 @@
-"""What sensors of every make have in common: their facts, the wrench of a frame, and a zero of the host's."""
+"""Properties of sensors of every make: their facts, the wrench of a frame, and a zero of the host's."""
 
 from dataclasses import replace
 from typing import Any

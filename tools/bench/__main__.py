@@ -1,7 +1,7 @@
 """Run the benchmarks, all or the named ones: `make bench`, `make bench ONLY="wake_up link_use"`.
 
 Results go to runs/bench.json, which is not under version control. With --page (`make bench PAGE=1`) they also go to
-docs/performance.json, and the tables of docs/performance.md are written anew from it.
+docs/performance.json, and the tables of docs/performance.md are written again from it.
 """
 
 import argparse

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from hil_bridge.control.laws.fuzzy import infer
-from hil_bridge.experiments.chain import run_cell
+from hil_bridge.experiments.emulated_run import run_emulated
 from hil_bridge.recording import CycleRecord
 from hil_bridge.runs.cycle import control_loop
 from hil_bridge.runs.zeroing import wrist
@@ -32,17 +32,17 @@ STEP = Target("value", 30.0)
 def recorded(controller: dict[str, Any]) -> tuple[Config, tuple[CycleRecord, ...]]:
     """A run of the emulated cell with this controller, and its cycles."""
     config = Config.model_validate({"run": {"duration_s": TRACK_S, "seed": 3}, "controller": controller})
-    return config, run_cell(config).cycles
+    return config, run_emulated(config).cycles
 
 
 def steps_us(config: Config, cycles: tuple[CycleRecord, ...]) -> list[float]:
-    """What each decision of the run takes when it is taken again, µs: compensation of the newest and of the paired
-    wrench, their forces along the task's directions, controller, supervisor.
+    """Time of each decision of the run when it is taken again, µs. It covers compensation of the newest and of the
+    paired wrench, their forces along the task's directions, controller, supervisor.
     """
     compensation, loop = wrist(config), control_loop(config)
     approach, travel = config.frame.approach, config.frame.travel
     times = []
-    turned, facing = None, None
+    turned, at_orientation = None, None
     for _ in range(ROUNDS):
         state = loop.initial((cycles[0].start[0], cycles[0].start[1], cycles[0].start[2]))
         for record in cycles:
@@ -51,12 +51,15 @@ def steps_us(config: Config, cycles: tuple[CycleRecord, ...]) -> list[float]:
             sample, quaternion = record.sample, record.quaternion
             assert sample is not None
             began = time.perf_counter_ns()
-            if facing is None or turned != quaternion:  # as a run does, only when the tool has turned
-                turned, facing = quaternion, compensation.facing(quaternion, quaternion, approach, travel)
-            wrench = facing.contact_wrench(sample.wrench)
-            facing.force_along(0, wrench)
-            facing.force_along(1, wrench)
-            facing.force_along(0, facing.contact_force(sample.wrench))
+            if at_orientation is None or turned != quaternion:  # as a run does, only when the tool has turned
+                turned, at_orientation = (
+                    quaternion,
+                    compensation.at_orientation(quaternion, quaternion, approach, travel),
+                )
+            wrench = at_orientation.contact_wrench(sample.wrench)
+            at_orientation.force_along(0, wrench)
+            at_orientation.force_along(1, wrench)
+            at_orientation.force_along(0, at_orientation.contact_force(sample.wrench))
             state, _ = loop.step(state, sample)
             times.append((time.perf_counter_ns() - began) * MICRO)
     return times

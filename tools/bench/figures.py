@@ -1,4 +1,4 @@
-"""What a benchmark says: figures beside their baselines and targets."""
+"""Result of a benchmark: figures beside their baselines and targets."""
 
 import math
 import statistics
@@ -9,14 +9,14 @@ from typing import Any, Literal
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """What a figure has to reach."""
+    """Limit that a figure has to reach."""
 
     of: Literal["value", "ratio"]
     limit: float
     least: bool = False
     """The figure must be at least that much; otherwise at most."""
     aim: float | None = None
-    """What would be better still."""
+    """Limit that would be better still."""
 
     def __str__(self) -> str:
         sign, times = ("≥" if self.least else "≤"), (" ×" if self.of == "ratio" else "")
@@ -34,7 +34,7 @@ class Figure:
     baseline: float | None = None
     """The same quantity of what it is compared with, in the same unit."""
     against: str = ""
-    """What that is."""
+    """Meaning of the figure."""
     target: Target | None = None
 
     @property
@@ -54,7 +54,7 @@ class Figure:
 
     @property
     def _digits(self) -> int:
-        """Of the ratio: more where three would not tell on which side of its target it is."""
+        """Digits of the ratio: more where three would not tell on which side of its target it is."""
         target, ratio = self.target, self.ratio
         close = target is not None and target.of == "ratio" and ratio is not None
         return 4 if close and number(ratio) == number(target.limit) else 3
@@ -84,10 +84,10 @@ class Report:
 
     figures: tuple[Figure, ...]
     left_out: tuple[str, ...] = ()
-    """What could not be measured here, and why: a sentence each."""
+    """Figures that could not be measured here, with the reason: a sentence each."""
 
     def as_json(self) -> dict[str, Any]:
-        """For the file of results; ratio and judgement are written out for readers of that file."""
+        """Content of the file of results; ratio and judgement are written out for readers of that file."""
         return {
             "figures": [
                 {key: _rounded(value) for key, value in asdict(figure).items() if value not in (None, "")}
@@ -100,7 +100,7 @@ class Report:
 
     @classmethod
     def from_json(cls, values: dict[str, Any]) -> "Report":
-        """What `as_json` wrote."""
+        """Figures from the output of `as_json`."""
         return cls(
             tuple(
                 Figure(
@@ -130,13 +130,13 @@ class Spread:
 
     @property
     def p99(self) -> float:
-        """What one in a hundred is above."""
+        """Value that one in a hundred is above."""
         ordered = sorted(self.values)
         return ordered[min(len(ordered) - 1, math.ceil(0.99 * len(ordered)) - 1)]
 
 
 def number(value: float, significant: int = 3) -> str:
-    """So many significant digits, without an exponent for what people read daily."""
+    """Text with so many significant digits, without an exponent for numbers that people read daily."""
     if value == 0.0 or not math.isfinite(value):
         return f"{value:g}"
     digits = max(0, significant - 1 - math.floor(math.log10(abs(value))))

@@ -13,9 +13,9 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from hil_bridge.clock.realtime import RealTime, scheduled
+from hil_bridge.clock.realtime import RealTime, real_time_thread
 from hil_bridge.errors import ConfigError
-from hil_bridge.experiments.chain import run_cell
+from hil_bridge.experiments.emulated_run import run_emulated
 from hil_bridge.recording import CycleRecord, read
 from hil_bridge.settings.configuration import Config
 from hil_bridge.text_files import toml_pair
@@ -37,14 +37,14 @@ WAYS = {
     "real time, busy polling": POLLING,
     "real time, processors kept awake": AWAKE,
 }
-"""What `[realtime]` says on both sides."""
+"""Settings in `[realtime]` on both sides."""
 USE = Target("ratio", 1.0 / 0.97)
 """Cycle time by floor: at least 97 % of a cycle are characters."""
 HIL_BRIDGE = (sys.executable, "-m", "hil_bridge")
 
 
 def settings(baudrate: int, realtime: Mapping[str, object] = AS_IT_IS) -> dict[str, object]:
-    """Of both sides: this rate, a controller without turnaround, and short ways."""
+    """Settings of both sides: this rate, a controller without turnaround, and short ways."""
     link = {"baudrate": baudrate}
     robot = {"turnaround_ms": 0.0, "turnaround_spread_ms": 0.0}
     return {
@@ -105,7 +105,7 @@ def measure(say: Callable[[str], None]) -> Report:
     """Both rates, both kinds of time."""
     figures, ways, left_out = [], dict(WAYS), []
     try:
-        with scheduled(RealTime(**AWAKE)):
+        with real_time_thread(RealTime(**AWAKE)):
             pass
     except ConfigError as error:
         left_out.append(str(error))
@@ -114,7 +114,7 @@ def measure(say: Callable[[str], None]) -> Report:
         for baudrate in BAUDRATES:
             floor = line_floor(LinkProfile(baudrate=baudrate)) * MILLI
             say(f"{baudrate} baud, virtual time")
-            virtual = cycle_time(run_cell(Config.model_validate(settings(baudrate))).cycles) * MILLI
+            virtual = cycle_time(run_emulated(Config.model_validate(settings(baudrate))).cycles) * MILLI
             times = {"virtual time": virtual}
             stolen = {}
             for way, realtime in ways.items():

@@ -1,6 +1,6 @@
 """An hour in virtual time with its recorder: memory minute by minute, processor time; and the recorder alone.
 
-The hour runs in a process of its own, so that its memory is its own; so does a shorter run that tells whose objects
+The hour runs in a process of its own, so that its memory is its own. So does a shorter run that tells whose objects
 grow in number or size.
 """
 
@@ -28,9 +28,9 @@ from tools.bench.figures import Figure, Report, Target
 MINUTE_S = 60.0
 HOUR_MINUTES = 60
 TRACED_MINUTES = 20
-"""Of the run whose every allocation is watched, which takes four times as long."""
+"""Minutes of the run whose every allocation is watched, which takes four times as long."""
 SETTLED_MINUTES = 1
-"""What is made in them may stay."""
+"""First minutes, whose allocations may stay."""
 CHUNK_LOOK_S = 0.1
 """Between two looks at whether the recorder has finished a chunk; it does so every 20 s or so."""
 SPEED_MM_S = 0.05
@@ -42,8 +42,8 @@ ALL = "all modules"
 WORTH_SAYING = 64.0
 """Bytes a minute; what changes less is the noise of what happens to live at a look."""
 NO_GROWTH = Target("value", 1.0, aim=0.0)
-"""Percent of the memory after the first minute by which it may have grown at the end: what an allocator's pages make
-of the same amount of data.
+"""Percent of the memory after the first minute by which it may have grown at the end. An allocator's pages grow so for
+the same amount of data.
 """
 
 
@@ -65,8 +65,8 @@ def resident() -> int:
 
 
 async def track(record: Path, minutes: int, look: Callable[[], object]) -> dict[str, object]:
-    """Track for so long and a minute, and look after every minute but the last, as soon as the recorder has finished a
-    chunk: then what it holds of the next one is always as little.
+    """Track for so long and a minute. Look after every minute but the last, as soon as the recorder has finished a
+    chunk. Then its part of the next one is always as small.
     """
     duration_s = (minutes + 1) * MINUTE_S
     config = Config.model_validate({"run": {"duration_s": duration_s}, "task": {"speed_mm_s": SPEED_MM_S}})
@@ -111,7 +111,7 @@ def hour(record: Path) -> dict[str, object]:
 
 
 def growth(record: Path) -> dict[str, float]:
-    """By how much the objects that live grow, by the module that made them, bytes a minute: of a shorter run, which
+    """Growth of the objects that live, by the module that made them, bytes a minute. It comes from a shorter run, which
     watches every allocation but the watching's own.
     """
     sizes: list[dict[str, int]] = []
@@ -136,8 +136,8 @@ def growth(record: Path) -> dict[str, float]:
 
 
 def recorder_speed(place: Path) -> tuple[float, float, float]:
-    """Sensor records a second through the recorder, the same written as lines of JSON by the standard library, and
-    the recorder's bytes of messages a second.
+    """Three rates: sensor records a second through the recorder, the same written as lines of JSON by the standard
+    library, and the recorder's bytes of messages a second.
     """
     records = [SensorRecord(k * 1e-3, k, (k % 99, -3, -870 - k % 7, 12, 5, -1)) for k in range(RECORDS)]
     began = time.process_time()
@@ -156,7 +156,7 @@ def recorder_speed(place: Path) -> tuple[float, float, float]:
 
 
 def asked(what: str, record: Path) -> dict[str, Any]:
-    """What a process of its own tells of `hour` or `growth`."""
+    """Answer of a process of its own about `hour` or `growth`."""
     child = [sys.executable, "-m", "tools.bench.long_run", what, str(record)]
     told: dict[str, Any] = json.loads(
         subprocess.run(child, check=True, stdout=subprocess.PIPE, text=True).stdout

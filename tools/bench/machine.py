@@ -1,4 +1,4 @@
-"""What the figures were measured on, read from the machine, and its C compiler."""
+"""The machine of the figures, read from itself, and its C compiler."""
 
 import os
 import platform

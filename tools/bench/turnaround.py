@@ -17,7 +17,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from hil_bridge.clock.realtime import RealTime, scheduled
+from hil_bridge.clock.realtime import RealTime, real_time_thread
 from hil_bridge.errors import ConfigError
 from protocol.s3.adlp import BLOCK_OVERHEAD, HEADER_SIZE, encode_block
 from protocol.s3.arap import STATUS, Move, MoveKind, read_status
@@ -43,7 +43,7 @@ INTERRUPTED = 130
 """Exit code of a command that Ctrl-C ended."""
 MICRO = 1e6
 TIMED = (("first byte", "bid"), ("whole order", "order"))
-"""What is timed, and which member of a Turn that is."""
+"""Timed ways, and the member of a Turn for each."""
 BUSY_POLL_MS = 100.0
 """Longer than any wait of a cycle, so that the bridge never sleeps."""
 AWAKE = ", processors kept awake"
@@ -71,9 +71,9 @@ period_ms = {PERIOD_MS}
 [realtime]
 busy_poll_ms = %g
 """
-"""The tool stays over one place, since a thousand cycles a second would soon be out of reach. Neither the line nor
-the sensor's filter delays anything, and the controller, which allows for both, has to be told. A thousand cycles a
-second pass while a pseudo-terminal is held up by the machine for a moment; that is to be measured, not to end the run.
+"""The tool stays over one place, since a thousand cycles a second would soon be out of reach. Neither the line nor the
+sensor's filter delays anything, and the controller, which allows for both, has to be told. A thousand cycles a second
+pass while a pseudo-terminal is held up by the machine for a moment. That is to be measured, not to end the run.
 """
 
 
@@ -84,9 +84,9 @@ class Wires:
     robot: int
     sensor: SensorPeer
     plain: tuple[str, str]
-    """For the baselines."""
+    """URLs for the baselines."""
     urls: tuple[str, str]
-    """For the bridge."""
+    """URLs for the bridge."""
     accept: Callable[["Wires"], "Wires"]
     """The wires once the other side has come."""
 
@@ -160,7 +160,7 @@ WIRES = {"TCP": tcp, "pseudo-terminals": pseudo_terminals, "vcan": vcan}
 
 
 def plain_arguments(wires: Wires) -> list[str]:
-    """What the baselines are told: wires, blocks, and how many bytes the answers have."""
+    """Arguments of the baselines: wires, blocks, and the number of bytes in the answers."""
     status = encode_block(read_status().encode())
     move = encode_block(Move(MoveKind.POINT, START, (0.0, 1.0, 0.0, 0.0), 0.05).to_telegram().encode())
     sizes = (HEADER_SIZE + STATUS.size + BLOCK_OVERHEAD, HEADER_SIZE + BLOCK_OVERHEAD)
@@ -254,7 +254,7 @@ def measured(name: str, place: Path, say: Callable[[str], None]) -> tuple[Figure
 
 
 def spread(turns: Sequence[Turn], member: str) -> Spread:
-    """Of one of the times, µs."""
+    """Spread of one of the times, µs."""
     return Spread([getattr(turn, member) * MICRO for turn in turns])
 
 
@@ -270,7 +270,7 @@ def kept_awake(place: Path, say: Callable[[str], None]) -> tuple[Figure, ...]:
         with tcp() as wires:
             return turns_of(wires, [host, *plain_arguments(wires)], session=False)
 
-    with scheduled(RealTime(keep_awake=True)):
+    with real_time_thread(RealTime(keep_awake=True)):
         say(f"TCP{AWAKE}")
         theirs = in_c()
         stolen = machine.stolen_s()

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from contextlib import ExitStack
 
 from hil_bridge.clock import Clock, run_real
-from hil_bridge.clock.realtime import RealTime, scheduled
+from hil_bridge.clock.realtime import RealTime, real_time_thread
 from hil_bridge.errors import ConfigError
 from tools.bench import machine
 from tools.bench.figures import Figure, Report, Spread, Target
@@ -92,7 +92,7 @@ def measure(say: Callable[[str], None]) -> Report:
     for how in ("", AWAKE):
         with ExitStack() as stack:
             try:
-                stack.enter_context(scheduled(RealTime(keep_awake=bool(how))))
+                stack.enter_context(real_time_thread(RealTime(keep_awake=bool(how))))
             except ConfigError as error:
                 left_out.append(str(error))
                 continue

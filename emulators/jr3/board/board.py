@@ -1,8 +1,8 @@
 """The JR3 DSP receiver board: a memory that a sensor fills and a host reads and writes, told the time.
 
-Samples are computed in blocks up to the time asked for, and further as far as the sensor predicts, so that a read
-is a look-up; a host's write that changes the computation throws away the samples computed ahead, and so
-does a sensor whose samples will be others.
+Samples are computed in blocks up to the time asked for, and further as far as the sensor predicts. So a read is a
+look-up. A host's write that changes the computation throws away the samples computed ahead. So does a sensor whose
+samples will be others.
 """
 
 import math
@@ -24,7 +24,7 @@ from protocol.jr3 import AXES
 from protocol.jr3.board import REGISTERS, WORD_MODULUS, Errors, check_instructions, check_range, from_signed
 
 _EPSILON = 1e-6
-"""Of a sample period: by so much a time may be too early through rounding."""
+"""Share of a sample period by which a time may be too early through rounding."""
 _AHEAD_S = 1.0
 """More than is ever computed ahead, for a source that is committed for ever."""
 _FULL_SCALES = REGISTERS["full_scale"].address
@@ -161,7 +161,7 @@ class Board:
         return self._due.get(_Due.COMMAND, self._now)
 
     def reset(self, now: float) -> None:
-        """Start the board's program anew. Assumed: the words that the host had written are lost."""
+        """Start the board's program again. Assumed: the words that the host had written are lost."""
         self._advance(now)
         self._processor.sampling.cut()
         self._start(self._now)

@@ -13,7 +13,7 @@ _MOST = 256
 class BurstReader:
     """Reads a board's memory as `Memory.read` does, and packs it.
 
-    Words that were asked for twice at the same distance of samples will most likely be asked for so again: then all
+    Words that were asked for twice at the same distance of samples will most likely be asked for so again. Then all
     bursts that the block has for this host are worked out, and each costs no more than its bytes.
     """
 
@@ -23,11 +23,11 @@ class BurstReader:
         """Address and count."""
         self._block: Block | None = None
         self._changes = -1
-        """Of the memory, when the bursts were worked out."""
+        """Count of the memory's changes when the bursts were worked out."""
         self._newest = self._distance = 0
         self._first, self._step = 0, 1
         self._bursts = b""
-        """Of the samples `_first`, `_first` + `_step`, …"""
+        """Bytes of the samples `_first`, `_first` + `_step`, …"""
 
     def read(self, address: int, count: int, block: Block, sample: int) -> bytes:
         """Words after a sample of a block, big-endian; samples of one block do not fall."""

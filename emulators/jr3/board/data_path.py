@@ -3,10 +3,10 @@
 raw channels → decoupled, moved and turned, in counts of full scale → minus offsets → filter0 → filter1 → … →
 filter6; beside it vectors, rate, load envelope, peaks and saturation.
 
-Known: the order of the steps, the rates, the shape of the filters. Assumed: the arithmetic. Words are rounded
-to nearest and stop at the ends of 16 bits; the filters pass on what is not rounded; vectors are Euclidean norms
-of rounded words; the rate is the difference between two calculations; saturation bits tell of the newest sample
-only. A filter keeps its state over a change of settings, so that the change is a step to it.
+Known: the order of the steps, the rates, the shape of the filters. Assumed: the arithmetic. Words are rounded to
+nearest and stop at the ends of 16 bits; the filters pass on values that are not rounded. Vectors are Euclidean norms of
+rounded words; the rate is the difference between two calculations. Saturation bits tell of the newest sample only. A
+filter keeps its state over a change of settings, so that the change is a step to it.
 """
 
 from collections.abc import Mapping
@@ -32,7 +32,7 @@ _LOWEST, _HIGHEST = -32768.0, 32767.0
 
 @dataclass(frozen=True)
 class PathSettings:
-    """What the computation follows; constant over a block."""
+    """Settings that the computation follows; constant over a block."""
 
     counts_per_raw: Floats
     """(6 axes, 6 channels): calibration, transform and full scales in one."""
@@ -55,7 +55,7 @@ class PathSettings:
 
 @dataclass(frozen=True)
 class PathState:
-    """What the computation carries from block to block."""
+    """State that the computation carries from block to block."""
 
     stages: tuple[Floats, ...]
     """(6, 3, 2) for each of filter1 … filter6."""
@@ -73,7 +73,7 @@ class PathState:
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """What the words of a block were computed from, and what is not rounded to words."""
+    """Data from which the words of a block were computed, and results that are not rounded to words."""
 
     settings: PathSettings
     raw: NDArray[np.int64]
@@ -113,7 +113,7 @@ class Block:
         return self.before.sampled if self.source is None else sample
 
     def after(self) -> PathState:
-        """What the computation carries on to the next block."""
+        """State that the computation carries on to the next block."""
         source, before = self.source, self.before
         if source is None:
             return before
@@ -212,7 +212,7 @@ def _filters(
 def _cascade(
     signal: Floats, plan: Plan, stages: tuple[Floats, ...]
 ) -> tuple[list[Floats], tuple[Floats, ...]]:
-    """What each filter makes of filter0, from `stages` on, until one has no sample; the filters' states after."""
+    """Output of each filter from filter0, from `stages` on, until one has no sample; the filters' states after."""
     outputs, after = [signal], list(stages)
     for n, part in enumerate(plan.parts[1:]):
         signal = signal[:, part.taken]

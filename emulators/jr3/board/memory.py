@@ -26,11 +26,11 @@ _ERRORS = REGISTERS["errors"].address
 _RATE_COUNT = REGISTERS["rate_count"].address
 _COUNT_X = REGISTERS["count_x"].address
 _RAW_WORDS = 4
-"""From one raw channel to the next."""
+"""Words from one raw channel to the next."""
 
 
 class Use(Enum):
-    """What the board does with a word that the host has written."""
+    """Ways in which the board treats a word that the host has written."""
 
     IGNORE = auto()
     """The board's own; assumed: it writes it over at once."""
@@ -64,7 +64,7 @@ _USES = {
 
 
 def use_of(address: int) -> Use:
-    """What the board does with a word that the host writes there."""
+    """The way in which the board treats a word that the host writes there."""
     if address >= RAM_WORDS:
         return Use.IGNORE
     found = register_at(address)
@@ -85,7 +85,7 @@ class Memory:
         self.words = [0] * MEMORY_WORDS
         """Written by `store` and `put` alone."""
         self.changes = 0
-        """How often anything was written."""
+        """Number of writes."""
         self._status = 0
         self._channels = channels
         self._idle_per_sample = idle_hz / SENSOR_RATE_HZ
@@ -104,7 +104,7 @@ class Memory:
         return words
 
     def pack(self, address: int, count: int, block: Block, samples: range) -> bytes:
-        """What `read` says after each of these samples, big-endian."""
+        """Answer of `read` after each of these samples, big-endian."""
         rows = np.empty((len(samples), count), ">u2")
         rows[:] = self.words[address : address + count]
         offset = samples.start - block.start
@@ -155,7 +155,7 @@ class Memory:
         self.changes += 1
 
     def store(self, address: int, word: int) -> None:
-        """One word."""
+        """Store one word."""
         self.words[address] = word
         self.changes += 1
 

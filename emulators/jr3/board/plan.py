@@ -1,7 +1,7 @@
 """Where the words of a block of samples are calculated, and where they lie: all in one array.
 
-It follows from the block's length, its place on the grid of the slowest filter and a few settings alone, so that a
-plan is made once for many blocks.
+It follows from the block's length, its place on the grid of the slowest filter and a few settings alone. So a plan is
+made once for many blocks.
 """
 
 from dataclasses import dataclass
@@ -37,11 +37,11 @@ class Plan:
     """Filters that are calculated, fastest first; their axes lie side by side at the array's beginning."""
     axes_columns: int
     vector_columns: Indices
-    """Of all vectors side by side, each behind one for what stood there before: the columns that they are made of."""
+    """Columns from which the vectors are made, side by side, each behind one for the value from before."""
     counting: NDArray[np.int16]
-    """Of all counts one after the other: how many calculations after the block's beginning."""
+    """For each count, one after the other, the number of calculations after the block's beginning."""
     counted: Indices
-    """Of the same words, which of the newest words the count goes on from."""
+    """For the same words, the index of the newest word from which the count goes on."""
     places: Places
     size: int
 

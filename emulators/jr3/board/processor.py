@@ -1,4 +1,4 @@
-"""What the board's program does, without the time: commands, settings, identification of the sensor."""
+"""The board's program, without the time: commands, settings, identification of the sensor."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -48,7 +48,7 @@ class Order:
     word1: int = 0
     word2: int = 0
     scaling: Scaling | None = None
-    """What will be in use, for commands that change it."""
+    """Scaling that will be in use after a command that changes it."""
     failed: bool = False
 
     @property

@@ -1,4 +1,4 @@
-"""What an emulated receiver board is, and what had to be assumed about it."""
+"""Facts and assumptions about an emulated receiver board."""
 
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Literal

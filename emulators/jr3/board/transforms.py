@@ -17,7 +17,7 @@ from protocol.jr3.board import TURN_COUNTS, Link, LinkType, UnitScales, VectorAx
 Floats = NDArray[np.float64]
 
 _SMALLEST = 0.004
-"""Of min_full_scale, below which the board's data are wrong. Source: JR3 manual 5907E."""
+"""Smallest min_full_scale, below which the board's data are wrong. Source: JR3 manual 5907E."""
 _REPRESENTABLE = 2.0
 """Full scales that a word can hold."""
 _HALF_RANGE = 32768
@@ -55,7 +55,7 @@ def _link_matrix(link: Link, length: float, turns: float) -> Floats:
 
 
 def transform_matrix(links: Sequence[Link], length: float, turns_load: bool) -> Floats:
-    """What a wrench at the sensor's origin is multiplied with to be told in the frame that the links lead to.
+    """Matrix that takes a wrench at the sensor's origin to the frame that the links lead to.
 
     Each link starts from the frame that the ones before have reached (assumed). `length` is one unit of a
     translation in m. A positive rotation turns the load right-handedly, or else the frame.
@@ -68,7 +68,7 @@ def transform_matrix(links: Sequence[Link], length: float, turns_load: bool) -> 
 
 @dataclass(frozen=True)
 class Scaling:
-    """What makes counts of full scale of raw channels."""
+    """Scaling that turns raw channels into counts of full scale."""
 
     calibration: Floats
     """(6, 6): wrench in N and N·m = raw @ calibration."""
@@ -101,8 +101,8 @@ class Scaling:
     def recommended(self) -> tuple[tuple[int, ...], tuple[int, ...]]:
         """min_full_scale and max_full_scale as words.
 
-        Assumed: min holds what all channels together can add at their ends; max makes one count of what the
-        strongest channel adds in one step of the converter, and is no more than `span` times min.
+        Assumed: min holds the sum of all channels at their ends. Max makes one count of the strongest channel's part in
+        one step of the converter, and is no more than `span` times min.
         """
         part = np.abs(self._wrench_per_raw) / self._unit[:, np.newaxis]
         smallest = part.sum(axis=1) * _HALF_RANGE / _REPRESENTABLE

@@ -1,4 +1,4 @@
-"""What the board does with words that the host points it to: rate, peaks, load envelopes."""
+"""The board's work on words that the host points it to: rate, peaks, load envelopes."""
 
 from collections.abc import Mapping
 

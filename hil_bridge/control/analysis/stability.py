@@ -1,8 +1,7 @@
 """Stability of the sampled force loop, and the limit cycle that the position resolution leaves in it.
 
-The loop. Every T seconds a controller turns the force error into a position command, which reaches the servo
-a delay d later and stays until the next one; the servo is of second order with dc gain 1, the surface a
-spring:
+The loop. Every T seconds a controller turns the force error into a position command. The command reaches the servo a
+delay d later and stays until the next one. The servo is of second order with dc gain 1, the surface a spring:
 
     L(z) = k_e · C(z) · P(z),    closed loop 1 + L(z) = 0,    z = exp(jθ),  θ = ω·T in (0, π].
 
@@ -61,9 +60,9 @@ class SampledPlant:
     delay: float
     """d, s: from the force sample to the moment when the servo takes the command that it led to."""
     natural_frequency: float = 40.0
-    """Of the closed position loop, rad/s. Assumed: computer-link specification, section 6."""
+    """Natural frequency of the closed position loop, rad/s. Assumed: computer-link specification, section 6."""
     damping_ratio: float = 1.0
-    """Of the closed position loop. Assumed, likewise."""
+    """Damping ratio of the closed position loop. Assumed, likewise."""
 
     def __post_init__(self) -> None:
         require_above_zero(self, "period", "natural_frequency", "damping_ratio")
@@ -126,7 +125,7 @@ class Margins:
 
     @property
     def stable(self) -> bool:
-        """For a controller that integrates once, with falling gain: both margins are there."""
+        """Whether both margins are there, for a controller that integrates once, with falling gain."""
         return self.gain_margin > 1.0 and self.phase_margin_deg > 0.0
 
 
@@ -163,7 +162,7 @@ def margins(stiffness: float, controller: Response, plant: SampledPlant) -> Marg
 
 @dataclass(frozen=True, slots=True)
 class LimitCycle:
-    """What is predicted of the oscillation that quantised positions leave."""
+    """Prediction for the oscillation that quantised positions leave."""
 
     peak_to_peak: float
     """Force, N."""
@@ -183,21 +182,20 @@ def limit_cycle(
 ) -> LimitCycle:
     """Limit cycle of the loop whose position moves in whole steps of `resolution` (m): describing function.
 
-    The desired force lies between two reachable ones, at `offset` (0 … 1) of their distance k_e·Δx_res, so
-    the integrator swings the command over the border between two positions, for ever. Around that border the
-    quantiser is a relay of height q, with i further steps from the amplitude i·q on:
+    The desired force lies between two reachable ones, at `offset` (0 … 1) of their distance k_e·Δx_res. So the
+    integrator swings the command over the border between two positions, for ever. Around that border the quantiser is a
+    relay of height q, with i further steps from the amplitude i·q on:
 
         N(A) = 2q/(πA) · [1 + 2·Σ_{i=1}^{⌊A/q⌋} √(1 − (i·q/A)²)]
 
-    and an oscillation persists where N(A)·L(exp(jθ)) = −1. Without a dead band θ is the loop's phase
-    crossover and N(A) its gain margin; as long as that exceeds 4/π at A = q, two positions alone take part
-    and the force swings by k_e·q: the paper's k_e·Δx_res. A dead band of ± b·q about the border makes the
-    relay one with hysteresis, N(A) = 2q/(πA)·exp(−j·asin(b·q/A)), whose balance is Im L = −π·b/2, at a
-    lower θ.
+    and an oscillation persists where N(A)·L(exp(jθ)) = −1. Without a dead band θ is the loop's phase crossover and N(A)
+    its gain margin. As long as that exceeds 4/π at A = q, two positions alone take part and the force swings by k_e·q:
+    the paper's k_e·Δx_res. A dead band of ± b·q about the border makes the relay one with hysteresis, N(A) =
+    2q/(πA)·exp(−j·asin(b·q/A)), whose balance is Im L = −π·b/2, at a lower θ.
 
-    Off the middle the way back over the border is slower from one side than from the other: with the same
-    dead time, a period at the middle of P becomes P/(4·p·(1 − p)) at the offset p, exactly so for an
-    integrator with a dead time. What the servo has not followed within half a period is taken off the swing.
+    Off the middle the way back over the border is slower from one side than from the other. With the same dead time, a
+    period at the middle of P becomes P/(4·p·(1 − p)) at the offset p. For an integrator with a dead time this is exact.
+    What the servo has not followed within half a period is taken off the swing.
 
     Raises ValueError for an offset outside (0, 1), or when the loop has no such oscillation.
     """
@@ -228,20 +226,20 @@ def holding_limit_cycle(
 ) -> LimitCycle:
     """Limit cycle with a servo that holds where it is once the rounded position equals its set point.
 
-    An integral controller (gain in m/N a sample) works on the same loop as in `limit_cycle`, the desired force
-    being the one on the border between two positions. Every `tick` (s) the servo takes the newest set point and
-    looks at its rounded position: is it another, the set point pulls, else the place where the axis is at
-    that moment. So the axis goes not from step to step, but over the border between them and no farther than
-    it is at the next tick. When m ticks bring it over, f_m = s(m·tick) is the share of the way to its set
-    point that it goes, and with samples enough to come to rest it is held δ beyond the border on both sides:
+    An integral controller (gain in m/N a sample) works on the same loop as in `limit_cycle`. The desired force is the
+    one on the border between two positions. Every `tick` (s) the servo takes the newest set point and looks at its
+    rounded position. If they differ, the set point pulls, else the place where the axis is at that moment. So the axis
+    goes not from step to step, but over the border between them and no farther than it is at the next tick. When m
+    ticks bring it over, it goes the share f_m = s(m·tick) of the way to its set point. With samples enough to come to
+    rest it is held δ beyond the border on both sides:
 
         2δ = f_m·(q/2 + δ),    δ = q·f_m/(2·(2 − f_m)),    if it was short of the border at m − 1 ticks:
         f_(m−1)·(q/2 + δ) < δ.
 
-    More than one m can fulfil that. The axis also swings through by what it coasts, and when the force
-    is sampled meanwhile, it is that which counts. So the cycle is not written down but found: the equations of
-    the switched loop, linear between ticks, are stepped until they repeat, from some steps below the border,
-    as a controller arrives there. Nothing in them is random or fitted.
+    More than one m can fulfil that. The axis also coasts beyond that place, and a force that is sampled meanwhile
+    counts. So the cycle has no formula: it is found. The equations of the switched loop,
+    linear between ticks, are stepped until they repeat, from some steps below the border, as a controller arrives
+    there. Nothing in them is random or fitted.
 
     The plant's delay is the mean one, half a tick of waiting for the servo included. `smoothing` (s) is the
     time constant of a first-order filter of the force, which the delay must then leave out.
@@ -311,7 +309,7 @@ def _sweep(stiffness: float, controller: Response, plant: SampledPlant) -> tuple
 
 
 def _crossings(theta: Floats, values: Floats, loop: Complexes) -> list[tuple[float, complex]]:
-    """Where `values` change their sign: θ, and the loop there, by straight lines between neighbours."""
+    """Places at which `values` change their sign: θ, and the loop there, by straight lines between neighbours."""
     # At θ = π rounding alone decides the sign of the imaginary part.
     before = np.flatnonzero(np.sign(values[:-2]) * np.sign(values[1:-1]) < 0)
     share = values[before] / (values[before] - values[before + 1])

@@ -1,11 +1,11 @@
 """Mass, centre of gravity and sensor bias from what the sensor reads while the tool is held in several ways. Pure.
 
-With u the weight of one kilogram as the tool sees it, and everything along the tool's axes at the sensor's origin:
-force = m u + bias, moment = (m c) × u + bias. Both are linear in m, m c and the biases, so each is one linear least
-squares problem. Source: textbook rigid-body statics.
+Let u be the weight of one kilogram as the tool sees it, with everything along the tool's axes at the sensor's origin.
+Then force = m u + bias, moment = (m c) × u + bias. Both are linear in m, m c and the biases, so each is one linear
+least squares problem. Source: textbook rigid-body statics.
 
-Turning the tool about the vertical changes u in no way, and two directions of u leave the part of c along their
-difference open: u has to change in two directions.
+Turning the tool about the vertical does not change u. Two directions of u leave the part of c along their difference
+open, so u has to change in two directions.
 """
 
 import math
@@ -25,7 +25,7 @@ POSES_MIN = 3
 SPREAD_MIN = 0.12
 """Least root mean square of the weight's direction (a unit vector) about its mean, in the second of its directions.
 
-Chosen: five poses that turn the tool by 11° to either side about two axes have it, and tell the centre of gravity
+Chosen: five poses that turn the tool by 11° to either side about two axes have it. They tell the centre of gravity
 three times worse than 35° to either side.
 """
 
@@ -36,7 +36,7 @@ _SIGNIFICANT = 5.0
 
 @dataclass(frozen=True, slots=True)
 class ToolPose:
-    """One way to hold the tool free in space, and what the sensor read meanwhile."""
+    """One way to hold the tool free in space, and the sensor's reading in it."""
 
     quaternion: tuple[float, ...]
     """Tool in base, w x y z."""
@@ -48,17 +48,20 @@ class ToolPose:
 
 @dataclass(frozen=True, slots=True)
 class ToolEstimate:
-    """What hangs below the sensor, each value with its standard uncertainty."""
+    """Mass and bias below the sensor, each value with its standard uncertainty."""
 
     mass: float
     """kg"""
     mass_uncertainty: float
+    """kg"""
     centre_of_gravity: Vector
-    """From the sensor's origin along the tool frame's axes, m."""
+    """Place from the sensor's origin along the tool frame's axes, m."""
     centre_of_gravity_uncertainty: Vector
+    """m"""
     bias: tuple[float, ...]
-    """What the sensor reads with nothing on it, in the sensor frame, N and N·m, shape (6,)."""
+    """Reading of the sensor with nothing on it, in the sensor frame, N and N·m, shape (6,)."""
     bias_uncertainty: tuple[float, ...]
+    """N and N·m, shape (6,)."""
     residuals: tuple[tuple[float, ...], ...]
     """Reading less what the estimate explains, for each pose, sensor frame, N and N·m, shape (n, 6)."""
     turned: float
@@ -78,9 +81,9 @@ class ToolEstimate:
 def identify_tool(poses: Sequence[ToolPose], wrist: Wrist) -> ToolEstimate:
     """The tool that explains the readings best. Of `wrist` only orientation and handedness are used.
 
-    Uncertainties take the larger of the residuals' and the readings' variance: a filter makes readings follow each
-    other, so many of them are not taken to be better than one. Raises ConfigError when the poses cannot tell, with
-    what is missing.
+    Uncertainties take the larger of the residuals' and the readings' variance. A filter makes readings follow each
+    other, so many of them are not taken to be better than one. Raises ConfigError when the poses cannot tell, with what
+    is missing.
     """
     if len(poses) < POSES_MIN:
         raise ConfigError(f"too few poses to tell the tool: {len(poses)} of at least {POSES_MIN}; {_ADVICE}")

@@ -1,4 +1,4 @@
-"""What refuses, clamps or ends a run: one row for each condition, and here the rows of all that decides in a cycle.
+"""Conditions that refuse, clamp or end a run, one row each. Here are the rows of all that decides in a cycle.
 
 The rows are for people: `hil-bridge supervisor table` and docs/safety.md print them, `hil-bridge supervisor explain`
 names them. What is decided is decided by supervisor and task alone.
@@ -23,7 +23,7 @@ class When(StrEnum):
 
 
 class Reaction(StrEnum):
-    """What a condition leads to."""
+    """Consequence of a condition."""
 
     REFUSED = "refused, nothing has moved"
     CLAMPED = "less is ordered, the run goes on"
@@ -39,12 +39,12 @@ STOPPED, COMPLETED, INTERRUPTED, CONFIGURATION = 3, 0, 130, 2
 
 @dataclass(frozen=True, slots=True)
 class ConditionRow:
-    """One condition and what it leads to."""
+    """One condition and its consequence."""
 
     name: str
     """The supervisor's own cause where it is one, else a name of the same kind."""
     condition: str
-    """In words."""
+    """Condition in words."""
     settings: tuple[str, ...]
     """Keys of the configuration that rule it, without those that describe a device."""
     when: When = When.CYCLE
@@ -148,7 +148,7 @@ STOPS: tuple[ConditionRow, ...] = (
         "limits.unanswered_mm",
     ),
 )
-"""What the supervisor stops for, in the order in which it looks."""
+"""Conditions for which the supervisor stops, in the order in which it looks."""
 
 BARRIER = _clamp(
     "barrier",
@@ -181,7 +181,7 @@ CLAMPS: tuple[ConditionRow, ...] = (
         None,
     ),
 )
-"""What the supervisor makes less of. A command that pulls back is never shortened, but by the workspace."""
+"""Conditions that shorten a command. A command that pulls back is never shortened, but by the workspace."""
 
 ENDS: tuple[ConditionRow, ...] = (
     ConditionRow("held-approach", "a clamp holds the approach in place", ()),
@@ -195,7 +195,7 @@ ENDS: tuple[ConditionRow, ...] = (
     ),
     ConditionRow("time-is-up", "the time of tracking is over", ("run.duration_s",), exit_code=COMPLETED),
 )
-"""What else ends a run that can still decide."""
+"""Other conditions that end a run that can still decide."""
 
 BY_CAUSE: Mapping[Cause, tuple[ConditionRow, ...]] = {
     cause: tuple(row for row in STOPS if row.cause is cause) for cause in Cause

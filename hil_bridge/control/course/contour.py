@@ -1,9 +1,9 @@
 """The task frame on a curved contour: where the surface's normal lies, from motion and force together.
 
-Angles are about the axis across approach and travel, rad: θ > 0 where the surface falls away along the travel. With
-the tangent τ = t·cos θ + a·sin θ and the inward normal n = a·cos θ − t·sin θ (a approach, t travel), a surface that
-is pressed with N and rubbed with the friction angle φ pushes back by f_a = N·cos θ + N·tan φ·sin θ along a and
-f_t = −N·sin θ + N·tan φ·cos θ along t, so that
+Angles are about the axis across approach and travel, rad: θ > 0 where the surface falls away along the travel. Take the
+tangent τ = t·cos θ + a·sin θ and the inward normal n = a·cos θ − t·sin θ, with a the approach and t the travel. A
+surface that is pressed with N and rubbed with the friction angle φ pushes back by f_a = N·cos θ + N·tan φ·sin θ along a
+and f_t = −N·sin θ + N·tan φ·cos θ along t, so that
 
     ψ = atan2(f_t, f_a) = φ − θ,    N = f_a·cos θ − f_t·sin θ.
 
@@ -22,7 +22,7 @@ from hil_bridge.control.course.checks import require_above_zero
 
 
 class ContourState(Struct, frozen=True):
-    """What the estimate remembers."""
+    """State of the estimate between samples."""
 
     points: tuple[tuple[float, float, float], ...] = ()
     """Travel in m, depth in m and ψ in rad of the newest samples in contact, oldest first."""
@@ -58,7 +58,7 @@ class Contour:
     def step(
         self, state: ContourState, travel: float, depth: float, force: float, force_travel: float
     ) -> ContourState:
-        """One sample in contact: reported travel and depth in m, reaction along approach and travel in N.
+        """State after one sample in contact: reported travel and depth in m, reaction along approach and travel in N.
 
         A sample that is not finite, or does not press, is left out.
         """

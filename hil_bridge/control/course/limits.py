@@ -1,4 +1,4 @@
-"""What the supervisor allows, as settings with their units."""
+"""Limits of the supervisor, as settings with their units."""
 
 import math
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from protocol.geometry import Vector
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """What is allowed. Every default is chosen, not a fact about a device: set them for the cell at hand."""
+    """Limits of a run. Every default is chosen, not a fact about a device: set them for the cell at hand."""
 
     __pydantic_config__: ClassVar = {"extra": "forbid"}
 
@@ -35,8 +35,8 @@ class Limits:
     repeats itself for some frames, a dead converter for ever. Chosen: 400 frames of the default stream.
     """
     unanswered_mm: float = 2.0
-    """How far a pressing tool may go deeper without the force changing by one count: more, and the axis that
-    measures it is dead, while the controller presses ever harder.
+    """Depth by which a pressing tool may go deeper without the force changing by one count. Beyond it the axis that
+    measures the force is dead, while the controller presses ever harder.
     """
     oscillation_guard: bool = True
     """Lower the gain of a loop whose force swings for long, and end the run when that does not help."""
@@ -59,14 +59,14 @@ class Limits:
     zero_max_n: float = 50.0
     """Largest force that may be taken for zero, beside the known weight of the tool and bias of the sensor."""
     weight_tolerance_n: float = 1.0
-    """How far each force may be from the known weight of the tool before a run moves."""
+    """Largest distance of each force from the known weight of the tool before a run moves."""
     weight_tolerance_nm: float = 0.2
     """The same for each moment."""
     retract_rise_n: float = 5.0
     """Rise of the force while retracting above which the tool stands still."""
     retract_grace_ms: float = 700.0
-    """Time that a retraction from contact has to take effect, until when the force may still rise: two cycles of the
-    slowest line, the servo and the sensor's filter.
+    """Time that a retraction from contact has to take effect; until then the force may still rise. It covers two cycles
+    of the slowest line, the servo and the sensor's filter.
     """
     blind_retract_mm: float = 5.0
     """How far a tool that pressed is pulled back without a force to go by, at least to the depth of the start."""

@@ -5,8 +5,9 @@ The same functions make the decisions of a run and of its replay; a run looks at
 
 import math
 from dataclasses import dataclass
+from typing import Annotated
 
-from msgspec import Struct
+from msgspec import Meta, Struct
 from msgspec.structs import replace
 
 from hil_bridge.control.course.contour import Contour, ContourState, normal_force
@@ -33,7 +34,7 @@ _NO_CONTOUR, _NO_OSCILLATION = ContourState(), OscillationState()
 
 
 class Sample(Struct, frozen=True):
-    """What one cycle has measured."""
+    """Measurements of one cycle."""
 
     now: float
     """When it is looked at, s on the run's clock."""
@@ -46,26 +47,26 @@ class Sample(Struct, frozen=True):
     sensor_at: float
     """When the sensor frame arrived, s on the run's clock."""
     sensor_sequence: int
-    """Its counter, unwrapped."""
+    """Counter of the frame, unwrapped."""
     repeated_frames: int = 0
-    """How many of the newest frames in a row carried identical counts: for the record alone."""
+    """Number of newest frames in a row with identical counts: for the record alone."""
     saturated: bool = False
     """An axis is at the end of its range."""
     dead_axis: str = ""
     """Which axis of the controlled force does not live, in words; empty while all do."""
     fault: str = ""
-    """What is wrong with a device, in words; empty while nothing is."""
+    """Fault of a device, in words; empty while there is none."""
     force_travel: float = 0.0
     """Contact force along the travel direction, N, positive where the surface pushes against the travel."""
-    wrench: tuple[float, ...] = ()
+    wrench: Annotated[tuple[float, ...], Meta(max_length=6)] = ()
     """The whole contact wrench, tool frame, N and N·m: for the record alone."""
     position_at: float | None = None
     """When `position` was true, s on the run's clock; None where that is not known."""
     paired_force: float | None = None
     """Contact force along the approach direction at that moment, N; None where none is known."""
     peak_force: float = 0.0
-    """Force along the approach direction farthest from 0 of all frames since the decision before, N: from the zero, or
-    from what the sensor read before it, whichever is more.
+    """Force along the approach direction farthest from 0 of all frames since the decision before, N. It counts from the
+    zero, or from the reading before the zero, whichever is more.
     """
     peak_resultant: float = 0.0
     """Largest length of the force vector of these frames, likewise, N."""
@@ -76,7 +77,7 @@ class Sample(Struct, frozen=True):
     gap: float = 0.0
     """Longest time for which the computer stood still since the decision before, or this one lasted, s."""
     unchanged: float = 0.0
-    """For how long the newest frames have carried identical counts, s."""
+    """Time for which the newest frames have carried identical counts, s."""
 
 
 class LoopState(Struct, frozen=True):
@@ -93,15 +94,15 @@ class LoopState(Struct, frozen=True):
 
 
 class Proposal(Struct, frozen=True):
-    """What task and controller would like to command, for the supervisor to judge."""
+    """Command that task and controller ask for; the supervisor judges it."""
 
     depth: float
     """Reported position along the approach direction from the start point, m."""
     measurement: Measurement
-    """What the controller was given."""
+    """Input of the controller."""
     output: TaskOutput
     failure: str
-    """What is wrong with the controller, in words; empty while nothing is."""
+    """Fault of the controller, in words; empty while there is none."""
     advice: Advice | None
     """The oscillation detector's word; None where it has none."""
     task: TaskState
@@ -110,7 +111,7 @@ class Proposal(Struct, frozen=True):
 
 
 class Decision(Struct, frozen=True):
-    """What the cycle is to command, and why."""
+    """Command of the cycle, with its reasons."""
 
     depth: float
     """Reported position along the approach direction from the start point, m."""
@@ -158,9 +159,9 @@ class ControlLoop:
     as the paper does.
     """
     sample_time: float = SAMPLE_MS * 1e-3
-    """What the controller is tuned for, s; the first sample counts as that long."""
+    """Sample time that the controller is tuned for, s; the first sample counts as that long."""
     fixed_dt: float | None = None
-    """What every sample counts as, s, whatever was measured; None for what was measured."""
+    """Time that every sample counts as, s, instead of the measured one; None for the measured one."""
 
     def initial(self, start: Vector) -> LoopState:
         """State at the start point, away from the surface; its reported position in the base frame, m."""
@@ -187,7 +188,7 @@ class ControlLoop:
         return min(max(now - before, 0.0), LONGEST_SAMPLES * self.sample_time)
 
     def propose(self, state: LoopState, sample: Sample) -> Proposal:
-        """What task and controller make of a sample."""
+        """Intent of task and controller for a sample."""
         (x, y, z), (a, b, c) = sample.position, state.start
         x, y, z = x - a, y - b, z - c
         (a, b, c), (u, v, w) = self.approach, self.travel
@@ -233,7 +234,7 @@ class ControlLoop:
         cause = _cause(state, output, verdict)
         way: Verdict = verdict
         if cause and output.phase is not _RETRACT:
-            # From the state before this sample: what the controller made of it no longer matters.
+            # From the state before this sample: the controller's answer to it no longer matters.
             task, output = self.task.step(self.task.fail(state.task, cause), proposal.measurement)
             supervisor, way = self.supervisor.retreat(supervisor, seen, self._request(state, output))
         elif advice is not None and advice.factor < 1.0 and not isinstance(verdict, Stop):
@@ -261,8 +262,9 @@ class ControlLoop:
         )
 
     def _barrier(self, proposal: Proposal) -> float:
-        """Depth, m, at which the force limit less its margin is predicted: by the stiffness in hand, from the reported
-        position and the force that belongs to it. What the robot has yet to do of its orders lies before it.
+        """Depth, m, at which the force limit less its margin is predicted. The prediction takes the stiffness in hand,
+        the reported position and the force that belongs to it. What the robot has yet to do of its orders lies before
+        it.
         """
         limits, measurement, command = self.supervisor.limits, proposal.measurement, proposal.output.command
         stiffness = self.task.parameters.expected_stiffness_n_m
@@ -275,7 +277,8 @@ class ControlLoop:
     def _decide(self, state: TaskState, measurement: Measurement) -> tuple[TaskState, TaskOutput, str]:
         """The task's step, and what is wrong with its controller; empty while nothing is.
 
-        A controller may be anybody's: whatever it raises, and an answer that is not of numbers, is its failure.
+        A controller may come from another package: every error that it raises, and an answer that is not of numbers,
+        is its failure.
         """
         try:
             task, output = self.task.step(state, measurement)
@@ -291,7 +294,7 @@ class ControlLoop:
     def _face(
         self, state: LoopState, measurement: Measurement, sample: Sample
     ) -> tuple[ContourState, Measurement]:
-        """The measurement along the surface's normal while tracking; the estimate begins anew with every contact."""
+        """The measurement along the surface's normal while tracking; the estimate begins again with every contact."""
         if self.contour is None or state.task.phase is not _TRACK:
             return _NO_CONTOUR, measurement
         force, travel = measurement.force, measurement.travel
@@ -310,7 +313,7 @@ class ControlLoop:
     def _watch(
         self, state: OscillationState, measurement: Measurement, output: TaskOutput
     ) -> tuple[OscillationState, Advice | None]:
-        """The detector's word on a sample of TRACK in contact; it begins anew with every other phase."""
+        """The detector's word on a sample of TRACK in contact; it begins again with every other phase."""
         if self.detector is None or output.phase is not _TRACK:
             return _NO_OSCILLATION, None
         if output.command is None or not output.in_contact:
@@ -326,7 +329,7 @@ class ControlLoop:
 
 
 def one_line(text: str) -> str:
-    """The first line of somebody's text, with half characters written out."""
+    """The first line of a text from another package; half characters are written out."""
     return (text.splitlines() or [""])[0].encode(errors="backslashreplace").decode()
 
 

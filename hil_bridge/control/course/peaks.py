@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 
-from hil_bridge.control.geometry.wrist import NO_WRENCH, Facing
+from hil_bridge.control.geometry.wrist import NO_WRENCH, WristAtOrientation
 
 
 class Peaks:
@@ -14,14 +14,16 @@ class Peaks:
 
     __slots__ = ("_direction", "_force", "_matrix", "_moment", "_offset", "_resultant", "_zero", "saturated")
 
-    def __init__(self, facing: Facing, scales: Sequence[float], zero: Sequence[float] = NO_WRENCH) -> None:
-        """`facing` is the wrist at the orientation that the tool keeps, its first direction the approach. `scales`
+    def __init__(
+        self, wrist: WristAtOrientation, scales: Sequence[float], zero: Sequence[float] = NO_WRENCH
+    ) -> None:
+        """`wrist` is the wrist at the orientation that the tool keeps, its first direction the approach. `scales`
         are those of the sensor's facts, `zero` is the contact wrench that was taken for zero, N and N·m.
         """
-        rows = [[value * scale for value, scale in zip(row, scales, strict=True)] for row in facing.matrix]
+        rows = [[value * scale for value, scale in zip(row, scales, strict=True)] for row in wrist.matrix]
         self._matrix = tuple(map(tuple, rows))
-        self._offset = facing.offset
-        self._direction = facing.directions[0]
+        self._offset = wrist.offset
+        self._direction = wrist.directions[0]
         self._zero = tuple(zero)
         self._force = self._resultant = self._moment = 0.0
         self.saturated = False
@@ -56,7 +58,7 @@ class Peaks:
 
     def take(self) -> tuple[float, float, float, bool]:
         """Force along the approach farthest from 0, N, largest resultant, N, and moment, N·m, of all frames since the
-        call before, and whether one was saturated; zeros where none came.
+        call before; zeros where none came. The last value is whether one was saturated.
         """
         found = self._force, math.sqrt(self._resultant), math.sqrt(self._moment), self.saturated
         self._force = self._resultant = self._moment = 0.0

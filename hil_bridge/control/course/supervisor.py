@@ -1,11 +1,11 @@
 """The last word before the wire: what may be sent, what is clamped, what ends the run. Pure.
 
-Which side is safe: away from the surface. Depth may grow no faster than so much a second, no farther than a
-total, and no farther than where the stiffness in hand predicts the force limit; a move that pulls back is never
-shortened by these, only by the workspace. A request that leaves the workspace is cut where the straight way
-from the last allowed position meets its border, so the cut position is never deeper than both ends. A stop is
-latched: only a new state, made by a person's decision, ends it. A stop asks for a retraction, and the
-retraction is supervised too: where it makes the force rise, the tool stands still.
+Which side is safe: away from the surface. Depth has three limits: a growth per second, a total, and the depth at which
+the stiffness in hand predicts the force limit. A move that pulls back is never shortened by these, only by the
+workspace. A request that leaves the workspace is cut where the straight way from the last allowed position meets its
+border. So the cut position is never deeper than both ends. A stop is latched: only a new state, made by a person's
+decision, ends it. A stop asks for a retraction, and the retraction is supervised too: where it makes the force rise,
+the tool stands still.
 """
 
 import math
@@ -43,7 +43,7 @@ class Cause(StrEnum):
 
 
 class Observation(Struct, frozen=True):
-    """What is known of the cell in this cycle."""
+    """Facts about the cell in this cycle."""
 
     now: float
     """s on the run's clock."""
@@ -54,9 +54,9 @@ class Observation(Struct, frozen=True):
     sensor_at: float
     """When the newest sensor frame arrived, s on the run's clock."""
     sensor_sequence: int
-    """Its frame counter, unwrapped."""
+    """Counter of the frame, unwrapped."""
     unchanged: float = 0.0
-    """For how long the newest frames have carried identical counts on all axes, s."""
+    """Time for which the newest frames have carried identical counts on all axes, s."""
     saturated: bool = False
     """True when an axis was at the end of its range, so that the force may be anything above."""
     dead_axis: str = ""
@@ -66,7 +66,7 @@ class Observation(Struct, frozen=True):
     depth: float = 0.0
     """Reported position along the approach direction from the start point, m."""
     fault: str = ""
-    """What is wrong with a device, in words; empty while nothing is."""
+    """Fault of a device, in words; empty while there is none."""
     peak_force: float = 0.0
     """Force along the approach direction farthest from 0 of all frames since the decision before, N, from the zero or
     without it.
@@ -86,7 +86,7 @@ class Observation(Struct, frozen=True):
 
 
 class Request(Struct, frozen=True):
-    """Where the task wants the tool."""
+    """Target that the task asks for."""
 
     depth: float
     """Along the approach direction from the start point, m."""
@@ -103,7 +103,7 @@ class Allow(Struct, frozen=True):
 
     kind: ClassVar[str] = "allow"
     depth: float
-    """Of the command from the start point, m."""
+    """Depth of the command from the start point, m."""
     position: Vector
     """The same as a point in the base frame, m."""
 
@@ -113,7 +113,7 @@ class Clamp(Struct, frozen=True):
 
     kind: ClassVar[str] = "clamp"
     depth: float
-    """Of the command from the start point, m."""
+    """Depth of the command from the start point, m."""
     position: Vector
     """The same as a point in the base frame, m."""
     reasons: tuple[str, ...]
@@ -131,7 +131,7 @@ Verdict: TypeAlias = Allow | Clamp | Stop
 
 
 class Retreat(Struct, frozen=True):
-    """What a retraction has met so far."""
+    """Course of a retraction so far."""
 
     began_at: float
     """s on the run's clock."""
@@ -142,11 +142,11 @@ class Retreat(Struct, frozen=True):
     depth: float
     """Reported depth at which the force last came down, m."""
     within: bool = False
-    """It began within the force limit, so that nothing may carry the force beyond."""
+    """The retraction began within the force limit, so that nothing may carry the force beyond."""
 
 
 class SupervisorState(Struct, frozen=True):
-    """Where the last allowed command was, what the devices told, and the stop if there was one."""
+    """Place of the last allowed command, the reports of the devices, and the stop if there was one."""
 
     depth: float
     """Depth allowed last, m; at the beginning that of the reported position, so 0 at the start point."""
@@ -218,8 +218,8 @@ class Supervisor:
         """One cycle of pulling back, which no stop ends but one: a force that rises, or stays over its limit, while
         the tool moves away. The tool stands still then.
 
-        Where the force cannot be known the tool goes back to the depth of the start, where it has been, and, where it
-        pressed, by no more than `blind_retract_mm`. The request must be finite. A stop stays latched.
+        Where the force cannot be known the tool goes back to the depth of the start, where it has been. Where it
+        pressed, it goes back by no more than `blind_retract_mm`. The request must be finite. A stop stays latched.
         """
         before, seen = state.retreat, observation
         after = before
@@ -327,7 +327,7 @@ class Supervisor:
             return Stop(Cause.FROZEN, f"no new force for {still * 1e3:.0f} ms")
         if seen.dead_axis:
             return Stop(Cause.FROZEN, seen.dead_axis)
-        # before what goes by the reported depth
+        # before the checks that use the reported depth
         if seen.position is not None and (text := self._untrue_pose(state, seen, seen.position)):
             return Stop(Cause.POSE, text)
         if pressed is not None and (deeper_mm := (seen.depth - pressed[1]) * 1e3) > limits.unanswered_mm:
@@ -434,10 +434,10 @@ def _clamp(limits: Limits, state: SupervisorState, request: Request, dt: float) 
     target: Vector = (tx, ty, tz)
     low, high = limits.workspace_min_m, limits.workspace_max_m
     if not (low[0] <= tx <= high[0] and low[1] <= ty <= high[1] and low[2] <= tz <= high[2]):
-        # What leads across goes first: a border beside the way must not hold the depth.
+        # The part across the approach is cut first: a border beside the way must not hold the depth.
         target = bx + nx * along, by + ny * along, bz + nz * along
         share = min(map(_share_inside, state.position, target, low, high))
-        # The last allowed position is inside; the border only takes off what the arithmetic left over.
+        # The last allowed position is inside; the border only takes off an error of the arithmetic.
         x, y, z = (
             min(max(before + share * (to - before), lowest), highest)
             for before, to, lowest, highest in zip(state.position, target, low, high, strict=True)
@@ -452,7 +452,7 @@ def _clamp(limits: Limits, state: SupervisorState, request: Request, dt: float) 
 
 
 def _share_inside(before: float, target: float, low: float, high: float) -> float:
-    """How much of the way from an allowed place to the target stays between the borders, on one axis."""
+    """Share of the way from an allowed place to the target that stays between the borders, on one axis."""
     if low <= target <= high:
         return 1.0
     return ((high if target > before else low) - before) / (target - before)
@@ -467,7 +467,7 @@ metres, far below what a force would show.
 """
 
 _STANDS = 1e-3
-"""How far a reported position may be off without being untrue, m. Chosen: some steps of a coarse robot."""
+"""Largest error of a reported position that still counts as true, m. Chosen: some steps of a coarse robot."""
 
 _FASTER = 1.5
 """Chosen: how many times the path velocity a reported position may move at, for two answers are not evenly spaced."""

@@ -1,7 +1,7 @@
 """The course of a run as a pure state machine: approach, track the surface, retract, end.
 
-The controller is stepped in TRACK only. Its state lives on through a contact loss and a new approach, so that
-the stiffness that it has learnt is kept; it is told of the loss by `in_contact`.
+The controller is stepped in TRACK only. Its state lives on through a contact loss and a new approach, so that the
+learnt stiffness is kept. `in_contact` tells it of the loss.
 """
 
 import math
@@ -13,7 +13,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from hil_bridge.control.course.checks import require_above_zero, require_not_negative
-from hil_bridge.control.types import POSITION_STEP_MM, SAMPLE_MS, Command, Controller, Measurement, plain
+from hil_bridge.control.types import POSITION_STEP_MM, SAMPLE_MS, Command, Controller, Measurement, as_command
 
 
 class Phase(StrEnum):
@@ -35,7 +35,7 @@ _APPROACH, _TRACK, _RETRACT = Phase.APPROACH, Phase.TRACK, Phase.RETRACT
 
 @dataclass(frozen=True, slots=True)
 class TaskParameters:
-    """What to do. All values are chosen for the paper's experiments and the robot's resolution."""
+    """Settings of the task. All values are chosen for the paper's experiments and the robot's resolution."""
 
     __pydantic_config__: ClassVar = {"extra": "forbid"}
 
@@ -44,8 +44,8 @@ class TaskParameters:
     approach_speed_mm_s: float = 2.75
     """Speed of the approach, at most. Chosen: 0.5 mm in a cycle of 180 ms."""
     expected_stiffness_n_m: float = 5000.0
-    """Stiffness of the hardest surface expected: the approach goes slowly enough for a first touch to press
-    with no more than the desired force, and than half the supervisor's limit. Source: the paper's sponge.
+    """Stiffness of the hardest surface expected. The approach goes so slowly that a first touch presses with no more
+    than the desired force, and than half the supervisor's limit. Source: the paper's sponge.
     """
     approach_depth_limit_mm: float = 50.0
     """Depth added at most in an approach before it is given up."""
@@ -58,7 +58,7 @@ class TaskParameters:
     loss_threshold_n: float = 0.5
     """Force below which contact counts as lost; lower than the other so that noise does not toggle it."""
     loss_ms: float = 800.0
-    """Time without contact after which the surface is approached anew; until then the controller may find it by
+    """Time without contact after which the surface is approached again; until then the controller may find it by
     itself, without travelling on. Chosen: five samples of 172 … 187 ms reach it and four do not.
     """
     loss_limit: int = 20
@@ -90,8 +90,8 @@ class TaskParameters:
 
     @property
     def single_step_mm(self) -> float:
-        """Step of a movement that waits after each one: how far an approach goes in `SAMPLE_MS`, in whole steps of
-        `zero_step_mm` where it goes that far.
+        """Step of a movement that waits after each one: the way of an approach in `SAMPLE_MS`. Where it is long enough,
+        it is in whole steps of `zero_step_mm`.
         """
         step = self.approach_speed_mm_s * SAMPLE_MS * 1e-3
         return round(step / self.zero_step_mm) * self.zero_step_mm or step
@@ -169,7 +169,7 @@ class TaskOutput(Struct, frozen=True):
     target: Target
     in_contact: bool
     command: Command | None = None
-    """What the controller said; None outside TRACK."""
+    """Answer of the controller; None outside TRACK."""
     losses: int = 0
     """Contact losses so far."""
     cause: str = ""
@@ -206,7 +206,7 @@ class Task:
         return replace(self.finish(state, cause), failed=True)
 
     def way(self, speed_mm_s: float, dt: float) -> float:
-        """How far to move in one sample at this speed, m.
+        """Way of one sample at this speed, m.
 
         A robot that moves in whole position steps is given whole ones, so that every sample of a steady cycle asks for
         the same. What rounds to none is not rounded: it adds up in the command, and the speed stays.
@@ -223,8 +223,8 @@ class Task:
     def step(self, state: TaskState, measurement: Measurement) -> tuple[TaskState, TaskOutput]:
         """One sample. `measurement.in_contact` is not looked at: contact is judged here, from the force.
 
-        A measurement that is not finite changes nothing and asks for the depth commanded before; a retraction
-        goes on regardless, for it needs neither force nor position.
+        A measurement that is not finite changes nothing and asks for the depth commanded before. A retraction goes on
+        regardless, for it needs neither force nor position.
         """
         finite = math.isfinite(measurement.force) and math.isfinite(measurement.position)
         if not finite and state.phase in (Phase.APPROACH, Phase.TRACK):
@@ -264,12 +264,12 @@ class Task:
         return state, _output(state, depth, Phase.APPROACH)
 
     def _careful_step(self, ahead: float, dt: float) -> float:
-        """How far to go where the tool has not been, m, so that a touch ends within the force allowed.
+        """Way into a place where the tool has not been, m, so short that a touch ends within the force allowed.
 
-        Derived: there is no contact at the reported position, so however late a touch shows, it ends no
-        deeper below the surface than the command is `ahead` of that position. What is already under way is the
-        delay as it is measured; half of what is allowed at once keeps the steps even. A position that is no number
-        counts as no lead: a retraction goes on without it.
+        Derived: there is no contact at the reported position. So however late a touch shows, it ends no deeper below
+        the surface than the command is `ahead` of that position. What is already under way is the delay as it is
+        measured; half of what is allowed at once keeps the steps even. A position that is no number counts as no lead:
+        a retraction goes on without it.
         """
         parameters = self.parameters
         allowed = min(parameters.force_n, self.force_limit_n / 2) / parameters.expected_stiffness_n_m
@@ -306,7 +306,7 @@ class Task:
             measurement.dt,
         )
         memory, answer = self.controller.step(state.controller, seen, self.parameters.force_n)
-        command = plain(answer)
+        command = as_command(answer)
         if state.in_contact:
             state = TaskState(
                 state.phase,

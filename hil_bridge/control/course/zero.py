@@ -1,4 +1,4 @@
-"""What must be true of a sensor before its reading is taken for zero, and before anything moves. Pure.
+"""Checks of a sensor before its reading is taken for zero, and before anything moves. Pure.
 
 A reading is the mean of some frames in the sensor frame, fx fy fz in N and mx my mz in N·m, shape (6,).
 """
@@ -44,7 +44,7 @@ def _limits(change_n: float) -> tuple[float, ...]:
 
 
 def reading(wrenches: Sequence[Sequence[float]]) -> Reading:
-    """What these frames say together; at least two of them, oldest first."""
+    """Joint finding from these frames; at least two of them, oldest first."""
     table = np.asarray(wrenches, dtype=float)
     half = len(table) // 2
     drift = table[half:].mean(axis=0) - table[:half].mean(axis=0)
@@ -52,7 +52,7 @@ def reading(wrenches: Sequence[Sequence[float]]) -> Reading:
 
 
 def weight_reading(wrist: Wrist, quaternion: Quaternion) -> tuple[float, ...]:
-    """What the sensor reads of this tool and its own bias at this orientation, with no contact, (6,)."""
+    """Reading of the sensor for this tool and its own bias at this orientation, without contact, (6,)."""
     weight = tool_gravity_wrench(quaternion, wrist.mass, wrist.centre_of_gravity)
     to_sensor = wrist.alignment().T
     seen = np.concatenate([to_sensor @ weight[:3], to_sensor @ weight[3:]]) + np.asarray(wrist.bias)
@@ -75,7 +75,7 @@ def weight_fault(
 
 
 def _likeness(read: Sequence[float], expected: Sequence[float], tolerances: Sequence[float]) -> str:
-    """What would explain a reading, in words: a touch always may, and one fault of an axis where it fits."""
+    """Possible causes of a reading, in words: always a touch, and one fault of an axis where it fits."""
     touch = "the tool touches something"
     main = max(range(3), key=lambda k: abs(expected[k]))
     value, weight, tolerance = read[main], expected[main], tolerances[main]

@@ -1,9 +1,8 @@
 """Wrenches and rotations between frames.
 
-Vectors have shape (3,), wrenches are (fx fy fz mx my mz) in N and N·m. Quaternions are w x y z and say how the
-tool stands in the base, so they turn tool vectors into base vectors. Source: textbook rigid-body statics; a
-wrench moves by the transpose of the adjoint that moves a twist, so that force times velocity is the same number
-in every frame.
+Vectors have shape (3,), wrenches are (fx fy fz mx my mz) in N and N·m. Quaternions are w x y z and say how the tool
+stands in the base, so they turn tool vectors into base vectors. Source: textbook rigid-body statics. A wrench moves by
+the transpose of the adjoint that moves a twist, so that force times velocity is the same number in every frame.
 """
 
 import math
@@ -90,7 +89,7 @@ def transform_wrench(rotation: Array, origin: ArrayLike, wrench: ArrayLike) -> A
 
 
 def tool_gravity_wrench(quaternion: Sequence[float], mass_kg: float, centre_of_gravity: ArrayLike) -> Array:
-    """What the weight below the sensor makes it feel, in the tool frame: subtract it from what was measured.
+    """Wrench that the weight below the sensor puts on it, in the tool frame; subtract it from the measured one.
 
     The centre of gravity is given from the sensor's origin in the tool frame, m.
     """

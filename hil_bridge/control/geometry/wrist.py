@@ -1,7 +1,7 @@
-"""From what the wrist sensor says to the contact wrench on the tool.
+"""The way from the readings of the wrist sensor to the contact wrench on the tool.
 
-Three frames: the sensor frame, in which it counts; the same place along the tool's axes, where the tool's weight is
-taken off; the tool frame, about whose origin the contact wrench is told.
+There are three frames: the sensor frame, in which it counts; the same place along the tool's axes; and the tool frame.
+In the second the tool's weight is taken off. The contact wrench is about the tool frame's origin.
 """
 
 from collections.abc import Sequence
@@ -17,7 +17,7 @@ NO_WRENCH = (0.0,) * 6
 
 @dataclass(frozen=True, slots=True)
 class Wrist:
-    """How the sensor sits between flange and tool, and what it reads without any contact."""
+    """Mounting of the sensor between flange and tool, and its reading without any contact."""
 
     orientation: Quaternion = (1.0, 0.0, 0.0, 0.0)
     """Sensor frame in the tool frame, w x y z."""
@@ -26,11 +26,11 @@ class Wrist:
     flip: bool = False
     """Negate Fx and Mx: for a sensor that counts left-handed as seen from the tool (JR3 manual 5907E)."""
     bias: tuple[float, ...] = NO_WRENCH
-    """What the sensor reads with nothing on it, as it counts (before the flip), N and N·m, shape (6,)."""
+    """Reading of the sensor with nothing on it, as it counts (before the flip), N and N·m, shape (6,)."""
     mass: float = 0.0
-    """What hangs below the sensor, kg."""
+    """Mass below the sensor, kg."""
     centre_of_gravity: Vector = (0.0, 0.0, 0.0)
-    """Of that mass, from the sensor's origin along the tool frame's axes, m."""
+    """Centre of that mass, from the sensor's origin along the tool frame's axes, m."""
 
     def alignment(self) -> Array:
         """Matrix (3, 3) that takes forces, and likewise moments, as the sensor counts them to the tool's axes."""
@@ -50,9 +50,9 @@ class Wrist:
     ) -> Array:
         """Wrench of the environment on the tool, about the tool frame's origin, N and N·m, shape (6,).
 
-        `measured` is in the sensor frame; quaternions are w x y z, tool in base. Counted from a zero that was
-        taken at `quaternion_tare`, it lacks the bias and the weight at that orientation, so only the weight's
-        change since then is taken off. None: no zero was taken, bias and weight are taken off as they are known.
+        `measured` is in the sensor frame; quaternions are w x y z, tool in base. Counted from a zero that was taken at
+        `quaternion_tare`, it lacks the bias and the weight at that orientation. Then only the weight's change since
+        that zero is taken off. None: no zero was taken, bias and weight are taken off as they are known.
         """
         counted = np.asarray(measured, dtype=float)
         if quaternion_tare is None:
@@ -65,16 +65,16 @@ class Wrist:
                 wrench += tool_gravity_wrench(quaternion_tare, self.mass, self.centre_of_gravity)
         return transform_wrench(np.eye(3), self.position, wrench)
 
-    def facing(
+    def at_orientation(
         self, quaternion: Sequence[float], quaternion_tare: Sequence[float] | None, *directions_base: Vector
-    ) -> "Facing":
-        """What `contact_wrench` and these directions come to while the tool keeps this orientation."""
+    ) -> "WristAtOrientation":
+        """`contact_wrench` and these directions, worked out once for as long as the tool keeps this orientation."""
         offset = self.contact_wrench(NO_WRENCH, quaternion, quaternion_tare)
         columns = [
             self.contact_wrench(unit, quaternion, quaternion_tare) - offset for unit in np.eye(6).tolist()
         ]
         to_tool = rotation_matrix(quaternion).T
-        return Facing(
+        return WristAtOrientation(
             tuple(map(tuple, np.transpose(columns).tolist())),
             tuple(offset.tolist()),
             tuple(tuple((to_tool @ direction).tolist()) for direction in directions_base),
@@ -82,11 +82,11 @@ class Wrist:
 
 
 @dataclass(frozen=True, slots=True)
-class Facing:
-    """A wrist at one orientation in plain numbers: in every cycle arrays of three would cost ten times as much."""
+class WristAtOrientation:
+    """A wrist at one orientation, in plain numbers: arrays of three would take ten times as long in every cycle."""
 
     matrix: tuple[tuple[float, ...], ...]
-    """What takes a measured wrench to the contact wrench, (6, 6), beside the offset."""
+    """Matrix that takes a measured wrench to the contact wrench, before the offset is added, (6, 6)."""
     offset: tuple[float, ...]
     """Contact wrench where nothing is measured, N and N·m, (6,)."""
     directions: tuple[tuple[float, ...], ...]

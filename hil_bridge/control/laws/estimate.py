@@ -1,15 +1,14 @@
 """Contact stiffness from pairs of reported position and measured force.
 
-Source: eq. (4) of the paper, k = [f(k) − f(k−1)] / [x(k) − x(k−1)], with the gates that trials found
-necessary: a pair counts only when the position moved by half a resolution step and the force by twice its
-uncertainty, when the quotient is a possible stiffness, and counts the more, the more its force changed.
+Source: eq. (4) of the paper, k = [f(k) − f(k−1)] / [x(k) − x(k−1)], with the gates that trials found necessary. A pair
+counts only when the position moved by half a resolution step and the force by twice its uncertainty. The quotient must
+also be a possible stiffness. It counts the more, the more its force changed.
 
-Which two samples make a pair. Until there is an estimate, a pair that does not pass the gates keeps its older
-sample, so that the small moves of a slow approach to a soft surface add up; the sample is given up after
-a few, because a surface that moves sideways under the tool would otherwise enter the quotient without
-bound. Once there is an estimate only neighbouring samples are compared: added-up small moves carry the
-robot's dead band, half a step that was reported but not moved, and on a hard surface pull the estimate to
-half of its value, which is enough for a limit cycle.
+Which two samples make a pair. Until there is an estimate, a pair that does not pass the gates keeps its older sample.
+So the small moves of a slow approach to a soft surface add up. The sample is given up after a few pairs: a surface that
+moves sideways under the tool would otherwise enter the quotient without bound. Once there is an estimate, only
+neighbouring samples are compared. Added-up small moves carry the robot's dead band: half a step that was reported but
+not moved. On a hard surface this pulls the estimate to half of its value, which is enough for a limit cycle.
 """
 
 import math
@@ -18,7 +17,7 @@ from msgspec import Struct
 
 
 class Gates(Struct, frozen=True):
-    """What makes a pair of samples count."""
+    """Conditions under which a pair of samples counts."""
 
     position_change: float
     """Smallest |Δx|, m."""
@@ -40,7 +39,7 @@ class StiffnessEstimate(Struct, frozen=True):
     stiffness: float | None = None
     """N/m; None before the first pair that counted."""
     position: float | None = None
-    """Reported position of the older sample, m; None when the next sample begins anew."""
+    """Reported position of the older sample, m; None when the next sample begins again."""
     force: float = 0.0
     """Force of the older sample, N."""
     age: int = 0

@@ -23,14 +23,14 @@ from hil_bridge.control.types import POSITION_STEP_MM, SAMPLE_MS, Command, Measu
 
 
 class FuzzyState(Struct, frozen=True):
-    """What the fuzzy PI remembers."""
+    """State of the fuzzy PI between samples."""
 
     error: float | None = None
     """Force error of the sample before, N; None before the first one, whose change counts as 0."""
 
 
 class AdaptiveState(Struct, frozen=True):
-    """What the adaptive controllers remember."""
+    """State of the adaptive controllers between samples."""
 
     error: float | None = None
     """Force error of the sample before, N."""
@@ -145,11 +145,11 @@ class FuzzyAdaptive:
 class ResolutionAware:
     """Feedforward alone, and rest where no reachable position is nearer.
 
-    x(k+1) = x_est(k) of eq. (5) while |f_e| > k_est · Δx_res/2 + uncertainty, else the command stays.
-    Derived: positions are Δx_res apart, hence forces k_est · Δx_res, so a smaller error cannot be
-    bettered by a step; the fuzzy correction, never 0 for long on a hard surface, would keep the limit
-    cycle alive. Estimate and feedforward take the force that acted when the position was true, where it is
-    known. Without an estimate, and without contact, the fuzzy PI works alone.
+    x(k+1) = x_est(k) of eq. (5) while |f_e| > k_est · Δx_res/2 + uncertainty, else the command stays. Derived:
+    positions are Δx_res apart, hence forces k_est · Δx_res, so no step can make a smaller error better. The fuzzy
+    correction is never 0 for long on a hard surface and would keep the limit cycle alive. Estimate and feedforward take
+    the force that acted when the position was true, where it is known. Without an estimate, and without contact, the
+    fuzzy PI works alone.
     """
 
     __pydantic_config__: ClassVar = FORBID_EXTRA

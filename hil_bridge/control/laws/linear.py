@@ -1,8 +1,8 @@
 """The controllers of textbooks, to compare with: incremental PI and admittance.
 
-Both push the command by what the force lacks, so both have a loop gain that is proportional to the stiffness
-of the surface: tuned for one, they creep on softer ones and oscillate on harder ones. Scheduling scales them
-by the estimated stiffness.
+Both push the command in proportion to the missing force, so both have a loop gain that is proportional to the stiffness
+of the surface. Tuned for one surface, they creep on softer ones and oscillate on harder ones. Scheduling scales them by
+the estimated stiffness.
 """
 
 import math
@@ -24,7 +24,7 @@ from hil_bridge.control.types import POSITION_STEP_MM, SAMPLE_MS, Command, Measu
 
 
 class PiState(Struct, frozen=True):
-    """What the PI remembers."""
+    """State of the PI between samples."""
 
     error: float | None = None
     """f_d − f of the sample before, N; None before the first one, whose change counts as 0."""
@@ -94,9 +94,9 @@ class AdmittanceState(Struct, frozen=True):
     time: float | None = None
     """When the force was sampled last, s; None before the first sample."""
     offset: float = 0.0
-    """Of the virtual body from where contact began, m, as commanded."""
+    """Way of the virtual body from the begin of the contact, m, as commanded."""
     velocity: float = 0.0
-    """Of the virtual body, m/s."""
+    """Velocity of the virtual body, m/s."""
     anchor: float = 0.0
     """Commanded position at which contact began, m: the spring is relaxed there."""
     estimate: Stiffness = Stiffness()
@@ -166,7 +166,7 @@ class Admittance:
         first = state.time is None
         anchor = measurement.commanded if first else state.anchor
         gain = _gain(self, estimate)
-        # What the supervisor or the rounding to words took off is no part of the body's motion.
+        # The part that the supervisor or the rounding to words took off does not belong to the body's motion.
         offset, velocity = self._move(
             measurement.commanded - anchor,
             state.velocity,
@@ -201,7 +201,7 @@ class Admittance:
 
 
 def _expm(matrix: Array) -> Array:
-    """Matrix exponential; SciPy is loaded by those alone who use it."""
+    """Matrix exponential. SciPy is imported here, so that only controllers that use it load it."""
     from scipy.linalg import expm
 
     result: Array = expm(matrix)

@@ -1,10 +1,9 @@
-"""The controller that looks ahead: where along the travel will the desired force be?
+"""The controller that looks ahead along the travel, to the position at which the desired force will act.
 
-Every pair of reported position x and force f of the same moment says at which position the desired force
-would act there: z = x + (f_d − f)/k. Since travel and depth go through the same line, queue and servo, a
-command is a point (travel, depth) of a path, whatever the delay; so z is looked at as a function of travel,
-a straight line is laid through its last few values, and the command is that line's value at the travel it is
-sent with.
+Each pair of reported position x and force f of the same moment gives a wanted position z = x + (f_d − f)/k. There the
+desired force f_d would act at this travel. Travel and depth go through the same line, queue and servo, so a command is
+a point (travel, depth) of a path, whatever the delay. The controller therefore takes z as a function of travel and fits
+a straight line to its last few values. The command is that line's value at the travel that is sent with it.
 """
 
 import math
@@ -23,9 +22,11 @@ from hil_bridge.control.laws.stiffness import Pairing, Stiffness, observe
 from hil_bridge.control.types import POSITION_STEP_MM, SAMPLE_MS, Command, Measurement
 
 _PROBE_RANGE = 50.0
-"""The stiffest surface over the softest that is believed while probing. Chosen: with the default, 2 kN/m."""
-_SWING, _CALM, _GUARD_MOST = 1.5, 0.95, 8.0
-"""What a swing multiplies the guard by, what every other sample does, and its largest value. Chosen."""
+"""Stiffest surface over the softest that is assumed while probing. Chosen: with the default, 2 kN/m is the softest."""
+_SWING_FACTOR, _CALM_FACTOR, _ROBUSTNESS_MOST = 1.5, 0.95, 8.0
+"""Robustness factor: a swing multiplies it by the first, every other sample by the second; the third is its largest
+value. Chosen.
+"""
 
 
 class Pair(NamedTuple):
@@ -40,24 +41,24 @@ class Pair(NamedTuple):
 
 
 class PredictiveState(Struct, frozen=True):
-    """What the predictive controller remembers."""
+    """State of the predictive controller between samples."""
 
     estimate: Stiffness = Stiffness()
     pairs: tuple[Pair, ...] = ()
     """Newest last, all of the present contact."""
     slope: float = 0.0
-    """How much deeper the surface lies per travel, as far as known."""
+    """Depth that the surface gains per travel, as far as known."""
     side: int = 0
-    """Sign of the last force error that was clearly no noise."""
-    guard: float = 0.0
-    """Factor on the stiffness while the error swings from side to side; below 1 it is none."""
+    """Sign of the last force error that was clearly above the noise."""
+    robustness: float = 0.0
+    """Factor on the stiffness while the error swings from side to side; below 1 the stiffness is used as it is."""
 
 
 class Line(Struct, frozen=True):
     """A straight line through values along the travel."""
 
     value: float
-    """At the travel asked for."""
+    """Value at the travel asked for."""
     slope: float
     slope_error: float
     """Standard error of the slope."""
@@ -67,14 +68,17 @@ class Line(Struct, frozen=True):
 class Predictive:
     """x(k+1) = ẑ(travel commanded with it), ẑ the weighted line through z_i = x_i + (f_d − f_i)/k_est.
 
-    Derived. The gain 1/k_est falls by itself on harder surfaces. Weights are inverse variances: quantisation
-    of the position, force noise, the doubt in k_est times the distance to the desired force, and what a
-    curved surface departs from a line. A move inwards takes k_est larger by its standard error; before there
-    is an estimate, it takes the stiffest surface, and a move outwards the softest that the approach allows.
-    It holds where no reachable position is nearer, |f_e| ≤ k_est · Δx_res/2 + uncertainty, unless the
-    surface moves.
-    An error that swings from side to side betrays an estimate that is too low, by damping or friction: from
-    the second swing on, each raises the stiffness used in its place for a while.
+    Derived. The gain 1/k_est falls by itself on harder surfaces. The weights are inverse variances of four parts:
+    quantisation of the position, force noise, standard error of k_est, and departure of a curved surface from a line.
+    The standard error counts times the distance to the desired force. A move inwards takes k_est larger by its standard
+    error. Before there is an estimate, a move inwards assumes the stiffest surface, and a move outwards the softest one
+    that the approach allows.
+
+    Deadband rest: the command stays where no position that the robot can take is nearer, unless the surface moves. That
+    is where |f_e| ≤ k_est · Δx_res/2 + uncertainty.
+
+    Robustness factor: an error that swings from side to side shows that k_est is too low, because of damping or
+    friction. From the second swing on, each swing raises the stiffness that is used in its place for a while.
     """
 
     __pydantic_config__: ClassVar = FORBID_EXTRA
@@ -88,9 +92,7 @@ class Predictive:
     caution: float = 1.0
     """Standard errors of the estimate by which it is taken larger for a move inwards."""
     steepest: float = 0.3
-    """Standard deviation of the slopes expected, m deeper per m of travel: a doubtful slope is taken for
-    less.
-    """
+    """Standard deviation of the expected slopes, m deeper per m of travel: an uncertain slope is taken smaller."""
     smallest_radius_mm: float = 100.0
     """Radius of curvature of the surface down to which pairs far behind still count in full."""
     step_limit_mm: float = 2.0
@@ -100,7 +102,7 @@ class Predictive:
     force_uncertainty_n: float = 0.1
     """Standard deviation of the force."""
     pairing: Pairing = field(init=False, repr=False, compare=False)
-    """What is known of pairs."""
+    """Settings for the pairing of force and position."""
 
     def __post_init__(self) -> None:
         require_above_zero(self, "window", "stiffest_n_m", "steepest", "smallest_radius_mm", "step_limit_mm")
@@ -115,7 +117,7 @@ class Predictive:
     def step(
         self, state: PredictiveState, measurement: Measurement, reference: float
     ) -> tuple[PredictiveState, Command]:
-        """One sample. A measurement that is not finite moves nothing and is forgotten.
+        """One sample. A measurement that is not finite moves nothing and is left out.
 
         Raises ValueError for a reference that is not above 0.
         """
@@ -125,13 +127,13 @@ class Predictive:
         estimate = observe(state.estimate, self.pairing, measurement, state.slope)
         if not measurement.in_contact:
             correction = self._search(estimate, reference)
-            state = PredictiveState(estimate, guard=state.guard)
+            state = PredictiveState(estimate, robustness=state.robustness)
             return state, self._answer(measurement, estimate, correction)
         newest = Pair(measurement.travel, measurement.position, measurement.force_at_position)
         pairs = (*state.pairs, newest)[-self.window :]
         if estimate.value is None:
             correction = self._probe(pairs, measurement, reference)
-            state = PredictiveState(estimate, pairs, state.slope, state.side, state.guard)
+            state = PredictiveState(estimate, pairs, state.slope, state.side, state.robustness)
             return state, self._answer(measurement, estimate, correction)
         return self._follow(state, estimate, pairs, measurement, reference)
 
@@ -144,29 +146,34 @@ class Predictive:
         reference: float,
     ) -> tuple[PredictiveState, Command]:
         """The answer where there is an estimate, and the state after it."""
-        stiffness, doubt = estimate.value or math.nan, estimate.relative_error(self.pairing)
+        stiffness, relative_error = estimate.value or math.nan, estimate.relative_error(self.pairing)
         error = measurement.force - reference
         band = stiffness * self.resolution_mm * 1e-3 / 2 + self.force_uncertainty_n
         side = (error > 2 * band) - (error < -2 * band) or state.side
         swung = side * state.side < 0
-        guard = min(state.guard * _SWING, _GUARD_MOST) if swung else max(state.guard * _CALM, 1.0 / _SWING)
-        line = self._fit(pairs, stiffness * max(guard, 1.0), doubt, measurement.travel_next, reference)
+        if swung:
+            robustness = min(state.robustness * _SWING_FACTOR, _ROBUSTNESS_MOST)
+        else:
+            robustness = max(state.robustness * _CALM_FACTOR, 1.0 / _SWING_FACTOR)
+        line = self._fit(
+            pairs, stiffness * max(robustness, 1.0), relative_error, measurement.travel_next, reference
+        )
         moving = abs(line.slope) > 2 * line.slope_error
-        held = abs(error) <= band and not moving
+        resting = abs(error) <= band and not moving
         explanation = {
-            "relative_error": doubt,
-            "guard": max(guard, 1.0),
+            "relative_error": relative_error,
+            "guard": max(robustness, 1.0),
             "slope": line.slope,
             "predicted_m": line.value,
             "band_n": band,
         }
-        correction = 0.0 if held else line.value - measurement.commanded
-        command = self._answer(measurement, estimate, correction, doubt, explanation, held)
+        correction = 0.0 if resting else line.value - measurement.commanded
+        command = self._answer(measurement, estimate, correction, relative_error, explanation, resting)
         slope = line.slope if moving else 0.0
-        return PredictiveState(estimate, pairs, slope, side, guard), command
+        return PredictiveState(estimate, pairs, slope, side, robustness), command
 
     def _probe(self, pairs: tuple[Pair, ...], measurement: Measurement, reference: float) -> float:
-        """Correction while nothing is known of the stiffness, m."""
+        """Correction while the stiffness is unknown, m."""
         error = reference - measurement.force
         if error >= 0:
             return error / self._stiffest(pairs)
@@ -177,9 +184,7 @@ class Predictive:
         return error * travelled / (2 * max(measurement.force_at_position, -error))
 
     def _stiffest(self, pairs: tuple[Pair, ...]) -> float:
-        """Twice what the surface can be at most, going by moves inwards that the force hardly answered,
-        N/m.
-        """
+        """Upper bound of the stiffness, twice over, from moves inwards that hardly changed the force, N/m."""
         newest, least = pairs[-1], self.stiffest_n_m / _PROBE_RANGE
         for pair in pairs[:-1]:
             moved = newest.position - pair.position - self.resolution_mm * 1e-3
@@ -192,23 +197,23 @@ class Predictive:
         """Correction while contact is lost, m."""
         if estimate.value is None:
             return max(reference / self.stiffest_n_m, self.resolution_mm * 1e-3)
-        # A third: contact found again shows two cycles late, and must not be pressed threefold by then.
+        # A third: a contact found again shows two cycles late, and the force must not be threefold by then.
         return reference / (3 * estimate.value)
 
     def _fit(
-        self, pairs: tuple[Pair, ...], stiffness: float, doubt: float, at: float, reference: float
+        self, pairs: tuple[Pair, ...], stiffness: float, relative_error: float, at: float, reference: float
     ) -> Line:
         """Weighted least squares with a slope that is 0 ± `steepest` before any pair is seen."""
-        doubt = min(doubt, 1.0)
-        wary = stiffness * (1 + self.caution * doubt)
+        relative_error = min(relative_error, 1.0)
+        inwards = stiffness * (1 + self.caution * relative_error)
         still = (self.resolution_mm * 1e-3) ** 2 / 12 + (self.force_uncertainty_n / stiffness) ** 2
         bend = 0.5 / (self.smallest_radius_mm * 1e-3)
         s0 = s1 = s2 = t0 = t1 = 0.0
         base = pairs[-1].position
         for travel, position, force in pairs:
             short, away = reference - force, travel - at
-            wanted = position - base + short / (wary if short > 0 else stiffness)
-            variance = still + (doubt * short / stiffness) ** 2 + (bend * away * away) ** 2
+            wanted = position - base + short / (inwards if short > 0 else stiffness)
+            variance = still + (relative_error * short / stiffness) ** 2 + (bend * away * away) ** 2
             weight = 1.0 / variance
             s0 += weight
             s1 += weight * away
@@ -225,13 +230,15 @@ class Predictive:
         measurement: Measurement,
         estimate: Stiffness,
         correction: float,
-        doubt: float | None = None,
+        relative_error: float | None = None,
         explanation: dict[str, float] | None = None,
-        held: bool = False,
+        resting: bool = False,
     ) -> Command:
-        """The command with this correction; its gain is 0 without an estimate and nears 1 the surer that is."""
+        """The command with this correction. Its gain is 0 without an estimate and nears 1 as the error falls."""
         limit = self.step_limit_mm * 1e-3
         correction = min(max(correction, -limit), limit)
         position = measurement.commanded + correction
-        confidence = 1.0 / (1.0 + (estimate.relative_error(self.pairing) if doubt is None else doubt))
-        return Command(position, correction, estimate.value, confidence, held, explanation or {})
+        if relative_error is None:
+            relative_error = estimate.relative_error(self.pairing)
+        confidence = 1.0 / (1.0 + relative_error)
+        return Command(position, correction, estimate.value, confidence, resting, explanation or {})

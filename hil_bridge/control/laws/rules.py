@@ -1,8 +1,8 @@
 """Rule bases of a fuzzy controller: what a person writes down, checked for completeness, as TOML.
 
-A base has two inputs, the force error and its change in percent of the desired force, and one output. Each
-input is cut into levels by edges; each linguistic term says to what degree every level belongs to it; a rule
-names the output's term for a pair of input terms. The output's levels are factors on one output step.
+A base has two inputs, the force error and its change in percent of the desired force, and one output. Each input is cut
+into levels by edges. Each linguistic term says to what degree every level belongs to it. A rule names the output's term
+for a pair of input terms. The output's levels are factors on one output step.
 """
 
 import math
@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 from hil_bridge.control.laws import tables
 from hil_bridge.errors import ConfigError
-from hil_bridge.text_files import TOML_LIMIT_BYTES, parse_toml, read_text, shown, toml_pair, toml_value
+from hil_bridge.text_files import TOML_LIMIT_BYTES, format_value, parse_toml, read_text, toml_pair, toml_value
 
 Table = tuple[tuple[float, ...], ...]
 
@@ -41,7 +41,7 @@ class Variable:
 
     name: str
     levels: tuple[float, ...]
-    """What the levels are called, ascending; for the output also their worth in output steps."""
+    """Names of the levels, ascending; for the output also their worth in output steps."""
     edges_percent: tuple[float, ...]
     """Borders between neighbouring levels, ascending; none for the output."""
     terms: tuple[Term, ...]
@@ -79,8 +79,8 @@ class RuleBase:
     output: Variable
     rules: tuple[Rule, ...]
     printed: Table | None = None
-    """Output levels for error level (row) and change level (column), where a source prints such a table
-    beside its rules; it may differ from what they give.
+    """Output levels for error level (row) and change level (column), where a source prints such a table beside its
+    rules. It may differ from the rules' own answers.
     """
 
     def __post_init__(self) -> None:
@@ -252,7 +252,7 @@ def _numbers(where: str, value: object) -> tuple[float, ...]:
     numbers = _list(where, value)
     for number in numbers:
         if isinstance(number, bool) or not isinstance(number, (int, float)):
-            raise ValueError(f"{where} must be numbers, got {shown(number)}")
+            raise ValueError(f"{where} must be numbers, got {format_value(number)}")
     return tuple(numbers)
 
 
@@ -260,7 +260,7 @@ def _rule(number: int, value: object) -> Rule:
     if not (isinstance(value, list) and len(value) == 3 and all(isinstance(name, str) for name in value)):
         raise ValueError(
             f"inference.rules, number {number} must be three names of terms [error, change, output], "
-            f"got {shown(value)}"
+            f"got {format_value(value)}"
         )
     return Rule(*value)
 

@@ -1,12 +1,12 @@
 """Contact stiffness by recursive least squares with forgetting, over force–position pairs aligned in time.
 
-Model: while pressing, f = k · (x − s), where the surface s lies s' deeper per metre of travel. Between two
-pairs Δf = k · φ with φ = Δx − s' · Δtravel, so k = Σ w φ Δf / Σ w φ², the weights w = λⁿ/r fading with every
-pair that came after. r is the variance of Δf − k φ: the force noise of two samples and k² times the
-quantisation of two reported positions, which on all but the softest surfaces is the larger one. Since φ
-itself carries that quantisation, each φ² is lessened by its variance: without this the estimate of small
-moves is too low, and a stiffness that is too low is a gain that is too high.
-Source: textbook recursive least squares in information form, bias-compensated; the paper has eq. (4) alone.
+Model: while pressing, f = k · (x − s), where the surface s lies s' deeper per metre of travel. Between two pairs Δf = k
+· φ with φ = Δx − s' · Δtravel, so k = Σ w φ Δf / Σ w φ², the weights w = λⁿ/r fading with every pair that came after. r
+is the variance of Δf − k φ: the force noise of two samples and k² times the quantisation of two reported positions. On
+all but the softest surfaces the second part is the larger one. Since φ itself carries that quantisation, each φ² is
+lessened by its variance. Without this the estimate of small moves is too low, and a stiffness that is too low is a gain
+that is too high. Source: textbook recursive least squares in information form, bias-compensated; the paper has eq. (4)
+alone.
 """
 
 import math
@@ -29,7 +29,7 @@ _FIRST_SPAN = 5
 
 @dataclass(frozen=True, slots=True)
 class Pairing:
-    """What is known of pairs: how good they are, and which may count."""
+    """Settings for pairs: their uncertainty, and the conditions under which they count."""
 
     __pydantic_config__: ClassVar[dict[str, str]] = {"extra": "forbid"}
 
@@ -40,8 +40,8 @@ class Pairing:
     forgetting: float = 0.8
     """λ: what older pairs still count when a pair has been added. Chosen: half of them after three."""
     smallest_move: float = 1.5
-    """Move from which a pair counts, in resolution steps; once there is an estimate, the mean of |φ| and of
-    |Δf|/k, lest those be chosen in which |φ| is large by quantisation alone. Chosen: a reversal moves the
+    """Move from which a pair counts, in resolution steps. Once there is an estimate, it is the mean of |φ| and of
+    |Δf|/k; otherwise pairs would be chosen in which |φ| is large by quantisation alone. Chosen: a reversal moves the
     robot by one step less than it reports.
     """
     stiffness_min: float = 1e2
@@ -78,7 +78,7 @@ class Stiffness(Struct, frozen=True):
     pressed: float = 0.0
     """Σ w φ Δf, N·m."""
     force: float | None = None
-    """Force of the older pair, N; None when the next pair begins anew."""
+    """Force of the older pair, N; None when the next pair begins again."""
     position: float = 0.0
     """Position of the older pair, m."""
     travel: float = 0.0
@@ -86,7 +86,7 @@ class Stiffness(Struct, frozen=True):
     age: int = 0
     """Samples since the older pair."""
     slope: float = 0.0
-    """How much deeper the surface lies per travel, going by x − f/k."""
+    """Depth that the surface gains per travel, going by x − f/k."""
 
     @property
     def value(self) -> float | None:
@@ -105,11 +105,10 @@ class Stiffness(Struct, frozen=True):
 def observe(
     estimate: Stiffness, pairing: Pairing, measurement: Measurement, slope: float | None = None
 ) -> Stiffness:
-    """Take one sample. `slope` is how much deeper the surface lies per travel, from who knows it better.
+    """Take one sample. `slope` is how much deeper the surface lies per travel, where the caller knows it better.
 
-    Without contact the estimate stays and pairs begin anew. A sample that is saturated or not finite is
-    passed over, and so is a move too small to tell: its older half is replaced, for sums of small moves carry
-    the robot's dead band.
+    Without contact the estimate stays and pairs begin again. A sample that is saturated or not finite is passed over.
+    So is a move that is too small: its older half is replaced, for sums of small moves carry the robot's dead band.
     """
     if not measurement.in_contact:
         return replace(estimate, force=None)
@@ -130,7 +129,7 @@ def observe(
     newer = Stiffness(estimate.moved, estimate.pressed, force, position, travel, 0, learnt)
     size = abs(moved) if known is None else (abs(moved) + abs(pressed) / known) / 2
     if size < pairing.smallest_move * pairing.resolution_mm * 1e-3 * (1 - 1e-6):
-        # Until there is an estimate, small moves of a cautious beginning add up, though not for ever: a
+        # Until there is an estimate, small moves of a careful beginning add up, though not for ever. A
         # surface that moves sideways under the tool would enter the quotient without bound.
         older = known is None and estimate.age + 1 < _FIRST_SPAN
         return replace(estimate, age=estimate.age + 1) if older else newer

@@ -1,4 +1,4 @@
-"""What a recording, a report and a view need to know of an S3 behind its computer link."""
+"""Facts of an S3 behind its computer link, for recording, report and view."""
 
 from emulators.arm.loops import ServoProfile
 from hil_bridge.facts import Pacing, RobotFacts, ServoFacts, Traffic

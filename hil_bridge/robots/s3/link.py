@@ -26,12 +26,14 @@ from protocol.endpoint import RemoteProtocolError
 from protocol.geometry import Pose
 from protocol.s3.adlp import (
     ROUTINE,
+    TRAILER,
     Control,
     Count,
     LinkFailed,
     LinkFailure,
     LinkNotice,
     LinkProfile,
+    NoticeKind,
 )
 from protocol.s3.arap import (
     KNOWN,
@@ -40,6 +42,7 @@ from protocol.s3.arap import (
     ArapHost,
     FunctionCode,
     Mode,
+    Move,
     MoveKind,
     OrderBook,
     OrderFailed,
@@ -66,7 +69,7 @@ _Meaning = TypeVar("_Meaning")
 _SENT = Direction.SENT
 _ENQ, _EOT = int(Control.ENQ), int(Control.EOT)
 _NO_START_POINT = RefusalCode.OUTSIDE_WORK_AREA
-"""What refuses a move for want of a sequence, or of a start point. Source: project specification, section 3."""
+"""Refusals of a move without a sequence, or without a start point. Source: project specification, section 3."""
 _SLOWEST_M_S = 1e-3
 """Chosen: velocity of an order that is not to move anything, m/s."""
 _READ_STATUS = FunctionCode.READ_STATUS
@@ -78,6 +81,8 @@ SAID_S = 15.0
 """How long ago the robot may have said something that is told with a failure. Chosen: the longest wait for an answer,
 and its start-up.
 """
+TRAILER_TOLD_S = 60.0
+"""How often at most it is told that an order holds 10 03, which is counted each time. Chosen."""
 _QUANTITIES = (Count.BLOCKS_SENT, Count.BLOCKS_RECEIVED, Count.MESSAGES_SENT, Count.MESSAGES_RECEIVED)
 
 
@@ -112,27 +117,30 @@ class S3Link:
             self._host, self._transport, clock, self._take, lambda failure: log.notice("link", str(failure))
         )
         self.begun_at = math.nan
-        """When the newest order's first byte, that of the bid, was handed to the port, s on the run's clock, or the
-        order itself to the link, if the bid had gone out ahead of it; NaN where neither happened.
+        """Time at which the first byte of the newest order's bid was handed to the port, s on the run's clock. If the
+        bid had gone out ahead of the order, the time at which the order was handed to the link; NaN where neither
+        happened.
         """
         self.transmitted_at = math.nan
-        """When its last character, that ends the message, has left the line: reckoned from when it was handed to the
-        port, at the line's rate, for ports do not tell.
+        """Time at which its last character, which ends the message, has left the line. Ports do not tell it, so it is
+        calculated from the hand-over to the port, at the line's rate.
         """
         self._answered_at = math.nan
         self._answer_time = answer_time(profile)
-        """What a status answer takes on the line, s: its pose is as old when the answer is complete."""
+        """Time of a status answer on the line, s: its pose is as old when the answer is complete."""
         self._reports = 0
         self._soon = False
         """The order under way is followed by another at once."""
         self._status: Status | None = None
         """The newest."""
         self._fit: Status | None = None
-        """As the robot was when the movement began."""
+        """Status of the robot when the movement began."""
         self._said: deque[tuple[float, str]] = deque(maxlen=3)
-        """What the robot said unasked, and when, s on the run's clock."""
+        """Unasked messages of the robot with their times, s on the run's clock."""
         self._troubles: Counter[str] = Counter()
-        """What went wrong on the link since the newest order began."""
+        """Trouble on the link since the newest order began."""
+        self._trailer_told_at = -math.inf
+        """When it was last told that an order holds 10 03, s on the run's clock."""
         self._explaining = False
         """The order under way is to tell why another one failed."""
 
@@ -226,12 +234,12 @@ class S3Link:
     async def exchange(self, *telegrams: Telegram, soon: bool = False) -> Telegram:
         """Send one order, of one block or several, and wait for its answer; errors as `order`.
 
-        With `soon` the bid for the next order goes out with the end of the answer, so that the controller
-        acknowledges it while the caller still makes up its mind, unless the profile's `bid_ahead` is off. The caller
-        must give an order then, and soon.
+        With `soon` the bid for the next order goes out with the end of the answer. The controller then acknowledges it
+        while the caller still decides, unless the profile's `bid_ahead` is off. The caller must give an order then, and
+        soon.
 
-        The error of an order that was refused, or not answered, also tells what the robot said shortly before and what
-        its status shows, if it still answers.
+        The error of an order that was refused, or not answered, also tells other messages of the robot shortly before.
+        It tells the robot's status, if the robot still answers.
         """
 
         def order() -> None:
@@ -270,14 +278,14 @@ class S3Link:
         error.args = ("; ".join((str(error), *facts)),)
 
     def _understood(self, read: Callable[[_Raw], _Meaning], raw: _Raw) -> _Meaning:
-        """What an answer means. Raises DeviceError when it cannot be read."""
+        """Message in an answer. Raises DeviceError when it cannot be read."""
         try:
             return read(raw)
         except RemoteProtocolError as error:
             raise DeviceError(f"robot on {self.name} gave an answer that cannot be read: {error}") from error
 
     def fault(self, status: Status) -> str:
-        """What in a status forbids to move, in words with what is known of its cause; empty while nothing does."""
+        """Reasons in a status that forbid to move, in words with their known cause; empty while there are none."""
         if shown := stop(status, self.profile.check_flags):
             facts = (*shown, *self._said_before(self._clock.now()))
             return f"robot on {self.name} cannot move; its status now shows: {'; '.join(facts)}"
@@ -285,7 +293,7 @@ class S3Link:
         return fault and f"robot on {self.name} reports {fault}"
 
     def _said_before(self, now: float) -> list[str]:
-        """What the robot said unasked shortly before, in words."""
+        """Unasked messages of the robot shortly before, in words."""
         return [
             f"it had said {now - at:.1f} s before: {text}"
             for at, text in self._said
@@ -325,6 +333,22 @@ class S3Link:
         else:
             await motion.end()
 
+    def encoded(self, move: Move) -> Telegram:
+        """A move as it travels on this link: of the profile's length, and by a neighbouring step where its place or
+        orientation would hold 10 03, which a controller may take for the block's end.
+
+        No coordinate is then further than one step of 0.125 mm from the one ordered, into the surface as little as out
+        of it. It is counted.
+        """
+        length = self.profile.move_length
+        telegram = move.to_telegram(length)
+        if TRAILER not in telegram.data or not self.profile.avoids_trailer:
+            return telegram
+        avoiding = move.to_telegram(length, avoid_trailer=True)
+        if avoiding != telegram:
+            self._host.link.note(NoticeKind.TRAILER_AVOIDED, "a move gave way by one step")
+        return avoiding
+
     def _passed(self, direction: Direction, data: bytes) -> None:
         """Stamp an order's way out: the first bid, and what ended it last."""
         if direction is not _SENT or not self._asking.under_way:
@@ -352,6 +376,10 @@ class S3Link:
             case LinkNotice(kind=kind, text=text):
                 if kind not in ROUTINE:
                     self._troubles[kind] += 1
+                if kind is NoticeKind.TRAILER_SENT:
+                    if self._clock.now() < self._trailer_told_at + TRAILER_TOLD_S:
+                        return
+                    self._trailer_told_at = self._clock.now()
                 self._tell_link_event(kind + ": " + text, routine=kind in ROUTINE)
             case LinkFailed(reason=reason, text=text):
                 self._tell_link_event(f"{reason}: {text}")

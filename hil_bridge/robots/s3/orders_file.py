@@ -30,7 +30,7 @@ from typing import Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from hil_bridge.errors import ConfigError
-from hil_bridge.text_files import TOML_LIMIT_BYTES, parse_toml, read_text, shown
+from hil_bridge.text_files import TOML_LIMIT_BYTES, format_value, parse_toml, read_text
 from protocol import fields
 from protocol.marks import Mark
 from protocol.s3.adlp import HEADER_SIZE
@@ -46,7 +46,7 @@ from protocol.s3.arap import (
 )
 
 SUFFIX_DIGITS = 5
-"""Of a function suffix at most. Standard: it is a word of 16 bits (computer-link specification, section 3)."""
+"""Most digits of a function suffix. Standard: it is a word of 16 bits (computer-link specification, section 3)."""
 
 _MarkName = Literal["observed", "derived", "standard", "assumed", "chosen"]
 _TypeName = Literal["u8", "s8", "u16", "s16", "u32", "s32", "f32", "bytes"]
@@ -69,7 +69,7 @@ class _FieldTable(_Table):
 
 
 class _EmulatorTable(_Table):
-    """What the emulated controller answers."""
+    """Answers of the emulated controller."""
 
     memory: str = ""
     key: list[str] = []
@@ -123,7 +123,7 @@ def _definition(name: str, value: object) -> OrderDefinition:
     try:
         table = _OrderTable.model_validate(value)
     except ValidationError as error:
-        raise _explained(name, error) from error
+        raise _explain(name, error) from error
     for suffix in table.suffixes:
         if not (suffix.isdecimal() and len(suffix) <= SUFFIX_DIGITS):
             raise DefinitionError("a suffix is a whole number", name, "suffixes", suffix)
@@ -173,10 +173,10 @@ def _payload(name: str, part: str, items: list[_FieldTable], length: int | None,
     return Payload(fields.Layout(f"{name} {part}", size, ">", found), rest)
 
 
-def _explained(name: str, error: ValidationError) -> DefinitionError:
+def _explain(name: str, error: ValidationError) -> DefinitionError:
     """The first thing that has the wrong form, in words."""
     first: Any = error.errors()[0]
-    got = f", got {shown(first['input'])}"
+    got = f", got {format_value(first['input'])}"
     match first["type"]:
         case "extra_forbidden":
             table = _EmulatorTable if "emulator" in first["loc"] else _FieldTable

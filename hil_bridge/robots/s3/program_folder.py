@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from hil_bridge.errors import ConfigError
-from hil_bridge.text_files import named, read_up_to
+from hil_bridge.text_files import format_path, read_up_to
 from protocol.s3.adlp import HEADER_SIZE, MESSAGE_LIMIT
 
 NUMBER_LIMIT = 0xFFFF
@@ -25,16 +25,18 @@ def read_programs(folder: Path, max_telegram: int) -> Mapping[int, bytes]:
             with path.open("rb") as file:
                 found[number] = read_up_to(file, room + 1)
             if len(found[number]) > room:
-                raise ConfigError(f"{named(path)}: too long to be received, at most {room} bytes")
+                raise ConfigError(f"{format_path(path)}: too long to be received, at most {room} bytes")
     except OSError as error:
         raise ConfigError(f"cannot read {error.filename or folder}: {error.strerror}") from error
     except ValueError as error:  # a NUL in the path
-        raise ConfigError(f"cannot read {named(folder)}: {error}") from error
+        raise ConfigError(f"cannot read {format_path(folder)}: {error}") from error
     return found
 
 
 def _number(path: Path) -> int:
     stem = path.name.partition(".")[0]
     if not (stem.isascii() and stem.isdecimal() and int(stem) <= NUMBER_LIMIT):
-        raise ConfigError(f"{named(path)}: name it by its program number, 0 to {NUMBER_LIMIT}, as in 7.prg")
+        raise ConfigError(
+            f"{format_path(path)}: name it by its program number, 0 to {NUMBER_LIMIT}, as in 7.prg"
+        )
     return int(stem)

@@ -26,8 +26,8 @@ from protocol.s3.arap import KNOWN
 
 
 def robot_wire(url: str, link: LinkProfile) -> tuple[str, LinkProfile]:
-    """A robot URL with what it leaves out of its serial line taken from the profile, and the profile with what
-    the URL says of the line. Raises ConfigError.
+    """A robot URL whose missing line settings come from the profile, and the profile with the line settings of the URL.
+    Raises ConfigError.
     """
     parsed = parse_url(url, CONNECT_BYTES)
     options = parsed.options
@@ -48,7 +48,7 @@ def _line(link: LinkProfile) -> LineSettings:
 
 
 def robot_site(settings: KindSettings) -> S3Site:
-    """What the files of a configuration say of the controller's orders and programs. Raises ConfigError."""
+    """Orders and programs of the controller from the files of a configuration. Raises ConfigError."""
     orders, programs = settings.client.orders_file, settings.emulated.robot.program_folder
     return S3Site(
         read_orders(Path(orders), settings.client.link.max_telegram) if orders else KNOWN,
@@ -71,7 +71,7 @@ async def connect(url: str, settings: KindSettings, wiring: Wiring) -> S3Link:
 
 
 def facts(url: str, settings: KindSettings) -> RobotFacts:
-    """What is known of a controller behind this wire; its servo is as assumed of the emulated one."""
+    """Facts of a controller behind this wire; its servo is assumed to be like the emulated one's."""
     link = robot_wire(url, settings.client.link)[1] if url else settings.client.link
     return robot_facts(link, settings.emulated.servo)
 
@@ -90,7 +90,7 @@ async def serve(url: str, robot: Any, settings: KindSettings, serving: Serving) 
 
 
 def usual(settings: KindSettings, virtual: bool) -> str:
-    """In real time a line as the real controller's."""
+    """URL at which the robot listens: in real time a line like the real controller's."""
     return "memory:robot" if virtual else with_line("pty:", _line(settings.emulated.link))
 
 

@@ -6,9 +6,9 @@ from protocol.s3.adlp import LinkProfile
 
 
 class S3Settings(BaseModel):
-    """What stands in `[robot]` for an S3."""
+    """Settings in `[robot]` for an S3."""
 
     orders_file: str = ""
     """TOML file of orders that this controller knows beside the usual ones; empty: none."""
     link: LinkProfile = LinkProfile()
-    """What is known and assumed about the computer link."""
+    """Known and assumed facts about the computer link."""

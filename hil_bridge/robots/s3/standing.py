@@ -1,4 +1,4 @@
-"""What in a status keeps an S3 robot from moving, in words."""
+"""Reasons in a status that keep an S3 robot from moving, in words."""
 
 from collections.abc import Sequence
 
@@ -15,13 +15,13 @@ _STATES = (
     ),
     ("operation", False, "in standby", "start again"),
 )
-"""What of a status keeps the robot from moving: flag, value, words, remedy."""
+"""Flags of a status that keep the robot from moving: flag, value, words, remedy."""
 _SURE = ("emergency_stop", "operation")
 """Flags of it that were observed; where the others are is assumed."""
 
 
 def stop(status: Status, check_flags: bool) -> tuple[str, str] | None:
-    """What keeps the robot from moving and the first remedy; None where nothing does.
+    """Reasons that keep the robot from moving and the first remedy; None where there are none.
 
     `check_flags`: flags whose place is assumed count too.
     """
@@ -34,7 +34,7 @@ def stop(status: Status, check_flags: bool) -> tuple[str, str] | None:
 
 
 def hindrance(status: Status, fit: Status | None) -> str:
-    """What keeps the robot from moving, but for what held already when it was `fit` to move; empty where nothing."""
+    """Reasons that keep the robot from moving, except those that held already when it was `fit` to move; or empty."""
     new = [
         words
         for name, value, words, _ in _STATES

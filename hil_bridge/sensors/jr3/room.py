@@ -131,7 +131,7 @@ async def _connect_board(url: str, settings: KindSettings, wiring: Wiring) -> tu
     path = settings.client.board.program
     program = read_program(Path(path)) if path else ()
     wire, profile = await connect_board(url, settings.client.board, wiring.clock)
-    return wiring.shown(wire), BoardClient(profile, wiring.clock.now(), program)
+    return wiring.tap(wire), BoardClient(profile, wiring.clock.now(), program)
 
 
 async def _serve_board(url: str, board: Any, settings: KindSettings, serving: Serving) -> str:

@@ -7,11 +7,11 @@ from protocol.jr3.registers import BoardClientProfile
 
 
 class Jr3Settings(BaseModel):
-    """What stands in `[sensor]` for a JR3."""
+    """Settings in `[sensor]` for a JR3."""
 
     gateway: GatewayClientProfile = GatewayClientProfile()
-    """What the client asks of a CAN gateway."""
+    """Requests of the client to a CAN gateway."""
     board: BoardClientProfile = BoardClientProfile()
-    """What the client asks of a receiver board."""
+    """Requests of the client to a receiver board."""
     uart: UartGatewayClientProfile = UartGatewayClientProfile()
-    """What the client asks of a UART gateway."""
+    """Requests of the client to a UART gateway."""

@@ -12,7 +12,7 @@ _FULL = (errno.ENOBUFS, errno.EAGAIN)
 
 
 def file_descriptor(bus: can.BusABC) -> int:
-    """What the event loop waits for, or −1 when the interface has none."""
+    """File descriptor that the event loop waits for, or −1 when the interface has none."""
     try:
         return bus.fileno()
     except NotImplementedError:

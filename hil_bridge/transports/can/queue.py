@@ -1,4 +1,4 @@
-"""What every CAN wire needs for sending: a bounded queue whose frames do not grow old, and its counts."""
+"""Parts that every CAN wire needs for sending: a bounded queue whose frames do not grow old, and its counts."""
 
 import math
 from collections import deque
@@ -10,12 +10,12 @@ from hil_bridge.transports.delivery import QUEUE_FRAMES
 from protocol.can.frame import CanFrame
 
 SEND_DEADLINE_S = 0.1
-"""For how long a frame waits while nothing leaves, s. Chosen: after that a command is worse than none."""
+"""Longest wait of a frame while nothing leaves, s. Chosen: after that a command is worse than none."""
 
 
 @dataclass(frozen=True, slots=True)
 class CanStatistics:
-    """What a node of a CAN bus has seen since it was opened."""
+    """Counts of a node of a CAN bus since it was opened."""
 
     sent: int = 0
     """Frames that the interface has taken; on a bus in memory, frames that were acknowledged."""
@@ -26,18 +26,18 @@ class CanStatistics:
     error_frames: int = 0
     """Reports of trouble: of the interface and of the transport."""
     bus_off: int = 0
-    """How often the node had to leave the bus because of its errors."""
+    """Number of times that the node had to leave the bus because of its errors."""
     malformed: int = 0
     """Arrivals that were no classical CAN frame."""
     overruns: int = 0
-    """Arrivals lost because nobody took them in time."""
+    """Arrivals lost because the client did not take them in time."""
 
 
 class SendQueue:
     """Frames that wait for the bus, in order.
 
-    A frame is given up when it has waited for the deadline and nothing has left meanwhile: a slow bus delays,
-    a stuck one does not keep old commands for later.
+    A frame is given up when it has waited for the deadline and nothing has left meanwhile. A slow bus delays; a stuck
+    one does not keep old commands for later.
     """
 
     __slots__ = ("_deadline", "_name", "dropped", "frames", "progress", "sent")

@@ -15,8 +15,8 @@ from protocol.can.slcan import SlcanClient
 class SlcanWire:
     """Transport over an adapter whose channel is opened at once.
 
-    slcan tells of no bus error, and not of every frame whether it has left: what waits for the adapter waits in the
-    byte wire, whose own bounds hold.
+    slcan tells of no bus error, and not of every frame whether it has left. Frames that wait for the adapter wait in
+    the byte wire, whose own bounds hold.
     """
 
     def __init__(

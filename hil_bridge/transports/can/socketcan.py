@@ -1,9 +1,9 @@
 """The network interface under a SocketCAN bus: whether it is up, and how to come back when it was not.
 
-What the kernel does (net/can/raw.c): when the interface goes down, every socket bound to it reads ENETDOWN once;
-the socket stays bound, sending fails with ENETDOWN, and all goes on when the interface is up again. When the
-interface is deleted or its adapter unplugged, the socket reads ENODEV and is of no use any more, even if an
-interface of the same name comes back.
+The kernel's way (net/can/raw.c): when the interface goes down, every socket bound to it reads ENETDOWN once. The socket
+stays bound, and sending fails with ENETDOWN, until the interface is up again. When the interface is deleted or its
+adapter unplugged, the socket reads ENODEV. It is of no use any more then, even if an interface of the same name comes
+back.
 """
 
 import errno
@@ -26,7 +26,7 @@ _IFREQ = struct.Struct("16sH22x")
 
 
 class Link(Protocol):
-    """What may go away under a bus and come back."""
+    """Errors of an interface that may go away under a bus and come back."""
 
     @property
     def up(self) -> bool:
@@ -52,7 +52,7 @@ class SocketCanLink:
 
     def renew(self, bus: can.BusABC) -> can.BusABC:
         if isinstance(bus, SocketcanBus) and bus.socket.getsockname()[0] == self._channel:
-            # still bound to it; the error that nobody has read yet is over
+            # still bound to it; the error that was not read yet is over
             bus.socket.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
             return bus
         renewed = self._open_bus()

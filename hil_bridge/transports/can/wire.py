@@ -23,14 +23,15 @@ MOST_PER_WAKE_UP = 256
 """Reads before others have their turn. Chosen: 30 ms of a full bus at 1 Mbit/s in about 3 ms."""
 
 RETRY_S = 0.001
-"""When a frame is offered again that the interface had no room for, s. Chosen: ten frames at 1 Mbit/s, which is
-the shortest queue that interfaces have; being writable says nothing, the socket is while its interface is full."""
+"""When a frame is offered again that the interface had no room for, s. Chosen: ten frames at 1 Mbit/s, which is the
+shortest queue that interfaces have. Being writable says nothing: the socket is writable while its interface is full.
+"""
 
 PROBE_S = 0.05
 """How often an interface that is down is looked at, s. Chosen."""
 
 LINK_PATIENCE_S = 10.0
-"""For how long a bus may be off or its interface down before the wire is broken, s.
+"""Longest time for which a bus may be off or its interface down before the wire is broken, s.
 
 Chosen: a person sets an interface up again, or plugs an adapter in, within that time.
 """
@@ -51,7 +52,7 @@ class _Outage:
 class CanWire:
     """Transport over an open python-can bus.
 
-    What the interface has no room for waits in a queue and is given up when nothing leaves for `send_deadline_s`.
+    Frames without room in the interface wait in a queue. They are given up when none leaves for `send_deadline_s`.
     An interface that goes down, or bus-off, has LINK_PATIENCE_S to come back. All of this is told in band, by
     error frames: INTERFACE_DOWN and TX_TIMEOUT are made here, also RESTARTED when the interface is up again.
 
@@ -141,7 +142,7 @@ class CanWire:
     # --- sending
 
     def _push(self) -> None:
-        """Give the interface what it takes. Calls nobody back, except that a wire that breaks says so."""
+        """Give the interface as many frames as it takes. Makes no callback, except that a broken wire is reported."""
         while len(self._queue) and (self._outage is None or not self._outage.link):
             try:
                 self._bus.send(to_message(self._queue.head), timeout=0)
@@ -262,7 +263,7 @@ class CanWire:
             self._outage = _Outage(self._clock.now(), error, link=True)
             if self._fd >= 0:
                 self._clock.loop.remove_reader(self._fd)
-            # may be within `send`, where nobody expects to be called back
+            # may be within `send`, in which the client does not expect a callback
             self._clock.loop.call_soon(self._tell_down)
             self._arm()
 

@@ -43,11 +43,11 @@ class Peer(Generic[Address]):
 
     def __init__(self, address: Address | None = None, refuse: bool = False) -> None:
         self.address = address
-        """Where to send to, or None before the other side has spoken."""
+        """Address to send to, or None before the other side has spoken."""
         self.strangers = 0
         """Datagrams of strangers."""
         self.refused = 0
-        """Those of them that were not taken."""
+        """Strangers that were refused."""
         self._fixed = address is not None
         self._refuse = refuse
         self._spoke_at = float("-inf")

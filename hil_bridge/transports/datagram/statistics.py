@@ -1,4 +1,4 @@
-"""What every datagram wire counts, and the size that it refuses."""
+"""Counts of every datagram wire, and the size that it refuses."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ QUEUE_DATAGRAMS = 1024
 
 @dataclass(frozen=True, slots=True)
 class DatagramStatistics:
-    """What one end of a datagram wire has seen since it was opened. All are numbers of datagrams but one."""
+    """Counts of one end of a datagram wire since it was opened. All are numbers of datagrams but one."""
 
     sent: int = 0
     """Datagrams that the network has taken."""
@@ -25,11 +25,11 @@ class DatagramStatistics:
     dropped: int = 0
     """Datagrams to send that were given up: the network had no room, or the other side has not spoken yet."""
     unreachable: int = 0
-    """How often the network told that a datagram could not reach its destination."""
+    """Number of reports by the network that a datagram could not reach its destination."""
     strangers: int = 0
     """Arrivals of others while a peer is in use."""
     refused: int = 0
-    """Those of the strangers that were not taken."""
+    """Datagrams of strangers that were refused."""
     overruns: int = 0
     """Arrivals lost because they were not taken in time."""
     lost: int = 0

@@ -33,7 +33,7 @@ MOST_PER_WAKE_UP = 256
 
 RECEIVE_BUFFER_BYTES = 1 << 20
 """Room that the system is asked for, bytes; it gives what its limit allows. Chosen: 0.2 s of 7000 datagrams a second,
-each of which the kernel reckons at 768 bytes at least."""
+each of which the kernel calculates at 768 bytes at least."""
 
 _LINUX = sys.platform == "linux"
 _SO_TIMESTAMPNS, _SO_RXQ_OVFL = 35, 40
@@ -113,7 +113,7 @@ def _text(address: Address) -> str:
 class UdpWire:
     """A transport of datagrams over a socket that is bound, not connected and does not block.
 
-    What arrives carries the kernel's time on Linux, else the time at which it was read. A datagram for which the
+    An arrival carries the kernel's time on Linux, else the time at which it was read. A datagram for which the
     system has no room is given up: it would be old when there is room again.
     """
 
@@ -147,7 +147,7 @@ class UdpWire:
         )
 
     def start(self, on_data: Callable[[Datagrams], None], on_end: Callable[[TransportError], None]) -> None:
-        # what came before lies in the operating system's buffer
+        # earlier arrivals lie in the operating system's buffer
         self._delivery.start(on_data, on_end)
         if self._open:
             self._clock.loop.add_reader(self._socket.fileno(), self._readable)

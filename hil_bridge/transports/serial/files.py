@@ -20,7 +20,7 @@ def hung_up(fd: int) -> bool:
 
 
 class FileOwner(Protocol):
-    """What kind of file it is."""
+    """Kind of the file."""
 
     @property
     def fd(self) -> int:
@@ -33,10 +33,10 @@ class FileOwner(Protocol):
         """Close without waiting."""
 
     def at_end(self) -> TransportError:
-        """What it means when there is nothing more to read."""
+        """Error for a port that has nothing more to read."""
 
     def broken(self, error: OSError) -> TransportError:
-        """What an error of the operating system means."""
+        """Error for an error of the operating system."""
 
 
 class FileWire:
@@ -57,7 +57,7 @@ class FileWire:
         return self._delivery.name
 
     def start(self, on_data: Callable[[bytes], None], on_end: Callable[[TransportError], None]) -> None:
-        # what came before lies in the operating system's buffer
+        # earlier arrivals lie in the operating system's buffer
         self._delivery.start(on_data, on_end)
         if self._open:
             self._clock.loop.add_reader(self._fd, self._readable)

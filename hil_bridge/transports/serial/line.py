@@ -7,14 +7,14 @@ from hil_bridge.clock import Clock
 from hil_bridge.errors import TransportBroken, TransportClosed, TransportError
 from hil_bridge.transports.base import Transport
 from hil_bridge.transports.delivery import QUEUE_BYTES, Delivery, flush
-from hil_bridge.transports.serial.lane import Lane
+from hil_bridge.transports.serial.direction import SerialDirection
 from hil_bridge.transports.serial.uart import COUNTED_AS, Damaged, Flaw, LineErrors, LineSettings
 from hil_bridge.transports.wrappers import Direction
 
 FIFO = 14
 """Characters after which a UART hands over what it received.
 
-Assumed: the highest receive trigger level of a 16550A, which is what drivers choose.
+Assumed: the highest receive trigger level of a 16550A, which drivers choose.
 """
 
 NOTICE_S = 1.0
@@ -22,23 +22,23 @@ NOTICE_S = 1.0
 
 
 def _no_matter(flaw: Flaw) -> None:
-    """Nobody is told."""
+    """Do nothing."""
 
 
 @dataclass(frozen=True, slots=True)
-class LineEnd:
-    """One end of a serial line."""
+class Uart:
+    """One end of a serial line: how it sends and reads, and what its owner does with damaged characters."""
 
     settings: Callable[[], LineSettings]
-    """What its UART is set to at this moment."""
+    """Its settings at this moment."""
     damaged: Damaged = Damaged.KEEP
-    """What its owner makes of damaged characters."""
+    """Bytes that its owner takes for damaged characters."""
     on_flaw: Callable[[Flaw], None] = _no_matter
-    """Told of every damaged character that this end receives."""
+    """Called for every damaged character that this end receives."""
 
 
 class LineNotices:
-    """Tells of damaged characters: of the first at once, then at most once a second."""
+    """Gives notice of damaged characters: of the first at once, then at most once in `NOTICE_S`."""
 
     def __init__(
         self, name: str, line: LineSettings, clock: Clock, on_notice: Callable[[str, str], None]
@@ -61,16 +61,16 @@ class LineNotices:
             )
 
 
-class Paced:
+class PacedLine:
     """A byte wire at the pace of a serial line, in both directions, with a UART at each end.
 
-    A byte passes when its last bit would have: out to the wrapped transport, in as if it had come over the
-    line. Bytes are handed on in chunks: after `fifo` characters or at the end of a burst (a real UART waits
-    four character times to see that end; that wait is not modelled). Bursts queue after one another, and all
-    times of unbroken traffic are counted from its first start bit.
+    A byte passes when its last bit would have passed on a real line. A byte sent then goes to the wrapped transport;
+    a byte received goes to the client. Bytes are handed on in chunks: after `fifo` characters, or at the end of a
+    burst. A real UART waits four character times to see that end; this wait is not modelled. Bursts queue after one
+    another, and all times of unbroken traffic are counted from its first start bit.
 
-    Each end sends at its own settings and reads at its own: where they differ, what arrives is what a UART makes
-    of such a line. No end is ever told that the other is gone or set otherwise: a serial line does not tell.
+    Each end sends and reads at its own settings. Where they differ, an end receives the characters that a UART would
+    read from such a line. No end learns that the other is gone or has other settings: a serial line does not tell.
     """
 
     __slots__ = ("_clock", "_delivery", "_end_cause", "_in", "_inner", "_out", "overruns")
@@ -78,21 +78,25 @@ class Paced:
     def __init__(
         self,
         transport: Transport[bytes],
-        line: LineSettings | LineEnd,
+        line: LineSettings | Uart,
         clock: Clock,
         fifo: int = FIFO,
-        far: LineEnd | None = None,
+        far: Uart | None = None,
     ) -> None:
-        """`line` is this end, the one that holds the transport; `far` is the one behind the wrapped transport, by
-        default one with the same settings.
+        """`line` is this end, which holds the transport. `far` is the end behind the wrapped transport, by default
+        with the same settings.
         """
-        near = line if isinstance(line, LineEnd) else LineEnd(lambda: line)
-        far = far or LineEnd(near.settings)
+        near = line if isinstance(line, Uart) else Uart(lambda: line)
+        far = far or Uart(near.settings)
         self._inner = transport
         self._clock = clock
         self._delivery: Delivery[bytes] = Delivery(transport.name, QUEUE_BYTES)
-        self._in = Lane(clock, fifo, far.settings, near.settings, near.damaged, self._pass_in, near.on_flaw)
-        self._out = Lane(clock, fifo, near.settings, far.settings, far.damaged, self._pass_out, far.on_flaw)
+        self._in = SerialDirection(
+            clock, fifo, far.settings, near.settings, near.damaged, self._pass_in, near.on_flaw
+        )
+        self._out = SerialDirection(
+            clock, fifo, near.settings, far.settings, far.damaged, self._pass_out, far.on_flaw
+        )
         self._end_cause: TransportError | None = None
         self.overruns = 0
         """Received bytes that were lost because more came than the line could carry."""
@@ -123,19 +127,20 @@ class Paced:
             raise TransportError(f"{self.name}: the queue of {QUEUE_BYTES} bytes is full; the line is slower")
 
     def send_break(self, duration_s: float, direction: Direction = Direction.SENT) -> None:
-        """Hold one direction of the line low from now on. Characters that are under way meanwhile are damaged or
-        lost: the UART goes on sending them (PC16550D, line control register bit 6).
+        """Hold one direction of the line low for a time, s, from now on.
+
+        Characters under way are damaged or lost: the UART goes on sending them (PC16550D, line control register bit 6).
         """
-        lane = self._lane(direction)
-        lane.hold(True)
-        lane.hold(False, duration_s)
+        line = self._way(direction)
+        line.hold(True)
+        line.hold(False, duration_s)
 
     def hold(self, low: bool, direction: Direction = Direction.SENT) -> None:
-        """Begin a break, or end it, as `send_break` does both."""
-        self._lane(direction).hold(low)
+        """Begin a break or end it; `send_break` does both."""
+        self._way(direction).hold(low)
 
     def disconnect(self) -> None:
-        """Pull the plug: what either end sends from now on is lost. Harmless when pulled before."""
+        """Pull the plug: bytes that either end sends from now on are lost. Harmless when it is out."""
         self._in.unplug()
         self._out.unplug()
 
@@ -155,7 +160,7 @@ class Paced:
             self._in.clear()
             self._delivery.closed()
 
-    def _lane(self, direction: Direction) -> Lane:
+    def _way(self, direction: Direction) -> SerialDirection:
         return self._out if direction is Direction.SENT else self._in
 
     def _arrived(self, data: bytes) -> None:
@@ -180,7 +185,7 @@ class Paced:
         if self._end_cause is not None:
             return
         self._end_cause = error
-        # what arrived before the end is still on its way
+        # bytes that arrived before the end are still on the line
         if not self._in.waiting or isinstance(error, TransportClosed):
             self._in.clear()
             self._delivery.end(error)

@@ -24,8 +24,8 @@ BAUDRATES = {
 class PseudoTerminal:
     """The master side as a transport; `device` is what the client opens.
 
-    The slave side is kept open too, so that clients may come and go without the master seeing an end. What is
-    sent while nobody reads is lost once the buffers are full, as on an open line; `lost` counts it.
+    The slave side is kept open too, so that clients may come and go without the master seeing an end. Bytes sent
+    without a reader are lost once the buffers are full, as on an open line; `lost` counts them.
     """
 
     def __init__(self, clock: Clock, link: Path | None = None, line: LineSettings | None = None) -> None:
@@ -42,7 +42,7 @@ class PseudoTerminal:
         self._owner = owner
         self._wire = FileWire(f"pty:{self.device}", owner, clock)
         self.lost = 0
-        """Bytes sent that nobody will read."""
+        """Bytes sent that no client will read."""
 
     @property
     def name(self) -> str:
@@ -50,7 +50,7 @@ class PseudoTerminal:
 
     @property
     def baudrate(self) -> int | None:
-        """What the client has set the device to; None when that is not one of the usual rates.
+        """Baud rate to which the client has set the device; None when that is not one of the usual rates.
 
         Of a line's settings it is the only one that can be read: Linux clears the parity flag of a pseudo-terminal,
         so that a client's parity is not known here.

@@ -145,7 +145,7 @@ class Rfc2217Port:
         self._clock = clock
         self._client: Rfc2217Server | None = None
         self.on_break: Callable[[bool], None] = lambda on: None
-        """Told when a client begins and ends a break."""
+        """Called when a client begins and ends a break."""
 
     def serve(self, wire: Transport[bytes]) -> Transport[bytes]:
         """The transport of a client that has come."""
@@ -208,7 +208,7 @@ class _Telnet:
         self._clock = clock
         self._take = take
         self._pending = bytearray()
-        """What the wire has not taken yet."""
+        """Bytes that the wire has not taken yet."""
         self._timer: Timer | None = None
         self.delivery: Delivery[bytes] = Delivery(wire.name, QUEUE_BYTES)
 

@@ -61,7 +61,7 @@ class SerialWire:
         await self._wire.aclose()
 
     def _counted(self) -> LineErrors:
-        """What the driver has counted since it was loaded; what it said last once the port is closed."""
+        """Counts of the driver since it was loaded; the last ones once the port is closed."""
         if self._open:
             with suppress(OSError):
                 _, _, _, _, _, _, frame, _, parity, brk, *_ = COUNTERS.unpack(_counters(self._fd))
@@ -72,8 +72,8 @@ class SerialWire:
 async def open_serial_port(device: str, line: LineSettings, clock: Clock, name: str) -> SerialWire:
     """Open a serial port for ourselves alone, with low latency where the driver offers it.
 
-    On a pseudo-terminal no parity is set: it has no line on which a parity bit could travel, and Linux
-    refuses the setting with EINVAL when it is made twice. Raises TransportUnavailable.
+    On a pseudo-terminal no parity is set. It has no line on which a parity bit could travel, and Linux refuses the
+    setting with EINVAL when it is made twice. Raises TransportUnavailable.
     """
     try:
         port = await asyncio.to_thread(_open, device, line)

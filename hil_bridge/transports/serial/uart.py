@@ -1,4 +1,4 @@
-"""What a UART makes of the levels on its line: characters, parity and framing errors, breaks.
+"""The way of a UART from the levels on its line to characters, parity and framing errors, breaks.
 
 Pure; told the time. Reference: National Semiconductor PC16550D, Universal Asynchronous Receiver/Transmitter with
 FIFOs, line status register; termios(3) for what a Linux port hands on of a damaged character.
@@ -11,9 +11,10 @@ from enum import StrEnum
 DATA_BITS = 8
 
 SAMPLE_AT = 0.5 + 1 / 32
-"""Where in a bit a receiver looks, bit times after its beginning.
+"""Place in a bit at which a receiver looks, bit times after its beginning.
 
-Standard: a clock of 16 times the baud rate finds the edge of a start bit up to 1/16 of a bit late, here half of that.
+Standard: a clock of 16 times the baud rate finds the edge of a start bit up to 1/16 of a bit late. Here it is half of
+that.
 """
 
 
@@ -27,7 +28,7 @@ class Parity(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class LineSettings:
-    """How characters lie on a serial line: 8 data bits after a start bit."""
+    """Layout of characters on a serial line: 8 data bits after a start bit."""
 
     baudrate: int = 9600
     parity: Parity = Parity.NONE
@@ -50,10 +51,10 @@ class LineSettings:
 
 
 class Damaged(StrEnum):
-    """What the owner of a UART makes of a character with a parity or framing error."""
+    """Ways in which the owner of a UART treats a character with a parity or framing error."""
 
     KEEP = "keep"
-    """Takes it with the bits as they were read, a break as 00h: a Linux port with INPCK, IGNPAR and PARMRK off,
+    """Takes it with the bits as they were read, a break as 00h. So does a Linux port with INPCK, IGNPAR and PARMRK off,
     which is how pyserial sets it.
     """
     ZERO = "zero"
@@ -63,7 +64,7 @@ class Damaged(StrEnum):
 
 
 class Flaw(StrEnum):
-    """What was wrong with a character."""
+    """Flaws of a character."""
 
     PARITY = "parity"
     FRAMING = "framing"
@@ -132,9 +133,9 @@ def levels(byte: int, settings: LineSettings) -> tuple[int, ...]:
 class Receiver:
     """Reads the levels of a line at its own settings.
 
-    A falling edge begins a character; each bit is sampled once, near its middle. A start bit that is high when
-    sampled was none. After a framing error the low stop bit is taken for the next start bit, after a break the
-    receiver waits for the line to go high (PC16550D, line status register bits 3 and 4).
+    A falling edge begins a character; each bit is sampled once, near its middle. A start bit that is high when sampled
+    was none. After a framing error the low stop bit is taken for the next start bit. After a break the receiver waits
+    for the line to go high (PC16550D, line status register bits 3 and 4).
     """
 
     __slots__ = ("_awaiting_mark", "_begun", "_bit", "_edges", "_held", "_sampled", "_sent", "settings")

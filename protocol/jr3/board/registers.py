@@ -1,4 +1,4 @@
-"""What every way to a board's memory looks like: emulator, network, a real board on a bus."""
+"""Access to a board's memory, the same in every way: emulator, network, a real board on a bus."""
 
 from collections.abc import Sequence
 from typing import Protocol
@@ -11,7 +11,7 @@ class Registers(Protocol):
         """Words 0…65535 of one moment. Raises RemoteProtocolError outside the memory."""
 
     def burst(self, address: int, count: int, now: float) -> bytes:
-        """The same words as a wire carries them, `pack_words` of `read`: for who reads on and on."""
+        """The same words as a wire carries them, `pack_words` of `read`: for a client that reads on and on."""
 
     def write(self, address: int, words: Sequence[int], now: float) -> None:
         """Write words in order of address; a number beyond 16 bits wraps.

@@ -18,7 +18,7 @@ _SIGNED = range(-32768, 32768)
 
 
 class LinkType(IntEnum):
-    """What one link of a transform does to the frame in which the wrench is told."""
+    """Effect of one link of a transform on the frame in which the wrench is told."""
 
     END = 0
     TRANSLATE_X = 1

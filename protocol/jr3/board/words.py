@@ -1,4 +1,4 @@
-"""What single words of the board's memory mean: sign, bits, units.
+"""Meaning of single words of the board's memory: sign, bits, units.
 
 Source: JR3 manual 5907E; bit names after the public header of Linux's jr3_pci driver.
 """
@@ -16,7 +16,7 @@ MEMORY_WORDS = 1 << 14
 RAM_WORDS = 1 << 13
 """The lower half, which the host may write; above are status registers."""
 COMMAND_ERROR = -1
-"""What command_word0 says of a failed command. Assumed: the manual tells only that it is negative."""
+"""Value of command_word0 after a failed command. Assumed: the manual tells only that it is negative."""
 CLOCK_HZ = 1_000_000
 """Ticks of the raw channels' time stamps: a tenth of the slowest processor's 10 MHz."""
 

@@ -1,7 +1,7 @@
 """The client of a JR3 CAN gateway: a GatewaySession over CAN frames.
 
-Order of the session as the YARP client of the gateway does it: state, start, full scales, a pause, and on
-request zero; stop at the end. The gateway always listens.
+The session has the order of the gateway's YARP client: state, start, full scales, a pause, and on request zero; stop at
+the end. The gateway always listens.
 """
 
 import itertools

@@ -98,7 +98,7 @@ LAYOUTS: Mapping[Op, Layout] = dict.fromkeys(Op, EMPTY) | {
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """What a client tells a gateway. Fields that the op does not carry are 0."""
+    """Message of a client to a gateway. Fields that the op does not carry are 0."""
 
     op: Op
     node: int = 0
@@ -145,8 +145,8 @@ def identifier(op: Op, node: int) -> int:
 
 
 def heard_by_client(node: int) -> tuple[CanFilter, ...]:
-    """What a client of this node has to hear: the node's samples, and acknowledges and boot-ups of every gateway, for
-    they tell a wrong node number from a dead bus.
+    """Filters for a client of this node: the node's samples, and acknowledges and boot-ups of every gateway. The latter
+    tell a wrong node number from a dead bus.
     """
     return (
         *(CanFilter(identifier(op, node)) for op in (Op.FORCES, Op.MOMENTS)),
@@ -155,7 +155,7 @@ def heard_by_client(node: int) -> tuple[CanFilter, ...]:
 
 
 def heard_by_gateway(node: int) -> tuple[CanFilter, ...]:
-    """What a gateway has to hear: SYNC, and all that is addressed to its node."""
+    """Filters for a gateway: SYNC, and all frames that are addressed to its node."""
     return CanFilter(int(Op.SYNC)), CanFilter(node, _NODE_MASK)
 
 

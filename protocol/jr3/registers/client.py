@@ -1,7 +1,7 @@
 """The client's side of a session with a receiver board behind a register server.
 
-First the kernel driver's start-up, then samples: from the filter's first word up to the word `errors` in one burst,
-so that data, counter and errors are of one moment.
+First the kernel driver's start-up, then samples. Each is one burst from the filter's first word up to the word
+`errors`, so that data, counter and errors are of one moment.
 """
 
 import struct
@@ -129,7 +129,7 @@ class BoardClient:
 
         self._data_tag: int | None = None
         self._delivery_head: bytes | None = None
-        """What each delivery of the stream begins with, or the answer to a poll."""
+        """Begin of each delivery of the stream, or of the answer to a poll."""
         at_once = 1 if self._by_poll else profile.bursts
         self._delivery_size = RESPONSE.size + at_once * self._sample.size
         self._asked_at = now
@@ -157,7 +157,7 @@ class BoardClient:
         """How long SensorStopped may take, s: TCP repeats what is lost, so that it is the server's time alone."""
         return self._profile.answer_timeout_s
 
-    # --- what the owner asks for
+    # --- requests of the owner
 
     def zero(self) -> None:
         """Make the present wrench the origin, once settled. Raises LocalProtocolError after the end."""
@@ -200,7 +200,7 @@ class BoardClient:
                 self._on_answer(item, now)
             elif item.tag == self._data_tag:
                 self._on_data(item, now)
-            # else: what was under way before a restart or a stop
+            # else: an answer that was under way before a restart or a stop
 
     def next_event(self) -> SensorEvent | None:
         """The oldest event not yet taken, or None."""
@@ -387,7 +387,7 @@ class BoardClient:
             self._fail(f"no data for {self._data_timeout:g} s: server or network stuck?")
 
     def _on_data(self, response: Response, now: float) -> None:
-        """What did not come whole, or is no sample."""
+        """Take a delivery that came in parts, or a response without samples."""
         self._poll_under_way = False
         if response.status is not Status.OK:
             self._fail(f"the server gives no data: {response.status.meaning}")

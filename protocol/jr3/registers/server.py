@@ -34,7 +34,7 @@ class _Stream:
     """Burst k is due at `anchor` + k · `period`."""
 
     head: bytes
-    """Of every delivery."""
+    """Head of every delivery."""
     address: int
     count: int
     anchor: float
@@ -60,7 +60,7 @@ class ResetRefused(RemoteProtocolError):
 class RegisterServer:
     """Endpoint of the server: bytes in, bytes out; tells ConnectionOver when the client is beyond help.
 
-    After that it begins anew, for wires on which there is no other connection.
+    After that it begins again, for wires on which there is no other connection.
     """
 
     def __init__(self, registers: Registers, profile: RegisterServerProfile, now: float) -> None:
@@ -188,5 +188,5 @@ class RegisterServer:
 
 
 def farewell(status: Status) -> bytes:
-    """What a server says before it closes a connection."""
+    """Notice of a server before it closes a connection."""
     return encode_response(Response(Op.CONNECTION, status, 0))

@@ -1,8 +1,7 @@
-"""What a host does with a board's registers, as steps: the kernel driver's start-up, commands, a zero.
+"""A host's work with a board's registers, as steps: the kernel driver's start-up, commands, a zero.
 
-A sequence is a generator of steps. It is sent the words of each Read and nothing for the other steps, and it
-knows no wire and no clock: whoever runs it reads, writes and waits. Order and pauses are those of Linux's
-jr3_pci driver.
+A sequence is a generator of steps. It is sent the words of each Read and nothing for the other steps. It knows no wire
+and no clock: its caller reads, writes and waits. Order and pauses are those of Linux's jr3_pci driver.
 """
 
 from collections.abc import Generator, Iterator, Sequence
@@ -148,7 +147,7 @@ def configure(profile: BoardClientProfile) -> Steps[BoardIdentity]:
 
 
 def attach(profile: BoardClientProfile) -> Steps[BoardIdentity]:
-    """Take a board that somebody else has brought up. Raises RemoteProtocolError when there is no sensor."""
+    """Take over a board that is already running. Raises RemoteProtocolError when there is no sensor."""
     yield from _sensor(profile, 0)
     return (yield from _identity())
 
@@ -218,7 +217,7 @@ def _identity() -> Steps[BoardIdentity]:
     words = yield Read(_SERIAL, _UNITS - _SERIAL + 1)
     units, serial, model = words[-1], words[0], words[_MODEL - _SERIAL]
     if units not in list(Units):
-        raise RemoteProtocolError(f"the board counts in unit {units}, which nobody knows")
+        raise RemoteProtocolError(f"the board counts in unit {units}, which is unknown")
     unit = UNIT_SCALES[Units(units)]
     full_scales = (
         *(word * unit.force for word in scales[:3]),

@@ -28,7 +28,7 @@ _RESPONSE_MAGIC = b"jr"
 
 
 class Op(IntEnum):
-    """What a request asks for; a response repeats it."""
+    """Kind of a request; a response repeats it."""
 
     CONNECTION = 0
     """Only in responses: said of the connection, not of a request; the server closes it afterwards."""
@@ -47,7 +47,7 @@ class Op(IntEnum):
 
 
 class Status(IntEnum):
-    """How a request ended."""
+    """Result of a request."""
 
     OK = 0
     UNKNOWN_OP = 1
@@ -121,7 +121,7 @@ BURST: Final = Layout(
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """What a client wants."""
+    """Request of a client."""
 
     op: int
     """An `Op`, or a number that the server will not know."""
@@ -145,7 +145,7 @@ class Burst:
 
 @dataclass(frozen=True, slots=True)
 class Response:
-    """What the server answers, or one delivery of a stream."""
+    """Answer of the server, or one delivery of a stream."""
 
     op: int
     status: Status
@@ -297,7 +297,7 @@ class _Reader(Generic[Telegram]):
         self._lost = False
 
     def feed(self, data: bytes) -> list[Telegram | Garbage]:
-        """What has become whole with these bytes, in order."""
+        """Telegrams that are complete with these bytes, in order."""
         data = self._data + data
         at, found = 0, list[Telegram | Garbage]()
         while at < len(data):

@@ -1,9 +1,9 @@
 """The client of a JR3 UART gateway: a GatewaySession over bytes.
 
-Order of the session: state, full scales, start, a pause, and on request zero; stop at the end. The gateway
-acknowledges a command and then sleeps for a second: what is sent to it in that time is lost, or waits in its
-driver and hides what comes after it. So every acknowledge, expected or not, is followed by a pause, and a command
-without acknowledge is repeated only after more than that second.
+Order of the session: state, full scales, start, a pause, and on request zero; stop at the end. The gateway acknowledges
+a command and then sleeps for a second. Bytes sent to it in that time are lost, or wait in its driver and hide those
+that come after. So every acknowledge, expected or not, is followed by a pause, and a command without acknowledge is
+repeated only after more than that second.
 """
 
 from protocol.jr3.firmware import HANGS
@@ -39,7 +39,7 @@ class UartGatewayClient:
         self._frame_heard = False
         self._session = session = GatewaySession(self._dialect(), profile, now)
         self.statistics = session.statistics
-        # What the owner asks for, and the clock, concern the session alone.
+        # The owner's requests, and the clock, concern the session alone.
         self.zero, self.set_filter, self.stop = session.zero, session.set_filter, session.stop
         self.next_event = session.next_event
         self.next_deadline, self.handle_deadline = session.next_deadline, session.handle_deadline
@@ -77,7 +77,7 @@ class UartGatewayClient:
 
     @property
     def stop_patience(self) -> float:
-        """How long SensorStopped may take when the first stop was lost, s: a stop and its repetition."""
+        """Longest time that SensorStopped may take when the first stop was lost, s: a stop and its repetition."""
         return self._session.stop_patience
 
     # --- the wire

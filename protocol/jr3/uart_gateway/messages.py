@@ -77,7 +77,7 @@ LAYOUTS: Mapping[Op, tuple[Layout, ...]] = dict.fromkeys(Op, (EMPTY,)) | {
 }
 """Payloads that an op may have, shortest first."""
 DATA_FRAME_S = (DATA.size + OVERHEAD) * BITS_PER_BYTE / UART_BAUDRATE
-"""What one frame of data takes on the line, s: no more than 640 a second pass."""
+"""Time of one frame of data on the line, s: no more than 640 a second pass."""
 
 
 class Frame(NamedTuple):
@@ -92,7 +92,7 @@ class Frame(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """What a client tells a gateway. Fields that the op does not carry are 0."""
+    """Message of a client to a gateway. Fields that the op does not carry are 0."""
 
     op: Op
     cutoff_centihertz: int = 0
@@ -119,8 +119,8 @@ class Data(NamedTuple):
 
 
 def encode_command(command: Command) -> bytes:
-    """Raises LocalProtocolError for an op that only gateways send, for values that do not fit, and for values with
-    a byte that the gateway would take for a delimiter: it looks for them, whatever stands before.
+    """Raises LocalProtocolError for an op that only gateways send and for values that do not fit. It also refuses
+    values with a byte that the gateway would take for a delimiter. It looks for delimiters, whatever stands before.
     """
     if command.op in FROM_GATEWAY:
         raise LocalProtocolError(f"{command.op.name} is no command to the sensor")

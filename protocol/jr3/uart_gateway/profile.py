@@ -1,4 +1,4 @@
-"""What a client may choose and has to assume about its UART gateway."""
+"""Settings and assumptions of a client about its UART gateway."""
 
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -11,7 +11,7 @@ from protocol.wrench import AXES
 
 @dataclass(frozen=True)
 class UartGatewayClientProfile:
-    """How a client treats its gateway."""
+    """Settings of a client about its gateway."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
 
@@ -85,7 +85,7 @@ class UartGatewayClientProfile:
 
     @property
     def delay(self) -> float:
-        """How much later than the force itself a sample with this cut-off tells of it, s."""
+        """Delay of a sample with this cut-off behind the force itself, s."""
         return first_order_delay(self.cutoff_hz)
 
 

@@ -1,9 +1,9 @@
 """Frames out of a stream of bytes that may begin anywhere and hold anything.
 
-Where a frame ends is known by its op alone. Only an acknowledge has two lengths, and which one comes is known
-by what was asked, thus to the client and to nobody else on the line. Read without that knowledge, an
-acknowledge is short when `>` stands where the short one ends and either `<` comes after it or no `>` stands
-where the long one would end. To take a long one for short, fx would have to have a full scale of 15422 N.
+Where a frame ends is known by its op alone. Only an acknowledge has two lengths. The request decides between them, so
+the client knows it, and no other reader of the line. Read without that knowledge, an acknowledge is short in two cases:
+`>` stands where the short one ends and `<` comes after it, or `>` stands there and no `>` stands where the long one
+would end. To take a long one for short, fx would have to have a full scale of 15422 N.
 """
 
 from collections.abc import Collection
@@ -28,10 +28,10 @@ class Reader:
     def __init__(self, ops: Collection[Op]) -> None:
         """`ops` are those that can come: what has another is no frame."""
         self._begins = {b"%b%02d" % (OPENING, op): (op, LAYOUTS[op][0].size + OVERHEAD) for op in ops}
-        """What a frame may begin with, and its op and least size."""
+        """Bytes that a frame may begin with, with its op and least size."""
         self._waiting = b""
         self._at = 0
-        """How many of the bytes that wait have been read."""
+        """Number of the waiting bytes that have been read."""
         self._in_noise = False
         self.skipped = 0
         """Bytes that belong to no frame."""
@@ -46,8 +46,8 @@ class Reader:
     def next_frame(self, *, scales_expected: bool = True, ended: bool = False) -> Frame | None:
         """The next frame, or None until more arrives; at most 17 bytes wait for more.
 
-        `scales_expected` is false for who knows that no full scales were asked for: a short acknowledge is then
-        known at once. `ended` says that nothing more will come: what waits is read for what it is.
+        `scales_expected` is false for a reader that knows that no full scales were asked for: it then knows a short
+        acknowledge at once. `ended` says that nothing more will come: what waits is read for what it is.
         """
         waiting = self._waiting
         if self._at == len(waiting):

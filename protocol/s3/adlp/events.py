@@ -31,7 +31,7 @@ class LinkFailure(StrEnum):
     EARLY_EOT = "early EOT"
     """Theirs: ended before a valid block came."""
     INCOMPLETE = "incomplete"
-    """Theirs: fell silent or began anew in the middle."""
+    """Theirs: fell silent or began again in the middle."""
     TOO_LONG = "too long"
     """Theirs: more blocks than we keep."""
 
@@ -41,13 +41,13 @@ INCOMING_FAILURES = frozenset((LinkFailure.EARLY_EOT, LinkFailure.INCOMPLETE, Li
 
 
 class NoticeKind(StrEnum):
-    """What is worth a line in a log, and a counter."""
+    """Events that are worth a line in a log, and a counter."""
 
     NOISE = "noise"
     STRAY_CONTROL = "stray control byte"
     STRAY_BLOCK = "stray block"
     BAD_BLOCK = "bad block"
-    """What began like a block and cannot be one."""
+    """Bytes that began like a block and cannot be one."""
     BAD_CHECKSUM = "bad checksum"
     """A block that ends where it should, with another check character."""
     GAP = "gap in block"
@@ -71,12 +71,22 @@ class NoticeKind(StrEnum):
     """A bid that was acknowledged."""
     ACK_SENT = "ACK sent"
     ACK_RECEIVED = "ACK received"
+    TRAILER_AVOIDED = "10 03 avoided"
+    """A move gave way by a step, so that its data hold no DLE ETX."""
+    TRAILER_SENT = "10 03 in data"
+    """The data of an order hold DLE ETX, and DLE travels once."""
 
 
 ROUTINE = frozenset(
-    (NoticeKind.BID_SENT, NoticeKind.BID_RECEIVED, NoticeKind.ACK_SENT, NoticeKind.ACK_RECEIVED)
+    (
+        NoticeKind.BID_SENT,
+        NoticeKind.BID_RECEIVED,
+        NoticeKind.ACK_SENT,
+        NoticeKind.ACK_RECEIVED,
+        NoticeKind.TRAILER_AVOIDED,
+    )
 )
-"""What happens in every undisturbed exchange: always counted, told only by a verbose link."""
+"""Notices of undisturbed exchanges: always counted, told only by a verbose link."""
 
 
 class MessageReceived(NamedTuple):

@@ -1,4 +1,4 @@
-"""What a link keeps for its owner: events not yet taken, and totals."""
+"""Store of a link for its owner: events not yet taken, and totals."""
 
 from collections import deque
 from collections.abc import Mapping
@@ -12,7 +12,7 @@ EVENT_LIMIT = 1024
 
 
 class Count(StrEnum):
-    """What is counted beside the notices."""
+    """Counters beside the notices."""
 
     MESSAGES_SENT = "messages sent"
     MESSAGES_RECEIVED = "messages received"
@@ -48,7 +48,7 @@ class Journal:
         self._keep(event)
 
     def notice(self, kind: NoticeKind, text: str) -> None:
-        """Count a notice, and keep it unless it is routine that nobody asked for."""
+        """Count a notice, and keep it unless it is routine and the link is not verbose."""
         self._counts[kind] += 1
         if self.verbose or kind not in ROUTINE:
             self._keep(LinkNotice(kind, text))

@@ -39,7 +39,7 @@ Time-outs (seconds from the end of the characters that we handed out last, `Shar
     gap                     `gap_time` without a byte, inside a block or behind garbage: the block is refused by NAK.
     A block that comes in holds off the state's own time-out; the gap stands for it (`_block_is_coming`). Deadlines that
     the owner did not handle in time do not count against data that came first (`receive`). A late owner is noticed
-    where it matters: behind an old ACK the other side no longer waits, and a bid goes out anew (`Shared.is_overdue`).
+    where it matters: behind an old ACK the other side no longer waits, and a bid goes out again (`Shared.is_overdue`).
 
 Contention
     Both bid at once: each hears ENQ while BIDDING (`_collide`). The `collision_winner` goes on waiting for its ACK, the
@@ -55,9 +55,9 @@ Bidding ahead
 Noise
     No check character covers the control bytes, so rules guard them. Behind `GARBAGE_SIZE` meaningless bytes a control
     byte is one more of them, until silence: it may be data of a mutilated block. In DISCARDING only a whole block
-    counts. Two bytes are never what they seem (`_is_too_early`): an answer to a block that has not left yet, and a bid
-    before our last answer can have been heard. The line made them of others; a second ACK would acknowledge a block
-    that was never received.
+    counts. Two bytes are never what they seem (`_is_too_early`). One is an answer to a block that has not left yet, the
+    other a bid before our last answer can have been heard. The line made them of others; a second ACK would acknowledge
+    a block that was never received.
 
 What all this promises the owner is in the package's docstring. Source: computer-link specification, section 2.
 """
@@ -73,8 +73,9 @@ from protocol.s3.adlp.shared import Shared
 from protocol.s3.adlp.transitions import TRANSITIONS, Action, State, Stimulus
 
 GARBAGE_SIZE = 5
-"""After so many meaningless bytes in one run a control byte is one more of them, until the line falls silent:
-else the data of a mutilated block would be answered. Mark: chosen (STX, length and addresses of a block)."""
+"""After so many meaningless bytes in one run a control byte is one more of them, until the line falls silent. Otherwise
+the data of a mutilated block would be answered. Mark: chosen (STX, length and addresses of a block).
+"""
 
 _ACCEPTED_STYLES: dict[str, tuple[LengthStyle, ...]] = {
     "both": LENGTH_STYLES,
@@ -107,7 +108,8 @@ class Link:
         self._role = role
         self._profile = profile
         styles = _ACCEPTED_STYLES[profile.accepted_lengths] if role is Role.ROBOT else LENGTH_STYLES[:1]
-        self._scanner = BlockScanner(BlockFormat(profile.dle_stuffing, styles, profile.max_telegram))
+        end = profile.block_end if role is Role.ROBOT else "length"
+        self._scanner = BlockScanner(BlockFormat(profile.dle_stuffing, styles, profile.max_telegram, end))
         self._gap_deadline: float | None = None
         self._shared = Shared(profile)
         self._notice = self._shared.notice
@@ -119,7 +121,7 @@ class Link:
             self._table[state][stimulus] = actions[transition.action]
 
     def _actions(self) -> dict[Action, Callable[[], State]]:
-        """What does each action; it returns the state that follows."""
+        """Method of each action; it returns the state that follows."""
         sender, receiver = self._sender, self._receiver
         return {
             Action.BID: sender.bid,
@@ -152,11 +154,11 @@ class Link:
             Action.RECOGNISE_LATE: receiver.recognise_late,
         }
 
-    # --- what the owner asks
+    # --- questions of the owner
 
     @property
     def state(self) -> State:
-        """Where this end stands."""
+        """State of this end."""
         return self._shared.state
 
     @property
@@ -184,7 +186,7 @@ class Link:
         """Totals since the start by the text of `Count` and `NoticeKind`; a live read-only view."""
         return self._shared.journal.counters
 
-    # --- what the owner does
+    # --- actions of the owner
 
     def send(self, telegrams: Sequence[bytes]) -> None:
         """Queue one message, a block for each telegram.
@@ -200,6 +202,10 @@ class Link:
         If it takes longer than half the time that the other side waits for a block, the line is given back.
         """
         self._sender.announced = True
+
+    def note(self, kind: NoticeKind, text: str) -> None:
+        """Count, and tell as a notice, what the owner knows of the telegrams that it sends."""
+        self._notice(kind, text)
 
     def receive(self, data: bytes, now: float) -> None:
         """Take bytes off the line. Data that came counts even when a deadline has passed unhandled before."""

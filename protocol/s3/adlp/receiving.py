@@ -23,7 +23,7 @@ _BLOCKS_RECEIVED, _MESSAGES_RECEIVED = Count.BLOCKS_RECEIVED, Count.MESSAGES_REC
 
 @dataclass(slots=True)
 class _Message:
-    """What is remembered of the other side's message on its way."""
+    """State of the other side's message under way."""
 
     telegrams: list[bytes] = field(default_factory=list)
     last: Block | None = None

@@ -17,7 +17,7 @@ from protocol.s3.adlp.transitions import State
 QUEUE_LIMIT = 16
 """Messages that may wait to be sent. Mark: chosen."""
 HOLDING_SHARE = 0.5
-"""Of the time that the other side waits for a block, so long is a line held for a message that is on its way here.
+"""Share of the time that the other side waits for a block. For so long the line is held for an announced message.
 Mark: chosen."""
 
 # Names of this module, for speed: until Python 3.12 an enum's own name costs five times that.
@@ -31,7 +31,7 @@ _MESSAGE_SENT = MessageSent()
 
 @dataclass(slots=True)
 class _Message:
-    """What is remembered of the oldest queued message on its way."""
+    """State of the oldest queued message under way."""
 
     index: int = 0
     bids: int = 1
@@ -56,7 +56,7 @@ class SendingHalf:
         self.announced = False
         """A bid is to go out, or has, for a message that is not there yet."""
         self._blocks: list[bytes] = []
-        """Those of the oldest message as blocks; empty until the bid for it has gone out."""
+        """Blocks of the oldest message; empty until the bid for it has gone out."""
         self._message = _Message()
 
     def put(self, telegrams: Sequence[bytes]) -> None:
@@ -152,9 +152,9 @@ class SendingHalf:
 
     def _encode(self) -> None:
         profile = self._profile
-        toggle = profile.stx_alternation == "toggle"
+        alternation = profile.stx_alternation
         self._blocks = [
-            encode_block(telegram, profile.dle_stuffing, _STX_ODD if toggle and number % 2 else _STX)
+            encode_block(telegram, profile.dle_stuffing, _stx(alternation, number, len(telegram)))
             for number, telegram in enumerate(self.queue[0])
         ]
 
@@ -240,7 +240,7 @@ class SendingHalf:
         """ENQ to a block: our message is given up.
 
         Assumed: a receiver that bids has left our message. Most likely it took the block, its ACK was lost and it
-        treated the message as ended; to repeat the message would have an order done twice.
+        treated the message as ended. To repeat the message would have an order done twice.
         """
         return self._give_up(LinkFailure.INTERRUPTED, "the receiver bid (ENQ) instead of answering a block")
 
@@ -257,6 +257,12 @@ class SendingHalf:
         return _IDLE
 
 
+def _stx(alternation: str, number: int, size: int) -> int:
+    """How the block of a message with this number, from 0, begins; `size` is its telegram's."""
+    counted = {"off": 0, "toggle": number, "parity": size}[alternation]
+    return _STX_ODD if counted % 2 else _STX
+
+
 def _check_telegram(telegram: bytes, max_telegram: int) -> None:
     """Raise LocalProtocolError for a telegram that no receiver could take."""
     if len(telegram) > max_telegram:
@@ -265,7 +271,7 @@ def _check_telegram(telegram: bytes, max_telegram: int) -> None:
         )
     if len(telegram) not in telegram_sizes(int.from_bytes(telegram[:2], "big"), LENGTH_STYLES):
         raise LocalProtocolError(
-            f"a telegram of {len(telegram)} bytes states another length: nobody could find its end"
+            f"a telegram of {len(telegram)} bytes states another length: its end could not be found"
         )
 
 

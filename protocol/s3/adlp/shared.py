@@ -1,4 +1,4 @@
-"""What the sending and the receiving half of one end of the link share: state, clock, bytes to send, noise account."""
+"""Parts that the sending and the receiving half of one end share: state, clock, bytes to send, noise account."""
 
 from protocol.s3.adlp.events import NoticeKind
 from protocol.s3.adlp.journal import Count, Journal
@@ -51,7 +51,7 @@ class Shared:
         return self.deadline is not None and self.now > self.deadline
 
     def time_of(self, characters: float) -> float:
-        """How long so many characters take on the line, s."""
+        """Time of so many characters on the line, s."""
         return characters * self._character_time
 
     def add_noise(self, size: int) -> None:

@@ -8,7 +8,7 @@ from enum import StrEnum
 
 
 class State(StrEnum):
-    """Where an end of the link stands between two stimuli."""
+    """State of an end of the link between two stimuli."""
 
     IDLE = "idle"
     LISTENING = "listening"
@@ -28,7 +28,7 @@ class State(StrEnum):
 
 
 class Stimulus(StrEnum):
-    """What can happen to an end of the link."""
+    """Stimuli of an end of the link."""
 
     SEND = "message queued"
     ENQ = "ENQ"
@@ -47,7 +47,7 @@ class Stimulus(StrEnum):
 
 
 class Action(StrEnum):
-    """What is done. `Link._actions` names the method of each."""
+    """Actions of an end. `Link._actions` names the method of each."""
 
     BID = "bid"
     BID_AGAIN = "bid_again"

@@ -35,7 +35,7 @@ CONTROL_TEXTS = {
     Control.NAK: "refused",
     Control.EOT: "end of the message",
 }
-"""What the control bytes say."""
+"""Meaning of the control bytes."""
 
 
 def describe(
@@ -69,7 +69,7 @@ def describe(
 
 
 def _item_at(raw: bytes, at: int, stuffing: DleStuffing, max_telegram: int) -> tuple[_Item, Telegram | None]:
-    """What stands there, and the telegram in it if one can be read."""
+    """Meaning of these bytes, and the telegram in them if one can be read."""
     byte = raw[at]
     if (control := SINGLE_CONTROLS.get(byte)) is not None:
         item: _Item = {

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from protocol.endpoint import LocalProtocolError
 from protocol.s3.arap import layouts
-from protocol.s3.arap.codes import FunctionCode, TelegramType, refusal_text, suffix_text
+from protocol.s3.arap.codes import FunctionCode, TelegramType, plain_type, refusal_text, suffix_text
 from protocol.s3.arap.orders import KNOWN_ORDERS, DefinitionError, OrderDefinition, check_definition, merged
 from protocol.s3.arap.payload import Payload, describe_rest
 from protocol.s3.arap.telegram import Telegram
@@ -23,7 +23,7 @@ class TelegramText:
     fields: list[dict[str, object]]
     """Every field as `Layout.describe` tells it."""
     remark: str = ""
-    """What the data mean as a whole."""
+    """Meaning of the data as a whole."""
 
 
 class OrderBook:
@@ -34,7 +34,7 @@ class OrderBook:
 
     def __init__(self, site: Sequence[OrderDefinition] = (), max_telegram: int = 0xFFFF) -> None:
         self.site = tuple(site)
-        """What the site added."""
+        """Additions of the site."""
         self._by_function = dict(_KNOWN_FUNCTIONS)
         self._by_name = {definition.name: definition for definition in KNOWN_ORDERS}
         self._extensions: dict[int, OrderDefinition] = {}
@@ -73,11 +73,12 @@ class OrderBook:
         return self._by_function.get(function)
 
     def extension_of(self, function: int) -> OrderDefinition | None:
-        """What the site adds to a known order: its additional fields alone, or None."""
+        """Additions of the site to a known order: its additional fields alone, or None."""
         return self._extensions.get(function)
 
     def payloads_of(self, function: int, type_: int) -> tuple[Payload, ...]:
-        """What a telegram's data may be, the most detailed first; none where nothing is known."""
+        """Possible layouts of a telegram's data, the most detailed first; none where nothing is known."""
+        type_ = plain_type(type_)
         if type_ == TelegramType.REFUSAL:
             return (_REFUSAL,)
         if (function, type_) == (FunctionCode.SPONTANEOUS, TelegramType.SPONTANEOUS):

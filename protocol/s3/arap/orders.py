@@ -1,4 +1,4 @@
-"""What is known of an order, as data: one definition gives encoder, decoder, description and emulated answer.
+"""Known facts of an order, as data: one definition gives encoder, decoder, description and emulated answer.
 
 The definitions of `KNOWN_ORDERS` are those of the computer-link specification, section 3; a site adds its own.
 """
@@ -36,10 +36,10 @@ class DefinitionError(ValueError):
 
 @dataclass(frozen=True)
 class Emulation:
-    """What an emulated controller answers: its memory gives back what was written into it.
+    """Answers of an emulated controller: its memory gives back the bytes that were written into it.
 
-    Every field of an order that is no key is stored; a field of the answer has the value of the order's field of
-    that name, else what is stored under it, else its initial value, else 0.
+    Every field of an order that is no key is stored. A field of the answer has the value of the order's field of that
+    name. Else it has the stored value of that name, else its initial value, else 0.
     """
 
     memory: str = ""
@@ -67,7 +67,7 @@ class OrderDefinition:
     blocks: Blocks = "one"
     """Whether the order may travel in several blocks; an answer always may."""
     extends: bool = False
-    """Its fields come beside those of the known order with this function code."""
+    """The fields come beside those of the known order with this function code."""
     emulation: Emulation = Emulation()
 
     def telegrams(
@@ -210,7 +210,7 @@ def _check_payload(part: str, payload: Payload, taken: _Spans, max_telegram: int
 
 
 def _place_fault(begin: int, end: int, others: _Spans, max_telegram: int) -> str:
-    """What is wrong with a field that covers these bytes of the data; empty if nothing."""
+    """Fault of a field that covers these bytes of the data, in words; empty if there is none."""
     first, last = begin + HEADER_SIZE, end + HEADER_SIZE - 1
     if begin < 0:
         return f"{first} is inside the header; data begin at byte {HEADER_SIZE}"

@@ -11,7 +11,7 @@ from protocol.fields import Field, Layout
 from protocol.marks import Mark
 
 Value: TypeAlias = float | bytes
-"""What a field holds: a number in the field's unit, whole where the field counts, or bytes."""
+"""Value of a field: a number in the field's unit, whole where the field counts, or bytes."""
 
 FIELD_TYPES = {"u8": "B", "s8": "b", "u16": "H", "s16": "h", "u32": "I", "s32": "i", "f32": "f"}
 """Types of fields as an orders file names them, with their `struct` characters; all big-endian."""
@@ -32,7 +32,7 @@ class Rest:
 
 @dataclass(frozen=True)
 class Payload:
-    """What lies behind the header of a telegram, all blocks joined."""
+    """Data behind the header of a telegram, all blocks joined."""
 
     layout: Layout
     """The fields at fixed places; its size is the least that a telegram must bring."""

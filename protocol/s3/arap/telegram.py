@@ -14,7 +14,7 @@ FROM_ROBOT = 0
 
 
 class Telegram(NamedTuple):
-    """One telegram. Function and type may be unknown ones: who takes the telegram judges them."""
+    """One telegram. Function and type may be unknown ones: its receiver judges them."""
 
     function: int
     type: int

@@ -3,13 +3,13 @@
 A transcript begins with `==` and its name, then come `key: value` lines:
 
 - `covers`: rows, see `ROWS`; what a refusal's transcript covers is its code;
-- `ends`: who is played against, `PC S3` (the default) or one of them when the other says what no end of ours would;
+- `ends`: the ends played against: `PC S3` (the default), or one where the other says what no end of ours would;
 - `mirror: no` unless it also holds with both ends exchanged (then the other side wins collisions);
 - `link`: settings; `robot`: settings of the emulated controller; `verbose: yes`: bids and ACKs are told;
 - `crossing: yes` when both sides speak before either has heard the other.
 
-Each further line is one thing: the time in ms, who does what, and the bytes or words; `#` begins a comment, `00*3` is
-`00 00 00`. `PC→S3` is said by the one and heard by the other; `PC→×` gets lost and `×→PC` comes from nobody, so a byte
+Each further line is one thing: the time in ms, actor, action, and the bytes or words; `#` begins a comment, `00*3` is
+`00 00 00`. `PC→S3` is said by the one and heard by the other; `PC→×` gets lost and `×→PC` has no sender, so a byte
 that is changed on its way is both. `PC queues` the telegrams of a message, separated by `|`, `PC announces` that it is
 about to; `PC tells` an event.
 
@@ -56,6 +56,7 @@ ROWS = {
     "BCC is 10": "sent as is, never doubled",
     "STX 02 and 82": "the sender uses 02, the receiver accepts both",
     "STX toggle": "alternates per block from 02 at each ENQ, a repeat keeps its value",
+    "STX parity": "82 for a telegram of odd length, else 02, as the observed client",
     "duplicate dropped": "STX equal to that of the last accepted block: acknowledged and dropped",
     "ENQ to ACK": "2.0 s",
     "block to ACK": "2.0 s",
@@ -202,7 +203,7 @@ class Host:
 
 
 class Controller:
-    """The emulated controller, with the hands of those who stand before it."""
+    """The emulated controller, with the hands of a person before it."""
 
     def __init__(self, transcript, end):
         self.endpoint = S3Controller(
@@ -237,7 +238,7 @@ class Player:
         self.owner = make(transcript, end)
         self.endpoint = self.owner.endpoint
         self.said = []
-        """What was handed out and is not yet in the transcript, as (ms, bytes)."""
+        """Bytes handed out and not yet in the transcript, as (ms, bytes)."""
         self.told = []
 
     def flush(self, now):
@@ -271,7 +272,7 @@ class Player:
         for step in self.transcript.steps:
             now = EPOCH + step.at / 1000
             source, _, sink = step.who.partition("→")
-            # A time-out of this very millisecond comes first, unless it is an answer to what is heard now.
+            # A time-out of this very millisecond comes first, unless it is an answer to the bytes heard now.
             self.advance(now + 0.0004)
             if source == end:
                 self.expect(step)

@@ -15,10 +15,10 @@ _SCHEMES = {"tcp": CONNECT_BYTES["tcp"]}
 
 
 def ask(url: str, request: Mapping[str, Any]) -> dict[str, Any]:
-    """What the panel answers.
+    """Answer of the panel.
 
-    Raises ConfigError for the URL and for what cannot be asked, TransportUnavailable where nobody listens,
-    DeviceError for an answer that is none.
+    Raises ConfigError for the URL and for an invalid request, TransportUnavailable where no panel listens,
+    DeviceError for an invalid answer.
     """
     address = parse_url(url, _SCHEMES).host_port
     try:

@@ -1,4 +1,4 @@
-"""What travels on the control socket: one JSON object a line, a request and its answer in turn.
+"""Messages on the control socket: one JSON object a line, a request and its answer in turn.
 
 An answer holds either what was asked for or `error`, one line for people.
 """
@@ -19,7 +19,7 @@ def encode(message: Mapping[str, Any]) -> bytes:
 
 
 def decode(line: bytes) -> dict[str, Any]:
-    """What a line says. Raises ValueError for what is no JSON object."""
+    """Object in a line. Raises ValueError for a line that is no JSON object."""
     try:
         message = json.loads(line)
     except (ValueError, RecursionError):

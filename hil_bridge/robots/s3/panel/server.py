@@ -53,7 +53,7 @@ class PanelServer:
         self._server: asyncio.Server | None = None
         self._closed = False
         self._clients: dict[asyncio.StreamWriter, asyncio.Task[None]] = {}
-        """Those that are there, the one that has been silent longest first."""
+        """Present clients, the one that has been silent longest first."""
 
     async def listen(self, url: str) -> str:
         """Begin; the URL that a client asks. Raises ConfigError for the URL, TransportUnavailable for the port."""
@@ -66,7 +66,7 @@ class PanelServer:
         return f"tcp://[{at}]:{number}" if ":" in at else f"tcp://{at}:{number}"
 
     async def aclose(self) -> None:
-        """Stop listening and send everybody away. Harmless when called again."""
+        """Stop listening and close all connections. Harmless when called again."""
         self._closed = True
         if self._server is not None:
             self._server.close()
@@ -97,7 +97,7 @@ class PanelServer:
                 answer, understood = self._answer(line)
                 writer.write(answer)
                 await writer.drain()
-                await asyncio.sleep(0)  # before its next request it is everybody else's turn
+                await asyncio.sleep(0)  # lets the other clients and the cell run before its next request
         except asyncio.LimitOverrunError:
             _dismiss(writer, f"a request has at most {REQUEST_LIMIT} bytes")
         except (asyncio.IncompleteReadError, ConnectionError):

@@ -12,7 +12,7 @@ _FLAG_TEXTS = {
     "interrupt_permitted": ("interrupt permitted", ""),
     "execution": ("execution", ""),
 }
-"""What is said of a flag that is set, and of one that is not."""
+"""Words for a flag that is set, and for one that is not."""
 
 
 def state_text(state: Mapping[str, Any]) -> str:

@@ -5,8 +5,8 @@
     0.013402 S3 06
     0.013410 PC 10 02 00 08 01 00 13 01 00 00 10 03 18
 
-Who sent it is `PC` or `S3`; `tx` and `rx` are the same as the PC sees it, `?` is not known. Empty lines and what
-follows a # mean nothing.
+The sender is `PC` or `S3`; `tx` and `rx` mean the same, seen from the PC; `?` is not known. Empty lines, and text
+after a #, mean nothing.
 """
 
 import re

@@ -1,7 +1,7 @@
 """A computer link heard from outside: pieces of both directions in, one line for each block and for each trouble out.
 
-Pure; told the time. ENQ, ACK and EOT that go as they should have no line of their own: a block's line tells how
-long its bid and its acknowledge took. A block's line comes when the answer to it is known.
+Pure; told the time. ENQ, ACK and EOT in their usual order have no line of their own. A block's line tells how long its
+bid and its acknowledge took. A block's line comes when the answer to it is known.
 
 Source: computer-link specification, section 2.
 """
@@ -39,7 +39,7 @@ class Line:
     sender: Sender
     text: str
     line_time: float | None = None
-    """What a block's characters take on the line, s."""
+    """Time of a block's characters on the line, s."""
     data: bytes = b""
     """The bytes behind it; a block's telegram without its frame."""
     trouble: bool = False
@@ -60,7 +60,7 @@ class Counts:
     garbage: int = 0
     """Bytes without meaning."""
     busy: float = 0.0
-    """What all characters take on the line, s."""
+    """Time of all characters on the line, s."""
 
 
 @dataclass(slots=True)
@@ -82,18 +82,18 @@ class _Pending:
 
 @dataclass(slots=True)
 class _Direction:
-    """What is known of one direction."""
+    """State of one direction."""
 
     scanner: BlockScanner
     newest: float = 0.0
     garbage: bytearray = field(default_factory=bytearray)
     garbage_text: str = ""
     recent: bytes = b""
-    """What came last, as much as a block may be."""
+    """Newest bytes, as many as a block may have."""
     last: bytes = b""
     """The newest telegram."""
     acknowledged: bool = True
-    """It was acknowledged."""
+    """The block was acknowledged."""
     repeats: int = 0
     open: bool = False
     """A message has begun and its EOT has not come."""
@@ -190,8 +190,8 @@ class LinkMonitor:
                 direction.garbage += noise.data
 
     def _break_off(self, sender: Sender) -> None:
-        """What has come of a block is all of it. It may be whole but for its check character: as long as the longer
-        reading of its length is possible, the scanner waits for more.
+        """Take the block as ended. It may be whole but for its check character: as long as the longer reading of
+        its length is possible, the scanner waits for more.
         """
         direction = self._directions[sender]
         if not (dropped := direction.scanner.drop()):
@@ -261,14 +261,14 @@ class LinkMonitor:
         self._lines.append(Line(pending.at, sender, text, line_time, telegram, trouble))
 
     def _close_unanswered(self) -> None:
-        """What comes now is no answer to the pending block. On a wire of unknown directions the answer may be one
-        that cannot be heard.
+        """Close the pending block without an answer, since the new bytes are none. On a wire of unknown directions
+        the monitor may not hear the answer.
         """
         if self._pending is not None:
             self._close("no answer", trouble=self._pending.sender is not Sender.UNKNOWN)
 
     def _stray(self, at: float, sender: Sender, text: str) -> None:
-        """A control byte out of place; where directions are unknown nobody can say so."""
+        """A control byte out of place. Where directions are unknown, the monitor cannot tell."""
         if sender is not Sender.UNKNOWN:
             self._trouble(at, sender, text)
 

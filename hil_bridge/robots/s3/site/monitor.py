@@ -17,7 +17,7 @@ from hil_bridge.robots.s3.room import robot_wire
 from hil_bridge.robots.s3.site.capture import Piece, Sender, parse_capture, recorded_pieces
 from hil_bridge.robots.s3.site.link_monitor import Counts, LinkMonitor
 from hil_bridge.robots.s3.site.printing import counts_text, print_lines
-from hil_bridge.text_files import named, parse_json, read_text
+from hil_bridge.text_files import format_path, parse_json, read_text
 from hil_bridge.transports import connect_bytes
 from protocol.s3.adlp import LinkProfile
 from protocol.s3.arap import OrderBook
@@ -69,7 +69,7 @@ def monitor_link(
 
 
 def _drop(piece: Piece) -> None:
-    """Nobody wants to keep it."""
+    """Do nothing: no file was asked for."""
 
 
 async def listen(
@@ -133,7 +133,7 @@ def _pieces(path: Path) -> tuple[list[Piece], LinkProfile]:
             return list(recorded_pieces(records, str(path))), _recorded_link(metadata.get("config", ""))
         return list(parse_capture(read_text(path), str(path))), LinkProfile()
     except OSError as error:
-        raise ConfigError(f"cannot read {named(path)}: {error.strerror}") from error
+        raise ConfigError(f"cannot read {format_path(path)}: {error.strerror}") from error
 
 
 def _recorded_link(config: str) -> LinkProfile:

@@ -14,7 +14,7 @@ def print_lines(show: Printer, monitor: LinkMonitor) -> None:
 
 
 def counts_text(counts: Counts, span: float) -> str:
-    """What a link's traffic adds up to, as one line."""
+    """Totals of a link's traffic, as one line."""
     busy = f", the line was in use {min(counts.busy / span, 1.0):.0%} of {span:.1f} s" if span > 0.0 else ""
     return (
         f"{counts.blocks} blocks, {counts.repeats} repeated, {counts.refusals} NAK, {counts.unanswered} unanswered, "

@@ -48,7 +48,7 @@ ProbeEvent: TypeAlias = Outcome | Said
 class Prober:
     """An endpoint for bytes: `ask` begins a query, an `Outcome` among its events ends it.
 
-    What the controller says by itself is received and acknowledged under the settings of the newest query.
+    Messages that the controller sends unasked are received and acknowledged under the settings of the newest query.
     """
 
     def __init__(self) -> None:

@@ -1,7 +1,8 @@
 """A real JR3 PCI board's words, through the resource file that Linux shows of the board's memory.
 
-Where things lie is known from Linux's jr3_pci driver: BAR 0, a block of 0x80000 bytes for each channel, one word in
-the low half of every four bytes, the reset at byte 0x60000 of the block, and the program's two halves below and above.
+Where things lie is known from Linux's jr3_pci driver: BAR 0, a block of 0x80000 bytes for each channel, and one word in
+the low half of every four bytes. The reset lies at byte 0x60000 of the block, and the program's two halves below and
+above.
 """
 
 import errno

@@ -1,8 +1,8 @@
 """The register server on TCP: several clients at one board, none of which can hurt the others or the board.
 
-No client holds a place for ever. One whose computer or cable is gone is found by TCP's own questions. Where all
-places are taken, a client that has not sent a single byte makes room for the next, and one that has asked something
-and neither asks nor streams any more is dropped after `idle_timeout_s`. One that does not read is cut off.
+No client holds a place for ever. One whose computer or cable is gone is found by TCP's own questions. Where all places
+are taken, a client that has not sent a single byte makes room for the next. A client that has asked something, and
+neither asks nor streams any more, is dropped after `idle_timeout_s`. One that does not read is cut off.
 """
 
 import asyncio
@@ -38,7 +38,7 @@ _FLUSH_S = 1.0
 
 @dataclass(frozen=True)
 class ListenerProfile:
-    """How many clients a register server takes, and how it treats each."""
+    """Number of clients that a register server takes, and its settings for each."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
 
@@ -94,7 +94,7 @@ class RegisterListener:
         self._on_log = on_log
         self._server: asyncio.Server | None = None
         self._wires: dict[_ClientWire, None] = {}
-        """In the order in which they came."""
+        """Clients in the order in which they came."""
         self._full_told = False
         """A client was sent away since the last one was let in: one line says it for all of them."""
 
@@ -157,7 +157,7 @@ class RegisterListener:
 
     def _over(self, wire: "_ClientWire", event: ConnectionOver) -> None:
         self._on_log(f"{wire.name}: connection closed: {event.text}")
-        # what it is told is sent first, at the end of this turn
+        # its answer is sent first, at the end of this turn
         self._clock.loop.call_soon(wire.close)
 
     def _ended(self, wire: "_ClientWire", cause: Exception) -> None:
@@ -189,7 +189,7 @@ class _ClientWire(asyncio.BufferedProtocol):
         self._closing = False
         self._deadline: asyncio.TimerHandle | None = None
 
-    # --- what asyncio calls
+    # --- called by asyncio
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         assert isinstance(transport, asyncio.Transport)
@@ -225,7 +225,7 @@ class _ClientWire(asyncio.BufferedProtocol):
         else:
             self._on_end(TransportBroken(f"{self.name}: broke: {exc}"))
 
-    # --- what the pump calls
+    # --- called by the pump
 
     def start(self, on_data: Callable[[bytes], None], on_end: Callable[[TransportError], None]) -> None:
         self._on_data = on_data

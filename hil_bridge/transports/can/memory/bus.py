@@ -22,12 +22,12 @@ from protocol.can.line import (
 )
 
 BITRATE = 1_000_000
-"""Bit/s where nobody names one."""
+"""Bit rate without a choice, bit/s."""
 
 
 @dataclass(slots=True)
 class _Attempt:
-    """One frame on the bus, or the same frame again and again while nobody is there to acknowledge it."""
+    """One frame on the bus, or the same frame repeated while no node is there to acknowledge it."""
 
     sender: MemoryCanNode
     frame: CanFrame
@@ -50,7 +50,7 @@ class _Attempt:
         return self.bits + INTERMISSION_BITS + SUSPEND_BITS
 
     def repeat(self, times: int) -> None:
-        """So often in all."""
+        """Repeat the frame, so often in all."""
         self.repeats = times
         self.end = self.start + (times - 1) * self.cycle + self.bits
 
@@ -63,8 +63,8 @@ def _spoilt(
     whole: int,
     hit: int | None,
 ) -> _Attempt:
-    """The attempt at a frame of `whole` bit times that is disturbed at a bit time of it, or at none, and that
-    nobody acknowledges where there is no receiver.
+    """The attempt at a frame of `whole` bit times. It may be disturbed at one bit time, and without receivers
+    it is not acknowledged.
     """
     acknowledge = whole - ACK_DELIMITER_BITS - END_OF_FRAME_BITS
     missing = not receivers and (hit is None or hit > acknowledge)
@@ -80,14 +80,14 @@ def _spoilt(
 class MemoryCanBus:
     """Any number of nodes on one bus.
 
-    Each sends its own frames in order; among those that wait, the frame whose bits win the arbitration goes
-    first. The others have it at the end of its end of frame, stamped with that time. A frame that is disturbed
-    or that nobody acknowledges is followed by an error frame and sent again; the nodes count errors, become error
-    passive, go bus-off and come back as ISO 11898-1 says.
+    Each sends its own frames in order; among those that wait, the frame whose bits win the arbitration goes first. The
+    others have it at the end of its end of frame, stamped with that time. A frame that is disturbed or gets no
+    acknowledge is followed by an error frame and sent again. The nodes count errors, become error passive, go bus-off
+    and come back as ISO 11898-1 says.
 
-    Simplified: all nodes see a disturbance in the same bit, so that their error flags coincide; a node that
-    leaves in the middle of a frame has acknowledged it; of two nodes that send the same identifier at once, which
-    would destroy each other's frames, they take turns and `collisions` counts it.
+    Simplified: all nodes see a disturbance in the same bit, so that their error flags coincide. A node that leaves in
+    the middle of a frame has acknowledged it. Two nodes that send the same identifier at once would destroy each
+    other's frames; here they take turns, and `collisions` counts it.
     """
 
     def __init__(self, clock: Clock, bitrate: int = BITRATE, name: str = "can+memory:bus") -> None:
@@ -96,7 +96,7 @@ class MemoryCanBus:
         self.errors = 0
         """Error frames so far."""
         self.collisions = 0
-        """How often two nodes sent the same identifier at once."""
+        """Number of times that two nodes sent the same identifier at once."""
         self._disturb: Disturbance | None = None
         self._clock = clock
         self._nodes: list[MemoryCanNode] = []
@@ -114,17 +114,17 @@ class MemoryCanBus:
         self._suspended: MemoryCanNode | None = None
         """Error passive sender of the last frame, to whom all others are preferred."""
         self._free_since: float | None = None
-        """When the bus became free while somebody is bus-off."""
+        """Time at which the bus became free while a node is bus-off."""
         self._calling_back = False
 
     @property
     def empty(self) -> bool:
-        """Whether nobody is connected."""
+        """Whether no node is connected."""
         return not self._nodes
 
     @property
     def disturb(self) -> Disturbance | None:
-        """What spoils frames; may be replaced while running, from the next frame on."""
+        """Function that spoils frames; may be replaced while running, from the next frame on."""
         return self._disturb
 
     @disturb.setter
@@ -176,7 +176,7 @@ class MemoryCanBus:
         return self._attempt is not None and self._clock.now() < self._at(self._attempt.start)
 
     def _joins(self) -> bool:
-        """Arbitrate anew for who comes until the very instant at which a frame begins; whether there is one."""
+        """Arbitrate again for a node that comes until the instant at which a frame begins; whether there is one."""
         attempt = self._attempt
         if attempt is None or self._calling_back or self._clock.now() > self._at(attempt.start):
             return False
@@ -201,8 +201,8 @@ class MemoryCanBus:
             self._begun, self._bits, start, at = not_before, 0, 0, not_before
         self._start = start
         at_once = at <= self._clock.now()
-        # one alone: the arbitration is decided unless somebody joins, which spares it, or its timer; but who is
-        # bus-off may have frames to give up at an arbitration
+        # With one node alone no arbitration is needed, nor its timer, until another node joins. But a node that is
+        # bus-off may have frames to give up at an arbitration.
         if (
             len(waiting) == 1
             and suspended is None
@@ -259,13 +259,13 @@ class MemoryCanBus:
         self._timer = self._clock.call_at(self._begun + attempt.end / self.bitrate, self._over)
 
     def _repeat_alone(self, attempt: _Attempt) -> None:
-        """Nothing can change before somebody comes or the frame is given up: spare the steps in between."""
+        """Skip the steps until another node comes or the frame is given up: nothing can change before."""
         if attempt.sender.state is ErrorState.PASSIVE:
             left = (attempt.sender.queue.give_up_at - self._at(attempt.start)) * self.bitrate
             attempt.repeat(max(1, math.ceil(left / attempt.cycle)))
 
     def _cut_repeats(self) -> None:
-        """Somebody came: the repetition that is under way is the last one for which that is too late."""
+        """A node came: the repetition under way is the last one without it."""
         attempt = self._attempt
         if attempt is not None and attempt.repeats > 1:
             passed = (self._clock.now() - self._at(attempt.start)) * self.bitrate
@@ -322,7 +322,7 @@ class MemoryCanBus:
         return [node for node in self._nodes if node.queue.frames and node.on_bus]
 
     def _rest(self) -> None:
-        """Nobody has anything to send; who is bus-off comes back when the bus was free for long enough."""
+        """No node has anything to send. A node that is bus-off comes back when the bus was free for long enough."""
         needed = [node.recovery for node in self._nodes if not node.on_bus]
         if needed:
             self._free_since = max(self._at(self._bits), self._clock.now())

@@ -1,4 +1,4 @@
-"""How a CAN node judges itself by counting errors.
+"""Error counters by which a CAN node judges itself.
 
 Source: ISO 11898-1, fault confinement; Bosch CAN 2.0, part B, chapter 8.
 """
@@ -15,7 +15,7 @@ RECOVERY_SEQUENCES = 128
 """How often a node that is bus-off must see eleven recessive bits in a row before it comes back."""
 
 _COUNTER_MAX = 255
-"""A receive error counter stops here: nobody looks further, and a report has one byte for it."""
+"""A receive error counter stops here: no higher value has a meaning, and a report has one byte for it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +27,7 @@ class ErrorCounters:
 
     @property
     def state(self) -> ErrorState:
-        """What the counters make of the node."""
+        """State of the node by its counters."""
         highest = max(self.transmit, self.receive)
         if self.transmit >= BUS_OFF_LIMIT:
             return ErrorState.BUS_OFF
@@ -59,7 +59,7 @@ class ErrorCounters:
 
 
 def state_report(counters: ErrorCounters, cause: ErrorClass) -> CanErrorReport:
-    """What SocketCAN reports when these counters have changed the error state; `cause` adds a class."""
+    """SocketCAN's report when these counters have changed the error state; `cause` adds a class."""
     state = counters.state
     if state is ErrorState.BUS_OFF:
         return CanErrorReport(ErrorClass.BUS_OFF | cause)

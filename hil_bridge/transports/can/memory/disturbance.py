@@ -1,4 +1,4 @@
-"""What spoils frames on an emulated CAN bus."""
+"""Disturbances of frames on an emulated CAN bus."""
 
 import math
 import random
@@ -8,8 +8,8 @@ from typing import TypeAlias
 from protocol.can.frame import CanFrame
 
 Disturbance: TypeAlias = Callable[[CanFrame, int], int | None]
-"""Called with every frame that begins and its bits to the end of the end of frame; once more when somebody
-joins the arbitration at the same instant.
+"""Called with every frame that begins and its bits to the end of the end of frame. It is called once more when another
+node joins the arbitration at the same instant.
 
 The answer is the bit that all nodes read wrong, from 1, or None when the frame passes.
 """

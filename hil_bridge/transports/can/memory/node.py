@@ -59,7 +59,7 @@ class MemoryCanNode:
         self.queue = SendQueue(bus.name)
         self.counters = ErrorCounters()
         self.state = self.counters.state
-        """What the counters make of it."""
+        """State by its counters."""
         self.on_bus = True
         """Whether it sends, receives and acknowledges: that is, not bus-off."""
         self.recovery = 0
@@ -143,7 +143,7 @@ class MemoryCanNode:
         self._count(self.counters.receive_failed(), at)
 
     def recover(self, at: float) -> None:
-        """It has seen the bus free for long enough after bus-off."""
+        """Come back on the bus, which was free for long enough after bus-off."""
         self.counters, self.on_bus = ErrorCounters(), True
         self.state = self.counters.state
         self._report(CanErrorReport(ErrorClass.RESTARTED), at)

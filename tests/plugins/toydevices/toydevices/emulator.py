@@ -28,7 +28,7 @@ from toydevices.wire import (
 
 @dataclass(frozen=True, slots=True)
 class LoadProfile:
-    """What may differ between one load cell and the next."""
+    """Differences between one load cell and the next."""
 
     noise_n: float = setting(
         0.02, Mark.CHOSEN, "noise of the forces, root mean square", unit="N", minimum=0.0

@@ -16,15 +16,15 @@ from hil_bridge.runs.cycle import Run, RunResult
 from hil_bridge.settings.configuration import Config
 
 
-class CellRun(NamedTuple):
-    """What a run left."""
+class EmulatedRun(NamedTuple):
+    """Records and result of a run."""
 
     cycles: tuple[CycleRecord, ...]
     events: tuple[EventRecord, ...]
     result: RunResult
 
 
-def run_cell(config: Config) -> CellRun:
+def run_emulated(config: Config) -> EmulatedRun:
     """Run a configuration against the emulated cell in virtual time, without files.
 
     The same configuration gives the same records. Raises ConfigError for a configuration with URLs,
@@ -56,7 +56,7 @@ class _Bench:
         if self.faults is not None:
             self.faults.event(record)
 
-    async def main(self) -> CellRun:
+    async def main(self) -> EmulatedRun:
         clock, config = Clock.running(), self.config
 
         def notice(kind: str, text: str) -> None:
@@ -71,4 +71,4 @@ class _Bench:
             if self.faults is not None:
                 self.faults.close()
             clock.close()
-        return CellRun(tuple(self.cycles), tuple(self.events), result)
+        return EmulatedRun(tuple(self.cycles), tuple(self.events), result)

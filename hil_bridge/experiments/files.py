@@ -30,8 +30,8 @@ def section(experiment: Experiment, findings: Findings, prefix: str) -> str:
     """Paragraph, picture, table and links in Markdown; `prefix` leads from the page to the files."""
     text, _ = experiment.describe(findings.table)
     parts = [text, f"![{experiment.title}]({prefix}{experiment.name}.png)"]
-    if experiment.shown:
-        parts.append(markdown(findings.table, experiment.shown))
+    if experiment.page_columns:
+        parts.append(markdown(findings.table, experiment.page_columns))
     links = f"Numbers: [{experiment.name}.csv]({prefix}{experiment.name}.csv)"
     if findings.series:
         links += f", curves: [{experiment.name}-curves.csv]({prefix}{experiment.name}-curves.csv)"

@@ -1,4 +1,4 @@
-"""One direction of a serial line: what is sent takes its time, and the receiver reads it at its own settings."""
+"""One direction of a serial line: bytes sent take their time, and the receiver reads them at its own settings."""
 
 from collections.abc import Callable
 
@@ -16,10 +16,10 @@ from hil_bridge.transports.serial.uart import (
 )
 
 
-class Lane:
+class SerialDirection:
     """Bytes wait here for their turn on the line and are handed on in chunks, as a receiver's FIFO does.
 
-    Where both ends have the same settings nothing needs to be decoded, and nothing is.
+    Bytes are decoded bit by bit only where the settings of the two ends differ.
     """
 
     __slots__ = (
@@ -31,14 +31,14 @@ class Lane:
         "_connected",
         "_damaged",
         "_fifo",
-        "_hears",
         "_next",
         "_on_flaw",
         "_passed",
         "_receiver",
-        "_sends",
+        "_receiver_settings",
+        "_sender_settings",
+        "_sent_at",
         "_sink",
-        "_speaks",
         "_timer",
         "errors",
         "lost",
@@ -49,26 +49,27 @@ class Lane:
         self,
         clock: Clock,
         fifo: int,
-        sends: Callable[[], LineSettings],
-        hears: Callable[[], LineSettings],
+        sender_settings: Callable[[], LineSettings],
+        receiver_settings: Callable[[], LineSettings],
         damaged: Damaged,
         sink: Callable[[bytes], None],
         on_flaw: Callable[[Flaw], None],
     ) -> None:
-        """`sends` and `hears` give the settings of sender and receiver as they are now. `sink` is also called, with
-        nothing, where time has passed on the line without a byte for the receiver's owner.
+        """`sender_settings` and `receiver_settings` give the settings of both ends as they are now.
+
+        `sink` is also called without bytes when time has passed on the line and the receiver's owner gets none.
         """
         self._clock = clock
         self._fifo = fifo
-        self._sends, self._hears = sends, hears
+        self._sender_settings, self._receiver_settings = sender_settings, receiver_settings
         self._damaged = damaged
         self._sink = sink
         self._on_flaw = on_flaw
-        self._receiver = Receiver(hears())
-        self._take_settings(sends())
+        self._receiver = Receiver(receiver_settings())
+        self._take_settings(sender_settings())
         self._connected = True
         self.errors = LineErrors()
-        """What the receiver found damaged."""
+        """Damaged characters that the receiver has found."""
         self.lost = 0
         """Characters sent while the cable was off."""
         self.waiting = bytearray()
@@ -81,7 +82,7 @@ class Lane:
         self._timer: Timer | None = None
 
     def push(self, data: bytes) -> bool:
-        """Put bytes on the line; False, and nothing done, when its queue has no room for them.
+        """Put bytes on the line. Returns False, with nothing done, when the queue has no room for them.
 
         A sender's new settings hold from the next burst on.
         """
@@ -91,8 +92,8 @@ class Lane:
             return True
         if not self.waiting:
             self._begun, self._passed = self._clock.now(), 0
-            if (speaks := self._sends()) is not self._speaks:
-                self._take_settings(speaks)
+            if (settings := self._sender_settings()) is not self._sent_at:
+                self._take_settings(settings)
             if not self._receiver.quiet:
                 self._hear(self._begun)
         self.waiting += data
@@ -106,13 +107,13 @@ class Lane:
             await self._clock.sleep_until(self._at(self._passed + len(self.waiting)))
 
     def clear(self) -> None:
-        """Lose what is on the line."""
+        """Lose the characters on the line."""
         self.waiting.clear()
         self._receiver = Receiver(self._receiver.settings)
         self._disarm()
 
     def hold(self, low: bool, delay: float = 0.0) -> None:
-        """Begin or end a break, after a delay, s; what is sent meanwhile is not seen."""
+        """Begin or end a break, after a delay, s. The receiver does not see characters sent during a break."""
         now = self._clock.now()
         self._settle(now)
         if self._connected:
@@ -121,14 +122,14 @@ class Lane:
         self._arm()
 
     def unplug(self) -> None:
-        """From now on nothing passes; what has passed by now was received."""
+        """Pull the plug: from now on nothing passes. Characters that have passed by now were received."""
         self._settle(self._clock.now())
         self._connected = False
         self._receiver = Receiver(self._receiver.settings)
         self._arm()
 
     def plug_in(self) -> None:
-        """From the next whole character on all passes again."""
+        """Put the plug in: from the next whole character on everything passes again."""
         if self._connected:
             return
         self._settle(self._clock.now())
@@ -136,10 +137,10 @@ class Lane:
         self._connected = True
         self._arm()
 
-    def _take_settings(self, speaks: LineSettings) -> None:
-        self._speaks = speaks
-        self._bits, self._baudrate = speaks.bits, speaks.baudrate
-        self._alike = self._receiver.settings.understands(speaks)
+    def _take_settings(self, settings: LineSettings) -> None:
+        self._sent_at = settings
+        self._bits, self._baudrate = settings.bits, settings.baudrate
+        self._alike = self._receiver.settings.understands(settings)
 
     def _at(self, characters: int) -> float:
         return self._begun + characters * self._bits / self._baudrate
@@ -154,7 +155,7 @@ class Lane:
             self._disarm()
         waiting = len(self.waiting)
         self._next = following = waiting if waiting < self._fifo else self._fifo
-        # the receiver ends on its own only what no other character can follow
+        # the receiver ends a character by itself only where no other one can follow
         when = self._at(self._passed + following) if following else self._receiver.deadline
         if when is not None:
             self._timer = self._clock.call_at(when, self._due)
@@ -190,14 +191,14 @@ class Lane:
             self.lost += count
             self._sink(b"")
             return
-        if (hears := self._hears()) is not self._receiver.settings:
-            self._receiver.retune(hears)
-            self._alike = hears.understands(self._speaks)
+        if (receiver_settings := self._receiver_settings()) is not self._receiver.settings:
+            self._receiver.retune(receiver_settings)
+            self._alike = receiver_settings.understands(self._sent_at)
         if self._alike and self._receiver.quiet:
             self._sink(data)
             return
         for k, byte in enumerate(data):
-            self._receiver.character(byte, self._at(first + k), self._speaks)
+            self._receiver.character(byte, self._at(first + k), self._sent_at)
         self._hear(self._at(self._passed))
 
     def _hear(self, until: float) -> None:

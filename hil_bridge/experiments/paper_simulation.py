@@ -1,7 +1,7 @@
 """The paper's simulation: a controller on a wall, through a position loop that settles within each sample.
 
-Source: project specification of the force control, section 4. The position moves in whole resolution steps,
-the force has uniform noise of half a newton either way, the run begins in contact at zero force.
+Source: project specification of the force control, section 4. The position moves in whole resolution steps, and the
+force has uniform noise of half a newton either way. The run begins in contact at zero force.
 """
 
 from dataclasses import dataclass
@@ -20,8 +20,8 @@ PERIOD = 0.18
 Parameters = tuple[tuple[str, str | float | bool | None], ...]
 
 
-class WallRun(NamedTuple):
-    """What a run left, a value a sample."""
+class PaperRun(NamedTuple):
+    """Results of a run, one value a sample."""
 
     force: tuple[float, ...]
     """N, as measured."""
@@ -31,7 +31,7 @@ class WallRun(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class WallJob:
+class PaperJob:
     """One run of the paper's simulation."""
 
     controller: str
@@ -47,7 +47,7 @@ class WallJob:
     noise: float = NOISE_N
     """Half-width of the uniform force noise, N."""
 
-    def __call__(self) -> WallRun:
+    def __call__(self) -> PaperRun:
         """Run it."""
         controller = make_controller(self.controller, **dict(self.parameters))
         noise, state, commanded = Random(self.seed), controller.initial(), 0.0
@@ -68,4 +68,4 @@ class WallJob:
             [True] * self.samples,
             self.resolution * 1e3,
         )
-        return WallRun(tuple(forces), tuple(positions), merit)
+        return PaperRun(tuple(forces), tuple(positions), merit)

@@ -1,0 +1,136 @@
+"""Wires with faults, put between a wire and its client by a test: latency, losses, flipped bits, a cut cable."""
+
+import random
+from collections.abc import Callable, Sized
+from dataclasses import dataclass
+from functools import partial
+from typing import Generic, TypeVar
+
+from hil_bridge.clock import Clock
+from hil_bridge.errors import TransportBroken, TransportClosed, TransportError
+from hil_bridge.transports.base import Transport
+from hil_bridge.transports.delivery import QUEUE_BYTES, Delivery, TimedQueue, flush
+
+Data = TypeVar("Data", bound=Sized)
+
+
+class Delayed(Generic[Data]):
+    """Everything, the end too, takes `latency_s` longer, in both directions."""
+
+    __slots__ = ("_delivery", "_in", "_inner", "_latency", "_out")
+
+    def __init__(self, transport: Transport[Data], latency_s: float, clock: Clock) -> None:
+        self._inner = transport
+        self._latency = latency_s
+        self._delivery: Delivery[Data] = Delivery(transport.name, QUEUE_BYTES)
+        self._in = TimedQueue(clock)
+        self._out = TimedQueue(clock)
+
+    @property
+    def name(self) -> str:
+        """That of the wire."""
+        return self._inner.name
+
+    def start(self, on_data: Callable[[Data], None], on_end: Callable[[TransportError], None]) -> None:
+        self._delivery.start(on_data, on_end)
+        self._inner.start(self._arrived, self._inner_ended)
+
+    def send(self, data: Data) -> None:
+        self._delivery.check()
+        if self._out.weight + len(data) > QUEUE_BYTES:
+            raise TransportError(f"{self.name}: more than {QUEUE_BYTES} bytes or frames are under way")
+        self._out.put(partial(self._leave, data), len(data), self._latency)
+
+    async def aclose(self) -> None:
+        if not self._delivery.begin_close():
+            return
+        try:
+            await flush(self._out.drained())
+        finally:
+            await self._inner.aclose()
+            self._delivery.closed()
+
+    def _arrived(self, data: Data) -> None:
+        self._in.put(partial(self._delivery.data, data), len(data), self._latency)
+
+    def _leave(self, data: Data) -> None:
+        try:
+            self._inner.send(data)
+        except TransportError as error:
+            self._inner_ended(error)
+
+    def _inner_ended(self, error: TransportError) -> None:
+        if isinstance(error, TransportClosed):
+            self._delivery.end(error)
+        else:
+            self._in.put(partial(self._delivery.end, error), 0, self._latency)
+
+
+@dataclass(frozen=True, slots=True)
+class Faults:
+    """Probabilities for each byte, in both directions; 0 … 1."""
+
+    loss: float = 0.0
+    corruption: float = 0.0
+    """One bit of the byte is turned over."""
+    duplication: float = 0.0
+
+
+class Faulty:
+    """A byte wire with faults that repeat with the seed. Each direction draws its own numbers, so that what
+    happens to one does not depend on the traffic of the other.
+    """
+
+    __slots__ = ("_delivery", "_in", "_inner", "_out", "faults")
+
+    def __init__(self, transport: Transport[bytes], faults: Faults, seed: int = 0) -> None:
+        self._inner = transport
+        self.faults = faults
+        """May be replaced while running; a loss of 1 is a wire on which all is silent."""
+        self._in = random.Random(f"{seed} in")
+        self._out = random.Random(f"{seed} out")
+        self._delivery: Delivery[bytes] = Delivery(transport.name, QUEUE_BYTES)
+
+    @property
+    def name(self) -> str:
+        """That of the wire."""
+        return self._inner.name
+
+    def start(self, on_data: Callable[[bytes], None], on_end: Callable[[TransportError], None]) -> None:
+        self._delivery.start(on_data, on_end)
+        self._inner.start(self._arrived, self._delivery.end)
+
+    def send(self, data: bytes) -> None:
+        self._delivery.check()
+        if damaged := self._damage(data, self._out):
+            self._inner.send(damaged)
+
+    def cut(self) -> None:
+        """Cut the cable: this side ends with TransportBroken, the other side hears nothing more."""
+        self._delivery.end(TransportBroken(f"{self.name}: the cable was cut"))
+
+    async def aclose(self) -> None:
+        await self._inner.aclose()
+        self._delivery.closed()
+
+    def _arrived(self, data: bytes) -> None:
+        if damaged := self._damage(data, self._in):
+            self._delivery.data(damaged)
+
+    def _damage(self, data: bytes, draw: random.Random) -> bytes:
+        faults = self.faults
+        if faults == Faults():
+            return data
+        out = bytearray()
+        for byte in data:
+            # all three are drawn for every byte, so that one probability does not shift the others' draws
+            lost, corrupted, doubled = draw.random(), draw.random(), draw.random()
+            bit = draw.randrange(8)
+            if lost < faults.loss:
+                continue
+            if corrupted < faults.corruption:
+                byte ^= 1 << bit
+            out.append(byte)
+            if doubled < faults.duplication:
+                out.append(byte)
+        return bytes(out)
