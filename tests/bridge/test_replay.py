@@ -92,7 +92,7 @@ def test_another_controller_is_asked_in_the_real_situations(recording: Path) -> 
 
 def test_tighter_limits_show_where_they_would_have_stopped_the_run(recording: Path, tmp_path: Path) -> None:
     record = read(recording)
-    along = {c.cycle: c.sample.force for c in record.cycles if c.sample is not None}
+    along = {c.cycle: max(c.sample.force, c.sample.peak_force) for c in record.cycles if c.sample is not None}
     highest = max(along.values())
     file = tmp_path / "limits.toml"
     file.write_text(f"[limits]\nforce_limit_n = {highest - 0.1!r}\n[task]\nforce_n = 9.0\n")
