@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: run test bench clean
+.PHONY: run test bench kernel-driver clean
 
 run: $(STAMP)
 	$(BIN)/hil-bridge run --duration 30 --panel tcp-listen://127.0.0.1:0 \
@@ -16,6 +16,10 @@ test: $(STAMP)
 # ONLY="wake_up link_use" runs those alone; PAGE=1 renews docs/performance.md too
 bench: $(STAMP)
 	$(BIN)/python -m tools.bench $(ONLY) $(if $(PAGE),--page)
+
+# Linux's own jr3_pci driver on the emulated receiver board, in a virtual machine; `make test` runs it too
+kernel-driver: $(STAMP)
+	$(BIN)/python tools/kernel_driver.py
 
 $(STAMP): pyproject.toml
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "hil-bridge needs Python 3.11 or newer; set PYTHON=python3.11 or later")'

@@ -107,7 +107,7 @@ class TrueState:
     position: Vector
     """Tool centre point in the base frame, m."""
     velocity: Vector
-    """Its velocity in the base frame, m/s."""
+    """Velocity of the tool in the base frame, m/s."""
     quaternion: Quaternion
     """Tool frame in the base frame, w x y z."""
     contact_force: Vector
@@ -256,8 +256,8 @@ class Cell(Generic[Robot, Sensor]):
     def _contact_force(self, surface: Surface, times: Floats, count: bool = True) -> Floats:
         """Force of surface and obstacles on the tool tip, (n, 3) at ascending `times` (n,), base frame, N.
 
-        A surface with memory is first shown the samples that were never read, so that its force depends on the
-        motion and not on the reads. Where it cannot go back far enough, it answers as if the tip jumped there.
+        A surface with memory is first shown the samples that were never read. So its force depends on the motion and
+        not on the reads. Where it cannot go back far enough, it answers as if the tip jumped there.
         """
         if (shown := surface.remembered_until) is not None:
             begin = max(shown, times[0] - _PAST_S) * _MEMORY_RATE_HZ

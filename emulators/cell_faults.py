@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from emulators.cell import OWN_FAULTS
 from emulators.faults import Fault
 from emulators.faults.bus import BUS_FAULTS
-from emulators.jr3.faults import BOARD_FRAMES_FAULTS, FRAMES_FAULTS, JR3_FAULTS
+from emulators.jr3.faults import FRAMES_FAULTS, JR3_FAULTS, PLUG_FAULTS, SECOND
 from emulators.s3.faults import S3_FAULTS
 
 CELL_FAULTS: Mapping[str, Mapping[str, Fault]] = {
@@ -13,16 +13,18 @@ CELL_FAULTS: Mapping[str, Mapping[str, Fault]] = {
     **JR3_FAULTS,
     **OWN_FAULTS,
 }
-"""By target."""
+"""Faults by target."""
 
 FELT_BY_SENSOR = ("signal", "scales", "frames", "bus", "surface", "obstacle")
 """Targets that have no effect but through the emulated sensor."""
 
 RECEIVERS: Mapping[tuple[str, str], tuple[str, ...]] = {
-    **{
-        ("frames", name): ("board",) if name in BOARD_FRAMES_FAULTS else ("gateway", "uart")
-        for name in FRAMES_FAULTS
-    },
+    **{("frames", name): ("gateway", "uart") for name in FRAMES_FAULTS if name not in PLUG_FAULTS},
     **{("bus", name): ("gateway",) for name in BUS_FAULTS},
 }
 """Which receivers of the sensor can have a fault, where not all can."""
+
+RECEIVERS_WITH: Mapping[tuple[str, str], tuple[str, str, tuple[str, ...]]] = {
+    ("frames", "unplugged"): ("sensor", SECOND, ("board",))
+}
+"""Which can have a fault with a value of a parameter, where not all can: the parameter, the value, the receivers."""

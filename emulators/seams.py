@@ -41,7 +41,7 @@ class StartPose(NamedTuple):
     quaternion: Quaternion
     """Tool frame in the base frame, w x y z; need not be normalised."""
     tool_length: float = 0.0
-    """From the flange along tool z to the tool centre point, m."""
+    """Distance from the flange along tool z to the tool centre point, m."""
 
 
 class ArmPath(Protocol):
@@ -88,11 +88,11 @@ class EmulatedRobot(Protocol):
 
     @property
     def handlers(self) -> Handlers:
-        """Its faults."""
+        """Handlers of its faults."""
 
     @property
     def accepted(self) -> int:
-        """How many targets it has taken so far; the first has the number 1."""
+        """Number of targets that it has taken so far; the first has the number 1."""
 
     def begun_at(self, target: int) -> float | None:
         """When the motion towards the target of this number began, s; None while that is not known, NaN for a target
@@ -132,12 +132,12 @@ class EmulatedSensor(Protocol):
     @property
     def endpoint(self) -> Any:
         """The end of its wire that its room serves: an `Endpoint` of bytes, datagrams or CAN frames that tells no
-        events, or for a device of registers `protocol.jr3.board.Registers`.
+        events. For a device of registers it is `protocol.jr3.board.Registers`.
         """
 
     @property
     def handlers(self) -> Handlers:
-        """Its faults."""
+        """Handlers of its faults."""
 
     def sampled_at(self, counter: int) -> float | None:
         """When it measured the newest sample that it told with this counter, s; None where there is none."""

@@ -54,10 +54,10 @@ class Moment(Struct, frozen=True):
 
 
 class RobotHops(Struct, frozen=True):
-    """How a robot's stamps divide a cycle from `sent_at` on."""
+    """Hops into which a robot's stamps divide a cycle from `sent_at` on."""
 
     to_answer: tuple[Hop, ...]
-    """From `sent_at` to the answer of the order, each beginning where one ends."""
+    """Hops from `sent_at` to the answer of the order, each beginning where one ends."""
     to_motion: tuple[tuple[Hop, ...], ...] = ()
     """Ways from `sent_at` to the motion. The first holds whose last hop never ends before it begins, else the last."""
     beside: tuple[Hop, ...] = ()
@@ -80,7 +80,7 @@ class Traffic(Struct, frozen=True):
 
 
 class ServoFacts(Struct, frozen=True):
-    """How the robot follows its points."""
+    """Servo of the robot."""
 
     interpolation_s: _Positive
     """Between two set points of the interpolator."""
@@ -88,7 +88,7 @@ class ServoFacts(Struct, frozen=True):
     natural_frequency_rad_s: _Positive
     damping_ratio: _Positive
     dead_band_steps: _NotNegative = 0.0
-    """How far the position may be off without being corrected, either way, in steps of the position."""
+    """Largest error of the position without correction, either way, in steps of the position."""
     marks: dict[str, str] = {}
     """How well each of them is known, see `protocol.marks`, by the name of its setting."""
 
@@ -143,7 +143,7 @@ class Sensor(Struct, frozen=True, omit_defaults=True):
 
     @property
     def delay_s(self) -> float | None:
-        """How much later than the force itself its filter tells of it, at low frequencies; None if not known."""
+        """Delay of its filter at low frequencies; None if not known."""
         return self.older_delay_s if self.facts is None else self.facts.delay
 
 
@@ -154,5 +154,5 @@ class Devices(Struct, frozen=True):
     sensor: Sensor = Sensor()
 
     def as_metadata(self) -> dict[str, str]:
-        """For a recording: JSON by device."""
+        """Metadata for a recording: JSON by device."""
         return {name: msgspec.json.encode(getattr(self, name)).decode() for name in self.__struct_fields__}

@@ -26,8 +26,8 @@ class RemoteProtocolError(ProtocolError):
 class Endpoint(Protocol[DataIn, DataOut, Event]):
     """One end of a link. `now` is in seconds on the caller's clock and never runs backwards.
 
-    Data is `bytes` on a byte wire, a sequence of `CanFrame` on a CAN bus, a sequence of `bytes` where these are
-    datagrams; empty means nothing to send.
+    Data is `bytes` on a byte wire, a sequence of `CanFrame` on a CAN bus, and a sequence of `bytes` on a wire of
+    datagrams. Empty data mean nothing to send.
     """
 
     def receive(self, data: DataIn, now: float) -> None:

@@ -1,4 +1,4 @@
-"""Where a fact comes from, kept next to the fact.
+"""Origin of a fact, kept next to the fact.
 
 A *profile* is a frozen dataclass whose fields are made by `setting`. Each has a default, a mark that says how well the
 default is known, and a sentence of meaning. `settings` lists them for people to read.

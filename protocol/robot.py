@@ -71,7 +71,7 @@ class StreamClient(Endpoint[Data, Data, StreamEvent], Protocol[Data]):
     """The codec of a robot that sends a packet by its own clock and is answered each time.
 
     Its user takes the events at once. For each `ReportReceived`, in order, it calls `target` or `hold` exactly once,
-    before it asks for the data to send: these are the answers, one for each packet. The client needs no limits, no
+    before it asks for the data to send. These are the answers, one for each packet. The client needs no limits, no
     ramps and no watchdog: its user has them.
 
     Sequence numbers count packets. A client unwraps the robot's own number, and counts on where that begins anew. A

@@ -13,10 +13,10 @@ no port, reads no clock and waits for nothing. `hil_bridge.sensors.stream.ForceS
 | `SensorStopped` | the device knows that it is not needed any more, or there is no way to tell it |
 | `SensorFailed` | the session is over; the last event |
 
-Six values are always fx fy fz mx my mz: force and moment of all that hangs below the sensor, and of all that touches
-it, on the sensor's tool side. They are about the sensor's origin, in its own right-handed frame. How that frame sits in
-the tool's, and a mirrored one, are settings of the bridge. A client tells the values as the device counts them. They
-mean N and N·m times `SensorFacts.scales`, which are 1.0 for a device that tells SI units.
+Six values are always fx fy fz mx my mz. They are force and moment of all that hangs below the sensor, and of all that
+touches it, on the sensor's tool side. They are about the sensor's origin, in its own right-handed frame. How that frame
+sits in the tool's, and a mirrored one, are settings of the bridge. A client tells the values as the device counts them.
+They mean N and N·m times `SensorFacts.scales`, which are 1.0 for a device that tells SI units.
 """
 
 import math
@@ -48,7 +48,7 @@ class SensorFacts:
     period: float | None
     """Between two frames by the device's clock, s; None where each has to be asked for."""
     delay: float
-    """How much later than the force itself the device's filter tells of it, s, at low frequencies."""
+    """Delay of the device's filter behind the force itself, s, at low frequencies."""
     tares: Literal["device", "host"]
     """Side that takes off the zero: the device, or the client with `HostTare`."""
 
@@ -126,6 +126,10 @@ SensorEvent: TypeAlias = (
 )
 
 
+_STANDS_AFTER = 3
+"""Chosen: so many samples in a row with the same counter are no accident."""
+
+
 @dataclass(slots=True)
 class SensorStatistics:
     """Faults of the samples that came, or of other bytes, since the client began."""
@@ -134,10 +138,17 @@ class SensorStatistics:
     """Samples that the counter says are missing, where the device has a cadence of its own."""
     repeated: int = 0
     """Samples dropped because their counter was there before: duplicates and stragglers."""
+    standing: int = 0
+    """Samples in a row that came with the counter of the newest one, so that it stands still; 0 while it moves."""
     unpaired: int = 0
     """Force or moment frames without their other half."""
     malformed: int = 0
     """Payloads that make no sense."""
+
+    @property
+    def stands(self) -> bool:
+        """Whether samples go on while their counter stands still, too long for an accident."""
+        return self.standing >= _STANDS_AFTER
 
 
 class SensorClient(Endpoint[Data, Data, SensorEvent], Protocol[Data]):

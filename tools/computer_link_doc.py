@@ -17,6 +17,8 @@ from protocol.s3.arap import (
     KNOWN_ORDERS,
     REFUSAL,
     SPONTANEOUS,
+    TYPE_FLAG,
+    TYPE_FLAG_TEXT,
     TYPE_NAMES,
     FunctionCode,
     Mode,
@@ -51,7 +53,8 @@ def header() -> str:
 
 def types() -> str:
     """Role of a telegram in the exchange."""
-    return table(("type", "meaning"), ((f"`{code:02X}`", code.text) for code in TelegramType))
+    flag = f"`+ {TYPE_FLAG:02X}`", f"the same, {TYPE_FLAG_TEXT}"
+    return table(("type", "meaning"), [*((f"`{code:02X}`", code.text) for code in TelegramType), flag])
 
 
 def functions() -> str:

@@ -93,7 +93,7 @@ def is_sending(state: State, target: State) -> bool:
 
 
 def arrows(role: Role, sending: bool) -> dict[tuple[State, State], list[str]]:
-    """For each pair of states what leads from the one to the other. For the receiver listening is as idle."""
+    """Arrows for each pair of states from the one to the other. For the receiver listening is as idle."""
     pairs: dict[tuple[State, State], list[str]] = {}
     for state, stimulus, _, target in transitions(role):
         alike = state is State.LISTENING and TRANSITIONS.get((State.IDLE, stimulus)) is not None

@@ -39,7 +39,7 @@ STIFFNESSES_N_M = (5e3, 5e4)
 WATCH_S, TICK_S = 0.05, 0.001
 """How often the truth is asked for, and how finely, s."""
 TRACK_S = 9.0
-"""How long a run would track if nothing happened, s."""
+"""Time for which a run would track if nothing happened, s."""
 AFTER_S = (0.8, 2.0)
 """When a fault comes after the begin of TRACK, s: between these, drawn by the seed."""
 
@@ -52,7 +52,7 @@ class Case:
     faults: tuple[Mapping[str, Any], ...] = ()
     """None without a person that presses Ctrl-C."""
     by_force: bool = False
-    """It counts from when the true force passes the limit, not from the begin of the fault."""
+    """The time counts from the moment at which the true force passes the limit, not from the begin of the fault."""
     per_stiffness: Mapping[str, float] = field(default_factory=dict)
     """Parameters that are so much divided by the stiffness in kN/m, so that the force is the same."""
 
@@ -90,9 +90,9 @@ class Times:
     """Result of one run, s and N; None where it did not happen."""
 
     order_s: float | None
-    """From the begin to the first order of the retraction."""
+    """Time from the begin to the first order of the retraction."""
     below_s: float | None
-    """From the begin to the true force being below the limit for good; None where it never was above."""
+    """Time from the begin until the true force is below the limit for good; None where it never was above."""
     largest_n: float
     """Largest true force from the begin on."""
     end_n: float

@@ -1,6 +1,6 @@
 """An arm that follows the newest target of a stream, at the cycle of its robot.
 
-At each tick the set point moves towards the newest target, no faster than the robot allows; one transport delay later
+At each tick the set point moves towards the newest target, no faster than the robot allows. One transport delay later
 the position loops of `emulators.arm.loops` take it. A stream that stops leaves the arm at its last target. There is no
 resolution grid and no dead band. The servo acts on the Cartesian axes of the base frame. Orientation has no servo of
 its own: it follows the set point after the transport delay, in steps of one tick.
@@ -63,7 +63,7 @@ class _FollowedServo:
     """Set point and position loops as of one tick: a `Servo` of `emulators.arm.history`."""
 
     def __init__(self, mechanics: _Mechanics, start: Pose) -> None:
-        """At rest."""
+        """The arm stands still at this pose."""
         self.mechanics = mechanics
         self.tick = 0
         self.begins: tuple[float, ...] = ()
@@ -175,7 +175,7 @@ class FollowedArm:
         self.path.give_up()
 
     def set_point(self, now: float) -> Pose:
-        """Where the controller wants the tool as of the last tick up to `now`."""
+        """Pose that the controller wants the tool to have, as of the last tick up to `now`."""
         servo = self.path.at_tick(now)
         return Pose(servo.at, servo.turned)
 

@@ -1,7 +1,7 @@
 """A motion in time: its past, the present tick, and its future unless more is ordered.
 
-Time runs on two shifted grids: the ticks of a servo, and one transport delay later the moments at which the
-position loops take their set points. Ticks are computed one by one, samples between them as arrays.
+Time runs on two shifted grids: the ticks of a servo, and the moments at which the position loops take their set points.
+The second grid lies one transport delay later. Ticks are computed one by one, samples between them as arrays.
 
 The path may be read beyond its committed end, as if no further order came. Ticks are computed once, those ahead as
 well; ticks that an order overtakes are computed anew.
@@ -82,7 +82,7 @@ class History(Generic[S]):
         """How many of them are no longer waiting: the servo has come to them, or they were given up."""
         self._begins: deque[float] = deque(maxlen=_BEGINS)
 
-        # Item k % n describes the loops from the moment they take set point k: the factors of 1, a and b in
+        # Item k % n describes the loops from the moment they take set point k. It holds the factors of 1, a and b in
         # the positions and the velocities of the axes (6, 3), and the servo itself.
         self._kept = math.ceil((_PAST_S + self._delay) / self._period) + 2
         self._size = self._kept + math.ceil((look_ahead + self._delay) / self._period) + 2
@@ -189,8 +189,8 @@ class History(Generic[S]):
         ]
 
     def _locate(self, times: Floats) -> tuple[int, int, Floats]:
-        """Ticks whose set points the loops have at the first and the last of `times`, and the times (n,)
-        since they took that of tick 0, s.
+        """Ticks whose set points the loops have at the first and the last of `times`. With them the times (n,) since
+        the loops took the set point of tick 0, s.
         """
         # Later ticks have no say yet.
         newest = self._look_to(float(times[-1]) - self._delay)

@@ -2,11 +2,11 @@
 
 Lengths, ranges and speeds: project specification of the computer link, section 6. Angles in rad, lengths in m.
 
-Assumed, because zero positions and signs are not public: with all axes at zero the arm points along base x and the
+Assumed, because zero positions and signs are not public. With all axes at zero the arm points along base x and the
 upper arm stands upright. The forearm lies level with its own axis above axis 3, the wrist is straight, and the tool's x
 axis points up. So a tool pointing down in front of the base has axes 4 and 6 near zero. Axis 1 turns about base z,
-which axis 2 crosses. Axes 2, 3 and 5 turn about y at zero (positive: down and forward), axes 4 and 6 about the
-forearm's axis, all by the right hand.
+which axis 2 crosses. Axes 2, 3 and 5 turn about y at zero (positive: down and forward). Axes 4 and 6 turn about the
+forearm's axis. All turn by the right hand.
 
 Axis 3 is read against the horizon or against the upper arm, see `ArmSize.axis_3_against`. The wrist is spherical.
 """
@@ -29,7 +29,7 @@ _TOOL_AT_ZERO: Quaternion = (0.0, _HALF, 0.0, _HALF)
 """Tool frame in the base frame with all joints at zero: z forward, x up."""
 _TURN = 2.0 * math.pi
 _ROUNDING = 1e-9
-"""How far beyond the end of a range, in rad, an angle still counts as inside."""
+"""Angle by which a posture may lie beyond the end of a range, rad, and still count as inside."""
 _ON_AXIS_1_M = 1e-6
 """A wrist nearer than this to axis 1 leaves its angle open."""
 _STRAIGHT = 1e-4
@@ -43,7 +43,7 @@ class Route:
     """The joints along a straight line, at places close enough together to go straight between them."""
 
     parts: tuple[float, ...]
-    """How much of the line lies behind each place, ascending from 0 to 1."""
+    """Share of the line behind each place, ascending from 0 to 1."""
     joints: tuple[Joints, ...]
     """The joints at each place."""
     least_times: tuple[float, ...]
@@ -158,11 +158,11 @@ class Arm:
         return min(postures, key=lambda joints: self._effort(near, joints), default=None)
 
     def least_time(self, before: Joints, after: Joints) -> float:
-        """How long the slowest joint takes from one posture to another, s."""
+        """Time of the slowest joint from one posture to another, s."""
         return max(abs(q - p) / speed for p, q, speed in zip(before, after, self._speeds, strict=True))
 
     def bend(self, joints: Joints) -> float:
-        """How far the forearm hangs from the straight arm, rad, -π … π: positive with the elbow up."""
+        """Angle of the forearm from the straight arm, rad, -π … π: positive with the elbow up."""
         return math.remainder(math.pi / 2.0 - joints[1] - self._offset + self._pitch(joints), _TURN)
 
     def _pitch(self, joints: Joints) -> float:

@@ -136,9 +136,9 @@ class Ticks:
     powered_at: float
     """Tick 0, s."""
     period: float
-    """From one tick to the next, s."""
+    """Time from one tick to the next, s."""
     delay: float
-    """From a tick to the moment at which the loops take its set point, s."""
+    """Time from a tick to the moment at which the loops take its set point, s."""
 
 
 class Mechanics:
@@ -168,7 +168,7 @@ class Loops:
     __slots__ = ("_error", "_input", "_mechanics", "_velocity", "offset", "reported", "resting", "set_point")
 
     def __init__(self, mechanics: Mechanics, position: Vector) -> None:
-        """At rest."""
+        """The loops stand still at this position."""
         self._mechanics = mechanics
         self.set_point = [round(p / mechanics.step) for p in position]
         """Resolution steps."""

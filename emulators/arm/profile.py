@@ -31,7 +31,7 @@ class ArmSize(Protocol):
 
     @property
     def axis_ranges_deg(self) -> PerAxis:
-        """How far each axis turns to either side of the middle of its range, °."""
+        """Angle by which each axis turns to either side of the middle of its range, °."""
 
     @property
     def axis_middles_deg(self) -> PerAxis:

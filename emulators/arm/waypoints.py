@@ -59,7 +59,7 @@ class _WaypointServo:
     """Interpolator and position loops as of one tick: a `Servo` of `emulators.arm.history`."""
 
     def __init__(self, mechanics: Mechanics, start: Pose, joints: Joints) -> None:
-        """At rest, and nothing to do."""
+        """The interpolator stands still and has no target."""
         self.mechanics = mechanics
         self.tick = 0
         self.queue: tuple[Waypoint, ...] = ()
@@ -208,7 +208,7 @@ class WaypointArm:
         return len(self.path.at_tick(now).queue)
 
     def goal(self, now: float) -> tuple[Vector, Quaternion, Joints]:
-        """Where the last point waiting leads to, else where the interpolator stands: m, w x y z, and its joints."""
+        """Target of the last waiting point, else the place of the interpolator: m, w x y z, and its joints."""
         servo = self.path.at_tick(now)
         if not servo.queue:
             return servo.at, servo.turned, servo.joints

@@ -68,7 +68,7 @@ class Fault:
     meaning: str
     parameters: Mapping[str, Parameter] = field(default_factory=dict)
     lasts_s: float | None = None
-    """For how long unless told otherwise; None for one that strikes now, or at its next opportunities."""
+    """Duration unless the injection tells another; None for a fault that strikes now, or at its next opportunities."""
     amounts: tuple[str, ...] = ()
     """Parameters that must not all be 0: it would be no fault."""
     distinct: tuple[str, ...] = ()

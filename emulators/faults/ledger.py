@@ -34,7 +34,7 @@ class Injection:
     ends_at: float | None
     """When it will be over, infinity for the end of the run; None for one that strikes a number of times."""
     struck: int = 0
-    """How often it had an effect: bytes or frames lost, samples altered, orders refused, states changed."""
+    """Number of its effects: bytes or frames lost, samples altered, orders refused, states changed."""
     ended_at: float | None = None
     """When it was over; None before that."""
     on_end: Callable[["Injection"], object] = field(default=_not_noted, repr=False)

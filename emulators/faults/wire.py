@@ -144,7 +144,7 @@ class FaultyWire(Generic[Data]):
         self.bad = False
         """Whether a fault is, or was, on it: then something may still be under way."""
         self.handlers: Mapping[str, Handler] = {name: Handler(self._begin) for name in WIRE_FAULTS}
-        """For a ledger."""
+        """Handlers for a ledger."""
 
     def incoming(self, data: Data, now: float) -> Data:
         """Take data sent to the device; those, of them or of earlier ones, that it receives now."""

@@ -1,19 +1,21 @@
 """A microcontroller between a JR3 sensor's serial link and CAN.
 
-Behaves as the firmware roboticslab-uc3m/jr3-mbed-firmware-can does, which was read for facts only.
+Behaves as the firmware roboticslab-uc3m/jr3-mbed-firmware-can does, which was read for facts only. Its main program
+looks for a SYNC, then for commands, then sleeps; an interrupt takes what the bus brings meanwhile.
 """
 
+import math
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Literal, Self
 
 from emulators.faults.ledger import Handler
 from emulators.faults.wire import FRAMES, FaultyWire
-from emulators.jr3.firmware import Firmware
+from emulators.jr3.firmware import RESET, START, STOP, Firmware, Step
+from emulators.jr3.firmware_profile import FirmwareProfile
 from emulators.jr3.late import Sample
 from emulators.jr3.sensor import Jr3Sensor
-from emulators.quantiles import check_quantiles
 from protocol.can.frame import CanFrame
 from protocol.endpoint import RemoteProtocolError
 from protocol.jr3 import (
@@ -25,25 +27,34 @@ from protocol.jr3 import (
     encode_sample,
     identifier,
 )
-from protocol.marks import Mark, check_settings, setting
+from protocol.marks import Mark, setting
 
-_QUEUE = 32
-"""Commands that the gateway keeps while it reads the calibration; more are lost. Source: firmware."""
+_ROUNDING = 1e-6
+"""Of the time between two looks: by so much a time may be off through rounding."""
 
 
 @dataclass(frozen=True)
-class GatewayProfile:
+class GatewayProfile(FirmwareProfile):
     """How a gateway behaves in time."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
 
     node: int = setting(1, Mark.OBSERVED, "node number", minimum=1, maximum=127)
     boot_s: float = setting(2.0, Mark.OBSERVED, "deaf and silent after power-up", unit="s", minimum=0.0)
-    calibration_s: float = setting(
-        0.033, Mark.DERIVED, "reading the calibration: 256 bytes, one per sample", unit="s", minimum=0.0
+    loop_ms: float = setting(
+        1.0,
+        Mark.OBSERVED,
+        "its main program looks for commands and for a SYNC so often, and answers all SYNCs since its last look once; "
+        "0: everything at once",
+        unit="ms",
+        minimum=0.0,
+        maximum=1000.0,
     )
-    sample_period_us: float = setting(
-        128.5, Mark.OBSERVED, "between samples taken from the sensor", unit="µs", above=0.0
+    buffer_commands: int = setting(
+        32, Mark.OBSERVED, "commands that wait for it at most", minimum=1, maximum=65536
+    )
+    buffer_loses: Literal["oldest", "newest"] = setting(
+        "oldest", Mark.OBSERVED, "which command is lost when one more comes than can wait"
     )
     shortest_period_us: float = setting(
         260.0,
@@ -52,18 +63,11 @@ class GatewayProfile:
         unit="µs",
         above=0.0,
     )
-    delay_ms: tuple[float, ...] = setting(
-        (),
-        Mark.CHOSEN,
-        "measured delay of the stream's frames above the least, as evenly spaced quantiles, least first and largest "
-        "last; empty: none",
-        unit="ms",
-        minimum=0.0,
-    )
 
     def __post_init__(self) -> None:
-        check_settings(self)
-        check_quantiles(self, "delay_ms")
+        super().__post_init__()
+        if self.buffer_loses not in ("oldest", "newest"):
+            raise ValueError(f"buffer_loses must be oldest or newest, got {self.buffer_loses}")
 
 
 class Gateway:
@@ -73,16 +77,18 @@ class Gateway:
         self.jr3 = sensor
         """The sensor behind it."""
         self._profile = profile
-        self._firmware = Firmware(
-            sensor, profile.sample_period_us, profile.shortest_period_us, profile.delay_ms, seed
-        )
+        self._firmware = Firmware(sensor, profile, seed)
         self._hears_from = powered_at + profile.boot_s
         self._wire: FaultyWire[Sequence[CanFrame]] = FaultyWire(FRAMES, f"{seed} frames")
         self._out: list[CanFrame] = []
         self._waiting: deque[Command] = deque()
-        connected = sensor.profile.connected
-        self._busy_with: Op | None = Op.BOOT_UP if connected else None
-        self._busy_until = self._hears_from + profile.calibration_s
+        self._synced = False
+        """A SYNC has come since the last look."""
+        self._looks_at: float | None = self._hears_from
+        """When the main program looks next, s; None while there is nothing to be seen."""
+        self._booting = True
+        self._under_way: Command | None = None
+        """The command that takes time; the main program looks at nothing else meanwhile."""
 
     @property
     def handlers(self) -> Mapping[str, Mapping[str, Handler]]:
@@ -98,6 +104,14 @@ class Gateway:
     def endpoint(self) -> Self:
         """The gateway itself is the end of its wire."""
         return self
+
+    def unplug(self, now: float) -> None:
+        """Pull the sensor's plug; harmless when it is out."""
+        self._firmware.unplug(now)
+
+    def plug_in(self, now: float) -> None:
+        """Put the sensor's plug in; harmless when it is in."""
+        self._firmware.plug_in(now)
 
     # --- endpoint
 
@@ -120,13 +134,20 @@ class Gateway:
             except RemoteProtocolError:
                 continue
             if command.op is Op.SYNC:
-                self._on_sync(now)
-            elif command.node != self._profile.node:
-                continue
-            elif self._busy_with is None:
-                self._on_command(command, now)
-            elif len(self._waiting) < _QUEUE:
-                self._waiting.append(command)
+                self._synced = True
+            elif command.node == self._profile.node:
+                self._keep(command)
+            self._look_soon(now)
+            if not self._profile.loop_ms:
+                self._work(now)
+        self._work(now)
+
+    def _keep(self, command: Command) -> None:
+        if len(self._waiting) >= self._profile.buffer_commands:
+            if self._profile.buffer_loses == "newest":
+                return
+            self._waiting.popleft()
+        self._waiting.append(command)
 
     def next_event(self) -> None:
         """A gateway tells nothing."""
@@ -137,18 +158,17 @@ class Gateway:
         return self._wire.outgoing(frames, now) if self._wire.bad else frames
 
     def next_deadline(self) -> float | None:
-        """End of reading the calibration, the next frame of the stream, or the next block of samples."""
+        """What the main program does next, the next frame of the stream, or the next block of samples."""
         due = self._firmware.next_deadline()
-        if self._busy_with is not None:
-            due = self._busy_until if due is None else min(due, self._busy_until)
+        if (works_at := self._works_at()) is not None:
+            due = works_at if due is None else min(due, works_at)
         return self._wire.next_deadline(due) if self._wire.bad else due
 
     def handle_deadline(self, now: float) -> None:
         """Emit every frame that is due up to and including now."""
         if self._wire.bad and (frames := self._wire.arrived(now)):
             self._take(frames, now)
-        if self._busy_with is not None and now >= self._busy_until:
-            self._on_calibration_read(self._busy_with)
+        self._work(now)
         self._send_due(now)
         self._firmware.catch_up(now)
 
@@ -156,46 +176,94 @@ class Gateway:
         """The truth: when the sensor measured the newest sample sent with this counter, s; None if there is none."""
         return self._firmware.sampled_at(counter)
 
-    # --- commands
+    # --- the main program
+
+    def _look_soon(self, now: float) -> None:
+        """Look at the next of the times that lie `loop_ms` apart, unless it will anyhow, or is busy."""
+        if self._looks_at is not None or self._under_way is not None or not (self._synced or self._waiting):
+            return
+        period = self._profile.loop_ms * 1e-3
+        self._looks_at = now
+        if period:
+            looks = math.ceil((now - self._hears_from) / period - _ROUNDING)
+            self._looks_at = max(now, self._hears_from + looks * period)
+
+    def _works_at(self) -> float | None:
+        if self._under_way is not None:
+            until = self._firmware.busy_until
+            return until if until < math.inf else None
+        return self._looks_at
+
+    def _work(self, now: float) -> None:
+        """Do what is to be done up to and including now, each at its time."""
+        while (at := self._works_at()) is not None and at <= now:
+            self._send_due(at)
+            if self._under_way is not None:
+                self._finish(at)
+            elif self._booting:
+                self._boot(at)
+            elif self._synced:
+                self._on_sync(at)
+            self._looks_at = None
+            while self._waiting and self._under_way is None:
+                self._on_command(self._waiting.popleft(), at)
+            self._look_soon(at)
+
+    def _boot(self, now: float) -> None:
+        self._booting = False
+        if self._firmware.plugged:
+            self._begin(Command(Op.BOOT_UP, self._profile.node), (Step.READ_CALIBRATION,), now)
 
     def _on_command(self, command: Command, now: float) -> None:
-        firmware = self._firmware
-        if not firmware.initialised:
+        blocked = self._profile.blocks and command.op is Op.RESET
+        if not (self._firmware.initialised or blocked):
             self._acknowledge(command.op)
             return
         match command.op:
             case Op.START_SYNC:
-                firmware.start(command.cutoff_centihertz, now)
+                steps: tuple[Step, ...] = START
             case Op.START_ASYNC:
-                firmware.start_stream(command.cutoff_centihertz, command.period_us, now)
-                self._send_due(now)
+                steps = self._firmware.before_stream
             case Op.STOP:
-                firmware.stop()
-            case Op.ZERO:
-                firmware.zero(now)
-            case Op.SET_FILTER:
-                firmware.set_filter(command.cutoff_centihertz, now)
+                steps = STOP
             case Op.RESET:
-                firmware.reset()
-                self._busy_with, self._busy_until = Op.RESET, now + self._profile.calibration_s
+                steps = RESET
+            case _:
+                steps = ()
+        self._begin(command, steps, now)
+
+    def _begin(self, command: Command, steps: tuple[Step, ...], now: float) -> None:
+        self._under_way = command
+        self._firmware.begin(steps, now)
+        self._finish(now)
+
+    def _finish(self, now: float) -> None:
+        """Carry out what is under way, if it has waited long enough."""
+        command, at = self._under_way, self._firmware.finish(now)
+        if command is None or at is None:
+            return
+        self._under_way = None
+        match command.op:
+            case Op.START_SYNC:
+                self._firmware.start(command.cutoff_centihertz, at)
+            case Op.START_ASYNC:
+                self._firmware.start_stream(command.cutoff_centihertz, command.period_us, at)
+                self._send_due(at)
+            case Op.ZERO:
+                self._firmware.zero(at)
+            case Op.SET_FILTER:
+                self._firmware.set_filter(command.cutoff_centihertz, at)
+            case Op.BOOT_UP:
+                self._out.append(CanFrame(identifier(Op.BOOT_UP, self._profile.node)))
                 return
-            case _:  # the queries only want the acknowledge
+            case _:  # the steps have done it all, or the queries only want the acknowledge
                 pass
         self._acknowledge(command.op)
 
     def _on_sync(self, now: float) -> None:
+        self._synced = False
         if (sample := self._firmware.sample(now)) is not None:
             self._send(sample)
-
-    def _on_calibration_read(self, why: Op) -> None:
-        self._busy_with, self._firmware.initialised = None, True
-        if why is Op.BOOT_UP:
-            self._out.append(CanFrame(identifier(Op.BOOT_UP, self._profile.node)))
-        else:
-            self._acknowledge(why)
-        at = self._busy_until
-        while self._waiting and self._busy_with is None:
-            self._on_command(self._waiting.popleft(), at)
 
     def _acknowledge(self, op: Op) -> None:
         words = None

@@ -71,14 +71,25 @@ SCALES_FAULTS: Mapping[str, Fault] = {
     )
 }
 
-BOARD_FRAMES_FAULTS: Mapping[str, Fault] = {
-    "unplugged": Fault("the sensor's plug is pulled off its receiver board", {}, 2.0)
+FIRST, SECOND = "first", "second"
+"""The sensors that can be plugged in."""
+
+PLUG_FAULTS: Mapping[str, Fault] = {
+    "unplugged": Fault(
+        "the sensor's plug is pulled off its receiver",
+        {
+            "sensor": Parameter(
+                FIRST, "which is plugged in then; the second at a board alone", choices=(FIRST, SECOND)
+            )
+        },
+        2.0,
+    )
 }
-"""Faults of a receiver board, which is read and streams nothing."""
+"""Of every receiver; a board, which is read and streams nothing, has no other faults of its frames."""
 
 FRAMES_FAULTS: Mapping[str, Fault] = {
     **WIRE_FAULTS,
-    **BOARD_FRAMES_FAULTS,
+    **PLUG_FAULTS,
     "slow": Fault(
         "samples are sent less often", {"factor": Parameter(10.0, "of their period", 1.0, 1000.0)}, FOREVER
     ),
@@ -90,4 +101,4 @@ JR3_FAULTS: Mapping[str, Mapping[str, Fault]] = {
     "scales": SCALES_FAULTS,
     "frames": FRAMES_FAULTS,
 }
-"""By target."""
+"""Faults by target."""

@@ -2,17 +2,25 @@
 
 Behaves as the firmware roboticslab-uc3m/jr3-mbed-firmware does, which was read for facts only. A gateway around
 it adds its wire, and when it listens.
+
+Some commands take time: they wait for the firmware's threads to end, or for the sensor's calibration. A gateway that
+carries out such a command listens to nothing meanwhile: it calls `begin` with the steps, then `finish`.
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+import random
+from collections import deque
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from enum import Enum, auto
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from emulators.faults.ledger import Handler, Injection
+from emulators.jr3.faults import SECOND
+from emulators.jr3.firmware_profile import FirmwareProfile
 from emulators.jr3.late import LateSamples, Sample
 from emulators.jr3.scales import WrongScales
 from emulators.jr3.sensor import SENSOR_RATE_HZ, Jr3Sensor
@@ -22,6 +30,23 @@ _BLOCK = 4096
 """Most samples computed at once."""
 _IDLE_S = 0.1
 """Chosen: samples are computed at least this often, so that no call has to catch up on a long time."""
+
+
+class Step(Enum):
+    """What a command may have to wait for, in this order."""
+
+    JOIN_STREAM = auto()
+    """The task that sends ends after the rest of its period."""
+    JOIN_SAMPLING = auto()
+    """The task that reads the sensor ends after a sample, so not without a sensor."""
+    READ_CALIBRATION = auto()
+    """The calibration comes with the samples."""
+
+
+STOP = (Step.JOIN_STREAM, Step.JOIN_SAMPLING)
+RESET = (*STOP, Step.READ_CALIBRATION)
+START = (Step.JOIN_STREAM,)
+"""Steps of the commands by which nothing is streamed any more."""
 
 
 @dataclass(slots=True)
@@ -39,36 +64,40 @@ class _Sampling:
 
 @dataclass(slots=True)
 class _Stream:
-    """The task that sends by the gateway's own clock: frame k is due at `anchor` + k · `period`."""
+    """The task that sends by the gateway's own clock: frame k is due at `anchor` + k · `period`.
+
+    `anchor` moves on by what each period was longer.
+    """
 
     anchor: float
     period: float
     sent: int = 0
     due: float = field(init=False)
     """When the next one is, s."""
+    ends: bool = False
+    """It was asked to end: it sends no more, but its period goes on."""
 
     def __post_init__(self) -> None:
         self.due = self.anchor
 
-    def step(self) -> None:
-        """One more was sent."""
+    def step(self, longer: float) -> None:
+        """One more was sent; its period lasts so much longer, s."""
         self.sent += 1
+        self.anchor += longer
         self.due = self.anchor + self.sent * self.period
 
 
 class Firmware:
     """Commands take effect only once `initialised`; the gateway sees to that. Times are in s and do not fall."""
 
-    def __init__(
-        self,
-        sensor: Jr3Sensor,
-        sample_period_us: float,
-        shortest_period_us: float,
-        delay_ms: Sequence[float] = (),
-        seed: int = 0,
-    ) -> None:
-        """`shortest_period_us` is the least period on the wire, `delay_ms` the quantiles of the stream's delay."""
-        self._late = LateSamples(delay_ms, seed) if delay_ms else None
+    def __init__(self, sensor: Jr3Sensor, profile: FirmwareProfile, seed: int = 0) -> None:
+        self._profile = profile
+        self._late = LateSamples(profile.delay_ms, seed) if profile.delay_ms else None
+        self._random = random.Random(f"{seed} period")
+        self.plugged = sensor.profile.connected
+        """Whether the sensor's plug is in."""
+        self._steps: deque[Step] = deque()
+        self._step_from = 0.0
         self.initialised = False
         """Whether the sensor's calibration has been read."""
         self._sensor = sensor
@@ -77,11 +106,11 @@ class Firmware:
         self._frozen_counters: list[Injection] = []
         self._slow: list[Injection] = []
         self._frozen_at: dict[Injection, int] = {}
-        self._sample_period = sample_period_us * 1e-6
-        self._shortest_period = shortest_period_us * 1e-6
+        self._sample_period = profile.sample_period_us * 1e-6
         self._smoothing = 1.0
         self._zero_requested = False
         self._streamed = False
+        self._period_us = 0.0
         self._stream: _Stream | None = None
         self._sampling: _Sampling | None = None
         self._filtered: NDArray[np.float64] = np.zeros(6)
@@ -108,8 +137,83 @@ class Firmware:
             "frames": {
                 "frozen-counter": Handler(self._frozen_counters.append),
                 "slow": Handler(self._slow.append),
+                "unplugged": Handler(self._pulled, self._put_back),
             },
         }
+
+    # --- the sensor's plug
+
+    def unplug(self, now: float) -> None:
+        """Pull the sensor's plug: its last sample stays, with its counter. Harmless when it is out."""
+        if self.plugged:
+            self._take_samples(now)
+            self.plugged = False
+
+    def plug_in(self, now: float) -> None:
+        """Put the plug of the same sensor in; harmless when it is in.
+
+        What waits for the sensor goes on. Assumed: a calibration that was being read is read from its beginning.
+        """
+        if self.plugged:
+            return
+        self.plugged = True
+        self._step_from = max(self._step_from, now)
+        if (sampling := self._sampling) is not None:
+            sampling.started_at = now - sampling.taken * self._sample_period
+            sampling.read, sampling.ahead = sampling.taken, sampling.ahead[:0]
+
+    def _pulled(self, injection: Injection) -> None:
+        if injection.values["sensor"] == SECOND:
+            raise ValueError("frames: unplugged: a gateway has no second sensor; leave `sensor` out")
+        injection.struck += self.plugged
+        self.unplug(injection.injected_at)
+
+    def _put_back(self, injection: Injection, now: float) -> None:
+        self.plug_in(now)
+
+    # --- what takes time
+
+    @property
+    def before_stream(self) -> tuple[Step, ...]:
+        """Steps before a stream starts: the first start of one since power-up ends the sampling that runs."""
+        return () if self._streamed else STOP
+
+    def begin(self, steps: Iterable[Step], now: float) -> None:
+        """Begin to wait; a stream that is to end sends no more."""
+        self._steps = deque(steps)
+        self._step_from = now
+        if Step.JOIN_STREAM in self._steps and self._stream is not None:
+            self._stream.ends = True
+
+    @property
+    def busy_until(self) -> float:
+        """When the step under way ends, s; infinity where only a sensor that is plugged in ends it."""
+        blocked = self._profile.blocks and not self.plugged
+        match self._steps[0]:
+            case Step.JOIN_STREAM if self._stream is not None and self._profile.joins:
+                return max(self._stream.due, self._step_from)
+            case Step.JOIN_SAMPLING if self._sampling is not None and blocked:
+                return math.inf
+            case Step.READ_CALIBRATION:
+                return math.inf if blocked else self._step_from + self._profile.calibration_s
+            case _:
+                return self._step_from
+
+    def finish(self, now: float) -> float | None:
+        """Do the steps whose time has come; when the last ended, s, None while one is under way."""
+        while self._steps:
+            if (end := self.busy_until) > now:
+                return None
+            match self._steps.popleft():
+                case Step.JOIN_STREAM:
+                    self._stream = None
+                case Step.JOIN_SAMPLING:
+                    self.stop()
+                    self.initialised = self.initialised and not self._steps
+                case _:
+                    self.initialised = True
+            self._step_from = end
+        return self._step_from
 
     # --- commands
 
@@ -129,7 +233,8 @@ class Firmware:
             self._streamed = True
         self.set_filter(cutoff_centihertz, now)
         self._begin_sampling(now)
-        period = max(period_us * 1e-6, self._shortest_period)
+        self._period_us = period_us
+        period = max(period_us, self._profile.shortest_period_us) * 1e-6
         self._stream = _Stream(now if self._stream is None else self._stream.due, period)
 
     def stop(self) -> None:
@@ -149,11 +254,6 @@ class Firmware:
         cutoff_hz = cutoff_centihertz / 100
         self._smoothing = period / (period + 1 / (2 * math.pi * cutoff_hz)) if cutoff_hz else 1.0
 
-    def reset(self) -> None:
-        """Begin to read the calibration anew; the gateway says when that is done."""
-        self.stop()
-        self.initialised = False
-
     # --- samples
 
     def sample(self, at: float) -> Sample | None:
@@ -168,13 +268,22 @@ class Firmware:
     def _stream_samples(self, now: float) -> Iterator[Sample]:
         """Samples of the stream whose time has come, each as it was at its time."""
         stream, sampling = self._stream, self._sampling
-        while stream is not None and sampling is not None and stream.due <= now:
+        while stream is not None and sampling is not None and not stream.ends and stream.due <= now:
             yield self._newest(sampling, stream.due)
             for injection in self._slow:
                 if injection.holds(stream.due):
                     stream.anchor += (injection.number("factor") - 1.0) * stream.period
                     injection.struck += 1
-            stream.step()
+            stream.step(self._longer())
+
+    def _longer(self) -> float:
+        """How much longer a period of the stream lasts, s: sending and waking up take time."""
+        least, largest = self._profile.period_overhead_us
+        if not largest:
+            return 0.0
+        asked, shortest = self._period_us, self._profile.shortest_period_us
+        overhead = self._random.uniform(least, largest)
+        return (max(asked + overhead, shortest) - max(asked, shortest)) * 1e-6
 
     def sampled_at(self, counter: int) -> float | None:
         """The truth: when the sensor measured the newest sample with this frame counter, s; None where there is no
@@ -199,8 +308,10 @@ class Firmware:
         sampling, stream = self._sampling, self._stream
         if sampling is None:
             return None
-        block = sampling.started_at + sampling.taken * self._sample_period + _IDLE_S
-        return stream.due if stream is not None and stream.due < block else block
+        due = stream.due if stream is not None and not stream.ends else math.inf
+        if self.plugged:
+            due = min(due, sampling.started_at + sampling.taken * self._sample_period + _IDLE_S)
+        return due if due < math.inf else None
 
     def catch_up(self, now: float) -> None:
         """Take the block of samples that is due."""
@@ -228,7 +339,7 @@ class Firmware:
     def _take_samples(self, until: float) -> None:
         """Read and filter the sensor's samples up to a time."""
         sampling = self._sampling
-        if sampling is None:
+        if sampling is None or not self.plugged:
             return
         total = math.floor((until - sampling.started_at) / self._sample_period)
         while sampling.taken < total:
@@ -270,8 +381,8 @@ class Firmware:
         if self._zero_requested:
             self._zero_requested = False
             self._offset = self._filtered + self._smoothing * away[0]
-        # Of a block only the last output is ever sent, so the recursion is one weighted sum; taken from where
-        # the filter stands, so that a constant input leaves it exactly there.
+        # Of a block only the last output is ever sent, so the recursion is one weighted sum. It is taken from the
+        # filter's present output, so that a constant input leaves it exactly there.
         weights = _impulse_response(self._smoothing, len(counts))
         self._filtered = self._filtered + weights.dot(away)  # which `@` does as well, but begins more slowly
 

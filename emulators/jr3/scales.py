@@ -14,7 +14,7 @@ class WrongScales:
     def __init__(self) -> None:
         self._faults: list[Injection] = []
         self.handlers: Mapping[str, Handler] = {"wrong": Handler(self._faults.append)}
-        """For a ledger."""
+        """Handlers for a ledger."""
 
     @property
     def faulty(self) -> bool:

@@ -92,7 +92,6 @@ class Jr3Sensor:
     """Samples on the absolute grid k/8000 s, computed as arrays when a receiver reads them."""
 
     def __init__(self, profile: SensorProfile, source: WrenchSource, seed: int) -> None:
-        self.profile = profile
         self._source = source
         self._samples = samples = Samples(source, SENSOR_RATE_HZ, self._counts)
         self.on_invalidate = samples.on_invalidate
@@ -108,14 +107,24 @@ class Jr3Sensor:
         the newest at present, and further ones as far as they are predicted.
         """
         self._noise = NumberedNoise(profile.noise_counts, seed)
+        self._become(profile)
+        self.signal = Signal(SENSOR_RATE_HZ, profile.noise_counts, samples.invalidate_from)
+        """Faults before the converter."""
+
+    def exchange(self, profile: SensorProfile, now: float) -> None:
+        """From now on, s, another sensor measures, as noisy as this one: only full scales and coupling differ."""
+        if profile != self.profile:
+            self._become(profile)
+            self.invalidate(now)
+
+    def _become(self, profile: SensorProfile) -> None:
+        self.profile = profile
         words = np.array(profile.full_scale_words, dtype=np.float64)
         self._counts_per_unit = FULL_SCALE_COUNTS / (words * [1, 1, 1, 0.1, 0.1, 0.1])
         self._saturation_counts = float(profile.saturation_counts)
         self._raw_per_wrench = self._counts_per_unit[:, np.newaxis] * profile.coupling_matrix
         self.calibration: NDArray[np.float64] = np.asarray(np.linalg.inv(self._raw_per_wrench), np.float64)
         """Matrix (6, 6) from raw channels 1 … 6 to N and N·m: wrench = raw @ calibration."""
-        self.signal = Signal(SENSOR_RATE_HZ, profile.noise_counts, samples.invalidate_from)
-        """Faults before the converter."""
 
     def counts(self, indices: NDArray[np.int64]) -> NDArray[np.int64]:
         """Six counts (n, 6) of the samples with these numbers k, which do not fall.
@@ -164,6 +173,6 @@ class Jr3Sensor:
         return channels.T.astype(np.int64)
 
     def _add_noise(self, counts: NDArray[np.float64], first: int) -> None:
-        """To six rows (6, n) of the samples from number `first` on."""
+        """Add noise to six rows (6, n) of the samples from number `first` on."""
         if self.profile.noise_counts:
             self._noise.add(counts, first, self.signal.noise if self.signal.faulty else None)

@@ -19,7 +19,7 @@ Floats = NDArray[np.float64]
 _EPSILON = 1e-6
 """Share of a sample period by which a time may be too early through rounding."""
 _ROUNDING_S = 1e-9
-"""By so much the time since a begin may fall short of a whole period through rounding."""
+"""Time by which the time since a begin may fall short of a whole period through rounding, s."""
 _STUCK, _NOISE = "stuck", "noise"
 
 
@@ -40,7 +40,7 @@ class Signal:
         self.handlers: Mapping[str, Handler] = {
             name: Handler(self._begin, self._end) for name in SIGNAL_FAULTS
         }
-        """For a ledger."""
+        """Handlers for a ledger."""
 
     @property
     def faulty(self) -> bool:

@@ -5,6 +5,7 @@ input in its own ways, and a client has to live with that. It reads all bytes in
 read before, takes the first frame in it and sleeps for a second, whatever that frame was.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
@@ -12,9 +13,9 @@ from typing import Any, ClassVar, Self
 
 from emulators.faults.ledger import Handler
 from emulators.faults.wire import BYTES, FaultyWire
-from emulators.jr3.firmware import Firmware
+from emulators.jr3.firmware import RESET, STOP, Firmware, Step
+from emulators.jr3.firmware_profile import FirmwareProfile
 from emulators.jr3.sensor import Jr3Sensor
-from emulators.quantiles import check_quantiles
 from protocol.endpoint import RemoteProtocolError
 from protocol.jr3.uart_gateway import (
     DATA_FRAME_S,
@@ -26,7 +27,7 @@ from protocol.jr3.uart_gateway import (
     encode_acknowledge,
     encode_data,
 )
-from protocol.marks import Mark, check_settings, setting
+from protocol.marks import Mark, setting
 
 _READ_SIZE = 32
 """Bytes that one read takes at most. Source: firmware."""
@@ -35,15 +36,12 @@ _PAYLOAD_SIZE = 14
 
 
 @dataclass(frozen=True)
-class UartGatewayProfile:
+class UartGatewayProfile(FirmwareProfile):
     """How a gateway behaves in time."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
 
     boot_s: float = setting(5.0, Mark.OBSERVED, "deaf and silent after power-up", unit="s", minimum=0.0)
-    calibration_s: float = setting(
-        0.033, Mark.DERIVED, "reading the calibration: 256 bytes, one per sample", unit="s", minimum=0.0
-    )
     deaf_s: float = setting(1.0, Mark.OBSERVED, "deaf after every read", unit="s", minimum=0.0)
     kept_bytes: int = setting(
         0,
@@ -52,9 +50,6 @@ class UartGatewayProfile:
         minimum=0,
         maximum=65536,
     )
-    sample_period_us: float = setting(
-        128.5, Mark.OBSERVED, "between samples taken from the sensor", unit="µs", above=0.0
-    )
     shortest_period_us: float = setting(
         DATA_FRAME_S * 1e6,
         Mark.DERIVED,
@@ -62,24 +57,11 @@ class UartGatewayProfile:
         unit="µs",
         above=0.0,
     )
-    delay_ms: tuple[float, ...] = setting(
-        (),
-        Mark.CHOSEN,
-        "measured delay of the stream's frames above the least, as evenly spaced quantiles, least first and largest "
-        "last; empty: none",
-        unit="ms",
-        minimum=0.0,
-    )
-
-    def __post_init__(self) -> None:
-        check_settings(self)
-        check_quantiles(self, "delay_ms")
 
 
 class _State(Enum):
     BOOTING = "deaf, what arrives is lost"
-    CALIBRATING = "reading the calibration after power-up"
-    RESETTING = "reading it again"
+    BUSY = "carrying out a command that takes time"
     LISTENING = "waiting for bytes"
     DEAF = "asleep after a read"
 
@@ -93,10 +75,7 @@ class UartGateway:
         self.jr3 = sensor
         """The sensor behind it."""
         self._profile = profile
-        self._connected = sensor.profile.connected
-        self._firmware = Firmware(
-            sensor, profile.sample_period_us, profile.shortest_period_us, profile.delay_ms, seed
-        )
+        self._firmware = Firmware(sensor, profile, seed)
         self._wire: FaultyWire[bytes] = FaultyWire(BYTES, f"{seed} frames")
         self._out = bytearray()
         self._kept = bytearray()
@@ -104,6 +83,8 @@ class UartGateway:
         self._op = 0
         self._state = _State.BOOTING
         self._until = powered_at + profile.boot_s
+        self._under_way: Command | None = None
+        """The command that takes time; None of it for the calibration read at power-up."""
 
     @property
     def handlers(self) -> Mapping[str, Mapping[str, Handler]]:
@@ -119,6 +100,14 @@ class UartGateway:
     def endpoint(self) -> Self:
         """The gateway itself is the end of its wire."""
         return self
+
+    def unplug(self, now: float) -> None:
+        """Pull the sensor's plug; harmless when it is out."""
+        self._firmware.unplug(now)
+
+    def plug_in(self, now: float) -> None:
+        """Put the sensor's plug in; harmless when it is in."""
+        self._firmware.plug_in(now)
 
     # --- endpoint
 
@@ -152,17 +141,16 @@ class UartGateway:
         due = self._firmware.next_deadline()
         if self._wire.bad:
             due = self._wire.next_deadline(due)
-        if self._state is _State.LISTENING:
-            return due
-        return self._until if due is None else min(self._until, due)
+        until = self._ends_at()
+        return until if due is None else due if until is None else min(until, due)
 
     def handle_deadline(self, now: float) -> None:
         """Emit every frame that is due up to and including now."""
         if self._wire.bad and (data := self._wire.arrived(now)):
             self._take(data, now)
-        while self._state is not _State.LISTENING and now >= self._until:
-            self._send_due(self._until)
-            self._go_on(self._until)
+        while (at := self._ends_at()) is not None and at <= now:
+            self._send_due(at)
+            self._go_on(at)
         self._send_due(now)
         self._firmware.catch_up(now)
 
@@ -172,25 +160,33 @@ class UartGateway:
 
     # --- its states one after another
 
+    def _ends_at(self) -> float | None:
+        """When it goes on with the next state, s; None while it waits for bytes, or for a sensor."""
+        match self._state:
+            case _State.LISTENING:
+                return None
+            case _State.BUSY:
+                until = self._firmware.busy_until
+                return until if until < math.inf else None
+            case _:
+                return self._until
+
     def _enter(self, state: _State, until: float) -> None:
         self._state, self._until = state, until
 
     def _go_on(self, at: float) -> None:
         """Begin the next state."""
         match self._state:
-            case _State.BOOTING if self._connected:
-                self._enter(_State.CALIBRATING, at + self._profile.calibration_s)
+            case _State.BOOTING if self._firmware.plugged:
+                self._begin(None, (Step.READ_CALIBRATION,), at)
                 return
-            case _State.CALIBRATING:
-                self._firmware.initialised = True
-                self._out += bytes(Frame(Op.BOOT_UP))
-            case _State.RESETTING:
-                self._firmware.initialised = True
-                self._acknowledge(Op.RESET)
-                self._enter(_State.DEAF, at + self._profile.deaf_s)
+            case _State.BUSY:
+                self._finish(at)
                 return
             case _:  # awake, or never to have a sensor
-                pass
+                self._listen(at)
+
+    def _listen(self, at: float) -> None:
         self._state = _State.LISTENING
         if self._kept:
             data = bytes(self._kept[:_READ_SIZE])
@@ -218,25 +214,49 @@ class UartGateway:
         self._on_command(command, at)
 
     def _on_command(self, command: Command, now: float) -> None:
-        firmware = self._firmware
-        if firmware.initialised:
-            match command.op:
-                case Op.START:
-                    firmware.start_stream(command.cutoff_centihertz, command.period_us, now)
-                    self._send_due(now)
-                case Op.STOP:
-                    firmware.stop()
-                case Op.ZERO:
-                    firmware.zero(now)
-                case Op.SET_FILTER:
-                    firmware.set_filter(command.cutoff_centihertz, now)
-                case Op.RESET:
-                    firmware.reset()
-                    self._enter(_State.RESETTING, now + self._profile.calibration_s)
-                    return
-                case _:  # the queries only want the acknowledge
-                    pass
+        blocked = self._profile.blocks and command.op is Op.RESET
+        if not (self._firmware.initialised or blocked):
+            self._acknowledge(command.op)
+            return
+        match command.op:
+            case Op.START:
+                steps = self._firmware.before_stream
+            case Op.STOP:
+                steps = STOP
+            case Op.RESET:
+                steps = RESET
+            case _:
+                steps = ()
+        self._begin(command, steps, now)
+
+    def _begin(self, command: Command | None, steps: tuple[Step, ...], now: float) -> None:
+        self._under_way = command
+        self._firmware.begin(steps, now)
+        self._enter(_State.BUSY, now)
+        self._finish(now)
+
+    def _finish(self, now: float) -> None:
+        """Carry out what is under way, if it has waited long enough; the deaf second begins behind it."""
+        at = self._firmware.finish(now)
+        if at is None:
+            return
+        command = self._under_way
+        if command is None:
+            self._out += bytes(Frame(Op.BOOT_UP))
+            self._listen(at)
+            return
+        match command.op:
+            case Op.START:
+                self._firmware.start_stream(command.cutoff_centihertz, command.period_us, at)
+                self._send_due(at)
+            case Op.ZERO:
+                self._firmware.zero(at)
+            case Op.SET_FILTER:
+                self._firmware.set_filter(command.cutoff_centihertz, at)
+            case _:  # the steps have done it all, or the queries only want the acknowledge
+                pass
         self._acknowledge(command.op)
+        self._enter(_State.DEAF, at + self._profile.deaf_s)
 
     def _acknowledge(self, op: Op) -> None:
         scales = self._firmware.full_scales if op is Op.GET_FULL_SCALES else None

@@ -95,7 +95,7 @@ class S3Controller:
             },
             "link": {**self._wire.handlers, **self._link_handlers()},
         }
-        """Its faults, by target, for a ledger."""
+        """Faults of the controller, by target, for a ledger."""
         self.faults = Ledger(S3_FAULTS)
         """Faults of a controller without a cell."""
         for target, handlers in self.handlers.items():
@@ -122,8 +122,8 @@ class S3Controller:
         return waiting
 
     def joints(self, now: float) -> Joints:
-        """Axes 1 to 6 of the true tool pose at `now`, rad; those of the set point where the servo swings beyond
-        the end of a range.
+        """Axes 1 to 6 of the true tool pose at `now`, rad. Where the servo swings beyond the end of a range, they are
+        those of the set point.
         """
         return self._executive.joints(now)
 

@@ -53,8 +53,8 @@ _UNIT_TOLERANCE = 0.01
 """Assumed: how far a quaternion's norm may be from 1; words of 1/16384 alone make up 0.0001."""
 
 _LOOK_AHEAD_S = 0.14
-"""Chosen: from one move order to the next on a link of 9600 baud, less the transport delay, since that part of the path
-is committed anyway. Ticks computed beyond an order are in vain.
+"""Chosen: from one move order to the next on a link of 9600 baud. The transport delay is taken off, since that part of
+the path is committed anyway. Ticks computed beyond an order are in vain.
 """
 
 Answer: TypeAlias = Telegram | int | None
@@ -71,7 +71,7 @@ class Order:
     due: float
     """When it is next looked at, s."""
     blocks: int = 1
-    """How many it came in."""
+    """Number of blocks that it came in."""
     waypoint: Waypoint | None = None
     """Where a move leads to, once the whole line is known to be in the work area."""
     accepted: bool = False
@@ -123,8 +123,8 @@ class Executive:
         }
 
     def joints(self, now: float) -> Joints:
-        """Axes 1 to 6 of the true tool pose at `now`, rad; those of the set point where the servo swings beyond
-        the end of a range.
+        """Axes 1 to 6 of the true tool pose at `now`, rad. Where the servo swings beyond the end of a range, they are
+        those of the set point.
         """
         x, y, z = self.motion.path.trajectory(np.array([now]))[0][0].tolist()
         return self.joints_holding(Pose((x, y, z), self.motion.path.orientation(now)), now)
@@ -155,7 +155,7 @@ class Executive:
             quaternion_words(self.motion.path.orientation(now)),
             program=run.number if run is not None else 0,
             instruction=run.instruction if run is not None else 0,
-            **status_flags(self.state, self.motion.waiting(now) > 0),
+            **status_flags(self.state, self.motion.waiting(now) > 0, self._profile),
         )
         return self.reporting.falsified(status, now) if self.reporting.wrong else status
 

@@ -121,7 +121,7 @@ S3_FAULTS: Mapping[str, Mapping[str, Fault]] = {
     "pose": POSE_FAULTS,
     "link": LINK_FAULTS,
 }
-"""By target."""
+"""Faults by target."""
 
 
 def target_of(fault: str) -> str:

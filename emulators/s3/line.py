@@ -189,7 +189,12 @@ class FaultyLine:
             if self._link.state is not State.IDLE:
                 return data  # in mid-message the begin of a block is not known
             self._watch = BlockScanner(
-                BlockFormat(self._profile.dle_stuffing, LENGTH_STYLES, self._profile.max_telegram)
+                BlockFormat(
+                    self._profile.dle_stuffing,
+                    LENGTH_STYLES,
+                    self._profile.max_telegram,
+                    self._profile.block_end,
+                )
             )
         spoiled = bytearray(data)
         for at, byte in enumerate(data):

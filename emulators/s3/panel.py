@@ -145,7 +145,7 @@ class Panel:
         return PanelState(
             mode="starting" if state.starting else state.mode.name.lower().replace("_", " "),
             activity=state.activity.value,
-            flags={**status_flags(state, waiting > 0), "work_stop": state.work_stop},
+            flags={**status_flags(state, waiting > 0, controller.profile), "work_stop": state.work_stop},
             program=run.number if run is not None else 0,
             instruction=run.instruction if run is not None else 0,
             points_waiting=waiting,

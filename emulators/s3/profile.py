@@ -92,6 +92,12 @@ class S3Profile:
         minimum=0,
         maximum=65535,
     )
+    emergency_stop_keeps_standby: bool = setting(
+        False,
+        Mark.ASSUMED,
+        "whether the status tells standby too while it tells emergency stop; the observed client looks at standby "
+        "first and would never show a stop then",
+    )
     program_error: tuple[int, int] = setting(
         (15, 0),
         Mark.ASSUMED,

@@ -40,7 +40,7 @@ class Reporting:
         self._motion = motion
         self._wrong: list[_Wrong] = []
         self.handlers: Mapping[str, Handler] = {name: Handler(self._begin) for name in _FALSIFY}
-        """For a ledger."""
+        """Handlers for a ledger."""
 
     @property
     def wrong(self) -> bool:

@@ -143,14 +143,15 @@ def after(state: State, stimulus: Stimulus, profile: S3Profile) -> State:
     return replace(state, **CHANGES[stimulus].values)
 
 
-def status_flags(state: State, moving: bool) -> dict[str, bool]:
+def status_flags(state: State, moving: bool, profile: S3Profile) -> dict[str, bool]:
     """Bits of the status answer's bytes 16 (assumed) and 17 (observed), by name; `moving` is the arm."""
+    stopped = state.emergency_stop and not profile.emergency_stop_keeps_standby
     return {
         "local": not state.link_control,
         "interrupt_permitted": state.interrupt_permitted,
         "programming_unit": state.programming_unit,
         "key_auto": state.key_auto,
-        "standby": not state.operation,
+        "standby": not state.operation and not stopped,
         "operation": state.operation,
         "execution": moving or state.activity is Activity.PROGRAM,
         "emergency_stop": state.emergency_stop,

@@ -62,8 +62,8 @@ class Samples:
         source.on_change = self.invalidate
 
     def starting(self, first: int, last: int) -> Floats:
-        """Sample number `first` and all after it: to `last`, the newest that there is at present, and on behind it as
-        far as they are predicted: see `on_invalidate`.
+        """Samples from number `first` on: to `last`, the newest at present, and on behind it as far as they are
+        predicted; see `on_invalidate`.
         """
         ready = self._ready
         if ready is None or not self._ready_from <= first <= self._ready_from + len(ready):
@@ -116,7 +116,7 @@ class NumberedNoise:
         """Noise that was drawn last, by its number."""
 
     def add(self, samples: Floats, first: int, alter: Callable[[Floats, int], Floats] | None = None) -> None:
-        """To six rows (6, n) of the samples from number `first` on, in place.
+        """Add to six rows (6, n) of the samples from number `first` on, in place.
 
         `alter` is given the noise (6, m) of the samples from a number on, and answers with the noise to add instead.
         """

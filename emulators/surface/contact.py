@@ -59,7 +59,7 @@ class Plane:
     """A plane that rises along the path."""
 
     height: float
-    """At path coordinate 0, m."""
+    """Height at path coordinate 0, m."""
     slope: float = 0.0
     """rad, positive where the surface rises along the path."""
 
@@ -104,7 +104,7 @@ class CircularArc:
     def depth_and_normal(self, along: Floats, height: Floats) -> tuple[Floats, Floats, Floats]:
         up = height - (self.height - self.radius)
         distance = np.hypot(along, up)
-        # A tip in the axis itself has no normal; any does, and up is what the others tend to from above.
+        # A tip in the axis itself has no normal. Any would do; up is the limit of the others from above.
         safe = np.where(distance > 0.0, distance, 1.0)
         return self.radius - distance, along / safe, np.where(distance > 0.0, up / safe, 1.0)
 
@@ -225,7 +225,7 @@ class Contact:
 
     @property
     def handlers(self) -> Mapping[str, Handler]:
-        """Its faults, for a ledger."""
+        """Handlers of its faults, for a ledger."""
         return self.faults.handlers
 
     def depth_and_normal(self, positions: Floats) -> tuple[Floats, Floats]:

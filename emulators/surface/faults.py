@@ -87,7 +87,7 @@ class SurfaceFaults:
         self.handlers: Mapping[str, Handler] = {
             name: Handler(self._begin, self._end) for name in SURFACE_FAULTS
         }
-        """For a ledger."""
+        """Handlers for a ledger."""
 
     @property
     def faulty(self) -> bool:
@@ -208,7 +208,7 @@ class Obstacles:
         self.handlers: Mapping[str, Handler] = {
             name: Handler(self._begin, self._end) for name in OBSTACLE_FAULTS
         }
-        """For a ledger."""
+        """Handlers for a ledger."""
 
     @property
     def any(self) -> bool:

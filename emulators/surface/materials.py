@@ -1,4 +1,4 @@
-"""How a surface answers to being pressed: spring, spring with hysteresis, or one that relaxes.
+"""Materials of a surface: a spring, a spring with hysteresis, or one that relaxes.
 
 Depths and speeds are along the outward normal, positive into the material; forces are positive outward and
 never negative, for nothing sticks.
@@ -186,7 +186,7 @@ class StandardLinearSolid:
         time = max(memory.time, float(times[-1]))
         if memory.dent == 0.0 and not (depth > 0.0).any():
             return np.zeros_like(depth), Memory(time)
-        # Over a step h the strain keeps exp(-h/τ) of itself and gains g of what the dent grows by.
+        # Over a step h the strain keeps exp(-h/τ) of itself and gains g of the growth of the dent.
         steps = np.maximum(np.diff(times, prepend=memory.time), 0.0) / self.relaxation_time
         keeps = np.exp(-steps)
         gains = np.ones_like(steps)

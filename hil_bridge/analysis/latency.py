@@ -1,4 +1,4 @@
-"""Where the time between a force and the motion that answers it goes, hop by hop, from a record alone."""
+"""The hops of the time between a force and the motion that answers it, from a record alone."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -58,7 +58,7 @@ class Latency:
     name: str
     """Begin and end of the chain, in words."""
     total: Times
-    """From the begin of the chain to its end, s."""
+    """Time from the begin of the chain to its end, s."""
     constants: tuple[Constant, ...] = ()
 
     @property
@@ -149,7 +149,7 @@ def _ends_early(way: Sequence[Hop], moment: Callable[[str], Floats]) -> bool:
 
 
 def earliest_arrivals(frames: Sequence[SensorRecord]) -> dict[int, float]:
-    """By the frame's sequence, when it would have arrived with the smallest delay, s; empty for too few frames.
+    """Arrival times with the smallest delay, s, by the frame's sequence; empty for too few frames.
 
     The result comes from the straight line that lies nowhere above the arrivals and nearest to them on the mean. It
     carries an edge of their lower convex hull, so drift between the two clocks does not count as delay. The lateness of

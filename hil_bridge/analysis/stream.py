@@ -24,7 +24,7 @@ _TOLERANCE = 0.02
 
 
 class _Mounting(Struct):
-    """How the sensor sits on the tool, as configured."""
+    """Place of the sensor on the tool, as configured."""
 
     quaternion: Quaternion
     mounting_deg: float

@@ -44,7 +44,7 @@ class Summary:
     followed: tuple[str, ...]
     """Events after the cause, in order."""
     left: str
-    """Where the tool was left, in words; empty when it never moved or the record was cut off before."""
+    """Place at which the tool was left, in words; empty when it never moved or the record was cut off before."""
     truncated: bool
     """The record ends early: the figures cover what is there."""
     checks: tuple[str, ...]
@@ -65,7 +65,7 @@ class Summary:
     cycles_held: int
     cycle_rate_hz: float | None
     cycle_time: Times | None
-    """From the status order to the answer of the move order."""
+    """Time from the status order to the answer of the move order."""
     line_floor_s: float | None
     sensor_frames_received: int
     sensor_frames_lost: int | None
@@ -219,7 +219,7 @@ def _merit(cycles: Sequence[CycleRecord], step_m: float | None) -> FiguresOfMeri
 
 
 def _cycle_times(cycles: Sequence[CycleRecord], driven_by_robot: bool) -> list[float]:
-    """From the begin of each cycle to its answer; to the next begin for a robot that drives the cycle, s."""
+    """Time from the begin of each cycle to its answer, s; to the next begin for a robot that drives the cycle."""
     if driven_by_robot:
         return [after.started_at - before.started_at for before, after in pairwise(cycles)]
     return [cycle.answered_at - cycle.started_at for cycle in cycles]

@@ -11,6 +11,7 @@ from hil_bridge.cli.decode import decode
 from hil_bridge.cli.doctor import doctor
 from hil_bridge.cli.emulate import emulate
 from hil_bridge.cli.experiment import experiment
+from hil_bridge.cli.export import export
 from hil_bridge.cli.faults import faults
 from hil_bridge.cli.files import config, profile, report
 from hil_bridge.cli.free import free
@@ -93,6 +94,7 @@ for command in (
     replay,
     latency,
     report,
+    export,
     config,
     profile,
     probe,

@@ -13,6 +13,27 @@ def not_empty(context: click.Context, parameter: click.Parameter, url: str | Non
     return url
 
 
+def known_profile(context: click.Context, parameter: click.Parameter, name: str | None) -> str | None:
+    """Raises ConfigError for a profile that there is not, with the names that there are."""
+    if name is not None:
+        from hil_bridge.errors import ConfigError
+        from protocol.s3.adlp import settings_of_profile
+
+        try:
+            settings_of_profile(name)
+        except ValueError as error:
+            raise ConfigError(f"--link-{error}") from error
+    return name
+
+
+link_profile_option = click.option(
+    "--link-profile",
+    metavar="NAME",
+    callback=known_profile,
+    help="Named settings of an S3's computer link: default, observed-client.  [default: as configured]",
+)
+
+
 def device_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """The options --robot, --sensor and --surface."""
     for option in (

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import click
 
+from hil_bridge.cli.devices import link_profile_option
 from hil_bridge.cli.paths import FILE
 
 
@@ -21,6 +22,7 @@ from hil_bridge.cli.paths import FILE
     metavar="URL",
     help="Where the sensor's gateway or board is.  [default: by sensor.emulated, a CAN gateway behind slcan]",
 )
+@link_profile_option
 @click.option("--panel", metavar="URL", help="Where `hil-bridge panel` reaches it: tcp-listen://127.0.0.1:0.")
 @click.option("--seed", type=int, help="Seed of every random draw in the devices.")
 @click.option("--json", "as_json", is_flag=True, help="Print where they listen as one line of JSON.")
@@ -32,6 +34,7 @@ def emulate(
     surface: str | None,
     robot_port: str | None,
     sensor_port: str | None,
+    link_profile: str | None,
     panel: str | None,
     seed: int | None,
     as_json: bool,
@@ -59,6 +62,7 @@ def emulate(
             "run.seed": seed,
             "run.panel_url": panel,
             "robot.emulated": robot,
+            "cell.link.profile": link_profile,
             "sensor.emulated": sensor,
             "cell.surface_kind": surface,
         },

@@ -33,7 +33,7 @@ def probe() -> None:
 )
 @overwrite_option
 def robot(url: str, out: Path | None, patience_s: float, overwrite: bool) -> None:
-    """Find rate, parity, length style and doubling of DLE on a controller's link.
+    """Find rate, parity, length style and doubling of DLE on a controller's link, and the profile that this makes.
 
     Nothing but read status is sent, so that nothing moves or changes. What the URL says of the line is tried first.
     Exit code 3 when nothing works.

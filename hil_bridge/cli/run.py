@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from hil_bridge.cli.devices import device_options, device_settings
+from hil_bridge.cli.devices import device_options, device_settings, link_profile_option
 from hil_bridge.cli.options import overwrite_option
 from hil_bridge.cli.paths import FILE
 from hil_bridge.console.debugging import debug_option
@@ -19,6 +19,7 @@ _BESIDE = Path("-")
 @click.command(short_help="Run the force control, and record and report it.")
 @click.argument("config_file", metavar="[CONFIG.toml]", required=False, type=FILE)
 @device_options
+@link_profile_option
 @click.option(
     "--tool-mass-kg",
     type=click.FloatRange(min=0.0),
@@ -58,6 +59,7 @@ def run(
     robot: str | None,
     sensor: str | None,
     surface: str | None,
+    link_profile: str | None,
     tool_mass_kg: float | None,
     unchecked: bool,
     controller: str | None,
@@ -75,9 +77,9 @@ def run(
 ) -> None:
     """Approach the surface, hold the force while moving along it, retract.
 
-    Without --robot and --sensor it starts the emulated cell itself: over a 9600 baud pseudo-terminal and an
-    emulated slcan adapter, or with --virtual over in-memory wires. Ctrl-C retracts and ends with a whole record, and
-    so do a closed terminal and the signals of `kill`.
+    Without --robot and --sensor it starts the emulated cell itself, over a 9600 baud pseudo-terminal and an emulated
+    slcan adapter. With --virtual it uses in-memory wires. Ctrl-C retracts and ends with a whole record, and so do a
+    closed terminal and the signals of `kill`.
 
     A file that exists is overwritten only with --overwrite.
     """
@@ -91,6 +93,8 @@ def run(
         config_file,
         {
             **device_settings(robot, sensor, surface),
+            "robot.link.profile": link_profile,
+            "cell.link.profile": link_profile,
             "sensor.unchecked": unchecked or None,
             "tool.mass_kg": tool_mass_kg,
             "controller.name": controller,

@@ -1,4 +1,4 @@
-"""How long the computer stood still: a timer that should have come, and came late."""
+"""Pauses of the computer: a timer that should have come, and came late."""
 
 from hil_bridge.clock.clock import Clock, Timer
 

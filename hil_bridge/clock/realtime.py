@@ -18,7 +18,7 @@ from hil_bridge.errors import ConfigError
 from protocol.marks import Mark, check_settings, setting
 
 GIVE_WAY_S = 1e-4
-"""For so long at most a thread that computes keeps the interpreter from one that has been woken. Chosen: by itself
+"""Longest time for which a computing thread keeps the interpreter from one that was woken. Chosen: by itself
 that is 5 ms, and the recorder's writer would hold up the loop for all that it has to encode at once.
 """
 
@@ -70,8 +70,8 @@ class RealTime:
 def real_time_thread(wanted: RealTime) -> Iterator[ThreadPoolExecutor | None]:
     """Run the calling thread as wanted while inside; other threads stay as they are.
 
-    Threads begun inside keep ordinary priority; those of the executor that is given also run on all processors
-    (None when the thread is pinned to none). Raises ConfigError for what the machine or its limits refuse.
+    Threads begun inside keep ordinary priority. Those of the executor that is given also run on all processors (None
+    when the thread is pinned to none). Raises ConfigError for what the machine or its limits refuse.
     """
     undo: list[Callable[[], object]] = []
     executor = None

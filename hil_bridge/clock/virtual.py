@@ -1,7 +1,7 @@
 """An event loop in virtual time: nothing ever waits, time jumps to the next timer.
 
 The loop is asyncio's own but for its turn, its timers and its `time()`. A simulated minute is some tens of thousands of
-turns, and asyncio's turn spends most of its time on files and clocks that are not there. Two private names of asyncio's
+turns. Asyncio's turn spends most of its time on files and clocks that are not there. Two private names of asyncio's
 base loop are used because there is no public way to turn it otherwise: `_run_once`, and `_ready`, the callbacks of the
 next turn.
 """

@@ -13,7 +13,7 @@ def _note(context: click.Context, parameter: click.Parameter, given: bool) -> No
 debug_option = click.option(
     "--debug", is_flag=True, expose_value=False, callback=_note, help="Show the traceback of a bug."
 )
-"""For the whole program and for the commands that a person repeats to see more."""
+"""Options of the whole program and of the commands that a person repeats to see more."""
 
 
 def debug_wanted(context: click.Context | None = None) -> bool:

@@ -15,9 +15,9 @@ from types import TracebackType
 from typing import NoReturn, Self, TextIO
 
 CLOSE_SECONDS = 2.0
-"""For so long a screen is waited for where nothing else may wait. Chosen: a slow terminal takes far less."""
+"""Longest wait for a screen at a place where nothing else may wait. Chosen: a slow terminal takes far less."""
 LEAVE_SECONDS = 0.5
-"""For so long the end of the process waits for the last characters. Chosen: a person has asked for the end."""
+"""Longest wait of the ending process for the last characters. Chosen: a person has asked for the end."""
 
 
 class Screen:
@@ -55,7 +55,7 @@ class Screen:
 
     def _work(self) -> None:
         while (step := self._steps.get()) is not None:
-            # SystemExit: what rich raises for a broken pipe
+            # SystemExit: rich raises it for a broken pipe
             with suppress(OSError, ValueError, SystemExit):
                 step()
             self._steps.task_done()

@@ -1,7 +1,7 @@
 """Measurement and command: a controller's input and its answer. SI units; the coordinate is the approach direction.
 
-The approach direction is a unit vector pointing from the tool into the surface: positions grow into the
-surface, forces are positive while the tool presses.
+The approach direction is a unit vector pointing from the tool into the surface. Positions grow into the surface; forces
+are positive while the tool presses.
 """
 
 import math

@@ -77,7 +77,7 @@ class CellJob:
     """Noise of every axis before the sensor's filters, rms."""
     resolution_mm: float = 0.125
     steady_samples: int = STEADY_SAMPLES
-    """At the end of the run, which count as its steady state."""
+    """Samples at the end of the run that count as its steady state."""
 
     def config(self) -> Config:
         """The configuration of the run; what is not named here stands at its default."""

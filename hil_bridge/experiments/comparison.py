@@ -27,7 +27,7 @@ NOISES = {"quiet": 1.0, "noisy": 100.0}
 SAMPLES = 50
 """Samples of a run, about. Chosen: the slowest that reach the force on the sponge do so in a third of them."""
 STEADY_SAMPLES = 20
-"""At the end of a run. Chosen: what the rise of fixed gains on the sponge leaves, with as much to spare."""
+"""Samples at the end of a run. Chosen: fixed gains leave them after their rise on the sponge, with as many to spare."""
 CONDITIONS = tuple((baudrate, noise) for baudrate in CYCLE_S for noise in NOISES)
 REFERENCE_N = 20.0
 RESOLUTION = 0.125e-3
@@ -148,8 +148,8 @@ def _draw(table: Sequence[Row]) -> bytes:
 
 
 def held(row: Row) -> bool:
-    """Whether a point of the grid counts as held: 90 % reached, contact kept, mean error within a resolution step's
-    force, and the steady swing within two of them. Each limit has 1 N more for noise.
+    """Whether a point of the grid counts as held: 90 % reached, contact kept, and mean error within a resolution step's
+    force. The steady swing must lie within two of them. Each limit has 1 N more for noise.
     """
     step = figure(row, "stiffness_n_m") * RESOLUTION
     return (

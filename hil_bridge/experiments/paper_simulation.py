@@ -1,7 +1,7 @@
 """The paper's simulation: a controller on a wall, through a position loop that settles within each sample.
 
-Source: project specification of the force control, section 4. The position moves in whole resolution steps,
-the force has uniform noise of half a newton either way, the run begins in contact at zero force.
+Source: project specification of the force control, section 4. The position moves in whole resolution steps, and the
+force has uniform noise of half a newton either way. The run begins in contact at zero force.
 """
 
 from dataclasses import dataclass

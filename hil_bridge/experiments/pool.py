@@ -52,7 +52,7 @@ def run_jobs(
                 advance(len(futures[future]))
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
-            # else leaving the pool waits for what they do now
+            # else leaving the pool waits for their present jobs
             for worker in multiprocessing.active_children():
                 worker.terminate()
             raise

@@ -99,9 +99,9 @@ ROUNDED = SampledPlant(PERIOD, PERIOD / 2, 100.0 / PERIOD)
 def plant(job: CellJob, period: float) -> SampledPlant:
     """The chain as the stability analysis sees it, from the profiles of the cell; the force's filter apart.
 
-    Derived: the delay is the sum of half the time between two force frames, the line time of the move up to its last
-    character, and the controller's turnaround. To this come half a tick of waiting for the interpolator, and its
-    transport delay.
+    Derived: the delay is a sum. It begins with half the time between two force frames, the line time of the move up to
+    its last character, and the controller's turnaround. To this come half a tick of waiting for the interpolator, and
+    its transport delay.
     """
     config = job.config()
     cell = config.cell

@@ -51,15 +51,15 @@ class Experiment:
     evaluate: Callable[..., Findings]
     """Table and picture from the jobs and their results, two sequences of the same length."""
     describe: Callable[[Sequence[Row]], tuple[str, tuple[Claim, ...]]]
-    """The paragraph, and the paper's claims with what came out: from the table alone, so that no number in
-    the text can differ from the CSV file.
+    """The paragraph, and the paper's claims with the results. Both come from the table alone, so that no number in the
+    text can differ from the CSV file.
     """
     page_columns: tuple[str, ...] = ()
     """Columns of the table that a page shows; none for a table too long for it."""
 
 
 def rounded(value: float | None) -> float | None:
-    """To the digits that a table keeps."""
+    """The value with the digits that a table keeps."""
     return None if value is None else float(f"{value:.{SIGNIFICANT_DIGITS}g}")
 
 

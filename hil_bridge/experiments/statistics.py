@@ -29,7 +29,7 @@ def spread(values: Iterable[float | None]) -> tuple[float | None, float | None]:
 
 
 def figures(merits: Sequence[FiguresOfMerit | None]) -> Row:
-    """For every figure its mean over the seeds, and its standard deviation as `…_sd`."""
+    """Mean of every figure over the seeds, and its standard deviation as `…_sd`."""
     row: Row = {"seeds": len(merits)}
     for column, name in FIGURES.items():
         mean, deviation = spread(None if merit is None else getattr(merit, name) for merit in merits)

@@ -27,7 +27,7 @@ class BusFaults:
         self.handlers: Mapping[str, Handler] = {
             name: Handler(begin, self._end) for name, begin in begins.items()
         }
-        """For a ledger."""
+        """Handlers for a ledger."""
 
     def close(self) -> None:
         """End all of them."""

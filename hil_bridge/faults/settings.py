@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal, Self, TypeAlias
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from emulators.cell_faults import FELT_BY_SENSOR, RECEIVERS
+from emulators.cell_faults import FELT_BY_SENSOR, RECEIVERS, RECEIVERS_WITH
 from emulators.faults import Fault, find
 from hil_bridge.errors import ConfigError
 
@@ -38,7 +38,7 @@ class Condition:
 
     @classmethod
     def read(cls, text: str) -> Self:
-        """From text such as `force > 8`. Raises ValueError."""
+        """A condition from text such as `force > 8`. Raises ValueError."""
         found = _CONDITION.fullmatch(text)
         if found is None or found[1] not in _QUANTITIES:
             raise ValueError(
@@ -59,17 +59,17 @@ class FaultConfig(BaseModel):
     on: str = ""
     """Target: `hil-bridge faults` lists them."""
     fault: str = ""
-    """Its name at that target."""
+    """Name of the fault at that target."""
     phase: Literal["", "connect", "tare", "approach", "track", "retract"] = ""
     """Phase of the run at whose begin it comes, or in which `when` is looked at; empty: the first, or any."""
     after_s: float = Field(default=0.0, ge=0)
-    """How much later."""
+    """Delay after that."""
     when: str = ""
     """Condition at the end of a cycle at which it comes, such as "force > 8": force, depth_mm, travel_mm or cycle."""
     for_s: float | None = None
-    """How long it lasts; by default as long as `hil-bridge faults` says."""
+    """Duration; by default that of `hil-bridge faults`."""
     parameters: dict[str, Any] = Field(default={}, alias="with")
-    """Its parameters that differ from their defaults."""
+    """Parameters of the fault that differ from their defaults."""
 
     @property
     def given(self) -> dict[str, Any]:
@@ -85,7 +85,7 @@ class FaultConfig(BaseModel):
     def check_cell(self, robot_url: str, sensor_url: str, receiver: str, faults: Faults) -> None:
         """Raise ValueError where it concerns a real device, or is none of the `faults` that the cell can have."""
         name = f"{self.on}: {self.fault}"
-        find(faults, self.on, self.fault).values(name, self.given)
+        values, _ = find(faults, self.on, self.fault).values(name, self.given)
         if robot_url:
             raise ValueError(f"{name} needs the emulated cell, but robot.url names a real robot")
         if sensor_url and self.on in FELT_BY_SENSOR:
@@ -93,6 +93,10 @@ class FaultConfig(BaseModel):
         able = RECEIVERS.get((self.on, self.fault))
         if able is not None and receiver not in able:
             raise ValueError(f"{name} needs sensor.emulated = {' or '.join(able)}, not {receiver}")
+        key, value, able_with = RECEIVERS_WITH.get((self.on, self.fault), ("", "", ()))
+        if key and values[key] == value and receiver not in able_with:
+            wanted = " or ".join(able_with)
+            raise ValueError(f"{name} with {key} = {value} needs sensor.emulated = {wanted}, not {receiver}")
 
 
 def refuse_faults(faults: Sequence[FaultConfig], command: str) -> None:

@@ -47,33 +47,33 @@ class Situation:
     age_ms: float = 0.0
     """Age of the newest frame."""
     unchanged_ms: float = 0.0
-    """For how long frames have carried identical counts."""
+    """Time for which frames have carried identical counts."""
     still_ms: float = 0.0
     """Time of the cycles without a new frame, this one included."""
     counter_back: int = 0
-    """By how much the frame counter went back."""
+    """Counts by which the frame counter went back."""
     depth_mm: float | None = None
     """Reported depth below the start; by default the commanded one."""
     commanded_mm: float | None = None
-    """Depth below the start that was ordered last; by default the reported one, and where none is given where the
-    expected stiffness bears the wanted force, in APPROACH the start.
+    """Depth below the start that was ordered last; by default the reported one. Without that it is where the expected
+    stiffness bears the wanted force, in APPROACH the start.
     """
     wanted_mm: float | None = None
     """Depth that is wanted next; by default the task's own step, in TRACK the depth ordered last."""
     across_mm: float = 0.0
     """How far across the approach is wanted next."""
     unanswered_mm: float = 0.0
-    """How far the tool went deeper since the force changed last."""
+    """Way that the tool went deeper since the force changed last."""
     moved_mm: float = 0.0
-    """How far the reported position moved since the cycle before."""
+    """Way of the reported position since the cycle before."""
     cycle_ms: float | None = None
-    """How long ago that was; by default what a cycle takes on the line at least, and for what is ordered the sample
-    time of the controller.
+    """Time since then. By default it is the least line time of a cycle, and for orders the sample time of the
+    controller.
     """
     tilt_deg: float = 0.0
     """Turn of the reported orientation from that of the start."""
     gap_ms: float = 0.0
-    """How long the computer stood still."""
+    """Time for which the computer stood still."""
     saturated: bool = False
     fault: str = ""
     """Fault of a device, in words."""
@@ -90,11 +90,11 @@ class Situation:
     lowest_n: float | None = None
     """Resultant force that a retraction had come down to; by default the present one."""
     retracting_ms: float = 0.0
-    """How long the tool retracts already; 0 for the first cycle."""
+    """Time of the retraction so far; 0 for the first cycle."""
     from_contact: bool = True
     """Whether that began in contact."""
     back_mm: float = 0.0
-    """How far back the tool has come since the force fell last."""
+    """Way that the tool has come back since the force fell last."""
 
 
 class Asked:

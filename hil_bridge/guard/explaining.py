@@ -41,7 +41,7 @@ class Explanation:
     """Nearest first."""
 
     def lines(self) -> Iterator[str]:
-        """For a terminal."""
+        """Lines for a terminal."""
         yield _line("verdict", self.verdict if self.cause is None else f"{self.verdict}: {self.cause}")
         for reason in self.reasons:
             yield _line("because", reason)
@@ -69,7 +69,7 @@ def _leads_to(row: ConditionRow) -> str:
 def explain(config: Config, situation: Situation) -> Explanation:
     """Decision of a run with this configuration. Raises ConfigError for a situation that no run can be in."""
     ask = Asked(config)
-    # what goes by the configuration must stay as it is when a setting is loosened
+    # values that follow from the configuration must stay when a setting is loosened
     situation = dataclasses.replace(
         situation,
         start_m=situation.start_m or middle(config),

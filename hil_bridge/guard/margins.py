@@ -26,7 +26,7 @@ class Margin(NamedTuple):
 
     @property
     def text(self) -> str:
-        """In words."""
+        """The margin in words."""
         left, unit = self.limit - self.value, f" {self.unit}" if self.unit else ""
         room = f"{number(left)} left" if left >= 0 else f"{number(-left)} too much"
         return f"{number(self.value)}{unit}, stops beyond {number(self.limit)}{unit}: {room}"
@@ -45,7 +45,7 @@ class _Quantity(NamedTuple):
     causes: tuple[Cause, ...]
     value: Callable[[Asked, Situation], float]
     largest: float
-    """Where the search ends."""
+    """End of the search."""
     make: Callable[[Situation, float], Situation]
     """A calm situation with this value."""
 
@@ -128,7 +128,7 @@ def margins(ask: Asked, situation: Situation) -> Iterator[Margin]:
 
 
 def _limit(ask: Asked, calm: Situation, quantity: _Quantity) -> float | None:
-    """Where it begins to stop for this quantity, by halving; None where it never does, or always."""
+    """Value at which the loop begins to stop for this quantity, by halving; None where it never does, or always."""
 
     def stops(value: float) -> bool:
         verdict = ask(quantity.make(calm, value)).verdict

@@ -2,7 +2,7 @@
 
 from hil_bridge.recording.ending import CHECK_EVENT, PHASE_EVENT, STOP_EVENT, Outcome, RunEnd
 from hil_bridge.recording.link_log import LINK_EVENT, LinkLog
-from hil_bridge.recording.reader import Recording, read, read_link
+from hil_bridge.recording.reader import RawTraffic, Recording, read, read_link, read_with_traffic
 from hil_bridge.recording.recorder import CHUNKS, VIRTUAL_CHUNKS, Chunks, Recorder
 from hil_bridge.recording.records import (
     CycleRecord,
@@ -26,6 +26,7 @@ __all__ = [
     "LinkLog",
     "LinkRecord",
     "Outcome",
+    "RawTraffic",
     "Recorder",
     "Recording",
     "RunEnd",
@@ -34,4 +35,5 @@ __all__ = [
     "WireRecord",
     "read",
     "read_link",
+    "read_with_traffic",
 ]

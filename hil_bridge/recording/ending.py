@@ -1,4 +1,4 @@
-"""How a run ends and which events tell of its course: what only the run itself knows, for its record."""
+"""The end of a run and the events of its course: facts that only the run itself knows, for its record."""
 
 import json
 from collections.abc import Mapping
@@ -14,7 +14,7 @@ CHECK_EVENT = "check"
 
 
 class Outcome(StrEnum):
-    """How a run ended."""
+    """Outcome of a run."""
 
     COMPLETED = "completed"
     STOPPED = "stopped"
@@ -36,14 +36,14 @@ class RunEnd:
     sensor_lost: int | None = None
     """Sensor frames that were sent and never came, as the client of the gateway counts them."""
     sensor_delay_s: float | None = None
-    """How much later than the force itself the sensor's filter tells of it."""
+    """Delay of the sensor's filter at low frequencies."""
     left: str = ""
-    """Where the tool was left, in words; empty when it never moved."""
+    """Place at which the tool was left, in words; empty when it never moved."""
     followed: tuple[str, ...] = ()
     """Events after the cause, in order."""
 
     def as_metadata(self) -> dict[str, str]:
-        """For `Recorder.close`, so that a record tells its end by itself."""
+        """Metadata for `Recorder.close`, so that a record tells its end by itself."""
         return {
             "outcome": self.outcome.value,
             "cause": self.cause,

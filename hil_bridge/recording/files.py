@@ -100,7 +100,7 @@ def _hold(descriptor: int, path: Path) -> None:
 
 
 def _write_through(place: Path, data: bytes) -> None:
-    """To a device or a pipe; a pipe without a reader is an error, not a wait."""
+    """Write to a device or a pipe; a pipe without a reader is an error, not a wait."""
     descriptor = os.open(place, os.O_WRONLY | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC)
     os.set_blocking(descriptor, True)
     with os.fdopen(descriptor, "wb") as file:

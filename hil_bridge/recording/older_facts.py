@@ -1,8 +1,8 @@
 """Facts of the devices in recordings of versions 0.1 and 0.2, which knew one robot and one make of sensor.
 
 Version 0.1 told none: they follow from the configuration, what was checked before the touch, and the end. Version 0.2
-told some under other names. What the S3 and the JR3 were then stands here once more as plain numbers, so that these
-recordings mean the same whatever becomes of the devices.
+told some under other names. The facts of the S3 and the JR3 of that time stand here once more as plain numbers. So
+these recordings mean the same, whatever becomes of the devices.
 """
 
 import math

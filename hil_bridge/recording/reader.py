@@ -15,8 +15,15 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 
 from hil_bridge.errors import ConfigError
 from hil_bridge.recording.recorder import DEVICES_NAME, END_NAME, METADATA_NAME
-from hil_bridge.recording.records import CycleRecord, EventRecord, LinkRecord, SensorRecord, TruthRecord
-from hil_bridge.recording.topics import CYCLE, EVENT, LINK, SENSOR, TRUTH, Record, Topic
+from hil_bridge.recording.records import (
+    CycleRecord,
+    EventRecord,
+    LinkRecord,
+    SensorRecord,
+    TruthRecord,
+    WireRecord,
+)
+from hil_bridge.recording.topics import CYCLE, EVENT, LINK, SENSOR, TRUTH, WIRE, Record, Topic
 from hil_bridge.text_files import format_path, read_up_to
 
 CHUNK_LIMIT_BYTES = 1 << 24
@@ -25,6 +32,8 @@ UNPACKED_LIMIT_BYTES = 1 << 31
 """Of all chunks of a recording, unpacked, and of the file as it is. Chosen: half a day of the default run, and what
 reads it needs some times that in memory.
 """
+CLOCK_LIMIT_S = 1e10
+"""A time of a run's clock lies below this. Chosen: three centuries."""
 
 _MAGIC = b"\x89MCAP0\r\n"
 _RECORD = struct.Struct("<BQ")
@@ -49,7 +58,17 @@ class Recording:
     truths: tuple[TruthRecord, ...] = ()
     """Ground truth from the emulated cell; empty for a real one."""
     devices: Mapping[str, str] = field(default_factory=dict)
-    """Facts of the devices once they were ready, see `device_facts`; empty before that."""
+    """What was known of the devices once they were ready, see `device_facts`; empty before that."""
+    unix_zero_ns: int = 0
+    """UNIX time at which the run's clock was 0, ns."""
+
+
+@dataclass(frozen=True, slots=True)
+class RawTraffic:
+    """What went over the wires of a run."""
+
+    robot: tuple[LinkRecord, ...]
+    sensor: tuple[WireRecord, ...]
 
 
 def read(path: Path) -> Recording:
@@ -57,19 +76,35 @@ def read(path: Path) -> Recording:
 
     Raises ConfigError when there is no such file, when it is no record of a run, or holds no cycle.
     """
-    records, metadata, finished = _contents(path, (CYCLE, SENSOR, TRUTH, EVENT))
-    if not records[CYCLE.name]:
-        why = "holds no control cycle" if finished else "ends or is damaged before the first control cycle"
-        raise ConfigError(f"{path} {why}: nothing can be format_value or replayed; record the run again")
+    found = _contents(path, (CYCLE, SENSOR, TRUTH, EVENT))
+    if not found.records[CYCLE.name]:
+        why = (
+            "holds no control cycle"
+            if found.finished
+            else "ends or is damaged before the first control cycle"
+        )
+        raise ConfigError(f"{path} {why}: nothing can be shown or replayed; record the run again")
+    return _recording(found)
+
+
+def read_with_traffic(path: Path) -> tuple[Recording, RawTraffic]:
+    """The same with the raw traffic of the wires. A run that never came to a cycle has that too. Errors as `read`."""
+    found = _contents(path, (CYCLE, SENSOR, TRUTH, EVENT, LINK, WIRE))
+    return _recording(found), RawTraffic(tuple(found.records[LINK.name]), tuple(found.records[WIRE.name]))
+
+
+def _recording(found: "_Contents") -> Recording:
+    records, metadata = found.records, found.metadata
     return Recording(
         tuple(records[CYCLE.name]),
         tuple(records[SENSOR.name]),
         tuple(records[EVENT.name]),
         metadata[METADATA_NAME],
         metadata[END_NAME],
-        truncated=not finished,
+        truncated=not found.finished,
         truths=tuple(records[TRUTH.name]),
         devices=metadata[DEVICES_NAME],
+        unix_zero_ns=found.unix_zero_ns,
     )
 
 
@@ -79,14 +114,25 @@ def read_link(path: Path) -> tuple[tuple[LinkRecord, ...], Mapping[str, str]]:
 
     Raises ConfigError when there is no such file or it is no record of a run.
     """
-    records, metadata, _ = _contents(path, (LINK,))
-    return tuple(records[LINK.name]), metadata[METADATA_NAME]
+    found = _contents(path, (LINK,))
+    return tuple(found.records[LINK.name]), found.metadata[METADATA_NAME]
 
 
-def _contents(
-    path: Path, topics: Sequence[Topic]
-) -> tuple[dict[str, list[Any]], dict[str, dict[str, str]], bool]:
-    """Records by topic, metadata by name, and whether the file is whole. Raises ConfigError."""
+@dataclass(slots=True)
+class _Contents:
+    """What of a file was wanted."""
+
+    records: dict[str, list[Any]]
+    """By topic."""
+    metadata: dict[str, dict[str, str]]
+    """By name."""
+    finished: bool = False
+    """The file is whole."""
+    unix_zero_ns: int = 0
+
+
+def _contents(path: Path, topics: Sequence[Topic]) -> _Contents:
+    """Records of topics, and all metadata. Raises ConfigError."""
     data = _bytes(path)
     if not data:
         raise ConfigError(f"{path} is empty: the run was ended before anything was recorded; record it again")
@@ -94,16 +140,20 @@ def _contents(
         raise ConfigError(f"{path} is not an MCAP file: name the recording that a run has written")
     if (size := max(len(data), sum(_claims(data)))) > UNPACKED_LIMIT_BYTES:
         raise _too_long(path, f"{size} bytes unpacked")
-    records: dict[str, list[Any]] = {topic.name: [] for topic in topics}
-    metadata: dict[str, dict[str, str]] = {METADATA_NAME: {}, DEVICES_NAME: {}, END_NAME: {}}
+    found = _Contents(
+        records={topic.name: [] for topic in topics},
+        metadata={METADATA_NAME: {}, DEVICES_NAME: {}, END_NAME: {}},
+    )
     try:
         for item in _items(data, topics):
             match item:
-                case Metadata() if item.name in metadata:
-                    metadata[item.name] = item.metadata
+                case Metadata() if item.name in found.metadata:
+                    found.metadata[item.name] = item.metadata
+                case int():
+                    found.unix_zero_ns = item
                 case (str(topic), record):
-                    records[topic].append(record)
-        finished = True
+                    found.records[topic].append(record)
+        found.finished = True
     except _ForeignMessage as error:
         raise ConfigError(
             f"{path} is not a recording of this version: {error}; record the run again"
@@ -111,8 +161,8 @@ def _contents(
     except _TooMuch as error:
         raise _too_long(path, str(error)) from error
     except _Damage:
-        finished = False
-    return records, metadata, finished
+        pass  # what came before is there
+    return found
 
 
 def _bytes(path: Path) -> bytes:
@@ -145,23 +195,31 @@ class _TooMuch(Exception):
 
 
 class _Damage(Exception):
-    """From here on the file cannot be read."""
+    """The file cannot be read from here on."""
 
 
-def _items(data: bytes, wanted: Sequence[Topic]) -> Iterator[Metadata | tuple[str, Record]]:
-    """The metadata and the records of a file in order. Raises _Damage where the file ends or is garbled, _TooMuch."""
+def _items(data: bytes, wanted: Sequence[Topic]) -> Iterator[Metadata | int | tuple[str, Record]]:
+    """The metadata and the records of a file in order, and once the UNIX time at which the run's clock was 0, ns.
+    Raises _Damage where the file ends or is garbled, _TooMuch.
+    """
     topics = {topic.name: topic for topic in wanted}
     channels: dict[int, str] = {}
+    dated = False
     for item in _mcap_records(data):
         match item:
             case Channel():
                 channels[item.id] = item.topic
             case Message() if channels.get(item.channel_id) in topics:
                 name = channels[item.channel_id]
+                topic = topics[name]
                 try:
-                    yield name, topics[name].decode(item.data)
+                    record = topic.decode(item.data)
                 except (ValueError, RecursionError) as error:
                     raise _ForeignMessage(f"a message of {name}: {error}") from error
+                if not dated and abs(at := topic.time_of(record)) < CLOCK_LIMIT_S:
+                    dated = True
+                    yield item.publish_time - round(at * 1e9)
+                yield name, record
             case Metadata():
                 yield item
 

@@ -1,4 +1,11 @@
-"""The record of a run: an MCAP file written beside the control path, never on it."""
+"""The record of a run: an MCAP file written beside the control path, never on it.
+
+Messages stand in the file in the order in which they were put, and that is not quite the order of their log times: a
+cycle is placed by its decision and put at its end, a stretch of a wire's log by its first piece, and the truth of an
+emulated cell waits for the robot's motion. No message is placed more than ORDER_WINDOW_S before one that stands before
+it in the file. So a reader that sorts what it has read in this window has all messages in order. A message that is put
+later still has the earliest log time that this allows; its publish time, and the times in it, stay its own.
+"""
 
 import contextlib
 import ctypes
@@ -26,6 +33,8 @@ END_NAME = "end"
 """Written by an orderly end only; its absence tells a reader that the run was cut off."""
 DROPPED_PREFIX = "dropped"
 
+ORDER_WINDOW_S = 10.0
+"""How far the log times of a file may fall, s. Chosen: twice what the truth of an emulated cell waits for a cycle."""
 QUEUE_RECORDS = 16384
 """Records that wait for the writer at most: about 16 s of a 1 kHz sensor stream, 5 MB."""
 BATCH_RECORDS = 512
@@ -77,7 +86,7 @@ def map_buffers() -> None:
 class Recorder:
     """Takes records without blocking and writes them to one file.
 
-    `put`, `pause` and `close` belong to one thread, that of the event loop. A failing disk does not stop a run: the
+    `put`, `pause` and `close` belong to one thread, that of the event loop. A failing disk does not stop a run. The
     error is kept in `error` and told in `trouble`, later records are counted as dropped, and `close` raises it.
     """
 
@@ -93,10 +102,9 @@ class Recorder:
     ) -> None:
         """Open the file and write what is known before the run.
 
-        `wall_ns` turns a time of the run's clock into ns since the Unix epoch. `threaded` writes in a thread
-        of its own; without it the caller's `put` writes a batch now and then, and the file depends on the
-        records alone. A file that is there already is emptied only with `overwrite`. Raises ConfigError when the
-        file cannot be opened.
+        `wall_ns` turns a time of the run's clock into ns since the Unix epoch. `threaded` writes in a thread of its
+        own. Without it the caller's `put` writes a batch now and then, and the file depends on the records alone. A
+        file that is there already is emptied only with `overwrite`. Raises ConfigError when the file cannot be opened.
         """
         self._path = path
         self._wall_ns = wall_ns
@@ -264,14 +272,19 @@ class Recorder:
     def _write(self, record: Record) -> None:
         topic = self._topics[type(record)]
         at = topic.time_of(record)
-        if not math.isfinite(at):
+        if not math.isfinite(at):  # of no device that tells the truth
             at = self._newest
+            record = topic.timed(record, at)
         self._newest = max(self._newest, at)
         if self._chunk_began is None:
             self._chunk_began = at
-        wall = self._wall_ns(at)
+        placed = self._wall_ns(max(at, self._newest - ORDER_WINDOW_S))
         self._writer.add_message(
-            self._channels[type(record)], wall, topic.encode(record), wall, self._written[topic.name]
+            self._channels[type(record)],
+            placed,
+            topic.encode(record),
+            self._wall_ns(at),
+            self._written[topic.name],
         )
         self._written[topic.name] += 1
         if at - self._chunk_began >= self._chunk_seconds:

@@ -9,6 +9,7 @@ from typing import Annotated, TypeAlias
 from msgspec import Meta, Struct
 
 from hil_bridge.control.course.loop import Sample
+from hil_bridge.control.course.task import Phase
 
 Vector: TypeAlias = Annotated[tuple[float, ...], Meta(min_length=3, max_length=3)]
 Quaternion: TypeAlias = Annotated[tuple[float, ...], Meta(min_length=4, max_length=4)]
@@ -16,6 +17,8 @@ Six: TypeAlias = Annotated[tuple[float, ...], Meta(min_length=6, max_length=6)]
 """A wrench, or the joints of a robot."""
 Values: TypeAlias = Annotated[tuple[int | float, ...], Meta(min_length=6, max_length=6)]
 """Six values of a sensor: whole numbers of a device that counts."""
+PhaseName: TypeAlias = Annotated[str, Meta(extra_json_schema={"enum": [*map(str, Phase)]})]
+VerdictName: TypeAlias = Annotated[str, Meta(extra_json_schema={"enum": ["allow", "clamp", "stop"]})]
 
 
 class CycleRecord(Struct, frozen=True):
@@ -23,8 +26,8 @@ class CycleRecord(Struct, frozen=True):
 
     cycle: int
     """Number of the control cycle."""
-    phase: str
-    """connect, tare, approach, track, retract or end."""
+    phase: PhaseName
+    """approach, track, retract or end."""
     # --- times of the hops
     started_at: float
     """Cycle begins: the status order is handed to the link, s."""
@@ -68,13 +71,13 @@ class CycleRecord(Struct, frozen=True):
     """The controller rests in its dead band: no position that the robot can take is nearer."""
     in_contact: bool = False
     """The tool touches the surface."""
-    verdict: str = "allow"
+    verdict: VerdictName = "allow"
     """allow, clamp or stop."""
     reasons: tuple[str, ...] = ()
     """Why the supervisor clamped or stopped."""
     explanation: dict[str, float] = {}
     """Further values that explain the controller's answer, by name."""
-    # --- what it takes to decide again
+    # --- input for deciding again
     target: Vector = (0.0, 0.0, 0.0)
     """Tool position that the supervisor allowed, robot base frame, m; ordered in whole device steps."""
     start: Vector = (0.0, 0.0, 0.0)
@@ -83,7 +86,7 @@ class CycleRecord(Struct, frozen=True):
     """Why the run was asked to finish before this decision; empty in all other cycles."""
     sample: Sample | None = None
     """Complete input of the decision; None where it was not kept."""
-    # --- more times of the hops; NaN for what was not stamped
+    # --- more times of the hops; NaN for a time without a stamp
     status_transmitted_at: float = math.nan
     """The last character of the status order has left the line, reckoned at the line's rate, s."""
     decoded_at: float = math.nan
@@ -113,7 +116,9 @@ class LinkRecord(Struct, frozen=True):
     at: float
     """When its first piece was sent or received, s on the run's clock."""
     pieces: tuple[str, ...]
-    """Each: seconds since `at`, `tx` or `rx` as the PC sees it and hexadecimal bytes, or `--` and a link event."""
+    """Each: seconds since `at`, `tx` or `rx` as the PC sees it and hexadecimal bytes, or `--` and a link event; of
+    several datagrams, a space between them.
+    """
 
 
 class WireRecord(Struct, frozen=True):
@@ -124,8 +129,8 @@ class WireRecord(Struct, frozen=True):
     device: str
     """sensor."""
     pieces: tuple[str, ...]
-    """Each: seconds since `at`, `tx` or `rx` as the PC sees it, and hexadecimal bytes or CAN frames such as 190#00FF.
-    004!00 is a bus error that the interface tells of.
+    """Each: seconds since `at`, `tx` or `rx` as the PC sees it, and hexadecimal bytes or CAN frames: 190#00FF, R and a
+    number for the bytes that a remote frame asks for, and 004!00 where the interface tells of a bus error.
     """
 
 
@@ -137,8 +142,8 @@ class TruthRecord(Struct, frozen=True):
     cycle: int
     """Number of the control cycle."""
     at: float
-    """Moment of position, force and joints: the end of the cycle, of a material that remembers up to a few ticks
-    of the robot later, s.
+    """Moment of position, force and joints, s: the end of the cycle. With a material that has memory it is up to a few
+    ticks of the robot later.
     """
     sampled_at: float
     """The sensor measured the sample that the controller was given, s."""

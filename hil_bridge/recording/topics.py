@@ -1,7 +1,14 @@
 """The topics of a record. Schema, encoder and decoder come from the records themselves: their types and docstrings.
 
-Messages are JSON with a JSON schema, so that Foxglove and PlotJuggler open a record as it is. A number
-that is not finite is written as null and read back as NaN: JSON knows neither NaN nor infinity.
+Messages are JSON with a JSON schema, so that Foxglove and PlotJuggler open a record as it is, and every message is
+valid by its schema. JSON knows neither NaN nor infinity. A field whose number is not finite, or whose value is not
+known, is left out of its message, so that no schema requires it. Within an array, and among values by name, null
+stands for such a number, and the schema says so. Both are read back as NaN; a field that may be None, as None. Of a
+field with a finite default, which older messages may lack, `not_finite` beside it tells that its number is not.
+
+The readers of Foxglove and Lichtblick take a type of one word only, of fields and of `items`, and refuse a whole topic
+else: a field cannot be "number or null". Of arrays they do not look at `prefixItems`, where null is allowed.
+Source: parseJsonSchema.ts of foxglove/studio and Lichtblick-Suite/lichtblick. Standard: JSON Schema 2020-12.
 """
 
 import math
@@ -12,7 +19,7 @@ from functools import cached_property
 from typing import Any, TypeAlias
 
 import msgspec
-from msgspec import inspect
+from msgspec import inspect, structs
 
 from hil_bridge.field_docstrings import field_docstrings
 from hil_bridge.recording.records import (
@@ -42,8 +49,19 @@ class Topic:
 
     @property
     def schema(self) -> Mapping[str, object]:
-        """JSON schema of a message."""
-        return {"title": self.schema_name, **_schema(inspect.type_info(self.record))}
+        """JSON schema of a message; its time is always there."""
+        schema = _schema(inspect.type_info(self.record))
+        required: Any = schema["required"]
+        return {
+            "$schema": _DIALECT,
+            "title": self.schema_name,
+            **schema,
+            "required": sorted({*required, self.time}),
+        }
+
+    @cached_property
+    def _type(self) -> inspect.Type:
+        return inspect.type_info(self.record)
 
     @cached_property
     def time_of(self) -> Callable[[Any], float]:
@@ -54,12 +72,21 @@ class Topic:
     def _decoder(self) -> msgspec.json.Decoder[Record]:
         return msgspec.json.Decoder(self.record)
 
+    def timed(self, record: Record, at: float) -> Record:
+        """The same record with this for its time, s on the run's clock."""
+        return structs.replace(record, **{self.time: at})
+
     def encode(self, record: Record) -> bytes:
-        """A record as compact strict JSON."""
+        """A record as compact strict JSON. Its time must be finite, or its message is not valid by the schema."""
         try:
-            return _to_json(record)
+            data = _to_json(record)
         except UnicodeEncodeError:
-            return _to_json(_whole(msgspec.to_builtins(record, enc_hook=_plain)))
+            data = _to_json(_whole(msgspec.to_builtins(record, enc_hook=_plain)))
+        if _NULL not in data:  # as of nearly all messages
+            return data
+        message = _known(msgspec.json.decode(data), self._type)
+        message.setdefault(self.time)  # without it nothing reads the message
+        return _to_json(message)
 
     def decode(self, data: bytes) -> Record:
         """The record of a message; fields that are unknown are ignored, those to come since have their defaults.
@@ -67,34 +94,75 @@ class Topic:
         Raises ValueError naming the field that is missing or wrong.
         """
         try:
-            return self._decoder.decode(data)
-        except msgspec.ValidationError:  # or there is a null that stands for NaN
-            message = _with_nan(msgspec.json.decode(data), inspect.type_info(self.record))
-            return msgspec.convert(message, self.record)
+            if _NAMED not in data:
+                return self._decoder.decode(data)
+            return msgspec.convert(_with_nan(msgspec.json.decode(data), self._type), self.record)
+        except msgspec.ValidationError:  # or a number is missing, or null, that stands for NaN
+            found = msgspec.json.decode(data)
+            if isinstance(found, dict) and self.time not in found:
+                raise
+            return msgspec.convert(_with_nan(found, self._type), self.record)
 
 
 def _schema(kind: inspect.Type) -> dict[str, object]:
-    """JSON schema of a type as Foxglove's reader takes it: a type is a single word even where null is possible, and
-    an object always has properties.
+    """JSON schema of a type as Foxglove's reader takes it: a type is a single word, and an object always has
+    properties.
     """
     match kind:
+        case inspect.Metadata(type=inner, extra_json_schema=extra):
+            return {**_schema(inner), **(extra or {})}
         case inspect.UnionType():
-            return _schema(_not_null(kind))
+            return _schema(_of_union(kind))
         case inspect.StructType(cls=cls, fields=fields):
             texts = field_docstrings(cls)
             described = {
                 field.name: {**_schema(field.type), "description": texts.get(field.name, "")}
                 for field in fields
             }
-            return {"type": "object", "properties": described}
-        case inspect.DictType():
-            return {"type": "object", "properties": {}}
-        case inspect.VarTupleType(item_type=item):
-            return {"type": "array", "items": _schema(item)}
+            if any(map(_has_finite_default, fields)):
+                described[NOT_FINITE] = _NAMES
+            required = [field.name for field in fields if not _may_be_unknown(field.type)]
+            return {"type": "object", "properties": described, "required": required}
+        case inspect.DictType(value_type=item):
+            return {"type": "object", "properties": {}, "additionalProperties": _item(item)}
+        case inspect.VarTupleType(item_type=item, min_length=least, max_length=most):
+            return _array(item, least, most)
         case inspect.TupleType(item_types=items):
-            return {"type": "array", "items": _schema(items[0])}
+            return _array(items[0], len(items), len(items))
         case _:
             return {"type": _WORDS[type(kind)]}
+
+
+def _array(item: inspect.Type, least: int | None, most: int | None) -> dict[str, object]:
+    """Schema of an array. One of numbers must have a most length, for only then its schema can allow null in it."""
+    bounds = {name: bound for name, bound in (("minItems", least), ("maxItems", most)) if bound is not None}
+    if not _may_be_unknown(item):
+        return {"type": "array", "items": _schema(item), **bounds}
+    if most is None:
+        raise TypeError("an array of numbers in a record needs a most length: Meta(max_length=…)")
+    return {"type": "array", "prefixItems": [_item(item)] * most, "items": _schema(item), **bounds}
+
+
+def _item(kind: inspect.Type) -> dict[str, object]:
+    """Schema of a value that is null where it is not known."""
+    schema = _schema(kind)
+    return {**schema, "type": [schema["type"], "null"]} if _may_be_unknown(kind) else schema
+
+
+def _has_finite_default(field: inspect.Field) -> bool:
+    """Whether it is a number that an older message may lack, and that then has a value all the same."""
+    return isinstance(field.type, inspect.FloatType) and not field.required and math.isfinite(field.default)
+
+
+def _may_be_unknown(kind: inspect.Type) -> bool:
+    """Whether a value may be no JSON: NaN, infinite or None."""
+    match kind:
+        case inspect.Metadata(type=inner):
+            return _may_be_unknown(inner)
+        case inspect.UnionType(types=types):
+            return any(map(_may_be_unknown, types))
+        case _:
+            return isinstance(kind, (inspect.FloatType, inspect.NoneType))
 
 
 _WORDS: Mapping[type[inspect.Type], str] = {
@@ -105,20 +173,48 @@ _WORDS: Mapping[type[inspect.Type], str] = {
 }
 
 
-def _not_null(kind: inspect.UnionType) -> inspect.Type:
-    return next(one for one in kind.types if not isinstance(one, inspect.NoneType))
+def _of_union(kind: inspect.UnionType) -> inspect.Type:
+    """What there is where it is not None; a number that may be whole or not is one that may be not."""
+    present = [one for one in kind.types if not isinstance(one, inspect.NoneType)]
+    return next((one for one in present if isinstance(one, inspect.FloatType)), present[0])
+
+
+def _known(value: Any, kind: inspect.Type) -> Any:
+    """Parsed JSON without those fields of records that are null."""
+    match kind, value:
+        case inspect.UnionType(), _ if value is not None:
+            return _known(value, _of_union(kind))
+        case inspect.StructType(fields=fields), dict():
+            types = {field.name: field.type for field in fields}
+            known = {name: _known(each, types[name]) for name, each in value.items() if each is not None}
+            lost = [field.name for field in fields if _has_finite_default(field) and field.name not in known]
+            return {**known, NOT_FINITE: lost} if lost else known
+        case _:
+            return value
 
 
 def _with_nan(value: Any, kind: inspect.Type) -> Any:
-    """Parsed JSON with NaN for every null that stands where a number must be."""
+    """Parsed JSON with NaN for every number that is null, or missing where it has no default."""
     match kind, value:
+        case inspect.Metadata(type=inner), _:
+            return _with_nan(value, inner)
         case inspect.FloatType(), None:
             return math.nan
-        case inspect.UnionType(), _ if value is not None:
-            return _with_nan(value, _not_null(kind))
+        case inspect.UnionType(), None:
+            return None if any(isinstance(one, inspect.NoneType) for one in kind.types) else math.nan
+        case inspect.UnionType(), _:
+            return _with_nan(value, _of_union(kind))
         case inspect.StructType(fields=fields), dict():
             known = {field.name: field.type for field in fields}
-            return {name: _with_nan(value[name], known[name]) for name in known.keys() & value.keys()}
+            lost = value.get(NOT_FINITE)
+            named = lost if isinstance(lost, list) else ()
+            missing = {
+                field.name: math.nan
+                for field in fields
+                if isinstance(field.type, inspect.FloatType) and (field.required or field.name in named)
+            }
+            there = {name: _with_nan(value[name], known[name]) for name in known.keys() & value.keys()}
+            return missing | there
         case inspect.DictType(value_type=item), dict():
             return {name: _with_nan(each, item) for name, each in value.items()}
         case inspect.VarTupleType(item_type=item), list():
@@ -147,6 +243,15 @@ def _whole(value: Any) -> object:
             return value
 
 
+NOT_FINITE = "not_finite"
+_NAMED = f'"{NOT_FINITE}"'.encode()
+_NAMES: dict[str, object] = {
+    "type": "array",
+    "items": {"type": "string"},
+    "description": "Names of the fields that are left out because their numbers are not finite.",
+}
+_DIALECT = "https://json-schema.org/draft/2020-12/schema"
+_NULL = b"null"
 _to_json = msgspec.json.Encoder(enc_hook=_plain).encode
 
 CYCLE = Topic("/cycle", CycleRecord, "controlled_at")

@@ -75,7 +75,7 @@ def rules(explanation: Mapping[str, float]) -> list[tuple[str, float]]:
 
 
 def decimate(cycles: Sequence[CycleRecord], most: int) -> list[CycleRecord]:
-    """At most so many of them, the first and the last among them."""
+    """At most so many of these cycles, the first and the last among them."""
     if len(cycles) <= most:
         return list(cycles)
     return [cycles[round(k * (len(cycles) - 1) / (most - 1))] for k in range(most)]

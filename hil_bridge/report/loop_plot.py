@@ -13,7 +13,7 @@ LOOP_SIZE_PX = (900, 520)
 _DPI = 100
 _POINTS = 600
 _BELOW = 30.0
-"""How far below the lower crossover the figure begins, as a factor."""
+"""Factor below the lower crossover at which the figure begins."""
 _LOWEST_PHASE_DEG = -450.0
 _GAIN, _PHASE, _MARGIN = "#0072B2", "#CC79A7", "#D55E00"
 

@@ -20,8 +20,8 @@ from hil_bridge.report.stability import (
 )
 
 _AS_PREDICTED = (0.5, 2.0)
-"""Measured over predicted swing that still counts as predicted: the prediction is for the least favourable
-place between two positions, and noise widens what is measured.
+"""Measured over predicted swing that still counts as predicted. The prediction is for the least favourable place
+between two positions, and noise widens the measured swing.
 """
 _MOVES_TOLD = 0.005
 """Resolution steps a second that are printed as more than 0.00."""

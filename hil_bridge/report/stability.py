@@ -97,7 +97,7 @@ class Analysis:
     resolution: float
     """Δx_res, m"""
     dead_band: float
-    """How far the position may be off without being corrected, either way, in resolution steps."""
+    """Largest error of the position without correction, either way, in resolution steps."""
     loop: LinearLoop | None
     """None for a controller that is not linear."""
     predicted: LimitCycle | None
@@ -278,7 +278,7 @@ def _comfortable(found: Margins) -> bool:
 def _comfortable_to(
     stiffness: float, response: Response, plant: SampledPlant, found: Margins
 ) -> float | None:
-    """By bisection of the stiffness, for the phase margin follows it by no formula."""
+    """Stiffness by bisection, for the phase margin follows it by no formula."""
     if not math.isfinite(found.gain_margin):
         return None
     low, high = stiffness, stiffness * found.gain_margin

@@ -42,7 +42,7 @@ HOPS = RobotHops(
         ),
     ),
 )
-"""How the stamps of a stream divide a cycle: the robot fetches the newest target with its next packet."""
+"""Hops into which the stamps of a stream divide a cycle: the robot fetches the newest target with its next packet."""
 
 
 class StreamedLink(Generic[Data]):

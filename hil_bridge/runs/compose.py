@@ -69,7 +69,7 @@ class Devices:
 
 
 def cell_ports(config: Config, virtual: bool) -> Ports:
-    """Where the cell of a configuration listens, with no panel."""
+    """URLs at which the cell of a configuration listens, without a panel."""
     robot, sensor = ROBOTS.kind(config.robot.emulated), emulated_sensor(config.sensor.emulated)
     return Ports(
         _with_kind(robot, _emulation(robot).usual(settings_of(config, robot), virtual)),

@@ -68,7 +68,7 @@ _APPROACH, _TRAVEL = 0, 1
 
 
 class Log(Protocol):
-    """Where a run puts what it knows; must not block."""
+    """Log of a run for its records; must not block."""
 
     def cycle(self, record: CycleRecord) -> None:
         """A cycle has ended."""
@@ -79,13 +79,13 @@ class Log(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class RunResult:
-    """How a run ended."""
+    """Result of a run."""
 
     outcome: Outcome
     cause: str = ""
     """The first one."""
     left: str = ""
-    """Where the tool was left, in words; empty where it never moved."""
+    """Place at which the tool was left, in words; empty where it never moved."""
     followed: tuple[str, ...] = ()
     """Events after the first cause."""
 
@@ -296,7 +296,8 @@ class Run:
             if decision.output.phase is Phase.TRACK and track_ends == math.inf:
                 track_ends = sample.now + self._config.run.duration_s
             if decision.output.failed:
-                self._blame(decision.output.cause)
+                stands = f"; {self._sensor.stands}" if self._sensor.stands else ""
+                self._blame(f"{decision.output.cause}{stands}")
             if decision.stands:
                 sent = await stand_still(motion)
             else:

@@ -35,7 +35,7 @@ class Freed:
 
     @property
     def text(self) -> str:
-        """In words, for the last line."""
+        """The result in words, for the last line."""
         what = "contact force" if self.known else "force that the sensor reads, the tool's weight included,"
         before, after = math.hypot(*self.before), math.hypot(*self.after)
         return f"freed by {self.moved_mm:.1f} mm: {what} {before:.1f} N before, {after:.1f} N after"

@@ -58,7 +58,7 @@ class Left:
 
     @property
     def text(self) -> str:
-        """In words, for the last line of a run."""
+        """The result in words, for the last line of a run."""
         force = f"{self.force:.1f} N" if math.isfinite(self.force) else "force unknown"
         if self.retracted:
             return f"retracted, {force}"

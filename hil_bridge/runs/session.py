@@ -33,6 +33,7 @@ from hil_bridge.recording import (
     SensorRecord,
     WireRecord,
 )
+from hil_bridge.recording.topics import Record
 from hil_bridge.robots.seam import RobotLink
 from hil_bridge.runs.checks import check
 from hil_bridge.runs.compose import ServedCell, open_devices
@@ -54,7 +55,7 @@ EXIT_CODES = {Outcome.COMPLETED: 0, Outcome.STOPPED: 3, Outcome.INTERRUPTED: 130
 """130 is what a shell expects of a command that Ctrl-C ended."""
 
 TELL_SECONDS = 5.0
-"""For so long a blocked output is waited for when a signal that comes from no keyboard ended the run. Chosen."""
+"""Longest wait for a blocked output when a signal that comes from no keyboard ended the run. Chosen."""
 _DRAWING_S = 0.015
 """Time to draw the view: 8 ms as a rule, 12 ms at most in a run of 20 s. Chosen."""
 _UNDER_WAY_S = 0.005
@@ -184,12 +185,12 @@ class _Session:
     verbose = True
     """Setting of a `DeviceLog`: the record holds every event of a link."""
 
-    # --- what the run and the devices tell
+    # --- records and notices of the run and the devices
 
     def cycle(self, record: CycleRecord) -> None:
         """A cycle has ended."""
         self.cycles += 1
-        self._recorder.put(record)
+        self._put(record.answered_at, record)
         if self._recorder.trouble and not self._trouble_told:
             self._tell_trouble(self._recorder.trouble)
         if self._truths is not None:
@@ -208,7 +209,7 @@ class _Session:
 
     def event(self, record: EventRecord) -> None:
         """Something happened beside the cycles."""
-        self._recorder.put(record)
+        self._put(record.at, record)
         self._moved = self._moved or self._moving
         if record.kind == BUG_EVENT:
             self.bugs.append(record.text)
@@ -255,11 +256,18 @@ class _Session:
 
     def frame(self, frame: WrenchFrame) -> None:
         """A complete frame of the sensor has arrived."""
+        self._logs["robot"].age(frame.at)  # while the robot is silent, frames alone come
         self._recorder.put(SensorRecord(frame.at, frame.sequence, frame.values))
 
     def notice(self, kind: str, text: str) -> None:
         """A device tells something that is worth a line in the record."""
         self.event(EventRecord(self._clock.now(), kind, text))
+
+    def _put(self, at: float, record: Record) -> None:
+        """Record something of this time, and before it what the devices' logs hold for too long by then."""
+        for log in self._logs.values():
+            log.age(at)
+        self._recorder.put(record)
 
     def traffic(self, device: str, direction: Direction, data: Any) -> None:
         """Data have just gone over a device's wire."""
@@ -301,10 +309,9 @@ class _Session:
                 "version": version("hil-bridge"),
             },
         )
-        put = self._recorder.put
         self._logs = {
-            "robot": LinkLog(lambda at, pieces: put(LinkRecord(at, pieces))),
-            "sensor": LinkLog(lambda at, pieces: put(WireRecord(at, "sensor", pieces))),
+            "robot": LinkLog(lambda at, pieces: self._put(at, LinkRecord(at, pieces))),
+            "sensor": LinkLog(lambda at, pieces: self._put(at, WireRecord(at, "sensor", pieces))),
         }
         try:
             if self._recorder.error is not None:

@@ -23,7 +23,7 @@ class Signals:
         self.first: signal.Signals | None = None
         """The one that came first, if any."""
         self.count = 0
-        """How many came."""
+        """Number of signals."""
         self._react: React = at_once
 
     @contextmanager

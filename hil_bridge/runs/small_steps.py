@@ -101,7 +101,7 @@ class SmallSteps:
                 )
 
     async def _reading(self, since: float, count: int) -> Reading:
-        """At least so many frames from this time on. Raises DeviceError when they do not come."""
+        """Reading from at least so many frames from this time on. Raises DeviceError when they do not come."""
         sensor, patience = self._sensor, self._clock.now() + STREAM_PATIENCE_S
         while len(frames := sensor.window(since)) < count:
             sensor.check()

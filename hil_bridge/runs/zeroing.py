@@ -41,12 +41,12 @@ class Zero:
 
     @property
     def force(self) -> float:
-        """Its length, N."""
+        """Length of the force, N."""
         return math.hypot(*self.contact[:3])
 
 
 def wrist(config: Config) -> Wrist:
-    """How this configuration says that the sensor sits, and what hangs below it."""
+    """Mounting of the sensor by this configuration, and the load below it."""
     sensor, tool = config.sensor, config.tool
     mounting = quaternion_about((0.0, 0.0, 1.0), math.radians(sensor.mounting_deg))
     return Wrist(

@@ -30,7 +30,7 @@ class AxisWatch:
             else [DEAD_WHILE_MOVED_SHARE * full_scale for full_scale in facts.full_scales]
         )
         self._far = [reach / scale for reach, scale in zip(far, facts.scales, strict=True)]
-        """How far an axis must move from its first value, in values."""
+        """Way from its first value that an axis must move, in values."""
         self._first: Sequence[float] | None = None
         self._unchanged = set(range(len(AXES)))
         self._first_at = self._for = 0.0

@@ -47,7 +47,7 @@ class ForceSensor:
         self.received = 0
         """Complete frames so far."""
         self.repeated = 0
-        """How many of the newest frames in a row carried identical values on all axes."""
+        """Number of newest frames in a row with identical values on all axes."""
         self.unchanged_since = math.nan
         """When the first of these frames arrived, s on the run's clock."""
         self.saturated_axes = 0
@@ -76,6 +76,13 @@ class ForceSensor:
     def lost(self) -> int:
         """Frames that the counter says were sent and that never came."""
         return self._client.statistics.lost
+
+    @property
+    def stands(self) -> str:
+        """What to say of a device whose frames go on while their counter stands still; empty while it does not."""
+        if not self._client.statistics.stands:
+            return ""
+        return "frames go on, but their counter stands still, as after the sensor is unplugged"
 
     @property
     def is_ready(self) -> bool:

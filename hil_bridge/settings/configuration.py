@@ -66,13 +66,13 @@ class RunConfig(_Section):
     """The run as a whole."""
 
     duration_s: float = Field(default=30.0, gt=0)
-    """How long to track the surface once in contact."""
+    """Time to track the surface once in contact."""
     seed: int = Field(default=1, ge=0)
     """Seed of every random draw in the emulated cell."""
     period_ms: float = Field(default=0.0, ge=0)
     """Control period; 0 runs as fast as the robot's link answers."""
     panel_url: str = ""
-    """Where the emulated controller's panel listens, tcp-listen://127.0.0.1:0; empty: nowhere."""
+    """URL at which the emulated controller's panel listens, tcp-listen://127.0.0.1:0; empty: no panel."""
 
 
 class RobotSection(_Section):
@@ -111,7 +111,7 @@ class SensorSection(_Section):
     """
     emulated: str = "gateway"
     """Kind of the emulated sensor: gateway, uart or board for a JR3 behind a CAN gateway, a UART gateway or a receiver
-    board, or one that another package offers.
+    board. Other packages may offer more.
     """
     mounting_deg: float = 0.0
     """Rotation of the sensor about the tool's z axis: angle from the tool's x axis to the sensor's."""
@@ -188,7 +188,7 @@ class ToolConfig(_Section):
     Nothing where it is not known: an emulated cell then tells its own.
     """
     centre_of_gravity_mm: Vector = (0.0, 0.0, 0.0)
-    """From the sensor's origin, along the tool frame's axes."""
+    """Place from the sensor's origin, along the tool frame's axes."""
 
 
 class FrameConfig(_Section):
@@ -332,7 +332,7 @@ def read_config(values: Mapping[str, Any]) -> Config:
 
 
 def load_config(path: Path | None, overrides: Mapping[str, object]) -> Config:
-    """Read a TOML file, put the overrides that are not None (`section.key`) on top, and validate.
+    """Read a TOML file, put the overrides that are not None (by dotted key) on top, and validate.
 
     Raises ConfigError with the file, the key and what to do.
     """
@@ -344,8 +344,10 @@ def load_config(path: Path | None, overrides: Mapping[str, object]) -> Config:
     for key, value in overrides.items():
         if value is None:
             continue
-        section, name = key.split(".")
-        table = values.setdefault(section, {})
+        *sections, name = key.split(".")
+        table: Any = values
+        for section in sections:
+            table = table.setdefault(section, {}) if isinstance(table, dict) else None
         if isinstance(table, dict):
             table[name] = value
             given.add(key)

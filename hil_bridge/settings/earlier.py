@@ -24,11 +24,11 @@ class Renamed:
     """A setting that was counted."""
 
     key: str
-    """Its new name, `section.name`."""
+    """New name of the key, `section.name`."""
     frames: bool = False
-    """It counted frames, not cycles."""
+    """The old setting counted frames, not cycles."""
     reached: bool = True
-    """For a count: the run did something at that count, not after it."""
+    """For a count: the run reacted at that count, not after it."""
 
     @property
     def is_speed(self) -> bool:
@@ -54,7 +54,7 @@ RENAMED: Mapping[str, Renamed] = {
     "limits.still_after_cycles": Renamed("limits.still_after_ms"),
     "oscillation.window_samples": Renamed("oscillation.window_ms", reached=False),
 }
-"""By the old name."""
+"""Replacements by the old name."""
 
 
 def told_of(key: str, value: object) -> str:

@@ -31,7 +31,7 @@ PERIOD_S, CYCLES = 1e-3, 1000
 LATE_S = 1e-3
 """Wake-ups later than this are worth a warning. Chosen: a sample of a 1 kHz stream."""
 CONNECT_S = 2.0
-"""For how long a host may take to answer. Chosen."""
+"""Longest wait for a host's answer. Chosen."""
 LOCKED_BYTES = 1 << 29
 """Most memory that a process with all its memory locked needs. Chosen."""
 
@@ -198,7 +198,7 @@ def judged(late: Sequence[float], realtime: RealTime) -> Fact:
 
 
 async def _lateness() -> list[float]:
-    """How late each of many periodic wake-ups was, s, the least first."""
+    """Lateness of each of many periodic wake-ups, s, ascending."""
     clock = Clock.running()
     try:
         begun = clock.now()

@@ -118,7 +118,7 @@ def serial_port(root: Path, name: str) -> Fact:
 
 
 def latency_timer(root: Path, name: str) -> Iterator[Fact]:
-    """How long a USB adapter keeps characters, where it has such a timer."""
+    """Time for which a USB adapter keeps characters, where it has such a timer."""
     path = f"/sys/bus/usb-serial/devices/{name}/latency_timer"
     text = _read(root / path.lstrip("/"))
     if not text.isdigit():

@@ -30,7 +30,7 @@ _SQUARE = 90.0
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """How the sensor answered a push."""
+    """Answer of the sensor to a push."""
 
     axis: str
     """Axis of the sensor that changed most: fx, fy or fz."""
@@ -38,7 +38,7 @@ class Answer:
     force_n: float
     """Length of the change of the force."""
     share: float
-    """How much of it lies on that axis, 0 … 1: the cosine of the angle between them."""
+    """Share of the push on that axis, 0 … 1: the cosine of the angle between them."""
     direction: tuple[float, ...]
     """Unit vector of the change along the sensor's axes."""
 
@@ -49,7 +49,7 @@ class Answer:
 
     @property
     def text(self) -> str:
-        """In words."""
+        """The answer in words."""
         named = f"{'+' if self.sign > 0 else '−'}{self.axis.capitalize()}"
         if self.sure:
             return f"{named} answers: {self.force_n:.1f} N, {self.share:.0%} of it on this axis"
@@ -95,7 +95,7 @@ def judge_push(before: Sequence[float], during: Sequence[float], noise: Sequence
 
 
 def expected(wrist: Wrist, axis: int) -> Answer:
-    """How a sensor that sits as `wrist` says answers a push of 1 N along an axis of the tool: 0 x, 1 y, 2 z."""
+    """Answer of a sensor mounted as `wrist` says to a push of 1 N along an axis of the tool: 0 x, 1 y, 2 z."""
     seen = wrist.alignment()[axis].tolist()
     answer = judge_push((0.0,) * _FORCES, [LEAST_N * part for part in seen], (0.0,) * _FORCES)
     assert answer is not None

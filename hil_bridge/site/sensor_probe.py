@@ -37,9 +37,9 @@ from hil_bridge.wiring import Wiring
 from protocol.wrench import AXES, WrenchFrame
 
 NOISE_S = 1.0
-"""For so long the stream's rate and noise are measured, and what is there before a push. Chosen."""
+"""Time for the stream's rate and noise, and for the force before a push. Chosen."""
 HOLD_S = 0.5
-"""For so long a push must be held. Chosen."""
+"""Time for which a push must be held. Chosen."""
 LOOK_S = 0.1
 """How often it is looked for. Chosen."""
 PATIENCE_S = 60.0
@@ -49,7 +49,7 @@ FIRST_S = 5.0
 of a UART gateway it comes within a second.
 """
 SHOW_S = 1.0
-"""From one live line to the next."""
+"""Time from one live line to the next."""
 STEADY_SHARE = 0.25
 """How much a push that is held may vary, rms, as a share of itself. Chosen: more is a knock, or a hand on its way."""
 
@@ -58,7 +58,7 @@ Seen = TypeVar("Seen")
 
 @dataclass(frozen=True, slots=True)
 class Screen:
-    """Where a probe speaks."""
+    """Screen of a probe."""
 
     say: Callable[[str], object]
     """Shown a line that stays."""
@@ -72,7 +72,7 @@ class Stream:
 
     rate_hz: float
     mean: tuple[float, ...]
-    """In the sensor frame, N and N·m."""
+    """Mean wrench in the sensor frame, N and N·m."""
     rms: tuple[float, ...]
     """About the mean, per axis."""
 

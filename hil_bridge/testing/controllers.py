@@ -8,8 +8,8 @@
     def controller():
         return MyController()
 
-pytest then finds these tests in that module. They know a controller only by `control.types.Controller`; it
-should be in a state in which it is in use: parameters as a run would have them.
+pytest then finds these tests in that module. They know a controller only by `control.types.Controller`. It should be in
+a state in which it is in use: parameters as a run would have them.
 """
 
 import copy

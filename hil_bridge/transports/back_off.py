@@ -20,7 +20,7 @@ Notice = Callable[[str, str], None]
 
 
 def waits() -> Iterator[float]:
-    """How long to wait before each further try, s; without end."""
+    """Times to wait before each further try, s; without end."""
     wait = FIRST_WAIT_S
     while True:
         yield wait

@@ -18,7 +18,7 @@ QUEUE_FRAMES = 1024
 """Bound of every queue of CAN frames. Chosen: an eighth of a second of a full bus at 1 Mbit/s."""
 
 FLUSH_S = 1.0
-"""For how long `aclose` hands over what is queued, s. Part of the transport contract."""
+"""Longest time for which `aclose` hands over queued data, s. Part of the transport contract."""
 
 
 class Delivery(Generic[Data]):
@@ -144,7 +144,7 @@ class TimedQueue:
         self._armed = False
         now = self._clock.now()
         try:
-            # what is put meanwhile waits for the next turn, or two ends that answer each other never return
+            # data put meanwhile wait for the next turn: else two ends that answer each other never return
             for _ in range(len(self._actions)):
                 if not self._actions or self._actions[0][0] > now:
                     break

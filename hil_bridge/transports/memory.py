@@ -64,7 +64,7 @@ def connect_memory(
     listener = _LISTENERS.get(clock.loop, {}).get(name)
     if listener is None:
         raise TransportUnavailable(
-            f"memory:{name}: nobody listens under this name; start the other side first"
+            f"memory:{name}: no program listens under this name; start the other side first"
         )
     if listener.exchange.busy:
         raise TransportUnavailable(f"memory:{name}: another client is connected; close that one first")

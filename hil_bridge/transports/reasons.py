@@ -26,7 +26,7 @@ _CAN_ADVICE = {
     errno.EACCES: "no permission to open the CAN interface",
 }
 _NET_ADVICE = {
-    errno.ECONNREFUSED: "nobody listens there; start the other side first or check the port number",
+    errno.ECONNREFUSED: "no program listens there; start the other side first or check the port number",
     errno.EHOSTUNREACH: "the host cannot be reached; check the address and the cable",
     errno.ENETUNREACH: "the network cannot be reached; check the address and the cable",
     errno.ETIMEDOUT: "no answer; check the address and the cable",

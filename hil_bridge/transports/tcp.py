@@ -66,8 +66,8 @@ async def listen_tcp(
     name: str,
     around: Callable[[Transport[bytes]], Transport[bytes]] = _as_it_is,
 ) -> tuple[Transport[bytes], str, int]:
-    """Wait for clients, one at a time. A client that comes while another is there waits until that one has left, or
-    takes its place where that one has been silent since it came.
+    """Wait for clients, one at a time. A client that comes while another is there waits until that one has left. It
+    takes that one's place where that one has been silent since it came.
 
     `around` makes the transport of a client out of its connection. Gives the transport, and the address and port
     that it really has. Raises TransportUnavailable.
@@ -136,7 +136,7 @@ class _Server:
             self._timer = None
 
     def _yield(self) -> None:
-        """From now on the next that comes takes the place of the silent client."""
+        """Let the next client take the place of the silent one, from now on."""
         self._clock.loop.add_reader(self._server.fileno(), self._make_room)
 
     def _make_room(self) -> None:

@@ -10,7 +10,7 @@ from hil_bridge.facts import RobotFacts
 from hil_bridge.recording.records import CycleRecord
 
 REFRESH_SECONDS = 0.2
-"""How often a run should have the view drawn at most."""
+"""Shortest time between two drawings of the view."""
 HISTORY_CYCLES = 60
 
 
@@ -35,7 +35,7 @@ class Snapshot:
     phase: str
     elapsed_s: float
     tracked_s: float
-    """How long the surface has been tracked."""
+    """Time for which the surface has been tracked."""
     total_s: float | None
     """How long it is to be tracked, where that is known."""
     reference_n: float
@@ -73,7 +73,7 @@ class Snapshot:
 
     @property
     def cycle_time_s(self) -> float | None:
-        """From the begin of the newest cycle to its answer; to the next begin for a robot that drives the cycle."""
+        """Time of the newest cycle from begin to answer; to the next begin for a robot that drives the cycle."""
         if self.robot.cycle_s is not None:
             return self.period_s
         if self.newest is None or not math.isfinite(self.newest.answered_at):

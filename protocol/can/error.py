@@ -60,7 +60,7 @@ class Violation(IntFlag):
     OVERLOAD = 0x20
     ACTIVE = 0x40
     SENDING = 0x80
-    """It happened to a frame of our own."""
+    """The error happened to a frame of our own."""
 
 
 class ErrorState(StrEnum):
@@ -73,7 +73,7 @@ class ErrorState(StrEnum):
 
 
 class _Byte(IntEnum):
-    """Where each matter stands."""
+    """Place of each matter in the report."""
 
     ARBITRATION, CONTROLLER, VIOLATION, LOCATION, TRANSCEIVER, SPECIFIC, TRANSMIT_ERRORS, RECEIVE_ERRORS = (
         range(8)
@@ -92,9 +92,9 @@ class CanErrorReport:
     controller: Controller = _NO_STATE
     violation: Violation = _NO_VIOLATION
     location: int = 0
-    """Where in the frame the violation was, as numbered in error.h."""
+    """Place of the violation in the frame, as numbered in error.h."""
     arbitration_bit: int = 0
-    """In which bit the arbitration was lost; 0 when not known."""
+    """Bit in which the arbitration was lost; 0 when not known."""
     transceiver: int = 0
     specific: bytes = bytes(3)
     """Details that the controller adds: three bytes, or one when there are counters."""

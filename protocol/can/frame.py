@@ -42,9 +42,11 @@ class CanFrame(NamedTuple):
         return CanFrame(*self[:5], received_at)
 
     def __str__(self) -> str:
+        """As candump writes it: `601#0100`, `123#R2` for a remote frame that asks for two bytes; an error with a !."""
         width = 8 if self.extended else 3
         mark = "!" if self.error else "#"
-        return f"{self.identifier:0{width}X}{mark}{'R' if self.remote else self.data.hex().upper()}"
+        asked = f"R{len(self.data) or ''}"
+        return f"{self.identifier:0{width}X}{mark}{asked if self.remote else self.data.hex().upper()}"
 
 
 @dataclass(frozen=True, slots=True)

@@ -74,7 +74,7 @@ _IDLE = 1 << 2
 
 
 def stuff_bits(frame: CanFrame) -> int:
-    """How many stuff bits the frame has."""
+    """Number of stuff bits in the frame."""
     register, count, after = _head(frame.identifier, frame.extended, frame.remote, len(frame.data))
     if not frame.remote:
         for byte in frame.data:

@@ -99,7 +99,7 @@ class SlcanClient:
     """
 
     def __init__(self, bitrate: int | None = None) -> None:
-        # Empty lines end what a host before us left half said. Source: CAN232 manual.
+        # Empty lines end a command that an earlier host left incomplete. Source: CAN232 manual.
         rate = b"" if bitrate is None else BIT_RATE_COMMANDS[bitrate]
         self._text = bytearray(b"\r\r\rC\r" + rate + b"O\r")
         self._lines = LineDecoder()

@@ -21,6 +21,12 @@ UNFILTERED = "the gateway's filter is off (cut-off 0): every sample is as noisy 
 """Notice of a client about a cut-off of 0, which may be meant or a slip."""
 
 
+TESTED_PERIOD_MS = 1.0
+"""Shortest period of a stream that the firmware was tested with. Source: firmware's own notes."""
+HANGS = "it may hang since its sensor was unplugged: plug the sensor in, then switch the gateway off and on"
+"""What to do with a gateway that does not answer: its program may wait for its sensor. Source: firmware."""
+
+
 class GatewayState(IntEnum):
     """First byte of an acknowledge."""
 
@@ -101,6 +107,7 @@ class SampleCounter:
     def restart(self) -> None:
         """The device begins to count anew; the sequence goes on by 1."""
         self._last = None
+        self._statistics.standing = 0
 
     def follow(self, counter: int) -> int | None:
         """The sequence of this sample, or None for one that was there before."""
@@ -110,9 +117,11 @@ class SampleCounter:
             step = (counter - self._last) % COUNTER_MODULUS
             if step == 0 or step > self._straggler_from:
                 self._statistics.repeated += 1
+                self._statistics.standing += step == 0
                 return None
             self._sequence = (self._sequence or 0) + step
             if self._step and (missing := round(step / self._step) - 1) > 0:
                 self._statistics.lost += missing
         self._last = counter
+        self._statistics.standing = 0
         return self._sequence

@@ -7,7 +7,7 @@ Theory of operation. A session goes through the phases ASKING, the steps of its 
 | ASKING | the acknowledge "ready" of the question for the state | FAILED after `ready_timeout_s` |
 | a step: start, full scales | the acknowledge of its order | ASKING when one says "not ready" |
 | SETTLING | the end of `settle_s`; tells SensorReady | ASKING when one says "not ready" |
-| READY | its owner, which may stop it | FAILED when one says "not ready" |
+| READY | its owner, who may stop it | FAILED when one says "not ready", or the counter stands for `still_timeout_s` |
 | STOPPING | the acknowledge of the stop; then STOPPED | FAILED after `retries` |
 
 Steps for full scales are left out where these are known. In every phase but ASKING an order without acknowledge is
@@ -19,6 +19,7 @@ Three sides drive it. The owner asks with `zero`, `set_filter` and `stop`. The c
 `handle_deadline`. What the owner is told waits in `next_event`.
 
 An acknowledge does not say what it answers. So one order is under way at a time, `_flight`; others wait in `_queue`.
+An order that ends a stream is acknowledged only after the rest of the stream's period: `joins`, `joined_s`.
 Pauses keep orders and answers in step. A gateway that is deaf after each acknowledge gets one every time, `pause_s`.
 One that always listens gets one after a repeated order only, `ack_timeout_s`, in which late acknowledges pass.
 """
@@ -31,7 +32,7 @@ from typing import Generic, Protocol, TypeVar
 
 from protocol.endpoint import LocalProtocolError
 from protocol.jr3.counts import facts_of, full_scales_si
-from protocol.jr3.firmware import UNFILTERED, GatewayState, SampleCounter, first_order_delay
+from protocol.jr3.firmware import HANGS, UNFILTERED, GatewayState, SampleCounter, first_order_delay
 from protocol.jr3.range import Range
 from protocol.wrench import (
     AXES,
@@ -86,6 +87,8 @@ class SessionProfile(Protocol):
     @property
     def settle_s(self) -> float: ...
     @property
+    def still_timeout_s(self) -> float: ...
+    @property
     def full_scales(self) -> tuple[float, ...]: ...
 
 
@@ -100,6 +103,10 @@ class Dialect(Generic[Op]):
     zero: Op
     set_filter: Op
     stop: Op
+    joins: frozenset[Op]
+    """Orders that are acknowledged only after the rest of the stream's period."""
+    joined_s: float
+    """That period as it is asked for, s."""
     pause_s: float | None
     """Between an acknowledge and the next order, s, for a gateway that is deaf then; None for one that is not."""
     period: float | None
@@ -136,6 +143,9 @@ class GatewaySession(Generic[Op]):
         self._counter = SampleCounter(self.statistics, dialect.counter_step, dialect.counter_behind)
         self._range = Range()
         self._asks_scales = frozenset(op for phase, op in dialect.steps if phase in _ASK_SCALES)
+        self._new_at = now
+        """When the newest sample with another counter than the one before came, s; not before READY."""
+        self._still_timeout = max(profile.still_timeout_s, 5 * (dialect.period or 0.0))
         self._events: deque[SensorEvent] = deque()
         self._queue: deque[Op] = deque()
         self._zero_wanted = False
@@ -163,7 +173,11 @@ class GatewaySession(Generic[Op]):
     @property
     def stop_patience(self) -> float:
         """How long SensorStopped may take when the first stop was lost, s: a stop and its repetition."""
-        return 2 * self._profile.ack_timeout_s
+        return 2 * self._ack_timeout(self._dialect.stop)
+
+    def _ack_timeout(self, op: Op) -> float:
+        joined = self._dialect.joined_s if op in self._dialect.joins else 0.0
+        return self._profile.ack_timeout_s + joined
 
     @property
     def scales_expected(self) -> bool:
@@ -171,7 +185,7 @@ class GatewaySession(Generic[Op]):
         flight = self._flight
         return flight is not None and (flight.op in self._asks_scales or self._foreign_acknowledges > 0)
 
-    # --- what the owner asks for
+    # --- requests of the owner
 
     def zero(self) -> None:
         """Make the present wrench the origin, once settled. Raises LocalProtocolError after the end."""
@@ -195,8 +209,8 @@ class GatewaySession(Generic[Op]):
     def stop(self) -> None:
         """End the session; SensorStopped tells that the gateway knows. Harmless when called again.
 
-        The stop goes out at once, even to a deaf gateway: the owner may not wait for the pause's end, and a driver
-        may keep what arrives. Where it is lost, it is repeated.
+        The stop goes out at once, even to a deaf gateway. The owner may not wait for the pause's end, and a driver may
+        keep bytes that arrive. Where it is lost, it is repeated.
         """
         if self.phase in (Phase.STOPPING, Phase.STOPPED):
             return
@@ -205,7 +219,7 @@ class GatewaySession(Generic[Op]):
         self._end(Phase.STOPPING)
         self._enqueue(self._dialect.stop)
 
-    # --- what the client tells and takes
+    # --- calls of the client
 
     def tell(self, event: SensorEvent) -> None:
         """Tell the owner, after all that waits."""
@@ -213,7 +227,14 @@ class GatewaySession(Generic[Op]):
 
     def sample(self, counts: tuple[int, int, int, int, int, int], counter: int, at: float) -> None:
         """A sample came, complete at this time; to be told only when READY."""
-        if (sequence := self._counter.follow(counter)) is not None:
+        if (sequence := self._counter.follow(counter)) is None:
+            if at - self._new_at >= self._still_timeout and self.phase is _READY:
+                stood = (
+                    f"its counter has stood at {counter} for {at - self._new_at:.1f} s while samples go on"
+                )
+                self._fail(f"{stood}: sensor unplugged? plug it in, then switch the gateway off and on")
+        else:
+            self._new_at = at
             saturated = self._range.saturated(counts)
             if self._range.warnings:
                 self._events.extend(map(SensorNotice, self._range.warnings))
@@ -255,11 +276,12 @@ class GatewaySession(Generic[Op]):
             if not self._queue or (self._quiet_until is not None and now < self._quiet_until):
                 return None
             self._quiet_until = None
-            flight = self._flight = _Flight(self._queue.popleft(), now + self._profile.ack_timeout_s)
+            op = self._queue.popleft()
+            flight = self._flight = _Flight(op, now + self._ack_timeout(op))
         elif flight.resend:
             flight.resend = False
             flight.tries += 1
-            flight.due = now + self._profile.ack_timeout_s
+            flight.due = now + self._ack_timeout(flight.op)
         else:
             return None
         return flight.op
@@ -296,7 +318,7 @@ class GatewaySession(Generic[Op]):
         elif self._flight is not None and not self._flight.resend and now >= self._flight.due:
             self._on_timeout(self._flight)
         if self.phase is _SETTLING and now >= self._settled_at:
-            self.phase = _READY
+            self.phase, self._new_at = _READY, now
             self._tell_facts()
             if not self.cutoff_hz:
                 self._events.append(SensorNotice(UNFILTERED))
@@ -323,11 +345,13 @@ class GatewaySession(Generic[Op]):
         self._events.append(SensorFailed(f"{self._dialect.name}: {text}"))
 
     def _on_timeout(self, flight: _Flight[Op]) -> None:
-        if self.phase is Phase.ASKING or flight.tries <= self._profile.retries:
+        name = flight.op.name.lower().replace("_", " ")
+        if flight.op is self._dialect.stop and self.statistics.stands:
+            self._fail(f"no acknowledge of {name}, and its counter stood still before; {HANGS}")
+        elif self.phase is Phase.ASKING or flight.tries <= self._profile.retries:
             flight.resend = True
         else:
-            name = flight.op.name.lower().replace("_", " ")
-            self._fail(f"no acknowledge of {name} after {flight.tries} tries")
+            self._fail(f"no acknowledge of {name} after {flight.tries} tries; {HANGS}")
 
     def _on_not_ready(self, flight: _Flight[Op], now: float) -> None:
         self._answered = True

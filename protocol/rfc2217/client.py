@@ -25,7 +25,7 @@ from protocol.rfc2217.session import (
 from protocol.rfc2217.telnet import Negotiation, Option, Options, Verb
 
 PATIENCE_S = 4.0
-"""For how long a server may take to confirm, s. Chosen: less than what opening a connection may take."""
+"""Longest time that a server may take to confirm, s. Chosen: less than what opening a connection may take."""
 
 
 @dataclass(frozen=True, slots=True)

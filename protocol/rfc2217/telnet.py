@@ -167,7 +167,7 @@ class TelnetReader:
                 self._inside.append(byte)
             return None
         if byte != SUBNEGOTIATION_END:
-            # the end was lost: what follows is a command of its own
+            # the end was lost: the next bytes are a command of their own
             self._command(byte, payload)
             return Garbled("a subnegotiation has no end")
         self._state = _State.PAYLOAD

@@ -25,5 +25,5 @@ def answer_time(profile: LinkProfile) -> float:
 
 
 def move_answer_time(profile: LinkProfile) -> float:
-    """From the beginning of a move's answer to its end on the line, s."""
+    """Time from the beginning of a move's answer to its end on the line, s."""
     return (HEADER_SIZE + _AROUND) * profile.character_time

@@ -108,6 +108,11 @@ def test_help_imports_none_of_the_heavy_libraries() -> None:
             "unknown option 'speed'; allowed: baudrate",
         ),
         (["run", "--unchecked", "--sensor", "tcp://h:1"], "unknown scheme 'tcp'; allowed: can+"),
+        (["run", "--link-profile", "x"], "--link-profile must be one of default, observed-client, got 'x'"),
+        (
+            ["emulate", "robot", "--link-profile", "x"],
+            "--link-profile must be one of default, observed-client",
+        ),
         (["emulate", "cell", "--robot-port", "foo:"], "unknown scheme 'foo'; allowed: pty, tcp-listen"),
         (["emulate", "cell", "--sensor-port", "foo:"], "unknown scheme 'foo'; allowed: can+"),
         (["emulate", "robot", "--robot-port", "tcp-listen://h"], "host and port must be like 127.0.0.1:4000"),
@@ -138,7 +143,7 @@ def test_bad_input_is_one_line_that_says_what_to_do(
     ("robot", "message"),
     [
         ("serial:///dev/there-is-none", "cannot be opened: there is no such port; check the cable"),
-        ("tcp://127.0.0.1:1", "nobody listens there; start the other side first"),
+        ("tcp://127.0.0.1:1", "no program listens there; start the other side first"),
     ],
 )
 def test_a_wire_that_cannot_be_opened_is_a_device_error(hil: Command, robot: str, message: str) -> None:

@@ -10,8 +10,17 @@ import pytest
 from pydantic import BaseModel
 
 from hil_bridge.errors import ConfigError
-from hil_bridge.settings.configuration import Config, commented_defaults, load_config, profile_rows, schema
+from hil_bridge.settings.configuration import (
+    Config,
+    commented_defaults,
+    dump,
+    load_config,
+    profile_rows,
+    read_config,
+    schema,
+)
 from protocol.marks import Mark
+from protocol.s3.adlp import LinkProfile
 
 
 def refusal(tmp_path: Path, text: str, **overrides: object) -> str:
@@ -45,6 +54,15 @@ def refusal(tmp_path: Path, text: str, **overrides: object) -> str:
         ('[controller]\nname = "pid"', "there is no controller 'pid'; choose one of fuzzy, "),
         ("[controller.parameters]\nfoo = 1", "predictive has no parameter 'foo', only window"),
         ("[run]\nseed = -1\nx = 1", "(and 1 more)"),
+        (
+            '[robot.link]\nprofile = "x"',
+            "robot.link.profile must be one of default, observed-client, got 'x'",
+        ),
+        ('[cell.link]\nprofile = "x"', "cell.link.profile must be one of default, observed-client, got 'x'"),
+        (
+            '[robot.link]\nprofile = "observed-client"\nmove_length = 52',
+            "robot.link.move_length must be 60 in the profile observed-client, got 52; leave it or the profile out",
+        ),
         ("hello", "c.toml is no TOML: "),
     ],
 )
@@ -128,3 +146,14 @@ def test_every_setting_with_a_mark_is_a_profile_row(tmp_path: Path) -> None:
     assert rows["robot.link.bid_limit"].default == 3
     assert rows["robot.link.baudrate"].info.mark is Mark.OBSERVED
     assert rows["cell.robot.turnaround_ms"].info.mark is Mark.ASSUMED
+
+
+def test_a_profile_stands_for_its_settings_beside_others_and_comes_back_from_a_record(tmp_path: Path) -> None:
+    file = tmp_path / "c.toml"
+    file.write_text('[robot.link]\nprofile = "observed-client"\nbaudrate = 19200\n')
+    config = load_config(file, {"cell.link.profile": "observed-client"})
+    assert config.robot.link == LinkProfile.named("observed-client", baudrate=19200)
+    assert config.cell.link == LinkProfile.named("observed-client")
+    assert read_config(json.loads(dump(config))) == config
+    over = load_config(file, {"robot.link.profile": "default"}).robot.link
+    assert over == LinkProfile(baudrate=19200)

@@ -12,11 +12,14 @@ from hil_bridge.device_log import Silence
 from hil_bridge.errors import DeviceError, OrderRefused, TransportClosed, TransportEnded
 from hil_bridge.robots.s3.link import S3Link
 from hil_bridge.robots.s3.orders_file import parse_orders
+from hil_bridge.robots.seam import MotionLimits
 from hil_bridge.sensors.stream import ForceSensor
 from hil_bridge.transports import Frames, connect_bytes, connect_can, listen_bytes, listen_can
 from hil_bridge.transports.pump import Pump
 from protocol.endpoint import LocalProtocolError
+from protocol.geometry import Pose
 from protocol.jr3 import GatewayClient, GatewayClientProfile, parse_frame
+from protocol.jr3.firmware import HANGS
 from protocol.s3.adlp import Link, LinkProfile, MessageReceived, Role
 from protocol.s3.arap import Mode, ProgramAnswer, Telegram, TelegramType, read_status, write_mode
 
@@ -107,7 +110,7 @@ def test_a_full_scale_of_zero_is_refused_by_name(question: str, answer: str, mes
 @pytest.mark.parametrize(
     ("default", "message"),
     [
-        ("", "silent: nothing of a gateway on the bus in 10 s: power, bit rate, wiring?"),
+        ("", "silent: nothing of a gateway on the bus in 10 s: power, bit rate, wiring? " + HANGS),
         ("102#00", "silent for 10 s while others are on the bus: wrong node number?"),
         ("101#01", "acknowledges but not ready after 10 s: sensor unplugged?"),
     ],
@@ -146,7 +149,7 @@ def test_closing_does_not_wait_for_a_gateway_that_is_gone() -> None:
 
 
 def robot_failure(answer: Callable[[bytes], bytes], hang_up_at: float | None = None) -> tuple[str, float]:
-    """How reading the status fails against a peer that answers every piece of data so, and after how long."""
+    """Error of reading the status against a peer that answers every piece of data so, and the time until it."""
 
     async def main() -> tuple[str, float]:
         clock = Clock.running()
@@ -271,17 +274,23 @@ ORDERS = parse_orders(SITE, LinkProfile().max_telegram)
 Robot = Callable[[S3Link, Clock], Awaitable[None]]
 
 
-def with_robot(script: Robot, site: S3Site = EMPTY_SITE) -> None:
-    """Run a script with the emulated robot on a 9600 baud line."""
+def with_robot(
+    script: Robot, site: S3Site = EMPTY_SITE, *, link: LinkProfile | None = None, cuts: bool = False
+) -> list[str]:
+    """Run a script with the emulated robot on a 9600 baud line, which may cut a block short at the first DLE ETX; what
+    its client told people.
+    """
+    log = Notices()
+    controllers = S3Profiles(link=LinkProfile(block_end="trailer" if cuts else "length"))
 
     async def main() -> None:
         clock = Clock.running()
         position, down = (0.9, -0.1, 0.6), (0.0, 1.0, 0.0, 0.0)
-        controller = S3Controller(S3Profiles(), StartPose(position, down, 0.2), clock.now(), 1, site)
+        controller = S3Controller(controllers, StartPose(position, down, 0.2), clock.now(), 1, site)
         port = (await listen_bytes("memory:s3", clock)).transport
         Pump(controller, port, clock, lambda event: None, lambda cause: None).start()
         wire = await connect_bytes("memory:s3?baudrate=9600&parity=E", clock)
-        robot = S3Link(wire, LinkProfile(), clock, Silence(), site.orders)
+        robot = S3Link(wire, link or LinkProfile(), clock, log, site.orders)
         robot.start()
         try:
             await script(robot, clock)
@@ -290,6 +299,7 @@ def with_robot(script: Robot, site: S3Site = EMPTY_SITE) -> None:
             await port.aclose()
 
     run_virtual(main)
+    return [text for _, text in log.notices]
 
 
 def test_orders_are_called_by_name_with_values_in_their_units() -> None:
@@ -342,6 +352,55 @@ def test_an_announced_order_finds_the_line_won() -> None:
         assert (robot.counters["bid sent"], robot.counters["line released"]) == (3, 0)
 
     with_robot(script)
+
+
+HIT_M = 0x1003 / 8000
+"""A coordinate whose word is DLE ETX, m."""
+
+
+DOWN = (0.0, 1.0, 0.0, 0.0)
+SLOW = MotionLimits(0.05, 1.0, 1.0)
+
+
+def test_a_place_that_would_cut_its_block_short_gives_way_by_one_step() -> None:
+    async def script(robot: S3Link, clock: Clock) -> None:
+        await robot.ready()
+        async with robot.motion(SLOW) as motion:
+            for height in (HIT_M, HIT_M - 1e-5, HIT_M + 1e-5):
+                await motion.to(Pose((0.9, -0.1, height), DOWN))
+                await clock.sleep_until(clock.now() + 3.0)
+                reached = (await robot.read_status()).position[2]
+                assert reached != HIT_M
+                assert abs(reached - height) <= 0.125e-3 + 1e-9
+            assert motion.commanded == (0.9, -0.1, HIT_M + 1e-5)
+        # three points, and the end at the last of them
+        assert (robot.counters["10 03 avoided"], robot.counters["10 03 in data"]) == (4, 0)
+
+    assert with_robot(script, cuts=True) == []
+
+
+def test_without_giving_way_the_order_fails_and_the_link_says_why() -> None:
+    async def script(robot: S3Link, clock: Clock) -> None:
+        await robot.ready()
+        with pytest.raises(DeviceError, match="10 03 in data 1"):
+            async with robot.motion(SLOW) as motion:
+                await motion.to(Pose((0.9, -0.1, HIT_M), DOWN))
+
+    told = with_robot(script, link=LinkProfile(avoid_trailer=False), cuts=True)
+    assert sum(text.startswith("10 03 in data: a controller that ends a block") for text in told) == 1
+
+
+def test_what_cannot_give_way_is_counted_each_time_and_told_once_a_minute() -> None:
+    async def script(robot: S3Link, clock: Clock) -> None:
+        for _ in range(5):
+            with pytest.raises(OrderRefused):
+                await robot.order("start_program", program=0x1003)
+        await clock.sleep_until(clock.now() + 61.0)
+        with pytest.raises(OrderRefused):
+            await robot.order("start_program", program=0x1003)
+        assert robot.counters["10 03 in data"] == 6
+
+    assert [text.partition(":")[0] for text in with_robot(script)] == ["10 03 in data"] * 2
 
 
 def test_where_a_controller_takes_no_bid_ahead_none_goes_out() -> None:

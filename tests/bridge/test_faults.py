@@ -264,8 +264,8 @@ def test_the_record_holds_the_faults(tmp_path: Path) -> None:
         ({"on": "signal", "fault": "dead", "why": 1}, "faults.0.why is no setting"),
         (3, "faults.0 must be a table of settings"),
         (
-            {"on": "frames", "fault": "unplugged"},
-            "faults.0: frames: unplugged needs sensor.emulated = board, not gateway",
+            {"on": "frames", "fault": "unplugged", "with": {"sensor": "second"}},
+            "faults.0: frames: unplugged with sensor = second needs sensor.emulated = board, not gateway",
         ),
     ],
 )

@@ -13,7 +13,15 @@ from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.device_log import LogTo
 from hil_bridge.errors import ConfigError, TransportUnavailable
 from hil_bridge.recording import Outcome as RunOutcome
-from hil_bridge.robots.s3.site.probe import failure_text, probe, site_toml, try_text, url_with_line
+from hil_bridge.robots.s3.site.probe import (
+    failure_text,
+    finding_rows,
+    probe,
+    profile_evidence,
+    site_toml,
+    try_text,
+    url_with_line,
+)
 from hil_bridge.robots.s3.site.prober import Prober, Said, profile_of
 from hil_bridge.robots.s3.site.search import Finding, Outcome, Query, Reply, Search, Try, likely_lines
 from hil_bridge.runs.checks import problems
@@ -108,6 +116,30 @@ def test_each_combination_is_found_and_makes_a_configuration(parity, stuffing, s
     assert f"parity={parity.value}" in robot.url
 
 
+@pytest.mark.parametrize(
+    ("accepted", "stuffing", "profile", "style"),
+    [
+        ("both", "off", "observed-client", "data"),
+        ("data", "off", "observed-client", "data"),
+        ("whole", "off", "default", "whole"),
+        ("both", "double", "default", "whole"),
+        ("data", "double", "default", "data"),
+    ],
+)
+def test_the_set_that_answers_is_named_and_written(
+    accepted, stuffing, profile, style, tmp_path: Path
+) -> None:
+    finding = probed(LinkProfile(accepted_lengths=accepted, dle_stuffing=stuffing)).finding
+    assert finding is not None
+    assert (finding.profile, finding.length_style) == (profile, style)
+    assert ("profile", f"{profile} ({profile_evidence(finding)})") in finding_rows("memory:robot", finding)
+    file = tmp_path / "site.toml"
+    file.write_text(site_toml("memory:robot", finding))
+    link = load_config(file, {}).robot.link
+    assert link == LinkProfile.named(profile, dle_stuffing=stuffing, length_style=style)
+    assert link.move_length == (60 if profile == "observed-client" else 52)
+
+
 def test_what_the_probe_writes_is_run_once_the_hints_are_filled_in(tmp_path: Path) -> None:
     """In virtual time, against a controller that wants other settings than the usual ones."""
     link = LinkProfile(parity="N", dle_stuffing="double", accepted_lengths="data")
@@ -174,7 +206,7 @@ def test_nothing_but_read_status_is_sent() -> None:
 
 def test_what_the_url_names_is_tried_first() -> None:
     result = probed(LinkProfile(baudrate=4800, parity="N"), url="memory:robot?baudrate=4800&parity=N")
-    assert [attempt.line for attempt, _ in result.tries] == [LineSettings(4800)] * 2
+    assert [attempt.line for attempt, _ in result.tries] == [LineSettings(4800)] * 3
 
 
 def test_an_answer_with_a_dle_decides_the_doubling_by_itself() -> None:
@@ -197,7 +229,7 @@ def test_spontaneous_messages_are_acknowledged_and_told() -> None:
 
 
 def test_a_wire_that_nobody_listens_on_is_told_at_once() -> None:
-    with pytest.raises(TransportUnavailable, match="nobody listens"):
+    with pytest.raises(TransportUnavailable, match="no program listens"):
         probed(LinkProfile(), url="memory:other")
     with pytest.raises(ConfigError, match="unknown scheme"):
         probed(LinkProfile(), url="serail:///dev/ttyUSB0")
@@ -221,8 +253,8 @@ def test_a_controller_without_marked_queries_leaves_doubling_open() -> None:
     search, tries = run_search(
         lambda attempt: Outcome(Reply.ANSWERED if attempt.query is Query.PLAIN else Reply.BLOCK_REFUSED)
     )
-    assert search.finding == Finding(USUAL, "whole", "off", "")
-    assert len(tries) == 3
+    assert search.finding == Finding(USUAL, ("whole", "data"), "off", "")
+    assert len(tries) == 4
     assert "# not decided" in site_toml("serial:///dev/ttyUSB0", search.finding)
 
 

@@ -68,7 +68,7 @@ class Kernel(can.BusABC):
     def _of(self, fd: int) -> "Kernel":
         return next(kernel for kernel in (self, *self.renewed) if kernel.fd == fd)
 
-    # --- what happens to the interface
+    # --- events of the interface
 
     def arrive(self, *frames: CanFrame) -> None:
         """Frames of others, or reports of the driver."""
@@ -340,7 +340,7 @@ def test_an_interface_that_is_down_for_a_while_is_told_and_forgiven() -> None:
         kernel.arrive(CanFrame(0x601))
         wire.send(frames(1, 0x200))
         await pass_time(0.01)
-        # what had arrived before is handed over before the report
+        # earlier arrivals are handed over before the report
         assert ear.frames == [CanFrame(0x600), CanFrame(0x601)]
         assert ear.classes == [ErrorClass.INTERFACE_DOWN, ErrorClass.TX_TIMEOUT, ErrorClass.RESTARTED]
         assert ear.reports[0][0] == start

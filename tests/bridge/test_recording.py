@@ -7,11 +7,13 @@ import struct
 import threading
 import time
 import tracemalloc
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import jsonschema
 import lz4.frame
 import msgspec
 import pytest
@@ -22,6 +24,8 @@ from mcap.reader import make_reader
 from msgspec import structs
 
 from hil_bridge.control import Predictive
+from hil_bridge.control.course.loop import Sample
+from hil_bridge.control.course.task import Phase
 from hil_bridge.errors import BridgeError, ConfigError
 from hil_bridge.experiments import run_emulated
 from hil_bridge.facts import ACCEPTED, Devices, RobotFacts, Sensor
@@ -37,9 +41,9 @@ from hil_bridge.recording import (
 from hil_bridge.recording import reader as reader_module
 from hil_bridge.recording import recorder as recorder_module
 from hil_bridge.recording.device_facts import devices_of
-from hil_bridge.recording.recorder import Chunks
-from hil_bridge.recording.records import WireRecord
-from hil_bridge.recording.topics import CYCLE, SENSOR, TOPICS, WIRE, Record
+from hil_bridge.recording.recorder import ORDER_WINDOW_S, Chunks
+from hil_bridge.recording.records import TruthRecord, WireRecord
+from hil_bridge.recording.topics import CYCLE, SENSOR, TOPICS, TRUTH, WIRE, Record
 from hil_bridge.runs.outputs import Outputs
 from hil_bridge.runs.replay import recorded_config, replay
 from hil_bridge.runs.session import execute
@@ -225,19 +229,25 @@ def test_foreign_readers_find_topics_schemas_and_times(tmp_path: Path) -> None:
         for _, channel, message in reader.iter_messages()
     ]
     assert messages[0][:2] == ("/event", wall_ns(100.0))
-    assert messages[-1][2]["force"] is None
+    assert "force" not in messages[-1][2]
     assert len(summary.chunk_indexes) >= 3  # one a second
 
 
 def test_numbers_that_json_lacks_come_back_as_nan(tmp_path: Path) -> None:
     wrench = (math.nan, math.inf, 0.0, 0.0, 0.0, 0.0)
-    odd = cycle(0, 100.0, controlled_at=math.nan, wrench=wrench, stiffness=None)
+    odd = cycle(0, 100.0, status_at=math.nan, wrench=wrench, stiffness=None)
     (back,) = read(write(tmp_path / "run.mcap", [odd])).cycles
-    assert math.isnan(back.controlled_at)
+    assert math.isnan(back.status_at)
     assert math.isnan(back.wrench[0])
     assert math.isnan(back.wrench[1])
     assert back.wrench[2:] == (0.0, 0.0, 0.0, 0.0)
     assert back.stiffness is None
+
+
+def test_a_record_without_a_time_gets_that_of_the_newest(tmp_path: Path) -> None:
+    odd = [cycle(0, 100.0), EventRecord(math.nan, "phase", "track"), cycle(1, 101.0, controlled_at=math.inf)]
+    recording = read(write(tmp_path / "run.mcap", odd))
+    assert recording.events[0].at == recording.cycles[0].controlled_at == recording.cycles[1].controlled_at
 
 
 def test_a_full_queue_drops_the_newest_and_counts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -542,12 +552,142 @@ def test_the_schema_says_what_the_fields_say_of_themselves() -> None:
     assert columns["stiffness"]["type"] == "number"
     assert columns["sample"]["type"] == "object"
     assert columns["sample"]["properties"]["position"]["items"] == {"type": "number"}
+    assert columns["explanation"]["additionalProperties"] == {"type": ["number", "null"]}
+    assert columns["verdict"]["enum"] == ["allow", "clamp", "stop"]
+    assert columns["phase"]["enum"] == [*Phase]
+    assert columns["wrench"] == {
+        "type": "array",
+        "prefixItems": [{"type": ["number", "null"]}] * 6,
+        "items": {"type": "number"},
+        "minItems": 6,
+        "maxItems": 6,
+        "description": "fx fy fz mx my mz on the tool in the tool frame, N and N·m, after bias and gravity.",
+    }
+    assert {"cycle", "phase", "controlled_at", "wrench"} <= {*schema["required"]}
+    assert not {"force", "status_at", "stiffness", "sample"} & {*schema["required"]}
+    sensor: Any = SENSOR.schema["properties"]
+    assert sensor["counts"]["items"] == {"type": "number"}  # a device may tell N
     for topic in TOPICS:
         properties: Any = topic.schema["properties"]
         assert all(column["description"] for column in properties.values()), topic.name
 
 
-def test_a_null_is_nan_for_a_number_and_none_elsewhere() -> None:
+# --- strict readers
+
+
+def checked_messages(path: Path) -> tuple[dict[str, int], list[str]]:
+    """How many messages of each topic are valid by their own schema, and what is wrong with the others."""
+    valid: Counter[str] = Counter()
+    wrong = []
+    validators: dict[int, Any] = {}
+    with path.open("rb") as file:
+        for schema, channel, message in make_reader(file).iter_messages(log_time_order=False):
+            assert schema is not None
+            if schema.id not in validators:
+                rules = json.loads(schema.data)
+                judge = jsonschema.validators.validator_for(rules, jsonschema.Draft202012Validator)
+                judge.check_schema(rules)
+                validators[schema.id] = judge(rules)
+            told = json.loads(message.data, parse_constant=pytest.fail)
+            flaws = [f"{channel.topic} {flaw.json_path}" for flaw in validators[schema.id].iter_errors(told)]
+            valid[channel.topic] += not flaws
+            wrong += flaws
+    return dict(valid), wrong
+
+
+def as_foxglove_takes_it(schema: Any) -> bool:
+    """Whether its reader finds a type of one word everywhere. Source: parseJsonSchema.ts of foxglove/studio."""
+    words = ("boolean", "string", "number", "integer", "object", "array")
+    match schema["type"]:
+        case "object":
+            return all(map(as_foxglove_takes_it, schema["properties"].values()))
+        case "array":
+            return schema["items"]["type"] != "array" and as_foxglove_takes_it(schema["items"])
+        case word:
+            return isinstance(word, str) and word in words
+
+
+@pytest.fixture(scope="module", params=["gateway", "uart", "board"])
+def recorded(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A recording of a run with each of our sensors."""
+    path = tmp_path_factory.mktemp(request.param) / "run.mcap"
+    config = Config.model_validate({"run": {"duration_s": 4.0}, "sensor": {"emulated": request.param}})
+    assert execute(config, True, Outputs(record=path), view=False) == 0
+    return path
+
+
+def test_every_message_of_a_run_is_valid_by_its_own_schema(recorded: Path) -> None:
+    valid, wrong = checked_messages(recorded)
+    assert wrong == []
+    assert valid.keys() == {topic.name for topic in TOPICS}
+    assert valid["/cycle"] > 20
+    assert valid["/sensor"] > 500
+
+
+def test_of_version_0_1_0_every_message_was_valid_but_for_a_stiffness_that_was_not_known() -> None:
+    valid, wrong = checked_messages(VERSION_0_1_0)
+    assert {*wrong} == {"/cycle $.stiffness"}
+    assert valid == {"/event": 3, "/link": 8, "/sensor": 25, "/truth": 8, "/cycle": 0}
+
+
+def test_schemas_are_those_that_foxglove_takes() -> None:
+    assert all(as_foxglove_takes_it(topic.schema) for topic in TOPICS)
+    assert not as_foxglove_takes_it({"type": "object", "properties": {"a": {"type": ["number", "null"]}}})
+
+
+def test_log_times_fall_by_no_more_than_the_window(recorded: Path) -> None:
+    newest, behind = 0, 0
+    with recorded.open("rb") as file:
+        for _, _, message in make_reader(file).iter_messages(log_time_order=False):
+            newest = max(newest, message.log_time)
+            behind = max(behind, newest - message.log_time)
+            assert message.publish_time == message.log_time  # no usual run comes near the window
+    assert 0 < behind < ORDER_WINDOW_S * 1e9
+
+
+def test_a_record_that_was_put_too_late_is_placed_at_the_window(tmp_path: Path) -> None:
+    late = EventRecord(100.0, "phase", "track")
+    path = write(tmp_path / "run.mcap", [cycle(0, 150.0), late])
+    with path.open("rb") as file:
+        _, told = [message for _, _, message in make_reader(file).iter_messages(log_time_order=False)]
+    assert told.log_time == wall_ns(150.0705 - ORDER_WINDOW_S)
+    assert told.publish_time == wall_ns(100.0)
+    assert [*read(path).events] == [late]
+
+
+KNOWN = st.none() | st.floats(allow_nan=False, allow_infinity=False)
+
+
+@given(
+    st.lists(st.floats(), min_size=6, max_size=6),
+    st.floats(),
+    KNOWN,
+    st.dictionaries(st.text(), st.floats()),
+)
+def test_no_number_makes_a_message_that_its_schema_refuses(
+    six: list[float], force: float, stiffness: float | None, explanation: dict[str, float]
+) -> None:
+    sample = Sample(force, (force, 0.0, 0.0), force, 1.0, 1.0, 1, wrench=tuple(six), position_at=stiffness)
+    sample = structs.replace(sample, peak_force=force, gap=six[0])
+    odd = cycle(0, 1.0, wrench=tuple(six), force=force, stiffness=stiffness, gain=force, sample=sample)
+    odd = structs.replace(odd, explanation=explanation)
+    for topic, record in (
+        (CYCLE, odd),
+        (SENSOR, SensorRecord(1.0, 1, tuple(six))),
+        (TRUTH, TruthRecord(1, 1.0, force, force, (force,) * 3, (force,) * 3, tuple(six))),
+    ):
+        told = json.loads(topic.encode(record))
+        jsonschema.Draft202012Validator(topic.schema).validate(told)
+        back = topic.decode(topic.encode(record))
+        assert in_nan(back) == in_nan(record)
+
+
+def in_nan(record: Record) -> str:
+    """A record in words, as it is read back: what JSON lacks is NaN."""
+    return re.sub(r"-?\binf\b", "nan", repr(msgspec.to_builtins(record)))
+
+
+def test_a_null_is_nan_for_a_number_and_none_where_nothing_is_allowed() -> None:
     message = json.loads(CYCLE.encode(cycle(0, 100.0)))
     message["explanation"] = {"stiffness": None}
     message["stiffness"] = message["force"] = None

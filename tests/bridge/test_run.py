@@ -363,6 +363,19 @@ def test_a_robot_in_emergency_stop_is_not_moved(bench: RunBench) -> None:
         bench(prepare=lambda bench: bench.cell.robot.press_emergency_stop(bench.clock.now()))
 
 
+@pytest.mark.parametrize("block_end", ["length", "trailer"])
+def test_a_run_completes_as_the_observed_client_spoke(bench: RunBench, block_end: str) -> None:
+    """Also with a controller that takes the first DLE ETX for a block's end, which is the likeliest of a real one."""
+    link = {"profile": "observed-client"}
+    run = bench(
+        run={"duration_s": 10.0}, robot={"link": link}, cell={"link": {**link, "block_end": block_end}}
+    )
+    assert run.result.outcome is Outcome.COMPLETED
+    assert statistics.fmean(record.force for record in run.tracked()[-20:]) == pytest.approx(10.0, abs=0.6)
+    assert run.true_force == 0.0
+    assert run.robot.counters["block repeated"] == run.robot.counters["10 03 in data"] == 0
+
+
 def test_line_floor_follows_the_profile() -> None:
     assert line_floor(LinkProfile(baudrate=19200)) == pytest.approx(136 * 11 / 19200)
     assert line_floor(LinkProfile(parity="N", move_length=60)) == pytest.approx(144 * 10 / 9600)

@@ -70,8 +70,7 @@ def run_until_lost(url: str, lose: Callable[[Any, float], None]) -> tuple[RunRes
 
         def prepared(*arguments: Any) -> PaperCell:
             cell = make_cell(*arguments)
-            # The board has no wire of its own: its server goes on when its sensor is unplugged.
-            if not url.startswith("jr3+"):
+            if lose is silence:
                 cell.sensor = Silenced(cell.sensor)
             cells.append(cell)
             return cell
@@ -103,6 +102,21 @@ def silence(cell: Any, now: float) -> None:
     cell.sensor.silent = True
 
 
+def unplug(cell: Any, now: float) -> None:
+    cell.sensor.unplug(now)
+
+
+@pytest.mark.parametrize("device", ["CAN gateway", "UART gateway"])
+def test_a_sensor_unplugged_from_its_gateway_stops_the_run_and_the_tool_retracts(device: str) -> None:
+    """Its frames go on with the counter and the values of the last sample."""
+    result, force = run_until_lost(URLS[device], unplug)
+    assert result.outcome is Outcome.STOPPED
+    assert "the newest force is" in result.cause
+    assert "frames go on, but their counter stands still, as after the sensor is unplugged" in result.cause
+    assert "\n" not in result.cause
+    assert force == 0.0
+
+
 @pytest.mark.parametrize("device", ["CAN gateway", "UART gateway"])
 def test_a_silent_gateway_stops_the_run_and_the_tool_retracts(device: str) -> None:
     result, force = run_until_lost(URLS[device], silence)
@@ -112,8 +126,8 @@ def test_a_silent_gateway_stops_the_run_and_the_tool_retracts(device: str) -> No
     assert force == 0.0
 
 
-def test_a_sensor_unplugged_from_its_board_makes_the_tool_retract() -> None:
-    result, force = run_until_lost(URLS["receiver board"], lambda cell, now: cell.sensor.unplug(now))
+def test_a_sensor_unplugged_from_its_board_stops_the_run_and_the_tool_retracts() -> None:
+    result, force = run_until_lost(URLS["receiver board"], unplug)
     assert result.outcome is Outcome.STOPPED
     assert "watch dog" in result.cause
     assert "\n" not in result.cause

@@ -282,7 +282,7 @@ def test_a_cut_cable_is_broken_here_and_silent_there() -> None:
 def test_clients_of_a_memory_listener_come_and_go() -> None:
     async def main() -> None:
         clock = Clock.running()
-        with pytest.raises(TransportUnavailable, match="nobody listens"):
+        with pytest.raises(TransportUnavailable, match="no program listens"):
             await connect_bytes("memory:robot", clock)
         listening = await listen_bytes("memory:robot", clock)
         with pytest.raises(TransportUnavailable, match="already"):

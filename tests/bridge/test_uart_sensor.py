@@ -86,7 +86,7 @@ def test_what_is_wrong_with_the_wire_is_told_as_ever() -> None:
     assert "unknown scheme 'foo'" in refuse("foo:x?gateway=jr3", ConfigError)
     assert "unknown option 'speed'" in refuse("serial:///dev/x?gateway=jr3&speed=1", ConfigError)
     assert "unknown option 'gateway'" in refuse("can+memory:x?gateway=jr3", ConfigError)
-    assert "nobody listens" in refuse("memory:none?gateway=jr3", TransportUnavailable)
+    assert "no program listens" in refuse("memory:none?gateway=jr3", TransportUnavailable)
 
 
 @pytest.mark.parametrize(

@@ -98,8 +98,8 @@ def test_uncertainties_are_as_large_as_the_errors() -> None:
 def test_readings_that_scatter_are_trusted_accordingly() -> None:
     quiet, loud = (identify_tool([pose(q, scatter=s) for q in CROSS], Wrist()) for s in (0.0, 0.05))
     assert quiet.mass_uncertainty < 1e-9
-    # Four of five poses lie 30° off, so that the weight's directions are (g sin 30°)² four times about their mean,
-    # and (g (1 − cos 30°))² · 4/5 along it.
+    # Four of five poses lie 30° off. So the weight's directions are (g sin 30°)² four times about their mean, and
+    # (g (1 − cos 30°))² · 4/5 along it.
     spread = 9.80665 * math.sqrt(4 * 0.25 + 0.8 * (1 - math.cos(math.radians(30))) ** 2)
     assert loud.mass_uncertainty == pytest.approx(0.05 / spread, rel=1e-6)
 

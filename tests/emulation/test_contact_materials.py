@@ -80,7 +80,7 @@ def test_a_standard_linear_solid_relaxes_to_the_spring_alone():
     pressed(contact, [-0.001])
     forces = pressed(contact, np.full(2 * RATE, 0.002), begin=1)
     times = np.arange(2 * RATE) / RATE
-    # The jump takes one sample; from then on k·d·(1 + share·exp(−t/τ)), times what was lost in that sample.
+    # The jump takes one sample; from then on k·d·(1 + share·exp(−t/τ)), times the loss in that sample.
     over = forces / 10.0 - 1.0
     assert over[0] == pytest.approx(0.5, rel=1e-3)
     np.testing.assert_allclose(over, over[0] * np.exp(-times / 0.2), rtol=1e-9)
@@ -109,7 +109,7 @@ def test_a_dent_meets_no_force_until_it_has_come_back():
     again = copy.copy(contact)
     assert pressed(again, [0.0009], begin=RATE + 1)[0] == 0.0
     assert pressed(again, [0.0011], begin=RATE + 2)[0] > 0.0
-    # After a time constant of its way back, τ·(1 + share), the dent is 1/e of what it was.
+    # After a time constant of its way back, τ·(1 + share), the dent is 1/e of its depth before.
     pressed(contact, np.full(1600, -0.001), begin=RATE + 1)
     assert pressed(copy.copy(contact), [0.001 * math.exp(-1.0) * 0.99], begin=RATE + 1601)[0] == 0.0
     assert pressed(copy.copy(contact), [0.001 * math.exp(-1.0) * 1.01], begin=RATE + 1601)[0] > 0.0

@@ -13,6 +13,7 @@ from emulators.arm.waypoints import Waypoint
 from emulators.faults import Ledger
 from emulators.faults.ledger import INJECTION_LIMIT
 from emulators.faults.wire import BYTES, FRAMES, WIRE_FAULTS, FaultyWire
+from emulators.jr3 import BoardProfile, SensorProfile
 from emulators.jr3.sensor import SENSOR_RATE_HZ
 from emulators.s3_jr3_cell import BOARD, GATEWAY, UART, PaperCell, PaperCellProfile, Receiver, s3_jr3_cell
 from emulators.surface.contact import SurfaceProfile
@@ -68,7 +69,7 @@ def test_a_signal_fault_holds_from_its_sample_to_its_last_exactly(surface: Surfa
     assert np.array_equal(clean[:, other], broken[:, other])
     assert np.array_equal(clean[:begin, 2], broken[:begin, 2])
     assert np.array_equal(clean[end:, 2], broken[end:, 2])
-    # N, without the noise of some counts: the wrench before the converter is what is scaled
+    # N, without the noise of some counts: the wrench before the converter is scaled
     assert np.allclose(broken[begin:end, 2], -3.0 * clean[begin:end, 2], atol=40.0)
     assert (np.abs(broken[begin:end, 2] - clean[begin:end, 2]) > 100).all()
 
@@ -329,8 +330,6 @@ def test_the_ledger_tells_what_was_when_and_how_often() -> None:
     [
         (GATEWAY, "bus", "off"),
         (GATEWAY, "computer", "pause"),
-        (GATEWAY, "frames", "unplugged"),
-        (UART, "frames", "unplugged"),
         (BOARD, "frames", "loss"),
     ],
 )
@@ -341,6 +340,22 @@ def test_a_fault_that_no_device_of_the_cell_has_is_refused(
     with pytest.raises(ValueError, match=f"^this cell cannot have {target}: {fault}; [^\n]+$"):
         cell.inject(target, fault, T0)
     cell.inject("scales", "wrong", T0)
+
+
+@pytest.mark.parametrize("receiver", [GATEWAY, UART])
+def test_a_gateway_has_no_second_sensor(receiver: Receiver) -> None:
+    cell = s3_jr3_cell(PaperCellProfile(), T0, 1, receiver=receiver)
+    with pytest.raises(ValueError, match=r"^frames: unplugged: a gateway has no second sensor; [^\n]+$"):
+        cell.inject("frames", "unplugged", T0, sensor="second")
+    cell.inject("frames", "unplugged", T0)
+
+
+def test_a_second_sensor_that_the_board_s_words_cannot_hold_is_refused() -> None:
+    sensor = SensorProfile(full_scales_n=(5000.0, 5000.0, 5000.0), full_scales_nm=(500.0, 500.0, 500.0))
+    profile = PaperCellProfile(sensor=sensor, board=BoardProfile(units=3))
+    cell = s3_jr3_cell(profile, T0, 1, receiver=BOARD)
+    with pytest.raises(ValueError, match=r"^full scale of fx is 0\.07[^\n]+: choose other units$"):
+        cell.inject("frames", "unplugged", T0, sensor="second")
 
 
 def test_a_cell_takes_so_many_faults_and_no_more() -> None:

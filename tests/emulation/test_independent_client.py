@@ -1,7 +1,7 @@
 """A client written from the byte tables alone drives the emulated controller, so that no codec is shared.
 
-It follows the observed rows of the computer-link specification (sections 2 and 3) as a plain program on a serial port
-would: one order, wait for its answer. Nothing of this project's `protocol` package takes part on its side.
+It follows the observed rows of the computer-link specification (sections 2 and 3) like a plain program on a serial
+port: one order, wait for its answer. Nothing of this project's `protocol` package takes part on its side.
 """
 
 import struct
@@ -10,6 +10,7 @@ import pytest
 
 from emulators.s3 import S3Controller, S3Profile, S3Profiles
 from emulators.seams import StartPose
+from protocol.s3.adlp import LinkProfile
 
 ENQ, ACK, NAK, EOT = b"\x05", b"\x06", b"\x15", b"\x04"
 ORDER, RESPONSE, SPONTANEOUS, REFUSAL = 1, 2, 3, 6
@@ -27,12 +28,15 @@ class Refused(Exception):
 class SerialPort:
     """A port to the emulated controller: writes take the line's time, reads wait like those of a blocking port."""
 
-    def __init__(self, **robot):
+    def __init__(self, link=None, **robot):
         self.now = 98765.5
         self.waiting = b""
         self.heard = bytearray()
         self.robot = S3Controller(
-            S3Profiles(S3Profile(**robot)), StartPose((0.9, -0.1, 0.6), DOWN, 0.2), self.now, 1
+            S3Profiles(S3Profile(**robot), link or LinkProfile()),
+            StartPose((0.9, -0.1, 0.6), DOWN, 0.2),
+            self.now,
+            1,
         )
 
     def write(self, data):
@@ -179,7 +183,7 @@ def test_a_refusal_is_an_answer_and_the_next_order_is_taken(client):
 
 
 def test_the_blocks_of_the_specification_are_taken_as_they_stand(client):
-    # Section 4, and what the controller says to them.
+    # Section 4, and the answers of the controller.
     for block, answer in (
         ("10 02 00 08 01 00 03 01 00 00 10 03 08", "10 02 00 08 00 00 03 02 00 00 10 03 0A"),
         ("10 02 00 08 01 00 14 01 00 01 10 03 1E", "10 02 00 08 00 00 14 02 00 00 10 03 1D"),
@@ -192,6 +196,41 @@ def test_the_blocks_of_the_specification_are_taken_as_they_stand(client):
         client.port.heard.clear()
         client.hear()
         assert bytes(client.port.heard) == ENQ + bytes.fromhex(answer) + EOT
+
+
+def say_block(client, block):
+    client.port.write(ENQ)
+    assert client.port.read(1, 2.0) == ACK
+    client.port.write(bytes.fromhex(block))
+    assert client.port.read(1, 2.0) == ACK
+    client.port.write(EOT)
+    return client.hear()
+
+
+@pytest.mark.parametrize("block_end", ["length", "trailer"])
+def test_the_blocks_of_the_only_client_that_moved_a_real_one_move_it(block_end):
+    """Its last version: the length counts the data alone, 52 of a move of 60 bytes, and STX 82 for an odd number."""
+    client = Client(SerialPort(LinkProfile(block_end=block_end)))
+    zeros = "00 " * 28
+    assert say_block(client, "10 02 00 00 01 00 13 01 00 00 10 03 10")[4:6] == bytes((STATUS, RESPONSE))
+    assert say_block(client, "10 02 00 00 01 00 14 01 00 01 10 03 16")[4:6] == bytes((MODE, RESPONSE))
+    # 100 mm/s, run speed 1.0; then 900, -80, 600 mm, tool down
+    for block in (
+        "10 02 00 34 01 00 18 01 00 02 00 00 00 00 00 02 03 20 20 00" + "00 " * 14 + zeros + "10 03 2C",
+        "10 02 00 34 01 00 18 01 00 00 00 00 00 00 00 00 03 20 20 00"
+        "1C 20 FD 80 12 C0 00 00 40 00 00 00 00 00" + zeros + "10 03 FF",
+        "10 02 00 34 01 00 18 01 00 03 00 00 00 00 00 02 03 20 20 00"
+        "1C 20 FD 80 12 C0 00 00 40 00 00 00 00 00" + zeros + "10 03 FE",
+    ):
+        assert say_block(client, block)[4:6] == bytes((MOVE, RESPONSE))
+    client.port.pass_time(2.0)
+    assert client.status()[:2] == (0b0010, [900.0, -80.0, 600.0])
+
+
+def test_an_order_with_the_clients_unexplained_flag_is_refused(client):
+    """Type 11h; the flag is 10h."""
+    answer = say_block(client, "10 02 00 08 01 00 13 11 00 00 10 03 08")
+    assert (answer[4], answer[5], answer[8:]) == (STATUS, REFUSAL, b"\x00\x0b")
 
 
 def test_a_block_refused_by_nak_is_said_again(client):

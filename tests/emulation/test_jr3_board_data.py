@@ -276,7 +276,7 @@ def test_a_transform_moves_min_and_max_full_scale() -> None:
     at = POWERED + 0.1
     put(board, "transform0", encode_transform([Link(LinkType.TRANSLATE_Z, 5000)]), at)
     at = do(board, 0x0500, at)
-    # Half a metre: my also takes what 0.5 m make of the 115 N of fx, mx of the 111 N of fy.
+    # Half a metre: my also takes 0.5 m times the 115 N of fx, mx 0.5 m times the 111 N of fy.
     assert get(board, "min_full_scale", at)[3:] == (56 + 555, 52 + 575, 61)
     assert get(board, "max_full_scale", at)[3:] == (555, 575, 61)
 

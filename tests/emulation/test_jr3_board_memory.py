@@ -405,7 +405,7 @@ def test_vector_axes() -> None:
 # --- the plug
 
 
-def test_unplugged_and_plugged_in_again() -> None:
+def test_the_same_sensor_plugged_in_again_is_not_told_as_changed() -> None:
     board = board_of(loaded_from(STEADY + 1.0))
     now = STEADY + 2.0
     assert get(board, "filter0", now)[:6] == LOAD_COUNTS
@@ -421,22 +421,45 @@ def test_unplugged_and_plugged_in_again() -> None:
     assert get(board, "model_no", now + 5.01) == (0,)
     assert get(board, "errors", now + 5.01)[0] == Errors.CALIBRATION_CRC | Errors.SYSTEM_BUSY
     again = now + 5.04
-    assert get(board, "errors", again)[0] == Errors.SENSOR_CHANGE
+    assert get(board, "errors", again) == (0,)
     assert get(board, "model_no", again) == (1,)
     assert get(board, "offsets", again) == (0,) * 6
     assert get(board, "count1", again)[0] > counts[0]
     do(board, 0x0C00, again)
     assert max(get(board, "maximum", again + 1e-3)) <= max(LOAD_COUNTS) + 2000
+    assert get(board, "offsets", again + 3.0) == LOAD_COUNTS
+
+
+def test_another_sensor_is_told_as_changed_until_the_host_clears_it() -> None:
+    board = board_of(loaded_from(STEADY + 1.0))
+    now = STEADY + 2.0
+    assert get(board, "filter0", now)[:6] == LOAD_COUNTS
+    board.unplug(now)
+    board.plug_in(now + 5.0, second=True)
+    assert get(board, "errors", now + 5.01)[0] == Errors.CALIBRATION_CRC | Errors.SYSTEM_BUSY
+    again = now + 5.04
+    assert get(board, "errors", again)[0] == Errors.SENSOR_CHANGE
+    assert get(board, "serial_no", again) == (1002,)
+    assert get(board, "default_fs", again) == (317, 314, 845, 221, 219, 307)
+    # The host's full scales go on: the same load gives the same counts, by another calibration.
+    assert get(board, "full_scale", again)[:6] == (115, 111, 185, 56, 52, 61)
+    assert np.abs(np.subtract(get(board, "filter0", again)[:6], LOAD_COUNTS)).max() <= 3
+    assert get(board, "max_full_scale", again)[:3] == (317, 314, 845)
     assert get(board, "errors", again + 1.0)[0] == Errors.SENSOR_CHANGE
     put(board, "errors", (0,), again + 1.0)
     assert get(board, "errors", again + 1.0) == (0,)
-    assert get(board, "offsets", again + 3.0) == LOAD_COUNTS
+    # The second once more is no change, the first is.
+    for k, (second, bits) in enumerate(((True, 0), (False, Errors.SENSOR_CHANGE))):
+        board.unplug(again + 10 * k + 2.0)
+        board.plug_in(again + 10 * k + 3.0, second=second)
+        assert get(board, "errors", again + 10 * k + 4.0) == (bits,)
+    assert get(board, "serial_no", again + 20.0) == (1001,)
 
 
 def test_sensor_change_can_be_cleared_by_the_bit_reset_command() -> None:
     board = board_of()
     board.unplug(STEADY)
-    board.plug_in(STEADY + 1.0)
+    board.plug_in(STEADY + 1.0, second=True)
     assert do(board, 0x0400, STEADY + 2.0, 0xF1, 0x0800)[:2] == (0, 0x0800)
     assert get(board, "errors", STEADY + 3.0) == (0,)
 

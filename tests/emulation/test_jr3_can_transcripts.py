@@ -1,14 +1,16 @@
 """The CAN gateway as transcripts, one for every sentence that is known of its behaviour.
 
-A line is milliseconds since power-up, direction (`>` to the gateway, `<` from it) and frame. Frames are written out;
-`sample N`, `zeros N` and `filtered N HZ` stand for the force and the moment frame with counter N of a sensor that reads
-1000 −2000 3000 400 −500 600 counts. They are made here by hand and not by the codec.
+A line is milliseconds since power-up, direction (`>` to the gateway, `<` from it) and frame; `! unplug` and `! plug_in`
+are the sensor's plug. Frames are written out;
+`sample N`, `zeros N` and `filtered N HZ` stand for the force and the moment frame with counter N, made here by hand
+and not by the codec, of a sensor that reads 1000 −2000 3000 400 −500 600 counts.
 """
 
 import itertools
 import math
 import struct
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -33,6 +35,11 @@ class Transcript:
     lines: str
     connected: bool = True
 
+
+KIND = GatewayProfile(
+    loop_ms=0.0, period_overhead_us=(0.0, 0.0), joins=False, blocks=False, buffer_loses="newest"
+)
+"""A gateway that does everything at once."""
 
 TRANSCRIPTS = [
     Transcript(
@@ -269,7 +276,7 @@ TRANSCRIPTS = [
         """,
     ),
     Transcript(
-        "no watchdog, no heartbeat: a stream that nobody asks about goes on, a gateway at rest is silent",
+        "no watchdog, no heartbeat: a stream without further requests goes on, a gateway at rest is silent",
         """
         2033   < 701#
         30000  > 201#000000093D00
@@ -305,6 +312,154 @@ TRANSCRIPTS = [
     ),
 ]
 
+FIRMWARE = GatewayProfile(period_overhead_us=(0.0, 0.0))
+"""The firmware's own manners, but with periods as asked for."""
+
+MANNERS = [
+    Transcript(
+        "stop joins the stream's thread: the acknowledge comes 22.8 ms later, after the rest of 100 ms",
+        """
+        2033   < 701#
+        2500   > 201#0000A0860100
+        2500   < zeros 0
+        2500   < 101#00
+        2577.2 > 281#
+        2590   > 401#
+        2600   < 101#00
+        2600   < 101#00
+        9000   > 401#
+        9000   < 101#00
+        """,
+    ),
+    Transcript(
+        "stop joins the stream's thread: the acknowledge comes 751 ms later, after the rest of 1 s",
+        """
+        2033   < 701#
+        2500   > 201#000040420F00
+        2500   < zeros 0
+        2500   < 101#00
+        3500   < sample 7782
+        3749   > 281#
+        4500   < 101#00
+        """,
+    ),
+    Transcript(
+        "start-sync joins it too, and the counter goes on meanwhile; a SYNC waits as well",
+        """
+        2033   < 701#
+        2500   > 201#0000A0860100
+        2500   < zeros 0
+        2500   < 101#00
+        2577.2 > 181#0000
+        2580   > 080#
+        2600   < 101#00
+        2600   < sample 778
+        """,
+    ),
+    Transcript(
+        "reset joins it too, then reads the calibration",
+        """
+        2033   < 701#
+        2500   > 201#0000A0860100
+        2500   < zeros 0
+        2500   < 101#00
+        2577.2 > 581#
+        2633   < 101#00
+        9000   > 401#
+        9000   < 101#00
+        """,
+    ),
+    Transcript(
+        "reset with no sensor: no acknowledge, deaf until a sensor sends",
+        """
+        2500   > 401#
+        2500   < 101#01
+        2600   > 581#
+        2700   > 401#
+        60000  > 281#
+        90000  ! plug_in
+        90033  < 101#00
+        90033  < 101#00
+        90033  < 101#00
+        90100  > 401#
+        90100  < 101#00
+        """,
+        connected=False,
+    ),
+    Transcript(
+        "unplugged in mid-stream: frames go on with frozen counter and values, stop hangs, deaf for good",
+        """
+        2033   < 701#
+        2500   > 201#0000A0860100
+        2500   < zeros 0
+        2500   < 101#00
+        2600   < sample 778
+        2650   ! unplug
+        2700   < sample 1167
+        2710   > 401#
+        2710   < 101#00
+        2800   < sample 1167
+        2850   > 281#
+        3000   > 401#
+        99000  > 581#
+        """,
+    ),
+    Transcript(
+        "unplugged and plugged in again: the counter goes on where it stood",
+        """
+        2033   < 701#
+        2500   > 201#0000A0860100
+        2500   < zeros 0
+        2500   < 101#00
+        2550   ! unplug
+        2600   < sample 389
+        2650   ! plug_in
+        2700   < sample 778
+        """,
+    ),
+    Transcript(
+        "a stop that hangs goes on when the sensor sends again",
+        """
+        2033   < 701#
+        2500   > 201#0000A0860100
+        2500   < zeros 0
+        2500   < 101#00
+        2550   ! unplug
+        2560   > 281#
+        2570   > 401#
+        7000   ! plug_in
+        7000   < 101#00
+        7000   < 101#00
+        """,
+    ),
+    Transcript(
+        "several SYNC within 1 ms are answered once",
+        """
+        2033   < 701#
+        2500   > 181#0000
+        2500   < 101#00
+        2510.1 > 080#
+        2510.4 > 080#
+        2510.9 > 080#
+        2511   < sample 85
+        2513   > 080#
+        2513   < sample 101
+        """,
+    ),
+    Transcript(
+        "a command waits 0 … 1 ms, for the main loop to wake up",
+        """
+        2033    < 701#
+        2500    > 401#
+        2500    < 101#00
+        2600.01 > 401#
+        2601    < 101#00
+        2700.99 > 401#
+        2701    < 101#00
+        """,
+    ),
+]
+
 
 def frames(text: str) -> list[str]:
     """The frames that a line stands for."""
@@ -331,14 +486,53 @@ def constant(times: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.tile(COUNTS * UNITS, (len(times), 1))
 
 
-def powered(connected: bool = True) -> Gateway:
+def powered(connected: bool = True, profile: GatewayProfile = KIND) -> Gateway:
     sensor = Jr3Sensor(SensorProfile(noise_counts=0.0, connected=connected), KnownWrench(constant), seed=3)
-    return Gateway(GatewayProfile(), sensor, powered_at=T0)
+    return Gateway(profile, sensor, powered_at=T0)
 
 
 @pytest.mark.parametrize("transcript", TRANSCRIPTS, ids=lambda transcript: transcript.sentence[:60])
 def test_transcript(transcript: Transcript) -> None:
-    gateway = powered(transcript.connected)
+    _check(transcript, powered(transcript.connected))
+
+
+@pytest.mark.parametrize("transcript", MANNERS, ids=lambda transcript: transcript.sentence[:60])
+def test_transcript_of_the_firmware_as_it_ran(transcript: Transcript) -> None:
+    _check(transcript, powered(transcript.connected, FIRMWARE))
+
+
+@pytest.mark.parametrize(("loses", "first"), [("oldest", 8), ("newest", 0)])
+def test_a_burst_of_40_commands_meets_a_buffer_of_32(loses: Literal["oldest", "newest"], first: int) -> None:
+    """Queries of force and moment scales in turn tell which were answered."""
+    gateway = powered(profile=replace(FIRMWARE, buffer_loses=loses))
+    gateway.handle_deadline(T0 + 2.6)
+    gateway.data_to_send(T0 + 2.6)
+    burst = ["481#", "501#", "401#", "481#", "401#"] * 8
+    gateway.receive([parse_frame(text) for text in burst], T0 + 2.6002)
+    assert gateway.data_to_send(T0 + 2.6002) == []
+    gateway.handle_deadline(T0 + 2.601)
+    answers = [str(frame) for frame in gateway.data_to_send(T0 + 2.601)]
+    of = {"401#": "101#00", "481#": "101#0073006F00B900", "501#": "101#00380034003D00"}
+    assert answers == [of[text] for text in burst[first : first + 32]]
+
+
+def test_the_stream_s_period_is_longer_by_sending_and_waking_up() -> None:
+    gateway = powered(profile=GatewayProfile())
+    gateway.handle_deadline(T0 + 2.6)
+    gateway.data_to_send(T0 + 2.6)
+    gateway.receive([parse_frame("201#000010270000")], T0 + 2.6)
+    times = []
+    while len(times) < 1000:
+        due = gateway.next_deadline()
+        assert due is not None
+        gateway.handle_deadline(due)
+        times += [due] * bool(gateway.data_to_send(due))
+    longer_us = np.diff(times) * 1e6 - 10_000
+    assert 30.0 - 1e-3 <= longer_us.min() < 31.0
+    assert 59.0 < longer_us.max() <= 60.0 + 1e-3
+
+
+def _check(transcript: Transcript, gateway: Gateway) -> None:
     wanted: list[tuple[float, str]] = []
     told: list[tuple[float, str]] = []
 
@@ -359,6 +553,9 @@ def test_transcript(transcript: Transcript) -> None:
             run(now)
             gateway.receive([parse_frame(text)], now)
             take(now)
+        elif direction == "!":
+            run(now)
+            getattr(gateway, text)(now)
         else:
             wanted += [(at, frame) for frame in frames(text)]
     if wanted:

@@ -36,9 +36,15 @@ def ramp(times: NDArray[np.float64]) -> NDArray[np.float64]:
     return wrench
 
 
+KIND = GatewayProfile(
+    loop_ms=0.0, period_overhead_us=(0.0, 0.0), joins=False, blocks=False, buffer_loses="newest"
+)
+"""A gateway that does everything at once; `test_jr3_can_transcripts` has the firmware's own manners."""
+
+
 def build(wrench_at: Wrench = constant, *, noise: float = 0.0, connected: bool = True) -> Gateway:
     sensor = Jr3Sensor(SensorProfile(noise_counts=noise, connected=connected), KnownWrench(wrench_at), seed=3)
-    return Gateway(GatewayProfile(), sensor, powered_at=T0)
+    return Gateway(KIND, sensor, powered_at=T0)
 
 
 def run(gateway: Gateway, until: float) -> list[tuple[float, str]]:

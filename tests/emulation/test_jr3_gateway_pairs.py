@@ -14,7 +14,7 @@ from emulators.sensing import KnownWrench
 from protocol.can.frame import CanFrame
 from protocol.jr3 import GatewayClient, GatewayClientProfile, UartGatewayClient, UartGatewayClientProfile
 from protocol.jr3.counts import facts_of
-from protocol.jr3.firmware import first_order_delay
+from protocol.jr3.firmware import HANGS, first_order_delay
 from protocol.wrench import (
     SensorEvent,
     SensorFailed,
@@ -130,7 +130,8 @@ def test_session_from_power_up_over_the_wrap_to_the_end(pair: Pair, profile: dic
     told = samples(events)
     assert len(told) == len(events) - 2 > 3000
     assert {event.values for event in told} == {COUNTS}
-    assert {b.sequence - a.sequence for a, b in itertools.pairwise(told)} == {77, 78}
+    # 10 ms, and what sending and waking up take: 78.1 … 78.3 samples
+    assert {b.sequence - a.sequence for a, b in itertools.pairwise(told)} == {78, 79}
     assert told[-1].sequence > 3 * 65536
     bench.client.zero()
     events = bench.run(T0 + 42)
@@ -147,6 +148,55 @@ def test_a_sensor_that_is_not_plugged_in(pair: Pair) -> None:
     bench = pair.bench(pair.powered(connected=False), ready_timeout_s=12.0)
     (failed,) = bench.run(T0 + 30)
     assert failed == SensorFailed(f"{pair.name}: acknowledges but not ready after 12 s: sensor unplugged?")
+
+
+@on_both
+def test_a_stop_waits_for_the_rest_of_a_long_period_and_is_not_repeated(pair: Pair) -> None:
+    bench = pair.bench(period_ms=2000.0)
+    assert samples(bench.run(T0 + 14.1))
+    stopped_at = bench.now - T0
+    bench.client.stop()
+    assert bench.run(bench.now + 2.1)[-1] == SensorStopped()
+    (stop,) = [data for at, data in bench.sent if at >= round(stopped_at, 3)]
+    assert str(stop[0] if isinstance(stop, list) else stop) in ("281#", "b'<03>'")
+
+
+@on_both
+def test_a_gateway_whose_sensor_is_unplugged_is_told_to_hang(pair: Pair) -> None:
+    bench = pair.bench()
+    bench.run(T0 + 12)
+    bench.gateway.unplug(bench.now)
+    assert len(samples(bench.run(T0 + 12.5))) <= 1
+    assert bench.client.statistics.stands
+    bench.client.stop()
+    failed = SensorFailed(f"{pair.name}: no acknowledge of stop, and its counter stood still before; {HANGS}")
+    assert bench.run(T0 + 15) == [failed]
+    bench.gateway.plug_in(bench.now)
+    assert bench.run(T0 + 16) == []
+
+
+@on_both
+def test_a_counter_that_stands_still_for_long_ends_the_session(pair: Pair) -> None:
+    bench = pair.bench()
+    bench.run(T0 + 12)
+    bench.gateway.unplug(bench.now)
+    assert len(bench.run(T0 + 12.99)) <= 1
+    (failed,) = bench.run(T0 + 13.05)
+    assert isinstance(failed, SensorFailed)
+    assert failed.text.startswith(f"{pair.name}: its counter has stood at ")
+
+
+@on_both
+def test_a_sensor_that_is_plugged_in_again_soon_goes_on(pair: Pair) -> None:
+    bench = pair.bench(cutoff_hz=0.0)
+    before = samples(bench.run(T0 + 12))
+    bench.gateway.unplug(bench.now)
+    bench.run(T0 + 12.3)
+    bench.gateway.plug_in(bench.now)
+    after = samples(bench.run(T0 + 13))
+    assert len(after) > 60
+    assert 0 < after[0].sequence - before[-1].sequence < 160
+    assert after[-1].values == COUNTS
 
 
 @on_both
@@ -285,4 +335,4 @@ def test_a_client_that_joins_a_running_stream() -> None:
     events = second.run(T0 + 20)
     assert events[0] == SensorReady(facts_of(SCALES, 0.02, 0.0))
     steps = {b.sequence - a.sequence for a, b in itertools.pairwise(samples(events))}
-    assert steps == {155, 156}
+    assert steps == {155, 156, 157}

@@ -1,8 +1,8 @@
 """The emulated UART gateway as transcripts, and its misreadings.
 
-A line is milliseconds since power-up, direction (`>` to the gateway, `<` from it) and bytes: text as it is, hex after a
-colon. `sample N` and `zeros N` stand for a data frame with counter N of a sensor that reads 1000 −2000 3000 400 −500
-600 counts. They are made here by hand and not by the codec.
+A line is milliseconds since power-up, direction (`>` to the gateway, `<` from it) and bytes: text as it is, hex
+after a colon; `! unplug` and `! plug_in` are the sensor's plug. `sample N` and `zeros N` stand for a data frame with
+counter N, made here by hand and not by the codec, of a sensor that reads 1000 −2000 3000 400 −500 600 counts.
 """
 
 import itertools
@@ -24,6 +24,9 @@ UNITS = np.array([115, 108, 185, 5.6, 5.2, 6.1]) / 16384
 FULL_SCALES = {"full_scales_n": (115.0, 108.0, 185.0)}
 OK, NOT_READY = ":3C3031003E", ":3C3031013E"
 START_10_MS = ":3C3032000010270000 3E"
+
+KIND: dict[str, Any] = {"period_overhead_us": (0.0, 0.0), "joins": False, "blocks": False}
+"""A gateway that does everything at once."""
 
 Wrench = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
@@ -259,6 +262,112 @@ TRANSCRIPTS = [
     ),
 ]
 
+FIRMWARE: dict[str, Any] = {"period_overhead_us": (0.0, 0.0), "joins": True, "blocks": True}
+"""The firmware's own manners, but with periods as asked for."""
+START_100_MS = ":3C30320000A0860100 3E"
+
+MANNERS = [
+    Transcript(
+        "stop joins the stream's thread: the acknowledge comes 22.8 ms later, after the rest of 100 ms",
+        f"""
+        5033   < <10>
+        6000   > {START_100_MS}
+        6000   < zeros 0
+        6000   < {OK}
+        6100   < sample 778
+        6200   < sample 1556
+        6300   < sample 2334
+        6400   < sample 3112
+        6500   < sample 3891
+        6600   < sample 4669
+        6700   < sample 5447
+        6800   < sample 6225
+        6900   < sample 7003
+        7000   < sample 7782
+        7077.2 > <03>
+        7100   < {OK}
+        8090   > <06>
+        8100   > <06>
+        8100   < {OK}
+        """,
+    ),
+    Transcript(
+        "stop joins the stream's thread: the acknowledge comes 751 ms later, after the rest of 1 s",
+        f"""
+        5033   < <10>
+        6000   > :3C3032000040420F00 3E
+        6000   < zeros 0
+        6000   < {OK}
+        7000   < sample 7782
+        7249   > <03>
+        8000   < {OK}
+        """,
+    ),
+    Transcript(
+        "reset joins it too, then reads the calibration",
+        f"""
+        5033   < <10>
+        6000   > :3C3032000040420F00 3E
+        6000   < zeros 0
+        6000   < {OK}
+        7000   < sample 7782
+        7249   > <08>
+        8033   < {OK}
+        9032   > <06>
+        9034   > <06>
+        9034   < {OK}
+        """,
+    ),
+    Transcript(
+        "reset with no sensor: no acknowledge, deaf until a sensor sends",
+        f"""
+        6000   > <06>
+        6000   < {NOT_READY}
+        7500   > <08>
+        9000   > <06>
+        60000  > <03>
+        90000  ! plug_in
+        90033  < {OK}
+        91100  > <06>
+        91100  < {OK}
+        """,
+        connected=False,
+    ),
+    Transcript(
+        "unplugged in mid-stream: frames go on with frozen counter and values, stop hangs, deaf for good",
+        f"""
+        5033   < <10>
+        6000   > :3C3032000040420F00 3E
+        6000   < zeros 0
+        6000   < {OK}
+        7000   < sample 7782
+        7500   ! unplug
+        8000   < sample 11673
+        9000   < sample 11673
+        9100   > <06>
+        9100   < {OK}
+        10000  < sample 11673
+        10200  > <03>
+        12000  > <06>
+        99000  > <08>
+        """,
+    ),
+    Transcript(
+        "a stop that hangs goes on when the sensor sends again",
+        f"""
+        5033   < <10>
+        6000   > :3C3032000040420F00 3E
+        6000   < zeros 0
+        6000   < {OK}
+        6500   ! unplug
+        7000   < sample 3891
+        7100   > <03>
+        60000  ! plug_in
+        60000  < {OK}
+        """,
+    ),
+]
+
 
 def spelled(text: str) -> bytes:
     """The bytes that a line stands for."""
@@ -280,12 +389,20 @@ def powered(
     sensor = Jr3Sensor(
         SensorProfile(noise_counts=0.0, connected=connected, **FULL_SCALES), KnownWrench(wrench_at), seed=3
     )  # type: ignore[arg-type]
-    return UartGateway(UartGatewayProfile(**profile), sensor, powered_at=at)  # type: ignore[arg-type]
+    return UartGateway(UartGatewayProfile(**{**KIND, **profile}), sensor, powered_at=at)
 
 
 @pytest.mark.parametrize("transcript", TRANSCRIPTS, ids=lambda transcript: transcript.sentence[:60])
 def test_transcript(transcript: Transcript) -> None:
-    gateway = powered(connected=transcript.connected, **transcript.profile)
+    _check(transcript, powered(connected=transcript.connected, **transcript.profile))
+
+
+@pytest.mark.parametrize("transcript", MANNERS, ids=lambda transcript: transcript.sentence[:60])
+def test_transcript_of_the_firmware_as_it_ran(transcript: Transcript) -> None:
+    _check(transcript, powered(connected=transcript.connected, **FIRMWARE))
+
+
+def _check(transcript: Transcript, gateway: UartGateway) -> None:
     wanted: list[tuple[float, bytes]] = []
     told: list[tuple[float, bytes]] = []
 
@@ -305,6 +422,9 @@ def test_transcript(transcript: Transcript) -> None:
             run(T0 + at * 1e-3)
             gateway.receive(spelled(text), T0 + at * 1e-3)
             take(T0 + at * 1e-3)
+        elif direction == "!":
+            run(T0 + at * 1e-3)
+            getattr(gateway, text)(T0 + at * 1e-3)
         else:
             wanted.append((at, spelled(text)))
     run(T0 + wanted[-1][0] * 1e-3)

@@ -276,7 +276,7 @@ def test_no_joint_of_the_set_point_outruns_its_speed(angles: tuple[float, ...], 
 
 
 def test_true_joints_of_a_far_too_fast_line_keep_their_speeds() -> None:
-    # A servo that does what the interpolator says, so that the true pose tells the joints anew.
+    # A servo that follows the interpolator exactly, so that the true pose tells the joints anew.
     servo = ServoProfile(
         interpolation_ms=1.0,
         transport_delay_ms=0.0,

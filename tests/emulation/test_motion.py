@@ -137,7 +137,7 @@ def test_the_loop_does_not_react_inside_the_dead_band() -> None:
     rest_after(motion, 2, T0 + 2.0)
     from_above = rest_after(motion, 1, T0 + 3.0)
     assert 1.01 < from_above <= 1.5
-    # So one reported position is two true ones, at most one step apart: on a stiffness k_e they are
+    # So one reported position is two true ones, at most one step apart. On a stiffness k_e they are
     # two forces at most k_e times the resolution apart, which is the paper's limit cycle.
     assert 0.02 < from_above - from_below <= 1.0
 

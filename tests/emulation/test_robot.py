@@ -258,7 +258,7 @@ def test_the_emergency_stop_stops_refuses_and_is_told() -> None:
     assert pendant.take() == bytes.fromhex("000C 00 00 7F 03 0011 000D 0000")
     pendant.run(0.5)
     flags, _, y, _ = pendant.status()
-    assert flags == 0b1001
+    assert flags == 0b1000, "the stop alone"
     assert -800 < y < -350
     assert pendant.refusal(move(POINT, (900.0, 0.0, 600.0))) == 13
     assert pendant.refusal(GOLDEN_OPERATION) == 13
@@ -268,6 +268,18 @@ def test_the_emergency_stop_stops_refuses_and_is_told() -> None:
     assert pendant.accepts(GOLDEN_OPERATION)
     assert pendant.refusal(move(POINT, (900.0, 0.0, 600.0))) == 15
     assert pendant.status()[2] == y
+
+
+@pytest.mark.parametrize(("keeps", "flags"), [(False, 0b1000), (True, 0b1001)])
+def test_an_emergency_stop_may_keep_the_flag_of_standby(keeps: bool, flags: int) -> None:
+    pendant = Pendant(S3Profile(emergency_stop_keeps_standby=keeps))
+    assert pendant.status()[0] == 0b0001
+    pendant.robot.press_emergency_stop(pendant.now)
+    assert pendant.robot.data_to_send(pendant.now) == ENQ
+    pendant.take()
+    assert pendant.status()[0] == flags
+    pendant.robot.release_emergency_stop(pendant.now)
+    assert pendant.status()[0] == 0b0001
 
 
 def test_stop_program_ends_a_movement() -> None:

@@ -1,6 +1,6 @@
 """Hundreds of runs, each with a fault at some moment, a controller, a stiffness and a shape drawn by its seed.
 
-Every draw must keep these promises. The true force stays within its bound, no order goes deeper after a stop, and the
+Every draw must keep these promises. The true force stays within its bound, and no order goes deeper after a stop. The
 run ends in time and with a cause that fits the injected faults. Its recording is whole and replayed alike, and no run
 that ends pressing has completed. Set HIL_BRIDGE_SEEDS to 10000 for a night.
 """
@@ -39,13 +39,13 @@ SEEDS = int(os.environ.get("HIL_BRIDGE_SEEDS", "500"))
 BLOCK = 50
 LIMIT_N = 50.0
 LATENCY_CYCLES = 3
-"""From an order to the force that shows its effect: answer, motion, filter, and the cycle that sees it."""
+"""Cycles from an order to the force that shows its effect: answer, motion, filter, and the cycle that sees it."""
 LONGEST_S = 400.0
 """A run of two seconds of tracking, with all the patience that it has with robot and sensor."""
 WATCH_S, WATCH_FRAMES = 0.2, 20
 """The truth is looked at every 10 ms, 20 times at once."""
 HARD_N_M = 1e4
-"""From here on a controller that was tuned for a sponge may hit."""
+"""Stiffness from which a controller that was tuned for a sponge may hit."""
 PHASES = ("connect", "tare", "approach", "track", "retract")
 
 PARAMETERS: dict[tuple[str, str], dict[str, Any]] = {
@@ -234,7 +234,7 @@ def broken(drawn: Drawn, code: int, recording: Recording | None) -> Iterator[str
 
 @pytest.fixture(scope="module")
 def exercised() -> Iterator[dict[str, Counter[tuple[str, str]]]]:
-    """How often each fault was injected, and had an effect."""
+    """Number of times that each fault was injected, and had an effect."""
     counts: dict[str, Counter[tuple[str, str]]] = {"injected": Counter(), "struck": Counter()}
     return counts
 

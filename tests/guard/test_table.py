@@ -16,7 +16,7 @@ from hil_bridge.settings.configuration import Config
 
 LIMIT_N = 50.0
 LATENCY_CYCLES = 3
-"""From an order to the force that shows its effect: answer, motion, filter, and the cycle that sees it."""
+"""Cycles from an order to the force that shows its effect: answer, motion, filter, and the cycle that sees it."""
 STEP_M = 0.5e-3
 """Approach step, which is that of a retraction where the tool has not been."""
 SURFACES = pytest.mark.parametrize("stiffness", [5e3, 5e4])

@@ -22,7 +22,7 @@ pytestmark = pytest.mark.live
 
 HIL = (sys.executable, "-c", "from hil_bridge.cli import main; main()")
 PATIENCE = 60.0
-"""For a whole process on a busy machine, s."""
+"""Longest wait for a whole process on a busy machine, s."""
 
 
 def start(*arguments: str) -> "subprocess.Popen[str]":
@@ -106,6 +106,25 @@ def test_two_processes_hold_ten_newtons(tmp_path: Path, short: str) -> None:
         figures = json.loads(summary.read_text())
         assert figures["force_mean_steady_n"] == pytest.approx(10.0, abs=0.6)
         assert figures["sensor_frames_lost"] == 0
+
+
+def test_a_run_speaks_as_the_observed_client_over_a_pseudo_terminal(short: str) -> None:
+    with emulated("cell", "--link-profile", "observed-client") as (_, options):
+        code, lines, errors = finish(
+            start(
+                "run",
+                short,
+                *options,
+                "--link-profile",
+                "observed-client",
+                "--duration",
+                "4",
+                "--no-view",
+                "--no-record",
+            )
+        )
+        assert (code, errors) == (0, "")
+        assert "completed" in lines
 
 
 def test_a_run_emulates_the_sensor_that_it_is_told_to(tmp_path: Path) -> None:

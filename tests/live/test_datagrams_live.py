@@ -167,7 +167,7 @@ async def test_an_unreachable_port_is_counted_and_told_and_no_end() -> None:
         assert 5 <= wire.statistics.unreachable <= 10
         kind, text = notices[0]
         assert kind == "unreachable"
-        assert f"{gone.address.removeprefix('udp://')} cannot be reached: nobody listens there" in text
+        assert f"{gone.address.removeprefix('udp://')} cannot be reached: no program listens there" in text
         assert ear.ends == []
         # a device that is switched on later is heard
         again = await listen_datagrams(gone.address.replace("udp:", "udp-bind:"), clock)

@@ -33,7 +33,7 @@ OWN_TERMINAL = (
 )
 """The same as the leader of a session whose terminal is its standard input, so that its closing is a SIGHUP."""
 PATIENCE = 60.0
-"""For a whole process on a busy machine, s."""
+"""Longest wait for a whole process on a busy machine, s."""
 LEFT_N = 1.0
 """Largest force that counts as a tool off the surface."""
 CTRL_S, CTRL_Z = b"\x13", b"\x1a"

@@ -30,7 +30,7 @@ from protocol.jr3.registers import (
 pytestmark = pytest.mark.live
 
 PATIENCE = 60.0
-"""For anything on a busy machine, s."""
+"""Longest wait on a busy machine, s."""
 
 
 class Memory:

@@ -18,7 +18,7 @@ pytestmark = pytest.mark.live
 
 HIL = (sys.executable, "-c", "from hil_bridge.cli import main; main()")
 PATIENCE = 60.0
-"""For a whole process on a busy machine, s."""
+"""Longest wait for a whole process on a busy machine, s."""
 
 
 def start(*arguments: str) -> "subprocess.Popen[str]":

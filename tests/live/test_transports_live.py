@@ -147,7 +147,7 @@ CASES = (
     # a serial line does not tell its listener that the client has gone, nor that it takes nothing more
     StreamCase("pty and serial", _pty, peer_end=TransportBroken, peer_end_right=None, volume=50_000),
     StreamCase("tcp", _tcp, peer_end=TransportEnded, peer_end_right=None),
-    # a paced listener takes a second to hand over its last bytes, and 4 Mbit/s are what it has
+    # a paced listener takes a second to hand over its last bytes, and its line has 4 Mbit/s
     StreamCase("rfc2217", _rfc2217, peer_end=TransportEnded, peer_end_right=None, volume=60_000),
     StreamCase("tcp that reconnects", _reconnecting, peer_end=TransportBroken, peer_end_right=None),
     StreamCase("python-can virtual", _virtual_can, True, peer_end=None, peer_end_right=None, volume=8_000),
@@ -187,7 +187,7 @@ async def test_clients_of_a_tcp_listener_come_and_go_one_at_a_time() -> None:
         await heard.until(lambda: bool(heard.ends))
         assert [type(error) for error in heard.ends] == [TransportEnded]
         assert [type(error) for error in ear.ends] == [TransportClosed]
-        with pytest.raises(TransportUnavailable, match="nobody listens there"):
+        with pytest.raises(TransportUnavailable, match="no program listens there"):
             await connect_bytes(listening.address, clock)
 
 
@@ -466,7 +466,7 @@ async def test_connecting_waits_for_a_server_that_starts_later() -> None:
         wire = await opening
         await wire.aclose()
         await listening.transport.aclose()
-        with pytest.raises(TransportUnavailable, match="nobody listens there"):
+        with pytest.raises(TransportUnavailable, match="no program listens there"):
             await connect_bytes(f"tcp://127.0.0.1:{port}?connect_s=0.25", clock)
 
 

@@ -36,7 +36,7 @@ BUG = (
 )
 """A bug that strikes once the surface is tracked."""
 PATIENCE = 90.0
-"""For a whole process on a busy machine, s."""
+"""Longest wait for a whole process on a busy machine, s."""
 SURFACE_MM, STIFFNESS_N_MM = 590.0, 5.0
 CONFIG = """
 [task]
@@ -53,7 +53,7 @@ start_position_mm = [900.0, -100.0, 592.0]
 
 @dataclass
 class End:
-    """How a run ended, and how it left the tool."""
+    """End of a run, and the state in which it left the tool."""
 
     code: int
     last: str
@@ -81,7 +81,7 @@ class Way:
     act: Callable[["Cell", subprocess.Popen[str]], None]
     code: int
     last: str
-    """How the last line begins."""
+    """Begin of the last line."""
     presses: bool = False
     """The tool is left on the surface."""
     cause: str = ""

@@ -19,7 +19,7 @@ HIL = (sys.executable, "-c", "from hil_bridge.cli import main; main()")
 FORCES = "601"
 """Identifier of half of every sample, from the firmware's source: forces, node 1."""
 PATIENCE = 150.0
-"""For a whole process on an emulated computer, s."""
+"""Longest wait for a whole process on an emulated computer, s."""
 
 
 def test_the_loop_holds_its_force_and_the_bus_log_agrees(

@@ -25,7 +25,7 @@ from protocol.wrench import WrenchFrame
 pytestmark = pytest.mark.vcan
 
 PATIENCE = 60.0
-"""For anything to happen on a busy machine, s."""
+"""Longest wait on a busy machine, s."""
 ANSWER_S = 2.0
 """Acknowledge time-out of the clients: on a busy machine the gateway is late."""
 STANDS_STILL_S = 0.05

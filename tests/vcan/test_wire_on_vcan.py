@@ -18,7 +18,7 @@ from protocol.can.frame import CanFilter, CanFrame
 pytestmark = pytest.mark.vcan
 
 PATIENCE = 30.0
-"""For anything to happen on a busy machine, s."""
+"""Longest wait on a busy machine, s."""
 FRAMES = (
     CanFrame(0x201, bytes.fromhex("C80010270000")),
     CanFrame(0x080),

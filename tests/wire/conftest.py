@@ -48,9 +48,9 @@ class Wire:
     second: str
     """Which order comes after the first, in words."""
     step: float
-    """From an acknowledge until the next order may go out, s."""
+    """Time from an acknowledge until the next order may go out, s."""
     timeout: float
-    """For an acknowledge, s."""
+    """Time-out for an acknowledge, s."""
     sample: Callable[[int], Any]
     noise: Any
     """Malformed once."""

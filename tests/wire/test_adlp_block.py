@@ -183,3 +183,18 @@ def test_unfinished_block_can_be_dropped():
     assert scanner.feed(bytes.fromhex("10 02 00 08 01")) == []
     assert scanner.drop() == 5
     assert scanner.feed(b"\x05") == [Control.ENQ]
+
+
+def test_a_receiver_may_end_a_block_at_the_first_trailer():
+    """Then the length is not looked at, and 10 03 inside the data cuts the block short."""
+    cut = BlockFormat("off", ("whole", "data"), 128, "trailer")
+    plain = telegram(bytes.fromhex("41 42 43 44"))
+    assert cut.decode(encode_block(plain)) == Block(plain, 2, len(plain) + 5)
+    assert cut.decode(encode_block(plain)[:-1]) is None
+    holding = encode_block(telegram(bytes.fromhex("41 10 03 44")))
+    found = cut.decode(holding)
+    assert isinstance(found, Flaw)
+    assert found.whole
+    assert found.size < len(holding)
+    assert isinstance(cut.decode(b"\x10\x02" + bytes(130)), Flaw)
+    assert cut.decode(b"\x10\x02" + bytes(129)) is None

@@ -43,7 +43,7 @@ class Wire:
         if kind == "lose one":
             return data[:at] + data[at + 1 :]
         # A character that became another control byte would be undetectable by any rule of this link; parity
-        # catches what one wrong bit makes.
+        # catches the result of one wrong bit.
         if kind == "change" and data[at] != value and value not in SINGLE_CONTROLS:
             return data[:at] + bytes((value,)) + data[at + 1 :]
         return data

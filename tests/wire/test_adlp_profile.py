@@ -1,5 +1,7 @@
 """The link's profile: values from a configuration, bounds, marks, and the time of a character."""
 
+from dataclasses import replace
+
 import pytest
 from pydantic import TypeAdapter, ValidationError
 
@@ -19,6 +21,9 @@ def test_profile_comes_from_plain_values_and_refuses_wrong_ones():
         {"answer_timeout_s": 0},
         {"dle_stuffing": "yes"},
         {"move_length": 200},
+        {"profile": "unheard-of"},
+        {"profile": 1},
+        {"profile": "observed-client", "length_style": "whole"},
     )
     for values in wrong:
         with pytest.raises(ValidationError):
@@ -35,3 +40,16 @@ def test_profile_knows_its_marks_and_its_character_time():
     assert LinkProfile(baudrate=300).gap_time == pytest.approx(20 * 11 / 300)
     assert LinkProfile(gap_timeout_s=1.0, baudrate=300).gap_time == 1.0
     assert LinkProfile(baudrate=1000, parity="N", stop_bits=2).character_time == 11 / 1000
+
+
+def test_the_observed_client_is_a_set_that_holds_as_a_whole():
+    link = LinkProfile.named("observed-client", baudrate=19200)
+    assert TypeAdapter(LinkProfile).validate_python({"profile": "observed-client", "baudrate": 19200}) == link
+    assert (link.length_style, link.move_length, link.stx_alternation) == ("data", 60, "parity")
+    assert (link.dle_stuffing, link.bid_ahead) == ("off", False)
+    assert replace(link, parity="N").profile == "observed-client"
+    with pytest.raises(ValueError, match="move_length must be 60 in the profile observed-client, got 52"):
+        replace(link, move_length=52)
+    with pytest.raises(ValueError, match="profile must be one of default, observed-client, got 'x'"):
+        LinkProfile.named("x")
+    assert LinkProfile.named("default") == LinkProfile()

@@ -110,3 +110,9 @@ def test_arbitrary_bytes_never_raise_and_are_all_told(raw, stuffing):
         assert item["meaning"]
         at += item["size"]
     assert at == len(raw)
+
+
+def test_the_observed_clients_flag_on_a_type_is_named_and_its_data_are_read():
+    (item,) = describe(encode_block(Telegram(2, 0x11, 0, b"\x00\x07").encode()))
+    assert item["header"]["type_text"] == "order with a flag of the observed client, effect unknown"
+    assert item["fields"][0]["raw"] == 7

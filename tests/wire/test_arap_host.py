@@ -33,6 +33,7 @@ from protocol.s3.arap import (
     receive_program,
     response,
     split_telegram,
+    start_program,
     stop_program,
 )
 
@@ -382,3 +383,15 @@ def test_events_are_bounded():
         host.receive(b"\x15" * 500, 0.0)
     assert host.events_dropped == 1500 - EVENT_LIMIT
     assert host.link.counters["stray control byte"] == 1500
+
+
+@pytest.mark.parametrize(("stuffing", "told"), [("off", 1), ("double", 0)])
+def test_an_order_that_holds_the_trailer_is_counted_and_told(stuffing, told):
+    """4099 is 1003h: nothing can give way."""
+    order = start_program(0x1003)
+    cell = Cell(LinkProfile(baudrate=11000, dle_stuffing=stuffing), answers([response(order)]))
+    cell.host.order(order)
+    notices = [event for event in cell.run() if isinstance(event, LinkNotice)]
+    assert [notice.kind for notice in notices] == ["10 03 in data"] * told
+    assert all("start program" in notice.text for notice in notices)
+    assert cell.host.link.counters["10 03 in data"] == told

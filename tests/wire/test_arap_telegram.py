@@ -1,6 +1,7 @@
 """Telegrams and payloads against the computer-link specification, sections 3 and 4."""
 
 import math
+import struct
 
 import pytest
 from hypothesis import given, settings
@@ -287,3 +288,76 @@ def test_every_known_payload_has_a_layout_with_marks():
     (refusal,) = KNOWN.payloads_of(4, 6)
     assert refusal.names == ("code",)
     assert KNOWN.payloads_of(4, 1) == ()
+
+
+DOWN = (0.0, 1.0, 0.0, 0.0)
+HIT = 0x1003 * POSITION_STEP
+"""512.375 mm: a coordinate whose word is DLE ETX."""
+
+
+def sent_words(move):
+    data = move.to_telegram(avoid_trailer=True).data
+    assert b"\x10\x03" not in data
+    return list(struct.unpack(">3h4h", data[10:24]))
+
+
+@pytest.mark.parametrize(
+    ("position", "words"),
+    [
+        ((HIT, 0.0, 0.0), [0x1004, 0, 0]),  # both neighbours are equally near: up
+        ((0.0, 0.0, HIT - 0.1 * POSITION_STEP), [0, 0, 0x1002]),
+        ((0.0, 0.0, HIT + 0.1 * POSITION_STEP), [0, 0, 0x1004]),
+        (
+            (0x1C10 / 8000, 0x0310 / 8000, 0x0320 / 8000),
+            [0x1C11, 0x0311, 0x0320],
+        ),  # 10 of one, 03 of the next
+        ((-1008 / 8000, 0x03FF / 8000, 0.0), [-1007, 0x03FF, 0]),  # FC10 03FF
+        ((0x1C10 / 8000, 0x0410 / 8000, 0x0110 / 8000), [0x1C10, 0x0410, 0x0110]),
+    ],
+)
+def test_a_coordinate_gives_way_to_the_nearer_neighbour_where_it_would_hold_the_trailer(position, words):
+    move = Move(MoveKind.POINT, position, DOWN, 0.1)
+    assert sent_words(move)[:3] == words
+    assert (move.to_telegram() == move.to_telegram(avoid_trailer=True)) is (
+        list(position_words(position)) == words
+    )
+
+
+def test_an_orientation_and_the_end_of_a_position_give_way_too():
+    one = 16384
+    move = Move(MoveKind.END, (0.0, 0.0, 0x2010 / 8000), (0x0310 / one, 0x0303 / one, 0x1003 / one, 0.9), 0.1)
+    assert sent_words(move)[2:6] == [0x2011, 0x0311, 0x0303, 0x1004]
+
+
+def test_what_is_no_place_and_no_orientation_stays():
+    """512.375 mm/s is DLE ETX as well."""
+    move = Move(MoveKind.POINT, (0.5, 0.0, 0.6), DOWN, HIT)
+    assert b"\x10\x03" in move.to_telegram(avoid_trailer=True).data
+    assert move.to_telegram(avoid_trailer=True) == move.to_telegram()
+
+
+TRICKY = st.one_of(
+    st.sampled_from((0x1003, 0x0310, 0x0410, -1008, 0x0300, 0x03FF, 0x1010)),
+    st.integers(-16000, 16000),
+)
+
+
+@settings(max_examples=400)
+@given(st.lists(st.tuples(TRICKY, st.floats(-0.499, 0.499)), min_size=7, max_size=7))
+def test_no_coordinate_is_ever_further_than_one_step_from_the_one_ordered(words):
+    exact = [word + part for word, part in words]
+    position = tuple(value / 8000 for value in exact[:3])
+    quaternion = tuple(value / 16384 for value in exact[3:])
+    move = Move(MoveKind.POINT, position, quaternion, 0.1)
+    for sent, ordered, (nearest, _) in zip(sent_words(move), exact, words, strict=True):
+        assert abs(sent - ordered) <= 1.0 + 1e-9
+        assert abs(sent - nearest) <= 1
+    assert len(move.to_telegram(60, avoid_trailer=True).data) == 52
+    if b"\x10\x03" not in move.to_telegram().data:
+        assert move.to_telegram(avoid_trailer=True) == move.to_telegram()
+
+
+def test_a_type_with_the_flag_of_the_observed_client_has_a_name():
+    assert type_text(0x11) == "order with a flag of the observed client, effect unknown"
+    assert type_text(0x19).startswith("further block follows, from PC with a flag")
+    assert type_text(0x12) == "unknown type 12", "a controller's telegram never had it"

@@ -9,7 +9,7 @@ from protocol.can.frame import CanFrame
 from protocol.endpoint import LocalProtocolError
 from protocol.jr3 import Phase, encode_sample
 from protocol.jr3.counts import facts_of
-from protocol.jr3.firmware import first_order_delay
+from protocol.jr3.firmware import HANGS, first_order_delay
 from protocol.wrench import SensorFailed, SensorNotice, SensorReady, WrenchFrame, Zeroed
 
 T0 = 1000.25
@@ -45,7 +45,7 @@ def test_synchronous_session_with_known_full_scales(can: Any) -> None:
 @pytest.mark.parametrize(
     ("heard", "text"),
     [
-        ("", "silent: nothing of a gateway on the bus in 1 s: power, bit rate, wiring?"),
+        ("", f"silent: nothing of a gateway on the bus in 1 s: power, bit rate, wiring? {HANGS}"),
         (
             "102#00 601#R 00000101#00",
             "silent for 1 s while others are on the bus: wrong node number?",
@@ -58,6 +58,16 @@ def test_why_it_is_not_ready_is_told(can: Any, heard: str, text: str) -> None:
     assert client.phase is Phase.ASKING
     client.handle_deadline(T0 + 1)
     assert can.events(client) == [SensorFailed(f"gateway node 1: {text}")]
+
+
+def test_a_period_that_the_firmware_was_not_tested_with_warns(can: Any) -> None:
+    warning = (
+        "period_ms is 0.5, but the gateway's firmware was tested from 1 on: "
+        "below it may leave itself no time for anything else"
+    )
+    assert can.events(can.begin(period_ms=0.5)) == [SensorNotice(warning)]
+    assert can.events(can.begin(period_ms=1.0)) == []
+    assert can.events(can.begin(period_ms=0.5, mode="sync")) == []
 
 
 def test_not_ready_is_asked_again_at_the_acknowledge_timeout(can: Any) -> None:

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from protocol.endpoint import LocalProtocolError
 from protocol.jr3.counts import facts_of
-from protocol.jr3.firmware import first_order_delay
+from protocol.jr3.firmware import HANGS, first_order_delay
 from protocol.jr3.gateway_session import Phase
 from protocol.wrench import SensorFailed, SensorNotice, SensorReady, SensorRestarted, SensorStopped, Zeroed
 
@@ -163,7 +163,7 @@ def test_a_command_without_acknowledge_fails_after_its_retries(wire: Any) -> Non
     for attempt in range(3):
         assert wire.orders(client, T0 + wire.step + attempt * wire.timeout) == [second]
         client.handle_deadline(T0 + wire.step + (attempt + 1) * wire.timeout)
-    assert failure(wire, client) == f"{wire.name}: no acknowledge of {wire.second} after 3 tries"
+    assert failure(wire, client) == f"{wire.name}: no acknowledge of {wire.second} after 3 tries; {HANGS}"
 
 
 # --- stop and restart
@@ -178,6 +178,50 @@ def test_a_lost_stop_is_repeated_within_its_patience(wire: Any) -> None:
     client.handle_deadline(repeated_at)
     assert wire.orders(client, repeated_at) == [wire.stop]
     assert T0 + 10 < repeated_at < T0 + 10 + client.stop_patience
+
+
+def test_the_patience_with_a_stop_knows_the_stream_s_period(wire: Any) -> None:
+    client = wire.begin(period_ms=2000.0, full_scales=SCALES)
+    wire.exchange(client, T0, wire.ok, expect=wire.state)
+    client.stop()
+    wire.orders(client, T0 + 10)
+    assert client.next_deadline() == T0 + 10 + wire.timeout + 2.0
+    assert client.stop_patience == 2 * (wire.timeout + 2.0)
+
+
+def test_a_stop_without_acknowledge_behind_a_counter_that_stood_still_fails_at_once(wire: Any) -> None:
+    client = wire.ready()
+    wire.feed(client, [5, 83, 83, 83, 83])
+    client.stop()
+    wire.orders(client, T0 + 12)
+    client.handle_deadline(T0 + 12 + wire.timeout + 0.01)
+    assert failure(wire, client) == (
+        f"{wire.name}: no acknowledge of stop, and its counter stood still before; {HANGS}"
+    )
+
+
+def test_a_counter_that_stands_still_for_long_fails(wire: Any) -> None:
+    client = wire.ready()
+    wire.feed(client, [5, 83], T0 + 10)
+    at = T0 + 10.99
+    for k in range(3):
+        wire.feed(client, [83], at)
+        assert client.statistics.standing == k + 1
+    client.receive(wire.sample(83), T0 + 12)
+    assert failure(wire, client) == (
+        f"{wire.name}: its counter has stood at 83 for 2.0 s while samples go on: "
+        "sensor unplugged? plug it in, then switch the gateway off and on"
+    )
+
+
+def test_a_counter_that_moves_again_is_forgiven(wire: Any) -> None:
+    client = wire.ready()
+    wire.feed(client, [5, 83, 83, 83, 83], T0 + 10)
+    assert client.statistics.stands
+    wire.feed(client, [161], T0 + 10.5)
+    assert not client.statistics.stands
+    wire.feed(client, [161], T0 + 11.4)
+    assert client.phase is Phase.READY
 
 
 def test_stop_is_not_fooled_by_the_acknowledge_of_what_was_under_way(wire: Any) -> None:

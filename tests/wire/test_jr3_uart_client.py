@@ -6,7 +6,7 @@ import pytest
 
 from protocol.endpoint import LocalProtocolError
 from protocol.jr3.counts import facts_of
-from protocol.jr3.firmware import first_order_delay
+from protocol.jr3.firmware import HANGS, first_order_delay
 from protocol.jr3.uart_gateway import Phase, encode_data
 from protocol.wrench import SensorFailed, SensorNotice, SensorReady, SensorStopped, WrenchFrame, Zeroed
 
@@ -60,7 +60,7 @@ def test_a_client_tells_which_axes_are_saturated(uart: Any) -> None:
 @pytest.mark.parametrize(
     ("heard", "text"),
     [
-        (b"", "silent for 3 s: power, cable, port?"),
+        (b"", f"silent for 3 s: power, cable, port? {HANGS}"),
         (b"\xf8\x00\x80", "bytes but no frame of a gateway in 3 s: not 115200 baud, or another device?"),
         (encode_data([7] * 6, 1), "sends but acknowledges nothing in 3 s: is the line to it open?"),
     ],

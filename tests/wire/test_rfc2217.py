@@ -316,7 +316,7 @@ def test_a_server_without_the_option_is_given_up_at_once() -> None:
     assert drained(client) == [
         PortFailed("the server has no com port control; a raw port is reached as tcp://")
     ]
-    # what it says afterwards changes nothing
+    # later bytes from it change nothing
     client.receive(negotiation(Verb.DONT, Option.COM_PORT), 0.2)
     client.receive(negotiation(Verb.DO, Option.COM_PORT), 0.2)
     client.receive(encode_command(Command.SET_PARITY, 1, server=True), 0.2)

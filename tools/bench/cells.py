@@ -14,7 +14,7 @@ from hil_bridge.wiring import Wiring
 from protocol.wrench import WrenchFrame
 
 CAN, BOARD = "can+memory:sensor", "jr3+memory:sensor"
-"""Where a cell's sensor listens: behind its CAN gateway, or on a receiver board behind its registers."""
+"""URLs at which a cell's sensor listens: behind its CAN gateway, or on a receiver board behind its registers."""
 
 
 class RunFailed(Exception):
@@ -34,7 +34,7 @@ class CellRun:
     cycles: int = 0
     frames: int = 0
     simulated: float = 0.0
-    """From power-up to the end, s of virtual time."""
+    """Time from power-up to the end, s of virtual time."""
     faults: list[str] = field(default_factory=list)
 
     def cycle(self, record: CycleRecord) -> None:

@@ -36,8 +36,8 @@ def recorded(controller: dict[str, Any]) -> tuple[Config, tuple[CycleRecord, ...
 
 
 def steps_us(config: Config, cycles: tuple[CycleRecord, ...]) -> list[float]:
-    """Time of each decision of the run when it is taken again, µs: compensation of the newest and of the paired
-    wrench, their forces along the task's directions, controller, supervisor.
+    """Time of each decision of the run when it is taken again, µs. It covers compensation of the newest and of the
+    paired wrench, their forces along the task's directions, controller, supervisor.
     """
     compensation, loop = wrist(config), control_loop(config)
     approach, travel = config.frame.approach, config.frame.travel

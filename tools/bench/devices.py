@@ -27,12 +27,12 @@ SURFACE_M = 0.599
 STIFFNESS = 5000.0
 """N/m: the paper's sponge."""
 FULL_SCALES = (115, 111, 185, 56, 52, 61)
-"""As the gateway tells them, N and N·m×10. Source: ratings seen in the field."""
+"""Full scales as the gateway tells them, N and N·m×10. Source: ratings seen in the field."""
 NODE = 1
 PERIOD_MS = 2.0
 """Period of the sensor's stream while the robot stands still, and as the client asks for."""
 PATIENCE_S = 20.0
-"""For the next byte of the other side: a Python program has to start."""
+"""Longest wait for the next byte of the other side, s: a Python program has to start."""
 LOOK_MS = 200.0
 """How often it is looked whether the other side still runs, while nothing comes."""
 FROM_PC = BlockFormat("off", ("whole",), 128)
@@ -49,13 +49,13 @@ class SensorPeer(Protocol):
 
     @property
     def fd(self) -> int:
-        """Where commands come in."""
+        """File descriptor from which commands come."""
 
     def commands(self) -> bool:
         """Read and answer what came; False when the wire has ended."""
 
     def send(self, counts: tuple[int, ...]) -> None:
-        """One sample."""
+        """Send one sample."""
 
     streaming: bool
     """The client has asked for samples."""
@@ -146,7 +146,7 @@ class Turn:
     order: float
     """Until the whole order was read; the acknowledge of the bid in between is at once."""
     cycle: float
-    """From the turnaround before to this one."""
+    """Time from the turnaround before to this one."""
 
 
 @dataclass
@@ -166,7 +166,7 @@ class Cell:
     """When the robot's wire was read last."""
 
     def serve(self, enough: Callable[[int], bool]) -> None:
-        """Answer until the wire ends. `enough` is asked after each turnaround with the number of them so far; once it
+        """Answer until the wire ends. `enough` is asked after each turnaround with the number of them so far. Once it
         says so, nothing more is timed and samples come by themselves again.
 
         Raises PeerSilent when the other side falls silent.

@@ -87,7 +87,7 @@ class Report:
     """Figures that could not be measured here, with the reason: a sentence each."""
 
     def as_json(self) -> dict[str, Any]:
-        """For the file of results; ratio and judgement are written out for readers of that file."""
+        """Content of the file of results; ratio and judgement are written out for readers of that file."""
         return {
             "figures": [
                 {key: _rounded(value) for key, value in asdict(figure).items() if value not in (None, "")}

@@ -42,8 +42,8 @@ ALL = "all modules"
 WORTH_SAYING = 64.0
 """Bytes a minute; what changes less is the noise of what happens to live at a look."""
 NO_GROWTH = Target("value", 1.0, aim=0.0)
-"""Percent of the memory after the first minute by which it may have grown at the end: what an allocator's pages make
-of the same amount of data.
+"""Percent of the memory after the first minute by which it may have grown at the end. An allocator's pages grow so for
+the same amount of data.
 """
 
 
@@ -66,7 +66,7 @@ def resident() -> int:
 
 async def track(record: Path, minutes: int, look: Callable[[], object]) -> dict[str, object]:
     """Track for so long and a minute. Look after every minute but the last, as soon as the recorder has finished a
-    chunk: then its part of the next one is always as small.
+    chunk. Then its part of the next one is always as small.
     """
     duration_s = (minutes + 1) * MINUTE_S
     config = Config.model_validate({"run": {"duration_s": duration_s}, "task": {"speed_mm_s": SPEED_MM_S}})
@@ -136,8 +136,8 @@ def growth(record: Path) -> dict[str, float]:
 
 
 def recorder_speed(place: Path) -> tuple[float, float, float]:
-    """Sensor records a second through the recorder, the same written as lines of JSON by the standard library, and
-    the recorder's bytes of messages a second.
+    """Three rates: sensor records a second through the recorder, the same written as lines of JSON by the standard
+    library, and the recorder's bytes of messages a second.
     """
     records = [SensorRecord(k * 1e-3, k, (k % 99, -3, -870 - k % 7, 12, 5, -1)) for k in range(RECORDS)]
     began = time.process_time()

@@ -71,9 +71,9 @@ period_ms = {PERIOD_MS}
 [realtime]
 busy_poll_ms = %g
 """
-"""The tool stays over one place, since a thousand cycles a second would soon be out of reach. Neither the line nor
-the sensor's filter delays anything, and the controller, which allows for both, has to be told. A thousand cycles a
-second pass while a pseudo-terminal is held up by the machine for a moment; that is to be measured, not to end the run.
+"""The tool stays over one place, since a thousand cycles a second would soon be out of reach. Neither the line nor the
+sensor's filter delays anything, and the controller, which allows for both, has to be told. A thousand cycles a second
+pass while a pseudo-terminal is held up by the machine for a moment. That is to be measured, not to end the run.
 """
 
 
@@ -84,9 +84,9 @@ class Wires:
     robot: int
     sensor: SensorPeer
     plain: tuple[str, str]
-    """For the baselines."""
+    """URLs for the baselines."""
     urls: tuple[str, str]
-    """For the bridge."""
+    """URLs for the bridge."""
     accept: Callable[["Wires"], "Wires"]
     """The wires once the other side has come."""
 

@@ -1,6 +1,6 @@
 """The JR3 DSP receiver board: a memory that a sensor fills and a host reads and writes, told the time.
 
-Samples are computed in blocks up to the time asked for, and further as far as the sensor predicts, so that a read is a
+Samples are computed in blocks up to the time asked for, and further as far as the sensor predicts. So a read is a
 look-up. A host's write that changes the computation throws away the samples computed ahead. So does a sensor whose
 samples will be others.
 """
@@ -14,9 +14,10 @@ from typing import Self
 from emulators.faults.ledger import Handler, Injection
 from emulators.jr3.board.filters import FILTER_STEPS, low_pass
 from emulators.jr3.board.memory import Use
-from emulators.jr3.board.processor import Order, Processor
+from emulators.jr3.board.processor import Order, Processor, default_full_scales
 from emulators.jr3.board.profile import BoardProfile
 from emulators.jr3.board.sampling import RawSamples
+from emulators.jr3.faults import SECOND
 from emulators.jr3.scales import WrongScales
 from emulators.jr3.sensor import SENSOR_RATE_HZ, Jr3Sensor
 from protocol.jr3 import AXES
@@ -73,6 +74,8 @@ class Board:
         self._raw = RawSamples(sensor)
         self._scales = WrongScales()
         self._plugged = sensor.profile.connected
+        self._first = sensor.profile
+        self._holds_second = False
         self._now = powered_at
         self._phase = Phase.BOOT
         # Designed now, for a host does not expect its first read to take so long.
@@ -127,11 +130,15 @@ class Board:
         return self
 
     def _pulled(self, injection: Injection) -> None:
+        if injection.values["sensor"] == SECOND:
+            default_full_scales(
+                self._profile, self._profile.second.of(self._first)
+            )  # or it cannot be plugged in
         injection.struck += self._plugged
         self.unplug(injection.injected_at)
 
     def _put_back(self, injection: Injection, now: float) -> None:
-        self.plug_in(now)
+        self.plug_in(now, second=injection.values["sensor"] == SECOND)
 
     def write(self, address: int, words: Sequence[int], now: float) -> None:
         """Write words in order of address. Raises RemoteProtocolError outside the memory."""
@@ -188,12 +195,13 @@ class Board:
         self._set_phase(Phase.SILENT)
         self._due[_Due.BARK] = self._now + self._profile.watch_dog_s
 
-    def plug_in(self, now: float) -> None:
-        """Put a sensor's plug in; harmless when one is in."""
+    def plug_in(self, now: float, *, second: bool = False) -> None:
+        """Put the first sensor's plug in, or the second's; harmless when one is in."""
         self._advance(now)
         if self._plugged:
             return
-        self._plugged = True
+        self._plugged, self._holds_second = True, second
+        self._sensor.exchange(self._profile.second.of(self._first) if second else self._first, self._now)
         if self._phase is not Phase.BOOT:
             self._due.pop(_Due.BARK, None)
             self._begin_reading(self._now)
@@ -259,7 +267,7 @@ class Board:
         self._due[_Due.CALIBRATED] = at + self._profile.calibration_s
 
     def _calibrated(self, at: float) -> None:
-        self._processor.identify_sensor()
+        self._processor.identify_sensor(self._profile.second if self._holds_second else None)
         self._set_phase(Phase.RUNNING)
         self._due[_Due.ZEROED] = at + self._profile.offsets_zeroed_s
 

@@ -1,7 +1,7 @@
 """The board's cascade of low passes and the rates at which its parts run.
 
-Source: JR3 manual 5907E for the rates. The shape is identified from the manual's plots, so derived: every
-stage is the same elliptic filter at a quarter of the rate of the stage before.
+Source: JR3 manual 5907E for the rates. The shape is identified from the manual's plots, so derived. Every stage is the
+same elliptic filter at a quarter of the rate of the stage before.
 """
 
 from functools import lru_cache

@@ -26,7 +26,7 @@ _ERRORS = REGISTERS["errors"].address
 _RATE_COUNT = REGISTERS["rate_count"].address
 _COUNT_X = REGISTERS["count_x"].address
 _RAW_WORDS = 4
-"""From one raw channel to the next."""
+"""Words from one raw channel to the next."""
 
 
 class Use(Enum):
@@ -85,7 +85,7 @@ class Memory:
         self.words = [0] * MEMORY_WORDS
         """Written by `store` and `put` alone."""
         self.changes = 0
-        """How often anything was written."""
+        """Number of writes."""
         self._status = 0
         self._channels = channels
         self._idle_per_sample = idle_hz / SENSOR_RATE_HZ
@@ -155,7 +155,7 @@ class Memory:
         self.changes += 1
 
     def store(self, address: int, word: int) -> None:
-        """One word."""
+        """Store one word."""
         self.words[address] = word
         self.changes += 1
 

@@ -8,12 +8,12 @@ import numpy as np
 from emulators.jr3.board.bursts import BurstReader
 from emulators.jr3.board.data_path import PathSettings, PathState, at_rest
 from emulators.jr3.board.memory import Memory, Use, use_of
-from emulators.jr3.board.profile import BoardProfile
+from emulators.jr3.board.profile import BoardProfile, SecondSensorProfile
 from emulators.jr3.board.sampling import RawSamples, Sampling
 from emulators.jr3.board.traces import COLUMNS, NEWEST
 from emulators.jr3.board.transforms import Scaling, vectors
 from emulators.jr3.board.watch import WATCHED
-from emulators.jr3.sensor import Jr3Sensor
+from emulators.jr3.sensor import Jr3Sensor, SensorProfile
 from protocol.endpoint import RemoteProtocolError
 from protocol.jr3 import AXES
 from protocol.jr3.board import (
@@ -57,11 +57,11 @@ class Order:
         return self.info.busy and not self.failed
 
 
-def default_full_scales(profile: BoardProfile, sensor: Jr3Sensor) -> tuple[int, ...]:
-    """The sensor's full scales as words in the board's units. Raises ValueError when a word cannot hold one."""
+def default_full_scales(profile: BoardProfile, sensor: SensorProfile) -> tuple[int, ...]:
+    """A sensor's full scales as words in the board's units. Raises ValueError when a word cannot hold one."""
     unit = UNIT_SCALES[Units(profile.units)]
-    forces = [value / unit.force for value in sensor.profile.full_scales_n]
-    moments = [value / unit.moment for value in sensor.profile.full_scales_nm]
+    forces = [value / unit.force for value in sensor.full_scales_n]
+    moments = [value / unit.moment for value in sensor.full_scales_nm]
     words = tuple(round(value) for value in (*forces, *moments))
     for axis, word, value in zip(AXES, words, (*forces, *moments), strict=True):
         if not 1 <= word < WORD_MODULUS // 2:
@@ -76,21 +76,22 @@ class Processor:
 
     def __init__(self, profile: BoardProfile, sensor: Jr3Sensor, raw: RawSamples, origin: int) -> None:
         self._profile = profile
+        self._sensor = sensor
         self.memory = Memory(profile.channels, profile.idle_hz)
         self._bursts = BurstReader(self.memory)
         self.sampling = Sampling(raw, origin, at_rest())
         self._offset_slots = [(0,) * len(AXES)] * SLOTS
         self._bits = sensor.profile.adc_bits
-        self._default_full_scales = default_full_scales(profile, sensor)
         self._scaling = Scaling(
             sensor.calibration,
             self._bits,
             UNIT_SCALES[Units(profile.units)],
             profile.turn == "load",
-            self._default_full_scales,
+            default_full_scales(profile, sensor.profile),
             span=profile.full_scale_span,
         )
-        self._identified = False
+        self._identified: tuple[int, ...] = ()
+        """What the sensor said of itself that passed its check last; empty before the first."""
         put = self.memory.put
         put("copyright", *(ord(character) << 8 for character in profile.copyright))
         put("vect_axes", profile.vect_axes)
@@ -110,20 +111,25 @@ class Processor:
             self.memory.put(name, 0)
         self.memory.put("last_crc", -1)
 
-    def identify_sensor(self) -> None:
-        """The calibration has been read: say whose, with offsets 0 and no peaks.
+    def identify_sensor(self, second: SecondSensorProfile | None = None) -> None:
+        """The calibration has been read: say whose, with offsets 0 and no peaks; the first sensor's or the second's.
 
+        A sensor other than the one before is told by `sensor changed`; observed: the same one again is not.
         Assumed: transform and full scales that the host has set go on with another sensor, the filters start
         from 0.
         """
         profile, put = self._profile, self.memory.put
-        if self._identified:
+        whose = profile if second is None else second
+        full_scales = default_full_scales(profile, self._sensor.profile)
+        said = (whose.serial_no, whose.model_no, whose.cal_day, whose.cal_year)
+        if self._identified not in ((), (*said, *full_scales)):
             self.memory.status |= int(Errors.SENSOR_CHANGE)
-        self._identified = True
-        put("default_fs", *self._default_full_scales)
+        self._identified = (*said, *full_scales)
+        self._scaling = replace(self._scaling, calibration=self._sensor.calibration)
+        put("default_fs", *full_scales)
         put("last_crc", 0)
         put("eeprom_ver", profile.eeprom_ver)
-        put("serial_no", profile.serial_no, profile.model_no, profile.cal_day, profile.cal_year)
+        put("serial_no", *said)
         put("units", profile.units, self._bits, profile.channels)
         put("thickness", round(profile.thickness_mm * _MM / self._scaling.units.length))
         put("offsets", *[0] * len(AXES))

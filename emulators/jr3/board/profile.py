@@ -1,12 +1,61 @@
 """Facts and assumptions about an emulated receiver board."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Literal
 
+from emulators.jr3.sensor import SensorProfile
 from protocol.jr3.board import REGISTERS
 from protocol.marks import Mark, check_settings, setting
 
 _WORD, _POSITIVE = 65535, 32767
+
+
+@dataclass(frozen=True)
+class SecondSensorProfile:
+    """Another sensor that can be plugged into the board: what differs from the first."""
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
+
+    serial_no: int = setting(1002, Mark.CHOSEN, "serial number of the sensor", minimum=1, maximum=_WORD)
+    model_no: int = setting(
+        1, Mark.ASSUMED, "the sensor's model by JR3's own count", minimum=1, maximum=_WORD
+    )
+    cal_day: int = setting(1, Mark.CHOSEN, "day of the year of the calibration", minimum=1, maximum=366)
+    cal_year: int = setting(2021, Mark.CHOSEN, "year of the calibration", minimum=0, maximum=_POSITIVE)
+    full_scales_n: tuple[float, float, float] = setting(
+        (317.0, 314.0, 845.0),
+        Mark.OBSERVED,
+        "fx fy fz, whole N (an ankle sensor on PCI)",
+        unit="N",
+        minimum=1.0,
+        maximum=65535.0,
+    )
+    full_scales_nm: tuple[float, float, float] = setting(
+        (22.1, 21.9, 30.7),
+        Mark.OBSERVED,
+        "mx my mz, whole 0.1 N·m (an ankle sensor on PCI)",
+        unit="N·m",
+        minimum=0.1,
+        maximum=6553.5,
+    )
+    coupling: tuple[float, ...] = setting(
+        (),
+        Mark.ASSUMED,
+        "what each axis shows on the raw channels, as `coupling` of the first sensor; empty = every axis on its own",
+    )
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+        self.of(SensorProfile())
+
+    def of(self, first: SensorProfile) -> SensorProfile:
+        """The whole sensor, where the first is this. Raises ValueError for one that cannot be."""
+        return replace(
+            first,
+            full_scales_n=self.full_scales_n,
+            full_scales_nm=self.full_scales_nm,
+            coupling=self.coupling,
+        )
 
 
 @dataclass(frozen=True)
@@ -67,6 +116,7 @@ class BoardProfile:
     eeprom_ver: int = setting(1, Mark.ASSUMED, "version of the sensor's memory", minimum=0, maximum=255)
     cal_day: int = setting(1, Mark.CHOSEN, "day of the year of the calibration", minimum=1, maximum=366)
     cal_year: int = setting(2020, Mark.CHOSEN, "year of the calibration", minimum=0, maximum=_POSITIVE)
+    second: SecondSensorProfile = field(default_factory=SecondSensorProfile)
     thickness_mm: float = setting(
         31.8, Mark.ASSUMED, "of the sensor, flange to flange", unit="mm", minimum=0.0, maximum=800.0
     )

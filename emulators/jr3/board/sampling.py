@@ -1,5 +1,5 @@
-"""The board's samples: which have been computed, how far ahead, and how they end when settings change, or
-when the sensor's will be others than was predicted.
+"""The board's samples: which have been computed, and how far ahead. They end when settings change, or when the sensor's
+samples will differ from the predicted ones.
 """
 
 from collections.abc import Callable

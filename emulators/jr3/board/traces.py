@@ -46,14 +46,14 @@ class Trace:
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Where a trace lies in the array of its block. Samples count from the block's first one."""
+    """Place of a trace in the array of its block. Samples count from the block's first one."""
 
     first: int
     step: int
     begin: int
     """Place of the first word's value before the block; the calculations follow."""
     pitch: int
-    """From one word to the next."""
+    """Distance from one word to the next."""
     columns: int
     """Calculations + 1."""
 
@@ -68,7 +68,7 @@ class Places:
 
     at: Mapping[str, Place]
     before: NDArray[np.int64]
-    """Where each of the newest words before the block lies."""
+    """Place of each of the newest words before the block."""
     first: NDArray[np.int64]
     """The sample of its first calculation."""
     step: NDArray[np.int64]
@@ -76,7 +76,7 @@ class Places:
 
     @classmethod
     def of(cls, at: Mapping[str, Place]) -> "Places":
-        """With what follows from where the traces lie."""
+        """The places of the traces, with the facts that follow from them."""
         words = [(at[name], word) for name, words in TRACE_WORDS.items() for word in range(words)]
         return cls(
             at,
@@ -86,7 +86,7 @@ class Places:
         )
 
     def newest(self, offset: int) -> NDArray[np.int64]:
-        """Where each of the newest words lies after the sample so many behind the block's first one."""
+        """Place of each of the newest words after the sample so many behind the block's first one."""
         calculations: NDArray[np.int64] = np.maximum((offset - self.first) // self.step + 1, 0)
         return self.before + calculations
 
@@ -155,7 +155,7 @@ class Piece:
     begin: int
     end: int
     offset: int
-    """Where the piece starts within the addresses asked for."""
+    """Begin of the piece within the addresses asked for."""
 
 
 @lru_cache(maxsize=512)
@@ -176,12 +176,12 @@ NEWEST = {
     name: slice(end - TRACE_WORDS[name], end)
     for name, end in zip(TRACE_WORDS, accumulate(TRACE_WORDS.values()), strict=True)
 }
-"""Where each trace stands among the newest words of all."""
+"""Place of each trace among the newest words of all."""
 
 
 @dataclass(frozen=True, slots=True)
 class Lookup:
-    """Where the computed words among some neighbouring addresses lie after some samples."""
+    """Places of the computed words among some neighbouring addresses after some samples."""
 
     indices: NDArray[np.int64]
     """(samples, computed words)"""

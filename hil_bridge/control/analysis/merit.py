@@ -18,7 +18,7 @@ RISE_FRACTION = 0.9
 
 @dataclass(frozen=True, slots=True)
 class FiguresOfMerit:
-    """How well a force was tracked; None where the run was too short or never got there."""
+    """Figures of a tracked force; None where the run was too short or never reached the force."""
 
     rise_samples: int | None
     """Samples from the first one to 90 % of the desired force."""

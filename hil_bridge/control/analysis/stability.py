@@ -125,7 +125,7 @@ class Margins:
 
     @property
     def stable(self) -> bool:
-        """For a controller that integrates once, with falling gain: both margins are there."""
+        """Whether both margins are there, for a controller that integrates once, with falling gain."""
         return self.gain_margin > 1.0 and self.phase_margin_deg > 0.0
 
 
@@ -226,8 +226,8 @@ def holding_limit_cycle(
 ) -> LimitCycle:
     """Limit cycle with a servo that holds where it is once the rounded position equals its set point.
 
-    An integral controller (gain in m/N a sample) works on the same loop as in `limit_cycle`, the desired force being
-    the one on the border between two positions. Every `tick` (s) the servo takes the newest set point and looks at its
+    An integral controller (gain in m/N a sample) works on the same loop as in `limit_cycle`. The desired force is the
+    one on the border between two positions. Every `tick` (s) the servo takes the newest set point and looks at its
     rounded position. If they differ, the set point pulls, else the place where the axis is at that moment. So the axis
     goes not from step to step, but over the border between them and no farther than it is at the next tick. When m
     ticks bring it over, it goes the share f_m = s(m·tick) of the way to its set point. With samples enough to come to
@@ -309,7 +309,7 @@ def _sweep(stiffness: float, controller: Response, plant: SampledPlant) -> tuple
 
 
 def _crossings(theta: Floats, values: Floats, loop: Complexes) -> list[tuple[float, complex]]:
-    """Where `values` change their sign: θ, and the loop there, by straight lines between neighbours."""
+    """Places at which `values` change their sign: θ, and the loop there, by straight lines between neighbours."""
     # At θ = π rounding alone decides the sign of the imaginary part.
     before = np.flatnonzero(np.sign(values[:-2]) * np.sign(values[1:-1]) < 0)
     share = values[before] / (values[before] - values[before + 1])

@@ -36,7 +36,7 @@ _SIGNIFICANT = 5.0
 
 @dataclass(frozen=True, slots=True)
 class ToolPose:
-    """One way to hold the tool free in space, and what the sensor read meanwhile."""
+    """One way to hold the tool free in space, and the sensor's reading in it."""
 
     quaternion: tuple[float, ...]
     """Tool in base, w x y z."""
@@ -55,7 +55,7 @@ class ToolEstimate:
     mass_uncertainty: float
     """kg"""
     centre_of_gravity: Vector
-    """From the sensor's origin along the tool frame's axes, m."""
+    """Place from the sensor's origin along the tool frame's axes, m."""
     centre_of_gravity_uncertainty: Vector
     """m"""
     bias: tuple[float, ...]

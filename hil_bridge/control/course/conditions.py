@@ -39,12 +39,12 @@ STOPPED, COMPLETED, INTERRUPTED, CONFIGURATION = 3, 0, 130, 2
 
 @dataclass(frozen=True, slots=True)
 class ConditionRow:
-    """One condition and what it leads to."""
+    """One condition and its consequence."""
 
     name: str
     """The supervisor's own cause where it is one, else a name of the same kind."""
     condition: str
-    """In words."""
+    """Condition in words."""
     settings: tuple[str, ...]
     """Keys of the configuration that rule it, without those that describe a device."""
     when: When = When.CYCLE

@@ -58,7 +58,7 @@ class Contour:
     def step(
         self, state: ContourState, travel: float, depth: float, force: float, force_travel: float
     ) -> ContourState:
-        """One sample in contact: reported travel and depth in m, reaction along approach and travel in N.
+        """State after one sample in contact: reported travel and depth in m, reaction along approach and travel in N.
 
         A sample that is not finite, or does not press, is left out.
         """

@@ -59,7 +59,7 @@ class Limits:
     zero_max_n: float = 50.0
     """Largest force that may be taken for zero, beside the known weight of the tool and bias of the sensor."""
     weight_tolerance_n: float = 1.0
-    """How far each force may be from the known weight of the tool before a run moves."""
+    """Largest distance of each force from the known weight of the tool before a run moves."""
     weight_tolerance_nm: float = 0.2
     """The same for each moment."""
     retract_rise_n: float = 5.0

@@ -5,8 +5,9 @@ The same functions make the decisions of a run and of its replay; a run looks at
 
 import math
 from dataclasses import dataclass
+from typing import Annotated
 
-from msgspec import Struct
+from msgspec import Meta, Struct
 from msgspec.structs import replace
 
 from hil_bridge.control.course.contour import Contour, ContourState, normal_force
@@ -46,9 +47,9 @@ class Sample(Struct, frozen=True):
     sensor_at: float
     """When the sensor frame arrived, s on the run's clock."""
     sensor_sequence: int
-    """Its counter, unwrapped."""
+    """Counter of the frame, unwrapped."""
     repeated_frames: int = 0
-    """How many of the newest frames in a row carried identical counts: for the record alone."""
+    """Number of newest frames in a row with identical counts: for the record alone."""
     saturated: bool = False
     """An axis is at the end of its range."""
     dead_axis: str = ""
@@ -57,7 +58,7 @@ class Sample(Struct, frozen=True):
     """Fault of a device, in words; empty while there is none."""
     force_travel: float = 0.0
     """Contact force along the travel direction, N, positive where the surface pushes against the travel."""
-    wrench: tuple[float, ...] = ()
+    wrench: Annotated[tuple[float, ...], Meta(max_length=6)] = ()
     """The whole contact wrench, tool frame, N and N·m: for the record alone."""
     position_at: float | None = None
     """When `position` was true, s on the run's clock; None where that is not known."""
@@ -76,7 +77,7 @@ class Sample(Struct, frozen=True):
     gap: float = 0.0
     """Longest time for which the computer stood still since the decision before, or this one lasted, s."""
     unchanged: float = 0.0
-    """For how long the newest frames have carried identical counts, s."""
+    """Time for which the newest frames have carried identical counts, s."""
 
 
 class LoopState(Struct, frozen=True):
@@ -233,7 +234,7 @@ class ControlLoop:
         cause = _cause(state, output, verdict)
         way: Verdict = verdict
         if cause and output.phase is not _RETRACT:
-            # From the state before this sample: what the controller made of it no longer matters.
+            # From the state before this sample: the controller's answer to it no longer matters.
             task, output = self.task.step(self.task.fail(state.task, cause), proposal.measurement)
             supervisor, way = self.supervisor.retreat(supervisor, seen, self._request(state, output))
         elif advice is not None and advice.factor < 1.0 and not isinstance(verdict, Stop):
@@ -261,8 +262,9 @@ class ControlLoop:
         )
 
     def _barrier(self, proposal: Proposal) -> float:
-        """Depth, m, at which the force limit less its margin is predicted: by the stiffness in hand, from the reported
-        position and the force that belongs to it. What the robot has yet to do of its orders lies before it.
+        """Depth, m, at which the force limit less its margin is predicted. The prediction takes the stiffness in hand,
+        the reported position and the force that belongs to it. What the robot has yet to do of its orders lies before
+        it.
         """
         limits, measurement, command = self.supervisor.limits, proposal.measurement, proposal.output.command
         stiffness = self.task.parameters.expected_stiffness_n_m

@@ -10,9 +10,9 @@ comes. `advice.retract` asks to end the run (`Task.fail`): the swing went on alt
 least. Start from `initial()` at every beginning of TRACK; while contact is lost do not step it.
 
 What counts as a swing. The error has a peak between two changes of its sign. A peak counts when it is beyond the band
-that a loop at rest may fill: one resolution step either way and the noise, k_est·Δx_res + uncertainty. Noise at rest
-stays inside the band, and a step that settles makes a few peaks, each smaller than the one before. An oscillation is
-`peaks` of them within the window, on alternating sides, that do not die away.
+that a loop at rest may fill. The band is one resolution step either way and the noise, k_est·Δx_res + uncertainty.
+Noise at rest stays inside the band, and a step that settles makes a few peaks, each smaller than the one before. An
+oscillation is `peaks` of them within the window, on alternating sides, that do not die away.
 """
 
 import math
@@ -34,7 +34,7 @@ class Finding(StrEnum):
     OSCILLATING = "oscillating"
     """An oscillation was found in this sample: the gain has been lowered by one notch."""
     PERSISTING = "persisting"
-    """It goes on at the least gain."""
+    """The oscillation goes on at the least gain."""
 
 
 _CALM = Finding.CALM  # of every cycle: until Python 3.12 an enum's own name costs ten times that
@@ -64,7 +64,7 @@ class OscillationState(Struct, frozen=True):
     extreme: float = 0.0
     """Error that is farthest from 0 since the last change of sign, N."""
     extreme_at: float = 0.0
-    """Its time, s."""
+    """Time of this extreme, s."""
     peaks: tuple[tuple[float, float], ...] = ()
     """Finished peaks of the window beyond the band, oldest first: time in s and error in N; signs alternate."""
     factor: float = 1.0

@@ -54,9 +54,9 @@ class Observation(Struct, frozen=True):
     sensor_at: float
     """When the newest sensor frame arrived, s on the run's clock."""
     sensor_sequence: int
-    """Its frame counter, unwrapped."""
+    """Counter of the frame, unwrapped."""
     unchanged: float = 0.0
-    """For how long the newest frames have carried identical counts on all axes, s."""
+    """Time for which the newest frames have carried identical counts on all axes, s."""
     saturated: bool = False
     """True when an axis was at the end of its range, so that the force may be anything above."""
     dead_axis: str = ""
@@ -86,7 +86,7 @@ class Observation(Struct, frozen=True):
 
 
 class Request(Struct, frozen=True):
-    """Where the task wants the tool."""
+    """Target that the task asks for."""
 
     depth: float
     """Along the approach direction from the start point, m."""
@@ -142,11 +142,11 @@ class Retreat(Struct, frozen=True):
     depth: float
     """Reported depth at which the force last came down, m."""
     within: bool = False
-    """It began within the force limit, so that nothing may carry the force beyond."""
+    """The retraction began within the force limit, so that nothing may carry the force beyond."""
 
 
 class SupervisorState(Struct, frozen=True):
-    """Where the last allowed command was, what the devices told, and the stop if there was one."""
+    """Place of the last allowed command, the reports of the devices, and the stop if there was one."""
 
     depth: float
     """Depth allowed last, m; at the beginning that of the reported position, so 0 at the start point."""
@@ -327,7 +327,7 @@ class Supervisor:
             return Stop(Cause.FROZEN, f"no new force for {still * 1e3:.0f} ms")
         if seen.dead_axis:
             return Stop(Cause.FROZEN, seen.dead_axis)
-        # before what goes by the reported depth
+        # before the checks that use the reported depth
         if seen.position is not None and (text := self._untrue_pose(state, seen, seen.position)):
             return Stop(Cause.POSE, text)
         if pressed is not None and (deeper_mm := (seen.depth - pressed[1]) * 1e3) > limits.unanswered_mm:
@@ -437,7 +437,7 @@ def _clamp(limits: Limits, state: SupervisorState, request: Request, dt: float) 
         # The part across the approach is cut first: a border beside the way must not hold the depth.
         target = bx + nx * along, by + ny * along, bz + nz * along
         share = min(map(_share_inside, state.position, target, low, high))
-        # The last allowed position is inside; the border only takes off what the arithmetic left over.
+        # The last allowed position is inside; the border only takes off an error of the arithmetic.
         x, y, z = (
             min(max(before + share * (to - before), lowest), highest)
             for before, to, lowest, highest in zip(state.position, target, low, high, strict=True)
@@ -452,7 +452,7 @@ def _clamp(limits: Limits, state: SupervisorState, request: Request, dt: float) 
 
 
 def _share_inside(before: float, target: float, low: float, high: float) -> float:
-    """How much of the way from an allowed place to the target stays between the borders, on one axis."""
+    """Share of the way from an allowed place to the target that stays between the borders, on one axis."""
     if low <= target <= high:
         return 1.0
     return ((high if target > before else low) - before) / (target - before)
@@ -467,7 +467,7 @@ metres, far below what a force would show.
 """
 
 _STANDS = 1e-3
-"""How far a reported position may be off without being untrue, m. Chosen: some steps of a coarse robot."""
+"""Largest error of a reported position that still counts as true, m. Chosen: some steps of a coarse robot."""
 
 _FASTER = 1.5
 """Chosen: how many times the path velocity a reported position may move at, for two answers are not evenly spaced."""

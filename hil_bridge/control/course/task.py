@@ -90,8 +90,8 @@ class TaskParameters:
 
     @property
     def single_step_mm(self) -> float:
-        """Step of a movement that waits after each one: how far an approach goes in `SAMPLE_MS`, in whole steps of
-        `zero_step_mm` where it goes that far.
+        """Step of a movement that waits after each one: the way of an approach in `SAMPLE_MS`. Where it is long enough,
+        it is in whole steps of `zero_step_mm`.
         """
         step = self.approach_speed_mm_s * SAMPLE_MS * 1e-3
         return round(step / self.zero_step_mm) * self.zero_step_mm or step
@@ -206,7 +206,7 @@ class Task:
         return replace(self.finish(state, cause), failed=True)
 
     def way(self, speed_mm_s: float, dt: float) -> float:
-        """How far to move in one sample at this speed, m.
+        """Way of one sample at this speed, m.
 
         A robot that moves in whole position steps is given whole ones, so that every sample of a steady cycle asks for
         the same. What rounds to none is not rounded: it adds up in the command, and the speed stays.
@@ -223,8 +223,8 @@ class Task:
     def step(self, state: TaskState, measurement: Measurement) -> tuple[TaskState, TaskOutput]:
         """One sample. `measurement.in_contact` is not looked at: contact is judged here, from the force.
 
-        A measurement that is not finite changes nothing and asks for the depth commanded before; a retraction
-        goes on regardless, for it needs neither force nor position.
+        A measurement that is not finite changes nothing and asks for the depth commanded before. A retraction goes on
+        regardless, for it needs neither force nor position.
         """
         finite = math.isfinite(measurement.force) and math.isfinite(measurement.position)
         if not finite and state.phase in (Phase.APPROACH, Phase.TRACK):
@@ -264,7 +264,7 @@ class Task:
         return state, _output(state, depth, Phase.APPROACH)
 
     def _careful_step(self, ahead: float, dt: float) -> float:
-        """How far to go where the tool has not been, m, so that a touch ends within the force allowed.
+        """Way into a place where the tool has not been, m, so short that a touch ends within the force allowed.
 
         Derived: there is no contact at the reported position. So however late a touch shows, it ends no deeper below
         the surface than the command is `ahead` of that position. What is already under way is the delay as it is

@@ -1,7 +1,7 @@
 """The way from the readings of the wrist sensor to the contact wrench on the tool.
 
-There are three frames: the sensor frame, in which it counts; the same place along the tool's axes, where the tool's
-weight is taken off; and the tool frame. The contact wrench is about the tool frame's origin.
+There are three frames: the sensor frame, in which it counts; the same place along the tool's axes; and the tool frame.
+In the second the tool's weight is taken off. The contact wrench is about the tool frame's origin.
 """
 
 from collections.abc import Sequence
@@ -17,7 +17,7 @@ NO_WRENCH = (0.0,) * 6
 
 @dataclass(frozen=True, slots=True)
 class Wrist:
-    """How the sensor sits between flange and tool, and its reading without any contact."""
+    """Mounting of the sensor between flange and tool, and its reading without any contact."""
 
     orientation: Quaternion = (1.0, 0.0, 0.0, 0.0)
     """Sensor frame in the tool frame, w x y z."""

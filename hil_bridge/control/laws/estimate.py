@@ -1,8 +1,8 @@
 """Contact stiffness from pairs of reported position and measured force.
 
 Source: eq. (4) of the paper, k = [f(k) − f(k−1)] / [x(k) − x(k−1)], with the gates that trials found necessary. A pair
-counts only when the position moved by half a resolution step and the force by twice its uncertainty, and when the
-quotient is a possible stiffness. It counts the more, the more its force changed.
+counts only when the position moved by half a resolution step and the force by twice its uncertainty. The quotient must
+also be a possible stiffness. It counts the more, the more its force changed.
 
 Which two samples make a pair. Until there is an estimate, a pair that does not pass the gates keeps its older sample.
 So the small moves of a slow approach to a soft surface add up. The sample is given up after a few pairs: a surface that

@@ -20,7 +20,7 @@ from hil_bridge.control.laws.tables import LEVELS
 Terms = list[list[tuple[str, float, float]]]
 """For each level the terms that hold somewhere between it and the next, with their degrees at both."""
 Strengths = dict[str, float]
-"""To what degree something holds, by name; what does not hold is left out."""
+"""Degrees to which terms hold, by name; terms that do not hold are left out."""
 
 TOP_LEVEL = LEVELS[-1]
 
@@ -58,7 +58,7 @@ class InferenceSystem:
             term.name: [(place, degree) for place, degree in enumerate(term.degrees) if degree > 0.0]
             for term in base.output.terms
         }
-        """Where among the output's levels each term holds, and to what degree."""
+        """Places among the output's levels at which each term holds, and its degree there."""
         self._rules: dict[str, dict[str, tuple[str, str]]] = {term.name: {} for term in base.error.terms}
         for rule in base.rules:
             name = f"{rule.error}∧{rule.change}→{rule.output}"

@@ -47,7 +47,7 @@ class PredictiveState(Struct, frozen=True):
     pairs: tuple[Pair, ...] = ()
     """Newest last, all of the present contact."""
     slope: float = 0.0
-    """How much deeper the surface lies per travel, as far as known."""
+    """Depth that the surface gains per travel, as far as known."""
     side: int = 0
     """Sign of the last force error that was clearly above the noise."""
     robustness: float = 0.0
@@ -58,7 +58,7 @@ class Line(Struct, frozen=True):
     """A straight line through values along the travel."""
 
     value: float
-    """At the travel asked for."""
+    """Value at the travel asked for."""
     slope: float
     slope_error: float
     """Standard error of the slope."""
@@ -68,14 +68,14 @@ class Line(Struct, frozen=True):
 class Predictive:
     """x(k+1) = ẑ(travel commanded with it), ẑ the weighted line through z_i = x_i + (f_d − f_i)/k_est.
 
-    Derived. The gain 1/k_est falls by itself on harder surfaces. The weights are inverse variances of four parts: the
-    quantisation of the position, the force noise, the standard error of k_est, and the departure of a curved surface
-    from a line. The standard error counts times the distance to the desired force. A move inwards takes k_est larger by
-    its standard error. Before there is an estimate, a move inwards assumes the stiffest surface, and a move outwards
-    the softest one that the approach allows.
+    Derived. The gain 1/k_est falls by itself on harder surfaces. The weights are inverse variances of four parts:
+    quantisation of the position, force noise, standard error of k_est, and departure of a curved surface from a line.
+    The standard error counts times the distance to the desired force. A move inwards takes k_est larger by its standard
+    error. Before there is an estimate, a move inwards assumes the stiffest surface, and a move outwards the softest one
+    that the approach allows.
 
-    Deadband rest: the command stays where no position that the robot can take is nearer, that is where
-    |f_e| ≤ k_est · Δx_res/2 + uncertainty, unless the surface moves.
+    Deadband rest: the command stays where no position that the robot can take is nearer, unless the surface moves. That
+    is where |f_e| ≤ k_est · Δx_res/2 + uncertainty.
 
     Robustness factor: an error that swings from side to side shows that k_est is too low, because of damping or
     friction. From the second swing on, each swing raises the stiffness that is used in its place for a while.

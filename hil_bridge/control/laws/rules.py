@@ -79,8 +79,8 @@ class RuleBase:
     output: Variable
     rules: tuple[Rule, ...]
     printed: Table | None = None
-    """Output levels for error level (row) and change level (column), where a source prints such a table
-    beside its rules; it may differ from what they give.
+    """Output levels for error level (row) and change level (column), where a source prints such a table beside its
+    rules. It may differ from the rules' own answers.
     """
 
     def __post_init__(self) -> None:

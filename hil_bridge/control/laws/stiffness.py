@@ -86,7 +86,7 @@ class Stiffness(Struct, frozen=True):
     age: int = 0
     """Samples since the older pair."""
     slope: float = 0.0
-    """How much deeper the surface lies per travel, going by x − f/k."""
+    """Depth that the surface gains per travel, going by x − f/k."""
 
     @property
     def value(self) -> float | None:
@@ -129,7 +129,7 @@ def observe(
     newer = Stiffness(estimate.moved, estimate.pressed, force, position, travel, 0, learnt)
     size = abs(moved) if known is None else (abs(moved) + abs(pressed) / known) / 2
     if size < pairing.smallest_move * pairing.resolution_mm * 1e-3 * (1 - 1e-6):
-        # Until there is an estimate, small moves of a cautious beginning add up, though not for ever: a
+        # Until there is an estimate, small moves of a careful beginning add up, though not for ever. A
         # surface that moves sideways under the tool would enter the quotient without bound.
         older = known is None and estimate.age + 1 < _FIRST_SPAN
         return replace(estimate, age=estimate.age + 1) if older else newer

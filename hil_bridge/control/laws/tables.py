@@ -1,9 +1,8 @@
 """Tables 1 to 3 of the paper and the rules behind Table 3.
 
-Source: "A Fuzzy Adaptive Control Design for Compliant Motion of a Manipulator" (IEEE, 1994). The printed
-tables were repaired where the scan is damaged; the rules are not printed, they were recovered by looking
-for the set whose inference reproduces Table 3. Errors and changes are percent of the desired force;
-levels run from −6 to +6.
+Source: "A Fuzzy Adaptive Control Design for Compliant Motion of a Manipulator" (IEEE, 1994). The printed tables were
+repaired where the scan is damaged. The rules are not printed; they were recovered by looking for the set whose
+inference reproduces Table 3. Errors and changes are percent of the desired force; levels run from −6 to +6.
 """
 
 LEVELS = tuple(range(-6, 7))

@@ -26,12 +26,14 @@ from protocol.endpoint import RemoteProtocolError
 from protocol.geometry import Pose
 from protocol.s3.adlp import (
     ROUTINE,
+    TRAILER,
     Control,
     Count,
     LinkFailed,
     LinkFailure,
     LinkNotice,
     LinkProfile,
+    NoticeKind,
 )
 from protocol.s3.arap import (
     KNOWN,
@@ -40,6 +42,7 @@ from protocol.s3.arap import (
     ArapHost,
     FunctionCode,
     Mode,
+    Move,
     MoveKind,
     OrderBook,
     OrderFailed,
@@ -78,6 +81,8 @@ SAID_S = 15.0
 """How long ago the robot may have said something that is told with a failure. Chosen: the longest wait for an answer,
 and its start-up.
 """
+TRAILER_TOLD_S = 60.0
+"""How often at most it is told that an order holds 10 03, which is counted each time. Chosen."""
 _QUANTITIES = (Count.BLOCKS_SENT, Count.BLOCKS_RECEIVED, Count.MESSAGES_SENT, Count.MESSAGES_RECEIVED)
 
 
@@ -129,11 +134,13 @@ class S3Link:
         self._status: Status | None = None
         """The newest."""
         self._fit: Status | None = None
-        """As the robot was when the movement began."""
+        """Status of the robot when the movement began."""
         self._said: deque[tuple[float, str]] = deque(maxlen=3)
         """Unasked messages of the robot with their times, s on the run's clock."""
         self._troubles: Counter[str] = Counter()
         """Trouble on the link since the newest order began."""
+        self._trailer_told_at = -math.inf
+        """When it was last told that an order holds 10 03, s on the run's clock."""
         self._explaining = False
         """The order under way is to tell why another one failed."""
 
@@ -231,8 +238,8 @@ class S3Link:
         while the caller still decides, unless the profile's `bid_ahead` is off. The caller must give an order then, and
         soon.
 
-        The error of an order that was refused, or not answered, also tells what the robot said shortly before and what
-        its status shows, if it still answers.
+        The error of an order that was refused, or not answered, also tells other messages of the robot shortly before.
+        It tells the robot's status, if the robot still answers.
         """
 
         def order() -> None:
@@ -326,6 +333,22 @@ class S3Link:
         else:
             await motion.end()
 
+    def encoded(self, move: Move) -> Telegram:
+        """A move as it travels on this link: of the profile's length, and by a neighbouring step where its place or
+        orientation would hold 10 03, which a controller may take for the block's end.
+
+        No coordinate is then further than one step of 0.125 mm from the one ordered, into the surface as little as out
+        of it. It is counted.
+        """
+        length = self.profile.move_length
+        telegram = move.to_telegram(length)
+        if TRAILER not in telegram.data or not self.profile.avoids_trailer:
+            return telegram
+        avoiding = move.to_telegram(length, avoid_trailer=True)
+        if avoiding != telegram:
+            self._host.link.note(NoticeKind.TRAILER_AVOIDED, "a move gave way by one step")
+        return avoiding
+
     def _passed(self, direction: Direction, data: bytes) -> None:
         """Stamp an order's way out: the first bid, and what ended it last."""
         if direction is not _SENT or not self._asking.under_way:
@@ -353,6 +376,10 @@ class S3Link:
             case LinkNotice(kind=kind, text=text):
                 if kind not in ROUTINE:
                     self._troubles[kind] += 1
+                if kind is NoticeKind.TRAILER_SENT:
+                    if self._clock.now() < self._trailer_told_at + TRAILER_TOLD_S:
+                        return
+                    self._trailer_told_at = self._clock.now()
                 self._tell_link_event(kind + ": " + text, routine=kind in ROUTINE)
             case LinkFailed(reason=reason, text=text):
                 self._tell_link_event(f"{reason}: {text}")

@@ -5,7 +5,6 @@ from typing import Protocol
 from hil_bridge.errors import OrderRefused
 from hil_bridge.robots.seam import Sent
 from protocol.geometry import Pose, Quaternion, Vector
-from protocol.s3.adlp import LinkProfile
 from protocol.s3.arap import Move, MoveKind, Telegram, stop_program
 
 _POINT = MoveKind.POINT
@@ -16,7 +15,8 @@ _ZEROS: Vector = (0.0, 0.0, 0.0)
 class Orders(Protocol):
     """The part of the link that a sequence needs."""
 
-    profile: LinkProfile
+    def encoded(self, move: Move) -> Telegram:
+        """A move as it travels on this link."""
 
     async def exchange(self, *telegrams: Telegram, soon: bool = False) -> Telegram:
         """Give an order and wait for its answer."""
@@ -52,7 +52,7 @@ class S3Motion:
         self, kind: MoveKind, position: Vector = _ZEROS, quaternion: Quaternion = (*_ZEROS, 0.0)
     ) -> Telegram:
         """The order for one step of the sequence; position in m, quaternion w x y z, tool in base."""
-        return Move(kind, position, quaternion, self.speed).to_telegram(self._link.profile.move_length)
+        return self._link.encoded(Move(kind, position, quaternion, self.speed))
 
     async def to(self, target: Pose, *, soon: bool = False) -> Sent:
         before, self._last = self._last, target

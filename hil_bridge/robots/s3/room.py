@@ -26,8 +26,8 @@ from protocol.s3.arap import KNOWN
 
 
 def robot_wire(url: str, link: LinkProfile) -> tuple[str, LinkProfile]:
-    """A robot URL with what it leaves out of its serial line taken from the profile, and the profile with what
-    the URL says of the line. Raises ConfigError.
+    """A robot URL whose missing line settings come from the profile, and the profile with the line settings of the URL.
+    Raises ConfigError.
     """
     parsed = parse_url(url, CONNECT_BYTES)
     options = parsed.options
@@ -90,7 +90,7 @@ async def serve(url: str, robot: Any, settings: KindSettings, serving: Serving) 
 
 
 def usual(settings: KindSettings, virtual: bool) -> str:
-    """In real time a line as the real controller's."""
+    """URL at which the robot listens: in real time a line like the real controller's."""
     return "memory:robot" if virtual else with_line("pty:", _line(settings.emulated.link))
 
 

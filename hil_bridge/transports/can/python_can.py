@@ -32,7 +32,7 @@ async def open_python_can(
     try:
         bus = await asyncio.shield(opening)
     except asyncio.CancelledError:
-        # the thread cannot be stopped: what it opens must be closed when it is done
+        # the thread cannot be stopped: a bus that it opens must be closed when it is done
         opening.add_done_callback(_close_opened)
         raise
     except (can.CanError, OSError, ValueError) as error:

@@ -10,7 +10,7 @@ from hil_bridge.transports.delivery import QUEUE_FRAMES
 from protocol.can.frame import CanFrame
 
 SEND_DEADLINE_S = 0.1
-"""For how long a frame waits while nothing leaves, s. Chosen: after that a command is worse than none."""
+"""Longest wait of a frame while nothing leaves, s. Chosen: after that a command is worse than none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,7 +26,7 @@ class CanStatistics:
     error_frames: int = 0
     """Reports of trouble: of the interface and of the transport."""
     bus_off: int = 0
-    """How often the node had to leave the bus because of its errors."""
+    """Number of times that the node had to leave the bus because of its errors."""
     malformed: int = 0
     """Arrivals that were no classical CAN frame."""
     overruns: int = 0

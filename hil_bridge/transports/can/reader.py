@@ -11,7 +11,7 @@ from hil_bridge.clock import Clock
 from hil_bridge.transports.delivery import QUEUE_FRAMES
 
 _LOOKS_S = 0.1
-"""How often the thread looks whether it shall end."""
+"""Time between two looks of the thread whether it shall end."""
 
 
 class ReaderThread:

@@ -23,14 +23,15 @@ MOST_PER_WAKE_UP = 256
 """Reads before others have their turn. Chosen: 30 ms of a full bus at 1 Mbit/s in about 3 ms."""
 
 RETRY_S = 0.001
-"""When a frame is offered again that the interface had no room for, s. Chosen: ten frames at 1 Mbit/s, which is
-the shortest queue that interfaces have; being writable says nothing, the socket is while its interface is full."""
+"""When a frame is offered again that the interface had no room for, s. Chosen: ten frames at 1 Mbit/s, which is the
+shortest queue that interfaces have. Being writable says nothing: the socket is writable while its interface is full.
+"""
 
 PROBE_S = 0.05
 """How often an interface that is down is looked at, s. Chosen."""
 
 LINK_PATIENCE_S = 10.0
-"""For how long a bus may be off or its interface down before the wire is broken, s.
+"""Longest time for which a bus may be off or its interface down before the wire is broken, s.
 
 Chosen: a person sets an interface up again, or plugs an adapter in, within that time.
 """

@@ -1,7 +1,7 @@
 """A network of datagrams inside one event loop, exact in virtual time; what goes wrong on it repeats with the seed.
 
-Each end has a path to the network, with its own delays and faults, which a datagram passes when it is sent and when
-it arrives. The two directions of a path draw their own numbers.
+Each end has a path to the network, with its own delays and faults. A datagram passes both paths: when it is sent and
+when it arrives. The two directions of a path draw their own numbers.
 """
 
 import asyncio
@@ -22,7 +22,7 @@ from hil_bridge.transports.delivery import Delivery, TimedQueue
 from protocol.datagram import Datagram
 
 HELD_S = 0.1
-"""For how long a datagram waits for the next one to overtake it, s. Chosen: several cycles of a streaming robot."""
+"""Longest wait of a datagram for the next one to overtake it, s. Chosen: several cycles of a streaming robot."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,7 +152,7 @@ class MemoryDatagrams:
         there = self._ends.get(target)
         if there is None:
             self._counts["unreachable"] += 1
-            self._notices.tell("unreachable", f"{self.name}: nobody listens there; start the other side")
+            self._notices.tell("unreachable", f"{self.name}: no program listens there; start the other side")
         elif there._arriving is None:
             there._take(datagram, self._address)
         else:

@@ -43,7 +43,7 @@ class Peer(Generic[Address]):
 
     def __init__(self, address: Address | None = None, refuse: bool = False) -> None:
         self.address = address
-        """Where to send to, or None before the other side has spoken."""
+        """Address to send to, or None before the other side has spoken."""
         self.strangers = 0
         """Datagrams of strangers."""
         self.refused = 0

@@ -25,7 +25,7 @@ class DatagramStatistics:
     dropped: int = 0
     """Datagrams to send that were given up: the network had no room, or the other side has not spoken yet."""
     unreachable: int = 0
-    """How often the network told that a datagram could not reach its destination."""
+    """Number of reports by the network that a datagram could not reach its destination."""
     strangers: int = 0
     """Arrivals of others while a peer is in use."""
     refused: int = 0

@@ -147,7 +147,7 @@ class UdpWire:
         )
 
     def start(self, on_data: Callable[[Datagrams], None], on_end: Callable[[TransportError], None]) -> None:
-        # what came before lies in the operating system's buffer
+        # earlier arrivals lie in the operating system's buffer
         self._delivery.start(on_data, on_end)
         if self._open:
             self._clock.loop.add_reader(self._socket.fileno(), self._readable)

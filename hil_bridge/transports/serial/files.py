@@ -57,7 +57,7 @@ class FileWire:
         return self._delivery.name
 
     def start(self, on_data: Callable[[bytes], None], on_end: Callable[[TransportError], None]) -> None:
-        # what came before lies in the operating system's buffer
+        # earlier arrivals lie in the operating system's buffer
         self._delivery.start(on_data, on_end)
         if self._open:
             self._clock.loop.add_reader(self._fd, self._readable)

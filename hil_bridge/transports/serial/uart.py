@@ -11,9 +11,10 @@ from enum import StrEnum
 DATA_BITS = 8
 
 SAMPLE_AT = 0.5 + 1 / 32
-"""Where in a bit a receiver looks, bit times after its beginning.
+"""Place in a bit at which a receiver looks, bit times after its beginning.
 
-Standard: a clock of 16 times the baud rate finds the edge of a start bit up to 1/16 of a bit late, here half of that.
+Standard: a clock of 16 times the baud rate finds the edge of a start bit up to 1/16 of a bit late. Here it is half of
+that.
 """
 
 
@@ -27,7 +28,7 @@ class Parity(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class LineSettings:
-    """How characters lie on a serial line: 8 data bits after a start bit."""
+    """Layout of characters on a serial line: 8 data bits after a start bit."""
 
     baudrate: int = 9600
     parity: Parity = Parity.NONE
@@ -53,7 +54,7 @@ class Damaged(StrEnum):
     """Ways in which the owner of a UART treats a character with a parity or framing error."""
 
     KEEP = "keep"
-    """Takes it with the bits as they were read, a break as 00h: a Linux port with INPCK, IGNPAR and PARMRK off,
+    """Takes it with the bits as they were read, a break as 00h. So does a Linux port with INPCK, IGNPAR and PARMRK off,
     which is how pyserial sets it.
     """
     ZERO = "zero"

@@ -48,8 +48,8 @@ class UsbAdapterProfile:
 
 
 class UsbAdapter:
-    """A byte wire with a USB adapter on it. `to_host` is the direction in which bytes go to the adapter's computer: the
-    received ones for a client, the sent ones for the device at the other end of the cable.
+    """A byte wire with a USB adapter on it. `to_host` is the direction in which bytes go to the adapter's computer. For
+    a client these are received bytes, for the device at the other end of the cable sent ones.
     """
 
     __slots__ = ("_delivery", "_inner", "_to_host", "_to_line", "_towards")
@@ -117,7 +117,7 @@ class UsbAdapter:
 
 
 class _ToLine:
-    """From the computer to the adapter: with the next frame."""
+    """Direction from the computer to the adapter: with the next frame."""
 
     __slots__ = ("_clock", "_frame", "_origin", "_queue", "_sink")
 
@@ -155,7 +155,7 @@ class _ToLine:
 
 
 class _ToHost:
-    """From the adapter to the computer: full packets at once, the rest with the latency timer."""
+    """Direction from the adapter to the computer: full packets at once, the rest with the latency timer."""
 
     __slots__ = ("_clock", "_frames", "_held", "_profile", "_sent_at", "_timer")
 

@@ -35,13 +35,13 @@ class CommandInfo:
     takes: str
     """Words in and out, w1 and w2 being command_word1 and command_word2."""
     typical: float
-    """From command_word0 written to command_word0 cleared, s."""
+    """Time from command_word0 written to command_word0 cleared, s."""
     maximum: float
     """The same at worst, s; equal to `typical` where the manual has one figure."""
     argument_mask: int = 0
     """Bits of command_word0 that are an argument."""
     per_link: float = 0.0
-    """In addition for each link of the transform in use, s."""
+    """Further time for each link of the transform in use, s."""
     busy: bool = False
     """Whether the board computes no data meanwhile."""
     mark: Mark = Mark.OBSERVED

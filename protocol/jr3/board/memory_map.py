@@ -14,7 +14,7 @@ from protocol.wrench import AXES
 SLOTS = 16
 """Slots of offsets, of load envelopes and of transforms."""
 SLOT_WORDS = 16
-"""From one slot of load envelopes or transforms to the next; a long one runs on into the next slots."""
+"""Words from one slot of load envelopes or transforms to the next; a long one runs on into the next slots."""
 FILTERS = 7
 """filter0, which does not filter, to filter6."""
 VECTORS = ("v1", "v2")

@@ -1,7 +1,7 @@
 """The client of a JR3 CAN gateway: a GatewaySession over CAN frames.
 
-Order of the session as the YARP client of the gateway does it: state, start, full scales, a pause, and on
-request zero; stop at the end. The gateway always listens.
+The session has the order of the gateway's YARP client: state, start, full scales, a pause, and on request zero; stop at
+the end. The gateway always listens.
 """
 
 import itertools
@@ -20,7 +20,7 @@ from protocol.jr3.can_gateway.messages import (
     identifier,
 )
 from protocol.jr3.can_gateway.profile import GatewayClientProfile
-from protocol.jr3.firmware import check_cutoff
+from protocol.jr3.firmware import HANGS, TESTED_PERIOD_MS, check_cutoff
 from protocol.jr3.gateway_session import Dialect, GatewaySession, Phase
 from protocol.wrench import SensorNotice
 
@@ -45,7 +45,14 @@ class GatewayClient:
         self._forces: bytes | None = None
         self._session = session = GatewaySession(self._dialect(), profile, now)
         self.statistics = session.statistics
-        # The owner's requests, and the clock, concern the session alone.
+        if profile.mode == "async" and profile.period_ms < TESTED_PERIOD_MS:
+            session.tell(
+                SensorNotice(
+                    f"period_ms is {profile.period_ms:g}, but the gateway's firmware was tested from "
+                    f"{TESTED_PERIOD_MS:g} on: below it may leave itself no time for anything else"
+                )
+            )
+        # What the owner asks for, and the clock, concern the session alone.
         self.zero, self.set_filter, self.stop = session.zero, session.set_filter, session.stop
         self.next_event = session.next_event
         self.next_deadline, self.handle_deadline = session.next_deadline, session.handle_deadline
@@ -64,6 +71,8 @@ class GatewayClient:
             zero=Op.ZERO,
             set_filter=Op.SET_FILTER,
             stop=Op.STOP,
+            joins=frozenset({Op.STOP, Op.START_SYNC}),
+            joined_s=self._profile.period_ms * 1e-3,
             pause_s=None,
             period=self._profile.period_ms * 1e-3 if streamed else None,
             counter_step=self._profile.period_ms * 1e-3 * samples_per_second if streamed else 0.0,
@@ -76,7 +85,7 @@ class GatewayClient:
     def _why_silent(self, waited: str) -> str:
         if self._others_heard:
             return f"silent for {waited} while others are on the bus: wrong node number?"
-        return f"silent: nothing of a gateway on the bus in {waited}: power, bit rate, wiring?"
+        return f"silent: nothing of a gateway on the bus in {waited}: power, bit rate, wiring? {HANGS}"
 
     @property
     def phase(self) -> Phase:

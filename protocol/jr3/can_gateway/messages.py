@@ -145,8 +145,8 @@ def identifier(op: Op, node: int) -> int:
 
 
 def heard_by_client(node: int) -> tuple[CanFilter, ...]:
-    """Filters for a client of this node: the node's samples, and acknowledges and boot-ups of every gateway, for
-    they tell a wrong node number from a dead bus.
+    """Filters for a client of this node: the node's samples, and acknowledges and boot-ups of every gateway. The latter
+    tell a wrong node number from a dead bus.
     """
     return (
         *(CanFilter(identifier(op, node)) for op in (Op.FORCES, Op.MOMENTS)),

@@ -10,7 +10,7 @@ from protocol.wrench import AXES
 
 @dataclass(frozen=True)
 class GatewayClientProfile:
-    """How a client treats its gateway."""
+    """Settings of a client about its gateway."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
 
@@ -29,17 +29,28 @@ class GatewayClientProfile:
     period_ms: float = setting(
         10.0,
         Mark.CHOSEN,
-        "between frames, asynchronous; the counter wraps every 8.4 s and must tell frames apart",
+        "between frames, asynchronous; tested by the firmware's authors from 1 on; the counter wraps every 8.4 s",
         unit="ms",
         above=0.0,
         maximum=4000.0,
     )
     ack_timeout_s: float = setting(
-        0.25, Mark.OBSERVED, "wait for an acknowledge before asking again", unit="s", above=0.0
+        0.25,
+        Mark.OBSERVED,
+        "wait for an acknowledge before asking again; for a stop, a period of the stream more",
+        unit="s",
+        above=0.0,
     )
     retries: int = setting(3, Mark.CHOSEN, "repetitions of a command without acknowledge", minimum=0)
     ready_timeout_s: float = setting(
         10.0, Mark.CHOSEN, "patience with a gateway that is silent or not ready", unit="s", above=0.0
+    )
+    still_timeout_s: float = setting(
+        1.0,
+        Mark.CHOSEN,
+        "patience with samples whose counter stands still, beside five periods: a gateway without its sensor",
+        unit="s",
+        above=0.0,
     )
     settle_s: float = setting(
         0.1, Mark.OBSERVED, "between start and first use or zero, for the filter", unit="s", minimum=0.0
@@ -61,5 +72,5 @@ class GatewayClientProfile:
 
     @property
     def delay(self) -> float:
-        """How much later than the force itself a sample with this cut-off tells of it, s."""
+        """Delay of a sample with this cut-off behind the force itself, s."""
         return first_order_delay(self.cutoff_hz)

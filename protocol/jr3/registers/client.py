@@ -16,6 +16,7 @@ from protocol.jr3.range import Range
 from protocol.jr3.registers.profile import BoardClientProfile
 from protocol.jr3.registers.startup import (
     DEAF,
+    NEW,
     BoardIdentity,
     Read,
     Reset,
@@ -73,7 +74,7 @@ class BoardPhase(Enum):
 
 
 # plain numbers: an operation on flags costs as much as the rest of a sample
-_TROUBLE = int(DEAF | Errors.SENSOR_CHANGE)
+_TROUBLE = int(DEAF | NEW)
 _BUSY = int(Errors.SYSTEM_BUSY)
 _RUNNING = frozenset({BoardPhase.STARTING, BoardPhase.SETTLING, BoardPhase.READY})
 
@@ -145,7 +146,7 @@ class BoardClient:
         """How long SensorStopped may take, s: TCP repeats what is lost, so that it is the server's time alone."""
         return self._profile.answer_timeout_s
 
-    # --- what the owner asks for
+    # --- requests of the owner
 
     def zero(self) -> None:
         """Make the present wrench the origin, once settled. Raises LocalProtocolError after the end."""
@@ -188,7 +189,7 @@ class BoardClient:
                 self._on_answer(item, now)
             elif item.tag == self._data_tag:
                 self._on_data(item, now)
-            # else: what was under way before a restart or a stop
+            # else: an answer that was under way before a restart or a stop
 
     def next_event(self) -> SensorEvent | None:
         """The oldest event not yet taken, or None."""

@@ -14,13 +14,13 @@ FILTER_DELAYS: Final = (0.0, 1.320e-3, 6.598e-3, 27.71e-3, 112.2e-3, 450e-3, 180
 
 
 def filter_tick(number: int) -> float:
-    """From one output of a filter to the next, s: each runs at a quarter of the rate of the one before."""
+    """Time from one output of a filter to the next, s: each runs at a quarter of the rate of the one before."""
     return 4.0 ** max(number - 1, 0) / SAMPLE_RATE_HZ
 
 
 @dataclass(frozen=True)
 class BoardClientProfile:
-    """How a client treats a receiver board that it reaches through its registers."""
+    """Settings of a client about a receiver board that it reaches through its registers."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
 
@@ -94,18 +94,18 @@ class BoardClientProfile:
 
     @property
     def delay(self) -> float:
-        """How much later than the force itself the filter tells of it, s, at low frequencies."""
+        """Delay of the filter behind the force itself, s, at low frequencies."""
         return FILTER_DELAYS[self.filter]
 
     @property
     def settling(self) -> float:
-        """How long the filter still tells of what was before a step, s."""
+        """Time for which the filter still tells of the force before a step, s."""
         return self.settle_delays * self.delay
 
 
 @dataclass(frozen=True)
 class RegisterServerProfile:
-    """How a register server treats one connection."""
+    """Settings of a register server for one connection."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
 

@@ -1,8 +1,7 @@
 """A host's work with a board's registers, as steps: the kernel driver's start-up, commands, a zero.
 
-A sequence is a generator of steps. It is sent the words of each Read and nothing for the other steps, and it
-knows no wire and no clock: its caller reads, writes and waits. Order and pauses are those of Linux's
-jr3_pci driver.
+A sequence is a generator of steps. It is sent the words of each Read and nothing for the other steps. It knows no wire
+and no clock: its caller reads, writes and waits. Order and pauses are those of Linux's jr3_pci driver.
 """
 
 from collections.abc import Generator, Sequence
@@ -81,6 +80,8 @@ _WORD2 = REGISTERS["command_word2"].address
 
 DEAF = Errors.WATCH_DOG | Errors.WATCH_DOG2
 """Errors with which the board hears no sensor."""
+NEW = Errors.SENSOR_CHANGE | Errors.CALIBRATION_CRC
+"""Errors with which the board has another sensor, or reads the calibration of the same one again."""
 
 
 def start_up(profile: BoardClientProfile) -> Steps[BoardIdentity]:
@@ -159,7 +160,7 @@ def _sensor(profile: BoardClientProfile, further: int) -> Steps[None]:
         if errors & Errors.SENSOR_CHANGE:
             # Latched: the driver would look for ever. The manual has the host clear it by this command.
             yield from command(profile, CommandCode.BIT_RESET, _ERRORS, Errors.SENSOR_CHANGE)
-        if errors & (DEAF | Errors.SENSOR_CHANGE) or not serial or not model:
+        if errors & (DEAF | NEW) or not serial or not model:
             good = 0
             if waited >= profile.ready_timeout_s:
                 why = f" ({errors_text(errors)})" if errors else ""
@@ -179,7 +180,7 @@ def _identity() -> Steps[BoardIdentity]:
     words = yield Read(_SERIAL, _UNITS - _SERIAL + 1)
     units, serial, model = words[-1], words[0], words[_MODEL - _SERIAL]
     if units not in list(Units):
-        raise RemoteProtocolError(f"the board counts in unit {units}, which nobody knows")
+        raise RemoteProtocolError(f"the board counts in unit {units}, which is unknown")
     unit = UNIT_SCALES[Units(units)]
     full_scales = (
         *(word * unit.force for word in scales[:3]),

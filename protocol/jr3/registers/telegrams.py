@@ -43,7 +43,7 @@ class Op(IntEnum):
 
 
 class Status(IntEnum):
-    """How a request ended."""
+    """Result of a request."""
 
     OK = 0
     UNKNOWN_OP = 1

@@ -6,6 +6,7 @@ that come after. So every acknowledge, expected or not, is followed by a pause, 
 repeated only after more than that second.
 """
 
+from protocol.jr3.firmware import HANGS
 from protocol.jr3.gateway_session import Dialect, GatewaySession, Phase
 from protocol.jr3.uart_gateway.messages import (
     FROM_GATEWAY,
@@ -50,6 +51,8 @@ class UartGatewayClient:
             zero=Op.ZERO,
             set_filter=Op.SET_FILTER,
             stop=Op.STOP,
+            joins=frozenset({Op.STOP}),
+            joined_s=self._profile.period_ms * 1e-3,
             pause_s=self._profile.pause_s,
             period=self._profile.period_ms * 1e-3,
             counter_step=self._profile.period_ms * 1e3 / self._profile.sample_period_us,
@@ -65,7 +68,7 @@ class UartGatewayClient:
             return (
                 f"bytes but no frame of a gateway in {waited}: not {UART_BAUDRATE} baud, or another device?"
             )
-        return f"silent for {waited}: power, cable, port?"
+        return f"silent for {waited}: power, cable, port? {HANGS}"
 
     @property
     def phase(self) -> Phase:
@@ -74,7 +77,7 @@ class UartGatewayClient:
 
     @property
     def stop_patience(self) -> float:
-        """How long SensorStopped may take when the first stop was lost, s: a stop and its repetition."""
+        """Longest time that SensorStopped may take when the first stop was lost, s: a stop and its repetition."""
         return self._session.stop_patience
 
     # --- the wire

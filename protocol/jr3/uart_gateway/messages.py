@@ -119,8 +119,8 @@ class Data(NamedTuple):
 
 
 def encode_command(command: Command) -> bytes:
-    """Raises LocalProtocolError for an op that only gateways send, for values that do not fit, and for values with a
-    byte that the gateway would take for a delimiter. It looks for delimiters, whatever stands before.
+    """Raises LocalProtocolError for an op that only gateways send and for values that do not fit. It also refuses
+    values with a byte that the gateway would take for a delimiter. It looks for delimiters, whatever stands before.
     """
     if command.op in FROM_GATEWAY:
         raise LocalProtocolError(f"{command.op.name} is no command to the sensor")

@@ -11,7 +11,7 @@ from protocol.wrench import AXES
 
 @dataclass(frozen=True)
 class UartGatewayClientProfile:
-    """How a client treats its gateway."""
+    """Settings of a client about its gateway."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
 
@@ -41,7 +41,8 @@ class UartGatewayClientProfile:
     ack_timeout_s: float = setting(
         1.25,
         Mark.DERIVED,
-        "wait for an acknowledge before asking again: more than the deaf second, or the repeat is lost too",
+        "wait for an acknowledge before asking again: more than the deaf second, or the repeat is lost too; for a "
+        "stop, a period of the stream more",
         unit="s",
         above=0.0,
     )
@@ -50,6 +51,13 @@ class UartGatewayClientProfile:
         12.0,
         Mark.CHOSEN,
         "patience with a gateway that is silent or not ready: twice its boot of 5 s and more",
+        unit="s",
+        above=0.0,
+    )
+    still_timeout_s: float = setting(
+        1.0,
+        Mark.CHOSEN,
+        "patience with samples whose counter stands still, beside five periods: a gateway without its sensor",
         unit="s",
         above=0.0,
     )
@@ -77,7 +85,7 @@ class UartGatewayClientProfile:
 
     @property
     def delay(self) -> float:
-        """How much later than the force itself a sample with this cut-off tells of it, s."""
+        """Delay of a sample with this cut-off behind the force itself, s."""
         return first_order_delay(self.cutoff_hz)
 
 

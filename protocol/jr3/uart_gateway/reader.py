@@ -1,9 +1,9 @@
 """Frames out of a stream of bytes that may begin anywhere and hold anything.
 
-Where a frame ends is known by its op alone. Only an acknowledge has two lengths, and which one comes is known by the
-request, thus to the client and to no other reader of the line. Read without that knowledge, an acknowledge is short in
-two cases: `>` stands where the short one ends and `<` comes after it, or `>` stands there and no `>` stands where the
-long one would end. To take a long one for short, fx would have to have a full scale of 15422 N.
+Where a frame ends is known by its op alone. Only an acknowledge has two lengths. The request decides between them, so
+the client knows it, and no other reader of the line. Read without that knowledge, an acknowledge is short in two cases:
+`>` stands where the short one ends and `<` comes after it, or `>` stands there and no `>` stands where the long one
+would end. To take a long one for short, fx would have to have a full scale of 15422 N.
 """
 
 from collections.abc import Collection
@@ -31,7 +31,7 @@ class Reader:
         """Bytes that a frame may begin with, with its op and least size."""
         self._waiting = b""
         self._at = 0
-        """How many of the bytes that wait have been read."""
+        """Number of the waiting bytes that have been read."""
         self._in_noise = False
         self.skipped = 0
         """Bytes that belong to no frame."""

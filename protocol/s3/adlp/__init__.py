@@ -3,11 +3,11 @@
 The link's promise holds on a line where bytes get lost, doubled, changed or late. But no byte becomes a control byte by
 itself, nor one STX the other (no check character covers it), and an answer comes within `answer_timeout_s`. A telegram
 is then delivered once at the most, in order. `MessageSent` says that all telegrams of a message were delivered,
-`LinkFailed` that they may not have been. One of them comes for each message, within `bid_limit` answer time-outs for
-its bids, `repeat_limit` + 1 for each block, one for each WACK, and the line's time. A message may be delivered in
-pieces where its sender's EOT or our ACK was late. With `stx_alternation = "off"` all blocks begin with the same STX.
-Then the promise holds only for a sender whose answer time-out is longer than the receiver's gap time-out. Of two equal
-telegrams in a row the second may be taken for a repeat when an ACK is late.
+`LinkFailed` that they may not have been. One of them comes for each message. It comes within `bid_limit` answer
+time-outs for its bids, `repeat_limit` + 1 for each block, one for each WACK, and the line's time. A message may be
+delivered in pieces where its sender's EOT or our ACK was late. With `stx_alternation = "off"` all blocks begin with the
+same STX. Then the promise holds only for a sender whose answer time-out is longer than the receiver's gap time-out. Of
+two equal telegrams in a row the second may be taken for a repeat when an ACK is late.
 
 The link keeps one unfinished block, `QUEUE_LIMIT` messages to send, `MESSAGE_LIMIT` blocks of the incoming message, and
 `EVENT_LIMIT` events. It also keeps bytes to send until they are taken, no more than bytes came and messages hold.
@@ -18,6 +18,7 @@ from protocol.s3.adlp.block import (
     HEADER_SIZE,
     LENGTH_STYLES,
     SINGLE_CONTROLS,
+    TRAILER,
     Block,
     BlockFormat,
     BlockScanner,
@@ -42,7 +43,17 @@ from protocol.s3.adlp.events import (
 )
 from protocol.s3.adlp.journal import EVENT_LIMIT, Count
 from protocol.s3.adlp.link import Link
-from protocol.s3.adlp.profile import CHUNK, DleStuffing, LengthStyle, LinkProfile
+from protocol.s3.adlp.profile import (
+    CHUNK,
+    DEFAULT_PROFILE,
+    OBSERVED_CLIENT,
+    PROFILES,
+    BlockEnd,
+    DleStuffing,
+    LengthStyle,
+    LinkProfile,
+    settings_of_profile,
+)
 from protocol.s3.adlp.receiving import MESSAGE_LIMIT
 from protocol.s3.adlp.sending import QUEUE_LIMIT
 from protocol.s3.adlp.transitions import TRANSITIONS, Action, State, Stimulus, Transition
@@ -50,17 +61,22 @@ from protocol.s3.adlp.transitions import TRANSITIONS, Action, State, Stimulus, T
 __all__ = [
     "BLOCK_OVERHEAD",
     "CHUNK",
+    "DEFAULT_PROFILE",
     "EVENT_LIMIT",
     "HEADER_SIZE",
     "INCOMING_FAILURES",
     "LENGTH_STYLES",
     "MESSAGE_LIMIT",
+    "OBSERVED_CLIENT",
+    "PROFILES",
     "QUEUE_LIMIT",
     "ROUTINE",
     "SINGLE_CONTROLS",
+    "TRAILER",
     "TRANSITIONS",
     "Action",
     "Block",
+    "BlockEnd",
     "BlockFormat",
     "BlockScanner",
     "Control",
@@ -85,4 +101,5 @@ __all__ = [
     "Transition",
     "check_character",
     "encode_block",
+    "settings_of_profile",
 ]

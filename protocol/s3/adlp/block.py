@@ -1,8 +1,8 @@
 """ADLP-10 blocks and control bytes, and the scanner that finds them in a stream.
 
-A block is `DLE STX <telegram> DLE ETX BCC`. While DLE bytes inside a telegram are not doubled, `10 03` may be
-data, so a block ends where the telegram's own length says it ends. Source: computer-link specification,
-section 2, itself from the ofxABBRobot client.
+A block is `DLE STX <telegram> DLE ETX BCC`. While DLE bytes inside a telegram are not doubled, `10 03` may be data. So
+a block ends where the telegram's own length says it ends. Source: computer-link specification, section 2, itself from
+the ofxABBRobot client.
 """
 
 import re
@@ -13,7 +13,7 @@ from functools import reduce
 from operator import xor
 from typing import NamedTuple, TypeAlias
 
-from protocol.s3.adlp.profile import DleStuffing, LengthStyle
+from protocol.s3.adlp.profile import BlockEnd, DleStuffing, LengthStyle
 
 HEADER_SIZE = 8
 """Bytes of a telegram before its data; its first two are the length. Mark: observed."""
@@ -46,7 +46,8 @@ _STARTS = frozenset((Control.STX, Control.STX_ODD))
 _MEANINGFUL = re.compile(b"[" + b"".join(rb"\x%02x" % c for c in (*SINGLE_CONTROLS, Control.DLE)) + b"]")
 _DLE_BYTE = int(Control.DLE)
 _DLE = bytes((Control.DLE,))
-_TRAILER = bytes((Control.DLE, Control.ETX))
+TRAILER = bytes((Control.DLE, Control.ETX))
+"""Ends a block; while DLE travels once, the same bytes may be data."""
 
 
 class Block(NamedTuple):
@@ -89,7 +90,7 @@ def check_character(telegram: bytes) -> int:
 def encode_block(telegram: bytes, stuffing: DleStuffing = "off", stx: int = Control.STX) -> bytes:
     """The block that carries a telegram. The check character is never doubled, whatever its value."""
     body = telegram.replace(_DLE, _DLE * 2) if stuffing == "double" else telegram
-    return b"%c%c%b%b%c" % (Control.DLE, stx, body, _TRAILER, check_character(telegram))
+    return b"%c%c%b%b%c" % (Control.DLE, stx, body, TRAILER, check_character(telegram))
 
 
 def telegram_sizes(length: int, styles: Sequence[LengthStyle]) -> list[int]:
@@ -104,12 +105,14 @@ def telegram_sizes(length: int, styles: Sequence[LengthStyle]) -> list[int]:
 
 @dataclass(frozen=True, slots=True)
 class BlockFormat:
-    """How to find the end of a block."""
+    """Rules by which the end of a block is found."""
 
     stuffing: DleStuffing
     styles: tuple[LengthStyle, ...]
     """Meaning of the length field: from a robot always the whole telegram."""
     max_telegram: int
+    end: BlockEnd = "length"
+    """By what the end is found while DLE travels once."""
 
     def decode(self, data: bytes, start: int = 0) -> Block | Flaw | None:
         """The block whose DLE stands at `start`, what is wrong with it, or None when more bytes must tell."""
@@ -117,10 +120,10 @@ class BlockFormat:
             return None
         if data[start + 1] not in _STARTS:
             return Flaw(f"DLE is followed by {data[start + 1]:02X}, not STX", 1, 1, False)
+        if self.stuffing == "double":
+            return self._decode_doubled(data, start)
         return (
-            self._decode_doubled(data, start)
-            if self.stuffing == "double"
-            else self._decode_plain(data, start)
+            self._decode_to_trailer(data, start) if self.end == "trailer" else self._decode_plain(data, start)
         )
 
     def _decode_plain(self, data: bytes, start: int) -> Block | Flaw | None:
@@ -136,12 +139,24 @@ class BlockFormat:
             end = begin + size
             if len(data) < end + 3:
                 return None
-            if data[end : end + 2] == _TRAILER:
+            if data[end : end + 2] == TRAILER:
                 telegram = data[begin:end]
                 if data[end + 2] == check_character(telegram):
                     return Block(telegram, data[start + 1], size + BLOCK_OVERHEAD)
                 flaw = _wrong_checksum(telegram, data[end + 2], size + BLOCK_OVERHEAD)
         return flaw
+
+    def _decode_to_trailer(self, data: bytes, start: int) -> Block | Flaw | None:
+        begin = start + 2
+        end = data.find(TRAILER, begin, begin + self.max_telegram + len(TRAILER))
+        if end < 0 and len(data) >= begin + self.max_telegram + len(TRAILER):
+            return Flaw(f"no DLE ETX within {self.max_telegram} bytes", 2, 1, False)
+        if end < 0 or len(data) < end + 3:
+            return None
+        telegram = data[begin:end]
+        if data[end + 2] != check_character(telegram):
+            return _wrong_checksum(telegram, data[end + 2], len(telegram) + BLOCK_OVERHEAD)
+        return Block(telegram, data[start + 1], len(telegram) + BLOCK_OVERHEAD)
 
     def _decode_doubled(self, data: bytes, start: int) -> Block | Flaw | None:
         parts: list[bytes] = []

@@ -71,12 +71,22 @@ class NoticeKind(StrEnum):
     """A bid that was acknowledged."""
     ACK_SENT = "ACK sent"
     ACK_RECEIVED = "ACK received"
+    TRAILER_AVOIDED = "10 03 avoided"
+    """A move gave way by a step, so that its data hold no DLE ETX."""
+    TRAILER_SENT = "10 03 in data"
+    """The data of an order hold DLE ETX, and DLE travels once."""
 
 
 ROUTINE = frozenset(
-    (NoticeKind.BID_SENT, NoticeKind.BID_RECEIVED, NoticeKind.ACK_SENT, NoticeKind.ACK_RECEIVED)
+    (
+        NoticeKind.BID_SENT,
+        NoticeKind.BID_RECEIVED,
+        NoticeKind.ACK_SENT,
+        NoticeKind.ACK_RECEIVED,
+        NoticeKind.TRAILER_AVOIDED,
+    )
 )
-"""Notices of every undisturbed exchange: always counted, told only by a verbose link."""
+"""Notices of undisturbed exchanges: always counted, told only by a verbose link."""
 
 
 class MessageReceived(NamedTuple):

@@ -108,7 +108,8 @@ class Link:
         self._role = role
         self._profile = profile
         styles = _ACCEPTED_STYLES[profile.accepted_lengths] if role is Role.ROBOT else LENGTH_STYLES[:1]
-        self._scanner = BlockScanner(BlockFormat(profile.dle_stuffing, styles, profile.max_telegram))
+        end = profile.block_end if role is Role.ROBOT else "length"
+        self._scanner = BlockScanner(BlockFormat(profile.dle_stuffing, styles, profile.max_telegram, end))
         self._gap_deadline: float | None = None
         self._shared = Shared(profile)
         self._notice = self._shared.notice
@@ -153,11 +154,11 @@ class Link:
             Action.RECOGNISE_LATE: receiver.recognise_late,
         }
 
-    # --- what the owner asks
+    # --- questions of the owner
 
     @property
     def state(self) -> State:
-        """Where this end stands."""
+        """State of this end."""
         return self._shared.state
 
     @property
@@ -185,7 +186,7 @@ class Link:
         """Totals since the start by the text of `Count` and `NoticeKind`; a live read-only view."""
         return self._shared.journal.counters
 
-    # --- what the owner does
+    # --- actions of the owner
 
     def send(self, telegrams: Sequence[bytes]) -> None:
         """Queue one message, a block for each telegram.
@@ -201,6 +202,10 @@ class Link:
         If it takes longer than half the time that the other side waits for a block, the line is given back.
         """
         self._sender.announced = True
+
+    def note(self, kind: NoticeKind, text: str) -> None:
+        """Count, and tell as a notice, what the owner knows of the telegrams that it sends."""
+        self._notice(kind, text)
 
     def receive(self, data: bytes, now: float) -> None:
         """Take bytes off the line. Data that came counts even when a deadline has passed unhandled before."""

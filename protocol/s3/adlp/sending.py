@@ -152,9 +152,9 @@ class SendingHalf:
 
     def _encode(self) -> None:
         profile = self._profile
-        toggle = profile.stx_alternation == "toggle"
+        alternation = profile.stx_alternation
         self._blocks = [
-            encode_block(telegram, profile.dle_stuffing, _STX_ODD if toggle and number % 2 else _STX)
+            encode_block(telegram, profile.dle_stuffing, _stx(alternation, number, len(telegram)))
             for number, telegram in enumerate(self.queue[0])
         ]
 
@@ -240,7 +240,7 @@ class SendingHalf:
         """ENQ to a block: our message is given up.
 
         Assumed: a receiver that bids has left our message. Most likely it took the block, its ACK was lost and it
-        treated the message as ended; to repeat the message would have an order done twice.
+        treated the message as ended. To repeat the message would have an order done twice.
         """
         return self._give_up(LinkFailure.INTERRUPTED, "the receiver bid (ENQ) instead of answering a block")
 
@@ -257,6 +257,12 @@ class SendingHalf:
         return _IDLE
 
 
+def _stx(alternation: str, number: int, size: int) -> int:
+    """How the block of a message with this number, from 0, begins; `size` is its telegram's."""
+    counted = {"off": 0, "toggle": number, "parity": size}[alternation]
+    return _STX_ODD if counted % 2 else _STX
+
+
 def _check_telegram(telegram: bytes, max_telegram: int) -> None:
     """Raise LocalProtocolError for a telegram that no receiver could take."""
     if len(telegram) > max_telegram:
@@ -265,7 +271,7 @@ def _check_telegram(telegram: bytes, max_telegram: int) -> None:
         )
     if len(telegram) not in telegram_sizes(int.from_bytes(telegram[:2], "big"), LENGTH_STYLES):
         raise LocalProtocolError(
-            f"a telegram of {len(telegram)} bytes states another length: nobody could find its end"
+            f"a telegram of {len(telegram)} bytes states another length: its end could not be found"
         )
 
 

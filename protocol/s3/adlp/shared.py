@@ -51,7 +51,7 @@ class Shared:
         return self.deadline is not None and self.now > self.deadline
 
     def time_of(self, characters: float) -> float:
-        """How long so many characters take on the line, s."""
+        """Time of so many characters on the line, s."""
         return characters * self._character_time
 
     def add_noise(self, size: int) -> None:

@@ -8,7 +8,7 @@ from enum import StrEnum
 
 
 class State(StrEnum):
-    """Where an end of the link stands between two stimuli."""
+    """State of an end of the link between two stimuli."""
 
     IDLE = "idle"
     LISTENING = "listening"

@@ -2,6 +2,8 @@
 
 from protocol.s3.arap.blocks import join_blocks, split_telegram
 from protocol.s3.arap.codes import (
+    TYPE_FLAG,
+    TYPE_FLAG_TEXT,
     FunctionCode,
     Mode,
     MoveKind,
@@ -9,6 +11,7 @@ from protocol.s3.arap.codes import (
     SpontaneousKind,
     TelegramType,
     function_text,
+    plain_type,
     refusal_remedy,
     refusal_text,
     suffix_text,
@@ -79,6 +82,8 @@ __all__ = [
     "SPONTANEOUS",
     "STATUS",
     "STEPS_PER_METRE",
+    "TYPE_FLAG",
+    "TYPE_FLAG_TEXT",
     "TYPE_NAMES",
     "VELOCITY_STEP",
     "Answered",
@@ -114,6 +119,7 @@ __all__ = [
     "field_size",
     "function_text",
     "join_blocks",
+    "plain_type",
     "position_from_words",
     "position_words",
     "quaternion_from_words",

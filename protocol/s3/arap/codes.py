@@ -32,7 +32,7 @@ class FunctionCode(IntEnum):
     READ_PROGRAM_STATUS = 21
     DELETE_PROGRAM = 22
     LOAD_PROGRAM = 23
-    """From disk."""
+    """Load a program from disk."""
     MOVE = 24
     ARC_WELD_VALUE = 25
     RECEIVE_PROGRAM = 29
@@ -43,7 +43,7 @@ class FunctionCode(IntEnum):
 
     @property
     def text(self) -> str:
-        """For people to read."""
+        """Text for people to read."""
         return self.name.lower().replace("_", " ").replace("tcp", "TCP").replace("arap", "ARAP")
 
 
@@ -62,9 +62,15 @@ class TelegramType(IntEnum):
 
     @property
     def text(self) -> str:
-        """For people to read."""
+        """Text for people to read."""
         return _TYPE_TEXTS[self]
 
+
+TYPE_FLAG = 0x10
+"""The observed client added this to a type at times and never set the variable that decides it. Its effect is unknown;
+an emulated controller refuses such an order with code 11 (assumed). Mark: observed.
+"""
+TYPE_FLAG_TEXT = "with a flag of the observed client, effect unknown"
 
 _TYPE_TEXTS = {
     TelegramType.ORDER: "order",
@@ -110,7 +116,7 @@ class RefusalCode(IntEnum):
 
     @property
     def text(self) -> str:
-        """For people to read."""
+        """Text for people to read."""
         return _REFUSAL_TEXTS.get(self, "unspecified")
 
 
@@ -212,7 +218,16 @@ def suffixes_of(function: int) -> dict[int, str]:
 
 def type_text(code: int) -> str:
     """Name of a telegram type, known or not."""
-    return TelegramType(code).text if code in _TYPES else f"unknown type {code:02X}"
+    if code in _TYPES:
+        return TelegramType(code).text
+    if (plain := plain_type(code)) in _TYPES:
+        return f"{TelegramType(plain).text} {TYPE_FLAG_TEXT}"
+    return f"unknown type {code:02X}"
+
+
+def plain_type(code: int) -> int:
+    """The type of a telegram from the PC without `TYPE_FLAG`; any other as it is."""
+    return code & ~TYPE_FLAG if code in _FLAGGED else code
 
 
 def refusal_text(code: int) -> str:
@@ -222,6 +237,7 @@ def refusal_text(code: int) -> str:
 
 _FUNCTIONS = frozenset(FunctionCode)
 _TYPES = frozenset(TelegramType)
+_FLAGGED = frozenset(code | TYPE_FLAG for code in (TelegramType.ORDER, TelegramType.FURTHER_FROM_PC))
 _REFUSALS = frozenset(RefusalCode)
 
 _STARTS = {0: "from the start", 1: "continue"}

@@ -10,6 +10,7 @@ from protocol.s3.adlp import (
     EVENT_LIMIT,
     INCOMING_FAILURES,
     MESSAGE_LIMIT,
+    TRAILER,
     Link,
     LinkFailed,
     LinkFailure,
@@ -17,6 +18,7 @@ from protocol.s3.adlp import (
     LinkProfile,
     MessageReceived,
     MessageSent,
+    NoticeKind,
     Role,
 )
 from protocol.s3.arap.blocks import join_blocks
@@ -39,7 +41,7 @@ class Answered(NamedTuple):
     """The order was done, or the query is answered."""
 
     order: Telegram
-    """As `answer`, when it was sent in several blocks."""
+    """The order as it was sent in several blocks, like `answer`."""
     answer: Telegram
     """All blocks in one: the header of the last, the data of all in order."""
     blocks: tuple[Telegram, ...]
@@ -81,8 +83,8 @@ class UnexpectedReceived:
 ArapEvent: TypeAlias = (
     Answered | Refused | OrderFailed | SpontaneousReceived | UnexpectedReceived | LinkFailed | LinkNotice
 )
-"""`LinkFailed` for a message of the controller that was lost, and for an order whose ACK was while its answer may come;
-a lost order is `OrderFailed`.
+"""`LinkFailed` for a message of the controller that was lost, and for an order whose ACK was lost while its answer may
+come. A lost order is `OrderFailed`.
 """
 
 
@@ -116,7 +118,13 @@ class ArapHost:
             order = join_blocks(telegrams)
         except RemoteProtocolError as error:
             raise LocalProtocolError(str(error)) from error
-        self.link.send([telegram.encode(self._profile.length_style) for telegram in telegrams])
+        raws = [telegram.encode(self._profile.length_style) for telegram in telegrams]
+        self.link.send(raws)
+        if self._profile.dle_stuffing == "off" and any(TRAILER in raw for raw in raws):
+            self.link.note(
+                NoticeKind.TRAILER_SENT,
+                f"a controller that ends a block at the first DLE ETX cannot take this order: {order}",
+            )
         self._order = order
         self._blocks.clear()
 

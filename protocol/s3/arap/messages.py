@@ -7,7 +7,7 @@ from typing import NamedTuple, Self, TypeAlias
 
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
 from protocol.geometry import Quaternion, Vector
-from protocol.s3.adlp import HEADER_SIZE
+from protocol.s3.adlp import HEADER_SIZE, TRAILER
 from protocol.s3.arap import layouts
 from protocol.s3.arap.codes import FunctionCode, Mode, MoveKind, TelegramType, refusal_text, suffix_text
 from protocol.s3.arap.telegram import Telegram
@@ -20,7 +20,7 @@ _READ_STATUS, _MOVE, _POINT = FunctionCode.READ_STATUS, FunctionCode.MOVE, MoveK
 _RESPONSE, _ORDER = TelegramType.RESPONSE, TelegramType.ORDER
 
 MOVE_LENGTHS = (52, 60)
-"""Lengths of a move telegram that an emulated controller takes. Mark: derived (52), assumed (60)."""
+"""Lengths of a move telegram that an emulated controller takes. Mark: derived (52), observed (60)."""
 
 
 def _to_word(value: float, per_unit: float, low: int, high: int, what: str) -> int:
@@ -70,6 +70,22 @@ def quaternion_from_words(words: Sequence[int]) -> Quaternion:
     """Quaternion w x y z that device words of 1/16384 mean, not normalised."""
     (w, x, y, z), one = words, layouts.QUATERNION_ONE
     return w / one, x / one, y / one, z / one
+
+
+def _without_trailer(words: Sequence[int], exact: Sequence[float]) -> list[int]:
+    """Words whose bytes hold no DLE ETX: one that does, or begins one, gives way by a step.
+
+    It goes to that neighbour which is nearer to the exact value, up where both are equally near. So each is less than
+    one step from it, or exactly one where the exact value is the word itself.
+    """
+    whole, (first, second) = int.from_bytes(TRAILER, "big"), TRAILER
+    high_bytes = [word >> 8 & 0xFF for word in words[1:]]
+    return [
+        word + (1 if value >= word else -1)
+        if word & 0xFFFF == whole or (word & 0xFF, high) == (first, second)
+        else word
+        for word, value, high in zip(words, exact, [*high_bytes, 0], strict=True)
+    ]
 
 
 def _expect(telegram: Telegram, function: int, *types: int) -> None:
@@ -158,19 +174,25 @@ class Move(NamedTuple):
     robot_coordinates: bool = False
     """Robot coordinates instead of rectangular ones."""
 
-    def to_telegram(self, move_length: int = 52) -> Telegram:
+    def to_telegram(self, move_length: int = 52, *, avoid_trailer: bool = False) -> Telegram:
         """The order, `move_length` bytes in all, values rounded to device words.
 
-        Raises LocalProtocolError for a value out of range.
+        With `avoid_trailer` each word of position and orientation that would hold DLE ETX, or begin one, gives way to a
+        neighbour: a coordinate is then up to one step of 0.125 mm from what was ordered, where rounding alone makes
+        half a step. Raises LocalProtocolError for a value out of range.
         """
+        pose: Sequence[int] = (*position_words(self.position), *quaternion_words(self.quaternion))
+        if avoid_trailer:
+            position = (value * layouts.STEPS_PER_METRE for value in self.position)
+            orientation = (value * layouts.QUATERNION_ONE for value in self.quaternion)
+            pose = _without_trailer(pose, (*position, *orientation))
         ends = layouts.MOVE_FLAG_ENDS if self.kind is not _POINT else 0
         data = layouts.MOVE.pack_row(
             0,
             ends | (layouts.MOVE_FLAG_ROBOT_COORDINATES if self.robot_coordinates else 0),
             _to_word(self.velocity, layouts.STEPS_PER_METRE, 0, 0xFFFF, "velocity in m/s"),
             _to_word(self.run_speed, layouts.RUN_SPEED_ONE, 0, 0xFFFF, "run speed"),
-            *position_words(self.position),
-            *quaternion_words(self.quaternion),
+            *pose,
         ).ljust(move_length - HEADER_SIZE, b"\0")
         return Telegram(_MOVE, _ORDER, self.kind, data)
 
@@ -203,7 +225,7 @@ class ProgramAnswer:
     program: int
     """Number of the program."""
     content: bytes
-    """Its bytes as the controller keeps them."""
+    """Bytes of the program as the controller keeps them."""
     error: int = 0
     """0 for none; other values are not known."""
 

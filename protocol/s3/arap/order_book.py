@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from protocol.endpoint import LocalProtocolError
 from protocol.s3.arap import layouts
-from protocol.s3.arap.codes import FunctionCode, TelegramType, refusal_text, suffix_text
+from protocol.s3.arap.codes import FunctionCode, TelegramType, plain_type, refusal_text, suffix_text
 from protocol.s3.arap.orders import KNOWN_ORDERS, DefinitionError, OrderDefinition, check_definition, merged
 from protocol.s3.arap.payload import Payload, describe_rest
 from protocol.s3.arap.telegram import Telegram
@@ -78,6 +78,7 @@ class OrderBook:
 
     def payloads_of(self, function: int, type_: int) -> tuple[Payload, ...]:
         """Possible layouts of a telegram's data, the most detailed first; none where nothing is known."""
+        type_ = plain_type(type_)
         if type_ == TelegramType.REFUSAL:
             return (_REFUSAL,)
         if (function, type_) == (FunctionCode.SPONTANEOUS, TelegramType.SPONTANEOUS):

@@ -39,7 +39,7 @@ class Emulation:
     """Answers of an emulated controller: its memory gives back the bytes that were written into it.
 
     Every field of an order that is no key is stored. A field of the answer has the value of the order's field of that
-    name, else the stored value of that name, else its initial value, else 0.
+    name. Else it has the stored value of that name, else its initial value, else 0.
     """
 
     memory: str = ""
@@ -67,7 +67,7 @@ class OrderDefinition:
     blocks: Blocks = "one"
     """Whether the order may travel in several blocks; an answer always may."""
     extends: bool = False
-    """Its fields come beside those of the known order with this function code."""
+    """The fields come beside those of the known order with this function code."""
     emulation: Emulation = Emulation()
 
     def telegrams(

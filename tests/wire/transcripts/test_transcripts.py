@@ -56,6 +56,7 @@ ROWS = {
     "BCC is 10": "sent as is, never doubled",
     "STX 02 and 82": "the sender uses 02, the receiver accepts both",
     "STX toggle": "alternates per block from 02 at each ENQ, a repeat keeps its value",
+    "STX parity": "82 for a telegram of odd length, else 02, as the observed client",
     "duplicate dropped": "STX equal to that of the last accepted block: acknowledged and dropped",
     "ENQ to ACK": "2.0 s",
     "block to ACK": "2.0 s",

@@ -1,7 +1,7 @@
 """A computer link heard from outside: pieces of both directions in, one line for each block and for each trouble out.
 
-Pure; told the time. ENQ, ACK and EOT that go as they should have no line of their own: a block's line tells how
-long its bid and its acknowledge took. A block's line comes when the answer to it is known.
+Pure; told the time. ENQ, ACK and EOT in their usual order have no line of their own. A block's line tells how long its
+bid and its acknowledge took. A block's line comes when the answer to it is known.
 
 Source: computer-link specification, section 2.
 """
@@ -93,7 +93,7 @@ class _Direction:
     last: bytes = b""
     """The newest telegram."""
     acknowledged: bool = True
-    """It was acknowledged."""
+    """The block was acknowledged."""
     repeats: int = 0
     open: bool = False
     """A message has begun and its EOT has not come."""

@@ -18,12 +18,12 @@ from hil_bridge.text_files import toml_pair
 from hil_bridge.transports import LineSettings, Parity, Transport, connect_bytes
 from hil_bridge.transports.pump import Pump
 from hil_bridge.transports.urls import CONNECT_BYTES, parse_url
-from protocol.s3.adlp import LinkProfile
+from protocol.s3.adlp import DEFAULT_PROFILE, LinkProfile
 
 PATIENCE_S = 0.7
-"""For how long an ACK is waited for. Chosen: what answers at all answers within some tens of milliseconds."""
+"""Longest wait for an ACK. Chosen: a device that answers at all does so within some tens of milliseconds."""
 ANSWER_PATIENCE_S = 3.0
-"""For how long the answer to an acknowledged query is waited for. Chosen."""
+"""Longest wait for the answer to an acknowledged query. Chosen."""
 TO_FILL_IN = """
 [sensor]
 # where the force sensor is: can+slcan:///dev/ttyACM0, serial:///dev/ttyACM0?gateway=jr3, jr3+tcp://host:1762?filter=2
@@ -193,10 +193,19 @@ def finding_rows(url: str, finding: Finding) -> list[tuple[str, str]]:
     evidence = finding.stuffing_evidence or "not decided: a query with 10h was refused either way"
     return [
         ("line", line_text(finding.line)),
+        ("profile", f"{finding.profile} ({profile_evidence(finding)})"),
         ("length_style", finding.length_style),
         ("dle_stuffing", f"{stuffing} ({evidence})"),
         ("url", url if finding.line is None else url_with_line(url, finding.line)),
     ]
+
+
+def profile_evidence(finding: Finding) -> str:
+    """Why this profile: which lengths the controller answered."""
+    answered = " and ".join(finding.answered)
+    if finding.profile == DEFAULT_PROFILE:
+        return f"length {answered} answered"
+    return f"length {answered} answered; with this set a real S3 has been moved"
 
 
 def site_toml(url: str, finding: Finding) -> str:
@@ -210,6 +219,10 @@ def site_toml(url: str, finding: Finding) -> str:
         toml_pair("url", url if line is None else url_with_line(url, line)),
         "",
         "[robot.link]",
+    ]
+    rows += [
+        f"# {profile_evidence(finding)}; no probe can try STX and the length of moves",
+        toml_pair("profile", finding.profile),
     ]
     if line is not None:
         rows += [

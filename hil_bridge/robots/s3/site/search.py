@@ -4,6 +4,10 @@ Only read status is ever sent, which changes nothing in the controller. Each try
 (ENQ) proves rate and parity. An acknowledged block proves how lengths are counted and whether a DLE (10h) inside a
 telegram is doubled. A readable answer proves that the controller counts and doubles as we do.
 
+A controller that takes the length of the whole telegram is asked once more with the length of the data alone: of the
+one client that is known to have moved a real S3, every move was counted so. Where it answers both, that is what is
+found, as the profile `observed-client`, for no probe can try a move.
+
 A plain read status holds no 10h, and its answer only by chance. So doubling is asked for with a function suffix of
 10h: Assumed: a controller answers it, or refuses it as a wrong suffix (code 2), and does nothing else.
 """
@@ -14,7 +18,15 @@ from enum import Enum, StrEnum
 from typing import TypeAlias
 
 from hil_bridge.transports import LineSettings, Parity
-from protocol.s3.adlp import LENGTH_STYLES, Control, DleStuffing, LengthStyle
+from protocol.s3.adlp import (
+    DEFAULT_PROFILE,
+    LENGTH_STYLES,
+    OBSERVED_CLIENT,
+    Control,
+    DleStuffing,
+    LengthStyle,
+    settings_of_profile,
+)
 from protocol.s3.arap import FunctionCode, Telegram, TelegramType, read_status
 
 BAUDRATES = (9600, 19200, 4800, 2400, 1200, 600, 300)
@@ -36,7 +48,7 @@ class Query(Enum):
 
 
 class Reply(StrEnum):
-    """How far a try came, for people to read."""
+    """Result of a try, for people to read."""
 
     UNAVAILABLE = "line cannot be set so"
     SILENCE = "silence"
@@ -85,14 +97,30 @@ class Finding:
     """Settings that work."""
 
     line: LineSettings | None
-    length_style: LengthStyle
+    answered: tuple[LengthStyle, ...]
+    """The ways of counting a length under which read status was answered."""
     dle_stuffing: DleStuffing
     stuffing_evidence: str
-    """How the doubling was told; empty when it could not be."""
+    """Evidence for the doubling; empty when there is none."""
+
+    @property
+    def profile(self) -> str:
+        """The named set of settings that answered."""
+        observed = settings_of_profile(OBSERVED_CLIENT)
+        fits = observed["length_style"] in self.answered and observed["dle_stuffing"] == self.dle_stuffing
+        return OBSERVED_CLIENT if fits else DEFAULT_PROFILE
+
+    @property
+    def length_style(self) -> LengthStyle:
+        """As the profile says, or what was answered first."""
+        style: LengthStyle = settings_of_profile(self.profile).get("length_style", self.answered[0])
+        return style
 
 
 _Steps: TypeAlias = Generator[Try, Outcome, Finding | None]
 """Gives tries, takes their outcomes, returns what works or None."""
+_Doubling: TypeAlias = Generator[Try, Outcome, tuple[DleStuffing, str]]
+"""As `_Steps`, but that it returns the doubling and how it was told."""
 
 
 class Search:
@@ -139,17 +167,23 @@ def _on_line(line: LineSettings | None, bids: int) -> _Steps:
             outcome = yield Try(line, style, stuffing, Query.PLAIN, bids)
         if outcome.reply not in READABLE:
             continue
-        if outcome.holds_dle:
-            return Finding(line, style, stuffing, "an answer with 10h in it was understood")
-        return (yield from _doubling(line, style, bids))
+        evidence = "an answer with 10h in it was understood"
+        if not outcome.holds_dle:
+            stuffing, evidence = yield from _doubling(line, style, bids)
+        answered = [style]
+        for other in LENGTH_STYLES[LENGTH_STYLES.index(style) + 1 :]:
+            outcome = yield Try(line, other, stuffing, Query.PLAIN, bids)
+            if outcome.reply in READABLE:
+                answered.append(other)
+        return Finding(line, tuple(answered), stuffing, evidence)
     return None
 
 
-def _doubling(line: LineSettings | None, style: LengthStyle, bids: int) -> _Steps:
+def _doubling(line: LineSettings | None, style: LengthStyle, bids: int) -> _Doubling:
     stuffings: tuple[DleStuffing, ...] = ("off", "double")
     for stuffing in stuffings:
         outcome = yield Try(line, style, stuffing, Query.MARKED, bids)
         if outcome.reply in BLOCK_TAKEN:
             how = "once" if stuffing == "off" else "twice"
-            return Finding(line, style, stuffing, f"a query with 10h sent {how} was acknowledged")
-    return Finding(line, style, "off", "")
+            return stuffing, f"a query with 10h sent {how} was acknowledged"
+    return "off", ""

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 from hil_bridge.console.printing import field_text
 from protocol.endpoint import RemoteProtocolError
-from protocol.s3.arap import KNOWN, OrderBook, Telegram, TelegramType, function_text, type_text
+from protocol.s3.arap import KNOWN, OrderBook, Telegram, TelegramType, function_text, plain_type, type_text
 from protocol.s3.arap.layouts import FLAG_BITS_16, FLAG_BITS_17
 
 _FLAGS = {"flags_16": FLAG_BITS_16, "flags_17": FLAG_BITS_17}
@@ -25,7 +25,8 @@ def telegram_text(
     except RemoteProtocolError as error:
         return f"unreadable telegram: {error}", None
     function, suffix = telegram.function, telegram.suffix
-    answers = telegram.type not in _SUFFIXED
+    type_ = plain_type(telegram.type)
+    answers = type_ not in _SUFFIXED
     meaning = "" if answers and not suffix else orders.suffix_text(function, suffix)
     named = f" {meaning}" if meaning else f" suffix {suffix}" if suffix else ""
     head = f"{function_text(function)}{named}, {type_text(telegram.type)}"
@@ -38,7 +39,7 @@ def telegram_text(
         values = f"data {telegram.data.hex(' ').upper()}"
     if text.remark:
         values = f"{values} {text.remark}"
-    return (f"{head}: {values}" if values else head), function if telegram.type in _FURTHER else None
+    return (f"{head}: {values}" if values else head), function if type_ in _FURTHER else None
 
 
 def _field_text(field: Mapping[str, object]) -> str:

@@ -38,7 +38,7 @@ _FLUSH_S = 1.0
 
 @dataclass(frozen=True)
 class ListenerProfile:
-    """How many clients a register server takes, and how it treats each."""
+    """Number of clients that a register server takes, and its settings for each."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
 
@@ -90,7 +90,7 @@ class RegisterListener:
         self._on_log = on_log
         self._server: asyncio.Server | None = None
         self._wires: dict[_ClientWire, None] = {}
-        """In the order in which they came."""
+        """Clients in the order in which they came."""
         self._full_told = False
         """A client was sent away since the last one was let in: one line says it for all of them."""
 
@@ -153,7 +153,7 @@ class RegisterListener:
 
     def _over(self, wire: "_ClientWire", event: ConnectionOver) -> None:
         self._on_log(f"{wire.name}: connection closed: {event.text}")
-        # what it is told is sent first, at the end of this turn
+        # its answer is sent first, at the end of this turn
         self._clock.loop.call_soon(wire.close)
 
     def _ended(self, wire: "_ClientWire", cause: Exception) -> None:
@@ -185,7 +185,7 @@ class _ClientWire(asyncio.BufferedProtocol):
         self._closing = False
         self._deadline: asyncio.TimerHandle | None = None
 
-    # --- what asyncio calls
+    # --- called by asyncio
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         assert isinstance(transport, asyncio.Transport)
@@ -221,7 +221,7 @@ class _ClientWire(asyncio.BufferedProtocol):
         else:
             self._on_end(TransportBroken(f"{self.name}: broke: {exc}"))
 
-    # --- what the pump calls
+    # --- called by the pump
 
     def start(self, on_data: Callable[[bytes], None], on_end: Callable[[TransportError], None]) -> None:
         self._on_data = on_data

@@ -46,5 +46,5 @@ def memory_can_bus(name: str, clock: Clock) -> MemoryCanBus:
     """The bus itself, to read its load or to disturb it. Raises ConfigError for a bus without nodes."""
     bus = _BUSES.get(clock.loop, {}).get(name)
     if bus is None or bus.empty:
-        raise ConfigError(f"can+memory:{name}: nobody is on this bus; open a node first")
+        raise ConfigError(f"can+memory:{name}: no node is on this bus; open a node first")
     return bus

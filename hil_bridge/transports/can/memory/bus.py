@@ -96,7 +96,7 @@ class MemoryCanBus:
         self.errors = 0
         """Error frames so far."""
         self.collisions = 0
-        """How often two nodes sent the same identifier at once."""
+        """Number of times that two nodes sent the same identifier at once."""
         self._disturb: Disturbance | None = None
         self._clock = clock
         self._nodes: list[MemoryCanNode] = []

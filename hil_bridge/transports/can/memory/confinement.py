@@ -1,4 +1,4 @@
-"""How a CAN node judges itself by counting errors.
+"""Error counters by which a CAN node judges itself.
 
 Source: ISO 11898-1, fault confinement; Bosch CAN 2.0, part B, chapter 8.
 """

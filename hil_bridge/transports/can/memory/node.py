@@ -143,7 +143,7 @@ class MemoryCanNode:
         self._count(self.counters.receive_failed(), at)
 
     def recover(self, at: float) -> None:
-        """It has seen the bus free for long enough after bus-off."""
+        """Come back on the bus, which was free for long enough after bus-off."""
         self.counters, self.on_bus = ErrorCounters(), True
         self.state = self.counters.state
         self._report(CanErrorReport(ErrorClass.RESTARTED), at)

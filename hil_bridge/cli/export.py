@@ -1,0 +1,71 @@
+"""`hil-bridge export`: a recording in the formats of other programs."""
+
+from pathlib import Path
+
+import click
+
+from hil_bridge.cli.options import overwrite_option
+from hil_bridge.cli.paths import FILE
+
+FORMAT_NAMES = ("candump", "blf", "asc", "bytes", "csv", "parquet")
+
+
+class _Formats(click.ParamType[tuple[str, ...]]):
+    """Names of formats with commas between them."""
+
+    name = "formats"
+
+    def convert(
+        self, value: object, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[str, ...]:
+        if isinstance(value, tuple):
+            return value
+        names = tuple(name.strip() for name in str(value).split(","))
+        for name in names:
+            if name not in FORMAT_NAMES:
+                self.fail(f"{name!r} is no format; choose from {','.join(FORMAT_NAMES)}", param, ctx)
+        return names
+
+
+@click.command(short_help="Write a recording as CAN logs, text and tables.")
+@click.argument("recording", type=FILE)
+@click.option(
+    "--to",
+    "formats",
+    type=_Formats(),
+    default=(),
+    metavar="FORMAT,…",
+    help=f"{', '.join(FORMAT_NAMES)}.  [default: all but parquet that the recording has something for]",
+)
+@click.option(
+    "--out", type=FILE, metavar="DIR", help="Where to put the files.  [default: beside the recording]"
+)
+@click.option(
+    "--channel", default="can0", metavar="NAME", help="CAN interface in candump's text.  [default: can0]"
+)
+@overwrite_option
+def export(
+    recording: Path, formats: tuple[str, ...], out: Path | None, channel: str, overwrite: bool
+) -> None:
+    """Write a recording in the formats of other programs, named like it.
+
+    \b
+    candump  .log          frames of a CAN sensor, for can-utils; UNIX time
+    blf      .blf          the same for Vector's tools; UNIX time
+    asc      .asc          the same as text; seconds since the first frame
+    bytes    .robot.txt    bytes of the robot's wire, for `hil-bridge monitor`; run's clock
+             .sensor.txt   bytes of the sensor's wire, where that is not CAN; run's clock
+    csv      .cycle.csv    every control cycle; run's clock
+             .sensor.csv   every frame of the sensor, in N and N·m and raw; run's clock
+    parquet  .parquet      the same tables; needs `pip install "hil-bridge[parquet]"`
+
+    The last line tells the UNIX time at which the run's clock was 0. `canplayer -I run.log vcan0=can0` plays the CAN
+    frames back. Files that are there already are kept, unless --overwrite is given.
+    """
+    from hil_bridge.errors import ConfigError
+    from hil_bridge.export import export as write
+
+    if not channel.isascii() or not channel.isprintable() or not channel or " " in channel:
+        raise ConfigError(f"--channel {channel!r} is no name of a CAN interface; write like can0")
+    for line in write(recording, formats, recording.parent if out is None else out, overwrite, channel):
+        click.echo(line)

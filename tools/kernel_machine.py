@@ -1,0 +1,244 @@
+"""A small virtual machine with a Debian kernel, for tests that the kernel of this computer cannot run.
+
+The kernel is unpacked from its package, not installed. The machine sees this computer's files read-only. It has a PCI
+device whose memory is plain, which can stand for a board.
+"""
+
+import os
+import re
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+BIN = Path(sys.executable).parent
+CACHE = Path(sys.prefix) / "cache" / "vcan-kernel"
+"""Within the environment, which is not under version control."""
+
+SKIPPED = 77
+"""Exit code of a step that could not run here."""
+REQUIRE = "HIL_BRIDGE_REQUIRE_VCAN"
+"""Set where tests that cannot run are an error."""
+INSIDE = "HIL_BRIDGE_MACHINE"
+"""Set within the machine: its kernel and its devices are there for the tests alone."""
+
+PACKAGES = {
+    "qemu-system-x86_64": "qemu-system-x86",
+    "busybox": "busybox-static",
+    "modprobe": "kmod",
+    "zstd": "zstd",
+    "ip": "iproute2",
+    "candump": "can-utils",
+}
+"""Commands that the machine needs, and the Debian packages that have them."""
+KERNEL = "linux-image-amd64"
+"""Names the newest kernel; the one for clouds has no CAN."""
+
+KVM_PATIENCE_S = 10.0
+"""Until a machine with KVM must be up, else it is emulated: on some nested machines KVM hangs."""
+POLL_S = 0.2
+INSTRUCTION_TIME = " -icount shift=0"
+"""The emulated computer's clock goes by its instructions, 1 ns each, as long as it has something to do.
+
+So it is always a computer of 1 GIPS to its programs, however slow it is emulated. Programs that need real time work
+there, and a busy host makes it longer, never late.
+"""
+PLAIN_MEMORY = " -device bochs-display"
+"""A PCI device of 16 MiB of memory that does nothing by itself."""
+KERNEL_SETTINGS = ("modprobe.blacklist=bochs", "iomem=relaxed")
+"""No driver takes that device by itself, and a program may map its memory while a driver has it."""
+
+SYSTEM_FOLDERS = "/usr/sbin:/sbin"
+"""Where Debian keeps commands that a person's PATH lacks."""
+
+
+class Unavailable(Exception):
+    """The machine cannot be had here; the text says why, in a part of a line."""
+
+
+def which(command: str) -> str | None:
+    """Where a command is, for a person's PATH too."""
+    return shutil.which(command, path=f"{os.environ.get('PATH', '')}:{SYSTEM_FOLDERS}")
+
+
+def pytest_command(parts: Sequence[str], arguments: Sequence[str]) -> list[str]:
+    """Command that runs the tests of these folders, here and inside, where nothing can be written to the checkout.
+
+    The tests of a folder have its name as their mark.
+    """
+    return [
+        *(sys.executable, "-m", "pytest", *(f"tests/{part}" for part in parts), "-m", " or ".join(parts)),
+        *("-p", "no:cacheprovider", "-p", "no:hypothesispytest"),
+        *("--timeout", "240", "--durations", "0", "--durations-min", "1", *arguments),
+    ]
+
+
+def skipped(what: str, reason: object) -> int:
+    """Say in one line that these tests cannot run, and return the exit code for it."""
+    required = bool(os.environ.get(REQUIRE))
+    print(f"{what} {'cannot run' if required else 'are skipped'}: {reason}", flush=True)
+    return 1 if required else SKIPPED
+
+
+def unpacked_kernel() -> Path:
+    """The kernel's image, with its modules where the package has them. Raises Unavailable, without commands too."""
+    missing = [package for name, package in PACKAGES.items() if which(name) is None]
+    if missing:
+        raise Unavailable(f"a virtual machine needs `apt-get install {' '.join(missing)}`")
+    if not (BIN / "vng").exists():
+        raise Unavailable(f"a virtual machine needs `{sys.executable} -m pip install virtme-ng`")
+    if not (images := sorted(CACHE.glob("boot/vmlinuz-*"))):
+        _unpack()
+        images = sorted(CACHE.glob("boot/vmlinuz-*"))
+    if not images:
+        raise Unavailable(f"the package of the kernel has no image; delete {CACHE}")
+    return images[-1]
+
+
+def _unpack() -> None:
+    def run(*command: str | Path, cwd: Path) -> str:
+        try:
+            return subprocess.run(
+                command, cwd=cwd, check=True, capture_output=True, text=True, timeout=300
+            ).stdout
+        except (OSError, subprocess.SubprocessError) as error:
+            said = (getattr(error, "stderr", "") or str(error)).strip().splitlines()[-1]
+            raise Unavailable(f"{command[0]} cannot get a Debian kernel ({said})") from error
+
+    CACHE.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=CACHE.parent, prefix="unpacking-") as name:
+        place = Path(name)
+        depends = run("apt-cache", "depends", KERNEL, cwd=place)
+        real = re.search(r"Depends: (linux-image-\S+)", depends)
+        if real is None:
+            raise Unavailable(f"apt knows no package {KERNEL}; this needs Debian")
+        print(f"virtual machine: downloading {real[1]}, once", flush=True)
+        run("apt-get", "download", real[1], cwd=place)
+        (package,) = place.glob("*.deb")
+        run("dpkg-deb", "--extract", package, place / "kernel", cwd=place)
+        (modules,) = place.glob("kernel/lib/modules/*")
+        run(which("depmod") or "depmod", "--basedir", place / "kernel", modules.name, cwd=place)
+        shutil.rmtree(CACHE, ignore_errors=True)
+        (place / "kernel").rename(CACHE)
+
+
+def guest_script(share: Path, command: Sequence[str], settings: dict[str, str]) -> str:
+    """Script of the machine: its results are files, since its console drops characters.
+
+    Python and the checkout are mounted a second time, with a cache, over where they are. Without one every start of
+    Python reads all of its files through the emulated disk again.
+    """
+    host = "/run/host"
+    cached = {str(Path(sys.base_prefix).resolve()), str(Path(sys.prefix).resolve()), str(ROOT)}
+    # a file of the machine's own lies beneath none of them
+    binds = [f"mount --bind {host}{shlex.quote(folder)} {shlex.quote(folder)}" for folder in sorted(cached)]
+    exports = [f"export {name}={shlex.quote(value)}" for name, value in settings.items()]
+    return "\n".join(
+        (
+            "#!/bin/sh",
+            f"cd {shlex.quote(str(share))}",
+            "exec > output 2>&1",
+            "touch up",
+            "modprobe vcan; modprobe can-raw",
+            f"mkdir -p {host}",
+            f"mount -t 9p -o ro,trans=virtio,version=9p2000.L,cache=loose,msize=512000 cached {host}",
+            *binds,
+            *exports,
+            f"cd {shlex.quote(str(ROOT))}",
+            shlex.join(command),
+            f"echo $? > {shlex.quote(str(share))}/code",
+        )
+    )
+
+
+def machine_command(image: Path, share: Path, kvm: bool) -> list[str]:
+    """Boot with the computer's files read-only and `share` to write to."""
+    cached = (
+        " -fsdev local,id=cached,path=/,security_model=none,readonly=on,multidevs=remap"
+        " -device virtio-9p-pci,fsdev=cached,mount_tag=cached"
+    )
+    return [
+        *(str(BIN / "vng"), "--run", str(image), "--force-9p", "--disable-microvm", "--verbose"),
+        *([] if kvm else ["--disable-kvm"]),
+        *("--cpus", "2" if kvm else "1", "--memory", "2G", "--rwdir", str(share)),
+        f"--qemu-opts={cached}{PLAIN_MEMORY}{'' if kvm else INSTRUCTION_TIME}",
+        *(word for setting in KERNEL_SETTINGS for word in ("--append", setting)),
+        *("--exec", f"sh {share}/guest.sh"),
+    ]
+
+
+def run_machine(
+    image: Path, command: Sequence[str], settings: dict[str, str], limit: float, kvm: bool
+) -> int:
+    """Boot once, show the command's output as it comes, and return its exit code.
+
+    Raises Unavailable when a machine with KVM does not come up, TimeoutError for one that does not end.
+    """
+    with tempfile.TemporaryDirectory(prefix="hil-bridge-machine-") as name:
+        share = Path(name)
+        output, code, console = share / "output", share / "code", share / "console"
+        (share / "guest.sh").write_text(guest_script(share, command, settings))
+        output.touch()
+        began = time.monotonic()
+        with console.open("wb") as log, output.open("rb") as text:
+            process = subprocess.Popen(
+                machine_command(image, share, kvm),
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=subprocess.STDOUT,
+                env={**os.environ, "PATH": f"{BIN}:{os.environ.get('PATH', '')}:{SYSTEM_FOLDERS}"},
+                start_new_session=True,
+            )
+            try:
+                while True:
+                    ended = process.poll() is not None
+                    sys.stdout.buffer.write(text.read())
+                    sys.stdout.flush()
+                    if code.exists() and (said := code.read_text().strip()):
+                        return int(said)
+                    waited = time.monotonic() - began
+                    up = (share / "up").exists()
+                    if kvm and not up and (ended or waited > KVM_PATIENCE_S):
+                        raise Unavailable("KVM does not come up")
+                    if ended or waited > limit:
+                        how = "ended without a result" if ended else f"did not end within {limit:.0f} s"
+                        last = console.read_text(errors="replace").splitlines()[-15:]
+                        raise TimeoutError("\n".join((*last, f"virtual machine: it {how}")))
+                    time.sleep(POLL_S)
+            finally:
+                if process.poll() is None:
+                    os.killpg(process.pid, signal.SIGKILL)
+                process.wait()
+
+
+def in_machine(command: Sequence[str], settings: dict[str, str], limit: float) -> int:
+    """Run a command in a machine, within so many seconds, and return its exit code.
+
+    Raises Unavailable where there can be no machine.
+    """
+    image = unpacked_kernel()
+    inside = {
+        "PATH": f"{BIN}:{os.environ.get('PATH', '')}:{SYSTEM_FOLDERS}",
+        "HOME": "/tmp",
+        "PYTHONDONTWRITEBYTECODE": "1",
+        REQUIRE: "1",
+        INSIDE: "1",
+        **settings,
+    }
+    for kvm in (True, False):
+        if kvm and not os.access("/dev/kvm", os.R_OK | os.W_OK):
+            continue
+        try:
+            return run_machine(image, command, inside, limit, kvm)
+        except Unavailable as error:
+            print(f"virtual machine: {error}; emulated instead", flush=True)
+        except TimeoutError as error:
+            print(error)
+            return 1
+    return 1
