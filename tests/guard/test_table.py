@@ -169,7 +169,7 @@ def test_a_sensor_that_is_wrong_is_found_before_it_moves(
 def test_a_peak_between_two_decisions_stops_the_run(
     guarded: Run, configured: Configured, stiffness: float
 ) -> None:
-    """60 N for 30 ms, unfiltered: 3 of 18 frames, and mostly not the newest."""
+    """65 N against 10 N of contact for 30 ms, unfiltered: 3 of 18 frames, and mostly not the newest."""
     config = configured(
         stiffness,
         {"sensor": {"gateway": {"cutoff_hz": 0.0}}, "task": {"expected_stiffness_n_m": stiffness}},
@@ -178,7 +178,7 @@ def test_a_peak_between_two_decisions_stops_the_run(
     def strike(run: Guarded, record: Any) -> None:
         if sum(cycle.phase == "track" for cycle in run.cycles) == 6:
             at = record.answered_at + 0.02
-            run.clock.call_at(at, lambda: run.cell.inject("signal", "spike", at, for_s=0.03))
+            run.clock.call_at(at, lambda: run.cell.inject("signal", "spike", at, amount=65.0, for_s=0.03))
 
     run = guarded(config, strike)
     assert run.result.outcome is Outcome.STOPPED
