@@ -1,0 +1,98 @@
+"""The CAN log of a recorded run, played by can-utils on a vcan interface into the bridge."""
+
+import asyncio
+import signal
+import sys
+from collections.abc import Callable
+from contextlib import AsyncExitStack
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hil_bridge.clock import Clock, run_real
+from hil_bridge.export import export
+from hil_bridge.export.traffic import WireFrame, can_frames
+from hil_bridge.recording import read_with_traffic
+from hil_bridge.runs.outputs import Outputs
+from hil_bridge.runs.session import execute
+from hil_bridge.settings.configuration import Config
+from hil_bridge.transports import connect_can
+from protocol.can.frame import CanFrame
+
+pytestmark = pytest.mark.vcan
+
+MONITOR = (sys.executable, "-c", "from hil_bridge.cli import main; main()", "monitor")
+PATIENCE = 100.0
+"""For anything to happen on an emulated computer, s."""
+CALL = CanFrame(0x1FFFFFFF, extended=True)
+"""Of no device: tells when the monitor listens."""
+PLAYED = 1000
+"""Frames of the log, start-up and stream, so that playing takes seconds only."""
+LATE_S = 0.5
+"""By which the first frame or the last may be late on a busy machine."""
+
+
+def test_a_played_log_comes_into_the_bridge_frame_by_frame(
+    vcan: Any, command: Callable[[str], str], tmp_path: Path
+) -> None:
+    record = tmp_path / "run.mcap"
+    config = Config.model_validate({"run": {"duration_s": 0.5}, "cell": {"gateway": {"boot_s": 0.5}}})
+    assert execute(config, True, Outputs(record=record), view=False) == 0
+    export(record, ("candump",), tmp_path)
+    lines = (tmp_path / "run.log").read_text().splitlines(keepends=True)
+    (tmp_path / "played.log").write_text("".join(lines[:PLAYED]))
+    recorded = can_frames(read_with_traffic(record)[1].sensor)
+    assert len(lines) == len(recorded) > PLAYED
+    recorded = recorded[:PLAYED]
+    heard, shown = run_real(lambda: played(vcan, command("canplayer"), tmp_path))
+
+    assert [frame for _, frame in heard] == [one.frame for one in recorded]
+    assert len(shown) == len(recorded)
+    took, lasted = heard[-1][0] - heard[0][0], span(recorded)
+    assert abs(took - lasted) <= LATE_S
+    print(f"{len(heard)} frames played in {took:.2f} s, recorded in {lasted:.2f} s")
+
+
+def span(frames: list[WireFrame]) -> float:
+    return frames[-1].at - frames[0].at
+
+
+async def played(vcan: Any, canplayer: str, folder: Path) -> tuple[list[tuple[float, CanFrame]], list[str]]:
+    """What a wire of the bridge and `hil-bridge monitor` hear of `played.log`: frames with times, and rows."""
+    heard: list[tuple[float, CanFrame]] = []
+    async with AsyncExitStack() as stack:
+        clock = Clock.running()
+        stack.callback(clock.close)
+        wire = await connect_can(vcan.url, clock)
+        stack.push_async_callback(wire.aclose)
+        wire.start(lambda frames: heard.extend((one.received_at or 0.0, one) for one in frames), print)
+        output = stack.enter_context((folder / "monitor.txt").open("wb"))
+        monitor = await asyncio.create_subprocess_exec(*MONITOR, vcan.url, stdout=output)
+        stack.push_async_callback(monitor.wait)
+        stack.callback(lambda: monitor.returncode is None and monitor.kill())
+
+        def rows() -> list[str]:
+            text = (folder / "monitor.txt").read_text()
+            return [line for line in text.splitlines() if str(CALL) not in line]
+
+        async def until(happened: Callable[[], bool], pause_s: float) -> None:
+            async with asyncio.timeout(PATIENCE):
+                while not happened():
+                    await clock.sleep_until(clock.now() + pause_s)
+
+        def listens() -> bool:
+            wire.send([CALL])
+            return (folder / "monitor.txt").stat().st_size > 0
+
+        await until(listens, 0.1)
+        player = await asyncio.create_subprocess_exec(
+            canplayer, "-I", str(folder / "played.log"), f"{vcan.name}=can0"
+        )
+        async with asyncio.timeout(PATIENCE):
+            assert await player.wait() == 0
+        await until(lambda: len(heard) >= PLAYED and len(rows()) >= PLAYED, 0.2)
+        monitor.send_signal(signal.SIGINT)
+        async with asyncio.timeout(PATIENCE):
+            assert await monitor.wait() == 0
+        return heard, rows()
