@@ -165,7 +165,7 @@ def test_a_controller_that_fails_in_its_first_step_is_no_different():
         assert "controller broken failed" in state.task.cause
 
 
-def test_measurement_tells_travel_pair_and_saturation():
+def test_measurement_tells_travel_pair_and_saturation() -> None:
     seen: list[Measurement] = []
 
     def note(measurement):
