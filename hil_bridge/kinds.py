@@ -25,7 +25,6 @@ from emulators.seams import RobotFactory, SensorFactory, SurfaceFactory
 from hil_bridge.errors import ConfigError
 from hil_bridge.facts import RobotFacts
 from hil_bridge.plugins import find_plugin, plugin_names
-from hil_bridge.robots.seam import RobotLink
 from hil_bridge.transports import Transport
 from hil_bridge.transports.urls import (
     CONNECT_BYTES,
@@ -97,9 +96,9 @@ class RobotKind:
     """One line for people."""
     settings: type[Any]
     """Dataclass of its section `[robot.NAME]`."""
-    connect: Callable[[str, KindSettings, Wiring], Awaitable[RobotLink]]
-    """The robot behind a wire's URL: from the URL, the settings and its wires. Gives a link that is not started yet.
-    Raises ConfigError for the URL, TransportUnavailable for the wire.
+    connect: Callable[[str, KindSettings, Wiring], Awaitable[Any]]
+    """The robot behind a wire's URL: from the URL, the settings and its wires. Gives a
+    `robots.seam.RobotLink`, not started. Raises ConfigError for the URL, TransportUnavailable for the wire.
     """
     facts: Callable[[str, KindSettings], RobotFacts]
     """Facts of the robot behind a wire's URL, "" for the emulated one, before a wire is opened."""
@@ -182,6 +181,8 @@ class SurfaceKind:
     """Dataclass of that section."""
     make: Callable[[Any], SurfaceFactory]
     """A factory of surfaces with these settings."""
+    faults: Mapping[str, Fault] = field(default_factory=dict)
+    """Faults of the surface, in words, by name; its handlers carry them out."""
 
 
 _Kind = TypeVar("_Kind", RobotKind, SensorKind, SurfaceKind)
@@ -245,6 +246,11 @@ def usual_bus() -> CanBus:
 def robot_of(url: str) -> tuple[RobotKind, str]:
     """The kind of robot that a URL names, and the wire's URL. Raises ConfigError."""
     name, wire = ROBOTS.split(url)
+    if not name and "+" in url.partition(":")[0]:
+        raise ConfigError(
+            f"{url!r}: there is no robot {url.partition('+')[0]!r}; choose one of {', '.join(ROBOTS.names)}, as in "
+            "KIND+WIRE"
+        )
     return ROBOTS.kind(name or next(iter(_ROBOTS))), wire
 
 
@@ -270,7 +276,10 @@ def emulated_sensor(name: str) -> SensorKind:
     return SENSORS.kind(name)
 
 
-def faults_of(robot: str, sensor: str) -> Mapping[str, Mapping[str, Fault]]:
+def faults_of(robot: str, sensor: str, surface: str = "") -> Mapping[str, Mapping[str, Fault]]:
     """All faults of a cell with these emulated devices, by target and name. Raises ConfigError."""
     devices = ROBOTS.kind(robot).emulation, emulated_sensor(sensor).emulation
-    return {**{on: faults for one in devices if one for on, faults in one.faults.items()}, **OWN_FAULTS}
+    own = dict(OWN_FAULTS)
+    if surface:
+        own["surface"] = SURFACES.kind(surface).faults
+    return {**{on: faults for one in devices if one for on, faults in one.faults.items()}, **own}

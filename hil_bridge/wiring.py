@@ -88,7 +88,7 @@ class Serving:
         self.attach(endpoint, listening.transport)
         return listening.address
 
-    async def listen_bytes(self, url: str) -> Listening[bytes]:
+    async def listen_bytes(self, url: str) -> Listening[Transport[bytes]]:
         """A byte wire that listens, for a room that puts something between the wire and its device. Errors as
         `serve_bytes`.
         """

@@ -116,6 +116,8 @@ class Comedi:
         self._call(_INSN, _Instruction(_INSN_READ, 1, ctypes.pointer(self._data), 0, channel))
         return self._data.value
 
-    def _call(self, number: int, argument: ctypes.Structure | ctypes.Array, size: int | None = None) -> None:
+    def _call(
+        self, number: int, argument: ctypes.Structure | ctypes.Array[_SubdeviceInfo], size: int | None = None
+    ) -> None:
         size = ctypes.sizeof(argument) if size is None else size
         fcntl.ioctl(self._descriptor, _READ_DIRECTION << 30 | size << 16 | ord("d") << 8 | number, argument)

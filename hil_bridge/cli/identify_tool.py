@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from hil_bridge.cli.devices import not_empty
+from hil_bridge.cli.devices import device_settings, not_empty
 from hil_bridge.cli.options import overwrite_option
 from hil_bridge.cli.paths import FILE
 
@@ -107,7 +107,7 @@ def identify_tool(
         if not file.resolve().parent.is_dir():
             raise ConfigError(f"{option} {file}: there is no such folder; make it or name another place")
         check_place(file, overwrite)
-    config = load_config(config_file, {"robot.url": robot, "sensor.url": sensor})
+    config = load_config(config_file, device_settings(robot, sensor, None))
     if table is not None:
         poses = read_poses(table)
     else:

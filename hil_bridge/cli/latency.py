@@ -32,11 +32,17 @@ def latency(recording: Path, output: Path | None, overwrite: bool) -> None:
     from hil_bridge.analysis.latency import latency_of
     from hil_bridge.errors import ConfigError
     from hil_bridge.recording import read
+    from hil_bridge.recording.device_facts import devices_of
     from hil_bridge.recording.files import write_whole
 
     record = read(recording)
     found = latency_of(record)
     if found is None:
+        robot = devices_of(record).robot
+        if robot.hops is None and robot.kind not in ("", "s3"):
+            raise ConfigError(
+                f"{recording}: a {robot.kind} does not tell how its stamps divide a cycle (RobotFacts.hops)"
+            )
         raise ConfigError(f"{recording} holds no cycle that was stamped at every hop; record a longer run")
     lines = [*_lines(found)]
     if record.truncated:
@@ -51,11 +57,17 @@ def latency(recording: Path, output: Path | None, overwrite: bool) -> None:
 
 def _site(record: "Recording") -> tuple[str, str]:
     """A configuration file whose emulated cell is as late as the recorded one, and what it leaves out, if anything."""
+    from hil_bridge.errors import ConfigError
     from hil_bridge.runs.replay import recorded_config
     from hil_bridge.sensors.jr3.latency import NOT_EMULATED, is_emulated
-    from hil_bridge.settings.kinds import sensor_kind
+    from hil_bridge.settings.kinds import robot_kind, sensor_kind
 
     config = recorded_config(record, {})
+    if robot_kind(config).name != "s3" or not sensor_kind(config).also:
+        raise ConfigError(
+            f"-o writes settings of an emulated s3 and a JR3; this was a {robot_kind(config).name} with a "
+            f"{sensor_kind(config).name}: leave -o out"
+        )
     kind = sensor_kind(config).also
     return site_settings(record, _line(config), kind), "" if is_emulated(kind) else NOT_EMULATED
 

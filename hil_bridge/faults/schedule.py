@@ -37,6 +37,8 @@ class FaultSchedule:
         self._waiting = list(faults)
         self._timers: list[Timer] = []
         self._phase = ""
+        self._told = 0
+        """Injections of which the end has been told."""
         cell.ledger.on_fault = partial(tell, FAULT_EVENT)
         if on_pause is not None:
             cell.ledger.attach("computer", {"pause": Handler(partial(_pause, on_pause))})
@@ -76,13 +78,17 @@ class FaultSchedule:
         )
 
     def close(self) -> None:
-        """The run is over: nothing is injected any more. Tells how often each had an effect, and which never came."""
+        """The run is over: nothing is injected any more. Harmless when called again.
+
+        Tells how often each fault had an effect, and which never came.
+        """
         for timer in self._timers:
             timer.cancel()
         for fault in self._waiting:
             self._tell(FAULT_EVENT, f"{fault.on}: {fault.fault} never came: its phase or condition did not")
         self._waiting.clear()
-        for injection in self._cell.faults:
+        faults, self._told = self._cell.faults[self._told :], len(self._cell.faults)
+        for injection in faults:
             lasting = "" if injection.ended_at is not None else " and lasts to the end of the run"
             self._tell(FAULT_EVENT, f"{injection.name} struck {injection.struck} times{lasting}")
 

@@ -14,6 +14,7 @@ from hil_bridge.errors import ConfigError
 from hil_bridge.faults.bus import BusFaults
 from hil_bridge.kinds import (
     ROBOTS,
+    SENSORS,
     SURFACES,
     RobotEmulation,
     RobotKind,
@@ -176,10 +177,11 @@ async def emulated_cell(
     Raises ConfigError for a URL and for a cell that cannot be, TransportUnavailable for a wire.
     """
     clock = device_clock(clock)
-    robot, robot_url = robot_of(ports.robot or _named(config.robot.emulated))
-    sensor, sensor_url = (
-        sensor_of(ports.sensor) if ports.sensor else (emulated_sensor(config.sensor.emulated), "")
-    )
+    name, robot_url = ROBOTS.split(ports.robot or "")
+    robot = ROBOTS.kind(name or config.robot.emulated)
+    sensor, sensor_url = emulated_sensor(config.sensor.emulated), ports.sensor or ""
+    if sensor_url and (sensor.directly or SENSORS.split(sensor_url)[0]):
+        sensor, sensor_url = sensor_of(sensor_url)
     cell = make_cell(config, robot, sensor, clock.now())
     async with AsyncExitStack() as stack:
         serving = Serving(clock, stack, on_failure, say)
@@ -249,7 +251,3 @@ def _emulation(kind: Any) -> Any:
 def _with_kind(kind: RobotKind | SensorKind, url: str) -> str:
     """A URL that names its kind; ours are known by their wires, too."""
     return url if kind.directly else f"{kind.name}+{url}"
-
-
-def _named(robot: str) -> str:
-    return "" if robot in ROBOTS.built_in else f"{robot}+"

@@ -109,6 +109,8 @@ def control_loop(
             f"{tuned * 1e3:g} ms, twice oscillation.peaks: set it to {samples * tuned * 1e3:g} or more"
         )
     if fixed_dt is None:
+        if not (config.run.period_ms or robot.cycle_s or robot.line_floor_s):
+            raise ConfigError(f"a {robot.kind} tells no cycle time of its own: set run.period_ms")
         check_period(config.run.period_ms * 1e-3 or robot.cycle_s, controller, config.controller.sample_ms)
     return ControlLoop(
         Task(config.task, controller, config.limits.force_limit_n, robot.order_step_m),

@@ -33,6 +33,10 @@ _HISTORY = 256
 """Frames kept for looking back. Chosen: 2.6 s of the default stream, many answers of the robot's link."""
 
 
+READY_S = 60.0
+"""Chosen: for how long a sensor may come up, however patient its client is; a UART gateway takes some ten."""
+
+
 class ForceSensor:
     """A sensor of any make: `client` speaks its language over `transport`. `log` is told every frame and notice."""
 
@@ -122,7 +126,14 @@ class ForceSensor:
         scale.
         """
         if self._facts is None:
-            await self._until(SensorReady)
+            try:
+                async with asyncio.timeout(READY_S):
+                    await self._until(SensorReady)
+            except TimeoutError:
+                raise DeviceError(
+                    f"force sensor on {self.name} has not begun to stream within {READY_S:g} s; look at its "
+                    "supply, its cable and its address"
+                ) from None
         return self.facts
 
     async def tare(self) -> None:

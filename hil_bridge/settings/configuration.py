@@ -297,7 +297,9 @@ class Config(_Section):
     def _possible(cls, faults: tuple[FaultConfig, ...], info: ValidationInfo) -> tuple[FaultConfig, ...]:
         robot, sensor = info.data.get("robot"), info.data.get("sensor")
         if faults and robot is not None and sensor is not None:
-            possible = faults_of(robot.emulated, sensor.emulated)
+            possible = faults_of(
+                robot.emulated, sensor.emulated, getattr(info.data.get("cell"), "surface_kind", "")
+            )
             for number, fault in enumerate(faults):
                 try:
                     fault.check_cell(robot.url, sensor.url, sensor.emulated, possible)

@@ -90,7 +90,10 @@ def settings_of(config: Any, kind: RobotKind | SensorKind) -> KindSettings:
     if kind.directly:
         return KindSettings(client, config.cell)
     name = field_name(kind.name)
-    return KindSettings(getattr(client, name), getattr(config.cell, name, None))
+    emulated = (
+        None if kind.emulation is None else getattr(config.cell, name, None) or kind.emulation.settings()
+    )
+    return KindSettings(getattr(client, name, None) or kind.settings(), emulated)
 
 
 def robot_kind(config: Any) -> RobotKind:

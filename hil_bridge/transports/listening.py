@@ -9,14 +9,14 @@ from hil_bridge.errors import TransportError
 from hil_bridge.transports.base import Transport
 from hil_bridge.transports.delivery import QUEUE_BYTES, Delivery
 
-Data = TypeVar("Data")
+Wire = TypeVar("Wire", covariant=True)
 
 
 @dataclass(frozen=True, slots=True)
-class Listening(Generic[Data]):
+class Listening(Generic[Wire]):
     """A wire that waits for the other side."""
 
-    transport: Transport[Data]
+    transport: Wire
     """Lives as long as we want: clients may come and go. Closing it ends the listening."""
     address: str
     """The URL that a client connects to."""

@@ -9,7 +9,7 @@ from functools import partial
 
 from hil_bridge.clock import Clock
 from hil_bridge.transports.back_off import Notice, Reconnecting, persistent
-from hil_bridge.transports.base import Datagrams, Frames, Transport
+from hil_bridge.transports.base import Frames, Transport
 from hil_bridge.transports.can.memory import join_memory_can
 from hil_bridge.transports.can.slcan import SlcanWire
 from hil_bridge.transports.datagram import DatagramWire, Path, connect_udp, listen_udp
@@ -99,7 +99,7 @@ async def connect_can(url: str, clock: Clock, accept: Sequence[CanFilter] = ()) 
     return await _open_can(parse_url(url, CONNECT_CAN), clock, accept)
 
 
-async def listen_bytes(url: str, clock: Clock) -> Listening[bytes]:
+async def listen_bytes(url: str, clock: Clock) -> Listening[Transport[bytes]]:
     """Open the other side of a byte wire.
 
     Raises ConfigError for the URL, TransportUnavailable for the wire.
@@ -123,7 +123,7 @@ async def listen_bytes(url: str, clock: Clock) -> Listening[bytes]:
             return Listening(listen_memory(parsed.target, clock, end), f"memory:{parsed.target}")
 
 
-def _listen_pty(parsed: WireUrl, clock: Clock) -> Listening[bytes]:
+def _listen_pty(parsed: WireUrl, clock: Clock) -> Listening[Transport[bytes]]:
     line = parsed.line
     terminal = PseudoTerminal(clock, parsed.options.get("link"), line)
     address = f"serial://{terminal.device}"
@@ -137,7 +137,7 @@ def _listen_pty(parsed: WireUrl, clock: Clock) -> Listening[bytes]:
     return Listening(_device_line(terminal, parsed, line, clock, Uart(client)), with_line(address, line))
 
 
-async def _listen_rfc2217(parsed: WireUrl, line: LineSettings, clock: Clock) -> Listening[bytes]:
+async def _listen_rfc2217(parsed: WireUrl, line: LineSettings, clock: Clock) -> Listening[Transport[bytes]]:
     from hil_bridge.transports.serial.rfc2217 import Rfc2217Port
 
     port = Rfc2217Port(line, clock)
@@ -178,7 +178,9 @@ def _authority(host: str, port: int) -> str:
     return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 
 
-async def listen_can(url: str, clock: Clock, accept: Sequence[CanFilter] = ()) -> Listening[Frames]:
+async def listen_can(
+    url: str, clock: Clock, accept: Sequence[CanFilter] = ()
+) -> Listening[Transport[Frames]]:
     """Open the other side of a CAN wire; all nodes are alike, so the address is the URL itself.
 
     As `connect_can`. Raises ConfigError for the URL, TransportUnavailable for the wire.
@@ -219,7 +221,7 @@ async def connect_datagrams(url: str, clock: Clock, on_notice: Notice = _log) ->
     return connect_memory_datagrams(parsed.target, _path(parsed), clock, on_notice)
 
 
-async def listen_datagrams(url: str, clock: Clock, on_notice: Notice = _log) -> Listening[Datagrams]:
+async def listen_datagrams(url: str, clock: Clock, on_notice: Notice = _log) -> Listening[DatagramWire]:
     """Open a datagram wire on which the other side speaks first. It ends by our close alone.
 
     As `connect_datagrams`. Raises ConfigError for the URL, TransportUnavailable for the wire.

@@ -11,7 +11,7 @@ from emulators.s3_jr3_cell import PaperCell
 from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.device_log import LogTo
 from hil_bridge.recording import CycleRecord, EventRecord
-from hil_bridge.robots.s3.link import S3Link
+from hil_bridge.robots.seam import RobotLink
 from hil_bridge.runs.compose import make_cell, open_devices
 from hil_bridge.runs.cycle import Run, RunResult
 from hil_bridge.settings.configuration import Config
@@ -50,7 +50,7 @@ class Bench:
     clock: Clock = field(init=False)
     line: Faulty = field(init=False)
     can: CutCan = field(init=False)
-    robot: S3Link = field(init=False)
+    robot: RobotLink = field(init=False)
     run: Run = field(init=False)
 
     def cycle(self, record: CycleRecord) -> None:

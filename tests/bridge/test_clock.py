@@ -3,6 +3,7 @@
 import asyncio
 import threading
 from asyncio import sleep as pass_time  # in virtual time, without waiting
+from collections.abc import AsyncIterator
 
 import pytest
 
@@ -115,7 +116,7 @@ def test_the_error_of_main_and_of_a_callback_come_out() -> None:
         raise KeyError("main")
 
     async def callback_fails() -> None:
-        asyncio.get_running_loop().call_soon(lambda: {}["callback"])
+        asyncio.get_running_loop().call_soon(lambda: dict[str, object]()["callback"])
         await pass_time(1)
 
     with pytest.raises(KeyError, match="main"):
@@ -137,7 +138,7 @@ def test_threads_and_files_are_refused() -> None:
 def test_async_generators_are_shut_down() -> None:
     closed = []
 
-    async def numbers():  # type: ignore[no-untyped-def]
+    async def numbers() -> AsyncIterator[int]:
         try:
             yield 1
             yield 2

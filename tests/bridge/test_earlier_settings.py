@@ -3,6 +3,7 @@
 import json
 import re
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -109,6 +110,6 @@ def test_a_recorded_step_comes_back_to_the_last_bit(step_mm: float) -> None:
 
 
 @pytest.mark.parametrize("odd", [None, [], 3, {"task": 3}, {"task": {"speed_mm_s": 2.0}}, {"limits": []}])
-def test_what_counts_no_cycles_stays_as_it_is(odd: object) -> None:
+def test_what_counts_no_cycles_stays_as_it_is(odd: Any) -> None:
     assert not is_counted(odd)
     assert translated(odd) is odd

@@ -10,7 +10,7 @@ import pytest
 from click.testing import CliRunner
 
 from emulators.cell_faults import CELL_FAULTS
-from emulators.s3_jr3_cell import s3_jr3_cell
+from emulators.s3_jr3_cell import PaperCellProfile, s3_jr3_cell
 from hil_bridge.cli import cli
 from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.errors import ConfigError
@@ -83,9 +83,11 @@ def test_the_computer_stands_still_where_the_bridge_lets_it() -> None:
     paused: list[float] = []
 
     async def main() -> None:
-        clock, config = Clock.running(), Config()
-        cell = s3_jr3_cell(config.cell, clock.now(), 1)
-        fault = FaultConfig(on="computer", fault="pause", phase="track", parameters={"seconds": 0.25})
+        clock = Clock.running()
+        cell = s3_jr3_cell(PaperCellProfile(), clock.now(), 1)
+        fault = FaultConfig.model_validate(
+            {"on": "computer", "fault": "pause", "phase": "track", "with": {"seconds": 0.25}}
+        )
         with pytest.raises(ConfigError, match=r"^faults\.0: this run cannot pause its own computer$"):
             FaultSchedule((fault,), cell, clock, lambda kind, text: None)
         schedule = FaultSchedule((fault,), cell, clock, lambda kind, text: None, paused.append)

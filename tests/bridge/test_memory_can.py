@@ -334,7 +334,7 @@ def test_a_lone_sender_costs_a_run_little() -> None:
             calls += 1
             return call_at(when, callback)
 
-        clock.call_at = counting  # type: ignore[method-assign]
+        clock.call_at = counting
         node = MemoryCanBus(clock).connect()
         for _ in range(10):
             node.send([CanFrame(0x123)])

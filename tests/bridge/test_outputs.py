@@ -264,10 +264,12 @@ def test_a_disk_that_fills_up_is_told_at_once_and_at_the_end(
     hil: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     told: list[tuple[str, int]] = []
-    monkeypatch.setattr(
-        "hil_bridge.runs.session._Session._tell_trouble",
-        lambda self, text: (told.append((text, self.cycles)), setattr(self, "_trouble_told", True)),
-    )
+
+    def tell(self: Any, text: str) -> None:
+        told.append((text, self.cycles))
+        self._trouble_told = True
+
+    monkeypatch.setattr("hil_bridge.runs.session._Session._tell_trouble", tell)
     fill(monkeypatch, 120_000)
     code, output, errors = hil("run", "--virtual", "--no-view", "--duration", "30", "--summary", "s.json")
     ((text, cycles),) = told

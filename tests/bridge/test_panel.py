@@ -66,7 +66,7 @@ async def said_to(url: str, *lines: bytes) -> list[dict[str, Any]]:
     """All answers on one connection until it is closed by the other side, or after as many as lines."""
     reader, writer = await opened(url)
     writer.write(b"".join(lines))
-    answers = []
+    answers: list[dict[str, Any]] = []
     while len(answers) < len(lines) and (line := await reader.readline()):
         answers.append(json.loads(line))
     writer.close()
@@ -354,7 +354,7 @@ def test_a_parameter_without_a_value_is_a_usage_error() -> None:
 
 
 def test_what_is_shown_can_be_read_and_survives_an_odd_answer() -> None:
-    cell = s3_jr3_cell(Config().cell, 100.0, 1)
+    cell = s3_jr3_cell(PaperCellProfile(), 100.0, 1)
     cell.robot.press_emergency_stop(100.0)
     shown = json.loads(json.dumps(Panel(cell.robot).perform({"do": "show"}, 101.0)))["state"]
     lines = state_text(shown).splitlines()
@@ -381,7 +381,8 @@ def test_a_panel_has_no_place_in_virtual_time_or_at_a_real_robot() -> None:
 
 
 def test_what_is_done_at_the_panel_is_told_to_the_record() -> None:
-    cell, said = s3_jr3_cell(PaperCellProfile(), 100.0, 1), []
+    cell = s3_jr3_cell(PaperCellProfile(), 100.0, 1)
+    said: list[str] = []
     cell.ledger.on_fault = said.append
     board = Panel(cell.robot, cell.ledger, CELL_FAULTS)
     board.perform({"do": "key", "to": "manual"}, 101.0)
@@ -416,9 +417,12 @@ def test_an_emergency_stop_ends_the_orders_and_is_latched(
     """Pressed at several places of a cycle of 156 ms: also between a status that knows nothing yet and its move."""
     cells: list[PaperCell] = []
     pressed: list[float] = []
-    monkeypatch.setattr(
-        "hil_bridge.runs.compose.make_cell", lambda *args: cells.append(make_cell(*args)) or cells[0]
-    )
+
+    def made(*arguments: Any) -> PaperCell:
+        cells.append(make_cell(*arguments))
+        return cells[0]
+
+    monkeypatch.setattr("hil_bridge.runs.compose.make_cell", made)
     told = session._Session.cycle
 
     def cycle(self: Any, record: CycleRecord) -> None:
@@ -441,9 +445,9 @@ def test_an_emergency_stop_ends_the_orders_and_is_latched(
     summary = summarise(recording)
     assert summary.outcome == Outcome.STOPPED
     refusal = "refused order 24: 13 stop or emergency stop; release the stop"
-    told = [event.text for event in recording.events if event.kind in ("stop", "then")]
-    assert summary.cause == told[0]
-    assert any(refusal in text for text in told), "by the refusal, or by a status that knew before"
+    causes = [event.text for event in recording.events if event.kind in ("stop", "then")]
+    assert summary.cause == causes[0]
+    assert any(refusal in text for text in causes), "by the refusal, or by a status that knew before"
     assert json.loads((tmp_path / "s.json").read_text())["cause"] == summary.cause
     stood = cells[0].true_state(pressed[0] + 1.0)
     assert stood.velocity == pytest.approx((0.0, 0.0, 0.0), abs=1e-6)

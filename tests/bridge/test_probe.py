@@ -5,6 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -30,7 +31,7 @@ from hil_bridge.runs.cycle import Run, RunResult
 from hil_bridge.settings.configuration import Config, load_config
 from hil_bridge.transports import LineSettings, Parity, Tap, listen_bytes
 from hil_bridge.transports.pump import Pump
-from protocol.s3.adlp import Control, LinkProfile, encode_block
+from protocol.s3.adlp import Control, DleStuffing, LengthStyle, LinkProfile, encode_block
 
 EIGHT = [
     (parity, stuffing, style)
@@ -75,7 +76,7 @@ def probed(
             if direction == "rx":
                 result.sent += data
 
-        pump = Pump(
+        pump: Pump[bytes, Any] = Pump(
             cell.robot, Tap(listening.transport, heard), clock, lambda event: None, lambda cause: None
         )
         pump.start()
@@ -160,9 +161,10 @@ def test_what_the_probe_writes_is_run_once_the_hints_are_filled_in(tmp_path: Pat
     async def main() -> RunResult:
         clock = Clock.running()
         listen = f"memory:robot?baudrate={link.baudrate}&parity={link.parity}"
+        cell: Any = config.cell
         async with (
             emulated_cell(
-                config.model_copy(update={"cell": replace(config.cell, link=link)}),
+                config.model_copy(update={"cell": replace(cell, link=link)}),
                 clock,
                 Ports(listen, "can+memory:sensor"),
                 lambda cause: pytest.fail(repr(cause)),
@@ -194,9 +196,11 @@ def test_odd_parity_acknowledges_a_bid_and_is_still_found() -> None:
 def test_nothing_but_read_status_is_sent() -> None:
     result = probed(LinkProfile(dle_stuffing="double", accepted_lengths="data"))
     left = result.sent
+    styles: tuple[LengthStyle, ...] = "whole", "data"
+    stuffings: tuple[DleStuffing, ...] = "off", "double"
     blocks = {
         encode_block(query.value.encode(style), stuffing)
-        for query, style, stuffing in itertools.product(Query, ("whole", "data"), ("off", "double"))
+        for query, style, stuffing in itertools.product(Query, styles, stuffings)
     }
     for block in sorted(blocks, key=len, reverse=True):
         left = left.replace(block, b"")
@@ -319,6 +323,7 @@ def test_prober_tells_what_the_robot_says_and_how_a_query_ended() -> None:
     prober.ask(attempt.query, profile_of(attempt, 0.5, 1.0))
     assert prober.data_to_send(1.0) == b"\x05"
     deadline = prober.next_deadline()
+    assert deadline is not None
     assert deadline == pytest.approx(1.5, abs=0.01)
     prober.handle_deadline(deadline)
     assert prober.next_event() == Outcome(Reply.SILENCE)

@@ -54,7 +54,7 @@ class Kernel(can.BusABC):
         self.renewed: list[Kernel] = []
         clock.loop.add_reader = self._add_reader  # type: ignore[assignment]
         clock.loop.remove_reader = self._remove_reader  # type: ignore[assignment]
-        clock.loop.remove_writer = lambda fd: False  # type: ignore[assignment]
+        clock.loop.remove_writer = lambda fd: False  # type: ignore[method-assign]
 
     def _add_reader(self, fd: int, callback: Callable[[], None]) -> None:
         kernel = self._of(fd)

@@ -273,7 +273,7 @@ def test_a_full_disk_is_told_at_the_end_and_stops_nothing(tmp_path: Path, thread
     path = tmp_path / "run.mcap"
     recorder = Recorder(path, wall_ns, threaded=threaded, metadata={})
     full = OSError(errno.ENOSPC, "No space left on device")
-    recorder._flush = lambda: (_ for _ in ()).throw(full)  # type: ignore[assignment]
+    recorder._flush = lambda: (_ for _ in ()).throw(full)
     for record in stream():
         recorder.put(record)
     with pytest.raises(BridgeError, match=r"run\.mcap is incomplete: No space left on device"):
@@ -532,7 +532,7 @@ def test_what_a_controller_explains_is_recorded_as_numbers(monkeypatch: pytest.M
 
     def talkative(self: Predictive, *given: Any) -> Any:
         state, command = step(self, *given)
-        return state, structs.replace(command, explanation={"why": "soft", "found": True})  # type: ignore[dict-item]
+        return state, structs.replace(command, explanation={"why": "soft", "found": True})
 
     monkeypatch.setattr(Predictive, "step", talkative)
     cycles = run_emulated(Config.model_validate({"run": {"duration_s": 2.0}})).cycles

@@ -15,7 +15,7 @@ from emulators.jr3.board import Board, BoardProfile, IsaPorts, IsaProfile
 from emulators.sensing import KnownWrench
 from hil_bridge.cli import cli
 from hil_bridge.clock import Clock, run_virtual
-from hil_bridge.device_log import LogTo, Silence
+from hil_bridge.device_log import LogTo
 from hil_bridge.errors import BridgeError, ConfigError, DeviceError, TransportUnavailable
 from hil_bridge.recording import CycleRecord, EventRecord, Outcome
 from hil_bridge.runs.compose import Ports, emulated_cell, open_devices
@@ -158,9 +158,7 @@ def test_a_sensor_behind_registers_in_virtual_time() -> None:
         assert served.address == "jr3+memory:b"
         wire, profile = await connect_board("jr3+memory:b?filter=2", BoardClientProfile(), clock)
         begin = clock.now()
-        log = Silence()
-        log.frame = frames.append  # type: ignore[method-assign]
-        sensor = ForceSensor(wire, BoardClient(profile, begin), clock, log)
+        sensor = ForceSensor(wire, BoardClient(profile, begin), clock, LogTo(frames.append))
         sensor.start()
         scales = (await sensor.ready()).full_scales
         assert clock.now() - begin == pytest.approx(10.224, abs=1e-3)
@@ -479,7 +477,8 @@ def test_the_start_up_as_written_brings_the_emulated_board_up(reach: Callable[[B
     begin = now = 4321.5
     registers = reach(board_at(now))
     # Boot and calibration take longer than the pause after the reset, so that the first look finds nothing.
-    sequence, answer = start_up(BoardClientProfile()), None
+    sequence = start_up(BoardClientProfile())
+    answer: tuple[int, ...]
     try:
         step = next(sequence)
         while True:

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from msgspec import structs
@@ -39,12 +40,12 @@ def differences(recording: Recording, forced: bool = False, **changes: object) -
     return [cycle.record.cycle for cycle in replay(recording, config, forced) if cycle.differences]
 
 
-def changed(recording: Recording, number: int, **sample: object) -> Recording:
+def changed(recording: Recording, number: int, **sample: Any) -> Recording:
     """The recording with other inputs in one cycle."""
     cycles = list(recording.cycles)
     before = cycles[number].sample
     assert before is not None
-    cycles[number] = structs.replace(cycles[number], sample=structs.replace(before, **sample))  # type: ignore[arg-type]
+    cycles[number] = structs.replace(cycles[number], sample=structs.replace(before, **sample))
     return replace(recording, cycles=tuple(cycles))
 
 
@@ -64,9 +65,7 @@ def test_one_other_input_changes_the_commands_from_its_cycle_on(recording: Path)
     assert differences(changed(record, number, force=sample.force + 1.0))[0] == number
 
 
-def test_a_run_that_was_stopped_is_replayed_with_its_stop(
-    bench: Callable[..., object], recording: Path
-) -> None:
+def test_a_run_that_was_stopped_is_replayed_with_its_stop(bench: Callable[..., Any], recording: Path) -> None:
     run = bench(
         run={"duration_s": 5.0},
         task={"expected_stiffness_n_m": 500.0, "approach_speed_mm_s": 11.0},
@@ -74,10 +73,9 @@ def test_a_run_that_was_stopped_is_replayed_with_its_stop(
     )
     assert run.result is not None
     assert run.result.outcome is Outcome.STOPPED
-    cycles: tuple[CycleRecord, ...] = tuple(run.cycles)  # type: ignore[attr-defined]
+    cycles: tuple[CycleRecord, ...] = tuple(run.cycles)
     assert "stop" in {cycle.verdict for cycle in cycles}
-    config = run.config  # type: ignore[attr-defined]
-    assert [c for c in replay(Recording(cycles), config, forced=False) if c.differences] == []
+    assert [c for c in replay(Recording(cycles), run.config, forced=False) if c.differences] == []
 
 
 def test_another_controller_is_asked_in_the_real_situations(recording: Path) -> None:

@@ -502,7 +502,7 @@ def freeze_fz(bench: Bench, at: float | None) -> None:
         block[:, 2] = at
         return block
 
-    sensor.counts_from = frozen  # type: ignore[method-assign]
+    sensor.counts_from = frozen
 
 
 def test_a_force_axis_that_was_dead_from_the_beginning_is_named(bench: RunBench) -> None:

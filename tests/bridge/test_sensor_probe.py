@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from emulators.jr3 import Gateway
 from emulators.s3_jr3_cell import PaperCell
 from hil_bridge.clock import VIRTUAL_EPOCH, Clock, run_virtual
 from hil_bridge.errors import DeviceError
@@ -53,7 +54,7 @@ def probed(
             wrenches[:, :3] += (forces @ sits.alignment())[places]
             return wrenches
 
-        cell.wrench = wrench
+        cell.wrench = wrench  # type: ignore[method-assign]
         return cell
 
     async def main() -> None:
@@ -182,8 +183,10 @@ def test_a_sensor_that_is_not_there_is_one_line() -> None:
 
 def test_a_sensor_that_falls_silent_ends_the_probe() -> None:
     def unplug(cell: PaperCell) -> None:
-        own = cell.sensor.data_to_send
-        cell.sensor.data_to_send = lambda now: () if now > VIRTUAL_EPOCH + 6.0 else own(now)  # type: ignore[method-assign]
+        gateway = cell.sensor
+        assert isinstance(gateway, Gateway)
+        own = gateway.data_to_send
+        gateway.data_to_send = lambda now: () if now > VIRTUAL_EPOCH + 6.0 else own(now)  # type: ignore[method-assign]
 
     with pytest.raises(DeviceError, match="0 frames in the last 1 s: it does not stream"):
         probed(prepare=unplug, duration_s=60.0)

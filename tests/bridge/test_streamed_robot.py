@@ -756,16 +756,16 @@ def test_a_retraction_is_judged_again_after_each_step() -> None:
             class Noted:
                 halted = False
 
-                async def to(self, target: Pose) -> Sent:
+                async def to(self, target: Pose, *, soon: bool = False) -> Sent:
                     given = cell.robot.setpoints[-1:] or [cell.robot.pose]
                     assert not ordered or given[0] == ordered[-1], "the way before was not over"
                     ordered.append(target)
-                    return await motion.to(target)
+                    return await motion.to(target, soon=soon)
 
                 async def settled(self) -> None:
                     await motion.settled()
 
-                def __getattr__(self, name: str) -> object:
+                def __getattr__(self, name: str) -> Any:
                     return getattr(motion, name)
 
             way_out = WayOut(config, cell.clock, cell.link, NO_SENSOR, control_loop(config))

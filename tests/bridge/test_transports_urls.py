@@ -1,6 +1,8 @@
 """URLs: what is understood, and what the errors say."""
 
+from collections.abc import Awaitable, Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -57,7 +59,7 @@ UNDERSTOOD = [
 
 
 @pytest.mark.parametrize(("schemes", "url", "target", "line"), UNDERSTOOD, ids=[row[1] for row in UNDERSTOOD])
-def test_understood(schemes, url, target, line) -> None:  # type: ignore[no-untyped-def]
+def test_understood(schemes: Any, url: str, target: str, line: LineSettings | None) -> None:
     parsed = parse_url(url, schemes)
     assert (parsed.target, parsed.line, parsed.text) == (target, line, url)
 
@@ -178,7 +180,7 @@ REFUSED = [
 
 
 @pytest.mark.parametrize(("open_wire", "url", "says"), REFUSED, ids=[row[1] for row in REFUSED])
-def test_refused(open_wire, url, says) -> None:  # type: ignore[no-untyped-def]
+def test_refused(open_wire: Callable[..., Awaitable[object]], url: str, says: str) -> None:
     async def main() -> None:
         with pytest.raises(ConfigError) as caught:
             await open_wire(url, Clock.running())

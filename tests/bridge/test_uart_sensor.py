@@ -14,7 +14,7 @@ from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.device_log import LogTo
 from hil_bridge.errors import ConfigError, DeviceError, TransportUnavailable
 from hil_bridge.recording import CycleRecord, EventRecord, Outcome
-from hil_bridge.robots.s3.link import S3Link
+from hil_bridge.robots.seam import RobotLink
 from hil_bridge.runs.compose import Ports, connect_robot, connect_sensor, emulated_cell
 from hil_bridge.runs.cycle import Run
 from hil_bridge.sensors.jr3.room import uart_form, uart_line
@@ -147,7 +147,7 @@ class Served:
     """A cell whose sensor is behind a UART gateway, and its two devices."""
 
     clock: Clock
-    robot: S3Link
+    robot: RobotLink
     sensor: ForceSensor
     frames: list[WrenchFrame]
     notices: list[tuple[str, str]]

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from random import Random
+from typing import Any
 
 import pytest
 
@@ -49,7 +50,7 @@ def wall() -> Callable[..., WallRun]:
 def wall_means() -> Callable[..., dict[str, float]]:
     """Mean figures of merit of 20 noise seeds."""
 
-    def means(controller, stiffness: float, **how: float) -> dict[str, float]:
+    def means(controller, stiffness: float, **how: Any) -> dict[str, float]:
         runs = [press_on_wall(controller, stiffness, seed, **how).merit for seed in range(20)]
         names = (
             "rise_samples",

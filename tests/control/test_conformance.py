@@ -1,6 +1,7 @@
 """Our own controllers pass what is asked of those of others, and the questions can be failed."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import pytest
 from pydantic import ValidationError
@@ -9,8 +10,8 @@ from hil_bridge.control import CONTROLLERS, Command, make_controller
 from hil_bridge.testing import controllers
 from hil_bridge.testing.controllers import *  # noqa: F403
 
-OURS = [(name, {}) for name in CONTROLLERS]
-VARIANTS = [
+OURS: list[tuple[str, dict[str, Any]]] = [(name, {}) for name in CONTROLLERS]
+VARIANTS: list[tuple[str, dict[str, Any]]] = [
     ("fuzzy", {"surface": "continuous"}),
     ("fuzzy-adaptive", {"surface": "rules", "feedforward_limit_mm": 1.0}),
     ("resolution-aware", {"feedforward_limit_mm": None}),
@@ -91,7 +92,7 @@ class Careless(Proportional):
 
 @dataclass(frozen=True)
 class Mistyped(Proportional):
-    gain: int = 1.5
+    gain: int = 1.5  # type: ignore[assignment]
 
 
 @pytest.mark.parametrize(

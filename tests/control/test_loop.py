@@ -81,11 +81,11 @@ def leave(measurement):
         (lambda m: Command(math.inf, 0.0), "it commands inf m"),
         (lambda m: Command(m.commanded, math.nan), "it commands"),
         (lambda m: None, "AttributeError"),
-        (lambda m: Command("deeper", 0.0), "ValueError"),
-        (lambda m: Command(m.commanded, 0.0, stiffness=1j), "TypeError"),
-        (lambda m: Command(m.commanded, 0.0, gain="more"), "ValueError"),
-        (lambda m: Command(m.commanded, 0.0, explanation=None), "TypeError"),
-        (lambda m: Command(m.commanded, 0.0, explanation="soft"), "ValueError"),
+        (lambda m: Command("deeper", 0.0), "ValueError"),  # type: ignore[arg-type]
+        (lambda m: Command(m.commanded, 0.0, stiffness=1j), "TypeError"),  # type: ignore[arg-type]
+        (lambda m: Command(m.commanded, 0.0, gain="more"), "ValueError"),  # type: ignore[arg-type]
+        (lambda m: Command(m.commanded, 0.0, explanation=None), "TypeError"),  # type: ignore[arg-type]
+        (lambda m: Command(m.commanded, 0.0, explanation="soft"), "ValueError"),  # type: ignore[arg-type]
         (leave, "SystemExit: 7"),
     ],
 )
@@ -165,7 +165,7 @@ def test_a_controller_that_fails_in_its_first_step_is_no_different():
         assert "controller broken failed" in state.task.cause
 
 
-def test_measurement_tells_travel_pair_and_saturation():
+def test_measurement_tells_travel_pair_and_saturation() -> None:
     seen: list[Measurement] = []
 
     def note(measurement):

@@ -70,9 +70,9 @@ def test_only_the_change_of_weight_since_the_zero_is_taken_off() -> None:
     """
     wrist = Wrist(mass=2.0, centre_of_gravity=(0.0, 0.0, 0.1), bias=(1.0,) * 6)
     weight = 2.0 * 9.80665
-    assert wrist.contact_wrench(np.zeros(6), DOWN, DOWN).tolist() == [0.0] * 6
+    assert wrist.contact_wrench((0.0,) * 6, DOWN, DOWN).tolist() == [0.0] * 6
     felt_level, felt_down = np.array([weight, 0, 0, 0, 0.1 * weight, 0]), np.array([0, 0, weight, 0, 0, 0])
-    contact = wrist.contact_wrench(felt_level - felt_down, LEVEL, DOWN)
+    contact = wrist.contact_wrench((felt_level - felt_down).tolist(), LEVEL, DOWN)
     assert contact.tolist() == pytest.approx([0.0] * 6, abs=1e-9)
 
 

@@ -14,6 +14,7 @@ from hil_bridge.device_log import LogTo
 from hil_bridge.errors import BridgeError, TransportClosed
 from hil_bridge.faults.schedule import FaultSchedule
 from hil_bridge.recording import CycleRecord, EventRecord, Outcome
+from hil_bridge.robots.s3.link import S3Link
 from hil_bridge.runs.compose import make_cell, open_devices
 from hil_bridge.runs.cycle import Run, RunResult
 from hil_bridge.settings.configuration import Config
@@ -82,7 +83,9 @@ class Guarded:
         async def dead(*_: object, **__: object) -> None:
             raise TransportClosed("the process was killed")
 
-        self.run._robot.exchange = dead
+        link = self.run._robot
+        assert isinstance(link, S3Link)
+        link.exchange = dead  # type: ignore[assignment,method-assign]
         raise Killed
 
     async def main(self, cell: PaperCell | None = None) -> "Guarded":

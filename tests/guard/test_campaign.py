@@ -167,7 +167,7 @@ class Drawn:
 
             def look() -> None:
                 now = clock.now()
-                times = now - WATCH_S + np.arange(1, WATCH_FRAMES + 1) * (WATCH_S / WATCH_FRAMES)
+                times = now - WATCH_S + np.arange(1.0, WATCH_FRAMES + 1.0) * (WATCH_S / WATCH_FRAMES)
                 forces = np.linalg.norm(cell.contact_forces(times), axis=1)
                 self.truths.append((now, float(forces.max())))
                 self.goals.append((now, cell.robot.motion.goal(now)[0][2]))
@@ -233,8 +233,8 @@ def broken(drawn: Drawn, code: int, recording: Recording | None) -> Iterator[str
 
 
 @pytest.fixture(scope="module")
-def exercised() -> Iterator[dict[str, Counter[tuple[str, str]]]]:
-    """Number of times that each fault was injected, and had an effect."""
+def exercised() -> dict[str, Counter[tuple[str, str]]]:
+    """How often each fault was injected, and had an effect."""
     counts: dict[str, Counter[tuple[str, str]]] = {"injected": Counter(), "struck": Counter()}
     return counts
 

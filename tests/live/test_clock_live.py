@@ -4,6 +4,7 @@ import asyncio
 import statistics
 import sys
 from contextlib import closing
+from functools import partial
 
 import pytest
 
@@ -31,11 +32,14 @@ def test_timers_run_in_order_and_not_before_their_time(busy_poll_s: float) -> No
     async def main() -> None:
         with closing(Clock.running()) as clock:
             assert not clock.is_virtual
-            start, seen = clock.now(), []
+            start = clock.now()
+            seen: list[tuple[float, bool]] = []
+
+            def see(delay: float) -> None:
+                seen.append((delay, clock.now() >= start + delay))
+
             for delay in (0.02, 0.005, -1.0, 0.01, 0.005):
-                clock.call_at(
-                    start + delay, lambda delay=delay: seen.append((delay, clock.now() >= start + delay))
-                )
+                clock.call_at(start + delay, partial(see, delay))
             clock.call_at(start + 0.007, lambda: seen.append((0.007, True))).cancel()
             assert seen == []
             await clock.sleep_until(start + 0.03)
@@ -52,7 +56,7 @@ def test_many_cancelled_timers_and_one_that_fails_disturb_nobody() -> None:
             start, done = clock.now(), []
             for k in range(500):
                 clock.call_at(start + 60 + k, lambda: done.append("never")).cancel()
-            clock.call_at(start + 0.001, lambda: {}["fails"])
+            clock.call_at(start + 0.001, lambda: dict[str, object]()["fails"])
             clock.call_at(start + 0.001, lambda: done.append("other"))
             with pytest.raises(TimeoutError):
                 async with asyncio.timeout(0.01):

@@ -256,7 +256,7 @@ def test_a_taken_port_is_one_clear_line() -> None:
         with socket.create_server(("127.0.0.1", 0)) as taken:
             url = f"jr3+tcp-listen://127.0.0.1:{taken.getsockname()[1]}"
             try:
-                await serve_board(url, Memory(), ListenerProfile(), clock, print, print)  # type: ignore[arg-type]
+                await serve_board(url, Memory(), ListenerProfile(), clock, print, print)
             finally:
                 clock.close()
 

@@ -29,12 +29,17 @@ from hil_bridge.testing.transports import Ear, StreamCase, TestStreamWire
 from hil_bridge.transports import (
     Frames,
     LineErrors,
+    PacedLine,
     Transport,
     connect_bytes,
     connect_can,
     listen_bytes,
     listen_can,
 )
+from hil_bridge.transports.can.slcan import SlcanWire
+from hil_bridge.transports.serial.pseudo_terminal import PseudoTerminal
+from hil_bridge.transports.serial.rfc2217 import Rfc2217Client
+from hil_bridge.transports.serial.serial_port import SerialWire
 from protocol.can.frame import CanFrame
 
 __all__ = ["TestStreamWire"]
@@ -87,10 +92,22 @@ class ScriptedSlcan:
                 self.commands.append(line)
             with suppress(TransportError):
                 self._wire.send(b"z\r" if frame else b"\r")
-        if frames and self._on_data is None:
+        if self._on_data is None:
             self._early += frames
         elif frames:
             self._on_data(frames)
+
+
+WHOLE = b"\x00\x03\x0d\x0a\x11\x13\x1a\xff"
+"""Bytes that a terminal changes when it is not set right."""
+
+
+async def _came(ear: Ear, count: int) -> None:
+    await ear.until(lambda: len(ear.data) == count)
+
+
+def _noted(notices: list[str]) -> Callable[[str, str], None]:
+    return lambda kind, text: notices.append(text)
 
 
 @asynccontextmanager
@@ -285,7 +302,7 @@ async def test_the_pace_of_9600_baud_is_kept_within_one_percent() -> None:
             for _ in range(20):
                 ear.data, start = b"", clock.now()
                 sender.send(bytes(57))
-                await ear.until(lambda ear=ear: len(ear.data) == 57)
+                await _came(ear, 57)
                 took = clock.now() - start
                 assert took >= line_time
                 best = min(best, took)
@@ -330,6 +347,7 @@ async def test_a_driver_that_counts_line_errors_is_asked(monkeypatch: pytest.Mon
     with closing(Clock.running()) as clock:
         listening = await listen_bytes("pty:", clock)
         client = await connect_bytes(listening.address, clock)
+        assert isinstance(client, SerialWire)
         assert client.line_errors == LineErrors()  # a pseudo-terminal does not count
         await client.aclose()
         monkeypatch.setattr(
@@ -337,6 +355,7 @@ async def test_a_driver_that_counts_line_errors_is_asked(monkeypatch: pytest.Mon
         )
         counted[6:10] = 1, 2, 3, 4  # frame, overrun, parity, brk
         client = await connect_bytes(listening.address, clock)
+        assert isinstance(client, SerialWire)
         assert client.line_errors == LineErrors()
         counted[6:10] = 11, 2, 4, 6
         assert client.line_errors == LineErrors(parity=1, framing=10, breaks=2)
@@ -360,9 +379,9 @@ async def test_a_client_at_other_settings_than_the_rfc2217_port() -> None:
             ("baudrate=9600&parity=E", True),
         ):
             notices: list[str] = []
-            client = await connect_bytes(
-                f"{host}?{line}", clock, lambda kind, text, to=notices: to.append(text)
-            )
+            client = await connect_bytes(f"{host}?{line}", clock, _noted(notices))
+            assert isinstance(client, Rfc2217Client)
+            assert isinstance(listening.transport, PacedLine)
             heard = Ear(BYTES, client)
             ear.data = b""
             client.send(b"\x05")
@@ -505,11 +524,10 @@ async def test_a_link_names_the_pseudo_terminal_and_clients_come_and_go(tmp_path
             with pytest.raises(TransportUnavailable, match="another program holds the port"):
                 await connect_bytes(f"serial://{link}", clock)
             client.send(b"%d" % k)
-            await ear.until(lambda k=k: len(ear.data) == k + 1)
-            listening.transport.send(
-                b"\x00\x03\x0d\x0a\x11\x13\x1a\xff"
-            )  # nothing that a terminal would change
-            await heard.until(lambda heard=heard: heard.data == b"\x00\x03\x0d\x0a\x11\x13\x1a\xff")
+            await _came(ear, k + 1)
+            listening.transport.send(WHOLE)
+            await _came(heard, len(WHOLE))
+            assert heard.data == WHOLE
             await client.aclose()
         assert ear.data == b"012"
         assert ear.ends == []
@@ -522,6 +540,7 @@ async def test_a_link_names_the_pseudo_terminal_and_clients_come_and_go(tmp_path
 async def test_an_unread_pseudo_terminal_never_blocks_its_emulator() -> None:
     with closing(Clock.running()) as clock:
         listening = await listen_bytes("pty:", clock)
+        assert isinstance(listening.transport, PseudoTerminal)
         for _ in range(100):
             listening.transport.send(bytes(2000))
         assert listening.transport.lost > 0
@@ -578,6 +597,7 @@ async def test_slcan_opens_its_channel_and_survives_noise() -> None:
     tty.setraw(slave)
     with closing(Clock.running()) as clock:
         wire = await connect_can(f"can+slcan://{os.ttyname(slave)}?bitrate=1000000", clock)
+        assert isinstance(wire, SlcanWire)
         _heard_by_adapter(master)
         frames: list[CanFrame] = []
         ends: list[TransportError] = []
@@ -605,7 +625,8 @@ async def test_slcan_opens_its_channel_and_survives_noise() -> None:
             CanFrame(k, b"\xbe\xef") for k in range(len(noise))
         ]
         assert sum(frame == CanFrame(0x123) for frame in frames) == len(noise)
-        assert all(0 <= clock.now() - frame.received_at < 5 for frame in frames)
+        times = [frame.received_at for frame in frames]
+        assert all(at is not None and 0 <= clock.now() - at < 5 for at in times)
         os.write(master, b"T1ABCDEF01FF\rr1230\r")
         wire.send([CanFrame(0x1ABCDEF0, b"\x01", extended=True), CanFrame(0x7FF, remote=True)])
         await asyncio.sleep(0.02)

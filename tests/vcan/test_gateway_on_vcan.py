@@ -54,7 +54,8 @@ class Bus:
             KnownWrench(lambda times: np.tile(wrench, (len(times), 1))),
             seed=1,
         )
-        endpoint = Gateway(GatewayProfile(node=node, boot_s=0.0), sensor, self.clock.now())
+        profile = GatewayProfile(node=node, boot_s=0.0, period_overhead_us=(0.0, 0.0))  # or 1 kHz is 957 Hz
+        endpoint = Gateway(profile, sensor, self.clock.now())
         Pump[Any, Any](endpoint, port, self.clock, lambda event: None, lambda cause: None).start()
 
     async def client(

@@ -20,6 +20,7 @@ from protocol.wrench import (
     HostTare,
     SensorEvent,
     SensorFacts,
+    SensorFailed,
     SensorReady,
     SensorStatistics,
     SensorStopped,
@@ -32,6 +33,8 @@ ARM_HELLO, LOAD_HELLO, LOAD_BYE = b"AH", b"LH", b"LB"
 ARM_CYCLE_S, LOAD_PERIOD_S = 0.004, 0.002
 HELLO_AGAIN_S = 0.25
 """After which a client says hello again when nothing has come."""
+HELLOS = 40
+"""After which the load cell's client gives up; the arm's is told so by its link."""
 RANGE_COUNTS = 200_000
 SCALES: Wrench = (1e-3, 1e-3, 1e-3, 1e-4, 1e-4, 1e-4)
 """N and N·m for one count."""
@@ -104,6 +107,7 @@ class LoadClient:
         self.statistics = SensorStatistics()
         self._events: deque[SensorEvent] = deque()
         self._out: list[bytes] = []
+        self._hellos = HELLOS
         self._hello_at: float | None = now
         self._tare = HostTare(samples=50)
         self._counter: int | None = None
@@ -139,6 +143,11 @@ class LoadClient:
 
     def handle_deadline(self, now: float) -> None:
         if self._hello_at is not None and now >= self._hello_at:
+            if not self._hellos:
+                self._hello_at = None
+                self._events.append(SensorFailed("no sample came; look at its supply and its address"))
+                return
+            self._hellos -= 1
             self._out.append(LOAD_HELLO)
             self._hello_at = now + HELLO_AGAIN_S
 
