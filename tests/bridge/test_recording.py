@@ -245,7 +245,11 @@ def test_numbers_that_json_lacks_come_back_as_nan(tmp_path: Path) -> None:
 
 
 def test_a_record_without_a_time_gets_that_of_the_newest(tmp_path: Path) -> None:
-    odd = [cycle(0, 100.0), EventRecord(math.nan, "phase", "track"), cycle(1, 101.0, controlled_at=math.inf)]
+    odd: list[Any] = [
+        cycle(0, 100.0),
+        EventRecord(math.nan, "phase", "track"),
+        cycle(1, 101.0, controlled_at=math.inf),
+    ]
     recording = read(write(tmp_path / "run.mcap", odd))
     assert recording.events[0].at == recording.cycles[0].controlled_at == recording.cycles[1].controlled_at
 

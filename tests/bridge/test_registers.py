@@ -74,6 +74,9 @@ class Memory:
         self.words[0xE9] = round((now - self.begin) * 2000) % 65536
         return tuple(self.words[address : address + count])
 
+    def load(self, address: int, words: Sequence[int], now: float) -> None:
+        raise RemoteProtocolError("this board takes no program")
+
     def burst(self, address: int, count: int, now: float) -> bytes:
         return pack_words(self.read(address, count, now))
 

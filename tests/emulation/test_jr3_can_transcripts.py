@@ -521,7 +521,7 @@ def test_the_stream_s_period_is_longer_by_sending_and_waking_up() -> None:
     gateway.handle_deadline(T0 + 2.6)
     gateway.data_to_send(T0 + 2.6)
     gateway.receive([parse_frame("201#000010270000")], T0 + 2.6)
-    times = []
+    times: list[float] = []
     while len(times) < 1000:
         due = gateway.next_deadline()
         assert due is not None

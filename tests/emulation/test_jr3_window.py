@@ -22,8 +22,9 @@ class Host:
     def __init__(self) -> None:
         memory = mmap.mmap(-1, WINDOW_BYTES)
         self.now = STEADY
-        self.board = s3_jr3_cell(PaperCellProfile(), 0.0, seed=7, receiver=BOARD).sensor
-        assert isinstance(self.board, Board)
+        board = s3_jr3_cell(PaperCellProfile(), 0.0, seed=7, receiver=BOARD).sensor
+        assert isinstance(board, Board)
+        self.board = board
         self.window = Window(self.board, memory, lambda: self.now)
         self.cells = np.frombuffer(memory, np.uint32)
         self.words = self.cells[WORDS_AT:]

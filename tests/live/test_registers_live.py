@@ -15,6 +15,7 @@ import pytest
 from hil_bridge.clock import Clock, run_real
 from hil_bridge.errors import TransportUnavailable
 from hil_bridge.sensors.jr3.registers import ListenerProfile, serve_board
+from protocol.endpoint import RemoteProtocolError
 from protocol.jr3.board import check_range, pack_words
 from protocol.jr3.registers import (
     Garbage,
@@ -43,6 +44,9 @@ class Memory:
     def read(self, address: int, count: int, now: float) -> tuple[int, ...]:
         check_range(address, count)
         return tuple(self.words[address : address + count])
+
+    def load(self, address: int, words: Sequence[int], now: float) -> None:
+        raise RemoteProtocolError("this board takes no program")
 
     def burst(self, address: int, count: int, now: float) -> bytes:
         return pack_words(self.read(address, count, now))

@@ -70,7 +70,12 @@ async def played(vcan: Any, canplayer: str, folder: Path) -> tuple[list[tuple[fl
         output = stack.enter_context((folder / "monitor.txt").open("wb"))
         monitor = await asyncio.create_subprocess_exec(*MONITOR, vcan.url, stdout=output)
         stack.push_async_callback(monitor.wait)
-        stack.callback(lambda: monitor.returncode is None and monitor.kill())
+
+        def end_monitor() -> None:
+            if monitor.returncode is None:
+                monitor.kill()
+
+        stack.callback(end_monitor)
 
         def rows() -> list[str]:
             text = (folder / "monitor.txt").read_text()
