@@ -30,6 +30,7 @@ from protocol.jr3.registers.startup import (
     configure,
     errors_text,
     start_up,
+    step_name,
     zero,
 )
 from protocol.jr3.registers.telegrams import (
@@ -312,14 +313,14 @@ class BoardClient:
                 SensorNotice("board: its server does not reset it; started up without a reset")
             )
         elif response.status is not Status.OK:
-            self._fail(f"the server refuses {_name(step)}: {response.status.meaning}")
+            self._fail(f"the server refuses {step_name(step)}: {response.status.meaning}")
             return
         words: tuple[int, ...] = ()
         if isinstance(step, Read):
             if not (len(response.bursts) == 1 and response.count == step.count):
                 self.statistics.malformed += 1
                 self._fail(
-                    f"{_name(step)} is answered with {len(response.bursts)} bursts of {response.count} words"
+                    f"{step_name(step)} is answered with {len(response.bursts)} bursts of {response.count} words"
                 )
                 return
             words = response.bursts[0].words
@@ -496,16 +497,3 @@ class BoardClient:
             texts = [f"{axis} saturated" for i, axis in enumerate(AXES) if new >> (len(AXES) + i) & 1]
             texts += [f"{axis} near saturation" for i, axis in enumerate(AXES) if new >> i & 1]
             self._events.append(SensorNotice(f"board: raw {', '.join(texts)}"))
-
-
-def _name(step: Step | None) -> str:
-    """A step for messages."""
-    match step:
-        case Read(address, count):
-            return f"a read of {count} words from {address:04X}"
-        case Write(address, words):
-            return f"a write of {len(words)} words to {address:04X}"
-        case Load(_, words) if words:
-            return "a program"
-        case _:
-            return "a reset"

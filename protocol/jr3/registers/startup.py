@@ -235,3 +235,16 @@ def _check_scales(words: Sequence[int]) -> None:
 def _name(code: int) -> str:
     info = command_info(code)
     return f"command {code:04X}" + (f" ({info[0].name})" if info else "")
+
+
+def step_name(step: Step | None) -> str:
+    """A step for messages."""
+    match step:
+        case Read(address, count):
+            return f"a read of {count} words from {address:04X}"
+        case Write(address, words):
+            return f"a write of {len(words)} words to {address:04X}"
+        case Load(_, words) if words:
+            return "a program"
+        case _:
+            return "a reset"
