@@ -85,7 +85,7 @@ def check_panel(config: Config, virtual: bool) -> None:
     if config.robot.url or virtual:
         raise ConfigError(
             "run.panel_url (--panel) is the emulated controller's panel; leave it out "
-            f"{'with a real robot' if config.robot.url else 'in virtual time, where nobody could press in time'}"
+            f"{'with a real robot' if config.robot.url else 'in virtual time, where a person could not press in time'}"
         )
     check = _emulation(ROBOTS.kind(config.robot.emulated)).check_panel
     if check is None:
