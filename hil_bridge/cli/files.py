@@ -35,7 +35,7 @@ def config() -> None:
 def init(path: Path, overwrite: bool) -> None:
     """Write a commented file with every setting at its default.  [default: hil-bridge.toml]"""
     from hil_bridge.recording.files import write_whole
-    from hil_bridge.settings.configuration import commented_defaults
+    from hil_bridge.settings.template import commented_defaults
 
     write_whole(path, commented_defaults().encode(), overwrite)
     click.echo(f"wrote {path}")
@@ -44,7 +44,7 @@ def init(path: Path, overwrite: bool) -> None:
 @config.command()
 def schema() -> None:
     """Print the JSON schema of a configuration file."""
-    from hil_bridge.settings.configuration import schema as json_schema
+    from hil_bridge.settings.template import schema as json_schema
 
     click.echo(json.dumps(json_schema(), indent=1, ensure_ascii=False))
 
@@ -59,7 +59,8 @@ def profile() -> None:
 @click.option("--all", "everything", is_flag=True, help="Also what is observed, derived, standard or chosen.")
 def show(config_file: Path | None, everything: bool) -> None:
     """Print every assumed value in use with its mark; correct them in the configuration."""
-    from hil_bridge.settings.configuration import load_config, profile_rows
+    from hil_bridge.settings.configuration import load_config
+    from hil_bridge.settings.template import profile_rows
     from protocol.marks import Mark
 
     for key, item in profile_rows(load_config(config_file, {})):

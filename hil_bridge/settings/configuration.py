@@ -4,8 +4,7 @@ import dataclasses
 import difflib
 import json
 import math
-import textwrap
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -27,13 +26,11 @@ from hil_bridge.control import Contour, Limits, OscillationDetector, TaskParamet
 from hil_bridge.control.controllers import controller_kind
 from hil_bridge.errors import ConfigError
 from hil_bridge.faults.settings import FaultConfig
-from hil_bridge.field_docstrings import field_docstrings
 from hil_bridge.kinds import ROBOTS, SENSORS, CellSection, emulated_sensor, faults_of
 from hil_bridge.settings.earlier import told_of
 from hil_bridge.settings.kinds import Chosen, cell_section, chosen_in, merged_section
-from hil_bridge.text_files import format_value, read_toml, toml_pair
+from hil_bridge.text_files import format_value, read_toml
 from protocol.geometry import Quaternion, Vector
-from protocol.marks import Setting, settings
 
 OPTIONS = {
     "run.duration_s": "--duration",
@@ -51,8 +48,6 @@ OPTIONS = {
 }
 """Command-line options by the key that they override."""
 
-_TABLES = ("faults",)
-"""Settings that are written as tables of their own, so that an empty list would stand in their way."""
 
 FILE_KEYS = ("robot.orders_file", "cell.robot.program_folder", "controller.parameters.rules_file")
 """Keys that name a file; one that is not absolute is looked for beside the configuration that names it."""
@@ -364,44 +359,6 @@ def dump(config: Config) -> str:
     return json.dumps(config.model_dump(mode="json"), separators=(",", ":"), sort_keys=True)
 
 
-def profile_rows(config: Config) -> Iterator[tuple[str, Setting]]:
-    """Every setting that carries a mark, with its dotted key."""
-    for key, section in _sections("", config):
-        if dataclasses.is_dataclass(section):
-            for item in settings(section):
-                yield f"{key}.{item.name}", item
-
-
-def schema() -> dict[str, Any]:
-    """JSON schema of a configuration file, settings described with their marks."""
-    result = Config.model_json_schema()
-    definitions = result["$defs"]
-    for key, section in (("", Config()), *_sections("", Config())):
-        definition = definitions[type(section).__name__] if key else result
-        comments = _comments(section.__class__)
-        for name, entry in definition["properties"].items():
-            described = definitions.get(entry.get("$ref", "").rpartition("/")[2], {})
-            entry["description"] = comments.get(name) or described["description"]
-    return result
-
-
-def commented_defaults() -> str:
-    """A configuration file with every setting at its default and a comment above it."""
-    lines = [
-        "# Configuration of hil-bridge. Every setting stands at its default; delete what you do not change."
-    ]
-    for key, section in (("", Config()), *_sections("", Config())):
-        comments = _comments(section.__class__)
-        plain = [(name, value) for name, value in _items(section) if not _is_section(value)]
-        if not plain:
-            continue
-        lines += ["", f"[{key}]"] if key else [""]
-        for name, value in plain:
-            lines += textwrap.wrap(comments.get(name, ""), 108, initial_indent="# ", subsequent_indent="# ")
-            lines.append(f"# {name} =" if value is None or name in _TABLES else toml_pair(name, value))
-    return "\n".join(lines) + "\n"
-
-
 def _resolve_files(values: dict[str, Any], folder: Path) -> None:
     """Make the files that a configuration names relative to its own place."""
     for key in FILE_KEYS:
@@ -413,36 +370,14 @@ def _resolve_files(values: dict[str, Any], folder: Path) -> None:
             table[name] = str(folder / table[name])
 
 
-def _is_section(value: object) -> bool:
+def is_section(value: object) -> bool:
     return isinstance(value, BaseModel) or dataclasses.is_dataclass(value)
 
 
-def _items(section: object) -> list[tuple[str, Any]]:
+def items_of(section: object) -> list[tuple[str, Any]]:
     if isinstance(section, BaseModel):
         return [(name, getattr(section, name)) for name in type(section).model_fields]
     return [(field.name, getattr(section, field.name)) for field in dataclasses.fields(section)]  # type: ignore[arg-type]
-
-
-def _sections(key: str, section: object) -> Iterator[tuple[str, Any]]:
-    """The section itself, then every section inside it, with dotted keys."""
-    if key:
-        yield key, section
-    for name, value in _items(section):
-        if _is_section(value):
-            yield from _sections(f"{key}.{name}" if key else name, value)
-
-
-@cache
-def _comments(cls: Any) -> dict[str, str]:
-    """Text for each field of a section: the setting's meaning with unit and mark, or its docstring."""
-    comments = field_docstrings(cls)
-    if issubclass(cls, BaseModel):
-        return comments
-    for field in dataclasses.fields(cls):
-        if info := field.metadata.get("setting"):
-            unit = f", {info.unit}" if info.unit else ""
-            comments[field.name] = f"{info.meaning.rstrip('.')}{unit} [{info.mark}]"
-    return comments
 
 
 def explain(error: ValidationError, path: Path | None, given: set[str]) -> str:
@@ -467,7 +402,7 @@ def explain(error: ValidationError, path: Path | None, given: set[str]) -> str:
         case "missing":  # only a vector can lack something
             location.pop()
             text = f": a value is missing{got}"
-        case kind if kind in ("dict_type", "model_type") or _is_section(_at(location)):
+        case kind if kind in ("dict_type", "model_type") or is_section(_at(location)):
             text = f" must be a table of settings{got}"
         case _:
             text = f": {first['msg'].replace('Input should', 'must', 1)}{got}"
@@ -488,9 +423,9 @@ def _at(location: Sequence[str]) -> object:
 def _instead(location: Sequence[str]) -> str:
     """Names that a mistyped key may have meant; a wrong unit suffix is named as such."""
     section = _at(location[:-1])
-    if not _is_section(section):
+    if not is_section(section):
         return ""
-    names = [name for name, _ in _items(section)]
+    names = [name for name, _ in items_of(section)]
     wrong = location[-1]
     stem = wrong.rsplit("_", 1)[0]
     same_stem = [name for name in names if name.rsplit("_", 1)[0] == stem or name.startswith(f"{wrong}_")]

@@ -10,15 +10,8 @@ import pytest
 from pydantic import BaseModel
 
 from hil_bridge.errors import ConfigError
-from hil_bridge.settings.configuration import (
-    Config,
-    commented_defaults,
-    dump,
-    load_config,
-    profile_rows,
-    read_config,
-    schema,
-)
+from hil_bridge.settings.configuration import Config, dump, load_config, read_config
+from hil_bridge.settings.template import commented_defaults, profile_rows, schema
 from protocol.marks import Mark
 from protocol.s3.adlp import LinkProfile
 

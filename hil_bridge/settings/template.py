@@ -1,0 +1,77 @@
+"""A configuration described: a commented file of all settings, their JSON schema, and those that carry a mark."""
+
+import dataclasses
+import textwrap
+from collections.abc import Iterator
+from functools import cache
+from typing import Any
+
+from pydantic import BaseModel
+
+from hil_bridge.field_docstrings import field_docstrings
+from hil_bridge.settings.configuration import Config, is_section, items_of
+from hil_bridge.text_files import toml_pair
+from protocol.marks import Setting, settings
+
+_TABLES = ("faults",)
+"""Settings that are written as tables of their own, so that an empty list would stand in their way."""
+
+
+def profile_rows(config: Config) -> Iterator[tuple[str, Setting]]:
+    """Every setting that carries a mark, with its dotted key."""
+    for key, section in _sections("", config):
+        if dataclasses.is_dataclass(section):
+            for item in settings(section):
+                yield f"{key}.{item.name}", item
+
+
+def schema() -> dict[str, Any]:
+    """JSON schema of a configuration file, settings described with their marks."""
+    result = Config.model_json_schema()
+    definitions = result["$defs"]
+    for key, section in (("", Config()), *_sections("", Config())):
+        definition = definitions[type(section).__name__] if key else result
+        comments = _comments(section.__class__)
+        for name, entry in definition["properties"].items():
+            described = definitions.get(entry.get("$ref", "").rpartition("/")[2], {})
+            entry["description"] = comments.get(name) or described["description"]
+    return result
+
+
+def commented_defaults() -> str:
+    """A configuration file with every setting at its default and a comment above it."""
+    lines = [
+        "# Configuration of hil-bridge. Every setting stands at its default; delete what you do not change."
+    ]
+    for key, section in (("", Config()), *_sections("", Config())):
+        comments = _comments(section.__class__)
+        plain = [(name, value) for name, value in items_of(section) if not is_section(value)]
+        if not plain:
+            continue
+        lines += ["", f"[{key}]"] if key else [""]
+        for name, value in plain:
+            lines += textwrap.wrap(comments.get(name, ""), 108, initial_indent="# ", subsequent_indent="# ")
+            lines.append(f"# {name} =" if value is None or name in _TABLES else toml_pair(name, value))
+    return "\n".join(lines) + "\n"
+
+
+def _sections(key: str, section: object) -> Iterator[tuple[str, Any]]:
+    """The section itself, then every section inside it, with dotted keys."""
+    if key:
+        yield key, section
+    for name, value in items_of(section):
+        if is_section(value):
+            yield from _sections(f"{key}.{name}" if key else name, value)
+
+
+@cache
+def _comments(cls: Any) -> dict[str, str]:
+    """Text for each field of a section: the setting's meaning with unit and mark, or its docstring."""
+    comments = field_docstrings(cls)
+    if issubclass(cls, BaseModel):
+        return comments
+    for field in dataclasses.fields(cls):
+        if info := field.metadata.get("setting"):
+            unit = f", {info.unit}" if info.unit else ""
+            comments[field.name] = f"{info.meaning.rstrip('.')}{unit} [{info.mark}]"
+    return comments
