@@ -158,7 +158,7 @@ class Gateway:
         return self._wire.outgoing(frames, now) if self._wire.bad else frames
 
     def next_deadline(self) -> float | None:
-        """What the main program does next, the next frame of the stream, or the next block of samples."""
+        """Time of the main program's next step, the next frame of the stream, or the next block of samples."""
         due = self._firmware.next_deadline()
         if (works_at := self._works_at()) is not None:
             due = works_at if due is None else min(due, works_at)

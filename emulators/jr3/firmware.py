@@ -33,7 +33,7 @@ _IDLE_S = 0.1
 
 
 class Step(Enum):
-    """What a command may have to wait for, in this order."""
+    """Events that a command may have to wait for, in this order."""
 
     JOIN_STREAM = auto()
     """The task that sends ends after the rest of its period."""
@@ -152,7 +152,7 @@ class Firmware:
     def plug_in(self, now: float) -> None:
         """Put the plug of the same sensor in; harmless when it is in.
 
-        What waits for the sensor goes on. Assumed: a calibration that was being read is read from its beginning.
+        A command that waits for the sensor goes on. Assumed: a calibration that was being read is read from its beginning.
         """
         if self.plugged:
             return

@@ -1,4 +1,4 @@
-"""What the program of both gateways of a JR3 sensor is known to do in time, and what had to be assumed about it."""
+"""Times of the program in both gateways of a JR3 sensor, as known or assumed."""
 
 from dataclasses import dataclass
 from typing import Any, ClassVar

@@ -1,4 +1,4 @@
-"""What of a recording goes into which file."""
+"""Files of an export, and the part of a recording that each of them holds."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -60,10 +60,10 @@ class Export:
     """A file to be."""
 
     suffix: str
-    """What its name ends in."""
+    """End of its name."""
     data: bytes
     what: str
-    """What it holds and how it counts time, for people."""
+    """Its content and its clock, for people."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,7 +24,7 @@ TIME = "time_s"
 COLUMNS_MAX = 1000
 """Of a table. Chosen: ten times those of a usual run; a controller may explain itself with names of its own."""
 _ENDS: Mapping[int, Sequence[str]] = {3: ("x", "y", "z"), 4: ("w", "x", "y", "z"), 6: AXES}
-"""What the columns of an array end in, by its length."""
+"""Ends of the columns' names of an array, by its length."""
 _UNITS = ("n", "n", "n", "nm", "nm", "nm")
 
 
@@ -89,7 +89,7 @@ def as_parquet(table: Table) -> bytes:
 
 
 def _cells(name: str, value: Any) -> Iterator[tuple[str, Any]]:
-    """What of a value goes into which column."""
+    """Columns of a value, with their contents."""
     match value:
         case Struct():
             for field in structs.fields(value):

@@ -26,7 +26,7 @@ class WireFrame(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class WireText:
-    """What went over a wire of bytes."""
+    """Data that went over a wire of bytes."""
 
     text: str
     pieces: int

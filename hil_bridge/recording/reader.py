@@ -58,14 +58,14 @@ class Recording:
     truths: tuple[TruthRecord, ...] = ()
     """Ground truth from the emulated cell; empty for a real one."""
     devices: Mapping[str, str] = field(default_factory=dict)
-    """What was known of the devices once they were ready, see `device_facts`; empty before that."""
+    """Facts of the devices once they were ready, see `device_facts`; empty before that."""
     unix_zero_ns: int = 0
     """UNIX time at which the run's clock was 0, ns."""
 
 
 @dataclass(frozen=True, slots=True)
 class RawTraffic:
-    """What went over the wires of a run."""
+    """Data that went over the wires of a run."""
 
     robot: tuple[LinkRecord, ...]
     sensor: tuple[WireRecord, ...]
@@ -120,7 +120,7 @@ def read_link(path: Path) -> tuple[tuple[LinkRecord, ...], Mapping[str, str]]:
 
 @dataclass(slots=True)
 class _Contents:
-    """What of a file was wanted."""
+    """The wanted part of a file."""
 
     records: dict[str, list[Any]]
     """By topic."""

@@ -174,7 +174,7 @@ _WORDS: Mapping[type[inspect.Type], str] = {
 
 
 def _of_union(kind: inspect.UnionType) -> inspect.Type:
-    """What there is where it is not None; a number that may be whole or not is one that may be not."""
+    """The type without None. A number that may be whole counts as one that may have a fraction."""
     present = [one for one in kind.types if not isinstance(one, inspect.NoneType)]
     return next((one for one in present if isinstance(one, inspect.FloatType)), present[0])
 

@@ -24,7 +24,7 @@ UNFILTERED = "the gateway's filter is off (cut-off 0): every sample is as noisy 
 TESTED_PERIOD_MS = 1.0
 """Shortest period of a stream that the firmware was tested with. Source: firmware's own notes."""
 HANGS = "it may hang since its sensor was unplugged: plug the sensor in, then switch the gateway off and on"
-"""What to do with a gateway that does not answer: its program may wait for its sensor. Source: firmware."""
+"""Remedy for a gateway that does not answer: its program may wait for its sensor. Source: firmware."""
 
 
 class GatewayState(IntEnum):

@@ -91,7 +91,7 @@ def test_figures_of_a_known_step() -> None:
     assert figures["overshoot_percent"] == pytest.approx(20.0)
     assert figures["steady_mean_error_n"] == pytest.approx(0.5)
     assert figures["steady_peak_to_peak_n"] == pytest.approx(3.0)
-    assert figures["steps_per_s"] is None, "nobody told the robot's resolution"
+    assert figures["steps_per_s"] is None, "the record does not tell the robot's resolution"
     assert figures["contact_losses"] == 0
     assert figures["largest_force_n"] == 60.0
     assert summary.force_mean_steady_n == pytest.approx(50.5)

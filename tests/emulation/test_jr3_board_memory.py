@@ -247,7 +247,7 @@ def test_the_truth_is_when_a_hosts_count_was_new(n: int) -> None:
     told = [board.sampled_at(count) for count in new]
     assert told[1:] == pytest.approx(list(new.values())[1:], abs=1e-9)
     assert len(new) >= 3
-    assert board.sampled_at((count + 1) % 65536) is None, "nobody has seen this count since the reset"
+    assert board.sampled_at((count + 1) % 65536) is None, "no reader has seen this count since the reset"
 
 
 # --- commands

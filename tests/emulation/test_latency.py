@@ -234,7 +234,7 @@ def test_a_motion_begins_when_the_loops_take_its_first_set_point() -> None:
     motion.enqueue(Waypoint((0.91, -0.1, 0.6), DOWN, 0.1), T0 + 0.005)
     motion.enqueue(Waypoint((0.91, -0.1, 0.59), DOWN, 0.1), T0 + 0.006)
     assert motion.path.accepted == 2
-    assert motion.path.begun_at(1) is None, "nobody has looked on since"
+    assert motion.path.begun_at(1) is None, "no reader has looked on since"
     motion.path.advance(T0 + 1.0)
     first, second = motion.path.begun_at(1), motion.path.begun_at(2)
     assert first == pytest.approx(T0 + TICK + DELAY)

@@ -272,7 +272,7 @@ def test_who_looked_ahead_is_told_up_to_when_an_order_leaves_it_true() -> None:
         "what was computed anew is not true any more either"
     )
     watched.freeze(now, now + 1.0)
-    assert len(told) == 2, "nobody has looked ahead since"
+    assert len(told) == 2, "no reader has looked ahead since"
 
 
 def test_looking_ahead_takes_no_point_before_its_time() -> None:

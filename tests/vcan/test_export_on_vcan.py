@@ -59,7 +59,7 @@ def span(frames: list[WireFrame]) -> float:
 
 
 async def played(vcan: Any, canplayer: str, folder: Path) -> tuple[list[tuple[float, CanFrame]], list[str]]:
-    """What a wire of the bridge and `hil-bridge monitor` hear of `played.log`: frames with times, and rows."""
+    """Frames that a wire of the bridge and `hil-bridge monitor` hear of `played.log`: frames with times, and rows."""
     heard: list[tuple[float, CanFrame]] = []
     async with AsyncExitStack() as stack:
         clock = Clock.running()

@@ -91,7 +91,7 @@ class Processor:
             span=profile.full_scale_span,
         )
         self._identified: tuple[int, ...] = ()
-        """What the sensor said of itself that passed its check last; empty before the first."""
+        """Identity that passed its check last, as the sensor told it; empty before the first."""
         put = self.memory.put
         put("copyright", *(ord(character) << 8 for character in profile.copyright))
         put("vect_axes", profile.vect_axes)

@@ -195,7 +195,7 @@ def limit_cycle(
 
     Off the middle the way back over the border is slower from one side than from the other. With the same dead time, a
     period at the middle of P becomes P/(4·p·(1 − p)) at the offset p. For an integrator with a dead time this is exact.
-    What the servo has not followed within half a period is taken off the swing.
+    The way that the servo has not followed within half a period is taken off the swing.
 
     Raises ValueError for an offset outside (0, 1), or when the loop has no such oscillation.
     """

@@ -52,7 +52,7 @@ class GatewayClient:
                     f"{TESTED_PERIOD_MS:g} on: below it may leave itself no time for anything else"
                 )
             )
-        # What the owner asks for, and the clock, concern the session alone.
+        # Requests of the owner, and the clock, concern the session alone.
         self.zero, self.set_filter, self.stop = session.zero, session.set_filter, session.stop
         self.next_event = session.next_event
         self.next_deadline, self.handle_deadline = session.next_deadline, session.handle_deadline
