@@ -152,7 +152,8 @@ class Firmware:
     def plug_in(self, now: float) -> None:
         """Put the plug of the same sensor in; harmless when it is in.
 
-        A command that waits for the sensor goes on. Assumed: a calibration that was being read is read from its beginning.
+        A command that waits for the sensor goes on. Assumed: a calibration that was being read is read from its
+        beginning.
         """
         if self.plugged:
             return

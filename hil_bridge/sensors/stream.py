@@ -83,7 +83,7 @@ class ForceSensor:
 
     @property
     def stands(self) -> str:
-        """What to say of a device whose frames go on while their counter stands still; empty while it does not."""
+        """Words on a device whose frames go on while their counter stands still; empty while it counts."""
         if not self._client.statistics.stands:
             return ""
         return "frames go on, but their counter stands still, as after the sensor is unplugged"
