@@ -126,7 +126,7 @@ def summarise(recording: Recording, end: RunEnd | None = None) -> Summary:
         cycles_clamped=sum(cycle.verdict == "clamp" for cycle in cycles),
         cycles_held=sum(cycle.held for cycle in cycles),
         cycle_rate_hz=_rate(cycles),
-        cycle_time=times_of(_cycle_times(cycles, robot.cycle_s is not None)),
+        cycle_time=times_of(cycle_times(cycles, robot.cycle_s is not None)),
         line_floor_s=end.line_floor_s,
         sensor_frames_received=len(recording.sensors) + dropped[SENSOR.name],
         sensor_frames_lost=end.sensor_lost,
@@ -218,7 +218,7 @@ def _merit(cycles: Sequence[CycleRecord], step_m: float | None) -> FiguresOfMeri
     )
 
 
-def _cycle_times(cycles: Sequence[CycleRecord], driven_by_robot: bool) -> list[float]:
+def cycle_times(cycles: Sequence[CycleRecord], driven_by_robot: bool) -> list[float]:
     """Time from the begin of each cycle to its answer, s; to the next begin for a robot that drives the cycle."""
     if driven_by_robot:
         return [after.started_at - before.started_at for before, after in pairwise(cycles)]

@@ -75,7 +75,11 @@ def run_rows(summary: Summary) -> tuple[Row, ...]:
         Row("mean steady force", quantity(summary.force_mean_steady_n, 1, ".2f", "N"), "last 40 samples"),
         Row("cycles", f"{summary.cycles}", f"{summary.cycles_clamped} clamped, {summary.cycles_held} held"),
         Row("cycle rate", quantity(summary.cycle_rate_hz, 1, ".2f", "Hz"), "mean over the run"),
-        Row("cycle time", mean, "mean, from status order to the answer of the move"),
+        Row(
+            "cycle time",
+            mean,
+            "mean, to the answer; of a stream, to the next",
+        ),
         Row(
             "cycle time, 50 / 90 %",
             f"{p50} / {p90}",

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_bridge.analysis.stream import stream_force
-from hil_bridge.analysis.summary import TRACK, PhaseSpan, Summary, phases
+from hil_bridge.analysis.summary import TRACK, PhaseSpan, Summary, cycle_times, phases
 from hil_bridge.recording import STOP_EVENT
+from hil_bridge.recording.device_facts import devices_of
 from hil_bridge.recording.reader import Recording
 from hil_bridge.recording.records import CycleRecord
 from hil_bridge.report.explanation import LEVELS
@@ -86,7 +87,8 @@ def draw(recording: Recording, summary: Summary) -> bytes:
         if levels:
             _draw_levels(axes[3], cycles, time)
         _draw_stiffness(axes[-2], cycles, time)
-        _draw_cycle_time(axes[-1], cycles, time, summary)
+        driven = devices_of(recording).robot.cycle_s is not None
+        _draw_cycle_time(axes[-1], time, cycle_times(cycles, driven), summary)
         for ax in axes:
             _shade(ax, spans, zero, named=ax is force)
             _mark_stops(ax, recording, time, zero, named=ax is force)
@@ -222,14 +224,15 @@ def _draw_stiffness(ax: "Axes", cycles: Sequence[CycleRecord], time: Array) -> N
     ax.set_ylim(10 ** math.floor(math.log10(low)), 10 ** math.ceil(math.log10(high * 1.01)))
 
 
-def _draw_cycle_time(ax: "Axes", cycles: Sequence[CycleRecord], time: Array, summary: Summary) -> None:
-    duration = (_column(cycles, "answered_at") - _column(cycles, "started_at")) * 1e3
-    ax.plot(time, duration, color=_BLUE, lw=0.8, marker=".", ms=4, label="cycle")
+def _draw_cycle_time(ax: "Axes", time: Array, seconds: Sequence[float], summary: Summary) -> None:
+    ax.plot(
+        time[: len(seconds)], np.array(seconds) * 1e3, color=_BLUE, lw=0.8, marker=".", ms=4, label="cycle"
+    )
     if summary.line_floor_s is not None:
         floor = summary.line_floor_s * 1e3
         ax.axhline(floor, color=_VERMILION, lw=1.3, ls="--", label=f"line floor {floor:.0f} ms")
-    ax.set_ylim(bottom=0.0)
     ax.margins(y=0.15)
+    ax.set_ylim(bottom=0.0)
     ax.set_ylabel("cycle time, ms")
     _legend(ax)
 
