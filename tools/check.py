@@ -84,8 +84,9 @@ def wheel_elsewhere() -> int:
                 force = json.loads(summary.read_text(encoding="utf-8"))["force_mean_steady_n"]
                 if abs(force - STEADY_N[0]) > STEADY_N[1]:
                     raise RuntimeError(f"the toys came to {force} N")
-                for command in ("latency", "report", "replay"):
+                for command in ("latency", "replay"):
                     run(bridge, command, record)
+                run(bridge, "report", record, "--out", record.with_suffix(""))
         except (RuntimeError, OSError, ValueError) as error:
             print(error)
             return 1
