@@ -111,6 +111,8 @@ class RobotKind:
     """A wire's URL in its parts, for those that look at the wire alone. Raises ConfigError for one that cannot be of
     this kind.
     """
+    describe: Callable[[bytes], list[dict[str, object]]] | None = None
+    """Bytes of its wire of either direction, item by item with fields and problems, for people; None without words."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,6 +165,8 @@ class SensorKind:
     """A wire's URL in its parts, for those that look at the wire alone. Raises ConfigError for one that cannot be of
     this kind.
     """
+    describe: Callable[[bytes], list[dict[str, object]]] | None = None
+    """Bytes of its wire of either direction, item by item with fields and problems, for people; None without words."""
     bus: CanBus | None = None
     """Bus of a device on CAN: an interface with another rate cannot reach it."""
     also: str = ""
