@@ -59,9 +59,7 @@ _FAULTS: tuple[tuple[str, frozenset[int], str], ...] = (
     ("motors", frozenset({Motors.ON}), "the motors are off; switch them on and start the RAPID program"),
     (
         "rapid",
-        frozenset(
-            {Rapid.RUNNING, Rapid.UNDEFINED}
-        ),  # UNDEFINED may stay after a restart of the controller [O:lib]
+        frozenset({Rapid.RUNNING, Rapid.UNDEFINED}),  # it may stay undefined after a restart [O:lib]
         "the RAPID program is stopped; start it",
     ),
     (
@@ -73,7 +71,6 @@ _FAULTS: tuple[tuple[str, frozenset[int], str], ...] = (
 )
 """Field of a robot's message, values with which it moves, and what to do about any other one [O:lib]."""
 _ERROR = "EGM has ended with an error (mciState ERROR); read the controller's event log, then start the RAPID program"
-
 _NO_POSE = "it tells no pose; guide it by EGMActPose"
 
 
@@ -99,7 +96,7 @@ class EgmClient:
         """Number of the newest datagram as sent; None before the first."""
         self._tm = 0
         self._arrived_at = -math.inf
-        self._again: deque[bool] = deque()
+        self._again: deque[bool] = deque(maxlen=_EVENTS_MAX)
         """For each report that waits for its answer: whether it is one of a datagram that came again."""
         self._own_seqno = 0
         self._waiting_since: float | None = None
@@ -191,6 +188,7 @@ class EgmClient:
         fault = fault_of(message) or ("" if measured is not None else _NO_POSE) or self._wrong_cycle
         if self._waiting_since is not None and at - self._waiting_since >= _ON_THE_WAY * self._cycle:
             self._waiting_since = None  # the robot has looked for it by now
+        begins = self._begins(message, at)
         if distance > 0:
             self._number, self._seqno, self._tm, self._arrived_at = number, message.seqno, message.tm_ms, at
             self._guided = not fault
@@ -198,9 +196,9 @@ class EgmClient:
             if fault or self._reference is None:
                 planned = message.planned.pose if message.planned is not None else None
                 self._stay_at(planned or measured)
-            if self._begins(message, at):
-                self._due = True
-                return
+        if begins:
+            self._due |= distance != 0
+            return
         self._again.append(distance == 0)
         pose = _NOWHERE if measured is None else from_wire(measured)
         self._events.append(ReportReceived(RobotReport(number, pose, at, at, fault)))

@@ -243,6 +243,15 @@ def test_until_the_guidance_begins_the_robots_own_set_point_is_answered_and_noth
     assert talk.reports[0].fault == ""
 
 
+def test_a_first_datagram_that_comes_twice_is_no_fault_either() -> None:
+    talk = Conversation()
+    first = told(0, guidance=Guidance.STOPPED)
+    assert len(talk.hears(first)) == 1
+    assert talk.hears(first) == []
+    talk.hears(told(1))
+    assert [report.fault for report in talk.reports] == [""]
+
+
 def test_a_guidance_that_never_begins_is_told_after_a_while() -> None:
     talk = Conversation()
     talk.hears(told(0, guidance=Guidance.STOPPED))
