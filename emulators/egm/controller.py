@@ -43,6 +43,7 @@ _EPOCH_S = 1_700_000_000
 """Chosen: the controller's calendar at power-up, s since 1970, so that a run of one seed repeats itself."""
 _BEGINS = 256
 """Chosen: begins of motion that are kept."""
+_MOTORS_OFF = "motors-off"
 _COUNTS = (0, 6)
 """Numbers of joints that a message may hold."""
 
@@ -80,7 +81,8 @@ class EgmController:
         self.motion = GuidedMotion(profile, pose, self._kinematics)
         """Set point and law."""
         self._arm = FollowedArm(_mechanics(profile), pose, now)
-        self._joints: Joints = self.motion.joints
+        self._measured: tuple[Pose, Joints] = pose, self.motion.joints
+        """The pose that was measured last, and the joints that hold it."""
         self.path: ArmPath = self._arm.path
         self.endpoint = self
         self.state = State.SET_UP
@@ -108,11 +110,13 @@ class EgmController:
         self._converged = self._told_over = False
         self._origin: Pose | None = None
         """Where a way back began; None where there is none."""
+        self._stops: list[str] = []
+        """Faults by which people stop the robot now."""
         self._begin_session(now)
         self.handlers: Handlers = {
             "robot": {
-                "motors-off": Handler(self._motors_off, self._motors_on),
-                "rapid-stop": Handler(self._rapid_stop, self._rapid_start),
+                _MOTORS_OFF: Handler(self._stop, self._start),
+                "rapid-stop": Handler(self._stop, self._start),
                 "egm-stop": Handler(lambda injection: self._at_once(injection, self._end_run)),
                 "out-of-limits": Handler(
                     lambda injection: self._at_once(injection, lambda at: self._fail(OUT_OF_BOUNDS, at))
@@ -246,7 +250,8 @@ class EgmController:
         """A message has come through to the motion."""
         self.motion.take(message)
         self._begun += 1
-        self._begins.append(at + self._profile.arm.servo_delay_cycles * self._period)
+        moves = self.state is State.GUIDING
+        self._begins.append(at + self._profile.arm.servo_delay_cycles * self._period if moves else math.nan)
         profile = self._profile
         if (
             isinstance(message, SensorMessage)
@@ -272,7 +277,7 @@ class EgmController:
                 self._watch_convergence(at)
         elif self.state is State.RAPID_STOPPED and motion.moves:
             ramp = profile.stop_ramp_s
-            if error := motion.brake(1.0 - (at - self._since) / ramp if ramp else 0.0):
+            if motion.brake(1.0 - (at - self._since) / ramp if ramp else 0.0):
                 motion.stand()
         elif self.state is State.ENDED and self._origin is not None:
             share = (at - self._since) / profile.ramp_out_s if profile.ramp_out_s else 1.0
@@ -306,6 +311,8 @@ class EgmController:
         self._converged = self._told_over = False
         self._origin = None
         self.counters["sessions"] += 1
+        if self._stops:
+            self._leave(self._stopped_state(), at)
 
     def _end_run(self, at: float) -> None:
         """EGMRun ends without an error: the tool is held, or goes back to where the guidance began."""
@@ -341,11 +348,13 @@ class EgmController:
 
     def _send(self, measured: Pose, at: float) -> None:
         motion, profile = self.motion, self._profile
-        self._joints = self._kinematics.holding(measured, motion.joints) or motion.joints
+        if measured != self._measured[0]:
+            joints = self._kinematics.holding(measured, motion.joints)
+            self._measured = measured, joints or motion.joints
         motors, guidance, rapid = self.state.value[:3]
         microseconds = round((at - self._powered_at) * 1e6)
         time_us = _EPOCH_S * 1_000_000 + microseconds
-        feedback = Place(_degrees(self._joints), to_wire(measured), (), time_us)
+        feedback = Place(_degrees(self._measured[1]), to_wire(measured), (), time_us)
         newer = profile.rw == "7"
         message = RobotMessage(
             self._seqno,
@@ -377,27 +386,28 @@ class EgmController:
         injection.struck += 1
         injection.finish(injection.injected_at)
 
-    def _motors_off(self, injection: Injection) -> None:
+    def _stop(self, injection: Injection) -> None:
+        """People stop the robot."""
         injection.struck += 1
-        self.motion.stand()
+        self._stops.append(injection.fault)
+        if injection.fault == _MOTORS_OFF:
+            self.motion.stand()
         if self.state not in _OVER:
-            self._leave(State.MOTORS_OFF, injection.injected_at)
+            self._leave(self._stopped_state(), injection.injected_at)
 
-    def _motors_on(self, injection: Injection, now: float) -> None:
-        if self.state is State.MOTORS_OFF:
-            if self._profile.restart_after_motors_off:
-                self._go_on(now)
-            else:
-                self._leave(State.RAPID_STOPPED, now)
-
-    def _rapid_stop(self, injection: Injection) -> None:
-        injection.struck += 1
-        if self.state in (State.GUIDING, State.SET_UP):
-            self._leave(State.RAPID_STOPPED, injection.injected_at)
-
-    def _rapid_start(self, injection: Injection, now: float) -> None:
-        if self.state is State.RAPID_STOPPED:
+    def _start(self, injection: Injection, now: float) -> None:
+        """They let it go on, as far as nothing else stops it."""
+        self._stops.remove(injection.fault)
+        if self.state not in _STOPPED:
+            return
+        stays = injection.fault == _MOTORS_OFF and not self._profile.restart_after_motors_off
+        if self._stops or stays:
+            self._leave(self._stopped_state(), now)
+        else:
             self._go_on(now)
+
+    def _stopped_state(self) -> State:
+        return State.MOTORS_OFF if _MOTORS_OFF in self._stops else State.RAPID_STOPPED
 
     def _go_on(self, now: float) -> None:
         """The guidance goes on where the tool stands. Messages that came meanwhile have gone on being taken [A]."""
