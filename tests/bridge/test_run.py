@@ -556,3 +556,15 @@ def test_a_quiet_sensor_is_not_taken_for_a_frozen_or_dead_one(bench: RunBench) -
         task={"approach_speed_mm_s": 0.275},
     )
     assert run.result.outcome is Outcome.COMPLETED
+
+
+def test_the_orientation_of_the_start_is_ordered_not_the_reported_one(bench: RunBench) -> None:
+    """A robot that reports its orientation wrong by one degree must not be turned by it, cycle after cycle."""
+    turn = after(3, lambda bench: bench.cell.inject("pose", "turned", bench.clock.now(), degrees=1.0))
+    run = bench(turn)
+    reported = [record.quaternion for record in run.tracked()]
+    assert reported[0] != reported[-1], "the fault turns the report"
+    before, after_it = (
+        run.cell.robot.motion.goal(at)[1] for at in (run.cycles[0].answered_at, run.tracked()[-1].answered_at)
+    )
+    assert after_it == pytest.approx(before, abs=1e-4)
