@@ -202,6 +202,8 @@ class Registry(Generic[_Kind]):
     built_in: Mapping[str, str]
     """Module and attribute of our own, by name; the first is that of URLs without a kind."""
     type: type[_Kind]
+    direct: tuple[str, ...] = ()
+    """Names of those kinds whose `directly` is set: known without importing a room."""
 
     @property
     def names(self) -> Sequence[str]:
@@ -238,14 +240,14 @@ class CellSection(CellProfile):
     )
 
 
-ROBOTS = Registry("robot", "hil_bridge.robots", _ROBOTS, RobotKind)
-SENSORS = Registry("sensor", "hil_bridge.sensors", _SENSORS, SensorKind)
+ROBOTS = Registry("robot", "hil_bridge.robots", _ROBOTS, RobotKind, ("s3",))
+SENSORS = Registry("sensor", "hil_bridge.sensors", _SENSORS, SensorKind, ("jr3", "jr3-uart", "jr3-board"))
 SURFACES: Registry[SurfaceKind] = Registry("surface", "hil_bridge.surfaces", {}, SurfaceKind)
 
 
 def usual_bus() -> CanBus:
     """The CAN bus of the first of our kinds that has one: what an interface is for that no sensor's URL names."""
-    return next(kind.bus for kind in map(SENSORS.kind, _SENSORS) if kind.bus is not None)
+    return next(kind.bus for kind in map(SENSORS.kind, SENSORS.direct) if kind.bus is not None)
 
 
 def robot_of(url: str) -> tuple[RobotKind, str]:
@@ -261,7 +263,7 @@ def robot_of(url: str) -> tuple[RobotKind, str]:
 
 def sensor_of(url: str) -> tuple[SensorKind, str]:
     """The kind of sensor that a URL names, and the wire's URL. Raises ConfigError."""
-    for kind in map(SENSORS.kind, _SENSORS):
+    for kind in map(SENSORS.kind, SENSORS.direct):
         if (wire := kind.older_form(url)) is not None:
             return kind, wire
     name, wire = SENSORS.split(url)
@@ -275,7 +277,7 @@ def sensor_of(url: str) -> tuple[SensorKind, str]:
 
 def emulated_sensor(name: str) -> SensorKind:
     """The kind of sensor that a configuration emulates under this name, also an older one. Raises ConfigError."""
-    for kind in map(SENSORS.kind, _SENSORS):
+    for kind in map(SENSORS.kind, SENSORS.direct):
         if name == kind.also:
             return kind
     return SENSORS.kind(name)

@@ -91,8 +91,14 @@ def test_a_sensors_url_of_no_kind_is_refused_with_the_kinds() -> None:
         sensor_of("tcp://10.0.0.1:4000")
 
 
+def test_the_registries_know_which_kinds_stand_in_the_sections_themselves() -> None:
+    for registry in (ROBOTS, SENSORS):
+        kinds = [registry.kind(name) for name in registry.built_in]
+        assert [kind.name for kind in kinds if kind.directly] == list(registry.direct)
+
+
 def test_a_kind_goes_by_its_older_name_in_a_configuration() -> None:
-    assert [emulated_sensor(name).name for name in ("gateway", "uart", "board")] == [*SENSORS.built_in][:3]
+    assert [emulated_sensor(name).name for name in ("gateway", "uart", "board")] == [*SENSORS.direct]
     for section, name in (("robot", "kuka"), ("sensor", "usb")):
         with pytest.raises(ValueError, match=f"there is no {section} '{name}'"):
             Config.model_validate({section: {"emulated": name}})
