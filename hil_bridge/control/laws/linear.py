@@ -20,7 +20,20 @@ from hil_bridge.control.course.checks import (
 )
 from hil_bridge.control.geometry.frames import Array
 from hil_bridge.control.laws.stiffness import Pairing, Stiffness, observe
-from hil_bridge.control.types import POSITION_STEP_MM, SAMPLE_MS, Command, Measurement
+from hil_bridge.control.types import (
+    FINE_STEP_MM,
+    POSITION_STEP_MM,
+    SAMPLE_MS,
+    STREAM_SAMPLES_MS,
+    Command,
+    Measurement,
+    Tuning,
+)
+
+_STREAM_INTEGRAL_PER_S = 4.0
+"""Share of the error that the PI makes up for in a second, on a robot that streams. Chosen: as much as such robots'
+delays of 0.05 … 0.2 s allow.
+"""
 
 
 class PiState(Struct, frozen=True):
@@ -42,6 +55,17 @@ class Pi:
     __pydantic_config__: ClassVar = FORBID_EXTRA
     name: ClassVar[str] = "pi"
     sample_ms: ClassVar[float] = SAMPLE_MS
+    tunings: ClassVar[tuple[Tuning, ...]] = tuple(
+        Tuning(
+            sample_ms,
+            {
+                "proportional": 0.0,
+                "integral": _STREAM_INTEGRAL_PER_S * sample_ms * 1e-3,
+                "resolution_mm": FINE_STEP_MM,
+            },
+        )
+        for sample_ms in STREAM_SAMPLES_MS
+    )
 
     proportional: float = 0.2
     """K_p: share of a change of the error that is answered in a sample."""
@@ -114,6 +138,10 @@ class Admittance:
     __pydantic_config__: ClassVar = FORBID_EXTRA
     name: ClassVar[str] = "admittance"
     sample_ms: ClassVar[float] = SAMPLE_MS
+    tunings: ClassVar[tuple[Tuning, ...]] = tuple(
+        Tuning(sample_ms, {"cycle_ms": sample_ms, "resolution_mm": FINE_STEP_MM})
+        for sample_ms in STREAM_SAMPLES_MS
+    )
 
     mass_kg: float = 66.0
     """M. Chosen: with the damper a time constant of 30 ms, a fraction of the cycle."""
