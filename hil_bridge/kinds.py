@@ -38,7 +38,10 @@ from hil_bridge.wiring import Serving, Wiring
 from protocol.marks import Mark, setting
 from protocol.wrench import SensorClient
 
-_ROBOTS = {"s3": "hil_bridge.robots.s3.room:ROBOT"}
+_ROBOTS = {
+    "s3": "hil_bridge.robots.s3.room:ROBOT",
+    "rsi": "hil_bridge.robots.rsi.room:ROBOT",
+}
 _SENSORS = {
     "jr3": "hil_bridge.sensors.jr3.room:CAN_GATEWAY",
     "jr3-uart": "hil_bridge.sensors.jr3.room:UART_GATEWAY",

@@ -25,7 +25,7 @@ from hil_bridge.kinds import (
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Chosen:
-    """Names of the kinds of other packages that a configuration speaks of, sorted."""
+    """Names of the kinds with sections of their own that a configuration speaks of, sorted."""
 
     robots: tuple[str, ...] = ()
     sensors: tuple[str, ...] = ()
@@ -33,7 +33,9 @@ class Chosen:
 
 
 def chosen_in(values: Mapping[str, Any]) -> Chosen:
-    """The kinds of other packages that a configuration names: in a URL, as the emulated device, or by a section."""
+    """The kinds with sections of their own that a configuration names: in a URL, as the emulated device, or by a
+    section.
+    """
     robot, sensor, cell = (_table(values, name) for name in ("robot", "sensor", "cell"))
     return Chosen(
         _named(ROBOTS, robot.get("url"), robot.get("emulated"), *robot, *cell),
@@ -43,8 +45,8 @@ def chosen_in(values: Mapping[str, Any]) -> Chosen:
 
 
 def merged_section(base: type[BaseModel], registry: Registry[Any], names: Sequence[str]) -> Any:
-    """A section with the settings of our own kinds in it, and one inside it for each further kind."""
-    ours = dict.fromkeys(kind.settings for kind in map(registry.kind, registry.built_in))
+    """A section with the settings of the kinds that stand in it directly, and one inside it for each further kind."""
+    ours = dict.fromkeys(kind.settings for kind in _direct(registry))
     more: dict[str, Any] = {}
     for kind in map(registry.kind, names):
         more[field_name(kind.name)] = (kind.settings, kind.settings())
@@ -56,8 +58,8 @@ def merged_section(base: type[BaseModel], registry: Registry[Any], names: Sequen
 def cell_section(chosen: Chosen) -> Any:
     """The section of the emulated cell with the settings of all emulated devices."""
     devices: list[RobotKind | SensorKind] = [
-        *map(ROBOTS.kind, ROBOTS.built_in),
-        *map(SENSORS.kind, SENSORS.built_in),
+        *_direct(ROBOTS),
+        *_direct(SENSORS),
     ]
     others: list[RobotKind | SensorKind] = [
         *map(ROBOTS.kind, chosen.robots),
@@ -123,8 +125,14 @@ def _table(values: Mapping[str, Any], name: str) -> Mapping[str, Any]:
     return table if isinstance(table, Mapping) else {}
 
 
+def _direct(registry: Registry[Any]) -> list[Any]:
+    """Our kinds whose settings stand in the sections themselves."""
+    return [kind for kind in map(registry.kind, registry.built_in) if kind.directly]
+
+
 def _named(registry: Registry[Any], url: object, *names: object) -> tuple[str, ...]:
-    others = [name for name in registry.names if name not in registry.built_in]
+    direct = {kind.name for kind in _direct(registry)} if registry.built_in else set()
+    others = [name for name in registry.names if name not in direct]
     if not others:
         return ()
     kind, _ = registry.split(url) if isinstance(url, str) else ("", "")
