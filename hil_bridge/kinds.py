@@ -41,6 +41,7 @@ from protocol.wrench import SensorClient
 _ROBOTS = {
     "s3": "hil_bridge.robots.s3.room:ROBOT",
     "egm": "hil_bridge.robots.egm.room:ROBOT",
+    "rsi": "hil_bridge.robots.rsi.room:ROBOT",
 }
 _SENSORS = {
     "jr3": "hil_bridge.sensors.jr3.room:CAN_GATEWAY",
