@@ -21,7 +21,6 @@ from hil_bridge.control.course.checks import (
 from hil_bridge.control.geometry.frames import Array
 from hil_bridge.control.laws.stiffness import Pairing, Stiffness, observe
 from hil_bridge.control.types import (
-    FINE_STEP_MM,
     POSITION_STEP_MM,
     SAMPLE_MS,
     STREAM_SAMPLES_MS,
@@ -30,9 +29,13 @@ from hil_bridge.control.types import (
     Tuning,
 )
 
-_STREAM_INTEGRAL_PER_S = 4.0
-"""Share of the error that the PI makes up for in a second, on a robot that streams. Chosen: as much as such robots'
-delays of 0.05 … 0.2 s allow.
+_STREAM_INTEGRAL_PER_S = 10.0
+"""Share of the error that the PI makes up for in a second, on a robot that streams. Chosen: with half of it the error on
+a contour is twice as large, with twice as much the force overshoots.
+"""
+_STREAM_STEP_MM = 0.05
+"""Step of the position that the estimate counts with on such a robot. Chosen: the smallest move that counts then presses
+with more than the noise of a soft surface's force.
 """
 
 
@@ -61,7 +64,8 @@ class Pi:
             {
                 "proportional": 0.0,
                 "integral": _STREAM_INTEGRAL_PER_S * sample_ms * 1e-3,
-                "resolution_mm": FINE_STEP_MM,
+                "resolution_mm": _STREAM_STEP_MM,
+                "gain_scheduling": True,
             },
         )
         for sample_ms in STREAM_SAMPLES_MS
@@ -139,7 +143,16 @@ class Admittance:
     name: ClassVar[str] = "admittance"
     sample_ms: ClassVar[float] = SAMPLE_MS
     tunings: ClassVar[tuple[Tuning, ...]] = tuple(
-        Tuning(sample_ms, {"cycle_ms": sample_ms, "resolution_mm": FINE_STEP_MM})
+        Tuning(
+            sample_ms,
+            {
+                "mass_kg": 15.0,
+                "damping_ns_m": 500.0,
+                "cycle_ms": sample_ms,
+                "resolution_mm": _STREAM_STEP_MM,
+                "gain_scheduling": True,
+            },
+        )
         for sample_ms in STREAM_SAMPLES_MS
     )
 
