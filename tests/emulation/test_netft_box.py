@@ -120,6 +120,16 @@ def test_a_bias_makes_the_present_load_zero_and_the_stream_goes_on() -> None:
     assert device.bias.tolist() == pytest.approx(np.array(LOAD) * 1e6)
 
 
+def test_a_bias_between_two_late_records_disturbs_neither() -> None:
+    device = box(lambda times: np.outer(times - T0, np.ones(6)))
+    ask(device, Command.START, T0)
+    device.receive([encode_request(Command.BIAS)], T0 + 0.0105)  # nothing was sent for ten periods
+    records = [decode_record(datagram) for datagram in device.data_to_send(T0 + 0.0105)]
+    assert [record.rdt_sequence for record in records] == list(range(1, 12))
+    assert records[-1].counts[0] > 0
+    assert told(device, T0 + 0.0115)[0].counts[0] == pytest.approx(1000, abs=500)
+
+
 def test_a_bias_may_end_the_stream() -> None:
     device = box(bias_stops_stream=True)
     streamed(device)
