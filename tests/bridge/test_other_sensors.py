@@ -13,7 +13,7 @@ from hil_bridge.errors import BridgeError, ConfigError
 from hil_bridge.recording import read
 from hil_bridge.recording.device_facts import devices_of
 
-KINDS = ("netft",)
+KINDS = ("netft", "ft300")
 
 
 def run(*arguments: str) -> str:
@@ -98,6 +98,9 @@ ENDS: Sequence[tuple[str, str, str, tuple[str, ...], bool]] = (
     ("netft", "frames", "off", (), False),
     ("netft", "frames", "frozen-counter", (), False),
     ("netft", "sensor", "power-cycle", (), False),
+    ("ft300", "frames", "unplugged", (), False),
+    ("ft300", "frames", "off", (), False),
+    ("ft300", "sensor", "power-cycle", (), False),
 )
 """Kind, fault, its parameters, and whether the tool is lifted; otherwise it stands still."""
 
@@ -183,3 +186,26 @@ def test_a_port_that_is_none_is_refused(option: str) -> None:
             "--sensor",
             f"netft+udp://127.0.0.1:49152?{option}",
         )
+
+
+# --- FT 300
+
+
+def test_an_ft300_may_be_asked_question_by_question(tried: Try) -> None:
+    told = tried("ft300", '[sensor.ft300]\nmode = "modbus"\n', duration="3")
+    assert told["outcome"] == "completed"
+    sensor = devices_of(read(told["record"])).sensor
+    assert sensor.facts is not None
+    assert sensor.facts.period is None
+
+
+def test_a_force_beyond_the_rating_is_no_value(tried: Try) -> None:
+    told = tried("ft300", fault("signal", "offset", 'axis = "fx"', "amount = 320.0"), duration="5")
+    assert told["code"] == 3
+    assert true_force(told) == 0.0
+
+
+def test_a_sensor_that_refuses_questions_ends_the_run_with_words(tried: Try) -> None:
+    told = tried("ft300", fault("sensor", "refusal", phase="connect", after_s=0.0))
+    assert told["code"] == 3
+    assert "it refuses a question: device failure (4)" in told["error"]
