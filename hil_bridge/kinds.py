@@ -48,6 +48,7 @@ _SENSORS = {
     "jr3-uart": "hil_bridge.sensors.jr3.room:UART_GATEWAY",
     "jr3-board": "hil_bridge.sensors.jr3.room:RECEIVER_BOARD",
     "netft": "hil_bridge.sensors.netft.room:SENSOR",
+    "ft300": "hil_bridge.sensors.ft300.room:SENSOR",
 }
 
 

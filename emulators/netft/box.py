@@ -153,13 +153,12 @@ class NetBox:
         """Send every record that is due."""
         if self._wire.bad and (data := self._wire.arrived(now)):
             self._take(data, now)
-        newest = self._measured.number_at(now - self.profile.latency_s)
-        while (stream := self._stream) is not None and stream.next <= newest:
-            self._sample(stream, now)
+        self._send_due(now)
 
     # --- requests
 
     def _take(self, data: Sequence[bytes], now: float) -> None:
+        self._send_due(now)
         if now < self.ready_at or not self.streams:
             return
         for datagram in data:
@@ -199,6 +198,11 @@ class NetBox:
         self._latched = True
 
     # --- samples
+
+    def _send_due(self, now: float) -> None:
+        newest = self._measured.number_at(now - self.profile.latency_s)
+        while (stream := self._stream) is not None and stream.next <= newest:
+            self._sample(stream, now)
 
     @property
     def step(self) -> int:

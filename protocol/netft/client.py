@@ -63,7 +63,9 @@ class NetFtClient:
         self._tare = HostTare()
         self._asked = 0
         """Requests for the stream since the last record."""
-        self._ready = self._ended = self._warned = False
+        self._ready = self._ended = False
+        self._status = 0
+        """Status of the newest record."""
         self._rdt = self._ft = self._sequence = 0
         """Numbers of the newest record, and the second unwrapped."""
         self._behind = 0
@@ -174,15 +176,15 @@ class NetFtClient:
         rdt, ft, status, fx, fy, fz, tx, ty, tz = RECORD.unpack(datagram)
         self._due = now + self._profile.silence_s
         saturated = 0
-        if status:
-            if status & SATURATED:
-                saturated = _ALL_AXES
-            elif not is_warning(status):
-                self._fail(f"it reports status {status:08X}: {status_words(status)}; its values are not used")
+        if status != self._status or not self._ready:
+            if status and not self._ready and not (status & SATURATED or is_warning(status)):
+                self._fail(f"it reports status {status:08X}: {status_words(status)}; look at its own pages")
                 return
-            elif not self._warned:
-                self._warned = True
+            if status:
                 self._events.append(SensorNotice(f"status {status:08X}: {status_words(status)}"))
+            self._status = status
+        if status and not is_warning(status):
+            saturated = _ALL_AXES  # the values may be anything: a run retracts
         if not self._ready:
             self._ready = True
             self._rdt, self._ft, self._sequence = rdt, ft, ft
