@@ -30,12 +30,12 @@ from hil_bridge.control.types import (
 )
 
 _STREAM_INTEGRAL_PER_S = 10.0
-"""Share of the error that the PI makes up for in a second, on a robot that streams. Chosen: with half of it the error on
-a contour is twice as large, with twice as much the force overshoots.
+"""Share of the error that the PI makes up for in a second, on a robot that streams. Chosen: with half of it the error
+on a contour is twice as large, with twice as much the force overshoots.
 """
 _STREAM_STEP_MM = 0.05
-"""Step of the position that the estimate counts with on such a robot. Chosen: the smallest move that counts then presses
-with more than the noise of a soft surface's force.
+"""Step of the position that the estimate counts with on such a robot. Chosen: on a soft surface the smallest move that
+counts then changes the force by more than its noise.
 """
 
 
@@ -146,7 +146,7 @@ class Admittance:
         Tuning(
             sample_ms,
             {
-                "mass_kg": 15.0,
+                "mass_kg": 5.0,
                 "damping_ns_m": 500.0,
                 "cycle_ms": sample_ms,
                 "resolution_mm": _STREAM_STEP_MM,
