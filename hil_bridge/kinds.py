@@ -70,6 +70,10 @@ def _not_mine(url: str) -> str | None:
     return None
 
 
+def _not_known(settings: KindSettings) -> float | None:
+    return None
+
+
 @dataclass(frozen=True, slots=True)
 class RobotEmulation:
     """The emulated robot of a kind."""
@@ -173,6 +177,10 @@ class SensorKind:
     """
     describe: Callable[[bytes], list[dict[str, object]]] | None = None
     """Bytes of its wire of either direction, item by item with fields and problems, for people; None without words."""
+    period: Callable[[KindSettings], float | None] = _not_known
+    """Time between two frames with these settings, s; None where it is shorter than a cycle of any robot, or not known
+    before the sensor streams.
+    """
     bus: CanBus | None = None
     """Bus of a device on CAN: an interface with another rate cannot reach it."""
     also: str = ""

@@ -1,16 +1,18 @@
 """The pace of a run: its control period, and the controller's tuning for it.
 
 A robot that is asked answers as fast as its line goes, and controllers are tuned for that. A robot that streams has a
-cycle, of a few milliseconds. A controller that has a tuning for this cycle decides in every one. A controller that has
-none keeps the sample time that it was made for, in whole cycles of the robot.
+cycle, of a few milliseconds. A controller that has a tuning for this cycle decides in every one, but no faster than the
+sensor tells a new force. A controller that has none keeps the sample time that it was made for. Both in whole cycles of
+the robot.
 """
 
+import math
 from typing import Any
 
 from hil_bridge.control.controllers import PERIOD_FACTOR, controller_kind, sample_time
 from hil_bridge.control.types import Tuning
 from hil_bridge.settings.configuration import Config
-from hil_bridge.settings.kinds import facts_of
+from hil_bridge.settings.kinds import facts_of, sensor_kind, settings_of
 
 
 def paced(config: Config) -> Config:
@@ -24,9 +26,12 @@ def paced(config: Config) -> Config:
     if cycle is None or config.controller.sample_ms is not None:
         return config
     cycle_ms = cycle * 1e3
+    sensor = sensor_kind(config)
+    frame_ms = (sensor.period(settings_of(config, sensor)) or 0.0) * 1e3
+    shortest_ms = math.ceil(frame_ms / cycle_ms - 1e-6) * cycle_ms
     kind: Any = controller_kind(config.controller.name)
     made_for = Tuning(sample_time(kind) * 1e3, {})
-    period_ms = config.run.period_ms or cycle_ms
+    period_ms = config.run.period_ms or max(cycle_ms, shortest_ms)
     fits = [tuning for tuning in (made_for, *_tunings(kind)) if _off(tuning, period_ms) <= PERIOD_FACTOR]
     if fits:
         tuning = min(fits, key=lambda tuning: _off(tuning, period_ms))
@@ -35,6 +40,7 @@ def paced(config: Config) -> Config:
     else:
         tuning = made_for
         period_ms = round(made_for.sample_ms / cycle_ms) * cycle_ms
+    if period_ms > cycle_ms:
         config = config.model_copy(update={"run": config.run.model_copy(update={"period_ms": period_ms})})
     controller = config.controller.model_copy(
         update={

@@ -2,11 +2,12 @@
 
 from protocol.ft300.client import Ft300Client
 from protocol.ft300.describe import describe
-from protocol.ft300.messages import BAUDRATE, STOP, decode_message, encode_message
+from protocol.ft300.messages import BAUDRATE, PERIOD_S, STOP, decode_message, encode_message
 from protocol.ft300.profile import Ft300ClientProfile
 
 __all__ = [
     "BAUDRATE",
+    "PERIOD_S",
     "STOP",
     "Ft300Client",
     "Ft300ClientProfile",

@@ -170,6 +170,16 @@ def test_a_controller_decides_at_the_cycle_that_it_is_tuned_for(
     control_loop(config)
 
 
+@pytest.mark.parametrize(
+    ("sensor", "period_ms"), [("netft", 0.0), ("jr3", 12.0), ("jr3-uart", 12.0), ("ft300", 12.0)]
+)
+def test_no_decision_is_taken_without_a_new_force(sensor: str, period_ms: float) -> None:
+    """A robot with a cycle of 4 ms waits for a sensor that tells a force every 10 ms."""
+    config = paced(read_config({"robot": {"emulated": "egm"}, "sensor": {"emulated": sensor}}))
+    assert config.run.period_ms == period_ms
+    control_loop(config)
+
+
 @pytest.mark.usefixtures("toys")
 def test_a_configuration_has_the_last_word_on_pace_and_parameters() -> None:
     parameters = quick(controller={"name": "pi", "parameters": {"integral": 0.5}}).controller.parameters

@@ -9,7 +9,7 @@ from hil_bridge.kinds import KindSettings, SensorEmulation, SensorKind
 from hil_bridge.transports import Transport
 from hil_bridge.transports.urls import CONNECT_BYTES, LISTEN_BYTES, parse_url
 from hil_bridge.wiring import Serving, Wiring
-from protocol.ft300 import BAUDRATE, Ft300Client, Ft300ClientProfile, describe
+from protocol.ft300 import BAUDRATE, PERIOD_S, Ft300Client, Ft300ClientProfile, describe
 
 
 def _with_line(url: str, schemes: Mapping[str, Any]) -> str:
@@ -48,4 +48,5 @@ SENSOR = SensorKind(
     ),
     parse=lambda url, settings: parse_url(_with_line(url, CONNECT_BYTES), CONNECT_BYTES),
     describe=describe,
+    period=lambda settings: PERIOD_S,
 )
