@@ -154,7 +154,9 @@ def test_toys_close_the_loop_and_the_record_tells_their_facts(tmp_path: Path) ->
 
 def quick(**sections: dict[str, Any]) -> Config:
     """A configuration with the toys' arm, whose cycle is 4 ms, as a run gets it."""
-    return paced(read_config({**sections, "robot": {"emulated": "toyarm"}}))
+    return paced(
+        read_config({**sections, "robot": {"emulated": "toyarm"}, "sensor": {"emulated": "toyload"}})
+    )
 
 
 @pytest.mark.usefixtures("toys")
