@@ -232,7 +232,7 @@ class EgmController:
                 self.counters["cycles missed"] += 1
             else:
                 self._send(measured, at)
-        self._told_over |= self.state in _OVER
+                self._told_over = self.state in _OVER
         taken = self._queue.popleft() if self._queue else None
         self._delayed.append(taken)
         acting = self._delayed.popleft() if len(self._delayed) > self._profile.ref_delay_cycles else None

@@ -1,6 +1,7 @@
 """Externally Guided Motion of an ABB robot: its datagrams, and the client that guides it."""
 
 from protocol.egm.client import EgmClient, fault_of
+from protocol.egm.describe import describe
 from protocol.egm.messages import (
     Answer,
     Guidance,
@@ -35,6 +36,7 @@ __all__ = [
     "SensorMessage",
     "decode_answer",
     "decode_robot",
+    "describe",
     "encode_answer",
     "encode_robot",
     "fault_of",

@@ -45,6 +45,10 @@ _LATE_SHARE = 0.8
 _BEGIN_S = 5.0
 """Chosen: how long a session may go on before its guidance begins until that is told as a fault. Such datagrams are
 answered, but not reported."""
+_CYCLES_TIMED = 25
+"""Chosen: datagrams over which the robot's cycle is measured by its own clock, before anything moves."""
+_CYCLE_TOLERANCE = 0.2
+"""Chosen: part by which that may differ; a cycle of 4.032 ms counts as 4 ms."""
 _EVENTS_MAX = 1024
 """Chosen: events that are kept until they are taken."""
 _NOWHERE = Pose((math.nan, math.nan, math.nan), (1.0, 0.0, 0.0, 0.0))
@@ -68,6 +72,8 @@ _FAULTS: tuple[tuple[str, frozenset[int], str], ...] = (
 )
 """Field of a robot's message, values with which it moves, and what to do about any other one [O:lib]."""
 _ERROR = "EGM has ended with an error (mciState ERROR); read the controller's event log, then start the RAPID program"
+
+_NO_POSE = "it tells no pose; guide it by EGMActPose"
 
 
 def fault_of(message: RobotMessage) -> str:
@@ -103,6 +109,10 @@ class EgmClient:
         self._sent_number = 0
         self._session_at: float | None = None
         """When a session came whose guidance has not begun, s; None once it has."""
+        self._first: tuple[int, int] | None = None
+        """Number and tm of a session's first datagram until its cycle has been measured."""
+        self._wrong_cycle = ""
+        """Words for a cycle that is not as expected."""
         self._guided = False
         """The newest datagram told no fault."""
         self._moving = False
@@ -120,7 +130,7 @@ class EgmClient:
             except RemoteProtocolError as error:
                 self._notice("datagram", f"a datagram is not heeded: {error}", now)
                 continue
-            self._take(message, at, now)
+            self._take(message, at)
 
     def next_event(self) -> StreamEvent | None:
         return self._events.popleft() if self._events else None
@@ -166,18 +176,18 @@ class EgmClient:
 
     # --- datagrams of the robot
 
-    def _take(self, message: RobotMessage, at: float, now: float) -> None:
+    def _take(self, message: RobotMessage, at: float) -> None:
         distance = self._distance(message, at)
         if distance is None:
             if self._seqno is not None:
                 self._lost("the controller began another EGM session; the tool stands where it was stopped")
             distance = 1
             self._session_at = at
+            self._first, self._wrong_cycle = (message.seqno, message.tm_ms), ""
         number = self._number + distance
         measured = message.feedback.pose if message.feedback is not None else None
-        fault = fault_of(message) or (
-            "" if measured is not None else "it tells no pose; guide it by EGMActPose"
-        )
+        self._time_cycle(message)
+        fault = fault_of(message) or ("" if measured is not None else _NO_POSE) or self._wrong_cycle
         if distance > 0:
             self._number, self._seqno, self._tm, self._arrived_at = number, message.seqno, message.tm_ms, at
             self._guided = not fault
@@ -211,6 +221,22 @@ class EgmClient:
         later = _signed(message.tm_ms - self._tm) > 0  # the controller's clock goes on with a new session
         silent = at - self._arrived_at > _SILENCE_S
         return None if later or silent or ahead < -_LATE_MAX else ahead
+
+    def _time_cycle(self, message: RobotMessage) -> None:
+        """Measure the robot's cycle once in a session: all speeds are distances of a cycle."""
+        if self._first is None:
+            return
+        seqno, tm = self._first
+        count = _signed(message.seqno - seqno)
+        if count < _CYCLES_TIMED:
+            return
+        self._first = None
+        cycle = _signed(message.tm_ms - tm) * 1e-3 / count
+        if abs(cycle - self._cycle) > _CYCLE_TOLERANCE * self._cycle:
+            self._wrong_cycle = (
+                f"it sends every {cycle * 1e3:.1f} ms and not every {self._cycle * 1e3:g} ms; set "
+                "robot.egm.sample_ms to the SampleRate of its program"
+            )
 
     def _stay_at(self, pose: PoseMm | None) -> None:
         """Let the robot stand at its own set point. One that is none must not be sent back."""

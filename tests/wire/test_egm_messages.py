@@ -21,6 +21,7 @@ from protocol.egm import (
     SensorMessage,
     decode_answer,
     decode_robot,
+    describe,
     encode_answer,
     encode_robot,
     rotation_vector,
@@ -286,3 +287,68 @@ def test_no_bytes_raise_anything_else(data: bytes) -> None:
     for decode in (decode_robot, decode_answer):
         with suppress(RemoteProtocolError):
             decode(data)
+    assert len(describe(data)) == 1
+
+
+# --- in words
+
+
+def test_a_robots_datagram_in_words() -> None:
+    (item,) = describe(R2)
+    assert (item["message"], item["direction"], item["size"]) == ("EgmRobot", "from robot", 379)
+    assert item["problems"] == []
+    fields = {field["name"]: field for field in item["fields"]}
+    assert fields["header.mtype"]["value"] == "MSGTYPE_DATA"
+    assert fields["feedBack.cartesian.pos.z"] == {
+        "name": "feedBack.cartesian.pos.z",
+        "value": 500.0,
+        "unit": "mm",
+    }
+    assert fields["feedBack.joints.joints"]["unit"] == "°"
+    assert fields["measuredForce.force"]["value"] == list(FORCE)
+    assert fields["mciState.state"]["value"] == "MCI_RUNNING"
+
+
+def test_an_older_robots_force_is_in_its_words_too() -> None:
+    (item,) = describe(R1)
+    assert {"name": "measuredForce.force", "value": list(FORCE), "unit": "N, N·m"} in item["fields"]
+
+
+@pytest.mark.parametrize(
+    ("data", "message", "field"),
+    [
+        (S2, "EgmSensor", ("speedRef.cartesians.value", "mm/s, °/s")),
+        (S3, "EgmSensor", ("speedRef.joints.joints", "°/s")),
+        (S4, "EgmSensorPathCorr", ("pathCorr.age", "ms")),
+        (S5, "EgmSensor", ("RAPIDtoRobot.dnum", "")),
+    ],
+)
+def test_an_answer_in_words(data: bytes, message: str, field: tuple[str, str]) -> None:
+    (item,) = describe(data)
+    assert (item["message"], item["direction"], item["problems"]) == (message, "to robot", [])
+    assert field in [(one["name"], one["unit"]) for one in item["fields"]]
+
+
+@pytest.mark.parametrize(
+    ("message", "problem"),
+    [
+        (FIRST._replace(planned=None), "planned holds no pose"),
+        (FIRST._replace(feedback=PLACE._replace(joints_deg=JOINTS[:5])), "feedBack holds 5 joints"),
+        (FIRST._replace(feedback=PLACE._replace(time_us=None)), "RobotWare before 6.07"),
+        (FIRST._replace(dnum=(0.0,) * 41), "holds 41 numbers"),
+    ],
+)
+def test_a_datagram_with_which_clients_cannot_work_says_so(message: RobotMessage, problem: str) -> None:
+    (item,) = describe(encode_robot(message, RobotWare.RW7))
+    assert [problem in text for text in item["problems"]] == [True]
+
+
+def test_an_answer_that_is_not_heeded_says_why() -> None:
+    (item,) = describe(encode_answer(SensorMessage(0, joints_deg=(0.0,) * 7)))
+    assert item["problems"] == ["it is not heeded: EgmSensor: 7 numbers where 6 are the most"]
+
+
+@pytest.mark.parametrize("data", [b"", b"\xff", S1[:-1], b"\x08\x01"])
+def test_other_bytes_are_noise(data: bytes) -> None:
+    (item,) = describe(data)
+    assert (item["kind"], item["size"]) == ("noise", len(data))

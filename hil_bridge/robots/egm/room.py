@@ -4,6 +4,7 @@ from typing import Any
 
 from emulators.egm import EGM_FAULTS, EgmController, EgmProfile
 from emulators.seams import RobotFactory
+from hil_bridge.errors import ConfigError
 from hil_bridge.facts import RobotFacts
 from hil_bridge.kinds import KindSettings, RobotEmulation, RobotKind
 from hil_bridge.robots.egm.facts import robot_facts
@@ -12,7 +13,7 @@ from hil_bridge.robots.streamed import StreamedLink
 from hil_bridge.transports import Datagrams
 from hil_bridge.transports.urls import LISTEN_DATAGRAMS, parse_url
 from hil_bridge.wiring import Serving, Wiring
-from protocol.egm import EgmClient
+from protocol.egm import EgmClient, describe
 
 USUAL = "udp://127.0.0.1:6510"
 """Where the emulated robot sends in real time: the port of ABB's example and of other clients [M, O:flo]."""
@@ -20,7 +21,8 @@ USUAL = "udp://127.0.0.1:6510"
 
 async def connect(url: str, settings: KindSettings, wiring: Wiring) -> StreamedLink[Datagrams]:
     """The robot that sends to this address, not started yet. Errors as of `RobotKind.connect`."""
-    parse_url(url, LISTEN_DATAGRAMS)
+    if "strangers" not in parse_url(url, LISTEN_DATAGRAMS).options:
+        url += f"{'&' if '?' in url else '?'}strangers=refuse"  # nothing else may take the robot's place
     wire = await wiring.datagrams(url, speak_first=False)
     client = EgmClient(settings.client.sample_ms * 1e-3, settings.client.feed_forward)
     return StreamedLink(wire, client, facts(url, settings), wiring.clock, wiring.log)
@@ -34,6 +36,13 @@ def facts(url: str, settings: KindSettings) -> RobotFacts:
 def make(settings: KindSettings) -> RobotFactory:
     """The controller that a cell's section describes."""
     return lambda start, now, seed: EgmController(settings.emulated, start, now, seed)
+
+
+def check(settings: KindSettings) -> None:
+    """Raise ConfigError for an emulated robot that no run can guide."""
+    mode = settings.emulated.mode
+    if mode != "pose":
+        raise ConfigError(f'cell.egm.mode = "{mode}": a run guides by poses; set mode = "pose"')
 
 
 async def serve(url: str, robot: Any, settings: KindSettings, serving: Serving) -> str:
@@ -53,5 +62,7 @@ ROBOT = RobotKind(
     connect,
     facts,
     RobotEmulation(EgmProfile, make, serve, usual, EGM_FAULTS),
+    check=check,
     parse=lambda url, settings: parse_url(url, LISTEN_DATAGRAMS),
+    describe=describe,
 )
