@@ -38,12 +38,19 @@ from hil_bridge.wiring import Serving, Wiring
 from protocol.marks import Mark, setting
 from protocol.wrench import SensorClient
 
-_ROBOTS = {"s3": "hil_bridge.robots.s3.room:ROBOT"}
+_ROBOTS = {
+    "s3": "hil_bridge.robots.s3.room:ROBOT",
+    "rtde": "hil_bridge.robots.rtde.room:ROBOT",
+}
 _SENSORS = {
     "jr3": "hil_bridge.sensors.jr3.room:CAN_GATEWAY",
     "jr3-uart": "hil_bridge.sensors.jr3.room:UART_GATEWAY",
     "jr3-board": "hil_bridge.sensors.jr3.room:RECEIVER_BOARD",
 }
+
+
+_DIRECT = frozenset({"s3", "jr3", "jr3-uart", "jr3-board"})
+"""Kinds whose settings stand in the sections `[robot]`, `[sensor]` and `[cell]` themselves."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -206,6 +213,11 @@ class Registry(Generic[_Kind]):
     def names(self) -> Sequence[str]:
         """Names of all kinds, ours first."""
         return [*self.built_in, *(name for name in plugin_names(self.group) if name not in self.built_in)]
+
+    @property
+    def direct(self) -> Sequence[str]:
+        """Names of the built-in kinds whose settings have no section of their own."""
+        return [name for name in self.built_in if name in _DIRECT]
 
     def kind(self, name: str) -> _Kind:
         """The kind of a name. Raises ConfigError for a name that is not known, and for a package that is broken."""

@@ -25,7 +25,7 @@ from hil_bridge.kinds import (
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Chosen:
-    """Names of the kinds of other packages that a configuration speaks of, sorted."""
+    """Names of the kinds with sections of their own that a configuration speaks of, sorted."""
 
     robots: tuple[str, ...] = ()
     sensors: tuple[str, ...] = ()
@@ -33,7 +33,9 @@ class Chosen:
 
 
 def chosen_in(values: Mapping[str, Any]) -> Chosen:
-    """The kinds of other packages that a configuration names: in a URL, as the emulated device, or by a section."""
+    """The kinds with sections of their own that a configuration names: in a URL, as the emulated device, or by a
+    section.
+    """
     robot, sensor, cell = (_table(values, name) for name in ("robot", "sensor", "cell"))
     return Chosen(
         _named(ROBOTS, robot.get("url"), robot.get("emulated"), *robot, *cell),
@@ -44,7 +46,7 @@ def chosen_in(values: Mapping[str, Any]) -> Chosen:
 
 def merged_section(base: type[BaseModel], registry: Registry[Any], names: Sequence[str]) -> Any:
     """A section with the settings of our own kinds in it, and one inside it for each further kind."""
-    ours = dict.fromkeys(kind.settings for kind in map(registry.kind, registry.built_in))
+    ours = dict.fromkeys(kind.settings for kind in map(registry.kind, registry.direct))
     more: dict[str, Any] = {}
     for kind in map(registry.kind, names):
         more[field_name(kind.name)] = (kind.settings, kind.settings())
@@ -56,8 +58,8 @@ def merged_section(base: type[BaseModel], registry: Registry[Any], names: Sequen
 def cell_section(chosen: Chosen) -> Any:
     """The section of the emulated cell with the settings of all emulated devices."""
     devices: list[RobotKind | SensorKind] = [
-        *map(ROBOTS.kind, ROBOTS.built_in),
-        *map(SENSORS.kind, SENSORS.built_in),
+        *map(ROBOTS.kind, ROBOTS.direct),
+        *map(SENSORS.kind, SENSORS.direct),
     ]
     others: list[RobotKind | SensorKind] = [
         *map(ROBOTS.kind, chosen.robots),
@@ -124,7 +126,7 @@ def _table(values: Mapping[str, Any], name: str) -> Mapping[str, Any]:
 
 
 def _named(registry: Registry[Any], url: object, *names: object) -> tuple[str, ...]:
-    others = [name for name in registry.names if name not in registry.built_in]
+    others = [name for name in registry.names if name not in registry.direct]
     if not others:
         return ()
     kind, _ = registry.split(url) if isinstance(url, str) else ("", "")
