@@ -68,7 +68,7 @@ class Connection:
         cycle = self._controller.path.cycle
         if self._sends and self._due <= cycle:
             packet = self._data()
-            self._due = cycle - cycle % self._every + self._every
+            self._due = self._next(cycle)
             self._out += self._disturbance.outgoing(packet, self._late, now)
         while self._late and self._late[0][0] <= now + 1e-9:
             self._out.append(self._late.pop(0)[1])
@@ -96,6 +96,10 @@ class Connection:
     @property
     def _sends(self) -> bool:
         return self._started and not self.closing
+
+    def _next(self, cycle: int) -> int:
+        """The next cycle in which data is sent."""
+        return cycle - cycle % self._every + self._every
 
     def _data(self) -> bytes:
         assert self._outputs is not None, "it has started"
@@ -137,7 +141,7 @@ class Connection:
     def _start(self) -> None:
         if self._outputs is not None and not self._started:
             self._started = True
-            self._due = self._controller.path.cycle + 1
+            self._due = self._next(self._controller.path.cycle)
         self._out.append(packets.accepted(Kind.START, self._outputs is not None))
 
     def _take_outputs(self, payload: bytes) -> None:

@@ -42,6 +42,7 @@ class UrRtde:
         self._walk: Walk | None = None
         """A move that goes on beside other commands."""
         self._ended = False
+        self._writes = self._operations = 0
 
     # --- registers
 
@@ -61,12 +62,21 @@ class UrRtde:
         for number, value in enumerate(values):
             self._controller.write_output(f"output_double_register_{self._offset + number}", value)
 
+    def _progress(self, value: int) -> None:
+        """What a move beside other commands has come to, -1 at its end: a count of writes in bits 16 … 22, the move's
+        number in bits 24 … 30, and bit 15 with the value while it goes on.
+        """
+        self._writes = (self._writes + 1) % 128
+        self._operations = (self._operations + (value == 0)) % 128
+        running = (1 << 15) + value if value >= 0 else 0
+        self._say(2, (self._operations << 24) + (self._writes << 16) + running)
+
     # --- turns
 
     def turns(self) -> Turns:
         """One turn a cycle."""
         self._say(0, READY)
-        self._say(2, -2)
+        self._progress(-1)
         while not self._ended:
             command = self._i(0)
             if command == STOP_SCRIPT:
@@ -91,7 +101,7 @@ class UrRtde:
             place = next(self._walk, None)
             if place is None:
                 self._walk = None
-                self._say(2, -2)
+                self._progress(-1)
             else:
                 controller.order(place)
         elif self._servoing is not None:
@@ -175,6 +185,8 @@ class UrRtde:
         yield from self._stop(self._d(0, 1)[0] * _JOINT_PER_METRE)
 
     def _stop(self, deceleration: float) -> Turns:
+        if self._walk is not None:
+            self._progress(-1)
         self._servoing = self._speed = self._walk = None
         rate = deceleration if math.isfinite(deceleration) and deceleration > 0.0 else 1.0
         while not self._controller.still:
@@ -190,7 +202,7 @@ class UrRtde:
         self._servoing = self._speed = None
         if self._i(1):
             self._walk = walk
-            self._say(2, 0)
+            self._progress(0)
             return
         for place in walk:
             self._controller.order(place)

@@ -16,6 +16,7 @@ from hil_bridge.transports import Transport
 from hil_bridge.transports.urls import WireUrl
 from hil_bridge.wiring import Serving, Wiring
 from protocol.rtde.client import RtdeClient
+from protocol.rtde.describe import describe
 from protocol.rtde.profile import ClientProfile
 from protocol.rtde.wires import Pieces, Port
 
@@ -95,4 +96,5 @@ ROBOT = RobotKind(
     RobotEmulation(RtdeProfile, make, serve, usual, RTDE_FAULTS),
     check=check,
     parse=_parse,
+    describe=describe,
 )
