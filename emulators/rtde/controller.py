@@ -85,7 +85,7 @@ class Controller:
                 f"a {profile.model} cannot hold its tool at the start; choose another start_position_mm or model"
             )
         self.arm = JointArm(joints, self.period, profile.servo_gain_scale, profile.stop_deceleration_rad_s2)
-        self._flange = self._old_flange = flange(self.lengths, joints)
+        self._flange = self._old_flange = self._next_flange = flange(self.lengths, joints)
         self._random = random.Random(seed)
         self.path = CycledPath(compose(self._flange, self.tool), now, self.period, self._cycle)
         self._powered_at = now
@@ -102,6 +102,8 @@ class Controller:
         """Inputs that a connection holds, by name."""
         self.external_force = False
         """Whether `external_force_torque` is its force sensor."""
+        self._force_at = now
+        """When the last external force came, s."""
         self.force_zero: Wrench = _NO_FORCE
         self.measured: Wrench = _NO_FORCE
         """actual_TCP_force without noise and zero, N and N·m, base axes."""
@@ -139,7 +141,7 @@ class Controller:
     def _cycle(self, now: float) -> Pose:
         self.now = now
         self._old_flange = self._flange
-        self._flange = flange(self.lengths, self.arm.joints)
+        self._flange = self._next_flange
         while self._pending and self._pending[0][0] <= now:
             self._pending.pop(0)[1]()
         if self._starting is not None and self._starting[0] <= now:
@@ -152,7 +154,8 @@ class Controller:
         self._guard()
         self.arm.step(self.slider if self.profile.slider_slows_servo else 1.0)
         self.snapshots.append(self._snapshot(now))
-        return compose(flange(self.lengths, self.arm.joints), self.tool)
+        self._next_flange = flange(self.lengths, self.arm.joints)
+        return compose(self._next_flange, self.tool)
 
     def later(self, seconds: float, change: Callable[[], None]) -> None:
         """Do this after a time."""
@@ -214,6 +217,8 @@ class Controller:
         for watchdog in self.watchdogs:
             if watchdog.name in names:
                 watchdog.last = self.now
+        if "external_force_torque" in names:
+            self._force_at = self.now
         if self.inputs.get("speed_slider_mask") and "speed_slider_fraction" in values:
             fraction = values["speed_slider_fraction"]
             if isinstance(fraction, float) and math.isfinite(fraction):
@@ -272,8 +277,17 @@ class Controller:
         if frequency_hz > 0.0:
             self.watchdogs.append(Watchdog(name, 1.0 / frequency_hz, action, self.now))
 
+    def enable_external_force(self, enable: bool) -> None:
+        """Take `external_force_torque` for the force sensor, or the arm's own."""
+        self.external_force, self._force_at = enable, self.now
+
     def _watch(self, now: float) -> None:
         if self.runtime != Runtime.PLAYING:
+            return
+        rate = self.profile.force_watchdog_hz
+        if self.external_force and rate and now - self._force_at > 1.0 / rate + 1e-9:
+            self.counts["external force missing"] += 1
+            self.pause()
             return
         for watchdog in self.watchdogs:
             if now - watchdog.last > watchdog.period + 1e-9:

@@ -71,14 +71,10 @@ def _force(controller: Controller, text: bytes) -> Turns:
     """Takes `external_force_torque` for its sensor. It stays so when the program ends (assumed)."""
     found = _ENABLES.search(text)
     enable = found is not None and found[1] == b"True"
-    controller.external_force = enable
-    rate = controller.profile.force_watchdog_hz
-    if b"while True" in text:
-        if enable:
-            controller.watch_input("external_force_torque", rate, "pause")
-        while True:
-            yield
+    controller.enable_external_force(enable)
     yield
+    while b"while True" in text:
+        yield
 
 
 def _unknown(controller: Controller, text: bytes) -> Turns:

@@ -257,7 +257,7 @@ class UrRtde:
         self._controller.payload = self._d(0, 4)
 
     def enable_force(self) -> None:
-        self._controller.external_force = bool(self._i(1))
+        self._controller.enable_external_force(bool(self._i(1)))
 
     def tell_step_time(self) -> None:
         self._tell((self._controller.period,))

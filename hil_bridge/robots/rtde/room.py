@@ -30,8 +30,10 @@ async def connect(url: str, settings: KindSettings, wiring: Wiring) -> StreamedL
     return StreamedLink(Bundle(url, wires, client.farewell), client, facts, wiring.clock, wiring.log)
 
 
-async def open_wires(url: str, profile: ClientProfile, wiring: Wiring) -> dict[Port, Transport[bytes]]:
-    """The wires to a controller's ports; without the dashboard where its port is 0."""
+async def open_wires(
+    url: str, profile: ClientProfile, wiring: Wiring, dashboard: bool = True
+) -> dict[Port, Transport[bytes]]:
+    """The wires to a controller's ports; without the dashboard where that is not wanted, or its port is 0."""
     address = parse_address(url)
     numbers = {
         Port.RTDE: RTDE_PORT,
@@ -42,7 +44,7 @@ async def open_wires(url: str, profile: ClientProfile, wiring: Wiring) -> dict[P
     wires: dict[Port, Transport[bytes]] = {}
     try:
         for port, number in numbers.items():
-            if port is Port.DASHBOARD and not profile.dashboard_port:
+            if port is Port.DASHBOARD and not (dashboard and profile.dashboard_port):
                 continue
             wire_url = address.memory_url(port) if address.name else f"tcp://{address.authority}:{number}"
             wires[port] = await wiring.bytes(wire_url)
