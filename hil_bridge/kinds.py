@@ -42,6 +42,7 @@ _ROBOTS = {
     "s3": "hil_bridge.robots.s3.room:ROBOT",
     "egm": "hil_bridge.robots.egm.room:ROBOT",
     "rsi": "hil_bridge.robots.rsi.room:ROBOT",
+    "rtde": "hil_bridge.robots.rtde.room:ROBOT",
 }
 _SENSORS = {
     "jr3": "hil_bridge.sensors.jr3.room:CAN_GATEWAY",

@@ -15,8 +15,17 @@ from hil_bridge.transports.serial.line import Uart
 
 @dataclass(frozen=True, slots=True)
 class _Listener:
-    exchange: Exchange
+    exchange: "Exchange | _Door"
     end: Uart | None
+
+
+class _Door:
+    """Lets any number of clients in at a time."""
+
+    busy = False
+
+    def __init__(self, on_client: Callable[[Transport[bytes]], object]) -> None:
+        self.attach = on_client
 
 
 def _listeners(clock: Clock) -> dict[str, _Listener]:
@@ -50,6 +59,19 @@ def listen_memory(name: str, clock: Clock, end: Uart | None = None) -> Transport
     exchange = Exchange(f"memory:{name}", free=lambda: None, stop=lambda: _forget(clock, name))
     listeners[name] = _Listener(exchange, end)
     return exchange
+
+
+def listen_memory_clients(
+    name: str, clock: Clock, on_client: Callable[[Transport[bytes]], object]
+) -> Callable[[], None]:
+    """Wait for clients of this name in this loop, any number at a time: `on_client` is given the transport of each, and
+    closes it. Gives a function that ends the waiting. Raises TransportUnavailable if the name is taken.
+    """
+    listeners = _listeners(clock)
+    if name in listeners:
+        raise TransportUnavailable(f"memory:{name}: another listens under this name already; choose another")
+    listeners[name] = _Listener(_Door(on_client), None)
+    return lambda: _forget(clock, name)
 
 
 def connect_memory(
