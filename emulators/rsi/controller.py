@@ -9,7 +9,7 @@ Source: project specification of RSI, sections 4 to 6.
 
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum, auto
 
@@ -29,10 +29,12 @@ from protocol.rsi.telegram import LARGEST_IPOC
 MAKER = "KUKA"
 RUNS, STOPPED = "3", "4"
 """Observed (FZI's configuration): states of the program."""
-_AXES = tuple(f"A{axis}" for axis in range(1, 7))
-_EXTERNAL = tuple(f"E{axis}" for axis in range(1, 7))
+_AXES = range(1, 7)
+_ACTUAL, _LATE, _STATUS = pose_tags("RIst"), "Delay.D", "ProgStatus.R"
 _ANSWERS_A_CYCLE = 64
 """Chosen: answers of a cycle that are looked at. A peer that floods the port is not served."""
+
+_ROUNDING_S = 1e-9
 
 
 class State(Enum):
@@ -55,6 +57,8 @@ class _Session:
     begun_at: float
     ethernet: Ethernet
     correction: Correction
+    values: dict[str, str]
+    """Values of its telegrams, those that change included."""
     sent: int = 0
     """Telegrams that were sent."""
     left: bool = False
@@ -140,7 +144,7 @@ class RsiController:
         due = self._next_beat()
         if now < due:
             return
-        missed = math.floor((now - due) / self.profile.period + 1e-9)
+        missed = math.floor((now - due) / self.profile.period + _ROUNDING_S)
         self._beats += missed + 1
         self._advance_clock(missed)
         self._cycle(now)
@@ -175,11 +179,11 @@ class RsiController:
             return
         session = self._session
         edge, session.stop_before = inputs.stop and not session.stop_before, inputs.stop
+        if not session.left and now - session.begun_at >= self.profile.move_after_ms / 1e3 - _ROUNDING_S:
+            self.state = State.MOVECORR
         if self.state is State.ON:
-            waited = now - session.begun_at >= self.profile.move_after_ms / 1e3 - 1e-9
-            if waited and not session.left:
-                self.state = State.MOVECORR
-        elif edge:
+            return
+        if edge:
             self.state, session.left = State.ON, True
             self._arm.hold(now)
         elif not self._stopped(now):
@@ -217,7 +221,9 @@ class RsiController:
     def _begun(self, now: float) -> _Session:
         """A session that corrects from where the robot stands."""
         programmed = self._arm.set_point(now)
-        return _Session(now, Ethernet(self.profile), Correction(self.profile, programmed))
+        return _Session(
+            now, Ethernet(self.profile), Correction(self.profile, programmed), self._lasting(programmed)
+        )
 
     def _fail(self, error: str, now: float) -> None:
         """An error ends RSI: the robot stops on its path."""
@@ -234,35 +240,39 @@ class RsiController:
         telegram = encode(Telegram(ROBOT, MAKER, values, self._ipoc), self.profile.rob_type_attr)
         self._line.put(telegram, now)
 
-    def _values(self, now: float) -> Mapping[str, str]:
+    def _values(self, now: float) -> dict[str, str]:
         """The values of the tags that the configuration sends."""
-        digits = self.profile.precision
+        values, session = dict(self._session.values), self._session
+        if _ACTUAL[0] in values:
+            values.update(zip(_ACTUAL, self._texts(values_of(self._arm.pose(now))), strict=True))
+        if _LATE in values:
+            values[_LATE] = str(session.ethernet.late)
+        if _STATUS in values:
+            values[_STATUS] = STOPPED if self._injected.holds("robot", "emergency-stop", now) else RUNS
+        return values
+
+    def _lasting(self, programmed: Pose) -> dict[str, str]:
+        """The same as far as they stay the same in a session, in their order."""
         values: dict[str, str] = {}
-        stopped = self._injected.holds("robot", "emergency-stop", now)
         for tag in self.profile.send:
             name = tag.removeprefix("DEF_")
             match name:
-                case "RIst":
-                    group = zip(pose_tags(name), values_of(self._arm.pose(now)), strict=True)
-                case "RSol":
-                    group = zip(pose_tags(name), values_of(self._session.correction.programmed), strict=True)
+                case "RIst" | "RSol":
+                    group = dict(zip(pose_tags(name), self._texts(values_of(programmed)), strict=True))
                 case "AIPos" | "ASPos":
-                    group = zip(
-                        (f"{name}.{axis}" for axis in _AXES), self.profile.fixed_joints_deg, strict=True
-                    )
+                    joints = self._texts(self.profile.fixed_joints_deg)
+                    group = dict(zip((f"{name}.A{axis}" for axis in _AXES), joints, strict=True))
                 case "EIPos" | "ESPos":
-                    group = zip((f"{name}.{axis}" for axis in _EXTERNAL), (0.0,) * 6, strict=True)
+                    group = dict.fromkeys((f"{name}.E{axis}" for axis in _AXES), self._texts((0.0,))[0])
                 case "Delay":
-                    values["Delay.D"] = str(self._session.ethernet.late)
-                    continue
-                case "ProgStatus.R":
-                    values[name] = STOPPED if stopped else RUNS
-                    continue
+                    group = {_LATE: "0"}
                 case _:
-                    values[name] = "0"
-                    continue
-            values.update((each, fixed(value, digits)) for each, value in group)
+                    group = {name: "0"}
+            values |= group
         return values
+
+    def _texts(self, values: Sequence[float]) -> list[str]:
+        return [fixed(value, self.profile.precision) for value in values]
 
     # --- faults
 

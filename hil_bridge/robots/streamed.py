@@ -167,9 +167,9 @@ class StreamedLink(Generic[Data]):
                 self._log.notice(kind, text)
 
     def _silent(self, seconds: float, remedy: str) -> DeviceError:
-        if self._newest is not None and self._newest.fault:  # its last words say more
-            return DeviceError(self._newest.fault)
-        return DeviceError(f"robot on {self.name} sent nothing for {seconds:g} s; {remedy}")
+        newest = self._newest
+        before = f"; before that, {newest.fault}" if newest is not None and newest.fault else ""
+        return DeviceError(f"robot on {self.name} sent nothing for {seconds:g} s; {remedy}{before}")
 
     def _faulty(self, words: str) -> str:
         return f"robot on {self.name} cannot move: {words}"

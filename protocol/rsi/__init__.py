@@ -1,6 +1,7 @@
 """KUKA's Robot Sensor Interface: telegrams, angles, the client's end. Source: project specification of RSI."""
 
 from protocol.rsi.client import RsiClient
+from protocol.rsi.describe import describe
 from protocol.rsi.profile import RsiLink
 from protocol.rsi.telegram import ROBOT, SENSOR, Telegram, decode, encode, fixed, number, numbers, pose_tags
 
@@ -11,6 +12,7 @@ __all__ = [
     "RsiLink",
     "Telegram",
     "decode",
+    "describe",
     "encode",
     "fixed",
     "number",

@@ -13,7 +13,7 @@ Source: project specification of RSI, sections 3, 5 and 9.
 
 import math
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from protocol.datagram import arrived_at
@@ -28,17 +28,19 @@ DECIMALS = 6
 """Observed: decimals of every number that public clients send."""
 SESSION_MS = 1000
 """Chosen: a clock that jumps by more, either way, is that of a program that was begun anew."""
+PLANNED_MM = 0.1
+"""Chosen: a set position that moves by more is that of a program that was begun anew, or that moves by itself."""
 STANDING_MM = 0.05
 """Chosen: a difference between actual and set position below it is none when a session begins."""
-STRAY_MM = 0.5
-"""Chosen: difference between the ordered correction and that of a standing robot which is told."""
-STANDING_S = 0.5
-"""Chosen: time without a new correction after which a robot stands."""
+FOLLOWS_WITHIN_S = 0.25
+"""Chosen: a robot is where its correction was within so long; more than any lag of its servo."""
 RUNNING = 3.0
 """Observed (FZI's configuration): status of a program that runs, where it is sent."""
 _STATUS = "ProgStatus.R"
 _ACTUAL, _SET, _LATE = pose_tags("RIst"), pose_tags("RSol"), "Delay.D"
 _NOTHING = (0.0,) * 6
+_NO_POSE = Pose((math.nan,) * 3, (1.0, 0.0, 0.0, 0.0))
+"""Stands for a position that is told as something else than numbers: nothing moves with it."""
 
 Correction = tuple[float, ...]
 """X Y Z in mm, A B C in degrees."""
@@ -49,11 +51,16 @@ class _Told(NamedTuple):
 
     ipoc: int
     pose: Pose
-    offset: Correction | None
-    """Actual less set position; None where the robot tells no set position."""
+    planned: Pose | None
+    """Set position, without any correction; None where the robot does not tell it."""
     late: int | None
     """Answers that came late or not at all, since the program began; None where it is not told."""
     status: float | None
+
+    @property
+    def offset(self) -> Correction | None:
+        """Actual less set position; None where one of them is not known."""
+        return None if self.planned is None or self.pose is _NO_POSE else _offset(self.pose, self.planned)
 
 
 class _Answered(NamedTuple):
@@ -79,6 +86,10 @@ class RsiClient:
         self._sequence = 0
         self._heard_at = -math.inf
         self._late: int | None = None
+        self._planned: Pose | None = None
+        """Set position of the newest telegram that told one."""
+        self._offset: Correction | None = None
+        """Correction that the newest telegram shows; None where it shows none."""
         self._answered: _Answered | None = None
         self._missed = 0
         """Answers in a row that the robot has not taken."""
@@ -86,8 +97,13 @@ class RsiClient:
         """Correction that the robot has, as far as is known."""
         self._began: tuple[Pose, Correction] | None = None
         """Pose and correction at which the movement began; None outside of one."""
-        self._changed_at = -math.inf
-        self._garbled = self._strayed = self._limited = False
+        self._trail: deque[Correction] = deque(
+            [_NOTHING], maxlen=math.ceil(FOLLOWS_WITHIN_S * 1e3 / link.cycle_ms)
+        )
+        """The newest corrections, cycle by cycle."""
+        self._strayed = False
+        """The robot has not come along with its correction in this movement."""
+        self._garbled = self._limited = False
         self._tags = pose_tags(link.correction_tag)
 
     # --- as an endpoint
@@ -120,6 +136,8 @@ class RsiClient:
     # --- movements
 
     def begin(self, pose: Pose) -> None:
+        if self._strayed and self._offset is not None:
+            self._set(self._offset)  # as it did not come along, go on from where it is
         self._began = pose, self._total
         self._limited = self._strayed = False
 
@@ -127,13 +145,11 @@ class RsiClient:
         self._began = None
 
     def target(self, pose: Pose, now: float) -> None:
-        wanted = (
-            self._total if self._began is None or self._missed >= self._link.late_max else self._wanted(pose)
-        )
-        self._answer(self._within_reach(wanted), now)
+        stays = self._began is None or self._missed >= self._link.late_max
+        self._answer(self._within_reach(self._total if stays else self._wanted(pose)))
 
     def hold(self, now: float) -> None:
-        self._answer(self._total, now)
+        self._answer(self._total)
 
     # --- telegrams
 
@@ -142,9 +158,7 @@ class RsiClient:
         cycles, anew = 1, False
         if self._newest is not None:
             passed = told.ipoc - self._newest
-            anew = abs(passed) > SESSION_MS or (
-                passed > 0 and told.late is not None and self._late is not None and told.late < self._late
-            )
+            anew = abs(passed) > SESSION_MS or (passed > 0 and self._is_other_program(told))
             cycles = round(passed / self._link.cycle_ms) or (1 if passed > 0 else 0)
             if passed <= 0 and not anew:
                 self._report(told, at, self._sequence + cycles)
@@ -155,22 +169,34 @@ class RsiClient:
             self._settle(told, cycles)
         self._sequence += 1 if anew else cycles
         self._newest, self._heard_at, self._late = told.ipoc, at, told.late
-        self._watch(told, at)
+        self._planned = told.planned or self._planned
+        self._watch(told)
         self._report(told, at, self._sequence)
 
     def _report(self, told: _Told, at: float, sequence: int) -> None:
         self._asked.append(told.ipoc)
         self._events.append(ReportReceived(RobotReport(sequence, told.pose, at, at, self._fault(told))))
 
+    def _is_other_program(self, told: _Told) -> bool:
+        """Whether the count of late answers begins anew, or the set position is another."""
+        if told.late is not None and self._late is not None and told.late < self._late:
+            return True
+        if told.planned is None or self._planned is None:
+            return False
+        return math.dist(told.planned.position, self._planned.position) * 1e3 > PLANNED_MM
+
     def _begin_session(self, told: _Told, anew: bool) -> None:
         """The robot's program has begun anew, or was silent: its correction is what it tells."""
         self._answered, self._missed = None, 0
-        self._total = _NOTHING
-        if told.offset is not None and math.hypot(*told.offset[:3]) > STANDING_MM:
-            self._total = told.offset
+        offset = told.offset or _NOTHING
+        self._set(offset if math.hypot(*offset[:3]) > STANDING_MM else _NOTHING)
         if self._began is not None:
             self._began = None
-            why = "its program has begun anew" if anew else f"it sent nothing for {SESSION_MS / 1e3:g} s"
+            why = (
+                "its program has begun anew, or moves by itself"
+                if anew
+                else f"it sent nothing for {SESSION_MS / 1e3:g} s"
+            )
             self._events.append(StreamLost(f"{why}: the correction of before no longer holds"))
 
     def _settle(self, told: _Told, cycles: int) -> None:
@@ -184,18 +210,27 @@ class RsiClient:
         self._missed += 1
         self._total = answered.before
 
-    def _watch(self, told: _Told, at: float) -> None:
-        """Tell of a robot that stands elsewhere than its correction says."""
-        if told.offset is None or self._strayed or at - self._changed_at < STANDING_S or self._missed:
+    def _watch(self, told: _Told) -> None:
+        """See whether the robot has come along with its correction."""
+        self._trail.append(self._total)
+        self._offset = told.offset
+        if self._offset is None or self._began is None or self._missed or self._strayed:
             return
-        stray = math.dist(told.offset[:3], self._total[:3])
-        if stray > STRAY_MM:
+        place = self._offset[:3]
+        stray = min(math.dist(place, total[:3]) for total in self._trail)
+        if stray > self._link.stray_mm:
             self._strayed = True
             self._tell(
                 "correction",
-                f"the robot stands {stray:.2f} mm beside its correction: see whether it moves, whether POSCORR limits "
-                "it, and whether HOLDON and the mode of RSI_ON are those of the settings",
+                f"the robot is {stray:.1f} mm beside its correction: it stands, or POSCORR limits it, or HOLDON or the "
+                "mode of RSI_ON are not as set",
             )
+
+    def _set(self, correction: Correction) -> None:
+        """This is the robot's correction now."""
+        self._total = correction
+        self._trail.clear()
+        self._trail.append(correction)
 
     def _fault(self, told: _Told) -> str:
         if told.status is not None and told.status != RUNNING:
@@ -245,7 +280,7 @@ class RsiClient:
         )
         return tuple(here + share * part for here, part in zip(self._total, way, strict=True))
 
-    def _answer(self, correction: Correction, now: float) -> None:
+    def _answer(self, correction: Correction) -> None:
         """Answer the telegram that was told first of those without an answer, if its cycle is not over."""
         ipoc = self._asked.popleft()
         if ipoc != self._newest or (self._answered is not None and self._answered.ipoc == ipoc):
@@ -258,8 +293,6 @@ class RsiClient:
         self._total = (
             tuple(was + value for was, value in zip(before, sent, strict=True)) if relative else tuple(sent)
         )
-        if self._total != before:
-            self._changed_at = now
         self._answered = _Answered(ipoc, self._late, before)
         telegram = Telegram(SENSOR, self._link.sentype, dict(zip(self._tags, texts, strict=True)), ipoc)
         self._out.append(encode(telegram))
@@ -274,24 +307,25 @@ def _read(raw: bytes) -> _Told:
     Raises RemoteProtocolError for one without a position or a clock.
     """
     telegram = decode(raw)
+    values = telegram.values
     if telegram.root != ROBOT:
         raise RemoteProtocolError(f"it is a {telegram.root} telegram, not one of a robot")
-    actual, planned = numbers(telegram.values, _ACTUAL), numbers(telegram.values, _SET)
-    if actual is None:
+    if any(tag not in values for tag in _ACTUAL):
         raise RemoteProtocolError(
             "it has no RIst; enter DEF_RIst into the controller's Ethernet configuration"
         )
-    late, status = (
-        number(telegram.values[tag]) if tag in telegram.values else None for tag in (_LATE, _STATUS)
-    )
-    pose = pose_of(actual)
-    return _Told(
-        telegram.ipoc,
-        pose,
-        None if planned is None else _offset(pose, pose_of(planned)),
-        None if late is None else int(late),
-        status,
-    )
+    pose, planned = _pose(values, _ACTUAL), _pose(values, _SET)
+    late, status = (number(values[tag]) if tag in values else None for tag in (_LATE, _STATUS))
+    return _Told(telegram.ipoc, pose or _NO_POSE, planned, None if late is None else int(late), status)
+
+
+def _pose(values: Mapping[str, str], tags: tuple[str, ...]) -> Pose | None:
+    """The pose in these values; None where one is missing or no number."""
+    try:
+        found = numbers(values, tags)
+    except RemoteProtocolError:
+        return None
+    return None if found is None else pose_of(found)
 
 
 def _offset(actual: Pose, planned: Pose) -> Correction:

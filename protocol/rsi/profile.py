@@ -36,6 +36,9 @@ class RsiLink:
         200.0, Mark.CHOSEN, "fastest correction, also after an answer that was lost", unit="mm/s", above=0.0
     )
     fastest_deg_s: float = setting(80.0, Mark.CHOSEN, "the same for each angle", unit="°/s", above=0.0)
+    stray_mm: float = setting(
+        1.0, Mark.CHOSEN, "distance of a robot from its correction that is told", unit="mm", above=0.0
+    )
     late_max: int = setting(
         5,
         Mark.CHOSEN,

@@ -10,7 +10,7 @@ from hil_bridge.robots.streamed import StreamedLink
 from hil_bridge.transports import Datagrams
 from hil_bridge.wiring import Serving, Wiring
 from protocol.marks import settings as marked
-from protocol.rsi import RsiClient, RsiLink
+from protocol.rsi import RsiClient, RsiLink, describe
 
 PORT = 49152
 """Observed: the port of the ROS driver's and FZI's configurations. The protocol has none of its own."""
@@ -74,4 +74,5 @@ ROBOT = RobotKind(
     connect,
     facts,
     RobotEmulation(RsiProfile, make, serve, usual, RSI_FAULTS),
+    describe=describe,
 )
