@@ -1,4 +1,4 @@
-"""RSIPI, a client of RSI that other people wrote, unmodified, at the emulated KUKA controller: each a process of its own."""
+"""RSIPI, a client that other people wrote, unmodified, at the emulated KUKA controller in a process of its own."""
 
 import json
 import socket
@@ -38,7 +38,10 @@ client = api.client
 def state():
     told = client.send_variables
     return {
-        "actual": told["RIst"], "planned": told["RSol"], "late": int(told["Delay"]["D"]), "clock": client.current_ipoc(),
+        "actual": told["RIst"],
+        "planned": told["RSol"],
+        "late": int(told["Delay"]["D"]),
+        "clock": client.current_ipoc(),
     }
 """
 MOVE = """
