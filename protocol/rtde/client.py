@@ -48,9 +48,7 @@ TRIES = 5
 AGAIN_S = 0.2
 """Chosen: time between two of these tries."""
 SETTLE_LOOKAHEADS = 5.0
-"""Chosen: for so many lookahead times behind a movement the arm is let come to its last set point. 1 % of the lag is left
-then.
-"""
+"""Chosen: for so many lookahead times behind a movement the arm is let come to its set point; 1 % of a lag is left."""
 FULL_SPEED = 0.995
 """Chosen: below, the speed slider is down."""
 _SEQUENCE_MAX = 2**31 - 1
