@@ -13,7 +13,7 @@ from hil_bridge.errors import BridgeError, ConfigError
 from hil_bridge.recording import read
 from hil_bridge.recording.device_facts import devices_of
 
-KINDS = ("netft", "ft300")
+KINDS = ("netft", "ft300", "ati-can")
 
 
 def run(*arguments: str) -> str:
@@ -50,7 +50,9 @@ Try = Callable[..., dict[str, Any]]
 
 
 def fault(on: str, name: str, *parameters: str, phase: str = "track", after_s: float = 0.5) -> str:
-    given = f"with = {{{', '.join(parameters)}}}\n" if parameters else ""
+    lasts = "".join(f"{one}\n" for one in parameters if one.startswith("for_s"))
+    given = ", ".join(one for one in parameters if not one.startswith("for_s"))
+    given = lasts + (f"with = {{{given}}}\n" if given else "")
     return f'[[faults]]\non = "{on}"\nfault = "{name}"\nphase = "{phase}"\nafter_s = {after_s}\n{given}'
 
 
@@ -101,6 +103,12 @@ ENDS: Sequence[tuple[str, str, str, tuple[str, ...], bool]] = (
     ("ft300", "frames", "unplugged", (), False),
     ("ft300", "frames", "off", (), False),
     ("ft300", "sensor", "power-cycle", (), False),
+    ("ati-can", "frames", "unplugged", (), True),
+    ("ati-can", "sensor", "status", ("bit = 5",), True),
+    ("ati-can", "sensor", "watchdog", (), False),
+    ("ati-can", "sensor", "other-host", (), False),
+    ("ati-can", "sensor", "power-cycle", (), False),
+    ("ati-can", "bus", "off", ("for_s = 1.0",), False),
 )
 """Kind, fault, its parameters, and whether the tool is lifted; otherwise it stands still."""
 
@@ -209,3 +217,16 @@ def test_a_sensor_that_refuses_questions_ends_the_run_with_words(tried: Try) -> 
     told = tried("ft300", fault("sensor", "refusal", phase="connect", after_s=0.0))
     assert told["code"] == 3
     assert "it refuses a question: device failure (4)" in told["error"]
+
+
+# --- NETCANOEM
+
+
+def test_a_calibration_that_is_not_there_ends_the_run_with_words(tried: Try) -> None:
+    told = tried("ati-can", "[sensor.ati_can]\nslot = 4\n")
+    assert told["code"] == 3
+    assert "status 8040: bad calibration" in told["error"]
+
+
+def test_bus_faults_are_refused_for_a_sensor_without_a_bus(tried: Try) -> None:
+    assert "needs sensor.emulated = gateway or ati-can" in tried("netft", fault("bus", "off"))["error"]
