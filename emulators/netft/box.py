@@ -257,9 +257,8 @@ class NetBox:
         most = self.step if weight == 1.0 else math.ceil(20.0 / weight)
         first = max(self._read + 1, number - most + 1)
         outputs = self._measured.outputs(first, number)
-        ends = [k for k in range(len(outputs)) if self._measured.at_end(outputs[k])]
-        if ends:
-            self._saturated_until = first + ends[-1] + self.profile.saturation_hold_samples
+        if (place := self._measured.last_at_end(outputs)) is not None:
+            self._saturated_until = first + place + self.profile.saturation_hold_samples
         state: Floats = outputs[-1].copy()
         if weight != 1.0 and self._state is not None:
             powers = (1.0 - weight) ** np.arange(len(outputs) - 1, -1, -1)
