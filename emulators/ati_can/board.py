@@ -1,7 +1,7 @@
 """An emulated NETCANOEM board: it answers questions with gages, and with the matrix that makes a wrench of them."""
 
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Self
 
@@ -9,6 +9,7 @@ import numpy as np
 
 from emulators.ati_can.profile import AtiCanProfile
 from emulators.faults.ledger import Handler, Injection
+from emulators.faults.own import OwnFaults
 from emulators.faults.wire import FRAMES, FaultyWire
 from emulators.seams import WrenchSource
 from emulators.sensing import Converter, MeasuredWrench
@@ -52,24 +53,23 @@ class AtiCanBoard:
         converter = Converter(matrix, noise, *ends, offset=float(profile.offset_gages))
         self._measured = MeasuredWrench(source, RATE_HZ, converter, seed, "cell.ati_can.noise_gages")
         self._wire: FaultyWire[Sequence[CanFrame]] = FaultyWire(FRAMES, f"{seed} frames")
-        self._faults: dict[str, Injection] = {}
+        self._faults = OwnFaults()
         self._read = self._measured.number_at(powered_at)
         self._count = 0
         self._told_at: deque[tuple[int, float]] = deque(maxlen=_REMEMBERED)
         """Samples that were told, by their number since power-up, and when each was measured, s."""
         self._stored_base = self._base = profile.base
         self._boot(powered_at, watchdog=False)
+        held, striking = self._faults.held, self._faults.striking
         self.handlers: Mapping[str, Mapping[str, Handler]] = {
             "signal": self._measured.signal.handlers,
-            "scales": {"wrong": Handler(partial(self._begin, "wrong"))},
-            "frames": {
-                **self._wire.handlers,
-                **{name: Handler(partial(self._begin, name)) for name in ("unplugged", "slow")},
-            },
+            "scales": held(("wrong",)),
+            "frames": {**self._wire.handlers, **held(("unplugged", "slow"))},
             "sensor": {
-                "status": Handler(partial(self._begin, "status")),
-                "power-cycle": Handler(partial(self._strike, self._power_cycle)),
-                "watchdog": Handler(partial(self._strike, partial(self._boot, watchdog=True))),
+                **held(("status",)),
+                **striking(
+                    {"power-cycle": self._power_cycle, "watchdog": partial(self._boot, watchdog=True)}
+                ),
                 "other-host": Handler(self._other_host),
             },
         }
@@ -132,7 +132,7 @@ class AtiCanBoard:
             if frame.identifier >> 4 != self._base:
                 continue
             if answer := self._answer(frame.identifier & 0xF, frame.data, now):
-                slow = self._under_way("slow", now)
+                slow = self._faults.under_way("slow", now)
                 late = 0.0 if slow is None else slow.number("ms") * 1e-3
                 self._answers.append((now + self.profile.turnaround_s + late, answer))
 
@@ -178,7 +178,7 @@ class AtiCanBoard:
 
     def _counts(self, kind: str, now: float) -> int:
         """Counts for a unit, as it tells them."""
-        counts, wrong = self.profile.counts_per_unit, self._under_way("wrong", now)
+        counts, wrong = self.profile.counts_per_unit, self._faults.under_way("wrong", now)
         if wrong is None or wrong.values["of"] not in ("all", kind):
             return counts
         return max(1, min(2**32 - 1, round(counts / (wrong.number("factor") or 1.0))))
@@ -186,26 +186,18 @@ class AtiCanBoard:
     def _sample(self, now: float) -> Sequence[CanFrame]:
         self._read = max(self._read, self._measured.number_at(now))
         gages = self._measured.outputs(self._read, self._read)[0].astype(np.int64).tolist()
-        if self._under_way("unplugged", now) is not None:
+        if self._faults.under_way("unplugged", now) is not None:
             gages = [self.profile.unplugged_gage] * GAGES
         self._count += 1
         self._told_at.append((self._count, self._read / RATE_HZ))
         status = WATCHDOG | ANY_ERROR if self._watchdog else 0
         if self._slot not in self.profile.slots:
             status |= _BAD_CALIBRATION
-        if (fault := self._under_way("status", now)) is not None:
+        if (fault := self._faults.under_way("status", now)) is not None:
             status |= 1 << int(fault.number("bit")) | ANY_ERROR
         return encode_sample(self._base, status, gages)
 
     # --- faults
-
-    def _begin(self, name: str, injection: Injection) -> None:
-        self._faults[name] = injection
-
-    def _strike(self, act: Callable[[float], object], injection: Injection) -> None:
-        act(injection.injected_at)
-        injection.struck += 1
-        injection.finish(injection.injected_at)
 
     def _other_host(self, injection: Injection) -> None:
         """The question of another host, and the board's answer to it: both are on the bus."""
@@ -215,11 +207,3 @@ class AtiCanBoard:
         self._answers.append((at, (asked, asked)))
         injection.struck += 1
         injection.finish(at)
-
-    def _under_way(self, name: str, now: float) -> Injection | None:
-        """The injection of a fault of its own that holds now; it strikes."""
-        injection = self._faults.get(name)
-        if injection is None or not injection.holds(now):
-            return None
-        injection.struck += 1
-        return injection
