@@ -50,6 +50,7 @@ _SENSORS = {
     "jr3-board": "hil_bridge.sensors.jr3.room:RECEIVER_BOARD",
     "netft": "hil_bridge.sensors.netft.room:SENSOR",
     "ft300": "hil_bridge.sensors.ft300.room:SENSOR",
+    "ati-can": "hil_bridge.sensors.ati_can.room:SENSOR",
 }
 
 

@@ -2,13 +2,13 @@
 
 import random
 from collections import deque
-from collections.abc import Callable, Mapping
-from functools import partial
+from collections.abc import Mapping
 from typing import Self
 
 import numpy as np
 
-from emulators.faults.ledger import Handler, Injection
+from emulators.faults.ledger import Handler
+from emulators.faults.own import OwnFaults
 from emulators.faults.wire import BYTES, FaultyWire
 from emulators.ft300.profile import Ft300Profile
 from emulators.seams import WrenchSource
@@ -67,22 +67,22 @@ class Ft300:
         self._measured = MeasuredWrench(source, RATE_HZ, converter, seed, "cell.ft300.noise_n")
         self._wire: FaultyWire[bytes] = FaultyWire(BYTES, f"{seed} frames")
         self._seed = seed
-        self._faults: dict[str, Injection] = {}
+        self._faults = OwnFaults()
         self._told_at: deque[tuple[int, float]] = deque(maxlen=_REMEMBERED)
         """Counters of the samples that were told, and when each was measured, s."""
         self._read = self._measured.number_at(powered_at) - 1
         self._power_up(powered_at)
-        own = ("slow", "refusal", "deaf")
+        faults = self._faults
         self.handlers: Mapping[str, Mapping[str, Handler]] = {
             "signal": self._measured.signal.handlers,
             "frames": {
                 **self._wire.handlers,
-                "unplugged": Handler(partial(self._begin, "unplugged"), self._plugged_in),
-                "slow": Handler(partial(self._begin, "slow")),
+                **faults.ended_by("unplugged", self._power_up),
+                **faults.held(("slow",)),
             },
             "sensor": {
-                **{name: Handler(partial(self._begin, name)) for name in own[1:]},
-                "power-cycle": Handler(partial(self._strike, self._power_up)),
+                **faults.held(("refusal", "deaf")),
+                **faults.striking({"power-cycle": self._power_up}),
             },
         }
 
@@ -156,7 +156,7 @@ class Ft300:
     # --- stream
 
     def _message(self, number: int, now: float) -> None:
-        slow = self._under_way("slow", now)
+        slow = self._faults.under_way("slow", now)
         self._next = number + (1 if slow is None else max(1, round(slow.number("factor"))))
         self._tell(encode_message(self._sample(number)), now)
 
@@ -169,13 +169,17 @@ class Ft300:
         return counts
 
     def _tell(self, data: bytes, now: float) -> None:
-        if self._under_way("unplugged", now) is None:
+        if self._faults.under_way("unplugged", now) is None:
             self._out += data
 
     # --- questions
 
     def _take(self, data: bytes, now: float) -> None:
-        if now < self._hears_from or self._under_way("unplugged", now) or self._under_way("deaf", now):
+        if (
+            now < self._hears_from
+            or self._faults.under_way("unplugged", now)
+            or self._faults.under_way("deaf", now)
+        ):
             return
         if self._next is not None:
             at = self._stopped_at(data)
@@ -216,7 +220,7 @@ class Ft300:
         except RemoteProtocolError:
             self._answers.append((at, encode_exception(function, ILLEGAL_VALUE)))
             return
-        refusal = self._under_way("refusal", now)
+        refusal = self._faults.under_way("refusal", now)
         if refusal is not None:
             answer = encode_exception(function, int(refusal.number("code")))
         elif function == READ or (function == READ_INPUT and self.profile.fc04):
@@ -255,27 +259,6 @@ class Ft300:
         if request.values[0] == STREAM_MODE:  # assumed: any other value is taken and does nothing
             self._stream(at + self.profile.stream_start_s)
         return encode_written(request)
-
-    # --- faults
-
-    def _begin(self, name: str, injection: Injection) -> None:
-        self._faults[name] = injection
-
-    def _strike(self, act: Callable[[float], object], injection: Injection) -> None:
-        act(injection.injected_at)
-        injection.struck += 1
-        injection.finish(injection.injected_at)
-
-    def _plugged_in(self, injection: Injection, now: float) -> None:
-        self._power_up(now)
-
-    def _under_way(self, name: str, now: float) -> Injection | None:
-        """The injection of a fault of its own that holds now; it strikes."""
-        injection = self._faults.get(name)
-        if injection is None or not injection.holds(now):
-            return None
-        injection.struck += 1
-        return injection
 
 
 def _words(data: bytes) -> tuple[int, ...]:

@@ -6,14 +6,14 @@ does not tell addresses apart.
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from typing import Self
 
 import numpy as np
 
-from emulators.faults.ledger import Handler, Injection
+from emulators.faults.ledger import Handler
+from emulators.faults.own import OwnFaults
 from emulators.faults.wire import DATAGRAMS, FaultyWire
 from emulators.netft.profile import NetFtProfile
 from emulators.seams import Floats, WrenchSource
@@ -74,24 +74,22 @@ class NetBox:
         self._latched = False
         self._stream: _Stream | None = None
         self._power_up(powered_at)
-        self._faults: dict[str, Injection] = {}
-        """The newest injection of each of its own faults."""
+        self._faults = OwnFaults()
+        held, striking = self._faults.held, self._faults.striking
         self.handlers: Mapping[str, Mapping[str, Handler]] = {
             "signal": self._measured.signal.handlers,
-            "scales": {"wrong": Handler(partial(self._begin, "wrong"))},
-            "frames": {
-                **self._wire.handlers,
-                **{
-                    name: Handler(partial(self._begin, name))
-                    for name in ("unplugged", "slow", "frozen-counter")
-                },
-            },
+            "scales": held(("wrong",)),
+            "frames": {**self._wire.handlers, **held(("unplugged", "slow", "frozen-counter"))},
             "sensor": {
-                **{name: Handler(partial(self._begin, name)) for name in ("status", "saturated")},
-                "power-cycle": Handler(partial(self._strike, self._power_down)),
-                "threshold": Handler(partial(self._strike, self._latch)),
-                "biased": Handler(partial(self._strike, self._take_bias)),
-                "taken": Handler(partial(self._strike, self._stop)),
+                **held(("status", "saturated")),
+                **striking(
+                    {
+                        "power-cycle": self._power_down,
+                        "threshold": self._latch,
+                        "biased": self._take_bias,
+                        "taken": self._stop,
+                    }
+                ),
             },
         }
 
@@ -217,26 +215,26 @@ class NetBox:
 
     def status(self, number: int, now: float) -> int:
         """The status word with the sample of this number."""
-        if self._under_way("unplugged", now):
+        if self._faults.under_way("unplugged", now):
             return UNPLUGGED
         status = 0
-        if number <= self._saturated_until or self._under_way("saturated", now):
+        if number <= self._saturated_until or self._faults.under_way("saturated", now):
             status |= SATURATED | SUMMARY
         if self._latched:
             status |= MONITOR | (SUMMARY if self.profile.family == "netbox" else 0)
-        if (fault := self._under_way("status", now)) is not None:
+        if (fault := self._faults.under_way("status", now)) is not None:
             status |= SUMMARY | 1 << int(fault.number("bit"))
         return status
 
     def _sample(self, stream: _Stream, now: float) -> None:
         """Take the next sample that is told, and tell it."""
         number, state = stream.next, self._state
-        if state is None or self._under_way("unplugged", now) is None:
+        if state is None or self._faults.under_way("unplugged", now) is None:
             state = self._filter(number)
-        slow = self._under_way("slow", now)
+        slow = self._faults.under_way("slow", now)
         stream.next += self.step if slow is None else max(1, round(self.step * slow.number("factor")))
         ft = (number - self._first) % WRAP
-        if self._under_way("frozen-counter", now) is None:
+        if self._faults.under_way("frozen-counter", now) is None:
             self._frozen_ft = None
         else:
             ft = self._frozen_ft = ft if self._frozen_ft is None else self._frozen_ft
@@ -257,9 +255,8 @@ class NetBox:
         most = self.step if weight == 1.0 else math.ceil(20.0 / weight)
         first = max(self._read + 1, number - most + 1)
         outputs = self._measured.outputs(first, number)
-        ends = [k for k in range(len(outputs)) if self._measured.at_end(outputs[k])]
-        if ends:
-            self._saturated_until = first + ends[-1] + self.profile.saturation_hold_samples
+        if (place := self._measured.last_at_end(outputs)) is not None:
+            self._saturated_until = first + place + self.profile.saturation_hold_samples
         state: Floats = outputs[-1].copy()
         if weight != 1.0 and self._state is not None:
             powers = (1.0 - weight) ** np.arange(len(outputs) - 1, -1, -1)
@@ -269,26 +266,7 @@ class NetBox:
 
     # --- faults
 
-    def _begin(self, name: str, injection: Injection) -> None:
-        self._faults[name] = injection
-
-    def _strike(self, act: Callable[[float], object], injection: Injection) -> None:
-        act(injection.injected_at)
-        injection.struck += 1
-        injection.finish(injection.injected_at)
-
-    def _under_way(self, name: str, now: float) -> Injection | None:
-        """The injection of a fault of its own that holds now; it strikes."""
-        injection = self._faults.get(name)
-        if injection is None or not injection.holds(now):
-            return None
-        injection.struck += 1
-        return injection
-
     def told_scale(self, kind: str, now: float) -> float:
         """Factor by which its page tells the counts for a unit of the forces or the moments wrongly."""
-        injection = self._faults.get("wrong")
-        if injection is None or not injection.holds(now) or injection.values["of"] not in ("all", kind):
-            return 1.0
-        injection.struck += 1
-        return injection.number("factor")
+        wrong = self._faults.under_way("wrong", now)
+        return 1.0 if wrong is None or wrong.values["of"] not in ("all", kind) else wrong.number("factor")

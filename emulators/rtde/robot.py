@@ -48,6 +48,7 @@ class RtdeRobot:
         """A client comes to a port; None where it has too many."""
         limit = self.controller.profile.max_clients if port is Port.RTDE else 0
         if self._open[port] >= (limit or CLIENTS_MAX):
+            self.controller.counts["clients refused"] += 1
             return None
         self._open[port] += 1
         match port:

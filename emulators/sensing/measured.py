@@ -57,9 +57,10 @@ class MeasuredWrench:
         """Outputs (n, 6) of the samples from one number to another, whole numbers; numbers do not fall."""
         return self._samples.starting(first, last)[: last - first + 1]
 
-    def at_end(self, output: Floats) -> bool:
-        """Whether any of six outputs is at an end of the converter."""
-        return bool(np.any(output <= self._converter.low) or np.any(output >= self._converter.high))
+    def last_at_end(self, outputs: Floats) -> int | None:
+        """Place of the newest of these samples (n, 6) of which an output is at an end of the converter."""
+        at_end = (outputs <= self._converter.low) | (outputs >= self._converter.high)
+        return int(np.flatnonzero(at_end.any(axis=1))[-1]) if at_end.any() else None
 
     def _make(self, first: int, stop: int) -> Floats:
         wrench = self._source.wrench(np.arange(first, stop) / self._rate).T

@@ -230,6 +230,9 @@ class EgmClient:
         count = _signed(message.seqno - seqno)
         if count < _CYCLES_TIMED:
             return
+        if count > 2 * _CYCLES_TIMED:  # numbers jumped
+            self._first = message.seqno, message.tm_ms
+            return
         self._first = None
         cycle = _signed(message.tm_ms - tm) * 1e-3 / count
         if abs(cycle - self._cycle) > _CYCLE_TOLERANCE * self._cycle:

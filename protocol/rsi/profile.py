@@ -40,9 +40,9 @@ class RsiLink:
         1.0, Mark.CHOSEN, "distance of a robot from its correction that is told", unit="mm", above=0.0
     )
     late_max: int = setting(
-        5,
+        25,
         Mark.CHOSEN,
-        "answers in a row that the robot may not take before it is taken for faulty",
+        "answers in a row that the robot may not take before it is taken for faulty; it stands still meanwhile",
         minimum=1,
     )
 

@@ -47,6 +47,8 @@ TRIES = 5
 """Chosen: how often registers that are in use are asked for; a controller may keep those of a lost client a while."""
 AGAIN_S = 0.2
 """Chosen: time between two of these tries."""
+SETTLE_LOOKAHEADS = 5.0
+"""Chosen: for so many lookahead times behind a movement the arm is let come to its set point; 1 % of a lag is left."""
 FULL_SPEED = 0.995
 """Chosen: below, the speed slider is down."""
 _SEQUENCE_MAX = 2**31 - 1
@@ -106,6 +108,10 @@ class RtdeClient:
         self._moving = False
         self._latched = False
         """A fault of this movement: nothing is ordered in it any more."""
+        self._given = False
+        """A target was ordered in this movement."""
+        self._settling = 0
+        """Packages behind a movement in which the arm is let come to its last set point."""
         self.malformed = 0
         """Packets that could not be read."""
         self._stage = _Stage.DASHBOARD
@@ -147,6 +153,7 @@ class RtdeClient:
         elif self._stage is _Stage.STREAMING:
             self._deadline = None
             if self._moving:
+                self._latched = True
                 silent = (
                     f"nothing came for {self._profile.silent_ms:g} ms; look at its cable, then begin again"
                 )
@@ -157,22 +164,34 @@ class RtdeClient:
     # --- as a stream's client
 
     def begin(self, pose: Pose) -> None:
-        self._moving, self._latched = True, False
+        self._moving, self._settling = True, 0
+        self._latched = self._given = False
 
     def target(self, pose: Pose, now: float) -> None:
         if self._latched:
             self._send(Command.IDLE)
             return
-        self._sequence = self._sequence % _SEQUENCE_MAX + 1
-        self._pose = six_of(pose)
-        self._send(Command.SERVO)
+        self._pose, self._given = six_of(pose), True
+        self._servo()
 
     def hold(self, now: float) -> None:
-        self._send(Command.IDLE)
+        if self._settling:
+            self._settling -= 1
+            self._servo()
+        else:
+            self._send(Command.IDLE)
 
     def end(self) -> None:
+        """The arm lags behind its set point. Without a fault it is let come there; else it brakes at once."""
         self._moving = False
-        self._send(Command.STOP)
+        if self._given and not self._latched:
+            self._settling = round(SETTLE_LOOKAHEADS * self._profile.lookahead_s / self._profile.cycle_s)
+        else:
+            self._send(Command.STOP)
+
+    def _servo(self) -> None:
+        self._sequence = self._sequence % _SEQUENCE_MAX + 1
+        self._send(Command.SERVO)
 
     def farewell(self) -> Pieces:
         """Pieces that end the program, to be sent before the wires are closed."""
@@ -283,7 +302,8 @@ class RtdeClient:
         self._count(values[0])
         if stage is _Stage.STREAMING:
             report = self._report(values, now)
-            self._latched = self._latched or (self._moving and bool(report.fault))
+            if report.fault:
+                self._latched, self._settling = True, 0
             self._events.append(ReportReceived(report))
             return
         self._send(Command.IDLE)
@@ -309,7 +329,7 @@ class RtdeClient:
         self._number += steps
 
     def _report(self, values: tuple[float, ...], now: float) -> RobotReport:
-        fault = _faults(values, self._moving)
+        fault = _faults(values, self._moving or self._settling > 0)
         at = now - self._profile.report_age_cycles * self._profile.cycle_s
         if all(map(math.isfinite, values[1:7])):
             pose = pose_of(values[1:7])

@@ -58,11 +58,12 @@ class ForceClient:
         self._recipes: dict[tuple[str, ...], Recipe] = {}
         self._expected: Kind | None = Kind.VERSION
         self._deadline: float | None = now + PATIENCE_S
+        self._lost = False
         self._put(packets.version_request())
 
     def receive(self, data: Pieces, now: float) -> None:
         for piece in data:
-            if piece.port is not Port.RTDE:
+            if piece.port is not Port.RTDE or self._lost:
                 continue
             self._reader.feed(piece.data)
             try:
@@ -102,7 +103,7 @@ class ForceClient:
         self._out.append(Piece(Port.RTDE, packet))
 
     def _take(self, packet: Packet, now: float) -> None:
-        if self._deadline is None:
+        if self._lost:
             return
         if packet.kind == Kind.DATA and self._expected is None:
             self._deadline = now + PATIENCE_S
@@ -153,5 +154,5 @@ class ForceClient:
         self._events.append(Seen(values[0], pose_of(values[1:7]), (x, y, z), pose_of(values[13:19])))
 
     def _lose(self, words: str) -> None:
-        self._deadline = None
+        self._lost, self._deadline = True, None
         self._events.append(Lost(words))

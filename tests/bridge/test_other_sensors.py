@@ -13,7 +13,11 @@ from hil_bridge.errors import BridgeError, ConfigError
 from hil_bridge.recording import read
 from hil_bridge.recording.device_facts import devices_of
 
-KINDS = ("netft", "ft300")
+KINDS = ("netft", "ft300", "ati-can")
+
+
+QUICK = "\n[cell.netft]\nrate_hz = 200\nboot_s = 0.1\n"
+"""For runs that are not about the rate of a Net F/T's records."""
 
 
 def run(*arguments: str) -> str:
@@ -28,7 +32,8 @@ def tried(tmp_path: Path) -> Callable[..., dict[str, Any]]:
 
     def go(kind: str, configuration: str = "", duration: str = "2", *more: str) -> dict[str, Any]:
         file, record, told = tmp_path / "c.toml", tmp_path / f"{kind}.mcap", tmp_path / "s.json"
-        file.write_text(configuration)
+        quick = "" if kind != "netft" or "[cell.netft]" in configuration else QUICK
+        file.write_text(configuration + quick)
         arguments = (
             *("run", str(file), "--virtual", "--no-view", "--sensor", kind, "--duration", duration),
             *("--record", str(record), "--summary", str(told), "--overwrite", *more),
@@ -50,13 +55,16 @@ Try = Callable[..., dict[str, Any]]
 
 
 def fault(on: str, name: str, *parameters: str, phase: str = "track", after_s: float = 0.5) -> str:
-    given = f"with = {{{', '.join(parameters)}}}\n" if parameters else ""
+    lasts = "".join(f"{one}\n" for one in parameters if one.startswith("for_s"))
+    given = ", ".join(one for one in parameters if not one.startswith("for_s"))
+    given = lasts + (f"with = {{{given}}}\n" if given else "")
     return f'[[faults]]\non = "{on}"\nfault = "{name}"\nphase = "{phase}"\nafter_s = {after_s}\n{given}'
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_loop_closes_and_the_record_tells_the_sensor(kind: str, tried: Try) -> None:
-    told = tried(kind, duration="10")
+    usual = "[cell.netft]\nboot_s = 5.0\n" if kind == "netft" else ""
+    told = tried(kind, usual, duration="10")
     assert (told["code"], told["outcome"]) == (0, "completed")
     assert told["force_mean_steady_n"] == pytest.approx(10.0, abs=0.5)
     sensor = devices_of(read(told["record"])).sensor
@@ -70,9 +78,9 @@ def test_the_loop_closes_and_the_record_tells_the_sensor(kind: str, tried: Try) 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_two_runs_with_one_seed_are_the_same_bytes(kind: str, tried: Try) -> None:
-    first = tried(kind, duration="1")["record"].read_bytes()
-    assert tried(kind, duration="1")["record"].read_bytes() == first
-    assert tried(kind, "", "1", "--seed", "8")["record"].read_bytes() != first
+    first = tried(kind, duration="0.5")["record"].read_bytes()
+    assert tried(kind, duration="0.5")["record"].read_bytes() == first
+    assert tried(kind, "", "0.5", "--seed", "8")["record"].read_bytes() != first
 
 
 CONTOUR = """
@@ -101,6 +109,12 @@ ENDS: Sequence[tuple[str, str, str, tuple[str, ...], bool]] = (
     ("ft300", "frames", "unplugged", (), False),
     ("ft300", "frames", "off", (), False),
     ("ft300", "sensor", "power-cycle", (), False),
+    ("ati-can", "frames", "unplugged", (), True),
+    ("ati-can", "sensor", "status", ("bit = 5",), True),
+    ("ati-can", "sensor", "watchdog", (), False),
+    ("ati-can", "sensor", "other-host", (), False),
+    ("ati-can", "sensor", "power-cycle", (), False),
+    ("ati-can", "bus", "off", ("for_s = 1.0",), False),
 )
 """Kind, fault, its parameters, and whether the tool is lifted; otherwise it stands still."""
 
@@ -209,3 +223,16 @@ def test_a_sensor_that_refuses_questions_ends_the_run_with_words(tried: Try) -> 
     told = tried("ft300", fault("sensor", "refusal", phase="connect", after_s=0.0))
     assert told["code"] == 3
     assert "it refuses a question: device failure (4)" in told["error"]
+
+
+# --- NETCANOEM
+
+
+def test_a_calibration_that_is_not_there_ends_the_run_with_words(tried: Try) -> None:
+    told = tried("ati-can", "[sensor.ati_can]\nslot = 4\n")
+    assert told["code"] == 3
+    assert "status 8040: bad calibration" in told["error"]
+
+
+def test_bus_faults_are_refused_for_a_sensor_without_a_bus(tried: Try) -> None:
+    assert "needs sensor.emulated = gateway or ati-can" in tried("netft", fault("bus", "off"))["error"]

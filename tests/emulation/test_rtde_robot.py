@@ -474,8 +474,9 @@ def test_the_arm_follows_within_the_models_lag_and_stands_after_the_end() -> Non
     lag = pair.place[0] - pair.set_point.position[0]
     assert lag == pytest.approx(0.1 * (0.03 + DT), abs=0.0006)
     pair.end()
-    pair.pass_time(0.1)
+    pair.pass_time(0.2)
     stood = pair.place
+    assert stood == pytest.approx(pair.set_point.position, abs=3e-5)
     assert pair.controller.outputs["output_int_register_24"] == 1
     pair.pass_time(0.5)
     assert pair.place == stood
@@ -521,6 +522,16 @@ def test_a_farewell_ends_the_program() -> None:
     pair.run(0.1)
     assert pair.controller.runtime == Runtime.STOPPED
     assert pair.controller.outputs["output_int_register_24"] == 5
+
+
+def test_a_fault_behind_a_movement_lets_the_arm_settle_no_more() -> None:
+    pair = ready()
+    pair.begin(dx=-0.1)
+    pair.pass_time(0.2)
+    pair.end()
+    pair.inject("robot", "slider", percent=50.0)
+    pair.pass_time(0.01)
+    assert struct.unpack(">i", pair.sent[-1][-8:-4])[0] == 0
 
 
 STOPS = [
