@@ -4,8 +4,9 @@ No I/O and no clock: it is told the time, as every endpoint. It stands around th
 each packet inside the call that brought it, so that no task lies between packet and answer.
 
 An answer moves the set point towards the newest target by at most speed x cycle. It never moves it by more than speed x
-the time since the step before. So packets that were held up and come together do not add up to a jump. The set point
-does not move
+the time since the step before. So packets that were held up and come together do not add up to a jump. It gains speed,
+and comes to rest at a target, no faster than the acceleration allows; see `robots.ramp`. Every stop is at once. The set
+point does not move
 
 - without a new target for `hold_after`, though it goes on once there is one;
 - in this movement any more, when the robot reports a fault: what it did meanwhile is not known;
@@ -18,9 +19,10 @@ import math
 from collections import Counter, deque
 from typing import Generic
 
+from hil_bridge.robots.ramp import Pace, Ramp
 from hil_bridge.robots.seam import MotionLimits
 from hil_bridge.transports.pump import Data
-from protocol.geometry import Pose, towards
+from protocol.geometry import Pose
 from protocol.robot import (
     ReportReceived,
     RobotReport,
@@ -58,6 +60,7 @@ class Answering(Generic[Data]):
         self.lost = ""
         """Reason for which the other side, or a lack of targets, ended the movement."""
         self._limits = MotionLimits(0.0)
+        self._ramp = Ramp(cycle)
         self._setpoint: Pose | None = None
         """Answer to the newest packet; None outside of a movement."""
         self._goal: Pose | None = None
@@ -82,6 +85,7 @@ class Answering(Generic[Data]):
         self._limits, self.speed = limits, limits.speed
         self._aimed_at = self._stepped_at = now
         self._held, self._given, self.fault, self.lost = False, 0, "", ""
+        self._ramp.rest()
         self._client.begin(pose)
 
     def aim(self, target: Pose, now: float) -> None:
@@ -97,6 +101,7 @@ class Answering(Generic[Data]):
     def stay(self) -> None:
         """Give up what is left of the way."""
         self._goal, self._given = self._setpoint, 0
+        self._ramp.rest()
 
     def end(self) -> None:
         """End the movement at the set point; harmless when there is none."""
@@ -175,15 +180,18 @@ class Answering(Generic[Data]):
         """Move the set point on its way."""
         passed, self._stepped_at = now - self._stepped_at, now
         if self._goal is None or self.fault or setpoint == self._goal:
+            self._ramp.rest()
             return
-        if now - self._aimed_at > self._limits.hold_after:
+        limits = self._limits
+        if now - self._aimed_at > limits.hold_after:
+            self._ramp.rest()
             if not self._held:
                 self._held = True
                 self.counters["holds"] += 1
-                self._tell(f"no new target for {self._limits.hold_after:g} s: the robot is held on its way")
+                self._tell(f"no new target for {limits.hold_after:g} s: the robot is held on its way")
             return
-        time = min(passed, self._cycle)
-        self._setpoint = towards(setpoint, self._goal, self.speed * time, self._limits.turn_speed * time)
+        pace = Pace(self.speed, limits.turn_speed, limits.acceleration, limits.turn_acceleration)
+        self._setpoint = self._ramp.step(setpoint, self._goal, pace, passed)
 
     def _watch(self, now: float) -> None:
         """End a movement for which no target comes any more."""

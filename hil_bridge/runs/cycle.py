@@ -198,9 +198,9 @@ class Run:
 
     def _limits(self) -> MotionLimits:
         """Limits of the movement: a stream holds when no decision comes for longer than one may last."""
-        config = self._config
-        hold_after = (config.limits.cycle_deadline_ms + config.run.period_ms) * 1e-3
-        return MotionLimits(config.robot.velocity_mm_s * 1e-3, hold_after)
+        robot, limits, run = self._config.robot, self._config.limits, self._config.run
+        hold_after, gain = (limits.cycle_deadline_ms + run.period_ms) * 1e-3, robot.acceleration_mm_s2 * 1e-3
+        return MotionLimits(robot.velocity_mm_s * 1e-3, hold_after, acceleration=gain)
 
     async def _guarded(self, motion: Motion, start: RobotReport) -> None:
         """All between the start and the end of the movement sequence. Whatever ends it, the tool is retracted as far
