@@ -19,8 +19,9 @@ import math
 from collections import Counter, deque
 from typing import Generic
 
+from hil_bridge.facts import ANSWERS, LATE, PACKETS
 from hil_bridge.robots.ramp import Pace, Ramp
-from hil_bridge.robots.seam import MotionLimits
+from hil_bridge.robots.seam import ANSWER, PACKET, MotionLimits
 from hil_bridge.transports.pump import Data
 from protocol.geometry import Pose
 from protocol.robot import (
@@ -37,8 +38,6 @@ EVENTS_MAX = 1024
 """Events that are kept until they are taken. Chosen: four times the datagrams that a wire hands over at once."""
 GIVEN_TIMES = 3
 """Answers that carry a target until it counts as given, for one may be lost. Chosen: of 5 % loss, 1 in 8000 is left."""
-PACKETS, ANSWERS = "packets", "answers"
-"""Counters that go up while all is well."""
 
 
 class Answering(Generic[Data]):
@@ -51,6 +50,10 @@ class Answering(Generic[Data]):
         self._events: deque[StreamEvent] = deque(maxlen=EVENTS_MAX)
         self.counters: Counter[str] = Counter()
         """Packets, answers, and what went wrong with them, by name."""
+        self._arrived: float | None = None
+        """Arrival of the packet whose answer has not been handed over yet, s."""
+        self._answered: tuple[tuple[str, float], ...] = ()
+        """Stamps of the answer that was handed over last."""
         self.newest: RobotReport | None = None
         """The report with the highest number."""
         self.speed = 0.0
@@ -119,7 +122,13 @@ class Answering(Generic[Data]):
         return self._events.popleft() if self._events else None
 
     def data_to_send(self, now: float) -> Data:
-        return self._client.data_to_send(now)
+        data = self._client.data_to_send(now)
+        if self._arrived is not None:
+            self.counters[LATE] += now - self._arrived > self._cycle
+            if len(data):
+                self._answered = (PACKET, self._arrived), (ANSWER, now)
+            self._arrived = None
+        return data
 
     def next_deadline(self) -> float | None:
         own, client = self._aimed_at + self._limits.give_up_after, self._client.next_deadline()
@@ -139,7 +148,7 @@ class Answering(Generic[Data]):
             if isinstance(event, ReportReceived):
                 self._watch(now)
                 fresh = self._note(event.report, now)
-                self._answer(fresh, now)
+                self._answer(event.report, fresh, now)
                 continue
             self._events.append(event)
             if isinstance(event, StreamLost):
@@ -149,8 +158,6 @@ class Answering(Generic[Data]):
     def _note(self, report: RobotReport, now: float) -> bool:
         """Keep a report and hand it on; False for one that is not newer than the newest."""
         self.counters[PACKETS] += 1
-        if now - report.received_at > self._cycle:
-            self.counters["late answers"] += 1
         if self.newest is not None:
             missing = report.sequence - self.newest.sequence - 1
             if missing < 0:
@@ -162,12 +169,13 @@ class Answering(Generic[Data]):
             report = report._replace(fault=report.fault or f"reports {wrong}")
         if report.fault and self.moving and not self.fault:
             self.fault = report.fault
-        self.newest = report
+        self.newest = report = report._replace(stamps=(*report.stamps, *self._answered))
         self._events.append(ReportReceived(report))
         return True
 
-    def _answer(self, fresh: bool, now: float) -> None:
+    def _answer(self, report: RobotReport, fresh: bool, now: float) -> None:
         self.counters[ANSWERS] += 1
+        self._arrived = report.received_at
         if self._setpoint is None:
             self._client.hold(now)
             return

@@ -38,6 +38,10 @@ __all__ = [
 
 QUESTION_LEFT = "question_left"
 """Name of the stamp of a report: when the question for it had left the line, s."""
+PACKET, ANSWER = "packet", "answer"
+"""Names of two more stamps of a report: when the stream's packet before arrived, and when its answer was handed to the
+wire, s.
+"""
 HOLD_AFTER_S = 0.5
 """Chosen: what a movement has as `hold_after` where its user says nothing; the run's usual deadline of a decision."""
 GIVE_UP_AFTER_S = 60.0
