@@ -337,6 +337,8 @@ def test_a_message_that_cannot_be_used_is_dropped_and_does_not_put_the_time_out_
 ) -> None:
     line = Line().streams(1.2, message)
     assert line.robot.accepted == 0
+    assert line.robot.counters["unusable"] > 200
+    assert line.robot.unusable
     assert line.robot.state is State.TIMED_OUT
     assert Line(bad_refreshes_timeout=True).streams(1.2, message).robot.state is State.GUIDING
 
