@@ -177,6 +177,14 @@ def test_any_other_status_makes_all_axes_worthless_and_is_told(status: int) -> N
     assert [event.saturated for event in told] == [0b111111, 0b111111, 0]
 
 
+def test_a_status_that_changes_all_the_time_fills_no_recording() -> None:
+    client = streaming()
+    client.receive([record(2 + k, 707 + 7 * k, 0x80000000 | k % 90) for k in range(1000)], T0)
+    told = events(client)
+    assert len([event for event in told if isinstance(event, SensorNotice)]) == 16
+    assert len(told) == 1016
+
+
 def test_a_session_does_not_begin_with_an_error() -> None:
     client = NetFtClient(NetFtClientProfile(), T0)
     client.receive([PAGE, record(1, 700, 0x88000010), record(2, 707)], T0)
