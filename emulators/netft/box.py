@@ -35,6 +35,8 @@ from protocol.netft.records import (
 )
 
 _COUNT_END = float(2**31 - 1)
+_MOST_AT_ONCE = 64
+"""Chosen: records sent before others have their turn. After a pause of the computer they would overrun a reader."""
 
 
 @dataclass(slots=True)
@@ -154,7 +156,7 @@ class NetBox:
         """Send every record that is due."""
         if self._wire.bad and (data := self._wire.arrived(now)):
             self._take(data, now)
-        self._send_due(now)
+        self._send_due(now, _MOST_AT_ONCE)
 
     # --- requests
 
@@ -202,10 +204,11 @@ class NetBox:
 
     # --- samples
 
-    def _send_due(self, now: float) -> None:
+    def _send_due(self, now: float, most: int = INTERNAL_RATE_HZ) -> None:
         newest = self._measured.number_at(now - self.profile.latency_s)
-        while (stream := self._stream) is not None and stream.next <= newest:
+        while (stream := self._stream) is not None and stream.next <= newest and most:
             self._sample(stream, now)
+            most -= 1
 
     @property
     def step(self) -> int:

@@ -12,6 +12,7 @@ from protocol.netft.http import Page
 from protocol.netft.page import Configuration, parse_page
 from protocol.netft.profile import NetFtClientProfile
 from protocol.netft.records import (
+    INTERNAL_RATE_HZ,
     RECORD,
     RECORD_SIZE,
     SATURATED,
@@ -63,6 +64,8 @@ class NetFtClient:
         self._due: float | None = now + profile.page_patience_s
         """When the patience ends with that which is waited for."""
         self._tare = HostTare()
+        self._step = 1
+        """Samples from one record to the next."""
         self._asked = 0
         """Requests for the stream since the last record."""
         self._ready = self._ended = False
@@ -164,6 +167,7 @@ class NetFtClient:
             return
         self._configuration = configuration
         period = configuration.period or _USUAL_PERIOD_S
+        self._step = max(1, round(period * INTERNAL_RATE_HZ))
         self._tare = HostTare(max(1, round(self._profile.zero_s / period)))
         self._start(now)
 
@@ -216,8 +220,9 @@ class NetFtClient:
             step = 1
         else:
             missing = (rdt - self._rdt) % WRAP - 1
-            if 0 < missing < _BACKWARD:
-                self.statistics.lost += missing
+            if missing >= _BACKWARD:  # it was asked for anew, and its records count from 1
+                missing = step // self._step - 1
+            self.statistics.lost += max(missing, 0)
         self._rdt, self._ft = rdt, ft
         self._sequence += step
         return True

@@ -120,6 +120,7 @@ def test_silence_in_the_stream_asks_anew_and_says_so() -> None:
     assert [type(event) for event in events(client)] == [WrenchFrame, SensorNotice]
     client.receive([record(1, 1500)], T0 + 0.11)
     assert frames(client) == [1500]
+    assert client.statistics.lost == 112
 
 
 def test_gaps_duplicates_and_stragglers_are_counted() -> None:
