@@ -19,7 +19,7 @@ RATE = 100.0
 
 
 def measured(noise: float = 0.0, end: float = 1e6, seed: int = 7) -> tuple[MeasuredWrench, KnownWrench]:
-    """A sensor of 10 counts for each N and N·m whose load rises by 1 N a second on its first axis, and less on the others."""
+    """A sensor of 10 counts for each N and N·m whose load rises by 1 N a second on fx, and less on the others."""
     source = KnownWrench(lambda times: np.outer(times, [1.0, 0.9, 0.8, 0.7, 0.6, 0.5]))
     converter = Converter(np.eye(6) * 10.0, np.full(6, noise), np.full(6, -end), np.full(6, end), offset=3.0)
     return MeasuredWrench(source, RATE, converter, seed, "" if noise else "its noise"), source
