@@ -15,6 +15,7 @@ from enum import Enum
 from emulators.arm.followed import FollowedArm, FollowedProfile
 from emulators.arm.quaternions import normalised
 from emulators.egm.bad_link import BadLink
+from emulators.egm.bad_pose import BadPose
 from emulators.egm.guided import OUT_OF_BOUNDS, ArmJoints, GuidedMotion
 from emulators.egm.profile import EgmProfile
 from emulators.faults.ledger import Handler, Injection
@@ -25,7 +26,6 @@ from protocol.egm import (
     Motors,
     PathCorrection,
     Place,
-    PoseMm,
     Rapid,
     RobotMessage,
     RobotWare,
@@ -87,10 +87,11 @@ class EgmController:
         self.error = ""
         """Words of the last error, with the number of its event where that is known."""
         self.counters: Counter[str] = Counter()
-        """Datagrams sent and taken, and each reason for which one was not used."""
+        """Datagrams sent and taken, and those that were not used, by name."""
+        self.unusable = ""
+        """Why the newest message that could not be used could not."""
         self._link = BadLink(seed)
-        self._pose_faults: list[Injection] = []
-        self._shown: PoseMm | None = None
+        self._bad_pose = BadPose()
         self._cycle = 0
         """Number of the next cycle."""
         self._out: list[bytes] = []
@@ -123,7 +124,7 @@ class EgmController:
                 ),
                 "restart": Handler(lambda injection: self._at_once(injection, self._begin_session)),
             },
-            "pose": dict.fromkeys(("nan", "missing", "offset", "frozen"), Handler(self._disturb_pose)),
+            "pose": self._bad_pose.handlers,
             "link": self._link.handlers,
         }
 
@@ -179,7 +180,8 @@ class EgmController:
             message = decode_answer(datagram)
             self._check(message)
         except RemoteProtocolError as error:
-            self.counters[str(error)[:80]] += 1
+            self.counters["unusable"] += 1
+            self.unusable = str(error)
             if self._profile.bad_refreshes_timeout:
                 self._heard_at = now
             return
@@ -348,7 +350,7 @@ class EgmController:
         message = RobotMessage(
             self._seqno,
             profile.tm_start + microseconds // 1000,
-            self._disturbed(feedback, at),
+            self._bad_pose.told(feedback, at),
             Place(_degrees(motion.joints), to_wire(motion.pose), (), time_us),
             motors,
             guidance,
@@ -367,36 +369,7 @@ class EgmController:
         if sent is not None:
             self._out.append(self._link.cut(encode_robot(sent, RobotWare(profile.rw)), at))
 
-    def _disturbed(self, place: Place, at: float) -> Place:
-        """The measured place as faults let it be told."""
-        for injection in self._pose_faults:
-            pose = place.pose
-            if not injection.holds(at) or pose is None:
-                continue
-            injection.struck += 1
-            match injection.fault:
-                case "nan":
-                    place = place._replace(pose=PoseMm((math.nan,) * 3, pose.quaternion))
-                case "missing":
-                    place = place._replace(pose=None)
-                case "offset":
-                    x, y, z = (
-                        p + injection.number(f"{axis}_mm")
-                        for p, axis in zip(pose.position_mm, "xyz", strict=True)
-                    )
-                    place = place._replace(pose=PoseMm((x, y, z), pose.quaternion))
-                case _:
-                    self._shown = self._shown or pose
-                    place = place._replace(pose=self._shown)
-            if "count" in injection.values and injection.struck >= injection.number("count"):
-                injection.finish(at)
-        return place
-
     # --- faults
-
-    def _disturb_pose(self, injection: Injection) -> None:
-        self._shown = None
-        self._pose_faults.append(injection)
 
     @staticmethod
     def _at_once(injection: Injection, act: Callable[[float], None]) -> None:

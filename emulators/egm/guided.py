@@ -44,6 +44,7 @@ class GuidedMotion:
         self._profile, self._kinematics = profile, joints
         self._period = profile.cycle_ms * 1e-3
         self._by_joints = profile.mode == "joint"
+        self._quickest = [math.radians(speed) * self._period for speed in profile.arm.axis_speeds_deg_s]
         self._law = MotionLaw(profile, (joint_load if self._by_joints else pose_load)(profile))
         at_start = joints.holding(start)
         if at_start is None:
@@ -215,6 +216,11 @@ class GuidedMotion:
             return OUT_OF_BOUNDS
         most = math.radians(profile.max_pos_dev_deg)
         if any(abs(q - p) > most for p, q in zip(self._start_joints, joints, strict=True)):
+            return OUT_OF_BOUNDS
+        ways = (abs(q - p) for p, q in zip(self.joints, joints, strict=True))
+        if any(
+            way > most for way, most in zip(ways, self._quickest, strict=True)
+        ):  # as next to a singularity
             return OUT_OF_BOUNDS
         self.moves = pose != self.pose
         self.pose, self.joints = pose, joints

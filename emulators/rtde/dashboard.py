@@ -15,7 +15,11 @@ _EARLY = (
     "Always inspect cause of protective stop before unlocking"
 )
 _BUILD = "1101319 (Feb 02 2022)"
-_LOCAL = "Not in remote control"
+_LOCAL = (
+    "Command is not allowed due to safety reasons, "
+    "please switch robot to Remote Control mode and reconnect to port 29999"
+)
+"""Observed by users of the ROS driver. A connection that was made in local control is refused later too."""
 _ACTS = (
     "play",
     "pause",
@@ -43,9 +47,9 @@ def _restart(controller: Controller) -> str:
 
 
 def _stop(controller: Controller) -> str:
-    playing = controller.runtime in _PLAYS
+    """Also without a program: ur_rtde ends its own one first, and then expects this answer."""
     controller.stop_program()
-    return "Stopped" if playing else "Failed to execute: stop"
+    return "Stopped"
 
 
 def _power_off(controller: Controller) -> str:
@@ -100,6 +104,8 @@ class Dashboard:
         self._controller = controller
         self._lines = Lines()
         self._out = [GREETING]
+        self._local = not controller.remote
+        """The connection was made in local control."""
         self.closing = False
 
     def receive(self, data: bytes, now: float) -> None:
@@ -116,7 +122,7 @@ class Dashboard:
             return "Disconnected"
         if command.startswith("popup "):
             return "showing popup"
-        if not self._controller.remote and command.startswith(_ACTS):
+        if (self._local or not self._controller.remote) and command.startswith(_ACTS):
             return _LOCAL
         answer = _ANSWERS.get(command)
         return f"could not understand: '{line[:80]}'" if answer is None else answer(self._controller)

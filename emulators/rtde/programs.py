@@ -34,7 +34,7 @@ _WATCHDOG = re.compile(rb'rtde_set_watchdog\("(\w{1,64})", ([0-9.]{1,12}), "(\w{
 _HOLD = re.compile(rb"age > (\d{1,9})")
 _BRAKE = re.compile(rb"stopl\(([0-9.]{1,12})\)")
 _ENABLES = re.compile(rb"ft_rtde_input_enable\(\s*(True|False)")
-_WRITES = re.compile(rb"write_output_integer_register\(\s*(0|24)\s*,\s*2\s*\)")
+_WRITES = re.compile(rb"write_output_integer_register\(\s*(?:0\s*\+\s*)?(0|24)\s*,\s*2\s*\)")
 _JOINT_PER_METRE = 2.0
 """Assumed: joint deceleration of stopl, rad/s² for each m/s²; that of an arm of half a metre."""
 

@@ -275,9 +275,7 @@ class UrRtde:
         self._tell(six_of(self._controller.forward(self._controller.arm.joints)))
 
     def tell_forward_of(self) -> None:
-        self._tell(six_of(self._controller.forward(six_joints(self._d(0)))))
-
-    def tell_forward_of_tool(self) -> None:
+        """With a tool that stands in the registers behind the joints, also where the client has written none."""
         tcp = self._pose_in(6)
         self._tell(six_of(self._controller.forward(six_joints(self._d(0)), tcp)))
 

@@ -6,9 +6,10 @@ too, from one answer to the next. What is left is the delay of the controller, s
 on its way, the robot goes on with the last speed until the controller's time-out, but never farther than speed / k
 beyond the last reference, for the position term holds it there: 4 mm at 20 mm/s.
 
-The robot takes one message a cycle, in the order in which they came [M]. Two answers to one datagram would stay in its
-queue for good, and delay all later ones. So of datagrams that came together only the newest is answered, one that comes
-again is not answered, and an answer that is almost as late as the next datagram is left out, though never two in a row.
+The robot takes one message a cycle, in the order in which they came, right behind the datagram that it sends [M]. An
+answer too many would stay in its queue for good, and delay all later ones. So of datagrams that came together only the
+newest is answered, and one that comes again is not. An answer that left when the next datagram was on its way has come
+too late to be taken with it, and waits for the one behind: then the next answer is left out.
 
 The robot is not guided while its motors are off, its program stands or its guidance has not begun. Then each datagram
 is answered with the set point that it tells, without speed: it stands still, also when the guidance begins or goes on.
@@ -40,8 +41,8 @@ _LATE_MAX = 64
 _SILENCE_S = 1.0
 """Chosen: after so long without a datagram a number that is not larger belongs to a new session. Source: specification
 of EGM, section 8, rule 7."""
-_LATE_SHARE = 0.8
-"""Chosen: an answer that comes later than this share of a cycle would meet the next one in the robot's queue."""
+_ON_THE_WAY = 0.1
+"""Chosen: part of a cycle that datagram and answer need to reach the other side, together, and to be looked at."""
 _BEGIN_S = 5.0
 """Chosen: how long a session may go on before its guidance begins until that is told as a fault. Such datagrams are
 answered, but not reported."""
@@ -58,9 +59,7 @@ _FAULTS: tuple[tuple[str, frozenset[int], str], ...] = (
     ("motors", frozenset({Motors.ON}), "the motors are off; switch them on and start the RAPID program"),
     (
         "rapid",
-        frozenset(
-            {Rapid.RUNNING, Rapid.UNDEFINED}
-        ),  # UNDEFINED may stay after a restart of the controller [O:lib]
+        frozenset({Rapid.RUNNING, Rapid.UNDEFINED}),  # it may stay undefined after a restart [O:lib]
         "the RAPID program is stopped; start it",
     ),
     (
@@ -72,7 +71,6 @@ _FAULTS: tuple[tuple[str, frozenset[int], str], ...] = (
 )
 """Field of a robot's message, values with which it moves, and what to do about any other one [O:lib]."""
 _ERROR = "EGM has ended with an error (mciState ERROR); read the controller's event log, then start the RAPID program"
-
 _NO_POSE = "it tells no pose; guide it by EGMActPose"
 
 
@@ -98,10 +96,11 @@ class EgmClient:
         """Number of the newest datagram as sent; None before the first."""
         self._tm = 0
         self._arrived_at = -math.inf
-        self._again: deque[bool] = deque()
+        self._again: deque[bool] = deque(maxlen=_EVENTS_MAX)
         """For each report that waits for its answer: whether it is one of a datagram that came again."""
         self._own_seqno = 0
-        self._skipped = False
+        self._waiting_since: float | None = None
+        """When the answer left that may still be in the robot's queue, s; None where there is none."""
         self._reference: PoseMm | None = None
         """Pose for the next answer; None before there is one."""
         self._sent: PoseMm | None = None
@@ -139,10 +138,9 @@ class EgmClient:
         if not self._due or self._reference is None:
             return []
         self._due = False
-        late = now - self._arrived_at > _LATE_SHARE * self._cycle
-        self._skipped = late and not self._skipped
-        if self._skipped:
+        if self._waiting_since is not None:
             return []
+        self._waiting_since = now
         speed = self._speed(self._reference) if self._feed_forward else ()
         self._sent, self._sent_number = self._reference, self._number
         message = SensorMessage(self._own_seqno, self._tm, self._reference, speed=speed)
@@ -188,6 +186,9 @@ class EgmClient:
         measured = message.feedback.pose if message.feedback is not None else None
         self._time_cycle(message)
         fault = fault_of(message) or ("" if measured is not None else _NO_POSE) or self._wrong_cycle
+        if self._waiting_since is not None and at - self._waiting_since >= _ON_THE_WAY * self._cycle:
+            self._waiting_since = None  # the robot has looked for it by now
+        begins = self._begins(message, at)
         if distance > 0:
             self._number, self._seqno, self._tm, self._arrived_at = number, message.seqno, message.tm_ms, at
             self._guided = not fault
@@ -195,9 +196,9 @@ class EgmClient:
             if fault or self._reference is None:
                 planned = message.planned.pose if message.planned is not None else None
                 self._stay_at(planned or measured)
-            if self._begins(message, at):
-                self._due = True
-                return
+        if begins:
+            self._due |= distance != 0
+            return
         self._again.append(distance == 0)
         pose = _NOWHERE if measured is None else from_wire(measured)
         self._events.append(ReportReceived(RobotReport(number, pose, at, at, fault)))

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from contextlib import AsyncExitStack
 from typing import Any
 
 import numpy as np
@@ -10,9 +11,16 @@ import pytest
 from emulators.egm import EGM_FAULTS, EgmController, EgmProfile, State
 from emulators.faults import Ledger
 from emulators.seams import StartPose
+from hil_bridge.clock import Clock, run_virtual
+from hil_bridge.device_log import Silence
+from hil_bridge.kinds import KindSettings
 from hil_bridge.robots.answering import Answering
+from hil_bridge.robots.egm.room import ROBOT
+from hil_bridge.robots.egm.settings import EgmSettings
 from hil_bridge.robots.seam import MotionLimits
-from protocol.egm import EgmClient
+from hil_bridge.transports import connect_datagrams
+from hil_bridge.wiring import Serving, Wiring
+from protocol.egm import EgmClient, RobotMessage, RobotWare, encode_robot
 from protocol.geometry import Pose
 from protocol.robot import StreamLost
 
@@ -191,3 +199,45 @@ def test_reports_tell_the_measured_pose_of_their_moment() -> None:
     newest = pair.bridge.newest
     assert newest is not None
     assert newest.pose.position == pytest.approx(pair.true(), abs=1e-12)
+
+
+def test_a_stranger_on_the_port_neither_moves_the_robot_nor_stops_it() -> None:
+    """It sends what a robot with its motors off would send, and noise; it hears nothing."""
+    notices: list[str] = []
+    heard: list[Any] = []
+
+    class Log(Silence):
+        def notice(self, kind: str, text: str) -> None:
+            notices.append(text)
+
+    async def main() -> None:
+        clock, settings = Clock.running(), KindSettings(EgmSettings(), EgmProfile())
+        async with AsyncExitStack() as stack:
+            robot = EgmController(settings.emulated, StartPose(*START, tool_length=0.2), clock.now(), 7)
+            serving = Serving(clock, stack, heard.append, notices.append)
+            assert ROBOT.emulation is not None
+            address = await ROBOT.emulation.serve("udp+memory:egm", robot, settings, serving)
+            link = await ROBOT.connect(address, settings, Wiring("robot", clock, Log()))
+            stack.push_async_callback(link.aclose)
+            link.start()
+            report = await link.ready()
+            assert report.pose.position == pytest.approx(START.position)
+            stranger = await connect_datagrams(address, clock)
+            stack.push_async_callback(stranger.aclose)
+            stranger.start(heard.append, lambda end: None)
+            hostile = [encode_robot(RobotMessage(9, 9), RobotWare.RW7), b"", b"\xff" * 60_000]
+            async with link.motion(LIMITS) as motion:
+                await motion.to(Pose((0.9, -0.1, 0.599), DOWN))
+                for _ in range(100):
+                    stranger.send(hostile)
+                    await clock.sleep_until(clock.now() + CYCLE)
+                await motion.settled()
+            await clock.sleep_until(clock.now() + 2.0)
+            report = await link.report()
+            assert report.fault == ""
+            assert report.pose.position == pytest.approx((0.9, -0.1, 0.599), abs=1e-5)
+
+    run_virtual(main)
+    assert heard == []
+    assert [text for text in notices if "are refused" not in text] == []
+    assert notices

@@ -1,9 +1,12 @@
 """Every robot that streams with every sensor, in one emulated cell: the loop closes to 10 N on a contour."""
 
 import statistics
+from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
 
+from hil_bridge.cli import cli
 from hil_bridge.experiments.emulated_run import run_emulated
 from hil_bridge.kinds import ROBOTS, SENSORS
 from hil_bridge.recording import Outcome
@@ -39,3 +42,31 @@ def test_any_robot_holds_ten_newtons_with_any_sensor(robot: str, sensor: str) ->
     assert max(abs(force - 10.0) for force in steady) < 2.0
     assert all(record.in_contact for record in tracked)
     assert run.result.left.startswith("retracted")
+
+
+@pytest.mark.parametrize("robot", STREAMED)
+def test_the_record_tells_how_soon_a_robot_was_answered(robot: str, tmp_path: Path) -> None:
+    """Two runs of one seed are the same to the byte, a replay is identical, and `latency` knows the answers."""
+    records = [str(tmp_path / name) for name in ("a.mcap", "b.mcap")]
+    for record in records:
+        arguments = [
+            "run",
+            "--robot",
+            robot,
+            "--sensor",
+            "netft",
+            "--virtual",
+            "--duration",
+            "0.5",
+            "--seed",
+            "3",
+        ]
+        done = CliRunner().invoke(cli, [*arguments, "--no-view", "--record", record], catch_exceptions=False)
+        assert done.exit_code == 0, done.output
+    a, b = (Path(record).read_bytes() for record in records)
+    assert a == b
+    assert "every command identical" in CliRunner().invoke(cli, ["replay", records[0]]).output
+    told = CliRunner().invoke(cli, ["latency", records[0]], catch_exceptions=False).output
+    assert "answers: " in told
+    assert "0 of " in told
+    assert "of a late answer: " in told

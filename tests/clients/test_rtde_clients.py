@@ -163,10 +163,10 @@ def test_ur_rtde_feels_the_surface_that_the_force_source_gives(client_python: Ca
 
 
 def wait_for_force(host: str) -> None:
-    """Until the source holds the input: then another client is told that it is in use."""
+    """Until another client is told that the input is in use. It asks for no_input too, so that it claims nothing."""
     for _ in range(200):
         with socket.create_connection((host, 30004), timeout=PATIENCE_S) as rtde:
-            rtde.sendall(packets.inputs_request(("external_force_torque",)))
+            rtde.sendall(packets.inputs_request(("external_force_torque", "no_input")))
             if b"IN_USE" in rtde.recv(100):
                 return
         time.sleep(0.05)

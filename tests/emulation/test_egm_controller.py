@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,7 @@ from protocol.egm import (
     encode_answer,
 )
 from protocol.geometry import Pose
+from protocol.marks import settings as settings_of
 
 T0 = 1234.5
 CYCLE = 0.004
@@ -335,6 +337,8 @@ def test_a_message_that_cannot_be_used_is_dropped_and_does_not_put_the_time_out_
 ) -> None:
     line = Line().streams(1.2, message)
     assert line.robot.accepted == 0
+    assert line.robot.counters["unusable"] > 200
+    assert line.robot.unusable
     assert line.robot.state is State.TIMED_OUT
     assert Line(bad_refreshes_timeout=True).streams(1.2, message).robot.state is State.GUIDING
 
@@ -456,7 +460,8 @@ def test_behind_the_end_datagrams_go_on_from_a_setup_else_one_tells_of_it(
     [
         ({"workspace_min_mm": (0.0, -1000.0, 595.0)}, to(z=-20.0)),
         ({"max_pos_dev_deg": 0.5}, to(z=-50.0)),
-        ({"max_tcp_mm_s": 2000.0, "k": 20.0}, to(x=900.0)),  # beyond the reach of the arm
+        ({}, to(x=600.0)),  # beyond the reach of the arm
+        ({"arm": EgmArmProfile(axis_speeds_deg_s=(2.0,) * 6)}, to(y=50.0)),  # a joint cannot go so fast
     ],
 )
 def test_a_reference_out_of_bounds_ends_the_guidance_with_an_error(
@@ -688,3 +693,10 @@ def test_the_truth_knows_the_joints() -> None:
     line = Line().cycles(1)
     joints = line.robot.joints_holding(Pose((0.9, -0.1, 0.6), DOWN), line.now)
     assert joints == pytest.approx(line.robot.motion.joints)
+
+
+def test_the_page_names_every_setting_and_every_fault() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "egm.md").read_text(encoding="utf-8")
+    names = [one.name for profile in (EgmProfile(), EgmArmProfile()) for one in settings_of(profile)]
+    names += [fault for faults in EGM_FAULTS.values() for fault in faults]
+    assert [name for name in names if f"`{name}`" not in page] == []

@@ -274,7 +274,7 @@ def test_the_dashboard_answers_in_lines() -> None:
         "running": "Program running: false",
         "programState": "STOPPED <unnamed>",
         "play": "Failed to execute: play",
-        "stop": "Failed to execute: stop",
+        "stop": "Stopped",
         "popup hello": "showing popup",
         "close popup": "closing popup",
         "power on": "Failed to execute: power on",
@@ -289,7 +289,7 @@ def test_local_control_takes_no_program_and_no_command_but_answers_questions() -
     desk = Desk()
     fault = desk.inject("robot", "local-control", for_s=1.0)
     board = desk.plug(Port.DASHBOARD)
-    assert board.line("play") == "Not in remote control"
+    assert "please switch robot to Remote Control mode" in board.line("play")
     assert board.line("is in remote control") == "false"
     desk.upload(program_text(50, 10.0, 2.0))
     desk.run(0.1)
@@ -298,6 +298,8 @@ def test_local_control_takes_no_program_and_no_command_but_answers_questions() -
     desk.run(1.0)
     assert fault.ended_at is not None
     assert board.line("is in remote control") == "true"
+    assert "reconnect to port 29999" in board.line("play")
+    assert desk.plug(Port.DASHBOARD).line("play") == "Failed to execute: play"
 
 
 def test_power_goes_with_the_emergency_stop_and_comes_back_step_by_step() -> None:
@@ -346,10 +348,12 @@ def test_a_program_is_found_however_its_text_comes() -> None:
         assert desk.controller.program.name == "hil_bridge"
 
 
-def test_a_program_that_nobody_knows_plays_for_a_while() -> None:
+@pytest.mark.parametrize("register", ["0", "0 +0"])
+def test_a_program_that_nobody_knows_plays_for_a_while(register: str) -> None:
     desk = Desk()
     desk.upload(
-        "def mine():\n  write_output_integer_register(0, 1)\n  write_output_integer_register(0, 2)\nend\n"
+        f"def mine():\n  write_output_integer_register({register}, 1)\n"
+        f"  write_output_integer_register({register}, 2)\nend\n"
     )
     desk.run(0.1)
     assert (desk.controller.runtime, desk.controller.outputs) == (
@@ -780,8 +784,10 @@ def test_moves_questions_and_settings_of_ur_rtde() -> None:
     joints = ur.told
     ur.do(1, [*joints, 1.0, 1.4], seconds=1.0)
     assert desk.place == pytest.approx(START.position, abs=1e-6)
-    ur.do(44, joints)
+    ur.do(44, [*joints, 0.0, 0.0, 0.2])
     assert ur.told[:3] == pytest.approx(START.position, abs=1e-6)
+    ur.do(44, joints)
+    assert ur.told[:3] == pytest.approx((0.9, -0.1, 0.8), abs=1e-6)
     ur.do(40)
     assert ur.told == [0.0, 0.0, 0.2, 0.0, 0.0, 0.0]
     ur.do(29, [0.0, 0.0, 0.1, 0.0, 0.0, 0.0])

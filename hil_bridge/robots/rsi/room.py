@@ -28,6 +28,7 @@ def robot_facts(settings: KindSettings) -> RobotFacts:
         Pacing.STREAMED,
         cycle_s=link.cycle_ms / 1e3,
         position_step_m=STEP_M,
+        late="the controller counts each, stands on the last correction, and stops at the limit of its signal flow",
         servo=ServoFacts(
             link.cycle_ms / 1e3,
             servo.transport_delay_ms / 1e3,
