@@ -1,12 +1,12 @@
 """An emulated Net F/T: samples at 7 kHz, a filter, records over UDP, and a page that tells its configuration.
 
-It serves one client at a time. Its wire answers the address that spoke last, so that any command of another program
-takes the stream there, as it does at the real one. A bias of another program does too: assumed otherwise, but the wire
-does not tell addresses apart.
+It serves one client at a time: a start from another address takes the stream there, and the first client is told
+nothing. A stop from another address ends the stream, unless a setting says otherwise. A bias from there is taken, and
+the stream stays. What is no request changes nothing, wherever it comes from.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Self
 
@@ -18,6 +18,7 @@ from emulators.faults.wire import DATAGRAMS, FaultyWire
 from emulators.netft.profile import NetFtProfile
 from emulators.seams import Floats, WrenchSource
 from emulators.sensing import Converter, MeasuredWrench
+from protocol.datagram import Datagram, side_of
 from protocol.endpoint import RemoteProtocolError
 from protocol.netft.page import FILTERS_HZ, filter_weight
 from protocol.netft.records import (
@@ -34,6 +35,8 @@ from protocol.netft.records import (
 )
 
 _COUNT_END = float(2**31 - 1)
+_MOST_AT_ONCE = 64
+"""Chosen: records sent before others have their turn. After a pause of the computer they would overrun a reader."""
 
 
 @dataclass(slots=True)
@@ -46,6 +49,8 @@ class _Stream:
     """Records that are still to be sent; None: until a stop."""
     at_once: int
     """Records in a datagram."""
+    side: Hashable
+    """Side that has asked."""
     sent: int = 0
     buffer: list[bytes] = field(default_factory=list)
 
@@ -151,7 +156,7 @@ class NetBox:
         """Send every record that is due."""
         if self._wire.bad and (data := self._wire.arrived(now)):
             self._take(data, now)
-        self._send_due(now)
+        self._send_due(now, _MOST_AT_ONCE)
 
     # --- requests
 
@@ -166,10 +171,12 @@ class NetBox:
                 continue  # assumed: dropped without an answer
             if request.extended:
                 continue  # records go to the asking address alone
+            own = self._stream is None or side_of(datagram) == self._stream.side
             if request.command == Command.STOP:
-                self._stop(now)
+                if own or self.profile.stranger_may_stop:
+                    self._stop(now)
             elif request.command in (Command.START, Command.START_BUFFERED):
-                self._start(Command(request.command), request.records, now)
+                self._start(Command(request.command), request.records, now, side_of(datagram))
             elif request.command == Command.RESET_LATCH:
                 self._latched = False
             elif request.command == Command.BIAS:
@@ -177,10 +184,10 @@ class NetBox:
                 if self.profile.bias_stops_stream:
                     self._stop(now)
 
-    def _start(self, command: Command, records: int, now: float) -> None:
+    def _start(self, command: Command, records: int, now: float, side: Hashable) -> None:
         newest, step = self._measured.number_at(now), self.step
         at_once = self.buffered_records if command is Command.START_BUFFERED else 1
-        self._stream = _Stream(newest + step - (newest - self._first) % step, records or None, at_once)
+        self._stream = _Stream(newest + step - (newest - self._first) % step, records or None, at_once, side)
 
     def _stop(self, now: float) -> None:
         self._stream = None
@@ -197,10 +204,11 @@ class NetBox:
 
     # --- samples
 
-    def _send_due(self, now: float) -> None:
+    def _send_due(self, now: float, most: int = INTERNAL_RATE_HZ) -> None:
         newest = self._measured.number_at(now - self.profile.latency_s)
-        while (stream := self._stream) is not None and stream.next <= newest:
+        while (stream := self._stream) is not None and stream.next <= newest and most:
             self._sample(stream, now)
+            most -= 1
 
     @property
     def step(self) -> int:
@@ -243,7 +251,7 @@ class NetBox:
         stream.buffer.append(RECORD.pack(stream.sent % WRAP, ft, self.status(number, now), *counts))
         over = stream.remaining == stream.sent
         if over or len(stream.buffer) >= stream.at_once:
-            self._out.append(b"".join(stream.buffer))
+            self._out.append(Datagram(b"".join(stream.buffer), side=stream.side))
             stream.buffer.clear()
         if over:
             self._stop(now)

@@ -59,6 +59,9 @@ class NetFtProfile:
     )
     bias_persistent: bool = setting(True, Mark.ASSUMED, "whether a bias outlives a power-down")
     bias_stops_stream: bool = setting(False, Mark.ASSUMED, "whether a bias ends the stream under way")
+    stranger_may_stop: bool = setting(
+        True, Mark.ASSUMED, "whether a stop from another address ends the stream"
+    )
     family: Literal["netbox", "axia"] = setting(
         "netbox", Mark.OBSERVED, "whose status word it sends: an Axia warns without the summary bit"
     )

@@ -48,6 +48,8 @@ _UNITS_FROM = (3, 7)
 _OLDER_UNITS = (FORCE_UNITS[2], TORQUE_UNITS[3])
 """Assumed of an older one: N and N·m."""
 _ROW_OPS = (Op.ROW, Op.ROW_MIDDLE, Op.ROW_END)
+_TOLD_LIMIT = 16
+"""Chosen: most statuses that are told, so that a status which changes with every sample fills no recording."""
 _ALL_AXES = 0b111111
 
 
@@ -78,6 +80,8 @@ class AtiCanClient:
         self._matrix: list[list[float]] = []
         self._start: SampleStart | None = None
         self._status = 0
+        self._told: set[int] = set()
+        """Statuses that were told, each once."""
         self._count = 0
 
     # --- endpoint
@@ -225,7 +229,8 @@ class AtiCanClient:
 
     def _tell(self, status: int, gages: tuple[int, ...], at: float) -> None:
         if status != self._status:
-            if status:
+            if status and status not in self._told and len(self._told) < _TOLD_LIMIT:
+                self._told.add(status)
                 self._events.append(SensorNotice(f"status {status:04X}: {status_words(status)}"))
             if self._ready and status & WATCHDOG and not self._status & WATCHDOG:
                 self._events.append(SensorRestarted())  # its slot is 0 again

@@ -12,6 +12,7 @@ from protocol.netft.http import Page
 from protocol.netft.page import Configuration, parse_page
 from protocol.netft.profile import NetFtClientProfile
 from protocol.netft.records import (
+    INTERNAL_RATE_HZ,
     RECORD,
     RECORD_SIZE,
     SATURATED,
@@ -42,6 +43,8 @@ _USUAL_PERIOD_S = 0.001
 """Assumed period of a box whose page tells none, for the length of a zero."""
 _BEHIND_LIMIT = 10
 """Chosen: so many records in a row that are older than the newest are no stragglers but a sensor that restarted."""
+_TOLD_LIMIT = 16
+"""Chosen: most statuses that are told, so that a status which changes with every record fills no recording."""
 _BACKWARD = WRAP // 2
 _ALL_AXES = 0b111111
 
@@ -61,11 +64,13 @@ class NetFtClient:
         self._due: float | None = now + profile.page_patience_s
         """When the patience ends with that which is waited for."""
         self._tare = HostTare()
+        self._step = 1
+        """Samples from one record to the next."""
         self._asked = 0
         """Requests for the stream since the last record."""
         self._ready = self._ended = False
-        self._status = 0
-        """Status of the newest record."""
+        self._told: set[int] = set()
+        """Statuses that were told, each once."""
         self._rdt = self._ft = self._sequence = 0
         """Numbers of the newest record, and the second unwrapped."""
         self._behind = 0
@@ -162,6 +167,7 @@ class NetFtClient:
             return
         self._configuration = configuration
         period = configuration.period or _USUAL_PERIOD_S
+        self._step = max(1, round(period * INTERNAL_RATE_HZ))
         self._tare = HostTare(max(1, round(self._profile.zero_s / period)))
         self._start(now)
 
@@ -176,13 +182,13 @@ class NetFtClient:
         rdt, ft, status, fx, fy, fz, tx, ty, tz = RECORD.unpack(datagram)
         self._due = now + self._profile.silence_s
         saturated = 0
-        if status != self._status or not self._ready:
-            if status and not self._ready and not (status & SATURATED or is_warning(status)):
+        if status and status not in self._told:
+            if not (self._ready or status & SATURATED or is_warning(status)):
                 self._fail(f"it reports status {status:08X}: {status_words(status)}; look at its own pages")
                 return
-            if status:
+            if len(self._told) < _TOLD_LIMIT:
+                self._told.add(status)
                 self._events.append(SensorNotice(f"status {status:08X}: {status_words(status)}"))
-            self._status = status
         if status and not is_warning(status):
             saturated = _ALL_AXES  # the values may be anything: a run retracts
         if not self._ready:
@@ -214,8 +220,9 @@ class NetFtClient:
             step = 1
         else:
             missing = (rdt - self._rdt) % WRAP - 1
-            if 0 < missing < _BACKWARD:
-                self.statistics.lost += missing
+            if missing >= _BACKWARD:  # it was asked for anew, and its records count from 1
+                missing = step // self._step - 1
+            self.statistics.lost += max(missing, 0)
         self._rdt, self._ft = rdt, ft
         self._sequence += step
         return True

@@ -236,3 +236,14 @@ def test_a_calibration_that_is_not_there_ends_the_run_with_words(tried: Try) -> 
 
 def test_bus_faults_are_refused_for_a_sensor_without_a_bus(tried: Try) -> None:
     assert "needs sensor.emulated = gateway or ati-can" in tried("netft", fault("bus", "off"))["error"]
+
+
+def test_gages_that_are_off_without_a_load_need_the_bias_that_is_identified(
+    tried: Try, tmp_path: Path
+) -> None:
+    off = "[cell.ati_can]\noffset_gages = 400\n"
+    assert "the tool's weight is" in tried("ati-can", off)["error"]
+    file, found = tmp_path / "off.toml", tmp_path / "tool.toml"
+    file.write_text(f'[sensor]\nemulated = "ati-can"\n{off}')
+    run("identify-tool", str(file), "--virtual", "-o", str(found))
+    assert tried("ati-can", found.read_text() + off)["outcome"] == "completed"

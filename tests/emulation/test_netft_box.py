@@ -13,6 +13,7 @@ from emulators.faults import Ledger
 from emulators.netft import NETFT_FAULTS, NetBox, NetFtProfile, PageEndpoint, answer
 from emulators.seams import Floats
 from emulators.sensing import KnownWrench
+from protocol.datagram import Datagram, side_of
 from protocol.netft import Command, Record, decode_record, encode_request, parse_page
 from protocol.netft.http import encode_get, read_answer
 from protocol.netft.records import SATURATED
@@ -178,6 +179,55 @@ def test_noise_belongs_to_the_sample() -> None:
     assert len(common) > 5
     assert all(by_number[record.ft_sequence] == record.counts for record in common)
     assert np.std([record.counts[0] for record in first]) == pytest.approx(1e5, rel=0.5)
+
+
+# --- strangers
+
+MINE, OTHER = ("10.0.0.1", 5000), ("10.0.0.2", 5000)
+
+
+def ask_from(side: tuple[str, int], device: NetBox, command: Command, now: float) -> None:
+    device.receive([Datagram(encode_request(command), side=side)], now)
+
+
+def sides(device: NetBox, until: float) -> list[object]:
+    found: list[object] = []
+    while (due := device.next_deadline()) is not None and due <= until:
+        device.handle_deadline(due)
+        found += [side_of(datagram) for datagram in device.data_to_send(due)]
+    return found
+
+
+def test_a_start_of_a_stranger_takes_the_stream() -> None:
+    device = box()
+    ask_from(MINE, device, Command.START, T0)
+    assert set(sides(device, T0 + 0.02)) == {MINE}
+    ask_from(OTHER, device, Command.START, T0 + 0.02)
+    device.data_to_send(T0 + 0.02)
+    assert set(sides(device, T0 + 0.04)) == {OTHER}
+
+
+def test_a_bias_of_a_stranger_is_taken_and_the_stream_stays() -> None:
+    device = box()
+    ask_from(MINE, device, Command.START, T0)
+    sides(device, T0 + 0.02)
+    ask_from(OTHER, device, Command.BIAS, T0 + 0.02)
+    device.receive([Datagram(b"nonsense", side=OTHER)], T0 + 0.02)
+    assert set(sides(device, T0 + 0.04)) == {MINE}
+    assert device.bias.tolist() == pytest.approx(np.array(LOAD) * 1e6)
+
+
+@pytest.mark.parametrize("may_stop", [True, False])
+def test_a_stop_of_a_stranger_ends_the_stream_or_not(may_stop: bool) -> None:
+    device = box(stranger_may_stop=may_stop)
+    ask_from(MINE, device, Command.START, T0)
+    sides(device, T0 + 0.02)
+    ask_from(OTHER, device, Command.STOP, T0 + 0.02)
+    device.data_to_send(T0 + 0.02)
+    assert bool(sides(device, T0 + 0.04)) is not may_stop
+    ask_from(MINE, device, Command.STOP, T0 + 0.05)
+    device.data_to_send(T0 + 0.05)
+    assert sides(device, T0 + 0.1) == []
 
 
 # --- saturation and faults

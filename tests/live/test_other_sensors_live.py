@@ -1,6 +1,7 @@
 """Sensors other than a JR3 over real wires: UDP with HTTP, a pseudo-terminal, an slcan adapter."""
 
 import asyncio
+import socket
 from typing import Any
 
 import pytest
@@ -11,6 +12,7 @@ from hil_bridge.runs.compose import Ports, connect_sensor, emulated_cell
 from hil_bridge.sensors.stream import ForceSensor
 from hil_bridge.settings.configuration import read_config
 from hil_bridge.wiring import Wiring
+from protocol.netft import Command, encode_request
 
 pytestmark = pytest.mark.live
 
@@ -113,3 +115,44 @@ def test_a_page_without_a_server_is_told_in_one_line() -> None:
     (told,) = words
     assert "its configuration page did not come within 0.6 s" in told
     assert "\n" not in told
+
+
+def test_a_stranger_that_biases_gets_no_records_and_one_that_starts_gets_them() -> None:
+    """Three programs at one box, each with a socket of its own."""
+    counts: list[int] = []
+
+    async def main() -> None:
+        clock = Clock.running()
+        config = read_config({"sensor": {"emulated": "netft"}, "cell": {"netft": {"boot_s": 0.0}}})
+        mine, other = (socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(2))
+        try:
+            port = "netft+udp-bind://127.0.0.1:0"
+            async with emulated_cell(config, clock, Ports(None, port), lambda cause: None) as served:
+                assert served.sensor is not None
+                there = int(served.sensor.partition("?")[0].rpartition(":")[2])
+                for end in (mine, other):
+                    end.setblocking(False)
+                    end.connect(("127.0.0.1", there))
+                for end, command in ((mine, Command.START), (other, Command.BIAS), (other, Command.START)):
+                    end.send(encode_request(command))
+                    await asyncio.sleep(0.2)
+                    counts.extend((drained(mine), drained(other)))
+        finally:
+            mine.close()
+            other.close()
+            clock.close()
+
+    run_real(main)
+    assert [count > 50 for count in counts] == [True, False, True, False, False, True]
+    assert (counts[1], counts[3]) == (0, 0)
+
+
+def drained(end: socket.socket) -> int:
+    """Datagrams that have come."""
+    count = 0
+    while True:
+        try:
+            end.recv(2048)
+        except BlockingIOError:
+            return count
+        count += 1

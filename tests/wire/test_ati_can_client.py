@@ -216,6 +216,15 @@ def test_a_critical_status_makes_all_axes_worthless(status: int, lost: bool) -> 
     assert bool(frame.saturated) is lost
 
 
+def test_a_status_that_changes_all_the_time_fills_no_recording() -> None:
+    client = ready()
+    for k in range(200):
+        now = T0 + 0.005 * (k + 1)
+        sent(client, now)
+        client.receive(sample(status=k << 8), now)
+    assert len([event for event in events(client) if isinstance(event, SensorNotice)]) == 16
+
+
 def test_a_session_does_not_begin_with_a_critical_status() -> None:
     client = asked()
     client.receive(sample(status=0x8040), T0)

@@ -120,6 +120,7 @@ def test_silence_in_the_stream_asks_anew_and_says_so() -> None:
     assert [type(event) for event in events(client)] == [WrenchFrame, SensorNotice]
     client.receive([record(1, 1500)], T0 + 0.11)
     assert frames(client) == [1500]
+    assert client.statistics.lost == 112
 
 
 def test_gaps_duplicates_and_stragglers_are_counted() -> None:
@@ -175,6 +176,14 @@ def test_any_other_status_makes_all_axes_worthless_and_is_told(status: int) -> N
     notice, *told = events(client)
     assert f"{status:08X}" in notice.text
     assert [event.saturated for event in told] == [0b111111, 0b111111, 0]
+
+
+def test_a_status_that_changes_all_the_time_fills_no_recording() -> None:
+    client = streaming()
+    client.receive([record(2 + k, 707 + 7 * k, 0x80000000 | k % 90) for k in range(1000)], T0)
+    told = events(client)
+    assert len([event for event in told if isinstance(event, SensorNotice)]) == 16
+    assert len(told) == 1016
 
 
 def test_a_session_does_not_begin_with_an_error() -> None:

@@ -18,7 +18,7 @@ from hil_bridge.transports.base import Datagrams
 from hil_bridge.transports.datagram.peer import Notices, Peer
 from hil_bridge.transports.datagram.statistics import QUEUE_DATAGRAMS, DatagramStatistics, check_sizes
 from hil_bridge.transports.delivery import Delivery, TimedQueue
-from protocol.datagram import Datagram
+from protocol.datagram import Datagram, side_of
 
 HELD_S = 0.1
 """Longest wait of a datagram for the next one to overtake it, s. Chosen: several cycles of a streaming robot."""
@@ -129,8 +129,8 @@ class MemoryDatagrams:
     def send(self, data: Datagrams) -> None:
         self._delivery.check()
         check_sizes(self.name, data)
-        target = self._peer.address
         for datagram in data:
+            target = self._peer.target(side_of(datagram))
             taken = target is not None and self._leaving.put(partial(self._reach, bytes(datagram), target))
             self._counts["sent" if taken else "dropped"] += 1
 
@@ -167,7 +167,7 @@ class MemoryDatagrams:
             self._notices.tell("stranger", f"{self.name}: datagrams of {source} are refused")
             return
         overruns = delivery.overruns
-        delivery.data([Datagram(datagram, now)])
+        delivery.data([Datagram(datagram, now, source)])
         self._counts["received"] += overruns == delivery.overruns
 
 
