@@ -14,6 +14,7 @@ from hil_bridge.cli.experiment import experiment
 from hil_bridge.cli.export import export
 from hil_bridge.cli.faults import faults
 from hil_bridge.cli.files import config, profile, report
+from hil_bridge.cli.force_source import force_source
 from hil_bridge.cli.free import free
 from hil_bridge.cli.identify_tool import identify_tool
 from hil_bridge.cli.latency import latency
@@ -88,6 +89,7 @@ for command in (
     emulate,
     serve_jr3,
     free,
+    force_source,
     identify_tool,
     experiment,
     decode,

@@ -46,7 +46,7 @@ def chosen_in(values: Mapping[str, Any]) -> Chosen:
 
 def merged_section(base: type[BaseModel], registry: Registry[Any], names: Sequence[str]) -> Any:
     """A section with the settings of the kinds that stand in it directly, and one inside it for each further kind."""
-    ours = dict.fromkeys(kind.settings for kind in _direct(registry))
+    ours = dict.fromkeys(kind.settings for kind in map(registry.kind, registry.direct))
     more: dict[str, Any] = {}
     for kind in map(registry.kind, names):
         more[field_name(kind.name)] = (kind.settings, kind.settings())
@@ -58,8 +58,8 @@ def merged_section(base: type[BaseModel], registry: Registry[Any], names: Sequen
 def cell_section(chosen: Chosen) -> Any:
     """The section of the emulated cell with the settings of all emulated devices."""
     devices: list[RobotKind | SensorKind] = [
-        *_direct(ROBOTS),
-        *_direct(SENSORS),
+        *map(ROBOTS.kind, ROBOTS.direct),
+        *map(SENSORS.kind, SENSORS.direct),
     ]
     others: list[RobotKind | SensorKind] = [
         *map(ROBOTS.kind, chosen.robots),
@@ -125,14 +125,8 @@ def _table(values: Mapping[str, Any], name: str) -> Mapping[str, Any]:
     return table if isinstance(table, Mapping) else {}
 
 
-def _direct(registry: Registry[Any]) -> list[Any]:
-    """Our kinds whose settings stand in the sections themselves."""
-    return [kind for kind in map(registry.kind, registry.built_in) if kind.directly]
-
-
 def _named(registry: Registry[Any], url: object, *names: object) -> tuple[str, ...]:
-    direct = {kind.name for kind in _direct(registry)} if registry.built_in else set()
-    others = [name for name in registry.names if name not in direct]
+    others = [name for name in registry.names if name not in registry.direct]
     if not others:
         return ()
     kind, _ = registry.split(url) if isinstance(url, str) else ("", "")

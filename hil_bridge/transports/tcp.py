@@ -9,6 +9,7 @@ import asyncio
 import socket
 from collections.abc import Callable
 from contextlib import suppress
+from typing import Any
 
 from hil_bridge.clock import Clock, Timer
 from hil_bridge.errors import TransportEnded, TransportError
@@ -74,20 +75,57 @@ async def listen_tcp(
     """
     try:
         found = await clock.loop.getaddrinfo(host, port, type=socket.SOCK_STREAM)
-        family, kind, protocol, _, address = found[0]
-        server = socket.socket(family, kind, protocol)
-        try:
-            server.setblocking(False)
-            server.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            server.bind(address)
-            server.listen(1)
-        except BaseException:
-            server.close()
-            raise
+        server = _listening(found[0])
     except OSError as error:
         raise reasons.unavailable("tcp-listen", name, f"{host}:{port}", error) from error
     here = server.getsockname()
     return _Server(server, name, clock, around).exchange, here[0], here[1]
+
+
+async def listen_tcp_clients(
+    host: str, port: int, clock: Clock, name: str, on_client: Callable[[Transport[bytes]], object]
+) -> tuple[Callable[[], None], str, int]:
+    """Wait for clients, any number at a time: `on_client` is given the transport of each, and closes it.
+
+    Gives a function that ends the waiting, and the address and port that it really has. Raises TransportUnavailable.
+    """
+    try:
+        found = await clock.loop.getaddrinfo(host, port, type=socket.SOCK_STREAM)
+        server = _listening(found[0])
+    except OSError as error:
+        raise reasons.unavailable("tcp-listen", name, f"{host}:{port}", error) from error
+    here = server.getsockname()
+
+    def accept() -> None:
+        try:
+            connection, address = server.accept()
+        except OSError:
+            return  # it has gone again before we came to it
+        connection.setblocking(False)
+        on_client(FileWire(name, _Connection(connection, f"{address[0]}:{address[1]}"), clock))
+
+    def stop() -> None:
+        if (listening := server.fileno()) >= 0:
+            clock.loop.remove_reader(listening)
+            server.close()
+
+    clock.loop.add_reader(server.fileno(), accept)
+    return stop, here[0], here[1]
+
+
+def _listening(found: Any) -> socket.socket:
+    """A socket that listens on one of the addresses that were found. Raises OSError."""
+    family, kind, protocol, _, address = found
+    server = socket.socket(family, kind, protocol)
+    try:
+        server.setblocking(False)
+        server.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        server.bind(address)
+        server.listen(1)
+    except BaseException:
+        server.close()
+        raise
+    return server
 
 
 class _Server:

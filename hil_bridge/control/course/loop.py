@@ -183,9 +183,12 @@ class ControlLoop:
         """
         if self.fixed_dt is not None:
             return self.fixed_dt
-        if before is None or not math.isfinite(now - before):
+        passed = math.nan if before is None else now - before
+        if 0.0 <= passed < LONGEST_SAMPLES * self.sample_time:
+            return passed
+        if not math.isfinite(passed):
             return self.sample_time
-        return min(max(now - before, 0.0), LONGEST_SAMPLES * self.sample_time)
+        return 0.0 if passed < 0.0 else LONGEST_SAMPLES * self.sample_time
 
     def propose(self, state: LoopState, sample: Sample) -> Proposal:
         """Intent of task and controller for a sample."""

@@ -1,8 +1,7 @@
 """Facts of a robot behind Externally Guided Motion, for recording, report and view."""
 
 from emulators.egm import EgmProfile
-from hil_bridge.facts import Pacing, RobotFacts, ServoFacts, Traffic
-from hil_bridge.robots.answering import ANSWERS, PACKETS
+from hil_bridge.facts import Pacing, RobotFacts, ServoFacts
 from hil_bridge.robots.egm.settings import EgmSettings
 from protocol.marks import Mark, settings
 
@@ -14,9 +13,7 @@ def robot_facts(client: EgmSettings, assumed: EgmProfile) -> RobotFacts:
         pacing=Pacing.STREAMED,
         cycle_s=client.sample_ms * 1e-3,
         servo=_servo_facts(assumed),
-        routine=(ANSWERS, PACKETS),
-        errors=("late answers", "packets missing", "stale packets"),
-        traffic=(Traffic("datagrams", ANSWERS, PACKETS),),
+        late="the controller takes the newest message that it has, and stops after CommTimeout without one",
     )
 
 

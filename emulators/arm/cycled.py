@@ -1,0 +1,120 @@
+"""A path that a controller computes cycle by cycle: straight from one cycle's place to the next one's.
+
+The controller looks at its inputs in each cycle and says where the arm is one cycle later. Between the two the arm goes
+evenly. The path keeps the last ten seconds.
+"""
+
+import math
+from collections import deque
+from collections.abc import Callable
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from protocol.geometry import Pose, Quaternion
+
+Floats = NDArray[np.float64]
+
+ROUNDING_S = 1e-9
+"""A time nearer than this to another is the same."""
+_PAST_S = 10.0
+"""Chosen: longer than any stall of a process after which its run is still of use."""
+_BEGINS = 256
+"""Chosen: begins of motion that are kept, more than targets that a reader asks for."""
+
+
+def _unread(time: float) -> None:
+    """No reader has looked ahead."""
+
+
+class CycledPath:
+    """An `emulators.seams.ArmPath` that calls its controller once a cycle."""
+
+    def __init__(self, start: Pose, powered_at: float, period: float, step: Callable[[float], Pose]) -> None:
+        """`step(now)` acts for the cycle that begins at `now`, s, and gives the pose one `period`, s, later."""
+        self._powered_at, self._period, self._step = powered_at, period, step
+        self.cycle = 0
+        """Number of the newest cycle that has begun; cycle 0 is that of the power-up."""
+        self.pose = start
+        """Where the tool is at its begin."""
+        self.next_pose = start
+        """Where it is at its end."""
+        self.on_change: Callable[[float], object] = _unread
+        self.accepted = 0
+        self._begun = 0
+        self._begins: deque[float] = deque(maxlen=_BEGINS)
+        self._size = math.ceil(_PAST_S / period) + 2
+        self._places = np.empty((self._size, 3))
+        """Place at the begin of cycle k in row k % size, m."""
+        self._speeds = np.zeros((self._size, 3))
+        self._turns: list[Quaternion] = [start.quaternion] * self._size
+        self._places[:] = start.position
+
+    # --- of the controller
+
+    def taken(self) -> None:
+        """The controller has taken another target."""
+        self.accepted += 1
+
+    def begins(self, at: float) -> None:
+        """The motion to the newest target begins at `at`, s; all before it were overtaken."""
+        while self._begun < self.accepted:
+            self._begun += 1
+            self._begins.append(at if self._begun == self.accepted else math.nan)
+
+    def begun_at(self, number: int) -> float | None:
+        """When the motion to a target began, s; None before, NaN for one that was overtaken or is forgotten."""
+        if number > self._begun:
+            return None
+        back = self._begun - number
+        return self._begins[-1 - back] if back < len(self._begins) else math.nan
+
+    def cycle_at(self, number: int) -> float:
+        """When a cycle begins, s."""
+        return self._powered_at + number * self._period
+
+    # --- of readers
+
+    def advance(self, now: float) -> None:
+        """Let all cycles that begin up to `now` happen."""
+        while self.cycle_at(self.cycle + 1) <= now + ROUNDING_S:
+            self.cycle += 1
+            self.pose = self.next_pose
+            self.next_pose = self._step(self.cycle_at(self.cycle))
+            row = self.cycle % self._size
+            here, there = self.pose.position, self.next_pose.position
+            self._places[row] = here
+            self._speeds[row] = [(b - a) / self._period for a, b in zip(here, there, strict=True)]
+            self._turns[row] = self.pose.quaternion
+
+    def committed_until(self, now: float) -> float:
+        self.advance(now)
+        return max(self.cycle_at(self.cycle + 1) - ROUNDING_S, now)
+
+    def predicted_until(self, now: float) -> float:
+        return self.committed_until(now)
+
+    def _cycles(self, times: Floats) -> NDArray[np.int64]:
+        """The cycle in which each time lies, as far as it is kept."""
+        self.advance(float(times[-1]) - ROUNDING_S)
+        found = np.floor((times - self._powered_at) / self._period + ROUNDING_S).astype(np.int64)
+        return np.clip(found, max(self.cycle - self._size + 1, 0), self.cycle)
+
+    def trajectory(self, times: Floats) -> tuple[Floats, Floats]:
+        cycles = self._cycles(times)
+        rows = cycles % self._size
+        since = times - (self._powered_at + cycles * self._period)
+        speeds = self._speeds[rows]
+        return self._places[rows] + speeds * np.clip(since, 0.0, self._period)[:, None], speeds.copy()
+
+    def orientations(self, times: Floats) -> list[tuple[slice, Quaternion]]:
+        cycles = self._cycles(times)
+        edges = [0, *(np.flatnonzero(np.diff(cycles)) + 1).tolist(), len(cycles)]
+        found: list[tuple[slice, Quaternion]] = []
+        for begin, end in pairwise(edges):
+            turned = self._turns[int(cycles[begin]) % self._size]
+            if found and found[-1][1] == turned:
+                begin = found.pop()[0].start
+            found.append((slice(begin, end), turned))
+        return found

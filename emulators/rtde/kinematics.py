@@ -1,0 +1,144 @@
+"""Joints and poses of Universal Robots' arms: forward kinematics, and every inverse solution.
+
+Denavit-Hartenberg lengths: Universal Robots' page on them. A real arm adds its own calibration. Lengths in m, angles
+in rad. With all joints at zero the arm lies along base -x, and the tool points along base -y.
+
+Joints 2, 3 and 4 have parallel axes, so that they move in one plane. It stands beside the base axis by d4.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from itertools import product as every
+from typing import NamedTuple, TypeAlias
+
+from emulators.arm.quaternions import product
+from protocol.geometry import Pose, Quaternion, Vector
+
+Joints: TypeAlias = tuple[float, float, float, float, float, float]
+"""Base, shoulder, elbow, wrist 1 to 3, rad."""
+
+RANGE = 2.0 * math.pi
+"""Each joint turns so far either way, rad. Source: Universal Robots' user manuals."""
+_SINGULAR = 1e-6
+"""A sine below this leaves an angle open, which stays as it was."""
+_HALF = math.sqrt(0.5)
+_FORWARD: Quaternion = (_HALF, _HALF, 0.0, 0.0)
+"""A quarter turn about x."""
+_BACKWARD: Quaternion = (_HALF, -_HALF, 0.0, 0.0)
+
+
+class Arm(NamedTuple):
+    """Lengths of an arm, m."""
+
+    d1: float
+    a2: float
+    a3: float
+    d4: float
+    d5: float
+    d6: float
+
+
+ARMS: Mapping[str, Arm] = {
+    "ur5e": Arm(0.1625, -0.425, -0.3922, 0.1333, 0.0997, 0.0996),
+    "ur10e": Arm(0.1807, -0.6127, -0.57155, 0.17415, 0.11985, 0.11655),
+    "ur5": Arm(0.089159, -0.425, -0.39225, 0.10915, 0.09465, 0.0823),
+    "ur10": Arm(0.1273, -0.612, -0.5723, 0.163941, 0.1157, 0.0922),
+}
+"""Arms by name; those with an e are e-Series, the others CB3."""
+USUAL: Joints = (0.0, -math.pi / 2, -math.pi / 2, -math.pi / 2, math.pi / 2, 0.0)
+"""Chosen: the posture next to which one is looked for at the start, elbow up and the tool down."""
+
+
+def rotated(quaternion: Quaternion, vector: Sequence[float]) -> Vector:
+    """A vector turned by a unit quaternion."""
+    w, x, y, z = quaternion
+    a, b, c = vector
+    tx, ty, tz = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)
+    return (
+        a + w * tx + y * tz - z * ty,
+        b + w * ty + z * tx - x * tz,
+        c + w * tz + x * ty - y * tx,
+    )
+
+
+def conjugate(quaternion: Quaternion) -> Quaternion:
+    """The turn back."""
+    w, x, y, z = quaternion
+    return w, -x, -y, -z
+
+
+def compose(first: Pose, second: Pose) -> Pose:
+    """The second pose, given in the frame of the first, in the first one's own frame."""
+    x, y, z = (p + q for p, q in zip(first.position, rotated(first.quaternion, second.position), strict=True))
+    return Pose((x, y, z), product(first.quaternion, second.quaternion))
+
+
+def inverse(pose: Pose) -> Pose:
+    """The outer frame in the frame of the pose."""
+    back = conjugate(pose.quaternion)
+    x, y, z = rotated(back, pose.position)
+    return Pose((-x, -y, -z), back)
+
+
+def _about_z(angle: float) -> Quaternion:
+    return math.cos(angle / 2.0), 0.0, 0.0, math.sin(angle / 2.0)
+
+
+def flange(arm: Arm, joints: Sequence[float]) -> Pose:
+    """Pose of the flange in the base frame."""
+    base, shoulder, elbow, wrist_1, wrist_2, wrist_3 = joints
+    c, s = math.cos(base), math.sin(base)
+    fore = shoulder + elbow
+    total = fore + wrist_1
+    out = arm.a2 * math.cos(shoulder) + arm.a3 * math.cos(fore) + arm.d5 * math.sin(total)
+    up = arm.a2 * math.sin(shoulder) + arm.a3 * math.sin(fore) - arm.d5 * math.cos(total)
+    turn = product(product(_about_z(base), _FORWARD), product(_about_z(total), _FORWARD))
+    turn = product(product(turn, _about_z(wrist_2)), product(_BACKWARD, _about_z(wrist_3)))
+    tx, ty, tz = rotated(turn, (0.0, 0.0, arm.d6))
+    return Pose((out * c + arm.d4 * s + tx, out * s - arm.d4 * c + ty, arm.d1 + up + tz), turn)
+
+
+def solutions(arm: Arm, pose: Pose, near: Joints) -> list[Joints]:
+    """Every way to hold the flange in a pose, up to eight; of angles a whole turn apart the one next to `near`."""
+    turn = pose.quaternion
+    tool = rotated(turn, (0.0, 0.0, 1.0))
+    x, y, z = (p - arm.d6 * t for p, t in zip(pose.position, tool, strict=True))
+    radius = math.hypot(x, y)
+    if radius < abs(arm.d4) or radius == 0.0:
+        return []
+    beside, bearing = math.asin(arm.d4 / radius), math.atan2(y, x)
+    found = []
+    for base, flipped in every((bearing + beside, bearing + math.pi - beside), (1.0, -1.0)):
+        c, s = math.cos(base), math.sin(base)
+        wrist_2 = flipped * math.acos(max(-1.0, min(1.0, tool[0] * s - tool[1] * c)))
+        along = rotated(conjugate(turn), (s, -c, 0.0))
+        sine = math.sin(wrist_2)
+        wrist_3 = near[5] if abs(sine) < _SINGULAR else math.atan2(-along[1] / sine, along[0] / sine)
+        axis = rotated(turn, (-math.sin(wrist_3), -math.cos(wrist_3), 0.0))
+        out = (x - arm.d5 * axis[0]) * c + (y - arm.d5 * axis[1]) * s
+        up = z - arm.d5 * axis[2] - arm.d1
+        total = math.atan2(axis[0] * c + axis[1] * s, -axis[2])
+        square = out * out + up * up
+        cosine = (square - arm.a2**2 - arm.a3**2) / (2.0 * arm.a2 * arm.a3)
+        if not -1.0 <= cosine <= 1.0:
+            continue
+        for elbow in (math.acos(cosine), -math.acos(cosine)):
+            fore = math.atan2(arm.a3 * math.sin(elbow), arm.a2 + arm.a3 * math.cos(elbow))
+            shoulder = math.atan2(up, out) - fore
+            angles = (base, shoulder, elbow, total - shoulder - elbow, wrist_2, wrist_3)
+            a, b, d, e, f, g = (_wound(angle, old) for angle, old in zip(angles, near, strict=True))
+            found.append((a, b, d, e, f, g))
+    return found
+
+
+def nearest(arm: Arm, pose: Pose, near: Joints) -> Joints | None:
+    """The solution that takes the least motion from `near`; None where no joints hold the pose."""
+    return min(solutions(arm, pose, near), key=lambda joints: math.dist(joints, near), default=None)
+
+
+def _wound(angle: float, near: float) -> float:
+    """The angle, give or take whole turns, next to `near` and inside the range."""
+    angle += 2.0 * math.pi * round((near - angle) / (2.0 * math.pi))
+    if angle > RANGE:
+        return angle - 2.0 * math.pi
+    return angle + 2.0 * math.pi if angle < -RANGE else angle

@@ -1,0 +1,96 @@
+"""Settings of the emulated controller and its arm."""
+
+from dataclasses import dataclass
+from typing import Any, ClassVar, Literal
+
+from protocol.marks import Mark, check_settings, setting
+
+_A, _O, _C = Mark.ASSUMED, Mark.OBSERVED, Mark.CHOSEN
+
+
+@dataclass(frozen=True, slots=True)
+class RtdeProfile:
+    """A controller of Universal Robots; what its maker does not publish is assumed."""
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
+
+    model: Literal["ur5e", "ur10e", "ur5", "ur10"] = setting(
+        "ur10e", _C, "the arm; the cell's usual start is out of a ur5e's reach"
+    )
+    cycle_ms: float = setting(
+        2.0,
+        _O,
+        "cycle of the controller: 2 of an e-Series, 8 of a CB3",
+        unit="ms",
+        minimum=1.0,
+        maximum=100.0,
+    )
+    version: str = setting("5.12.0.0", _A, "version of its software: major.minor.bugfix.build")
+    serial_number: str = setting("20235500001", _C, "digits that the dashboard tells")
+    remote_control: bool = setting(True, _C, "whether it stands in Remote Control at power-up")
+    uptime_s: float = setting(
+        100.0, _A, "its clock when the cell is made; a client may wait for 40 s", unit="s", minimum=0.0
+    )
+    start_delay_ms: float = setting(
+        50.0, _A, "from a program's last line until it plays", unit="ms", minimum=0.0, maximum=5000.0
+    )
+    unknown_program_ms: float = setting(
+        200.0, _A, "how long a program plays that the emulator does not know", unit="ms", minimum=0.0
+    )
+    power_s: float = setting(2.0, _A, "from power on to idle, and for the brakes", unit="s", minimum=0.0)
+    unlock_s: float = setting(
+        5.0, _O, "a protective stop is not unlocked earlier", unit="s", minimum=0.0, maximum=60.0
+    )
+    release_delay_s: float = setting(
+        0.0, _A, "how long the inputs of a lost client stay in use", unit="s", minimum=0.0, maximum=60.0
+    )
+    bad_input: Literal["ignore", "close"] = setting(
+        "ignore", _A, "what it does with a data packet of a wrong recipe or length"
+    )
+    max_clients: int = setting(
+        0, _A, "clients of RTDE at a time; a further one is closed; 0: no limit but 16", minimum=0, maximum=16
+    )
+    output_delay_cycles: int = setting(
+        1, _A, "age of the state in a data packet, in cycles", minimum=0, maximum=10
+    )
+    on_protective_stop: Literal["paused", "stopped"] = setting(
+        "paused", _A, "what becomes of the program in a protective stop"
+    )
+    servo_gain_scale: float = setting(
+        1.0, _A, "servoj's gain, times this, is the stiffness of its loop", unit="1/s", above=0.0
+    )
+    slider_slows_servo: bool = setting(True, _A, "whether the speed slider slows servoj down")
+    stop_deceleration_rad_s2: float = setting(
+        4.0, _A, "of a joint when a program stops or pauses", unit="rad/s²", above=0.0
+    )
+    max_joint_speed_rad_s: float = setting(
+        3.14, _A, "above, it makes a protective stop", unit="rad/s", above=0.0
+    )
+    max_tcp_speed_mm_s: float = setting(
+        1500.0, _A, "above, it makes a protective stop", unit="mm/s", above=0.0
+    )
+    max_target_step_mm: float = setting(
+        50.0, _A, "larger between two servo targets, it makes a protective stop", unit="mm", above=0.0
+    )
+    max_target_turn_rad: float = setting(0.3, _A, "the same of their turn", unit="rad", above=0.0)
+    max_force_n: float = setting(
+        250.0, _A, "of actual_TCP_force; above, it makes a protective stop", unit="N", above=0.0
+    )
+    noise_um: float = setting(
+        5.0, _A, "noise of the reported place, root mean square", unit="µm", minimum=0.0
+    )
+    noise_urad: float = setting(5.0, _A, "the same of the orientation", unit="µrad", minimum=0.0)
+    force_noise_n: float = setting(
+        0.2, _A, "noise of the arm's own force sensor, root mean square", unit="N", minimum=0.0
+    )
+    force_watchdog_hz: float = setting(
+        10.0, _A, "the program pauses when external forces come more rarely; 0: never", unit="Hz", minimum=0.0
+    )
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+        parts = self.version.split(".")
+        if len(parts) != 4 or not all(part.isdecimal() and len(part) < 10 for part in parts):
+            raise ValueError(f"version must be four numbers with dots, got {self.version!r}")
+        if not (self.serial_number.isascii() and self.serial_number.isdecimal()):
+            raise ValueError(f"serial_number must be digits, got {self.serial_number!r}")

@@ -1,0 +1,52 @@
+"""`hil-bridge force-source`: the contact model as the force sensor of a controller that somebody else emulates."""
+
+from pathlib import Path
+
+import click
+
+from hil_bridge.cli.paths import FILE
+
+
+@click.command(name="force-source", short_help="Give a robot controller the force of an emulated surface.")
+@click.argument("url", metavar="rtde+tcp://HOST")
+@click.argument("config_file", metavar="[CONFIG.toml]", required=False, type=FILE)
+@click.option(
+    "--surface", metavar="KIND", help="Kind of the surface, from a plug-in.  [default: [cell.surface]]"
+)
+@click.option("--duration", "duration_s", type=click.FloatRange(min=0.0, min_open=True), metavar="S")
+@click.option(
+    "--limit-n",
+    type=click.FloatRange(min=0.0, min_open=True),
+    default=200.0,
+    show_default=True,
+    metavar="F",
+    help="A larger force ends it.",
+)
+@click.option(
+    "--keep-program", is_flag=True, help="Upload no program: the controller takes the force already."
+)
+def force_source(
+    url: str,
+    config_file: Path | None,
+    surface: str | None,
+    duration_s: float | None,
+    limit_n: float,
+    keep_program: bool,
+) -> None:
+    """Read the pose of a controller of Universal Robots and write the force of the surface to it.
+
+    The surface is that of [cell.surface] in CONFIG.toml. The controller may be a real one, its maker's simulator, or
+    `hil-bridge emulate robot --robot rtde`. Its program that plays is ended at the begin, unless --keep-program is
+    given. Ctrl-C takes the force away and ends.
+    """
+    from hil_bridge.errors import ConfigError
+    from hil_bridge.kinds import robot_of
+    from hil_bridge.robots.rtde.force_source import ForceOptions
+    from hil_bridge.robots.rtde.force_source_run import run_source
+    from hil_bridge.settings.configuration import load_config
+
+    kind, _ = robot_of(url)
+    if kind.name != "rtde":
+        raise ConfigError(f"{url!r}: a {kind.name} takes no external force; give rtde+tcp://HOST")
+    config = load_config(config_file, {"cell.surface_kind": surface})
+    click.echo(run_source(url, config, ForceOptions(limit_n, not keep_program), duration_s))

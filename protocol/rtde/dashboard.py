@@ -1,0 +1,49 @@
+"""Lines of the dashboard server: a command, and one line for an answer.
+
+Source: ur_rtde 1.6.5, `dashboard_client.cpp`; Universal Robots' C++ client library,
+`dashboard_client_implementation_g5.cpp`.
+"""
+
+from collections.abc import Mapping
+
+GREETING = "Connected: Universal Robots Dashboard Server"
+LINE_MAX = 1024
+"""Chosen: a longer line is none of a dashboard."""
+
+REMOTE, MODE, SAFETY = "is in remote control", "robotmode", "safetystatus"
+QUESTIONS = (REMOTE, MODE, SAFETY)
+"""Asked by our client before it uploads a program."""
+_READY: Mapping[str, tuple[str, str]] = {
+    MODE: ("Robotmode: RUNNING", "power it on and release its brakes"),
+    SAFETY: ("Safetystatus: NORMAL", "see the stop's cause, release it, and begin again"),
+}
+
+
+def refusal(question: str, answer: str) -> str:
+    """Words for an answer that forbids a program to start; empty for one that allows it.
+
+    A CB3 has no remote control and does not understand the question.
+    """
+    if question == REMOTE:
+        local = answer.strip().lower() == "false"
+        return "it is in local control; switch it to Remote Control at the pendant" if local else ""
+    ready, remedy = _READY[question]
+    if answer.strip().lower() == ready.lower():
+        return ""
+    return f"its dashboard says {answer.strip()[:80]!r}; {remedy}"
+
+
+class Lines:
+    """Cuts bytes into lines. A line that is too long is given in pieces."""
+
+    def __init__(self) -> None:
+        self._rest = bytearray()
+
+    def feed(self, data: bytes) -> list[str]:
+        """The lines that are whole now, without their ends."""
+        self._rest += data
+        *lines, rest = bytes(self._rest).split(b"\n")
+        if len(rest) > LINE_MAX:
+            lines, rest = [*lines, rest[:LINE_MAX]], b""
+        self._rest = bytearray(rest)
+        return [line.decode("ascii", "replace").replace("�", "?").rstrip("\r") for line in lines]

@@ -1,0 +1,23 @@
+"""The wires of one controller as one: pieces of bytes, each with the port that it goes over."""
+
+from collections.abc import Sequence
+from enum import StrEnum
+from typing import NamedTuple, TypeAlias
+
+
+class Port(StrEnum):
+    """The service behind a TCP port."""
+
+    RTDE = "rtde"
+    DASHBOARD = "dashboard"
+    SCRIPT = "script"
+
+
+class Piece(NamedTuple):
+    """Bytes of one wire."""
+
+    port: Port
+    data: bytes
+
+
+Pieces: TypeAlias = Sequence[Piece]

@@ -1,0 +1,267 @@
+"""The robot over RTDE in a whole run, and the force source: in virtual time."""
+
+import asyncio
+import json
+from collections.abc import Callable
+from contextlib import AsyncExitStack
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+
+from emulators.rtde import RtdeProfile, RtdeRobot
+from emulators.seams import StartPose
+from hil_bridge.cli import cli
+from hil_bridge.clock import Clock, run_virtual
+from hil_bridge.device_log import Silence
+from hil_bridge.errors import BridgeError, ConfigError, DeviceError
+from hil_bridge.kinds import ROBOTS
+from hil_bridge.recording import read
+from hil_bridge.robots.rtde import serving as ports
+from hil_bridge.robots.rtde.addresses import parse_address
+from hil_bridge.robots.rtde.force_source import ForceOptions, ForceSource, feed, make_surface
+from hil_bridge.robots.seam import MotionLimits
+from hil_bridge.settings.configuration import Config, read_config
+from hil_bridge.settings.kinds import settings_of
+from hil_bridge.wiring import Serving, Wiring
+from protocol.geometry import Pose
+from protocol.rtde import packets
+from protocol.rtde.force import ForceClient, Lost, Seen
+from protocol.rtde.packets import Kind
+from protocol.rtde.states import Runtime
+from protocol.rtde.wires import Piece, Port
+
+RUN = "[robot]\nemulated = 'rtde'\n[run]\nperiod_ms = {period}\n[controller]\nsample_ms = {period}\n"
+START = StartPose((0.9, -0.1, 0.6), (0.0, 1.0, 0.0, 0.0), 0.2)
+
+
+class Runs:
+    """Runs of the command, each with its exit code, its text and its files."""
+
+    def __init__(self, place: Path) -> None:
+        self.place = place
+        self.number = 0
+
+    def __call__(self, more: str = "", duration: float = 2.0, period: float = 20.0) -> tuple[int, str, Path]:
+        self.number += 1
+        config, record = self.place / "c.toml", self.place / f"{self.number}.mcap"
+        config.write_text(RUN.format(period=period) + more)
+        arguments = ["run", str(config), "--virtual", "--no-view", "--seed", "7", "--duration", str(duration)]
+        files = ["--record", str(record), "--summary", str(record.with_suffix(".json"))]
+        try:
+            result = CliRunner().invoke(cli, [*arguments, *files], catch_exceptions=False)
+        except BridgeError as error:
+            return error.exit_code, str(error), record
+        return result.exit_code, result.output, record
+
+
+@pytest.fixture
+def runs(tmp_path: Path) -> Runs:
+    return Runs(tmp_path)
+
+
+def summary_of(record: Path) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads(record.with_suffix(".json").read_text())
+    return found
+
+
+def test_it_holds_ten_newtons_and_two_runs_of_a_seed_and_a_replay_are_the_same(runs: Runs) -> None:
+    code, told, first = runs()
+    assert code == 0, told
+    summary = summary_of(first)
+    assert summary["outcome"] == "completed"
+    assert summary["force_mean_steady_n"] == pytest.approx(10.0, abs=0.5)
+    assert "left: retracted" in told
+    _, _, second = runs()
+    assert first.read_bytes() == second.read_bytes()
+    replayed = CliRunner().invoke(cli, ["replay", str(first)], catch_exceptions=False)
+    assert (replayed.exit_code, "every command identical" in replayed.output) == (0, True)
+    assert "robot's packet" in CliRunner().invoke(cli, ["latency", str(first)]).output
+    cycles = read(first).cycles
+    assert max(cycle.cycle for cycle in cycles) > 100
+
+
+def test_it_holds_ten_newtons_along_a_contour(runs: Runs) -> None:
+    surface = (
+        "[frame]\nfollow_normal = true\n[cell]\nstart_position_mm = [900, -100, 605]\n[cell.surface]\n"
+        "kind = 'sinusoidal'\namplitude_mm = 5.0\nperiod_mm = 200.0\n"
+    )
+    code, told, record = runs(surface, duration=6.0)
+    assert code == 0, told
+    assert summary_of(record)["force_mean_steady_n"] == pytest.approx(10.0, abs=0.5)
+    assert "contact losses 0" in told
+
+
+def test_a_cb3_at_eight_milliseconds_holds_them_too(runs: Runs) -> None:
+    cb3 = "[robot.rtde]\ncycle_ms = 8\n[cell.rtde]\ncycle_ms = 8\nmodel = 'ur10'\nversion = '3.15.0.0'\n"
+    code, told, record = runs(cb3, duration=2.0, period=24.0)
+    assert code == 0, told
+    assert summary_of(record)["force_mean_steady_n"] == pytest.approx(10.0, abs=0.5)
+
+
+@pytest.mark.parametrize(
+    ("on", "fault", "words"),
+    [
+        ("robot", "protective-stop", "protective stop"),
+        ("robot", "emergency-stop", "emergency stop"),
+        ("robot", "program-stopped", "our program is stopped"),
+        ("connection", "dropped", "the peer closed"),
+        ("connection", "mute", "nothing came for 100 ms"),
+        ("pose", "nan", "(nan, nan, nan)"),
+    ],
+)
+def test_a_refusal_ends_a_run_with_a_plain_line(runs: Runs, on: str, fault: str, words: str) -> None:
+    code, told, _ = runs(f"[[faults]]\non = '{on}'\nfault = '{fault}'\nwhen = 'force > 8'\n", duration=1.0)
+    assert code == 3
+    assert words in told
+    assert "left: NOT retracted" in told
+
+
+@pytest.mark.parametrize(
+    ("more", "code", "words"),
+    [
+        ("[cell.rtde]\nremote_control = false\n", 3, "it is in local control; switch it to Remote Control"),
+        ("[[faults]]\non = 'connection'\nfault = 'in-use'\n", 3, "another client holds its input registers"),
+        ("[cell.rtde]\nmodel = 'ur5e'\n", 2, "a ur5e cannot hold its tool at the start"),
+        ("[cell.rtde]\ncycle_ms = 8\n", 2, "set both to 2 for an e-Series, to 8 for a CB3"),
+        ("[cell.rtde]\nversion = 'five'\n", 2, "version must be four numbers with dots"),
+    ],
+)
+def test_a_run_that_cannot_begin_says_why(runs: Runs, more: str, code: int, words: str) -> None:
+    found, told, _ = runs(more, duration=0.5)
+    assert words in told
+    assert found == code
+
+
+# --- addresses
+
+
+def test_one_url_names_all_ports() -> None:
+    address = parse_address("tcp://127.0.0.1:41000?dashboard=41001&script=41002")
+    assert dict(address.ports) == {Port.RTDE: 41000, Port.DASHBOARD: 41001, Port.SCRIPT: 41002}
+    assert parse_address("tcp://10.0.0.5").wire.host_port == ("10.0.0.5", 30004)
+    memory = parse_address("memory:ur?latency_ms=1")
+    assert memory.memory_url(Port.DASHBOARD) == "memory:ur-dashboard?latency_ms=1"
+    kind = ROBOTS.kind("rtde")
+    assert kind.parse("tcp://10.0.0.5", settings_of(Config(), kind)).host_port == ("10.0.0.5", 30004)
+
+
+@pytest.mark.parametrize(
+    "url",
+    [
+        "udp://10.0.0.5",
+        "tcp://",
+        "tcp://h:x",
+        "tcp://h?port=3",
+        "tcp://h?script=99999",
+        "tcp://h/path",
+        "memory:",
+    ],
+)
+def test_a_url_that_names_no_controller_is_refused_in_one_line(url: str) -> None:
+    with pytest.raises(ConfigError) as refused:
+        parse_address(url)
+    assert "\n" not in str(refused.value)
+
+
+# --- the force source
+
+CONFIG = read_config({"robot": {"emulated": "rtde"}})
+
+
+async def with_robot(act: Callable[[RtdeRobot, Clock, Callable[[], Wiring]], Any]) -> Any:
+    """Do something with an emulated robot in memory."""
+    clock = Clock.running()
+    robot = RtdeRobot(RtdeProfile(), START, clock.now(), 7)
+    async with AsyncExitStack() as stack:
+        failures: list[BaseException] = []
+        serving = Serving(clock, stack, failures.append, lambda text: None)
+        await ports.serve("memory:ur", robot, serving)
+        result = await act(robot, clock, lambda: Wiring("robot", clock, Silence()))
+        assert not failures
+    return result
+
+
+def test_the_force_of_the_surface_comes_out_of_the_controller() -> None:
+    async def act(robot: RtdeRobot, clock: Clock, wiring: Callable[[], Wiring]) -> float:
+        stopped = asyncio.Event()
+        source = asyncio.create_task(feed("rtde+memory:ur", CONFIG, ForceOptions(), wiring(), stopped))
+        await clock.sleep_until(clock.now() + 0.3)
+        assert robot.controller.external_force
+        kind = ROBOTS.kind("rtde")
+        link = await kind.connect("memory:ur", settings_of(CONFIG, kind), wiring())
+        link.start()
+        report = await link.ready()
+        (x, y, _), quaternion = report.pose
+        async with link.motion(MotionLimits(0.05)) as motion:
+            await motion.to(Pose((x, y, 0.588), quaternion))
+            await motion.settled()
+        await clock.sleep_until(clock.now() + 0.5)
+        force = robot.controller.snapshots[0].force
+        assert force[2] == pytest.approx(10.0, abs=0.1)
+        moment = 0.2 * force[0]
+        assert force[4] == pytest.approx(-moment, abs=0.05)
+        await link.aclose()
+        stopped.set()
+        found = await source
+        await clock.sleep_until(clock.now() + 0.01)
+        robot.controller.advance(clock.now())
+        assert robot.controller.snapshots[0].force == (0.0,) * 6, "it is taken away at the end"
+        assert robot.controller.runtime == Runtime.STOPPED
+        return float(found.largest_n)
+
+    assert run_virtual(lambda: with_robot(act)) == pytest.approx(10.0, abs=1.0)
+
+
+def test_two_force_sources_cannot_feed_one_controller() -> None:
+    async def act(robot: RtdeRobot, clock: Clock, wiring: Callable[[], Wiring]) -> None:
+        stopped = asyncio.Event()
+        first = asyncio.create_task(feed("rtde+memory:ur", CONFIG, ForceOptions(), wiring(), stopped))
+        await clock.sleep_until(clock.now() + 0.1)
+        with pytest.raises(DeviceError, match="another client holds external_force_torque"):
+            await feed("rtde+memory:ur", CONFIG, ForceOptions(), wiring(), asyncio.Event())
+        stopped.set()
+        await first
+
+    run_virtual(lambda: with_robot(act))
+
+
+def test_too_large_a_force_ends_the_source() -> None:
+    deep = read_config({"cell": {"surface": {"height_mm": 650.0}}})
+
+    async def act(robot: RtdeRobot, clock: Clock, wiring: Callable[[], Wiring]) -> None:
+        with pytest.raises(DeviceError, match="the surface pushes with 250 N, allowed are 200 N"):
+            await feed("rtde+memory:ur", deep, ForceOptions(), wiring(), asyncio.Event())
+
+    run_virtual(lambda: with_robot(act))
+
+
+def test_a_clock_that_goes_back_ends_the_source() -> None:
+    source = ForceSource(make_surface(CONFIG), 200.0)
+    pose = Pose((0.9, 0.0, 0.6), (0.0, 1.0, 0.0, 0.0))
+    tip = Pose((0.0, 0.0, 0.2), (1.0, 0.0, 0.0, 0.0))
+    assert source.wrench(Seen(100.0, pose, (0.0, 0.0, 0.0), tip)) == (0.0,) * 6
+    with pytest.raises(DeviceError, match="clock went back"):
+        source.wrench(Seen(99.0, pose, (0.0, 0.0, 0.0), tip))
+
+
+def test_a_robot_of_another_kind_takes_no_force() -> None:
+    with pytest.raises(ConfigError, match="a s3 takes no external force"):
+        CliRunner().invoke(cli, ["force-source", "tcp://127.0.0.1:4000"], catch_exceptions=False)
+
+
+@pytest.mark.parametrize(
+    ("packet", "words"),
+    [
+        (packets.accepted(Kind.VERSION, False), "refuses to speak version 2"),
+        (packets.HEADER.pack(1, Kind.DATA), "speaks no RTDE"),
+    ],
+)
+def test_the_force_client_says_in_words_what_is_wrong(packet: bytes, words: str) -> None:
+    client = ForceClient(500.0, True, 0.0)
+    client.receive((Piece(Port.RTDE, packet),), 0.1)
+    event = client.next_event()
+    assert isinstance(event, Lost)
+    assert words in event.text
+    assert client.next_deadline() is None

@@ -1,0 +1,189 @@
+"""ur_rtde, which other people wrote, unmodified, at our emulated controller: in processes of their own, over loopback.
+
+It has its ports as constants, so that each test has an address of its own.
+"""
+
+import json
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from protocol.rtde import packets
+
+pytestmark = pytest.mark.live
+
+UR_RTDE = "ur_rtde==1.6.5"
+PATIENCE_S = 40
+
+
+def ours(*arguments: str) -> "subprocess.Popen[str]":
+    command = [sys.executable, "-m", "hil_bridge", *arguments]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+@contextmanager
+def ended(process: "subprocess.Popen[str]") -> Iterator["subprocess.Popen[str]"]:
+    try:
+        yield process
+    finally:
+        process.send_signal(signal.SIGTERM)
+        process.communicate(timeout=PATIENCE_S)
+
+
+@contextmanager
+def emulated(host: str, *more: str) -> Iterator[None]:
+    """The controller's ports on a loopback address."""
+    with socket.socket() as probe:
+        try:
+            probe.bind((host, 30004))
+        except OSError as error:
+            pytest.skip(f"the port 30004 of {host} cannot be had: {error}")
+    arguments = ("emulate", "robot", *more, "--robot", "rtde", "--robot-port", f"rtde+tcp-listen://{host}")
+    with ended(ours(*arguments, "--json")) as process:
+        assert process.stdout is not None
+        line = process.stdout.readline()
+        assert line, process.communicate()[1]
+        assert json.loads(line)["robot"] == f"rtde+tcp://{host}"
+        yield
+
+
+def tell(python: Path, script: str, arguments: Sequence[str]) -> dict[str, Any]:
+    """Run a script of the client; the JSON of its last line."""
+    done = subprocess.run(
+        [python, "-c", script, *arguments], capture_output=True, text=True, timeout=PATIENCE_S, check=False
+    )
+    assert done.returncode == 0, done.stderr[-2000:]
+    found: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
+    return found
+
+
+SERVO = """
+import json, math, sys, time
+from rtde_control import RTDEControlInterface
+from rtde_receive import RTDEReceiveInterface
+
+host = sys.argv[1]
+receive = RTDEReceiveInterface(host)
+told = {"first": receive.getActualTCPPose(), "mode": receive.getRobotMode(), "safety": receive.getSafetyMode()}
+control = RTDEControlInterface(host)
+told["runtime"] = receive.getRuntimeState()
+start = receive.getActualTCPPose()
+sent, got, good = [], [], 0
+for k in range(500):
+    period = control.initPeriod()
+    target = list(start)
+    target[2] -= 0.01 * (1 - math.cos(2 * math.pi * k / 500))
+    good += control.servoL(target, 0, 0, 0.002, 0.1, 300)
+    sent.append((receive.getTimestamp(), target[2]))
+    got.append((receive.getTimestamp(), receive.getActualTCPPose()[2]))
+    control.waitPeriod(period)
+told.update(good=good, sent=sent, got=got, stamps=len({stamp for stamp, _ in got}))
+control.servoStop()
+time.sleep(0.3)
+told["speed"] = receive.getActualTCPSpeed()
+told["moved"] = control.moveL([start[0], start[1] + 0.03, *start[2:]], 0.1, 0.5)
+told["there"] = receive.getActualTCPPose()
+told["offset"] = control.getTCPOffset()
+told["joints"] = control.getInverseKinematics(start)
+told["stop"] = control.triggerProtectiveStop()
+time.sleep(0.1)
+told["stopped"] = [receive.isProtectiveStopped(), receive.getSafetyMode(), receive.getRuntimeState()]
+told["refused"] = control.servoL(start, 0, 0, 0.002, 0.1, 300)
+control.disconnect()
+receive.disconnect()
+print(json.dumps(told))
+"""
+
+
+def lag_of(sent: list[list[float]], got: list[list[float]]) -> float:
+    """By how much the path comes behind the targets, s, in steps of 2 ms: where they fit best."""
+
+    def misfit(steps: int) -> float:
+        return sum((place - sent[k - steps][1]) ** 2 for k, (_, place) in enumerate(got) if k >= 120)
+
+    return 0.002 * min(range(120), key=misfit)
+
+
+def test_ur_rtde_servos_stops_and_sees_a_protective_stop(client_python: Callable[..., Path]) -> None:
+    python = client_python(UR_RTDE)
+    with emulated("127.0.0.21"):
+        told = tell(python, SERVO, ["127.0.0.21"])
+    assert told["first"][:3] == pytest.approx([0.9, -0.1, 0.6], abs=1e-4)
+    assert (told["mode"], told["safety"], told["runtime"]) == (7, 1, 2)
+    assert told["good"] == 500
+    lowest = min(place for _, place in told["got"])
+    assert lowest == pytest.approx(0.58, abs=1e-3)
+    assert 0.08 < lag_of(told["sent"], told["got"]) < 0.14  # the lookahead, the link, and a busy machine
+    assert max(map(abs, told["speed"][:3])) < 1e-6
+    assert told["moved"]
+    assert told["there"][1] == pytest.approx(-0.07, abs=1e-3)
+    assert told["offset"] == pytest.approx([0.0, 0.0, 0.2, 0.0, 0.0, 0.0])
+    assert len(told["joints"]) == 6
+    assert told["stopped"] == [True, 3, 4]
+    assert not told["refused"]
+
+
+CONTACT = """
+import json, sys, time
+from rtde_control import RTDEControlInterface
+from rtde_receive import RTDEReceiveInterface
+
+host = sys.argv[1]
+receive = RTDEReceiveInterface(host)
+flags = RTDEControlInterface.FLAG_UPLOAD_SCRIPT | RTDEControlInterface.FLAG_NO_EXT_FT
+control = RTDEControlInterface(host, 500.0, flags)
+start = receive.getActualTCPPose()
+free = receive.getActualTCPForce()
+control.moveL([*start[:2], 0.588, *start[3:]], 0.05, 0.5)
+time.sleep(0.2)
+told = {"free": free, "contact": receive.getActualTCPForce()}
+control.stopScript()
+control.disconnect()
+receive.disconnect()
+print(json.dumps(told))
+"""
+
+
+def test_ur_rtde_feels_the_surface_that_the_force_source_gives(client_python: Callable[..., Path]) -> None:
+    python = client_python(UR_RTDE)
+    with emulated("127.0.0.22"), ended(ours("force-source", "rtde+tcp://127.0.0.22")) as source:
+        wait_for_force("127.0.0.22")
+        told = tell(python, CONTACT, ["127.0.0.22"])
+        assert source.poll() is None
+    assert told["free"] == [0.0] * 6
+    assert told["contact"][2] == pytest.approx(10.0, abs=0.5)
+
+
+def wait_for_force(host: str) -> None:
+    """Until another client is told that the input is in use. It asks for no_input too, so that it claims nothing."""
+    for _ in range(200):
+        with socket.create_connection((host, 30004), timeout=PATIENCE_S) as rtde:
+            rtde.sendall(packets.inputs_request(("external_force_torque", "no_input")))
+            if b"IN_USE" in rtde.recv(100):
+                return
+        time.sleep(0.05)
+    raise AssertionError("the force source holds no input")
+
+
+def test_ur_rtde_is_told_that_the_robot_is_in_local_control(
+    client_python: Callable[..., Path], tmp_path: Path
+) -> None:
+    python = client_python(UR_RTDE)
+    config = tmp_path / "local.toml"
+    config.write_text("[cell.rtde]\nremote_control = false\n")
+    script = (
+        "import json, sys\nfrom rtde_control import RTDEControlInterface\ntry:\n"
+        "    RTDEControlInterface(sys.argv[1])\nexcept RuntimeError as error:\n"
+        "    print(json.dumps({'refusal': str(error)}))\n"
+    )
+    with emulated("127.0.0.23", str(config)):
+        told = tell(python, script, ["127.0.0.23"])
+    assert "remote control" in told["refusal"].lower()

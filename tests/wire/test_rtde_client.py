@@ -1,0 +1,422 @@
+"""The clients of a controller over RTDE, against a scripted one: each way to fail says in one line what to do."""
+
+import math
+from collections.abc import Callable
+from itertools import pairwise
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from protocol.geometry import Pose
+from protocol.robot import ReportReceived, StreamLost, StreamNotice
+from protocol.rtde import packets
+from protocol.rtde.client import ANSWER_S, EXPECTED, OUTPUT_NAMES, PLAY_S, TRIES, RtdeClient
+from protocol.rtde.fields import Recipe
+from protocol.rtde.force import INPUTS, NO_FORCE, OUTPUTS, ForceClient, Lost, Seen
+from protocol.rtde.packets import HEADER, Kind, Text, Types
+from protocol.rtde.profile import ClientProfile
+from protocol.rtde.program import INPUT_NAMES
+from protocol.rtde.states import Runtime, SafetyBits
+from protocol.rtde.wires import Piece, Pieces, Port
+
+T0 = 1000.25
+SIX = (0.4, -0.1, 0.3, 0.0, 3.0, 0.5)
+OUT = Recipe(1, OUTPUT_NAMES, EXPECTED[OUTPUT_NAMES])
+IN = Recipe(3, INPUT_NAMES, EXPECTED[INPUT_NAMES])
+ANSWERS = {
+    Kind.VERSION: packets.accepted(Kind.VERSION, True),
+    Kind.OUTPUTS: packets.types_answer(Kind.OUTPUTS, Types(1, EXPECTED[OUTPUT_NAMES])),
+    Kind.INPUTS: packets.types_answer(Kind.INPUTS, Types(3, EXPECTED[INPUT_NAMES])),
+    Kind.START: packets.accepted(Kind.START, True),
+}
+LINES = {
+    "is in remote control\n": "true\n",
+    "robotmode\n": "Robotmode: RUNNING\n",
+    "safetystatus\n": "Safetystatus: NORMAL\n",
+}
+NO_DASHBOARD = ClientProfile(dashboard_port=0)
+
+
+def data(stamp: float, state: int = 1, runtime: int = Runtime.PLAYING, **more: float) -> bytes:
+    """A data packet of a controller that is ready."""
+    values = {"mode": 7, "safety": int(SafetyBits.NORMAL), "scaling": 1.0, **more}
+    return OUT.pack(
+        stamp,
+        *SIX,
+        *(0.0,) * 12,
+        *SIX,
+        runtime,
+        values["mode"],
+        values["safety"],
+        3,
+        state,
+        0,
+        0,
+        values["scaling"],
+    )
+
+
+class Talk:
+    """A client, and all that it said and told."""
+
+    def __init__(self, profile: ClientProfile = NO_DASHBOARD) -> None:
+        self.now = T0
+        self.client = RtdeClient(profile, T0)
+        self.said: list[Piece] = []
+        self.lost: list[str] = []
+        self.notices: list[str] = []
+        self.reports: list[str] = []
+        self.take()
+
+    def take(self) -> None:
+        while (event := self.client.next_event()) is not None:
+            match event:
+                case StreamLost(text=text):
+                    self.lost.append(text)
+                case StreamNotice(text=text):
+                    self.notices.append(text)
+                case ReportReceived(report=report):
+                    self.reports.append(report.fault)
+                    self.client.hold(self.now)
+        self.said += self.client.data_to_send(self.now)
+
+    def hear(self, raw: bytes, port: Port = Port.RTDE) -> None:
+        self.client.receive((Piece(port, raw),), self.now)
+        self.take()
+
+    def wait(self, seconds: float) -> None:
+        end = self.now + seconds
+        while (due := self.client.next_deadline()) is not None and due <= end:
+            self.now = due
+            self.client.handle_deadline(due)
+            self.take()
+            if self.lost:
+                return
+        self.now = end
+
+    def up_to(self, kind: Kind) -> "Talk":
+        """Let the controller agree to all before this packet."""
+        for each, answer in ANSWERS.items():
+            if each is kind:
+                break
+            self.hear(answer)
+        return self
+
+
+def test_it_asks_the_dashboard_then_agrees_then_uploads_and_then_streams() -> None:
+    talk = Talk(ClientProfile())
+    talk.hear(b"Connected: Universal Robots Dashboard Server\n", Port.DASHBOARD)
+    asked = []
+    while talk.said and talk.said[-1].port is Port.DASHBOARD:
+        asked.append(talk.said[-1].data.decode())
+        talk.hear(LINES[asked[-1]].encode(), Port.DASHBOARD)
+    assert asked == list(LINES)
+    talk.said = talk.said[-1:]
+    for answer in ANSWERS.values():
+        talk.hear(answer)
+    talk.hear(data(100.0, runtime=Runtime.STOPPED))
+    talk.hear(b"whatever a script port says", Port.SCRIPT)
+    talk.hear(data(100.002))
+    assert not talk.reports
+    talk.hear(data(100.004))
+    assert talk.reports == [""]
+    rtde = [piece.data for piece in talk.said if piece.port is Port.RTDE]
+    assert rtde[:4] == [
+        packets.version_request(),
+        packets.outputs_request(OUTPUT_NAMES, 500.0),
+        packets.inputs_request(INPUT_NAMES),
+        packets.encode(Kind.START),
+    ]
+    assert rtde[4:] == [IN.pack(*(0.0,) * 6, 0.002, 0.03, 2000.0, 0, 0)] * 3
+    script = [number for number, piece in enumerate(talk.said) if piece.port is Port.SCRIPT]
+    assert len(script) == 1
+    assert talk.said[script[0] - 1].data == rtde[4], "a package that orders nothing goes before the program"
+
+
+WRONG: list[tuple[Kind | None, bytes, str]] = [
+    (Kind.VERSION, packets.accepted(Kind.VERSION, False), "version 2 of RTDE; update"),
+    (Kind.VERSION, HEADER.pack(0, 0), "it speaks no RTDE"),
+    (Kind.VERSION, packets.encode(Kind.VERSION, b"ab"), "it speaks no RTDE"),
+    (
+        Kind.OUTPUTS,
+        packets.types_answer(Kind.OUTPUTS, Types(0, ("NOT_FOUND", *EXPECTED[OUTPUT_NAMES][1:]))),
+        "its software has no timestamp; update it",
+    ),
+    (Kind.OUTPUTS, packets.types_answer(Kind.OUTPUTS, Types(1, ("DOUBLE",))), "other types than its maker's"),
+    (Kind.OUTPUTS, packets.encode(Kind.OUTPUTS), "it speaks no RTDE"),
+    (Kind.START, packets.accepted(Kind.START, False), "refuses to start its data"),
+    (None, packets.encode(Kind.DATA, b"\x01ab"), "it speaks no RTDE"),
+]
+
+
+@pytest.mark.parametrize(("stage", "packet", "words"), WRONG)
+def test_a_wrong_answer_ends_it_in_one_line(stage: Kind | None, packet: bytes, words: str) -> None:
+    talk = Talk()
+    for kind, answer in ANSWERS.items():
+        if kind is stage:
+            break
+        talk.hear(answer)
+    talk.hear(packet)
+    assert len(talk.lost) == 1
+    assert words in talk.lost[0]
+    assert "\n" not in talk.lost[0]
+    count = len(talk.said)
+    talk.hear(data(100.0))
+    assert len(talk.said) == count, "it says nothing any more"
+    assert talk.client.farewell() == ()
+    talk.lost.clear()
+    talk.wait(2.0)
+    assert words in talk.lost[0], "told again, for those that began to wait later"
+
+
+@pytest.mark.parametrize(
+    ("stage", "words"),
+    [
+        (Kind.VERSION, "does not answer over RTDE"),
+        (Kind.OUTPUTS, "does not answer over RTDE"),
+        (Kind.INPUTS, "does not answer over RTDE"),
+        (Kind.START, "does not start to send"),
+        (Kind.DATA, "sends no data"),
+    ],
+)
+def test_silence_is_told_after_a_second(stage: Kind, words: str) -> None:
+    talk = Talk().up_to(stage)
+    talk.wait(ANSWER_S - 0.01)
+    assert not talk.lost
+    talk.wait(0.02)
+    assert words in talk.lost[0]
+
+
+def test_a_silent_dashboard_and_a_port_that_is_none_are_told() -> None:
+    talk = Talk(ClientProfile())
+    talk.wait(2.0)
+    assert "set dashboard_port to 0" in talk.lost[0]
+    talk = Talk(ClientProfile())
+    talk.hear(b"220 ready\n", Port.DASHBOARD)
+    assert "no dashboard answers" in talk.lost[0]
+    talk = Talk(ClientProfile())
+    talk.hear(b"Connected: x\nfalse\n", Port.DASHBOARD)
+    assert "switch it to Remote Control" in talk.lost[0]
+    talk.hear(b"more\n", Port.DASHBOARD)
+    assert len(talk.lost) == 1
+
+
+def test_registers_in_use_are_asked_for_a_few_times() -> None:
+    talk = Talk().up_to(Kind.INPUTS)
+    used = packets.types_answer(Kind.INPUTS, Types(0, ("IN_USE",) * 11))
+    for _ in range(TRIES):
+        assert not talk.lost
+        talk.hear(used)
+        talk.wait(0.25)
+    assert "another client holds its input registers" in talk.lost[0]
+    asked = [piece.data for piece in talk.said].count(packets.inputs_request(INPUT_NAMES))
+    assert asked == TRIES
+    talk = Talk().up_to(Kind.INPUTS)
+    talk.hear(used)
+    talk.wait(0.25)
+    talk.hear(ANSWERS[Kind.INPUTS])
+    assert talk.said[-1].data == packets.encode(Kind.START)
+
+
+def test_a_program_that_does_not_play_is_told_with_the_reason() -> None:
+    talk = Talk().up_to(Kind.DATA)
+    stamp = 100.0
+    while not talk.lost and talk.now < T0 + 10.0:
+        talk.hear(data(stamp, runtime=Runtime.STOPPED))
+        stamp += 0.1
+        talk.now += 0.1
+    assert talk.now == pytest.approx(T0 + PLAY_S, abs=0.3)
+    assert "our program is stopped" in talk.lost[0]
+
+
+def streaming() -> Talk:
+    talk = Talk().up_to(Kind.DATA)
+    for stamp in (100.0, 100.002):
+        talk.hear(data(stamp))
+    return talk
+
+
+FAULTS: list[tuple[dict[str, float], str]] = [
+    ({"safety": 0x4C0}, "emergency stop"),
+    ({"safety": 0x500}, "safety violation or fault"),
+    ({"safety": 0x404}, "protective stop"),
+    ({"safety": 0x410}, "safeguard stop"),
+    ({"safety": 0x008}, "recovery mode"),
+    ({"safety": 0x000}, "stopped for safety"),
+    ({"safety": 0x002}, ""),
+    ({"mode": 5}, "in the mode 'idle'"),
+    ({"mode": 44}, "in the mode '44'"),
+    ({"runtime": 4}, "our program is paused"),
+    ({"state": 4}, "no joints hold"),
+    ({"state": 5}, "our program has ended"),
+    ({"state": 3}, ""),
+    ({"scaling": 0.4}, "speed slider stands at 40 %"),
+    ({"scaling": math.nan}, "speed slider stands at nan %"),
+]
+
+
+@pytest.mark.parametrize(("values", "words"), FAULTS)
+def test_what_forbids_to_move_is_told_with_a_remedy(values: dict[str, float], words: str) -> None:
+    talk = streaming()
+    talk.hear(data(100.004, **values))  # type: ignore[arg-type]
+    assert words in talk.reports[-1]
+    assert bool(words) == bool(talk.reports[-1])
+
+
+def test_a_text_of_the_controller_is_handed_on() -> None:
+    talk = streaming()
+    talk.hear(packets.text(Text("hello", "CON", 2)))
+    assert talk.notices == ["CON: hello"]
+
+
+def test_numbers_follow_the_controllers_clock_and_go_on_where_that_begins_again() -> None:
+    talk = streaming()
+    numbers = []
+    for stamp in (100.004, 100.006, 100.012, 3.0, 3.002, math.nan, 3.006, 1e300):
+        talk.client.receive((Piece(Port.RTDE, data(stamp)),), talk.now)
+        event = talk.client.next_event()
+        assert isinstance(event, ReportReceived)
+        numbers.append(event.report.sequence)
+    steps = [b - a for a, b in pairwise(numbers)]
+    assert steps == [1, 3, 1, 1, 1, 2, 1_000_000]
+
+
+def test_a_movement_is_answered_and_its_end_lets_the_arm_come_to_its_set_point() -> None:
+    talk = streaming()
+    client = talk.client
+    pose = Pose((0.1, 0.2, 0.3), (1.0, 0.0, 0.0, 0.0))
+    client.begin(pose)
+    client.receive((Piece(Port.RTDE, data(100.004)),), talk.now)
+    client.next_event()
+    client.target(pose, talk.now)
+    (piece,) = client.data_to_send(talk.now)
+    assert piece.data == IN.pack(0.1, 0.2, 0.3, 0.0, 0.0, 0.0, 0.002, 0.03, 2000.0, 1, 1)
+    client.end()
+    talk.said = []
+    stamp = 100.004
+    for _ in range(77):
+        stamp += 0.002
+        talk.hear(data(stamp, state=2))
+    commands = [IN.unpack(piece.data[3:])[9:] for piece in talk.said]
+    assert commands == [*((1, number) for number in range(2, 77)), (0, 76), (0, 76)]
+    goodbye = client.farewell()
+    assert [IN.unpack(goodbye[0].data[3:])[9], goodbye[1].data] == [255, packets.encode(Kind.PAUSE)]
+
+
+def test_a_fault_in_a_movement_is_final_for_it() -> None:
+    talk = streaming()
+    client = talk.client
+    pose = Pose((0.1, 0.2, 0.3), (1.0, 0.0, 0.0, 0.0))
+    client.begin(pose)
+    sent = []
+    for safety in (0x404, 0x001):
+        client.receive((Piece(Port.RTDE, data(100.004, safety=safety)),), talk.now)
+        client.next_event()
+        client.target(pose, talk.now)
+        sent.append(IN.unpack(client.data_to_send(talk.now)[0].data[3:])[9])
+    client.end()
+    sent.append(IN.unpack(client.data_to_send(talk.now)[0].data[3:])[9])
+    assert sent == [0, 0, 2]
+    client.begin(pose)
+    client.receive((Piece(Port.RTDE, data(100.01)),), talk.now)
+    client.target(pose, talk.now)
+    assert IN.unpack(client.data_to_send(talk.now)[0].data[3:])[9] == 1
+
+
+def test_silence_ends_a_movement_and_nothing_but_a_movement() -> None:
+    talk = streaming()
+    talk.wait(5.0)
+    assert not talk.lost
+    talk = streaming()
+    talk.client.begin(Pose((0.1, 0.2, 0.3), (1.0, 0.0, 0.0, 0.0)))
+    talk.wait(0.11)
+    assert "nothing came for 100 ms" in talk.lost[0]
+
+
+@given(
+    st.lists(
+        st.tuples(
+            st.sampled_from(list(Port)),
+            st.one_of(
+                st.binary(max_size=60),
+                st.sampled_from([*ANSWERS.values(), data(100.0), data(100.002), b"Connected: \n", b"true\n"]),
+            ),
+        ),
+        max_size=20,
+    ),
+    st.booleans(),
+)
+@settings(max_examples=300)
+def test_no_bytes_raise(pieces: list[tuple[Port, bytes]], dashboard: bool) -> None:
+    talk = Talk(ClientProfile() if dashboard else NO_DASHBOARD)
+    for port, raw in pieces:
+        talk.hear(raw, port)
+    talk.wait(1.5)
+    assert len(talk.lost) <= 2 + len(pieces)
+
+
+# --- the force client
+
+FORCE_OUT = Recipe(1, OUTPUTS, ("DOUBLE", "VECTOR6D", "VECTOR6D", "VECTOR6D"))
+FORCE_IN = Recipe(2, INPUTS, ("VECTOR6D",))
+FORCE_ANSWERS = [
+    packets.accepted(Kind.VERSION, True),
+    packets.types_answer(Kind.OUTPUTS, Types(1, FORCE_OUT.types)),
+    packets.types_answer(Kind.INPUTS, Types(2, FORCE_IN.types)),
+    packets.accepted(Kind.START, True),
+]
+
+
+def hear(client: ForceClient, *raw: bytes) -> Pieces:
+    for one in raw:
+        client.receive((Piece(Port.SCRIPT, b"state"), Piece(Port.RTDE, one)), T0)
+    return client.data_to_send(T0)
+
+
+@pytest.mark.parametrize("enable", [True, False])
+def test_the_force_client_enables_reads_and_gives(enable: bool) -> None:
+    client = ForceClient(500.0, enable, T0)
+    assert not client.farewell()
+    client = ForceClient(500.0, enable, T0)
+    said = hear(client, *FORCE_ANSWERS)
+    assert [piece.data for piece in said if piece.port is Port.RTDE] == [
+        packets.version_request(),
+        packets.outputs_request(OUTPUTS, 500.0),
+        packets.inputs_request(INPUTS),
+        packets.encode(Kind.START),
+    ]
+    assert (b"def hil_ft():" in said[-1].data) == enable
+    tip = (0.0, 0.0, 0.2, 0.0, 0.0, 0.0)
+    hear(client, FORCE_OUT.pack(100.0, *SIX, 1.0, 2.0, 3.0, 0.0, 0.0, 0.0, *tip))
+    seen = client.next_event()
+    assert isinstance(seen, Seen)
+    assert (seen.stamp, seen.velocity, seen.tip.position) == (100.0, (1.0, 2.0, 3.0), (0.0, 0.0, 0.2))
+    client.give((0.0, 0.0, -12.5, 0.0, 0.25, 0.0))
+    assert client.data_to_send(T0)[0].data == FORCE_IN.pack(0.0, 0.0, -12.5, 0.0, 0.25, 0.0)
+    assert client.farewell()[0].data == FORCE_IN.pack(*NO_FORCE)
+
+
+def gone(raw: list[bytes], act: Callable[[ForceClient], object] = lambda client: None) -> str:
+    client = ForceClient(500.0, True, T0)
+    hear(client, *raw)
+    act(client)
+    event = client.next_event()
+    assert isinstance(event, Lost)
+    assert client.next_deadline() is None
+    hear(client, *FORCE_ANSWERS)
+    assert client.next_event() is None
+    return event.text
+
+
+def test_the_force_client_says_in_one_line_what_is_wrong() -> None:
+    used = packets.types_answer(Kind.INPUTS, Types(0, ("IN_USE",)))
+    missing = packets.types_answer(Kind.OUTPUTS, Types(0, ("NOT_FOUND",)))
+    wild = FORCE_OUT.pack(100.0, math.inf, *(0.0,) * 17)
+    assert "another client holds external_force_torque" in gone([*FORCE_ANSWERS[:2], used])
+    assert "its software has not all of timestamp" in gone([FORCE_ANSWERS[0], missing])
+    assert "refuses to speak version 2" in gone([packets.accepted(Kind.VERSION, False)])
+    assert "speaks no RTDE" in gone([HEADER.pack(1, Kind.DATA)])
+    assert "speaks no RTDE" in gone([*FORCE_ANSWERS, packets.encode(Kind.DATA, b"\x01")])
+    assert "no numbers" in gone([*FORCE_ANSWERS, wild])
+    assert "nothing came for 1 s" in gone([], lambda client: client.handle_deadline(T0 + 1.0))
