@@ -9,7 +9,7 @@ handler begins another session, after `retry_s`. After another error it stands u
 
 import math
 from collections import Counter, deque
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from enum import Enum
 
 from emulators.arm.followed import FollowedArm, FollowedProfile
@@ -19,6 +19,7 @@ from emulators.egm.bad_pose import BadPose
 from emulators.egm.guided import OUT_OF_BOUNDS, ArmJoints, GuidedMotion
 from emulators.egm.profile import EgmProfile
 from emulators.faults.ledger import Handler, Injection
+from emulators.faults.own import OwnFaults
 from emulators.seams import ArmPath, Handlers, Joints, StartPose
 from protocol.egm import (
     Answer,
@@ -44,6 +45,7 @@ _EPOCH_S = 1_700_000_000
 _BEGINS = 256
 """Chosen: begins of motion that are kept."""
 _MOTORS_OFF = "motors-off"
+_CANNOT_SEND = "event 41830: the message cannot be sent"
 _COUNTS = (0, 6)
 """Numbers of joints that a message may hold."""
 
@@ -117,16 +119,14 @@ class EgmController:
             "robot": {
                 _MOTORS_OFF: Handler(self._stop, self._start),
                 "rapid-stop": Handler(self._stop, self._start),
-                "egm-stop": Handler(lambda injection: self._at_once(injection, self._end_run)),
-                "out-of-limits": Handler(
-                    lambda injection: self._at_once(injection, lambda at: self._fail(OUT_OF_BOUNDS, at))
+                **OwnFaults().striking(
+                    {
+                        "egm-stop": self._end_run,
+                        "out-of-limits": lambda at: self._fail(OUT_OF_BOUNDS, at),
+                        "cannot-send": lambda at: self._fail(_CANNOT_SEND, at),
+                        "restart": self._begin_session,
+                    }
                 ),
-                "cannot-send": Handler(
-                    lambda injection: self._at_once(
-                        injection, lambda at: self._fail("event 41830: the message cannot be sent", at)
-                    )
-                ),
-                "restart": Handler(lambda injection: self._at_once(injection, self._begin_session)),
             },
             "pose": self._bad_pose.handlers,
             "link": self._link.handlers,
@@ -379,12 +379,6 @@ class EgmController:
             self._out.append(self._link.cut(encode_robot(sent, RobotWare(profile.rw)), at))
 
     # --- faults
-
-    @staticmethod
-    def _at_once(injection: Injection, act: Callable[[float], None]) -> None:
-        act(injection.injected_at)
-        injection.struck += 1
-        injection.finish(injection.injected_at)
 
     def _stop(self, injection: Injection) -> None:
         """People stop the robot."""
