@@ -240,6 +240,8 @@ class EgmController:
                 self._send(measured, at)
                 self._told_over = self.state in _OVER
         taken = self._queue.popleft() if self._queue else None
+        if taken is None and self.state is State.GUIDING and self._cycle % self._every == 0:
+            self.counters["cycles without a message"] += 1
         self._delayed.append(taken)
         acting = self._delayed.popleft() if len(self._delayed) > self._profile.ref_delay_cycles else None
         if acting is not None:

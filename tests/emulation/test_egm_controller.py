@@ -298,6 +298,11 @@ def test_a_queue_of_the_newest_takes_that_one_alone() -> None:
     assert [math.isnan(line.robot.begun_at(k) or 0.0) for k in (1, 2, 3)] == [True, True, False]
 
 
+def test_cycles_that_find_no_message_are_counted() -> None:
+    line = Line().cycles(2, lambda heard: [to()]).cycles(10)
+    assert line.robot.counters["cycles without a message"] == 9  # the first of the ten finds the last one
+
+
 def test_a_full_queue_loses_the_newest_messages() -> None:
     line = Line(rx_queue_len=3).cycles(2)
     line.says(*(to(z=-float(k)) for k in range(5)))
@@ -527,9 +532,8 @@ def test_two_stops_must_both_be_ended() -> None:
     seen = []
     for _ in range(3):
         line.streams(0.16, to())
-        seen.append(line.last.motors)
-        seen.append(line.last.rapid)
-    assert seen == [Motors.OFF, Rapid.STOPPED, Motors.ON, Rapid.STOPPED, Motors.ON, Rapid.RUNNING]
+        seen.append((line.last.motors, line.last.rapid))
+    assert seen == [(Motors.OFF, Rapid.STOPPED), (Motors.ON, Rapid.STOPPED), (Motors.ON, Rapid.RUNNING)]
     assert states(line.last) == (Motors.ON, Guidance.RUNNING, Rapid.RUNNING)
 
 
