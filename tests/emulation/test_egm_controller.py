@@ -2,12 +2,13 @@
 
 import math
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from emulators.egm import EGM_FAULTS, EgmArmProfile, EgmController, EgmProfile, State
@@ -361,6 +362,36 @@ def test_no_datagrams_make_it_raise(data: list[bytes]) -> None:
     line.cycles(2)
 
 
+any_number = st.floats(allow_nan=False, allow_infinity=False)
+six = st.tuples(*[any_number] * 6)
+three = st.tuples(*[any_number] * 3)
+orientations = st.sampled_from([DOWN, (1.0, 0.0, 0.0, 0.0), (0.6, 0.0, 0.8, 0.0)])
+any_answer = st.builds(
+    SensorMessage,
+    seqno=st.integers(0, 9),
+    tm_ms=st.none(),
+    pose=st.none() | st.builds(PoseMm, three, orientations),
+    joints_deg=st.just(()) | six,
+    speed=st.just(()) | three | six,
+    joint_speed_deg_s=st.just(()) | six,
+    digital=st.none(),
+    dnum=st.just(()),
+) | st.builds(PathCorrection, st.just(0), st.none(), three, st.integers(0, 99))
+
+
+@pytest.mark.parametrize("mode", ["pose", "joint", "path"])
+@settings(max_examples=40)
+@given(messages=st.lists(any_answer, min_size=1, max_size=4))
+def test_no_number_moves_it_faster_than_it_may_or_breaks_it(mode: str, messages: list[Answer]) -> None:
+    line = Line(mode=mode, **AT_ONCE).cycles(2)
+    line.says(*messages)
+    line.cycles(8)
+    heights = [planned(one).position_mm for one in line.heard]
+    assert all(math.isfinite(part) for place in heights for part in place)
+    steps = [math.dist(before, after) for before, after in pairwise(heights)]
+    assert max(steps) < 10.0 if mode == "joint" else max(steps) < 1.0 + 1e-6
+
+
 # --- silence
 
 
@@ -697,12 +728,12 @@ def test_a_correction_comes_no_faster_than_it_may() -> None:
 
 
 def test_the_profile_names_what_it_refuses() -> None:
-    for settings, words in (
+    for wrong, words in (
         ({"k": 21.0}, "k must be at most 20"),
         ({"tm_start": 0}, "tm_start must be at least 1"),
     ):
         with pytest.raises(ValueError, match=words):
-            EgmProfile(**settings)
+            EgmProfile(**wrong)
     with pytest.raises(ValueError, match="damping_ratio must be more than 0"):
         EgmArmProfile(damping_ratio=0.0)
 
