@@ -8,26 +8,28 @@ from hil_bridge.facts import Pacing, RobotFacts, ServoFacts
 from hil_bridge.kinds import KindSettings, RobotEmulation, RobotKind
 from hil_bridge.robots.streamed import StreamedLink
 from hil_bridge.transports import Datagrams
+from hil_bridge.transports.urls import LISTEN_DATAGRAMS, parse_url
 from hil_bridge.wiring import Serving, Wiring
+from protocol.marks import Mark
 from protocol.marks import settings as marked
 from protocol.rsi import RsiClient, RsiLink, describe
 
 PORT = 49152
 """Observed: the port of the ROS driver's and FZI's configurations. The protocol has none of its own."""
-STEP_M = 1e-7
-"""Derived: 4 decimals of a millimetre."""
 
 
 def robot_facts(settings: KindSettings) -> RobotFacts:
     """Facts of a controller; its servo is assumed to be like the emulated one's."""
     link: RsiLink = settings.client
     servo: RsiProfile = settings.emulated
-    marks = {item.name: str(item.info.mark) for item in marked(servo)}
+    marks = {
+        item.name: str(item.info.mark if item.value == item.default else Mark.CHOSEN)
+        for item in marked(servo)
+    }
     return RobotFacts(
         f"KUKA controller with RSI, {link.mode} corrections",
         Pacing.STREAMED,
         cycle_s=link.cycle_ms / 1e3,
-        position_step_m=STEP_M,
         late="the controller counts each, stands on the last correction, and stops at the limit of its signal flow",
         servo=ServoFacts(
             link.cycle_ms / 1e3,
@@ -35,8 +37,10 @@ def robot_facts(settings: KindSettings) -> RobotFacts:
             servo.natural_frequency_rad_s,
             servo.damping_ratio,
             marks={
-                name: marks[name]
-                for name in ("cycle_ms", "transport_delay_ms", "natural_frequency_rad_s", "damping_ratio")
+                "interpolation_ms": marks["cycle_ms"],
+                "transport_delay_ms": marks["transport_delay_ms"],
+                "natural_frequency_rad_s": marks["natural_frequency_rad_s"],
+                "damping_ratio": marks["damping_ratio"],
             },
         ),
     )
@@ -49,6 +53,8 @@ def facts(url: str, settings: KindSettings) -> RobotFacts:
 
 async def connect(url: str, settings: KindSettings, wiring: Wiring) -> StreamedLink[Datagrams]:
     """The controller that opens the conversation on this wire, not started yet. Errors as of `RobotKind.connect`."""
+    if "strangers" not in parse_url(url, LISTEN_DATAGRAMS).options:
+        url += f"{'&' if '?' in url else '?'}strangers=refuse"  # nothing else may take the robot's place
     wire = await wiring.datagrams(url, speak_first=False)
     return StreamedLink(wire, RsiClient(settings.client), robot_facts(settings), wiring.clock, wiring.log)
 
@@ -75,5 +81,6 @@ ROBOT = RobotKind(
     connect,
     facts,
     RobotEmulation(RsiProfile, make, serve, usual, RSI_FAULTS),
+    parse=lambda url, settings: parse_url(url, LISTEN_DATAGRAMS),
     describe=describe,
 )
