@@ -464,9 +464,9 @@ def test_the_first_package_orders_nothing_and_goes_before_the_program() -> None:
     pair.controller.inputs = {"input_int_register_24": 1, "input_int_register_25": 9}
     pair.pass_time(0.2)
     recipe = Recipe(1, INPUT_NAMES, EXPECTED[INPUT_NAMES])
-    idle = recipe.pack(*(0.0,) * 6, 0.002, 0.03, 2000.0, 0, 0)
-    upload = next(data for data in pair.sent if data.startswith(b"def hil_bridge"))
-    assert pair.sent.index(idle) < pair.sent.index(upload)
+    upload = next(number for number, data in enumerate(pair.sent) if data.startswith(b"def hil_bridge"))
+    command, sequence = recipe.unpack(pair.sent[upload - 1][3:])[9:]
+    assert (command, sequence) == (0, 100_001)
     assert pair.place == pytest.approx(START.position, abs=1e-9)
 
 
@@ -517,6 +517,20 @@ def test_targets_that_stop_while_packages_go_on_make_the_program_brake() -> None
     assert pair.controller.runtime == Runtime.PLAYING
     pair.exchange()
     assert "no new target for too long" in pair.reports[-1].fault
+
+
+def test_the_program_of_another_client_takes_the_robot_away_and_that_is_told() -> None:
+    pair = ready()
+    pair.begin(dx=-0.1)
+    pair.pass_time(0.1)
+    pair.upload(CONTROL)
+    pair.pass_time(0.3)
+    assert pair.controller.program is not None
+    assert pair.controller.program.name == "rtde_control"
+    assert "see whether another client's program plays" in pair.fault or "our program is" in pair.fault
+    stood = pair.place
+    pair.pass_time(0.3)
+    assert pair.place == stood
 
 
 def test_a_farewell_ends_the_program() -> None:
