@@ -110,6 +110,8 @@ class RtdeClient:
         self._moving = False
         self._latched = False
         """A fault of this movement: nothing is ordered in it any more."""
+        self._gone = False
+        """Our program was stopped; it is uploaded once."""
         self._given = False
         """A target was ordered in this movement."""
         self._settling = 0
@@ -338,6 +340,9 @@ class RtdeClient:
     def _report(self, values: tuple[float, ...], now: float) -> RobotReport:
         active = self._moving or self._settling > 0
         fault = _faults(values, active)
+        self._gone = self._gone or values[_STATES] == Runtime.STOPPED
+        if self._gone and not fault:
+            fault = "our program was stopped, and another may play; begin again"
         waiting = (self._sequence - int(values[_STATES + 5])) % _SEQUENCE_MAX
         if active and not fault and waiting > self._profile.hold_cycles:
             fault = (
