@@ -116,8 +116,6 @@ class RtdeClient:
         """A target was ordered in this movement."""
         self._settling = 0
         """Packages behind a movement in which the arm is let come to its last set point."""
-        self.malformed = 0
-        """Packets that could not be read."""
         self._stage = _Stage.DASHBOARD
         if not self._questions:
             self._negotiate(now)
@@ -244,7 +242,6 @@ class RtdeClient:
                     return
                 self._take_packet(packet, now)
             except RemoteProtocolError as error:
-                self.malformed += 1
                 self._lose(f"it speaks no RTDE: {error}")
 
     def _take_packet(self, packet: Packet, now: float) -> None:

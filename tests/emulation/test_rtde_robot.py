@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
 from emulators.faults import Ledger
@@ -346,6 +346,7 @@ def test_a_program_is_found_however_its_text_comes() -> None:
         desk.run(0.06)
         assert desk.controller.program is not None
         assert desk.controller.program.name == "hil_bridge"
+        assert desk.controller.counts["secondary programs"] == 1
 
 
 @pytest.mark.parametrize("register", ["0", "0 +0"])
@@ -845,6 +846,46 @@ def test_ur_rtdes_watchdog_stops_its_program() -> None:
     assert desk.controller.runtime == Runtime.STOPPED
 
 
+UNSHRUNK = (Phase.explicit, Phase.generate)
+"""A failing example is told as it is: to shrink it takes minutes."""
+WILD = st.one_of(
+    st.sampled_from([0.0, 1.0, -1.0, 1e-300, 5e-324, 1e300, -1.7e308, math.inf, -math.inf, math.nan]),
+    st.floats(-4.0, 4.0),
+)
+
+
+@given(
+    st.lists(st.tuples(st.integers(-2, 75), st.lists(WILD, min_size=12, max_size=12)), max_size=3),
+    st.sampled_from([1, 0, -5]),
+)
+@settings(max_examples=100, phases=UNSHRUNK)
+def test_no_command_of_ur_rtde_upsets_the_controller(
+    commands: list[tuple[int, list[float]]], flag: int
+) -> None:
+    desk = Desk()
+    ur = UrClient(desk)
+    for number, values in commands:
+        ur.command(number, values, flag)
+        desk.run(0.02)
+        ur.command(0)
+        desk.run(0.004)
+    assert all(map(math.isfinite, desk.place))
+
+
+@given(st.lists(WILD, min_size=9, max_size=9), st.integers(0, 3))
+@settings(max_examples=100, phases=UNSHRUNK)
+def test_no_input_of_our_program_upsets_the_controller(values: list[float], command: int) -> None:
+    desk = Desk()
+    plug = desk.plug()
+    recipe = inputs_of(plug, *INPUT_NAMES)
+    desk.upload(program_text(50, 10.0, 2.0))
+    desk.run(0.06)
+    for sequence in range(5):
+        plug.send(recipe.pack(*values, command, sequence))
+        desk.run(0.004)
+    assert all(map(math.isfinite, desk.place))
+
+
 # --- external forces
 
 
@@ -867,6 +908,8 @@ def test_an_external_force_comes_out_along_the_base_axes() -> None:
     feeder.send(recipe.pack(0.0, 0.0, -300.0, 0.0, 0.0, 0.0))
     desk.run(2 * DT)
     assert desk.controller.counts["protective stop: the force is too large"] == 1
+    feeder.send(recipe.pack(math.nan, 0.0, 0.0, 0.0, 0.0, 0.0))
+    assert desk.controller.inputs["external_force_torque"] == (0.0, 0.0, -300.0, 0.0, 0.0, 0.0)
 
 
 # --- arm and kinematics
