@@ -207,8 +207,11 @@ class Controller:
         if not isinstance(given, tuple):
             return _NO_FORCE
         force = rotated(self._flange.quaternion, given[:3])
-        moment = rotated(self._flange.quaternion, given[3:])
-        return (*force, *moment)
+        u, v, w = rotated(self._flange.quaternion, given[3:])
+        if self.profile.force_point == "tcp":
+            (a, b, c), (x, y, z) = force, rotated(self._flange.quaternion, self.tcp.position)
+            u, v, w = u - (y * c - z * b), v - (z * a - x * c), w - (x * b - y * a)
+        return (*force, u, v, w)
 
     # --- inputs
 

@@ -285,6 +285,15 @@ def test_the_dashboard_answers_in_lines() -> None:
     assert board.server.closing
 
 
+def test_a_cb3_knows_no_remote_control_and_our_client_goes_on() -> None:
+    cb3 = replace(EXACT, cycle_ms=8.0, version="3.15.0.0", model="ur10")
+    board = Desk(cb3).plug(Port.DASHBOARD)
+    assert board.line("is in remote control") == "could not understand: 'is in remote control'"
+    pair = Pair(cb3, ClientProfile(cycle_ms=8.0))
+    pair.pass_time(0.3)
+    assert pair.fault == ""
+
+
 def test_local_control_takes_no_program_and_no_command_but_answers_questions() -> None:
     desk = Desk()
     fault = desk.inject("robot", "local-control", for_s=1.0)
@@ -910,6 +919,23 @@ def test_an_external_force_comes_out_along_the_base_axes() -> None:
     assert desk.controller.counts["protective stop: the force is too large"] == 1
     feeder.send(recipe.pack(math.nan, 0.0, 0.0, 0.0, 0.0, 0.0))
     assert desk.controller.inputs["external_force_torque"] == (0.0, 0.0, -300.0, 0.0, 0.0, 0.0)
+
+
+def test_a_pure_force_at_the_tip_has_no_moment_about_the_tip() -> None:
+    desk = Desk(replace(EXACT, force_point="tcp"))
+    feeder, reader = desk.plug(), desk.plug()
+    recipe = inputs_of(feeder, "external_force_torque")
+    desk.upload(force_program_text(hold=False))
+    desk.run(0.06)
+    shown = outputs_of(reader, "actual_TCP_force")
+    reader.ask(packets.encode(Kind.START))
+    force, arm = (3.0, 4.0, -5.0), (0.0, 0.0, 0.2)
+    moment = np.cross(arm, force).tolist()
+    feeder.send(recipe.pack(*force, *moment))
+    desk.run(2 * DT)
+    assert values_of(reader, shown)[-1]["actual_TCP_force"] == pytest.approx(
+        (3.0, -4.0, 5.0, 0, 0, 0), abs=1e-9
+    )
 
 
 # --- arm and kinematics
