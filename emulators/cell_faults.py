@@ -15,14 +15,17 @@ CELL_FAULTS: Mapping[str, Mapping[str, Fault]] = {
 }
 """Faults by target."""
 
-FELT_BY_SENSOR = ("signal", "scales", "frames", "bus", "surface", "obstacle")
+FELT_BY_SENSOR = ("signal", "scales", "frames", "sensor", "bus", "surface", "obstacle")
 """Targets that have no effect but through the emulated sensor."""
+
+JR3_RECEIVERS = ("gateway", "uart", "board", "jr3", "jr3-uart", "jr3-board")
+"""Names of the JR3's receivers, the older ones first: they share one table of faults."""
 
 RECEIVERS: Mapping[tuple[str, str], tuple[str, ...]] = {
     **{("frames", name): ("gateway", "uart") for name in FRAMES_FAULTS if name not in PLUG_FAULTS},
-    **{("bus", name): ("gateway",) for name in BUS_FAULTS},
+    **{("bus", name): ("gateway", "ati-can") for name in BUS_FAULTS},
 }
-"""Which receivers of the sensor can have a fault, where not all can."""
+"""Which receivers of a JR3 can have a fault, where not all can; which sensors sit on a CAN bus."""
 
 RECEIVERS_WITH: Mapping[tuple[str, str], tuple[str, str, tuple[str, ...]]] = {
     ("frames", "unplugged"): ("sensor", SECOND, ("board",))

@@ -19,6 +19,11 @@ _NotNegative: TypeAlias = Annotated[float, Meta(ge=0.0)]
 ACCEPTED = "replied_at"
 """The moment at which the robot has taken the cycle's order: it begins to answer it."""
 
+PACKETS, ANSWERS, LATE = "packets", "answers", "late answers"
+"""Counters of a stream's link: the first two go up while all is well, the third with an answer that took longer than a
+cycle of the robot.
+"""
+
 
 class Owner(StrEnum):
     """Whose time a hop is."""
@@ -129,6 +134,8 @@ class RobotFacts(Struct, frozen=True):
     errors: tuple[str, ...] = ()
     """Counters of trouble that a view adds up."""
     traffic: tuple[Traffic, ...] = ()
+    late: str = ""
+    """What a robot that streams does about answers that come late, in words."""
 
 
 class Sensor(Struct, frozen=True, omit_defaults=True):

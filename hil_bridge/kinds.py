@@ -40,17 +40,18 @@ from protocol.wrench import SensorClient
 
 _ROBOTS = {
     "s3": "hil_bridge.robots.s3.room:ROBOT",
+    "egm": "hil_bridge.robots.egm.room:ROBOT",
+    "rsi": "hil_bridge.robots.rsi.room:ROBOT",
     "rtde": "hil_bridge.robots.rtde.room:ROBOT",
 }
 _SENSORS = {
     "jr3": "hil_bridge.sensors.jr3.room:CAN_GATEWAY",
     "jr3-uart": "hil_bridge.sensors.jr3.room:UART_GATEWAY",
     "jr3-board": "hil_bridge.sensors.jr3.room:RECEIVER_BOARD",
+    "netft": "hil_bridge.sensors.netft.room:SENSOR",
+    "ft300": "hil_bridge.sensors.ft300.room:SENSOR",
+    "ati-can": "hil_bridge.sensors.ati_can.room:SENSOR",
 }
-
-
-_DIRECT = frozenset({"s3", "jr3", "jr3-uart", "jr3-board"})
-"""Kinds whose settings stand in the sections `[robot]`, `[sensor]` and `[cell]` themselves."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,6 +69,10 @@ def _any_wire(url: str, settings: KindSettings) -> WireUrl:
 
 
 def _not_mine(url: str) -> str | None:
+    return None
+
+
+def _not_known(settings: KindSettings) -> float | None:
     return None
 
 
@@ -174,6 +179,10 @@ class SensorKind:
     """
     describe: Callable[[bytes], list[dict[str, object]]] | None = None
     """Bytes of its wire of either direction, item by item with fields and problems, for people; None without words."""
+    period: Callable[[KindSettings], float | None] = _not_known
+    """Time between two frames with these settings, s; None where it is shorter than a cycle of any robot, or not known
+    before the sensor streams.
+    """
     bus: CanBus | None = None
     """Bus of a device on CAN: an interface with another rate cannot reach it."""
     also: str = ""
@@ -208,16 +217,13 @@ class Registry(Generic[_Kind]):
     built_in: Mapping[str, str]
     """Module and attribute of our own, by name; the first is that of URLs without a kind."""
     type: type[_Kind]
+    direct: tuple[str, ...] = ()
+    """Names of those kinds whose `directly` is set: known without importing a room."""
 
     @property
     def names(self) -> Sequence[str]:
         """Names of all kinds, ours first."""
         return [*self.built_in, *(name for name in plugin_names(self.group) if name not in self.built_in)]
-
-    @property
-    def direct(self) -> Sequence[str]:
-        """Names of the built-in kinds whose settings have no section of their own."""
-        return [name for name in self.built_in if name in _DIRECT]
 
     def kind(self, name: str) -> _Kind:
         """The kind of a name. Raises ConfigError for a name that is not known, and for a package that is broken."""
@@ -249,14 +255,14 @@ class CellSection(CellProfile):
     )
 
 
-ROBOTS = Registry("robot", "hil_bridge.robots", _ROBOTS, RobotKind)
-SENSORS = Registry("sensor", "hil_bridge.sensors", _SENSORS, SensorKind)
+ROBOTS = Registry("robot", "hil_bridge.robots", _ROBOTS, RobotKind, ("s3",))
+SENSORS = Registry("sensor", "hil_bridge.sensors", _SENSORS, SensorKind, ("jr3", "jr3-uart", "jr3-board"))
 SURFACES: Registry[SurfaceKind] = Registry("surface", "hil_bridge.surfaces", {}, SurfaceKind)
 
 
 def usual_bus() -> CanBus:
     """The CAN bus of the first of our kinds that has one: what an interface is for that no sensor's URL names."""
-    return next(kind.bus for kind in map(SENSORS.kind, _SENSORS) if kind.bus is not None)
+    return next(kind.bus for kind in map(SENSORS.kind, SENSORS.direct) if kind.bus is not None)
 
 
 def robot_of(url: str) -> tuple[RobotKind, str]:
@@ -272,7 +278,7 @@ def robot_of(url: str) -> tuple[RobotKind, str]:
 
 def sensor_of(url: str) -> tuple[SensorKind, str]:
     """The kind of sensor that a URL names, and the wire's URL. Raises ConfigError."""
-    for kind in map(SENSORS.kind, _SENSORS):
+    for kind in map(SENSORS.kind, SENSORS.direct):
         if (wire := kind.older_form(url)) is not None:
             return kind, wire
     name, wire = SENSORS.split(url)
@@ -286,7 +292,7 @@ def sensor_of(url: str) -> tuple[SensorKind, str]:
 
 def emulated_sensor(name: str) -> SensorKind:
     """The kind of sensor that a configuration emulates under this name, also an older one. Raises ConfigError."""
-    for kind in map(SENSORS.kind, _SENSORS):
+    for kind in map(SENSORS.kind, SENSORS.direct):
         if name == kind.also:
             return kind
     return SENSORS.kind(name)

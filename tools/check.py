@@ -35,7 +35,8 @@ TOYS = ROOT / "tests" / "plugins" / "toydevices"
 """A package of devices that another author could have written."""
 TOY_RUN = (
     "run",
-    TOYS / "toys.toml",
+    "--duration",
+    "3",
     "--no-view",
     "--robot",
     "toyarm",

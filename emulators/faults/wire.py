@@ -72,6 +72,19 @@ FRAMES: Pieces[Sequence[CanFrame]] = Pieces(
 )
 
 
+def _corrupt_datagram(datagram: bytes, draw: random.Random) -> bytes:
+    data = bytearray(datagram)
+    if data:
+        bit = draw.randrange(8 * len(data))
+        data[bit // 8] ^= 1 << bit % 8
+    return bytes(data)
+
+
+DATAGRAMS: Pieces[Sequence[bytes]] = Pieces(
+    list[bytes], _corrupt_datagram, lambda datagram, draw: draw.randbytes(len(datagram))
+)
+
+
 class _Way(Generic[Data]):
     """One direction, with draws of its own: so that neither direction depends on the traffic of the other."""
 

@@ -10,9 +10,9 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from emulators.jr3.signal import Signal
 from emulators.seams import WrenchSource
 from emulators.sensing import NumberedNoise, Samples
+from emulators.sensing.signal import Signal
 from protocol.jr3 import FULL_SCALE_COUNTS
 from protocol.marks import Mark, check_settings, setting
 
@@ -108,7 +108,8 @@ class Jr3Sensor:
         """
         self._noise = NumberedNoise(profile.noise_counts, seed)
         self._become(profile)
-        self.signal = Signal(SENSOR_RATE_HZ, profile.noise_counts, samples.invalidate_from)
+        needs = "" if profile.noise_counts else "cell.sensor.noise_counts"
+        self.signal = Signal(SENSOR_RATE_HZ, needs, samples.invalidate_from)
         """Faults before the converter."""
 
     def exchange(self, profile: SensorProfile, now: float) -> None:

@@ -1,5 +1,6 @@
-"""The general half of emulated sensors: samples of the true wrench, noise, and reading ahead."""
+"""The general half of emulated sensors: samples of the true wrench, noise, reading ahead, and faults of the signal."""
 
+from emulators.sensing.measured import Converter, MeasuredWrench
 from emulators.sensing.samples import KnownWrench, NoisyWrench, NumberedNoise, Samples
 
-__all__ = ["KnownWrench", "NoisyWrench", "NumberedNoise", "Samples"]
+__all__ = ["Converter", "KnownWrench", "MeasuredWrench", "NoisyWrench", "NumberedNoise", "Samples"]

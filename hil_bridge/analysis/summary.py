@@ -9,6 +9,7 @@ from pathlib import Path
 
 import msgspec
 
+from hil_bridge.analysis.answers import answers_of
 from hil_bridge.analysis.latency import latency_of
 from hil_bridge.analysis.times import Times, times_of
 from hil_bridge.control.analysis.merit import STEADY_SAMPLES, FiguresOfMerit, figures_of_merit
@@ -80,6 +81,10 @@ class Summary:
     """Which hop takes most of it, in words."""
     latency_sentence: str
     """The whole of it in one line."""
+    answers: Mapping[str, float]
+    """Time of the answers to a robot that drives the cycle, ms; empty for one that is asked."""
+    answers_sentence: str
+    """The same in one line, with the number of those that came late."""
 
     def as_json(self) -> str:
         """The same as JSON, strict and in the order of the fields."""
@@ -103,7 +108,7 @@ def summarise(recording: Recording, end: RunEnd | None = None) -> Summary:
     steady = figures.get("steady_mean_error_n") is not None
     references = [cycle.force_reference for cycle in track or cycles]
     spans = phases(recording)
-    latency = latency_of(recording)
+    latency, answers = latency_of(recording), answers_of(cycles, robot, end.link)
     return Summary(
         outcome=end.outcome.value,
         cause=end.cause,
@@ -135,6 +140,8 @@ def summarise(recording: Recording, end: RunEnd | None = None) -> Summary:
         latency=latency.as_ms() if latency else {},
         latency_largest=latency.largest_words if latency else "",
         latency_sentence=latency.sentence if latency else "",
+        answers=answers.times.as_ms() if answers else {},
+        answers_sentence=answers.sentence if answers else "",
     )
 
 

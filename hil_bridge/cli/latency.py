@@ -11,6 +11,7 @@ from hil_bridge.cli.paths import FILE
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from hil_bridge.analysis.answers import Answers
     from hil_bridge.analysis.latency import Latency, Part
     from hil_bridge.recording import Recording
     from hil_bridge.settings.configuration import Config
@@ -29,7 +30,9 @@ def latency(recording: Path, output: Path | None, overwrite: bool) -> None:
     With -o the site's turnaround and the jitter of its sensor become a configuration: `hil-bridge run SITE.toml`
     then draws them again, by the seed, in an emulated cell with the same gateway or board.
     """
+    from hil_bridge.analysis.answers import answers_of
     from hil_bridge.analysis.latency import latency_of
+    from hil_bridge.analysis.summary import end_of
     from hil_bridge.errors import ConfigError
     from hil_bridge.recording import read
     from hil_bridge.recording.device_facts import devices_of
@@ -44,7 +47,9 @@ def latency(recording: Path, output: Path | None, overwrite: bool) -> None:
                 f"{recording}: a {robot.kind} does not tell how its stamps divide a cycle (RobotFacts.hops)"
             )
         raise ConfigError(f"{recording} holds no cycle that was stamped at every hop; record a longer run")
-    lines = [*_lines(found)]
+    robot = devices_of(record).robot
+    answers = answers_of(record.cycles, robot, end_of(record).link)
+    lines = [*_lines(found), *(_answer_lines(answers) if answers is not None else ())]
     if record.truncated:
         lines.append("the recording is cut short or damaged: this is what came before")
     if output is not None:  # before the first output: a reader such as `head` may have closed the pipe
@@ -101,6 +106,12 @@ def _lines(found: "Latency") -> "Iterator[str]":
             yield _row(part)
     for constant in found.constants:
         yield f"not stamped: {constant.words}, {constant.seconds * 1e3:.1f} ms ({constant.source})"
+
+
+def _answer_lines(answers: "Answers") -> "Iterator[str]":
+    yield f"answers: {answers.sentence}"
+    if answers.consequence:
+        yield f"of a late answer: {answers.consequence}"
 
 
 def _row(part: "Part") -> str:

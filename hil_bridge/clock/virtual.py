@@ -147,6 +147,11 @@ class VirtualLoop(asyncio.SelectorEventLoop):
             if not handle._cancelled:
                 handle._run()
 
+    def close(self) -> None:
+        """As in asyncio; timers that still wait are forgotten, and with them all that their callbacks hold."""
+        self._timers.clear()
+        super().close()
+
     def run_in_executor(self, executor: Any, func: Any, *args: Any) -> NoReturn:  # type: ignore[override]
         """Threads take real time: always raises VirtualTimeError."""
         raise VirtualTimeError(f"no threads in virtual time: {getattr(func, '__qualname__', func)}")

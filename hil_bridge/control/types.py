@@ -6,7 +6,7 @@ are positive while the tool presses.
 
 import math
 from collections.abc import Mapping
-from typing import Any, Protocol, TypeVar
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 from msgspec import Struct
 
@@ -16,6 +16,22 @@ takes 172 … 187 ms on the computer link at 9600 baud.
 """
 POSITION_STEP_MM = 0.125
 """Step of a robot's position where no other is given. Source: the position words of the paper's robot, observed."""
+
+
+STREAM_SAMPLES_MS = (2.0, 4.0, 12.0)
+"""Cycles of robots that stream, for which our controllers have tunings. Source: RTDE, EGM and RSI."""
+FINE_STEP_MM = 0.01
+"""Step that a controller counts with on a robot that reports its position in fine steps. Chosen: with less, the noise
+of the force passes for a move.
+"""
+
+
+class Tuning(NamedTuple):
+    """Parameters of a controller that fit one sample time."""
+
+    sample_ms: float
+    parameters: Mapping[str, float]
+    """Those that differ from the defaults, by name."""
 
 
 class Measurement(Struct, frozen=True):

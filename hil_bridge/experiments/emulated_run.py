@@ -13,6 +13,7 @@ from hil_bridge.faults.schedule import FaultSchedule
 from hil_bridge.recording import CycleRecord, EventRecord
 from hil_bridge.runs.compose import open_devices
 from hil_bridge.runs.cycle import Run, RunResult
+from hil_bridge.runs.pace import paced
 from hil_bridge.settings.configuration import Config
 
 
@@ -32,7 +33,7 @@ def run_emulated(config: Config) -> EmulatedRun:
     """
     if config.robot.url or config.sensor.url:
         raise ConfigError("experiments run against the emulated cell alone: leave the URLs empty")
-    return run_virtual(_Bench(config).main)
+    return run_virtual(_Bench(paced(config)).main)
 
 
 @dataclass

@@ -21,6 +21,7 @@ from hil_bridge.control.course.contour import ContourState
 from hil_bridge.control.course.oscillation import Advice, Finding, OscillationState
 from hil_bridge.control.course.supervisor import Retreat
 from hil_bridge.runs.cycle import control_loop
+from hil_bridge.runs.pace import paced
 from hil_bridge.settings.configuration import Config
 from hil_bridge.settings.kinds import facts_of
 from protocol.geometry import Vector
@@ -101,7 +102,7 @@ class Asked:
     """The control loop of a configuration, asked about situations."""
 
     def __init__(self, config: Config) -> None:
-        self.config = config
+        self.config = config = paced(config)
         self._loop: ControlLoop = control_loop(config)
 
     def __call__(self, situation: Situation) -> Decision:

@@ -97,6 +97,10 @@ class CycleRecord(Struct, frozen=True):
     """The last character of the move order has left the line, calculated at the line's rate, s."""
     sensor_counter: int = 0
     """Counter of the sensor frame used, as the device sent it."""
+    answer_s: float = math.nan
+    """Time from the arrival of a stream's packet to its answer, of the packet before this report, s; NaN for a robot
+    that is asked.
+    """
 
 
 class SensorRecord(Struct, frozen=True):

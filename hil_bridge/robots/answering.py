@@ -4,8 +4,9 @@ No I/O and no clock: it is told the time, as every endpoint. It stands around th
 each packet inside the call that brought it, so that no task lies between packet and answer.
 
 An answer moves the set point towards the newest target by at most speed x cycle. It never moves it by more than speed x
-the time since the step before. So packets that were held up and come together do not add up to a jump. The set point
-does not move
+the time since the step before. So packets that were held up and come together do not add up to a jump. It gains speed,
+and comes to rest at a target, no faster than the acceleration allows; see `robots.ramp`. Every stop is at once. The set
+point does not move
 
 - without a new target for `hold_after`, though it goes on once there is one;
 - in this movement any more, when the robot reports a fault: what it did meanwhile is not known;
@@ -18,9 +19,11 @@ import math
 from collections import Counter, deque
 from typing import Generic
 
-from hil_bridge.robots.seam import MotionLimits
+from hil_bridge.facts import ANSWERS, LATE, PACKETS
+from hil_bridge.robots.ramp import Pace, Ramp
+from hil_bridge.robots.seam import ANSWER, PACKET, MotionLimits
 from hil_bridge.transports.pump import Data
-from protocol.geometry import Pose, towards
+from protocol.geometry import Pose
 from protocol.robot import (
     ReportReceived,
     RobotReport,
@@ -35,8 +38,6 @@ EVENTS_MAX = 1024
 """Events that are kept until they are taken. Chosen: four times the datagrams that a wire hands over at once."""
 GIVEN_TIMES = 3
 """Answers that carry a target until it counts as given, for one may be lost. Chosen: of 5 % loss, 1 in 8000 is left."""
-PACKETS, ANSWERS = "packets", "answers"
-"""Counters that go up while all is well."""
 
 
 class Answering(Generic[Data]):
@@ -49,6 +50,10 @@ class Answering(Generic[Data]):
         self._events: deque[StreamEvent] = deque(maxlen=EVENTS_MAX)
         self.counters: Counter[str] = Counter()
         """Packets, answers, and what went wrong with them, by name."""
+        self._arrived: float | None = None
+        """Arrival of the packet whose answer has not been handed over yet, s."""
+        self._answered: tuple[tuple[str, float], ...] = ()
+        """Stamps of the answer that was handed over last."""
         self.newest: RobotReport | None = None
         """The report with the highest number."""
         self.speed = 0.0
@@ -58,6 +63,7 @@ class Answering(Generic[Data]):
         self.lost = ""
         """Reason for which the other side, or a lack of targets, ended the movement."""
         self._limits = MotionLimits(0.0)
+        self._ramp = Ramp(cycle)
         self._setpoint: Pose | None = None
         """Answer to the newest packet; None outside of a movement."""
         self._goal: Pose | None = None
@@ -82,6 +88,7 @@ class Answering(Generic[Data]):
         self._limits, self.speed = limits, limits.speed
         self._aimed_at = self._stepped_at = now
         self._held, self._given, self.fault, self.lost = False, 0, "", ""
+        self._ramp.rest()
         self._client.begin(pose)
 
     def aim(self, target: Pose, now: float) -> None:
@@ -97,6 +104,7 @@ class Answering(Generic[Data]):
     def stay(self) -> None:
         """Give up what is left of the way."""
         self._goal, self._given = self._setpoint, 0
+        self._ramp.rest()
 
     def end(self) -> None:
         """End the movement at the set point; harmless when there is none."""
@@ -114,7 +122,14 @@ class Answering(Generic[Data]):
         return self._events.popleft() if self._events else None
 
     def data_to_send(self, now: float) -> Data:
-        return self._client.data_to_send(now)
+        data = self._client.data_to_send(now)
+        if self._arrived is not None:
+            if now - self._arrived > self._cycle:
+                self.counters[LATE] += 1
+            if len(data):
+                self._answered = (PACKET, self._arrived), (ANSWER, now)
+            self._arrived = None
+        return data
 
     def next_deadline(self) -> float | None:
         own, client = self._aimed_at + self._limits.give_up_after, self._client.next_deadline()
@@ -134,7 +149,7 @@ class Answering(Generic[Data]):
             if isinstance(event, ReportReceived):
                 self._watch(now)
                 fresh = self._note(event.report, now)
-                self._answer(fresh, now)
+                self._answer(event.report, fresh, now)
                 continue
             self._events.append(event)
             if isinstance(event, StreamLost):
@@ -144,8 +159,6 @@ class Answering(Generic[Data]):
     def _note(self, report: RobotReport, now: float) -> bool:
         """Keep a report and hand it on; False for one that is not newer than the newest."""
         self.counters[PACKETS] += 1
-        if now - report.received_at > self._cycle:
-            self.counters["late answers"] += 1
         if self.newest is not None:
             missing = report.sequence - self.newest.sequence - 1
             if missing < 0:
@@ -157,12 +170,13 @@ class Answering(Generic[Data]):
             report = report._replace(fault=report.fault or f"reports {wrong}")
         if report.fault and self.moving and not self.fault:
             self.fault = report.fault
-        self.newest = report
+        self.newest = report = report._replace(stamps=(*report.stamps, *self._answered))
         self._events.append(ReportReceived(report))
         return True
 
-    def _answer(self, fresh: bool, now: float) -> None:
+    def _answer(self, report: RobotReport, fresh: bool, now: float) -> None:
         self.counters[ANSWERS] += 1
+        self._arrived = report.received_at
         if self._setpoint is None:
             self._client.hold(now)
             return
@@ -175,15 +189,18 @@ class Answering(Generic[Data]):
         """Move the set point on its way."""
         passed, self._stepped_at = now - self._stepped_at, now
         if self._goal is None or self.fault or setpoint == self._goal:
+            self._ramp.rest()
             return
-        if now - self._aimed_at > self._limits.hold_after:
+        limits = self._limits
+        if now - self._aimed_at > limits.hold_after:
+            self._ramp.rest()
             if not self._held:
                 self._held = True
                 self.counters["holds"] += 1
-                self._tell(f"no new target for {self._limits.hold_after:g} s: the robot is held on its way")
+                self._tell(f"no new target for {limits.hold_after:g} s: the robot is held on its way")
             return
-        time = min(passed, self._cycle)
-        self._setpoint = towards(setpoint, self._goal, self.speed * time, self._limits.turn_speed * time)
+        pace = Pace(self.speed, limits.turn_speed, limits.acceleration, limits.turn_acceleration)
+        self._setpoint = self._ramp.step(setpoint, self._goal, pace, passed)
 
     def _watch(self, now: float) -> None:
         """End a movement for which no target comes any more."""

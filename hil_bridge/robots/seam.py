@@ -38,12 +38,21 @@ __all__ = [
 
 QUESTION_LEFT = "question_left"
 """Name of the stamp of a report: when the question for it had left the line, s."""
+PACKET, ANSWER = "packet", "answer"
+"""Names of two more stamps of a report: when the stream's packet before arrived, and when its answer was handed to the
+wire, s.
+"""
 HOLD_AFTER_S = 0.5
 """Chosen: what a movement has as `hold_after` where its user says nothing; the run's usual deadline of a decision."""
 GIVE_UP_AFTER_S = 60.0
 """Chosen: the same for `give_up_after`; longer than a run waits between two targets, which is for a zero of 20 s."""
 TURN_SPEED_RAD_S = math.radians(20.0)
 """Chosen: the same for `turn_speed`; twice what a sweep of `identify-tool` turns on a slow link."""
+
+ACCELERATION_M_S2 = 2.0
+"""Chosen: the same for `acceleration`; the usual path velocity is reached in six cycles of 4 ms."""
+TURN_ACCELERATION_RAD_S2 = math.radians(800.0)
+"""Chosen: the same for `turn_acceleration`; `turn_speed` is reached in as long."""
 
 
 class Sent(NamedTuple):
@@ -69,6 +78,10 @@ class MotionLimits:
     """A stream ends the movement when there was none for so long, s."""
     turn_speed: float = TURN_SPEED_RAD_S
     """Largest speed of turning, rad/s. A robot that is asked turns as fast as it goes, by its own rules."""
+    acceleration: float = ACCELERATION_M_S2
+    """Fastest gain of speed of a stream, m/s², and loss of speed at the end of its way. A stop is at once."""
+    turn_acceleration: float = TURN_ACCELERATION_RAD_S2
+    """The same for turning, rad/s²."""
 
 
 class Motion(Protocol):

@@ -10,7 +10,7 @@ import msgspec
 from hil_bridge.clock import Clock
 from hil_bridge.device_log import DeviceLog
 from hil_bridge.errors import BridgeError, DeviceError, OrderRefused, TransportClosed
-from hil_bridge.facts import Hop, Owner, RobotHops
+from hil_bridge.facts import ANSWERS, LATE, PACKETS, Hop, Owner, RobotHops, Traffic
 from hil_bridge.robots.answering import Answering
 from hil_bridge.robots.seam import MotionLimits, RobotFacts, RobotReport
 from hil_bridge.robots.streamed_motion import StreamedMotion
@@ -45,6 +45,13 @@ HOPS = RobotHops(
 """Hops into which the stamps of a stream divide a cycle: the robot fetches the newest target with its next packet."""
 
 
+ROUTINE = PACKETS, ANSWERS
+"""Counters of a stream that go up while all is well."""
+TROUBLES = LATE, "packets missing", "stale packets"
+"""Counters that tell of trouble."""
+TRAFFIC = (Traffic("packets", ANSWERS, PACKETS),)
+
+
 class StreamedLink(Generic[Data]):
     """A robot that streams, as `hil_bridge.robots.seam.RobotLink` says."""
 
@@ -60,7 +67,9 @@ class StreamedLink(Generic[Data]):
         if not facts.cycle_s:
             raise ValueError(f"{facts.model}: a robot that streams has a cycle")
         self.name = wire.name
-        self.facts = facts if facts.hops else msgspec.structs.replace(facts, hops=HOPS)
+        self.facts = msgspec.structs.replace(
+            facts, hops=facts.hops or HOPS, routine=ROUTINE, errors=TROUBLES, traffic=TRAFFIC
+        )
         self._fresh = FRESH_CYCLES * facts.cycle_s
         self._wire, self._clock, self._log = wire, clock, log
         self._answering = Answering(client, facts.cycle_s)
@@ -167,7 +176,9 @@ class StreamedLink(Generic[Data]):
                 self._log.notice(kind, text)
 
     def _silent(self, seconds: float, remedy: str) -> DeviceError:
-        return DeviceError(f"robot on {self.name} sent nothing for {seconds:g} s; {remedy}")
+        newest = self._newest
+        before = f"; before that, {newest.fault}" if newest is not None and newest.fault else ""
+        return DeviceError(f"robot on {self.name} sent nothing for {seconds:g} s; {remedy}{before}")
 
     def _faulty(self, words: str) -> str:
         return f"robot on {self.name} cannot move: {words}"

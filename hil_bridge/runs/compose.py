@@ -196,14 +196,12 @@ async def emulated_cell(
                 kick = serving.pumps[0].kick
                 panel_at = await stack.enter_async_context(emulation.panel(cell, ports.panel, clock, kick))
         if ports.sensor is not None:
-            sensor_at = _with_kind(
-                sensor,
-                await _emulation(sensor).serve(sensor_url, cell.sensor, settings_of(config, sensor), serving),
-            )
-            if sensor_at.startswith(_MEMORY_CAN):
-                bus = BusFaults(
-                    memory_can_bus(sensor_at.removeprefix(_MEMORY_CAN), clock), clock, config.run.seed
-                )
+            serve = _emulation(sensor).serve
+            wire_at = await serve(sensor_url, cell.sensor, settings_of(config, sensor), serving)
+            sensor_at = _with_kind(sensor, wire_at)
+            if wire_at.startswith(_MEMORY_CAN):
+                name = wire_at.removeprefix(_MEMORY_CAN).partition("?")[0]
+                bus = BusFaults(memory_can_bus(name, clock), clock, config.run.seed)
                 cell.ledger.attach("bus", bus.handlers)
                 stack.callback(bus.close)
         yield ServedCell(cell, robot_at, sensor_at, panel_at)

@@ -34,6 +34,8 @@ from hil_bridge.errors import BridgeError, ConfigError
 from hil_bridge.facts import RobotFacts
 from hil_bridge.recording import CHECK_EVENT, PHASE_EVENT, STOP_EVENT, CycleRecord, EventRecord, Outcome
 from hil_bridge.robots.seam import (
+    ANSWER,
+    PACKET,
     QUESTION_LEFT,
     Motion,
     MotionLimits,
@@ -198,9 +200,9 @@ class Run:
 
     def _limits(self) -> MotionLimits:
         """Limits of the movement: a stream holds when no decision comes for longer than one may last."""
-        config = self._config
-        hold_after = (config.limits.cycle_deadline_ms + config.run.period_ms) * 1e-3
-        return MotionLimits(config.robot.velocity_mm_s * 1e-3, hold_after)
+        robot, limits, run = self._config.robot, self._config.limits, self._config.run
+        hold_after, gain = (limits.cycle_deadline_ms + run.period_ms) * 1e-3, robot.acceleration_mm_s2 * 1e-3
+        return MotionLimits(robot.velocity_mm_s * 1e-3, hold_after, acceleration=gain)
 
     async def _guarded(self, motion: Motion, start: RobotReport) -> None:
         """All between the start and the end of the movement sequence. Whatever ends it, the tool is retracted as far
@@ -422,6 +424,7 @@ class Run:
         """Record of the cycle; `known` are the values that only its course knows, by the record's names."""
         output = decision.output
         command = output.command or Command(decision.target.depth, 0.0)
+        stamps = dict(report.stamps)
         return CycleRecord(
             **known,
             phase=output.phase,
@@ -434,7 +437,8 @@ class Run:
             wrench=sample.wrench,
             position=report.pose.position,
             quaternion=report.pose.quaternion,
-            status_transmitted_at=dict(report.stamps).get(QUESTION_LEFT, math.nan),
+            status_transmitted_at=stamps.get(QUESTION_LEFT, math.nan),
+            answer_s=stamps.get(ANSWER, math.nan) - stamps.get(PACKET, math.nan),
             sent_at=sent.begun_at,
             transmitted_at=sent.left_at,
             depth=decision.depth,

@@ -140,6 +140,8 @@ def figures(summary: Summary) -> list[str]:
     if summary.cycle_time is not None:
         floor = f", {summary.line_floor_s * 1e3:.1f} ms of it the line" if summary.line_floor_s else ""
         rows.append(("cycle time", f"{summary.cycle_time.mean_s * 1e3:.1f} ms mean{floor}"))
+    if summary.answers_sentence:
+        rows.append(("answers", summary.answers_sentence))
     if summary.latency_sentence:
         rows.append(("latency", summary.latency_sentence))
     return [f"  {name:<15}{text}" for name, text in rows]

@@ -39,6 +39,7 @@ from hil_bridge.runs.checks import check
 from hil_bridge.runs.compose import ServedCell, open_devices
 from hil_bridge.runs.cycle import BUG_EVENT, Run, RunResult
 from hil_bridge.runs.outputs import Outputs, record_path, settled, write_outputs
+from hil_bridge.runs.pace import paced
 from hil_bridge.runs.signals import Signals, unless_hung_up
 from hil_bridge.runs.truth import GroundTruth
 from hil_bridge.sensors.stream import ForceSensor
@@ -76,6 +77,7 @@ def execute(
 
     Raises BridgeError when a device fails before the movement has begun, or a file cannot be written.
     """
+    config = paced(config)
     check(config, virtual)  # before an earlier recording is replaced
     signals = Signals()
     with signals.heard():

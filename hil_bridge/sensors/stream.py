@@ -4,6 +4,7 @@ import asyncio
 import math
 from collections import deque
 from contextlib import suppress
+from itertools import takewhile
 from typing import Any
 
 from hil_bridge.clock import Clock
@@ -30,7 +31,11 @@ from protocol.wrench import (
 )
 
 _HISTORY = 256
-"""Frames kept for looking back. Chosen: 2.6 s of the default stream, many answers of the robot's link."""
+"""Least frames kept for looking back. Chosen: 2.6 s of the default stream, many answers of the robot's link."""
+_HISTORY_S = 2.56
+"""Time for which they are kept of a quicker stream. Chosen: as much as of the default stream."""
+_HISTORY_LIMIT = 20_000
+"""Most frames kept. Chosen: those of a stream of 7 kHz."""
 
 
 READY_S = 60.0
@@ -155,7 +160,8 @@ class ForceSensor:
 
     def window(self, since: float) -> list[tuple[float, ...]]:
         """Wrenches as `wrench` gives them of the frames kept that arrived after this time, s, oldest first."""
-        return [self.wrench(frame) for frame in self._history if frame.at > since]
+        newer = takewhile(lambda frame: frame.at > since, reversed(self._history))
+        return [self.wrench(frame) for frame in reversed(list(newer))]
 
     def check(self) -> None:
         """Raise what ended the sensor, if anything did: for the cycle, before it trusts the newest frame."""
@@ -233,6 +239,9 @@ class ForceSensor:
                 self._log.frame(event)
             case SensorReady(facts=facts):
                 self._facts, self._converted = facts, None
+                if facts.period is not None:
+                    frames = min(max(_HISTORY, math.ceil(_HISTORY_S / facts.period)), _HISTORY_LIMIT)
+                    self._history = deque(self._history, maxlen=frames)
                 self._watch = AxisWatch(facts)
             case Zeroed():
                 self._watch.zeroed()

@@ -81,6 +81,10 @@ class RobotSection(_Section):
     """Kind of the emulated robot: s3, or one that another package offers."""
     velocity_mm_s: float = Field(default=50.0, gt=0, le=1000)
     """Path velocity given with every point; no speed of the task may be above it."""
+    acceleration_mm_s2: float = Field(default=2000.0, gt=0, le=100000)
+    """Fastest gain of speed that a robot that streams is given, and loss of speed where its way ends. A stop is at
+    once. Chosen.
+    """
 
     @field_validator("emulated")
     @classmethod

@@ -45,7 +45,7 @@ def chosen_in(values: Mapping[str, Any]) -> Chosen:
 
 
 def merged_section(base: type[BaseModel], registry: Registry[Any], names: Sequence[str]) -> Any:
-    """A section with the settings of our own kinds in it, and one inside it for each further kind."""
+    """A section with the settings of the kinds that stand in it directly, and one inside it for each further kind."""
     ours = dict.fromkeys(kind.settings for kind in map(registry.kind, registry.direct))
     more: dict[str, Any] = {}
     for kind in map(registry.kind, names):

@@ -1,12 +1,11 @@
 """A byte wire inside one event loop, with latency and without jitter."""
 
-import asyncio
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from weakref import WeakKeyDictionary
 
 from hil_bridge.clock import Clock
+from hil_bridge.clock.per_loop import of_loop
 from hil_bridge.errors import TransportEnded, TransportError, TransportUnavailable
 from hil_bridge.transports.base import Transport
 from hil_bridge.transports.delivery import QUEUE_BYTES, Delivery, TimedQueue, flush
@@ -29,8 +28,9 @@ class _Door:
         self.attach = on_client
 
 
-_LISTENERS: WeakKeyDictionary[asyncio.AbstractEventLoop, dict[str, _Listener]] = WeakKeyDictionary()
-"""Listeners by their names, for each loop."""
+def _listeners(clock: Clock) -> dict[str, _Listener]:
+    """Listeners of this loop by their names."""
+    return of_loop(clock.loop, dict, "listeners of byte wires")
 
 
 def memory_pair(
@@ -53,7 +53,7 @@ def listen_memory(name: str, clock: Clock, end: Uart | None = None) -> Transport
 
     `end` is the listener's UART; the line itself is at the client's side of the wire.
     """
-    listeners = _LISTENERS.setdefault(clock.loop, {})
+    listeners = _listeners(clock)
     if name in listeners:
         raise TransportUnavailable(f"memory:{name}: another listens under this name already; choose another")
     exchange = Exchange(f"memory:{name}", free=lambda: None, stop=lambda: _forget(clock, name))
@@ -67,7 +67,7 @@ def listen_memory_clients(
     """Wait for clients of this name in this loop, any number at a time: `on_client` is given the transport of each, and
     closes it. Gives a function that ends the waiting. Raises TransportUnavailable if the name is taken.
     """
-    listeners = _LISTENERS.setdefault(clock.loop, {})
+    listeners = _listeners(clock)
     if name in listeners:
         raise TransportUnavailable(f"memory:{name}: another listens under this name already; choose another")
     listeners[name] = _Listener(_Door(on_client), None)
@@ -83,7 +83,7 @@ def connect_memory(
 
     Raises TransportUnavailable without a listener, or when another client is there.
     """
-    listener = _LISTENERS.get(clock.loop, {}).get(name)
+    listener = _listeners(clock).get(name)
     if listener is None:
         raise TransportUnavailable(
             f"memory:{name}: no program listens under this name; start the other side first"
@@ -96,7 +96,7 @@ def connect_memory(
 
 
 def _forget(clock: Clock, name: str) -> None:
-    del _LISTENERS[clock.loop][name]
+    del _listeners(clock)[name]
 
 
 class _MemoryEnd:

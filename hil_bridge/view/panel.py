@@ -12,6 +12,7 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
+from hil_bridge.facts import LATE, Pacing
 from hil_bridge.view.model import HISTORY_CYCLES, Snapshot
 
 WIDTH = 80
@@ -134,10 +135,19 @@ def _health(snapshot: Snapshot) -> Sequence[tuple[str, Text]]:
     stale = age_s is not None and age_s > _STALE_SENSOR_S
     return [
         ("cycle time", Text(cycle)),
-        ("line floor", Text("–" if floor_s is None else f"{floor_s * 1e3:6.1f} ms")),
+        _answer(snapshot)
+        if snapshot.robot.pacing is Pacing.STREAMED
+        else ("line floor", Text("–" if floor_s is None else f"{floor_s * 1e3:6.1f} ms")),
         ("sensor age", Text.assemble((age, "red" if stale else ""), _count("  lost ", snapshot.frames_lost))),
         ("link errors", _count("", snapshot.link_errors, 6)),
     ]
+
+
+def _answer(snapshot: Snapshot) -> tuple[str, Text]:
+    """Time of the newest answer to a robot that drives the cycle, and how many were late."""
+    seconds = math.nan if snapshot.newest is None else snapshot.newest.answer_s
+    told = f"{seconds * 1e3:6.2f} ms" if math.isfinite(seconds) else "–"
+    return "answer", Text.assemble(told, _count("  late ", snapshot.link.get(LATE, 0)))
 
 
 def _verdict(snapshot: Snapshot) -> Text:

@@ -1,7 +1,9 @@
 """Virtual time: exact jumps, and an error instead of a run that hangs or leaves something behind."""
 
 import asyncio
+import gc
 import threading
+import weakref
 from asyncio import sleep as pass_time  # in virtual time, without waiting
 from collections.abc import AsyncIterator
 
@@ -17,6 +19,7 @@ from hil_bridge.clock import (
     run_real,
     run_virtual,
 )
+from hil_bridge.transports import connect_bytes, connect_can, listen_bytes, listen_can, listen_datagrams
 
 
 def test_time_begins_at_an_odd_epoch_and_jumps_exactly() -> None:
@@ -170,3 +173,24 @@ def test_run_real_takes_a_function_or_a_coroutine() -> None:
 
     assert run_real(main) is False
     assert run_real(main()) is False
+
+
+def test_a_loop_goes_with_its_run() -> None:
+    """Timers that still wait and wires in memory that were left open keep nothing of a run that has ended."""
+
+    async def main() -> weakref.ref[asyncio.AbstractEventLoop]:
+        clock = Clock.running()
+        listening = await listen_bytes("memory:left", clock)
+        wires = (
+            listening,
+            await connect_bytes("memory:left", clock),
+            await listen_can("can+memory:left", clock),
+            await connect_can("can+memory:left", clock),
+            await listen_datagrams("udp+memory:left", clock),
+        )
+        clock.call_at(clock.now() + 1e6, lambda: wires)
+        return weakref.ref(clock.loop)
+
+    left = run_virtual(main)
+    gc.collect()
+    assert left() is None

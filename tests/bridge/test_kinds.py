@@ -4,6 +4,7 @@ import json
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from click.testing import CliRunner
@@ -13,7 +14,9 @@ from hil_bridge.errors import ConfigError
 from hil_bridge.kinds import ROBOTS, SENSORS, emulated_sensor, robot_of, sensor_of
 from hil_bridge.recording import read
 from hil_bridge.recording.device_facts import devices_of
-from hil_bridge.settings.configuration import Config, load_config
+from hil_bridge.runs.cycle import control_loop
+from hil_bridge.runs.pace import paced
+from hil_bridge.settings.configuration import Config, load_config, read_config
 from hil_bridge.settings.kinds import settings_of
 
 TOYS = Path(__file__).parents[1] / "plugins" / "toydevices"
@@ -91,8 +94,14 @@ def test_a_sensors_url_of_no_kind_is_refused_with_the_kinds() -> None:
         sensor_of("tcp://10.0.0.1:4000")
 
 
+def test_the_registries_know_which_kinds_stand_in_the_sections_themselves() -> None:
+    for registry in (ROBOTS, SENSORS):
+        kinds = [registry.kind(name) for name in registry.built_in]
+        assert [kind.name for kind in kinds if kind.directly] == list(registry.direct)
+
+
 def test_a_kind_goes_by_its_older_name_in_a_configuration() -> None:
-    assert [emulated_sensor(name).name for name in ("gateway", "uart", "board")] == [*SENSORS.built_in]
+    assert [emulated_sensor(name).name for name in ("gateway", "uart", "board")] == [*SENSORS.direct]
     for section, name in (("robot", "kuka"), ("sensor", "usb")):
         with pytest.raises(ValueError, match=f"there is no {section} '{name}'"):
             Config.model_validate({section: {"emulated": name}})
@@ -116,11 +125,12 @@ def test_both_forms_of_our_urls_make_the_same_run(tmp_path: Path) -> None:
 
 @pytest.mark.usefixtures("toys")
 def test_toys_close_the_loop_and_the_record_tells_their_facts(tmp_path: Path) -> None:
-    record, config = str(tmp_path / "toys.mcap"), str(TOYS / "toys.toml")
+    record = str(tmp_path / "toys.mcap")
     run(
         "run",
-        config,
         "--virtual",
+        "--duration",
+        "2",
         "--no-view",
         *NAMES,
         "--record",
@@ -131,7 +141,7 @@ def test_toys_close_the_loop_and_the_record_tells_their_facts(tmp_path: Path) ->
     summary = json.loads((tmp_path / "s.json").read_text())
     assert summary["outcome"] == "completed"
     assert summary["force_mean_steady_n"] == pytest.approx(10.0, abs=0.3)
-    assert summary["cycle_time"]["mean_s"] == pytest.approx(0.02)
+    assert summary["cycle_time"]["mean_s"] == pytest.approx(0.004, rel=1e-3)
     devices = devices_of(read(Path(record)))
     assert (devices.robot.kind, devices.robot.model, devices.robot.cycle_s) == ("toyarm", "toy arm", 0.004)
     assert devices.sensor.kind == "toyload"
@@ -142,10 +152,51 @@ def test_toys_close_the_loop_and_the_record_tells_their_facts(tmp_path: Path) ->
     assert run("report", record).strip().endswith("report.html")
 
 
+def quick(**sections: dict[str, Any]) -> Config:
+    """A configuration with the toys' arm, whose cycle is 4 ms, as a run gets it."""
+    return paced(
+        read_config({**sections, "robot": {"emulated": "toyarm"}, "sensor": {"emulated": "toyload"}})
+    )
+
+
 @pytest.mark.usefixtures("toys")
-def test_a_quick_robot_refuses_a_controller_tuned_for_a_slow_one() -> None:
-    told = refusal("run", "--virtual", "--no-view", "--no-record", *NAMES)
-    assert "controller.sample_ms = 4" in told
+@pytest.mark.parametrize(
+    ("controller", "period_ms", "sample_ms"),
+    [("predictive", 0.0, 4.0), ("pi", 0.0, 4.0), ("admittance", 0.0, 4.0), ("fuzzy", 180.0, 180.0)],
+)
+def test_a_controller_decides_at_the_cycle_that_it_is_tuned_for(
+    controller: str, period_ms: float, sample_ms: float
+) -> None:
+    config = quick(controller={"name": controller})
+    assert (config.run.period_ms, config.controller.sample_ms) == (period_ms, sample_ms)
+    control_loop(config)
+
+
+@pytest.mark.parametrize(
+    ("sensor", "period_ms"), [("netft", 0.0), ("jr3", 12.0), ("jr3-uart", 12.0), ("ft300", 12.0)]
+)
+def test_no_decision_is_taken_without_a_new_force(sensor: str, period_ms: float) -> None:
+    """A robot with a cycle of 4 ms waits for a sensor that tells a force every 10 ms."""
+    config = paced(read_config({"robot": {"emulated": "egm"}, "sensor": {"emulated": sensor}}))
+    assert config.run.period_ms == period_ms
+    control_loop(config)
+
+
+@pytest.mark.usefixtures("toys")
+def test_a_configuration_has_the_last_word_on_pace_and_parameters() -> None:
+    parameters = quick(controller={"name": "pi", "parameters": {"integral": 0.5}}).controller.parameters
+    assert (parameters["integral"], parameters["proportional"]) == (0.5, 0.0)
+    assert quick(run={"period_ms": 12.0}, controller={"name": "pi"}).controller.sample_ms == 12.0
+    own = quick(run={"period_ms": 20.0}, controller={"sample_ms": 20.0}).controller
+    assert (own.sample_ms, own.parameters) == (20.0, {})
+
+
+@pytest.mark.usefixtures("toys")
+def test_a_period_that_no_tuning_fits_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "c.toml"
+    file.write_text("[run]\nperiod_ms = 50\n")
+    told = refusal("run", str(file), "--virtual", "--no-view", "--no-record", *NAMES)
+    assert "controller.sample_ms = 50" in told
 
 
 @pytest.mark.usefixtures("toys")
@@ -175,7 +226,7 @@ def test_sections_of_a_kind_that_is_not_installed_are_no_settings(tmp_path: Path
 
 def test_an_option_without_a_colon_is_the_name_of_a_kind() -> None:
     told = refusal("run", "--virtual", "--robot", "toyarm")
-    assert told.startswith("--robot: there is no robot 'toyarm'; choose one of s3")
+    assert told == f"--robot: there is no robot 'toyarm'; choose one of {', '.join(ROBOTS.names)}"
 
 
 @pytest.mark.parametrize(
@@ -199,7 +250,5 @@ def test_a_broken_package_is_blamed_by_name_when_its_kind_is_chosen(
 
 @pytest.mark.usefixtures("toys")
 def test_a_toy_has_no_panel() -> None:
-    told = refusal(
-        "run", str(TOYS / "toys.toml"), *NAMES, "--panel", "tcp-listen://127.0.0.1:0", "--no-record"
-    )
+    told = refusal("run", *NAMES, "--panel", "tcp-listen://127.0.0.1:0", "--no-record")
     assert "an emulated toyarm has no panel" in told

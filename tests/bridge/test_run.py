@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from hil_bridge.control import CONTROLLERS, Command, ControlLoop, Measurement
+from hil_bridge.control import CONTROLLERS, Command, ControlLoop, Measurement, turn_between
 from hil_bridge.errors import DeviceError
 from hil_bridge.recording import CycleRecord, Outcome
 from hil_bridge.settings.configuration import Config
@@ -555,4 +555,13 @@ def test_a_quiet_sensor_is_not_taken_for_a_frozen_or_dead_one(bench: RunBench) -
         cell={"sensor": {"noise_counts": 0.5}},
         task={"approach_speed_mm_s": 0.275},
     )
+    assert run.result.outcome is Outcome.COMPLETED
+
+
+def test_the_orientation_of_the_start_is_ordered_not_the_reported_one(bench: RunBench) -> None:
+    """A robot that reports its orientation wrong by one degree must not be turned by it, cycle after cycle."""
+    turn = after(3, lambda bench: bench.cell.inject("pose", "turned", bench.clock.now(), degrees=1.0))
+    run = bench(turn)
+    reported = [record.quaternion for record in run.tracked()]
+    assert math.degrees(turn_between(reported[0], reported[-1])[1]) == pytest.approx(1.0, abs=0.02)
     assert run.result.outcome is Outcome.COMPLETED

@@ -34,7 +34,11 @@ CYCLE = 0.004
 SPEED = 0.05
 DOWN = (0.0, 1.0, 0.0, 0.0)
 START = Pose((0.9, -0.1, 0.6), DOWN)
-LIMITS = MotionLimits(SPEED, hold_after=0.1, give_up_after=2.0)
+AT_ONCE = 1e3
+"""An acceleration that bounds nothing, m/s² or rad/s²: these tests are about speed, the last ones about its gain."""
+LIMITS = MotionLimits(
+    SPEED, hold_after=0.1, give_up_after=2.0, acceleration=AT_ONCE, turn_acceleration=AT_ONCE
+)
 FACTS = RobotFacts("toy", Pacing.STREAMED, cycle_s=CYCLE)
 PACKET, ANSWER = struct.Struct("!Q7d?"), struct.Struct("!Q?7d")
 SLACK = 1e-9
@@ -643,15 +647,15 @@ def test_a_packet_that_comes_again_is_answered_as_before() -> None:
 
 def test_an_answer_that_comes_later_than_a_cycle_is_counted() -> None:
     answering = Answering(ToyClient(), CYCLE)
-    packet = PACKET.pack(1, *START.position, *DOWN, False)
 
     class Late(bytes):
         received_at = 1000.0
 
-    answering.receive([Late(packet)], 1000.0 + 1.5 * CYCLE)
-    answering.receive([Late(PACKET.pack(2, *START.position, *DOWN, False))], 1000.0 + 0.5 * CYCLE)
+    for number, late_by in ((1, 1.5), (2, 0.5)):
+        now = 1000.0 + late_by * CYCLE
+        answering.receive([Late(PACKET.pack(number, *START.position, *DOWN, False))], now)
+        assert len(answering.data_to_send(now)) == 1
     assert answering.counters["late answers"] == 1
-    assert len(answering.data_to_send(1001.0)) == 2
 
 
 def test_what_the_robot_ends_itself_is_told_in_its_words() -> None:
@@ -795,3 +799,30 @@ def test_the_next_pose_is_nearer_and_not_too_far(
     assert math.dist(there.position, goal.position) <= math.dist(start.position, goal.position) + 1e-12
     assert angle(there, goal) <= angle(start, goal) + 1e-6
     assert math.hypot(*there.quaternion) == pytest.approx(1.0)
+
+
+# --- the gain of speed
+
+
+def test_a_movement_gains_and_loses_speed_by_its_acceleration_and_stops_at_once() -> None:
+    limits = MotionLimits(SPEED)
+
+    async def script(cell: Cell) -> None:
+        await cell.link.ready()
+        async with cell.link.motion(limits) as motion:
+            await motion.to(moved(5.0))
+            await motion.settled()
+            await motion.to(moved(50.0))
+            await cell.wait(0.1)
+            motion.hold()
+            cell.notices.append(str(len(cell.robot.setpoints)))
+            await cell.wait(0.02)
+
+    cell = run_cell(script)
+    setpoints = cell.robot.setpoints
+    held = int(cell.notices[-1])
+    ways = [math.dist(a.position, b.position) / CYCLE for a, b in itertools.pairwise(setpoints[:held])]
+    assert max(ways) == pytest.approx(SPEED)
+    steps = [after - before for before, after in itertools.pairwise(ways)]
+    assert max(map(abs, steps)) <= limits.acceleration * CYCLE + SLACK
+    assert set(setpoints[held:]) == {setpoints[held]}  # held, without a way to come to rest

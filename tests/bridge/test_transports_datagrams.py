@@ -10,10 +10,10 @@ from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.errors import TransportClosed, TransportError, TransportUnavailable
 from hil_bridge.transports import Datagrams, Direction, Tap, connect_datagrams, listen_datagrams
 from hil_bridge.transports.datagram.memory import HELD_S
-from hil_bridge.transports.datagram.peer import IN_USE_S, Notices, Peer
+from hil_bridge.transports.datagram.peer import IN_USE_S, KNOWN_SIDES, Notices, Peer
 from hil_bridge.transports.datagram.statistics import QUEUE_DATAGRAMS
 from hil_bridge.transports.pump import Pump
-from protocol.datagram import Datagram, arrived_at
+from protocol.datagram import Datagram, arrived_at, side_of
 
 
 class Log:
@@ -226,6 +226,39 @@ def test_answers_go_to_the_client_that_spoke_last(strangers: str) -> None:
         assert right.statistics.strangers == 1
 
     run_virtual(main)
+
+
+def test_an_answer_may_go_to_a_side_that_spoke_before() -> None:
+    """But to none that has not spoken, and a wire that connects speaks with its one side alone."""
+
+    async def main() -> None:
+        clock = Clock.running()
+        listening = await listen_datagrams("udp+memory:box", clock)
+        clients = [await connect_datagrams(listening.address, clock) for _ in range(2)]
+        logs, there = [Log(client, clock) for client in clients], list[bytes]()
+        listening.transport.start(lambda data: there.extend(data), lambda error: None)
+        for client in clients:
+            client.send([b"hello"])
+            await pass_time(0.1)
+        first, second = (side_of(datagram) for datagram in there)
+        assert first != second
+        told = [Datagram(b"to the first", side=first), Datagram(b"to nobody", side="box#99"), b"to the last"]
+        listening.transport.send(told)
+        clients[0].send([Datagram(b"back", side=second)])
+        await pass_time(0.1)
+        assert [log.datagrams for log in logs] == [[b"to the first"], [b"to nobody", b"to the last"]]
+        assert there[-1] == b"back"
+        for wire in (*clients, listening.transport):
+            await wire.aclose()
+
+    run_virtual(main)
+
+
+def test_a_wire_remembers_so_many_sides() -> None:
+    peer: Peer[int] = Peer()
+    for side in range(KNOWN_SIDES + 1):
+        assert peer.takes(side, 0.0)
+    assert [peer.target(side) for side in (0, 1, None)] == [KNOWN_SIDES, 1, KNOWN_SIDES]
 
 
 def test_a_fixed_peer_stays_the_one_that_is_heard() -> None:

@@ -232,3 +232,26 @@ def test_a_port_that_another_holds_is_named(tmp_path: Path) -> None:
             holder.communicate()
             os.close(master)
             os.close(slave)
+
+
+@pytest.mark.parametrize(
+    ("robot", "sensor"), [("egm", "netft"), ("rsi", "netft"), ("rtde", "ft300"), ("rtde", "jr3-board")]
+)
+def test_two_processes_hold_ten_newtons_with_devices_of_today(
+    robot: str, sensor: str, tmp_path: Path, short: str
+) -> None:
+    """UDP, TCP and a pseudo-terminal in real time; the set points go over them every few milliseconds."""
+    summary = tmp_path / "s.json"
+    with emulated("cell", "--robot", robot, "--sensor", sensor) as (_, options):
+        options = [text for text in options if text not in ("--tool-mass-kg", "0.5")]
+        code, lines, errors = finish(
+            start(
+                *("run", short, *options, "--duration", "3", "--no-view", "--no-record"),
+                *("--summary", str(summary)),
+            )
+        )
+    assert (code, errors) == (0, ""), lines
+    figures = json.loads(summary.read_text())
+    assert figures["force_mean_steady_n"] == pytest.approx(10.0, abs=0.5)
+    assert figures["figures"]["contact_losses"] == 0
+    assert lines[-1].startswith("left: retracted")

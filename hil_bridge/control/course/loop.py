@@ -183,9 +183,12 @@ class ControlLoop:
         """
         if self.fixed_dt is not None:
             return self.fixed_dt
-        if before is None or not math.isfinite(now - before):
+        passed = math.nan if before is None else now - before
+        if 0.0 <= passed < LONGEST_SAMPLES * self.sample_time:
+            return passed
+        if not math.isfinite(passed):
             return self.sample_time
-        return min(max(now - before, 0.0), LONGEST_SAMPLES * self.sample_time)
+        return 0.0 if passed < 0.0 else LONGEST_SAMPLES * self.sample_time
 
     def propose(self, state: LoopState, sample: Sample) -> Proposal:
         """Intent of task and controller for a sample."""
@@ -298,7 +301,9 @@ class ControlLoop:
         if self.contour is None or state.task.phase is not _TRACK:
             return _NO_CONTOUR, measurement
         force, travel = measurement.force, measurement.travel
-        contour = self.contour.step(state.contour, travel, measurement.position, force, sample.force_travel)
+        contour = self.contour.after(
+            state.contour, measurement.dt, (travel, measurement.position), (force, sample.force_travel)
+        )
         if not (math.isfinite(force) and force > self.task.parameters.loss_threshold_n):
             return contour, measurement
         pressed = normal_force(contour.angle, force, sample.force_travel)

@@ -20,7 +20,23 @@ from hil_bridge.control.course.checks import (
 )
 from hil_bridge.control.geometry.frames import Array
 from hil_bridge.control.laws.stiffness import Pairing, Stiffness, observe
-from hil_bridge.control.types import POSITION_STEP_MM, SAMPLE_MS, Command, Measurement
+from hil_bridge.control.types import (
+    POSITION_STEP_MM,
+    SAMPLE_MS,
+    STREAM_SAMPLES_MS,
+    Command,
+    Measurement,
+    Tuning,
+)
+
+_STREAM_INTEGRAL_PER_S = 10.0
+"""Share of the error that the PI makes up for in a second, on a robot that streams. Chosen: with half of it the error
+on a contour is twice as large, with twice as much the force overshoots.
+"""
+_STREAM_STEP_MM = 0.05
+"""Step of the position that the estimate counts with on such a robot. Chosen: on a soft surface the smallest move that
+counts then changes the force by more than its noise.
+"""
 
 
 class PiState(Struct, frozen=True):
@@ -42,6 +58,18 @@ class Pi:
     __pydantic_config__: ClassVar = FORBID_EXTRA
     name: ClassVar[str] = "pi"
     sample_ms: ClassVar[float] = SAMPLE_MS
+    tunings: ClassVar[tuple[Tuning, ...]] = tuple(
+        Tuning(
+            sample_ms,
+            {
+                "proportional": 0.0,
+                "integral": _STREAM_INTEGRAL_PER_S * sample_ms * 1e-3,
+                "resolution_mm": _STREAM_STEP_MM,
+                "gain_scheduling": True,
+            },
+        )
+        for sample_ms in STREAM_SAMPLES_MS
+    )
 
     proportional: float = 0.2
     """K_p: share of a change of the error that is answered in a sample."""
@@ -114,6 +142,19 @@ class Admittance:
     __pydantic_config__: ClassVar = FORBID_EXTRA
     name: ClassVar[str] = "admittance"
     sample_ms: ClassVar[float] = SAMPLE_MS
+    tunings: ClassVar[tuple[Tuning, ...]] = tuple(
+        Tuning(
+            sample_ms,
+            {
+                "mass_kg": 5.0,
+                "damping_ns_m": 500.0,
+                "cycle_ms": sample_ms,
+                "resolution_mm": _STREAM_STEP_MM,
+                "gain_scheduling": True,
+            },
+        )
+        for sample_ms in STREAM_SAMPLES_MS
+    )
 
     mass_kg: float = 66.0
     """M. Chosen: with the damper a time constant of 30 ms, a fraction of the cycle."""

@@ -19,7 +19,15 @@ from hil_bridge.control.course.checks import (
     require_not_negative,
 )
 from hil_bridge.control.laws.stiffness import Pairing, Stiffness, observe
-from hil_bridge.control.types import POSITION_STEP_MM, SAMPLE_MS, Command, Measurement
+from hil_bridge.control.types import (
+    FINE_STEP_MM,
+    POSITION_STEP_MM,
+    SAMPLE_MS,
+    STREAM_SAMPLES_MS,
+    Command,
+    Measurement,
+    Tuning,
+)
 
 _PROBE_RANGE = 50.0
 """Stiffest surface over the softest that is assumed while probing. Chosen: with the default, 2 kN/m is the softest."""
@@ -84,6 +92,9 @@ class Predictive:
     __pydantic_config__: ClassVar = FORBID_EXTRA
     name: ClassVar[str] = "predictive"
     sample_ms: ClassVar[float] = SAMPLE_MS
+    tunings: ClassVar[tuple[Tuning, ...]] = tuple(
+        Tuning(sample_ms, {"resolution_mm": FINE_STEP_MM}) for sample_ms in STREAM_SAMPLES_MS
+    )
 
     window: int = 6
     """Pairs that the line goes through."""

@@ -23,8 +23,10 @@ _SLOPE_GAIN = 0.3
 """Share of a newly seen slope that is believed. Chosen: a position off by one step is a third of it."""
 _LEAST_TRAVEL = 0.2e-3
 """Travel below which two samples say nothing of the slope, m. Chosen: more than a resolution step."""
-_FIRST_SPAN = 5
-"""Samples over which moves add up while there is no estimate. Chosen."""
+_FIRST_SPAN_S = 0.8
+"""Time over which moves add up while there is no estimate, s. Chosen: five samples of 172 … 187 ms reach it and four do
+not.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,8 +85,8 @@ class Stiffness(Struct, frozen=True):
     """Position of the older pair, m."""
     travel: float = 0.0
     """Travel of the older pair, m."""
-    age: int = 0
-    """Samples since the older pair."""
+    age: float = 0.0
+    """Time since the older pair, s."""
     slope: float = 0.0
     """Depth that the surface gains per travel, going by x − f/k."""
 
@@ -131,8 +133,8 @@ def observe(
     if size < pairing.smallest_move * pairing.resolution_mm * 1e-3 * (1 - 1e-6):
         # Until there is an estimate, small moves of a careful beginning add up, though not for ever. A
         # surface that moves sideways under the tool would enter the quotient without bound.
-        older = known is None and estimate.age + 1 < _FIRST_SPAN
-        return replace(estimate, age=estimate.age + 1) if older else newer
+        age = estimate.age + measurement.dt
+        return replace(estimate, age=age) if known is None and age < _FIRST_SPAN_S else newer
     possible = moved and pairing.stiffness_min <= pressed / moved <= pairing.stiffness_max
     if not possible or abs(pressed) < 2 * pairing.force_uncertainty_n:
         return newer

@@ -10,6 +10,8 @@ from protocol.rtde.profile import ClientProfile
 
 _DELAY_CYCLES = 2.0
 """From an input package to the arm. Derived of measurements: two to three cycles there and back."""
+_LATE = "its program goes to the last target, brakes after hold_cycles without a new one, and goes on with the next"
+"""What the program does about a late target."""
 
 
 def robot_facts(client: ClientProfile, emulated: RtdeProfile) -> RobotFacts:
@@ -29,4 +31,6 @@ def robot_facts(client: ClientProfile, emulated: RtdeProfile) -> RobotFacts:
         damping_ratio=client.lookahead_s * frequency / 2.0,
         marks={name: mark.value for name, mark in marks.items()},
     )
-    return RobotFacts("Universal Robots, RTDE", Pacing.STREAMED, cycle_s=client.cycle_s, servo=servo)
+    return RobotFacts(
+        "Universal Robots, RTDE", Pacing.STREAMED, cycle_s=client.cycle_s, servo=servo, late=_LATE
+    )

@@ -166,6 +166,7 @@ CAN_GATEWAY = SensorKind(
     older_form=_can_form,
     parse=lambda url, settings: parse_url(url, CONNECT_CAN),
     bus=CanBus("a JR3 gateway", GATEWAY_BITRATE),
+    period=lambda settings: settings.client.gateway.period_ms * 1e-3,
     also="gateway",
 )
 UART_GATEWAY = SensorKind(
@@ -183,6 +184,7 @@ UART_GATEWAY = SensorKind(
     directly=True,
     older_form=uart_form,
     parse=lambda url, settings: parse_url(uart_line(url, CONNECT_BYTES), CONNECT_BYTES),
+    period=lambda settings: settings.client.uart.period_ms * 1e-3,
     also="uart",
 )
 RECEIVER_BOARD = SensorKind(
@@ -200,5 +202,6 @@ RECEIVER_BOARD = SensorKind(
     directly=True,
     older_form=_board_form,
     parse=lambda url, settings: parse_url(board_wire(url, settings.client.board)[0], CONNECT_BYTES),
+    period=lambda settings: settings.client.board.period,
     also="board",
 )

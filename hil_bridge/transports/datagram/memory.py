@@ -4,22 +4,21 @@ Each end has a path to the network, with its own delays and faults. A datagram p
 when it arrives. The two directions of a path draw their own numbers.
 """
 
-import asyncio
 import itertools
 import random
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
-from weakref import WeakKeyDictionary
 
 from hil_bridge.clock import Clock, Timer
+from hil_bridge.clock.per_loop import of_loop
 from hil_bridge.errors import TransportBroken, TransportError, TransportUnavailable
 from hil_bridge.transports.back_off import Notice
 from hil_bridge.transports.base import Datagrams
 from hil_bridge.transports.datagram.peer import Notices, Peer
 from hil_bridge.transports.datagram.statistics import QUEUE_DATAGRAMS, DatagramStatistics, check_sizes
 from hil_bridge.transports.delivery import Delivery, TimedQueue
-from protocol.datagram import Datagram
+from protocol.datagram import Datagram, side_of
 
 HELD_S = 0.1
 """Longest wait of a datagram for the next one to overtake it, s. Chosen: several cycles of a streaming robot."""
@@ -56,14 +55,16 @@ class _Network:
     numbers: "itertools.count[int]" = field(default_factory=lambda: itertools.count(1))
 
 
-_NETWORKS: WeakKeyDictionary[asyncio.AbstractEventLoop, _Network] = WeakKeyDictionary()
+def _network(clock: Clock) -> _Network:
+    """The network of this loop."""
+    return of_loop(clock.loop, _Network, "network of datagrams")
 
 
 def listen_memory(
     name: str, path: Path, clock: Clock, on_notice: Notice, refuse_strangers: bool = False
 ) -> "MemoryDatagrams":
     """Wait under this name for datagrams of clients in this loop. Raises TransportUnavailable if taken."""
-    network = _NETWORKS.setdefault(clock.loop, _Network())
+    network = _network(clock)
     if name in network.ends:
         raise TransportUnavailable(
             f"udp+memory:{name}: another listens under this name already; choose another"
@@ -73,7 +74,7 @@ def listen_memory(
 
 def connect_memory(name: str, path: Path, clock: Clock, on_notice: Notice) -> "MemoryDatagrams":
     """Speak to the listener of this name in this loop. It may come later: what is sent before is counted."""
-    network = _NETWORKS.setdefault(clock.loop, _Network())
+    network = _network(clock)
     return MemoryDatagrams(f"{name}#{next(network.numbers)}", Peer(name), path, clock, on_notice)
 
 
@@ -102,7 +103,7 @@ class MemoryDatagrams:
         self._counts = {"sent": 0, "received": 0, "dropped": 0, "unreachable": 0}
         self._leaving = _Direction(path, f"{path.seed} {number} out", clock)
         self._arriving = None if path.changes_nothing else _Direction(path, f"{path.seed} {number} in", clock)
-        self._ends = _NETWORKS.setdefault(clock.loop, _Network()).ends
+        self._ends = _network(clock).ends
         self._ends[address] = self
 
     @property
@@ -128,8 +129,8 @@ class MemoryDatagrams:
     def send(self, data: Datagrams) -> None:
         self._delivery.check()
         check_sizes(self.name, data)
-        target = self._peer.address
         for datagram in data:
+            target = self._peer.target(side_of(datagram))
             taken = target is not None and self._leaving.put(partial(self._reach, bytes(datagram), target))
             self._counts["sent" if taken else "dropped"] += 1
 
@@ -166,7 +167,7 @@ class MemoryDatagrams:
             self._notices.tell("stranger", f"{self.name}: datagrams of {source} are refused")
             return
         overruns = delivery.overruns
-        delivery.data([Datagram(datagram, now)])
+        delivery.data([Datagram(datagram, now, source)])
         self._counts["received"] += overruns == delivery.overruns
 
 

@@ -11,6 +11,9 @@ IN_USE_S = 1.0
 """For how long a peer that has spoken is in use, s. Chosen: a streaming robot speaks a hundred times within it, and
 one that restarts with another port takes longer to come back."""
 
+KNOWN_SIDES = 16
+"""Sides that a wire which listens can answer, beside the newest. Chosen: a device has one or two clients."""
+
 TELL_AGAIN_S = 1.0
 """Least time between two notices of one kind, s. Chosen: a stream of refused datagrams must not fill the record."""
 
@@ -39,7 +42,7 @@ class Peer(Generic[Address]):
     A stranger is another address that speaks while the peer is in use. It becomes the peer, or it is refused.
     """
 
-    __slots__ = ("_fixed", "_refuse", "_spoke_at", "address", "refused", "strangers")
+    __slots__ = ("_fixed", "_known", "_refuse", "_spoke_at", "address", "refused", "strangers")
 
     def __init__(self, address: Address | None = None, refuse: bool = False) -> None:
         self.address = address
@@ -49,6 +52,8 @@ class Peer(Generic[Address]):
         self.refused = 0
         """Strangers that were refused."""
         self._fixed = address is not None
+        self._known: dict[Hashable, Address] = {}
+        """Sides that have spoken, the oldest first."""
         self._refuse = refuse
         self._spoke_at = float("-inf")
 
@@ -61,7 +66,17 @@ class Peer(Generic[Address]):
                 return False
         if not self._fixed:
             self.address, self._spoke_at = source, now
+            if source not in self._known:
+                if len(self._known) >= KNOWN_SIDES:
+                    del self._known[next(iter(self._known))]
+                self._known[source] = source
         return True
+
+    def target(self, side: Hashable) -> Address | None:
+        """Where a datagram goes that names this side: there, if it has spoken to a wire that listens."""
+        if side is None or self._fixed or side not in self._known:
+            return self.address
+        return self._known[side]
 
     def _is_used(self, now: float) -> bool:
         return self._fixed or now - self._spoke_at < IN_USE_S

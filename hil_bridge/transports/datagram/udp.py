@@ -23,7 +23,7 @@ from hil_bridge.transports.base import Datagrams
 from hil_bridge.transports.datagram.peer import Notices, Peer
 from hil_bridge.transports.datagram.statistics import QUEUE_DATAGRAMS, DatagramStatistics, check_sizes
 from hil_bridge.transports.delivery import Delivery
-from protocol.datagram import Datagram
+from protocol.datagram import Datagram, side_of
 
 Address: TypeAlias = tuple[Any, ...]
 """Host and port as the socket module has them; with flow and scope where they are of IPv6."""
@@ -155,8 +155,8 @@ class UdpWire:
     def send(self, data: Datagrams) -> None:
         self._delivery.check()
         check_sizes(self.name, data)
-        target = self._peer.address
         for datagram in data:
+            target = self._peer.target(side_of(datagram))
             if target is not None and self._sends(datagram, target):
                 self._sent += 1
             else:
@@ -203,7 +203,7 @@ class UdpWire:
                 break
             at = self._stamp(ancillary)
             if self._peer.takes(source, self._clock.now()):
-                arrived.append(Datagram(memoryview(self._buffer)[:length], at))
+                arrived.append(Datagram(memoryview(self._buffer)[:length], at, source))
             else:
                 self._notices.tell("stranger", f"{self.name}: datagrams of {_text(source)} are refused")
         if failure is not None or not arrived:

@@ -1,10 +1,9 @@
 """A CAN bus in memory, in real or virtual time."""
 
-import asyncio
 from collections.abc import Sequence
-from weakref import WeakKeyDictionary
 
 from hil_bridge.clock import Clock
+from hil_bridge.clock.per_loop import of_loop
 from hil_bridge.errors import ConfigError
 from hil_bridge.transports.can.memory.bus import BITRATE, MemoryCanBus
 from hil_bridge.transports.can.memory.confinement import ErrorCounters
@@ -22,8 +21,10 @@ __all__ = [
     "memory_can_bus",
 ]
 
-_BUSES: WeakKeyDictionary[asyncio.AbstractEventLoop, dict[str, MemoryCanBus]] = WeakKeyDictionary()
-"""The buses of each loop by name."""
+
+def _buses(clock: Clock) -> dict[str, MemoryCanBus]:
+    """The buses of this loop by name."""
+    return of_loop(clock.loop, dict, "buses of CAN")
 
 
 def join_memory_can(
@@ -33,7 +34,7 @@ def join_memory_can(
 
     Raises ConfigError when the bus is there with another bit rate.
     """
-    buses = _BUSES.setdefault(clock.loop, {})
+    buses = _buses(clock)
     bus = buses.get(name)
     if bus is None or bus.empty:
         bus = buses[name] = MemoryCanBus(clock, bitrate or BITRATE, f"can+memory:{name}")
@@ -44,7 +45,7 @@ def join_memory_can(
 
 def memory_can_bus(name: str, clock: Clock) -> MemoryCanBus:
     """The bus itself, to read its load or to disturb it. Raises ConfigError for a bus without nodes."""
-    bus = _BUSES.get(clock.loop, {}).get(name)
+    bus = _buses(clock).get(name)
     if bus is None or bus.empty:
         raise ConfigError(f"can+memory:{name}: no node is on this bus; open a node first")
     return bus

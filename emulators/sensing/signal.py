@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emulators.faults.ledger import Handler, Injection
-from emulators.jr3.faults import ALL, SIGNAL_FAULTS
-from protocol.jr3 import AXES
+from emulators.sensing.faults import ALL, SIGNAL_FAULTS
+from protocol.wrench import AXES
 
 Floats = NDArray[np.float64]
 
@@ -29,10 +29,10 @@ class Signal:
     `on_change` is told the number of the first sample that is another from now on.
     """
 
-    def __init__(self, rate: float, noise: float, on_change: Callable[[int], object]) -> None:
-        """`noise` is that of every axis, counts."""
+    def __init__(self, rate: float, noise_setting: str, on_change: Callable[[int], object]) -> None:
+        """`noise_setting` is the setting of a sensor that has no noise, by which it gets some; empty where it has."""
         self._rate = rate
-        self._noise = noise
+        self._noise_setting = noise_setting
         self._on_change = on_change
         self._faults: list[Injection] = []
         self._held: dict[Injection, Floats] = {}
@@ -92,8 +92,8 @@ class Signal:
         return math.ceil(time * self._rate - _EPSILON)
 
     def _begin(self, injection: Injection) -> None:
-        if injection.fault == _NOISE and not self._noise:
-            raise ValueError("signal: noise: this sensor has no noise; set cell.sensor.noise_counts")
+        if injection.fault == _NOISE and self._noise_setting:
+            raise ValueError(f"signal: noise: this sensor has no noise; set {self._noise_setting}")
         self._faults.append(injection)
         self._on_change(self._number(injection.injected_at))
 

@@ -1,0 +1,213 @@
+"""Settings that may differ between one robot that is guided and the next, or are not known of any.
+
+Marks: what ABB's manual 3HAC073318-001 or a public client says is *observed*, what it leaves open is *assumed*. What
+the RAPID program says is *chosen*: it stands for the program of `docs/egm.md`.
+"""
+
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, Literal
+
+from protocol.geometry import Vector
+from protocol.marks import Mark, check_settings, setting
+
+_PerAxis = tuple[float, float, float, float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class EgmArmProfile:
+    """Size of the arm and its loops behind the controller's set point."""
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
+
+    natural_frequency_rad_s: float = setting(
+        100.0,
+        Mark.ASSUMED,
+        "natural frequency of the closed position loop; its lag is then 20 ms, of 10 to 20 ms that ABB names",
+        unit="rad/s",
+        above=0.0,
+    )
+    damping_ratio: float = setting(1.0, Mark.ASSUMED, "damping of the closed position loop", above=0.0)
+    servo_delay_cycles: int = setting(
+        1, Mark.ASSUMED, "from set point to position loop", unit="cycles", minimum=1, maximum=100
+    )
+    axis_2_height_mm: float = setting(445.0, Mark.CHOSEN, "base to axis 2", unit="mm", above=0.0)
+    upper_arm_mm: float = setting(700.0, Mark.CHOSEN, "axis 2 to axis 3", unit="mm", above=0.0)
+    elbow_offset_mm: float = setting(
+        115.0, Mark.CHOSEN, "axis 3 to the forearm's axis", unit="mm", minimum=0.0
+    )
+    forearm_mm: float = setting(795.0, Mark.CHOSEN, "elbow to wrist", unit="mm", above=0.0)
+    wrist_to_flange_mm: float = setting(85.0, Mark.CHOSEN, "wrist to flange", unit="mm", minimum=0.0)
+    axis_ranges_deg: _PerAxis = setting(
+        (180.0, 125.0, 127.5, 400.0, 120.0, 400.0),
+        Mark.CHOSEN,
+        "how far each axis turns to either side of the middle of its range",
+        unit="°",
+        above=0.0,
+    )
+    axis_middles_deg: _PerAxis = setting(
+        (0.0, 30.0, -52.5, 0.0, 0.0, 0.0), Mark.CHOSEN, "middle of each range", unit="°"
+    )
+    axis_3_against: Literal["horizon", "upper_arm"] = setting(
+        "upper_arm", Mark.CHOSEN, "what the forearm's angle is read against"
+    )
+    axis_speeds_deg_s: _PerAxis = setting(
+        (175.0, 175.0, 175.0, 360.0, 360.0, 500.0),
+        Mark.CHOSEN,
+        "the fastest that each axis turns",
+        unit="°/s",
+        above=0.0,
+    )
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+
+
+@dataclass(frozen=True, slots=True)
+class EgmProfile:
+    """Controller, RAPID program and arm of an emulated robot."""
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
+
+    # --- the wire
+    cycle_ms: float = setting(
+        4.0,
+        Mark.OBSERVED,
+        "the controller's cycle, 4.032 ms of a real one",
+        unit="ms",
+        minimum=1.0,
+        maximum=100.0,
+    )
+    sample_ms: float = setting(
+        4.0,
+        Mark.CHOSEN,
+        "SampleRate of the RAPID program: time between two datagrams",
+        unit="ms",
+        minimum=1.0,
+    )
+    rw: Literal["6.06", "6.10", "7"] = setting("7", Mark.CHOSEN, "RobotWare: which fields there are")
+    mode: Literal["pose", "joint", "path"] = setting(
+        "pose",
+        Mark.CHOSEN,
+        "EGMActPose with EGMRunPose, EGMActJoint with EGMRunJoint, or EGMActMove with EGMMoveL",
+    )
+    send_when: Literal["run", "setup"] = setting(
+        "run", Mark.ASSUMED, "datagrams go out while EGMRun goes on, or from EGMSetupUC on"
+    )
+    sends_stopped: bool = setting(
+        True, Mark.ASSUMED, "datagrams go on while RAPID is stopped or the motors are off"
+    )
+    last_datagram: bool = setting(
+        True, Mark.ASSUMED, "one more datagram tells that EGMRun has ended, where none go on"
+    )
+    rx_queue: Literal["fifo", "latest"] = setting(
+        "fifo", Mark.OBSERVED, "a cycle takes the next message that came, or the newest"
+    )
+    rx_queue_len: int = setting(
+        64, Mark.ASSUMED, "messages that wait at most; newer ones are lost", minimum=1
+    )
+    seqno_check: Literal["ignore", "drop_old"] = setting(
+        "ignore", Mark.ASSUMED, "whether a message whose number is not larger is dropped"
+    )
+    bad_refreshes_timeout: bool = setting(
+        False, Mark.ASSUMED, "whether a message that cannot be used puts the time-out off"
+    )
+    quat_tol: float = setting(
+        0.01, Mark.ASSUMED, "how far the norm of a quaternion may be from 1", minimum=0.0, maximum=1.0
+    )
+    tm_start: int = setting(1000, Mark.ASSUMED, "the controller's clock at power-up", unit="ms", minimum=1)
+    # --- the RAPID program and its errors
+    comm_timeout_s: float = setting(
+        1.0, Mark.ASSUMED, "CommTimeout: silence of the PC until an error", unit="s", above=0.0
+    )
+    silence: Literal["error", "never"] = setting(
+        "error", Mark.ASSUMED, "whether silence is an error at all; of a GoFa with 7.21 it was none"
+    )
+    retry_s: float = setting(
+        2.0,
+        Mark.CHOSEN,
+        "the program's error handler begins another session so long after a time-out; 0: never",
+        unit="s",
+        minimum=0.0,
+    )
+    cond_time_s: float = setting(
+        1e9,
+        Mark.CHOSEN,
+        "CondTime: EGMRun ends when the window was held for so long; without the argument it is 1 s",
+        unit="s",
+        minimum=0.0,
+    )
+    conv_mm: float = setting(
+        1.0, Mark.OBSERVED, "window of convergence to either side", unit="mm", minimum=0.0
+    )
+    conv_deg: float = setting(0.5, Mark.OBSERVED, "the same of angles", unit="°", minimum=0.0)
+    minmax_clamps: bool = setting(
+        False, Mark.ASSUMED, "whether the window limits the motion from the start as well"
+    )
+    stop_mode: Literal["hold", "ramp_down"] = setting(
+        "hold", Mark.CHOSEN, "at the end of EGMRun: EGM_STOP_HOLD, or EGM_STOP_RAMP_DOWN back to its start"
+    )
+    di_ends_run: bool = setting(
+        True, Mark.CHOSEN, "RAPIDtoRobot.digVal is a condition that ends EGMRun (RobotWare 7)"
+    )
+    restart_after_motors_off: bool = setting(
+        True, Mark.OBSERVED, "the guidance goes on when the motors are on again"
+    )
+    # --- the motion
+    k: float = setting(
+        5.0, Mark.OBSERVED, "proportional position gain", unit="1/s", minimum=0.0, maximum=20.0
+    )
+    pos_corr_gain: float = setting(
+        1.0, Mark.OBSERVED, "PosCorrGain: factor of k; 0 is control of the speed alone", minimum=0.0
+    )
+    lp_hz: float = setting(
+        20.0, Mark.OBSERVED, "bandwidth of the low-pass; 0: none", unit="Hz", minimum=0.0, maximum=100.0
+    )
+    ramp_in_s: float = setting(
+        0.5, Mark.ASSUMED, "RampInTime: until a reference acts in full", unit="s", minimum=0.0
+    )
+    ramp_out_s: float = setting(
+        0.5, Mark.ASSUMED, "RampOutTime: way back of a RAMP_DOWN", unit="s", minimum=0.0
+    )
+    stop_ramp_s: float = setting(
+        0.5, Mark.OBSERVED, "default ramp time: until it stands when RAPID is stopped", unit="s", minimum=0.0
+    )
+    ref_delay_cycles: int = setting(
+        4, Mark.ASSUMED, "from the queue to the motion", unit="cycles", minimum=0, maximum=100
+    )
+    speed_ref_sticky: bool = setting(
+        False, Mark.ASSUMED, "whether a message without a speed leaves the one before in force"
+    )
+    max_tcp_mm_s: float = setting(
+        250.0, Mark.ASSUMED, "speed to which a pose's reference is reduced", unit="mm/s", above=0.0
+    )
+    max_tcp_deg_s: float = setting(60.0, Mark.ASSUMED, "the same of the turn", unit="°/s", above=0.0)
+    max_speed_dev_deg: float = setting(
+        60.0,
+        Mark.CHOSEN,
+        "MaxSpeedDeviation: speed of an axis in joint mode; without the argument it is 1 °/s",
+        unit="°/s",
+        above=0.0,
+    )
+    max_pos_dev_deg: float = setting(
+        1000.0, Mark.OBSERVED, "MaxPosDeviation of an axis from the start of EGMRun", unit="°", above=0.0
+    )
+    workspace_min_mm: Vector = setting(
+        (-1e5, -1e5, -1e5), Mark.CHOSEN, "least corner of a box that the set point must not leave", unit="mm"
+    )
+    workspace_max_mm: Vector = setting((1e5, 1e5, 1e5), Mark.CHOSEN, "its largest corner", unit="mm")
+    path_corr_mm_s: float = setting(
+        20.0, Mark.ASSUMED, "speed at which a correction of the path acts", unit="mm/s", above=0.0
+    )
+    path_mm: Vector = setting(
+        (200.0, 0.0, 0.0), Mark.CHOSEN, "the programmed path of mode path, from the start", unit="mm"
+    )
+    path_speed_mm_s: float = setting(20.0, Mark.CHOSEN, "its speed", unit="mm/s", above=0.0)
+    arm: EgmArmProfile = field(default_factory=EgmArmProfile)
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+        parts = self.sample_ms / self.cycle_ms
+        if abs(parts - round(parts)) > 1e-9:
+            raise ValueError(
+                f"sample_ms must be a multiple of cycle_ms ({self.cycle_ms:g}), got {self.sample_ms:g}"
+            )

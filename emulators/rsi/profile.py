@@ -1,0 +1,152 @@
+"""Differences between one controller, its program and its RSI context, and the next.
+
+Source: project specification of RSI, sections 2 to 6 and 10; the mark of each setting is that of its row there.
+"""
+
+from dataclasses import dataclass
+from typing import Any, ClassVar, Literal
+
+from emulators.arm.followed import FollowedProfile
+from emulators.arm.profile import PerAxis
+from protocol.marks import Mark, check_settings, setting
+
+_FASTER_THAN_ANY = 1e6
+"""An arm that is not the one to bound the speed: the controller stops it before, by `max_step_mm`."""
+_NAMES = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_."
+
+
+@dataclass(frozen=True, slots=True)
+class RsiProfile:
+    """An emulated controller, its Ethernet configuration, its signal flow and its arm."""
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
+
+    # --- program
+    mode: Literal["relative", "absolute"] = setting(
+        "relative", Mark.CHOSEN, "argument of RSI_ON: each value is added, or is the whole correction"
+    )
+    cycle_ms: Literal[4, 12] = setting(
+        4, Mark.OBSERVED, "time between two telegrams: 4 (#IPO_FAST) or 12 (#IPO)", unit="ms"
+    )
+    move_after_ms: float = setting(
+        40.0,
+        Mark.ASSUMED,
+        "from RSI_ON to RSI_MOVECORR; corrections before are dropped",
+        unit="ms",
+        minimum=0.0,
+    )
+    restart_s: float = setting(
+        3.0,
+        Mark.CHOSEN,
+        "after which a person resets and starts a program that an error has ended; 0: never",
+        unit="s",
+        minimum=0.0,
+    )
+    # --- Ethernet object and its configuration
+    sentype: str = setting("ImFree", Mark.OBSERVED, "name that answers must carry")
+    correction_tag: str = setting(
+        "RKorr", Mark.OBSERVED, "element that the signal flow takes for the correction"
+    )
+    stop_tag: str = setting("Stop", Mark.OBSERVED, "tag whose rising edge ends RSI_MOVECORR")
+    send: tuple[str, ...] = setting(
+        ("DEF_RIst", "DEF_RSol", "DEF_AIPos", "DEF_ASPos", "DEF_Delay", "ProgStatus.R"),
+        Mark.CHOSEN,
+        "tags of its telegrams, in order, as its configuration names them",
+    )
+    rob_type_attr: Literal["Type", "TYPE"] = setting("Type", Mark.ASSUMED, "spelling in its root")
+    precision: int = setting(4, Mark.OBSERVED, "decimals of its numbers", minimum=1, maximum=32)
+    onlysend: bool = setting(False, Mark.OBSERVED, "it expects no answers, and takes none")
+    timeout: int = setting(
+        100, Mark.OBSERVED, "late cycles that it tolerates; the object's own default is 10", minimum=1
+    )
+    late_count: Literal["consecutive", "total"] = setting(
+        "consecutive", Mark.ASSUMED, "whether a good answer begins the count of the time-out anew"
+    )
+    holdon: Literal["by mode", "keep", "zero"] = setting(
+        "by mode", Mark.DERIVED, "channels of a cycle without an answer; by mode: zero if relative, else keep"
+    )
+    double_reply: Literal["first", "last"] = setting(
+        "first", Mark.ASSUMED, "which of two answers in a cycle holds"
+    )
+    empty_first: bool = setting(False, Mark.OBSERVED, "the first telegram is empty, as of RSI 2.3 and older")
+    ipoc_start: int = setting(
+        123456, Mark.CHOSEN, "its clock at power-up", unit="ms", minimum=0, maximum=2**62
+    )
+    ipoc_restart: Literal["continue", "anew"] = setting(
+        "continue", Mark.ASSUMED, "whether the clock goes on when the program is begun anew"
+    )
+    # --- correction
+    ref: Literal["base", "tool"] = setting("base", Mark.OBSERVED, "RefCorrSys of POSCORR")
+    tool_frame: Literal["start", "current"] = setting(
+        "start", Mark.ASSUMED, "orientation of the tool frame that corrections are told in"
+    )
+    rel_rot: Literal["add", "compose"] = setting("add", Mark.ASSUMED, "how relative turns add up")
+    lim_mm: float = setting(
+        300.0,
+        Mark.CHOSEN,
+        "POSCORR: total correction of an axis is clamped there; its own default is 5",
+        unit="mm",
+        above=0.0,
+    )
+    lim_deg: float = setting(
+        30.0, Mark.CHOSEN, "POSCORR: the same for the turn; its own default is 5", unit="°", above=0.0
+    )
+    mon_mm: float = setting(
+        600.0,
+        Mark.CHOSEN,
+        "POSCORRMON: a larger correction ends RSI; its own default is 6",
+        unit="mm",
+        above=0.0,
+    )
+    mon_deg: float = setting(
+        60.0, Mark.CHOSEN, "POSCORRMON: the same for the turn; its own default is 6", unit="°", above=0.0
+    )
+    mon_norm: Literal["euclid", "component"] = setting("euclid", Mark.ASSUMED, "what POSCORRMON measures")
+    max_step_mm: float = setting(
+        1.0, Mark.ASSUMED, "a correction that changes by more in 4 ms stops the robot", unit="mm", above=0.0
+    )
+    max_step_deg: float = setting(0.4, Mark.ASSUMED, "the same for its turn", unit="°", above=0.0)
+    # --- arm
+    transport_delay_ms: float = setting(
+        8.0, Mark.ASSUMED, "from a correction to the position loops", unit="ms", minimum=0.0, maximum=1000.0
+    )
+    natural_frequency_rad_s: float = setting(
+        60.0, Mark.ASSUMED, "natural frequency of the closed position loop", unit="rad/s", above=0.0
+    )
+    damping_ratio: float = setting(1.0, Mark.ASSUMED, "damping of the closed position loop", above=0.0)
+    fixed_joints_deg: PerAxis = setting(
+        (0.0, -90.0, 90.0, 0.0, 90.0, 0.0),
+        Mark.CHOSEN,
+        "what it tells of its axes, for it has no kinematics",
+        unit="°",
+    )
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+        for tag in (*self.send, self.correction_tag, self.stop_tag):
+            if not tag or tag.count(".") > 1 or not set(tag) <= set(_NAMES) or not tag[0].isalpha():
+                raise ValueError(
+                    f"{tag!r} is no tag: give a name, or two with a dot between, as DEF_RIst or Status.R"
+                )
+
+    @property
+    def period(self) -> float:
+        """Time between two telegrams, s."""
+        return self.cycle_ms / 1e3
+
+    @property
+    def keeps(self) -> bool:
+        """Whether a channel keeps its value in a cycle without an answer."""
+        return self.holdon == "keep" or (self.holdon == "by mode" and self.mode == "absolute")
+
+    @property
+    def arm(self) -> FollowedProfile:
+        """The arm's motion."""
+        return FollowedProfile(
+            cycle_ms=self.cycle_ms,
+            transport_delay_ms=self.transport_delay_ms,
+            natural_frequency_rad_s=self.natural_frequency_rad_s,
+            damping_ratio=self.damping_ratio,
+            speed_mm_s=_FASTER_THAN_ANY,
+            reorientation_deg_s=_FASTER_THAN_ANY,
+        )

@@ -1,0 +1,77 @@
+"""What a sensor's converter gives: the true wrench with faults of the signal, as whole numbers with noise and ends."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from emulators.seams import Floats, WrenchSource
+from emulators.sensing.samples import NumberedNoise, Samples
+from emulators.sensing.signal import Signal
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Converter:
+    """Conversion of a wrench to six whole numbers."""
+
+    matrix: Floats
+    """(6, 6): outputs, in rows, for one N or N·m of each axis, in columns."""
+    noise: Floats
+    """(6,), rms, in outputs."""
+    low: Floats
+    """(6,): the least outputs; there the converter is at its end."""
+    high: Floats
+    """(6,): the largest."""
+    offset: float = 0.0
+    """Output without a wrench."""
+
+
+class MeasuredWrench:
+    """Samples at `rate_hz` on the absolute grid, by number. `signal` has the handlers of the faults.
+
+    A sample is that of its time when it is asked for, so ask for none ahead of its time.
+    """
+
+    def __init__(
+        self, source: WrenchSource, rate_hz: float, converter: Converter, seed: int, noise_setting: str
+    ) -> None:
+        """`noise_setting` is the setting that gives noise to a sensor without any."""
+        self._source = source
+        self._rate = rate_hz
+        self._converter = converter
+        self._low, self._high = converter.low[:, np.newaxis], converter.high[:, np.newaxis]
+        self._quiet = not converter.noise.any()
+        self._noise = NumberedNoise(converter.noise[:, np.newaxis], seed)
+        self._samples = Samples(source, rate_hz, self._make)
+        needs = noise_setting if self._quiet else ""
+        self.signal = Signal(rate_hz, needs, self._samples.invalidate_from)
+
+    def number_at(self, time: float) -> int:
+        """Number of the newest sample at a time, s."""
+        return int(np.floor(time * self._rate + 1e-6))  # a millionth keeps rounding from missing one
+
+    def first_after(self, time: float) -> int:
+        """Number of the first sample later than a time, s."""
+        return self.number_at(time) + 1
+
+    def outputs(self, first: int, last: int) -> Floats:
+        """Outputs (n, 6) of the samples from one number to another, whole numbers; numbers do not fall."""
+        return self._samples.starting(first, last)[: last - first + 1]
+
+    def last_at_end(self, outputs: Floats) -> int | None:
+        """Place of the newest of these samples (n, 6) of which an output is at an end of the converter."""
+        at_end = (outputs <= self._converter.low) | (outputs >= self._converter.high)
+        return int(np.flatnonzero(at_end.any(axis=1))[-1]) if at_end.any() else None
+
+    def _make(self, first: int, stop: int) -> Floats:
+        wrench = self._source.wrench(np.arange(first, stop) / self._rate).T
+        faulty = self.signal.faulty
+        outputs = self._converter.matrix @ (self.signal.wrench(wrench, first) if faulty else wrench)
+        if self._converter.offset:
+            outputs += self._converter.offset
+        if not self._quiet:
+            self._noise.add(outputs, first, self.signal.noise if faulty else None)
+        np.rint(outputs, out=outputs)
+        np.clip(outputs, self._low, self._high, out=outputs)
+        if faulty:
+            self.signal.output(outputs, first)
+        return outputs.T

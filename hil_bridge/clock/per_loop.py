@@ -1,0 +1,19 @@
+"""Things that belong to one event loop and go with it."""
+
+import asyncio
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+_Thing = TypeVar("_Thing")
+
+
+def of_loop(loop: asyncio.AbstractEventLoop, make: Callable[[], _Thing], name: str) -> _Thing:
+    """The thing of this name that the loop keeps, made at the first call.
+
+    The loop itself holds it. A weak mapping from loops would keep them all, for such things refer to their loop.
+    """
+    kept: dict[str, Any] = vars(loop).setdefault("_hil_bridge", {})
+    if name not in kept:
+        kept[name] = make()
+    thing: _Thing = kept[name]
+    return thing

@@ -1,0 +1,1 @@
+"""An ABB robot with Externally Guided Motion."""

@@ -1,0 +1,38 @@
+"""Facts of a robot behind Externally Guided Motion, for recording, report and view."""
+
+from emulators.egm import EgmProfile
+from hil_bridge.facts import Pacing, RobotFacts, ServoFacts
+from hil_bridge.robots.egm.settings import EgmSettings
+from protocol.marks import Mark, settings
+
+
+def robot_facts(client: EgmSettings, assumed: EgmProfile) -> RobotFacts:
+    """From the client's settings; the robot's servo is taken to be like the emulated one's."""
+    return RobotFacts(
+        model="ABB, Externally Guided Motion",
+        pacing=Pacing.STREAMED,
+        cycle_s=client.sample_ms * 1e-3,
+        servo=_servo_facts(assumed),
+        late="the controller takes the newest message that it has, and stops after CommTimeout without one",
+    )
+
+
+def _servo_facts(profile: EgmProfile) -> ServoFacts:
+    arm = profile.arm
+    marks = {
+        one.name: str(one.info.mark) if one.value == one.default else str(Mark.CHOSEN)
+        for one in (*settings(profile), *settings(arm))
+    }
+    cycles = profile.ref_delay_cycles + arm.servo_delay_cycles
+    return ServoFacts(
+        interpolation_s=profile.cycle_ms * 1e-3,
+        transport_delay_s=cycles * profile.cycle_ms * 1e-3,
+        natural_frequency_rad_s=arm.natural_frequency_rad_s,
+        damping_ratio=arm.damping_ratio,
+        marks={
+            "interpolation_ms": marks["cycle_ms"],
+            "transport_delay_ms": marks["ref_delay_cycles"],
+            "natural_frequency_rad_s": marks["natural_frequency_rad_s"],
+            "damping_ratio": marks["damping_ratio"],
+        },
+    )

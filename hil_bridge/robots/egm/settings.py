@@ -1,0 +1,30 @@
+"""Settings of the client of Externally Guided Motion: section `[robot.egm]`."""
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from protocol.marks import Mark, check_settings, setting
+
+
+@dataclass(frozen=True, slots=True)
+class EgmSettings:
+    """How the bridge guides the robot."""
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
+
+    sample_ms: float = setting(
+        4.0,
+        Mark.CHOSEN,
+        "SampleRate in the RAPID program: time between two datagrams of the robot",
+        unit="ms",
+        minimum=1.0,
+        maximum=1000.0,
+    )
+    feed_forward: bool = setting(
+        True,
+        Mark.CHOSEN,
+        "answers carry the speed of the reference; without it the robot lags behind by the speed over its gain",
+    )
+
+    def __post_init__(self) -> None:
+        check_settings(self)

@@ -1,0 +1,1 @@
+"""KUKA robots by the Robot Sensor Interface."""

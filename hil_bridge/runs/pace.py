@@ -1,0 +1,62 @@
+"""The pace of a run: its control period, and the controller's tuning for it.
+
+A robot that is asked answers as fast as its line goes, and controllers are tuned for that. A robot that streams has a
+cycle, of a few milliseconds. A controller that has a tuning for this cycle decides in every one, but no faster than the
+sensor tells a new force. A controller that has none keeps the sample time that it was made for. Both in whole cycles of
+the robot.
+"""
+
+import math
+from typing import Any
+
+from hil_bridge.control.controllers import PERIOD_FACTOR, controller_kind, sample_time
+from hil_bridge.control.types import Tuning
+from hil_bridge.settings.configuration import Config
+from hil_bridge.settings.kinds import facts_of, sensor_kind, settings_of
+
+
+def paced(config: Config) -> Config:
+    """The configuration with period, sample time and tuning written out, so that the record and a replay have them.
+
+    It stays as it is for a robot without a cycle of its own, and where it gives `controller.sample_ms` itself.
+    Parameters that it gives take precedence over those of a tuning. Raises ConfigError for an unknown
+    controller and for one that declares no sample time.
+    """
+    cycle = facts_of(config).cycle_s
+    if cycle is None or config.controller.sample_ms is not None:
+        return config
+    cycle_ms = cycle * 1e3
+    sensor = sensor_kind(config)
+    frame_ms = (sensor.period(settings_of(config, sensor)) or 0.0) * 1e3
+    shortest_ms = math.ceil(frame_ms / cycle_ms - 1e-6) * cycle_ms
+    kind: Any = controller_kind(config.controller.name)
+    made_for = Tuning(sample_time(kind) * 1e3, {})
+    period_ms = config.run.period_ms or max(cycle_ms, shortest_ms)
+    fits = [tuning for tuning in (made_for, *_tunings(kind)) if _off(tuning, period_ms) <= PERIOD_FACTOR]
+    if fits:
+        tuning = min(fits, key=lambda tuning: _off(tuning, period_ms))
+    elif config.run.period_ms or made_for.sample_ms < cycle_ms:
+        return config
+    else:
+        tuning = made_for
+        period_ms = round(made_for.sample_ms / cycle_ms) * cycle_ms
+    if period_ms > cycle_ms:
+        config = config.model_copy(update={"run": config.run.model_copy(update={"period_ms": period_ms})})
+    controller = config.controller.model_copy(
+        update={
+            "sample_ms": tuning.sample_ms,
+            "parameters": {**tuning.parameters, **config.controller.parameters},
+        }
+    )
+    return config.model_copy(update={"controller": controller})
+
+
+def _tunings(kind: Any) -> tuple[Tuning, ...]:
+    """Tunings that a controller declares; one of another package may declare anything."""
+    declared = getattr(kind, "tunings", ())
+    return tuple(tuning for tuning in declared if isinstance(tuning, Tuning))
+
+
+def _off(tuning: Tuning, period_ms: float) -> float:
+    """Factor between a tuning's sample time and the period, at least 1."""
+    return max(tuning.sample_ms / period_ms, period_ms / tuning.sample_ms)

@@ -1,0 +1,71 @@
+"""The pages of an emulated Net F/T over TCP: one GET a connection, as browsers and clients of others ask."""
+
+import asyncio
+from collections.abc import Callable
+
+from hil_bridge.transports import reasons
+
+CLIENT_LIMIT = 8
+"""Chosen: connections at a time; a further one is closed at once."""
+PATIENCE_S = 5.0
+"""Chosen: a client that has not asked by then is sent away."""
+_REQUEST_LIMIT = 16384
+"""Chosen: most bytes of a request."""
+
+Answer = Callable[[bytes], bytes | None]
+"""The answer to what has come so far; None while more has to come, or from a box that boots."""
+
+
+class PageServer:
+    """Answers by `answer`."""
+
+    def __init__(self, answer: Answer) -> None:
+        self._answer = answer
+        self._server: asyncio.Server | None = None
+        self._clients: set[asyncio.Task[None]] = set()
+
+    async def listen(self, host: str, port: int) -> int:
+        """Begin; the port that it really has. Raises TransportUnavailable."""
+        try:
+            self._server = await asyncio.start_server(self._serve, host, port)
+        except OSError as error:
+            name = f"tcp-listen://{host}:{port}"
+            raise reasons.unavailable("tcp-listen", name, f"{host}:{port}", error) from error
+        number: int = self._server.sockets[0].getsockname()[1]
+        return number
+
+    async def aclose(self) -> None:
+        """Stop listening, and close all connections."""
+        if self._server is not None:
+            self._server.close()
+        clients = list(self._clients)
+        for client in clients:
+            client.cancel()
+        await asyncio.gather(*clients, return_exceptions=True)
+
+    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        task = asyncio.current_task()
+        if task is None or len(self._clients) >= CLIENT_LIMIT:
+            writer.transport.abort()
+            return
+        self._clients.add(task)
+        try:
+            async with asyncio.timeout(PATIENCE_S):
+                await self._exchange(reader, writer)
+        except (TimeoutError, ConnectionError):
+            pass  # it has left, or asks nothing
+        finally:
+            self._clients.discard(task)
+            writer.close()
+
+    async def _exchange(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        received = b""
+        while len(received) <= _REQUEST_LIMIT:
+            data = await reader.read(_REQUEST_LIMIT)
+            if not data:
+                return
+            received += data
+            if (answer := self._answer(received)) is not None:
+                writer.write(answer)
+                await writer.drain()
+                return

@@ -1,0 +1,169 @@
+"""Datagrams of an ATI Net F/T's raw data transfer (RDT): requests of 8 bytes, records of 36, high byte first.
+
+Sources: ATI manuals 9620-05-NET FT and 9610-05-Ethernet Axia; the clients netft-cpp and NetFT, read for facts only.
+"""
+
+import struct
+from enum import IntEnum
+from typing import NamedTuple
+
+from protocol.endpoint import LocalProtocolError, RemoteProtocolError
+
+RDT_PORT = 49152
+"""Source: manual."""
+HEADER = 0x1234
+"""Source: manual."""
+INTERNAL_RATE_HZ = 7000
+"""Internal samples a second. Source: manual."""
+WRAP = 1 << 32
+"""Both sequence numbers begin again at 0 behind this many. Source: manual of the Axia."""
+BUFFER_LIMIT = 40
+"""Most records in one datagram. Source: clients."""
+
+REQUEST = struct.Struct(">HHI")
+EXTENDED = struct.Struct(">HHI4sH")
+"""A request that names the address and the port to which the records shall go."""
+RECORD = struct.Struct(">III6i")
+RECORD_SIZE = RECORD.size
+
+
+class Command(IntEnum):
+    """Commands of a request. Source: manual."""
+
+    STOP = 0x0000
+    START = 0x0002
+    START_BUFFERED = 0x0003
+    START_SYNCHRONISED = 0x0004
+    RESET_LATCH = 0x0041
+    BIAS = 0x0042
+
+
+EXTENDED_BIT = 0x8000
+"""In the command of an extended request."""
+
+SUMMARY = 1 << 31
+"""Status bit: some error."""
+SATURATED = 1 << 17
+"""Status bit: a gage is at the end of its range, or the converter fails; the counts are no longer valid."""
+MONITOR = 1 << 16
+"""Status bit: a threshold was passed; latched."""
+UNPLUGGED = SUMMARY | 1 << 27 | 1 << 4
+"""Status of a box without its transducer. Mark: assumed."""
+STATUS_BITS = {
+    30: "CPU or memory fault",
+    29: "digital board",
+    28: "analog board",
+    27: "serial link to the transducer",
+    26: "program memory",
+    25: "halted by configuration errors",
+    24: "settings damaged",
+    23: "configuration does not fit the calibration",
+    22: "network",
+    21: "CAN",
+    20: "RDT",
+    19: "EtherNet/IP",
+    18: "DeviceNet",
+    17: "saturation or converter",
+    16: "threshold passed",
+    14: "watchdog time-out",
+    13: "stack",
+    12: "serial EEPROM",
+    11: "serial flash",
+    10: "watchdog of the analog board",
+    9: "gage current too high",
+    8: "gage current too low",
+    7: "analog ground out of range",
+    6: "analog supply too high",
+    5: "analog supply too low",
+    4: "no data from the transducer",
+    3: "reference voltage",
+    2: "temperature",
+    1: "HTTP",
+}
+"""Meaning of each bit but the summary, of a Net Box. Source: netft-cpp and the manual of the Axia."""
+
+
+class Request(NamedTuple):
+    """One request."""
+
+    command: int
+    records: int = 0
+    """Records to send; 0: until a stop."""
+    extended: bool = False
+    """Whether it names where the records shall go."""
+
+
+class Record(NamedTuple):
+    """One record."""
+
+    rdt_sequence: int
+    """Its place in this stream, 1 for the first."""
+    ft_sequence: int
+    """Number of the internal sample, 0 at power-up."""
+    status: int
+    counts: tuple[int, int, int, int, int, int]
+    """fx fy fz tx ty tz; divided by the page's counts per unit they are forces and torques."""
+
+
+def encode_request(command: Command, count: int = 0) -> bytes:
+    """Raises LocalProtocolError for a count that does not fit."""
+    try:
+        return REQUEST.pack(HEADER, command, count)
+    except struct.error as error:
+        raise LocalProtocolError(f"request: {error}") from error
+
+
+def decode_request(data: bytes) -> Request:
+    """Raises RemoteProtocolError for another length or header."""
+    if len(data) == REQUEST.size:
+        header, command, count = REQUEST.unpack(data)
+        extended = False
+    elif len(data) == EXTENDED.size:
+        header, command, count, _, _ = EXTENDED.unpack(data)
+        extended = True
+    else:
+        raise RemoteProtocolError(f"a request has {REQUEST.size} or {EXTENDED.size} bytes, got {len(data)}")
+    if header != HEADER:
+        raise RemoteProtocolError(f"a request begins with {HEADER:04X}, got {header:04X}")
+    if extended != bool(command & EXTENDED_BIT):
+        raise RemoteProtocolError(f"command {command:04X} does not fit a request of {len(data)} bytes")
+    return Request(command & ~EXTENDED_BIT, count, extended)
+
+
+def encode_record(record: Record) -> bytes:
+    """Raises LocalProtocolError for values that do not fit."""
+    try:
+        return RECORD.pack(*record[:3], *record.counts)
+    except struct.error as error:
+        raise LocalProtocolError(f"record: {error}") from error
+
+
+def decode_record(data: bytes) -> Record:
+    """Raises RemoteProtocolError for another length."""
+    if len(data) != RECORD_SIZE:
+        raise RemoteProtocolError(f"a record has {RECORD_SIZE} bytes, got {len(data)}")
+    rdt, ft, status, *counts = RECORD.unpack(data)
+    fx, fy, fz, tx, ty, tz = counts
+    return Record(rdt, ft, status, (fx, fy, fz, tx, ty, tz))
+
+
+def status_words(status: int) -> str:
+    """The bits of a status in words, without the summary; empty for none."""
+    words = [text for bit, text in STATUS_BITS.items() if status >> bit & 1]
+    if not words and status:
+        words = ["an error without a name"]
+    return ", ".join(words)
+
+
+def is_warning(status: int) -> bool:
+    """Whether the record may be used all the same: a threshold was passed, and nothing else. An Axia tells it without
+    the summary bit.
+    """
+    return status & ~SUMMARY == MONITOR
+
+
+def output_step(rate_hz: float) -> int:
+    """Internal samples from one record to the next at a rate that was asked for, 1 … 7000 Hz. Mark: assumed, rounded
+    so that the rate is never lower.
+    """
+    return max(1, int(INTERNAL_RATE_HZ / rate_hz + 1e-6))  # a millionth keeps rounding from one step less

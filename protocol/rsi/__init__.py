@@ -1,0 +1,21 @@
+"""KUKA's Robot Sensor Interface: telegrams, angles, the client's end. Source: project specification of RSI."""
+
+from protocol.rsi.client import RsiClient
+from protocol.rsi.describe import describe
+from protocol.rsi.profile import RsiLink
+from protocol.rsi.telegram import ROBOT, SENSOR, Telegram, decode, encode, fixed, number, numbers, pose_tags
+
+__all__ = [
+    "ROBOT",
+    "SENSOR",
+    "RsiClient",
+    "RsiLink",
+    "Telegram",
+    "decode",
+    "describe",
+    "encode",
+    "fixed",
+    "number",
+    "numbers",
+    "pose_tags",
+]

@@ -1,0 +1,50 @@
+"""Facts that a client of the Robot Sensor Interface has to know of the controller's program and configuration."""
+
+from dataclasses import dataclass
+from typing import Any, ClassVar, Literal
+
+from protocol.marks import Mark, check_settings, setting
+
+
+@dataclass(frozen=True, slots=True)
+class RsiLink:
+    """What both ends have to agree upon, and the bounds that the client keeps."""
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
+
+    mode: Literal["relative", "absolute"] = setting(
+        "relative", Mark.CHOSEN, "what the controller's program gives to RSI_ON"
+    )
+    cycle_ms: Literal[4, 12] = setting(
+        4, Mark.OBSERVED, "time between two telegrams: 4 (#IPO_FAST) or 12 (#IPO)", unit="ms"
+    )
+    sentype: str = setting("ImFree", Mark.OBSERVED, "SENTYPE of the controller's Ethernet configuration")
+    correction_tag: str = setting(
+        "RKorr", Mark.OBSERVED, "element that its signal flow takes for the Cartesian correction, in the base"
+    )
+    limit_mm: float = setting(
+        200.0,
+        Mark.CHOSEN,
+        "largest total correction of an axis; keep it below POSCORR's",
+        unit="mm",
+        above=0.0,
+    )
+    limit_deg: float = setting(
+        20.0, Mark.CHOSEN, "largest total of each angle; keep it below POSCORR's", unit="°", above=0.0
+    )
+    fastest_mm_s: float = setting(
+        200.0, Mark.CHOSEN, "fastest correction, also after an answer that was lost", unit="mm/s", above=0.0
+    )
+    fastest_deg_s: float = setting(80.0, Mark.CHOSEN, "the same for each angle", unit="°/s", above=0.0)
+    stray_mm: float = setting(
+        1.0, Mark.CHOSEN, "distance of a robot from its correction that is told", unit="mm", above=0.0
+    )
+    late_max: int = setting(
+        25,
+        Mark.CHOSEN,
+        "answers in a row that the robot may not take before it is taken for faulty; it stands still meanwhile",
+        minimum=1,
+    )
+
+    def __post_init__(self) -> None:
+        check_settings(self)

@@ -1,0 +1,171 @@
+"""Runs with a robot that is guided by EGM, in virtual time."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hil_bridge.errors import ConfigError
+from hil_bridge.recording import Recording, read
+from hil_bridge.recording.device_facts import devices_of
+from hil_bridge.runs.outputs import Outputs
+from hil_bridge.runs.replay import recorded_config, replay
+from hil_bridge.runs.session import execute
+from hil_bridge.settings.configuration import load_config
+
+CONTOUR = {"cell.surface.kind": "sinusoidal", "frame.follow_normal": True, "run.duration_s": 4.0}
+
+
+QUICKLY: dict[str, Any] = {
+    "cell.start_position_mm": [900.0, -100.0, 593.0],
+    "task.approach_speed_mm_s": 4.0,
+    "task.retract_speed_mm_s": 20.0,
+    "task.retract_mm": 5.0,
+    "run.duration_s": 1.2,
+    "run.seed": "7",
+    "run.period_ms": 20,
+    "controller.sample_ms": 20,
+    "robot.emulated": "egm",
+}
+"""Virtual seconds that no test here is about are left out."""
+
+
+def go(
+    place: Path, faults: str = "", egm: str = "", client: str = "", options: Mapping[str, Any] | None = None
+) -> int:
+    """Exit code of a virtual run that leaves `run.mcap` and `run.json` there."""
+    file = place / "run.toml"
+    file.write_text(f"[cell.egm]\n{egm}\n[robot.egm]\n{client}\n{faults}")
+    config = load_config(file, {**QUICKLY, **(options or {})})
+    outputs = Outputs(record=place / "run.mcap", summary=place / "run.json")
+    return execute(config, virtual=True, outputs=outputs, view=False)
+
+
+def run(place: Path, *arguments: Any, **more: Any) -> tuple[int, Recording, Any]:
+    """Exit code, recording and summary of a virtual run."""
+    code = go(place, *arguments, **more)
+    return code, read(place / "run.mcap"), json.loads((place / "run.json").read_text())
+
+
+@pytest.fixture(scope="module")
+def usual(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Recording, Any]:
+    place = tmp_path_factory.mktemp("egm")
+    code, record, summary = run(place)
+    assert code == 0
+    return place, record, summary
+
+
+def test_the_loop_closes_to_ten_newtons(usual: tuple[Path, Recording, Any]) -> None:
+    _, record, summary = usual
+    assert summary["outcome"] == "completed"
+    assert summary["left"] == "retracted, 0.0 N"
+    assert summary["force_mean_steady_n"] == pytest.approx(10.0, abs=0.5)
+    assert summary["figures"]["contact_losses"] == 0
+    facts = devices_of(record).robot
+    assert (facts.kind, facts.pacing, facts.cycle_s) == ("egm", "streamed", 0.004)
+    assert facts.servo is not None
+
+
+def test_a_run_is_decided_again_to_the_bit(usual: tuple[Path, Recording, Any]) -> None:
+    _, record, _ = usual
+    cycles = list(replay(record, recorded_config(record, {}), False))
+    assert len(cycles) > 100
+    assert not any(cycle.differences for cycle in cycles)
+
+
+def test_two_runs_of_one_seed_are_the_same_bytes(usual: tuple[Path, Recording, Any], tmp_path: Path) -> None:
+    place, _, _ = usual
+    run(tmp_path)
+    assert (tmp_path / "run.mcap").read_bytes() == (place / "run.mcap").read_bytes()
+
+
+def test_a_contour_is_followed_without_losing_it(tmp_path: Path) -> None:
+    code, _, summary = run(tmp_path, options=CONTOUR)
+    assert code == 0
+    assert summary["force_mean_steady_n"] == pytest.approx(10.0, abs=0.5)
+    assert summary["figures"]["contact_losses"] == 0
+
+
+def test_the_force_is_controlled_at_the_robots_own_rate(tmp_path: Path) -> None:
+    at_4_ms = {"run.period_ms": 4, "controller.sample_ms": 4}
+    code, _, summary = run(tmp_path, options=at_4_ms)
+    assert code == 0
+    assert summary["cycle_time"]["mean_s"] == pytest.approx(0.004)
+    assert summary["force_mean_steady_n"] == pytest.approx(10.0, abs=0.5)
+
+
+def fault(on: str, name: str, more: str = "") -> str:
+    return f'[[faults]]\non = "{on}"\nfault = "{name}"\nphase = "track"\nafter_s = 0.5\n{more}'
+
+
+NOT_GUIDED = (
+    "it is not guided (mciState STOPPED): EGMRunPose has not begun or has ended; start the RAPID program"
+)
+ERROR = "EGM has ended with an error (mciState ERROR); read the controller's event log"
+SESSION = "the controller began another EGM session"
+REFUSALS: dict[str, tuple[str, str, str]] = {
+    "motors off": (fault("robot", "motors-off"), "", "the motors are off; switch them on"),
+    "program stopped": (fault("robot", "rapid-stop"), "", "the RAPID program is stopped; start it"),
+    "program started anew": (fault("robot", "restart"), "", SESSION),
+    "EGMStop": (fault("robot", "egm-stop"), "", NOT_GUIDED),
+    "a CondTime that ends the run": ("", "cond_time_s = 1.0", NOT_GUIDED),
+    "out of limits": (fault("robot", "out-of-limits"), "", ERROR),
+    "out of the workspace": ("", "workspace_min_mm = [0.0, -1000.0, 595.0]", ERROR),
+    "time-out": (fault("link", "deaf"), "comm_timeout_s = 0.3", ERROR),
+    "nothing comes": (
+        fault("link", "mute"),
+        "",
+        "sent nothing for 0.5 s; see whether its program still runs",
+    ),
+    "another number": (fault("link", "wrong-seqno"), "", SESSION),
+    "no number": (fault("pose", "nan"), "", "reports the position (nan, nan, nan), which is none"),
+    "no pose": (fault("pose", "missing"), "", "it tells no pose; guide it by EGMActPose"),
+    "a pose that jumps": (fault("pose", "offset", "with = {z_mm = 5.0}"), "", "the reported position jumped"),
+    "another cycle": (
+        "",
+        "sample_ms = 8.0",
+        "it sends every 8.0 ms and not every 4 ms; set robot.egm.sample_ms",
+    ),
+}
+
+
+@pytest.mark.parametrize(("faults", "egm", "reason"), REFUSALS.values(), ids=REFUSALS)
+def test_a_refusal_ends_the_run_with_one_plain_line(
+    faults: str, egm: str, reason: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert go(tmp_path, faults, egm) == 3
+    told = capsys.readouterr().err
+    assert reason in told
+    assert told.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    "faults",
+    [
+        fault("link", "loss", "with = {probability = 0.05}"),
+        fault("link", "duplication", "with = {probability = 0.05, way = \"from\"}"),
+        fault("link", "delay", "with = {ms = 8.0}"),
+        fault("link", "corruption", "for_s = 0.3"),
+        fault("link", "mute", "for_s = 0.2"),
+        fault("link", "malformed", "with = {count = 3}"),
+        fault("link", "no-force"),
+    ],
+)  # fmt: skip
+def test_a_bad_network_is_lived_with_and_the_tool_retracted(faults: str, tmp_path: Path) -> None:
+    code, record, summary = run(tmp_path, faults)
+    assert code == 0
+    assert summary["left"] == "retracted, 0.0 N"
+    assert any("struck" in event.text and "struck 0" not in event.text for event in record.events)
+
+
+def test_without_feed_forward_the_loop_closes_too(tmp_path: Path) -> None:
+    code, _, summary = run(tmp_path, client="feed_forward = false", options={"run.duration_s": 3.0})
+    assert code == 0
+    assert summary["force_mean_steady_n"] == pytest.approx(10.0, abs=0.5)
+
+
+def test_a_robot_that_is_guided_by_joints_is_refused_before_anything_moves(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r'cell\.egm\.mode = "joint": a run guides by poses'):
+        run(tmp_path, egm='mode = "joint"')

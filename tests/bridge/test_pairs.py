@@ -1,0 +1,72 @@
+"""Every robot that streams with every sensor, in one emulated cell: the loop closes to 10 N on a contour."""
+
+import statistics
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from hil_bridge.cli import cli
+from hil_bridge.experiments.emulated_run import run_emulated
+from hil_bridge.kinds import ROBOTS, SENSORS
+from hil_bridge.recording import Outcome
+from hil_bridge.settings.configuration import read_config
+
+CONTOUR = {
+    "kind": "sinusoidal",
+    "amplitude_mm": 3.0,
+    "period_mm": 150.0,
+    "origin_y_mm": -100.0,
+    "stiffness_n_m": 5e3,
+}
+"""Curved, so that the set point has to follow a surface that rises and falls."""
+STREAMED = [name for name in ROBOTS.built_in if name not in ROBOTS.direct]
+
+
+@pytest.mark.parametrize("sensor", SENSORS.built_in)
+@pytest.mark.parametrize("robot", STREAMED)
+def test_any_robot_holds_ten_newtons_with_any_sensor(robot: str, sensor: str) -> None:
+    config = read_config(
+        {
+            "run": {"duration_s": 1.5, "seed": 7},
+            "robot": {"emulated": robot},
+            "sensor": {"emulated": sensor},
+            "cell": {"surface": CONTOUR},
+        }
+    )
+    run = run_emulated(config)
+    assert (run.result.outcome, run.result.cause) == (Outcome.COMPLETED, "")
+    tracked = [record for record in run.cycles if record.phase == "track"]
+    steady = [record.force for record in tracked if record.sensor_at > tracked[0].sensor_at + 0.75]
+    assert statistics.fmean(steady) == pytest.approx(10.0, abs=0.5)
+    assert max(abs(force - 10.0) for force in steady) < 2.0
+    assert all(record.in_contact for record in tracked)
+    assert run.result.left.startswith("retracted")
+
+
+@pytest.mark.parametrize("robot", STREAMED)
+def test_the_record_tells_how_soon_a_robot_was_answered(robot: str, tmp_path: Path) -> None:
+    """Two runs of one seed are the same to the byte, a replay is identical, and `latency` knows the answers."""
+    records = [str(tmp_path / name) for name in ("a.mcap", "b.mcap")]
+    for record in records:
+        arguments = [
+            "run",
+            "--robot",
+            robot,
+            "--sensor",
+            "netft",
+            "--virtual",
+            "--duration",
+            "0.5",
+            "--seed",
+            "3",
+        ]
+        done = CliRunner().invoke(cli, [*arguments, "--no-view", "--record", record], catch_exceptions=False)
+        assert done.exit_code == 0, done.output
+    a, b = (Path(record).read_bytes() for record in records)
+    assert a == b
+    assert "every command identical" in CliRunner().invoke(cli, ["replay", records[0]]).output
+    told = CliRunner().invoke(cli, ["latency", records[0]], catch_exceptions=False).output
+    assert "answers: " in told
+    assert "0 of " in told
+    assert "of a late answer: " in told

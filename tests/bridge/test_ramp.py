@@ -1,0 +1,139 @@
+"""The pace of a stream's set point: it gains speed and comes to rest without a step, and every stop is at once."""
+
+import itertools
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hil_bridge.robots.ramp import Pace, Ramp
+from protocol.geometry import Pose
+
+CYCLE = 0.004
+PACE = Pace(
+    speed=0.05, turn_speed=math.radians(20.0), acceleration=2.0, turn_acceleration=math.radians(800.0)
+)
+START = Pose((0.9, -0.1, 0.6), (0.0, 1.0, 0.0, 0.0))
+SLACK = 1e-9
+
+
+def moved(mm: float, degrees: float = 0.0) -> Pose:
+    (x, y, z), half = START.position, math.radians(degrees) / 2.0
+    return Pose((x, y, z + mm * 1e-3), (0.0, math.cos(half), math.sin(half), 0.0))
+
+
+def angle(one: Pose, other: Pose) -> float:
+    chord = min(
+        math.dist(one.quaternion, other.quaternion), math.dist(one.quaternion, [-q for q in other.quaternion])
+    )
+    return 4.0 * math.asin(min(1.0, chord / 2.0))
+
+
+def course(goal: Pose, start: Pose = START, pace: Pace = PACE) -> list[Pose]:
+    """Set points on the way to a goal, until it is reached, with both ends."""
+    ramp, points = Ramp(CYCLE), [start]
+    while points[-1] != goal:
+        points.append(ramp.step(points[-1], goal, pace, CYCLE))
+        assert len(points) < 100_000, "it never arrives"
+    return points
+
+
+def speeds(points: list[Pose]) -> list[float]:
+    """Speeds of a course that begins and ends at rest, m/s."""
+    return [0.0, *(math.dist(a.position, b.position) / CYCLE for a, b in itertools.pairwise(points)), 0.0]
+
+
+@given(st.floats(1e-4, 100.0), st.floats(0.001, 0.5), st.floats(0.1, 50.0))
+def test_a_way_begins_and_ends_without_a_step_in_velocity(
+    way_mm: float, speed: float, acceleration: float
+) -> None:
+    pace = Pace(speed, 1.0, acceleration, 1.0)
+    points = course(moved(-way_mm), pace=pace)
+    found = speeds(points)
+    assert max(found) <= speed + SLACK
+    for before, after in itertools.pairwise(found):
+        assert abs(after - before) <= acceleration * CYCLE + 1e-6
+    heights = [point.position[2] for point in points]
+    assert heights == sorted(heights, reverse=True)  # straight on, and never beyond
+    shortest = way_mm * 1e-3 / speed + speed / acceleration
+    assert (len(points) - 1) * CYCLE <= shortest + 4 * CYCLE
+
+
+def test_a_turn_begins_and_ends_so_too_and_ends_with_the_way() -> None:
+    points = course(moved(-1.0, 10.0))
+    turns = [0.0, *(angle(a, b) / CYCLE for a, b in itertools.pairwise(points)), 0.0]
+    assert max(turns) == pytest.approx(PACE.turn_speed, rel=1e-6)
+    for before, after in itertools.pairwise(turns):
+        assert abs(after - before) <= PACE.turn_acceleration * CYCLE * 1.001
+    middle = points[len(points) // 2]
+    assert (0.6 - middle.position[2]) / 1e-3 == pytest.approx(
+        angle(START, middle) / math.radians(10.0), abs=1e-6
+    )
+    alone = course(moved(0.0, 10.0))
+    assert len(alone) == len(points)
+
+
+def test_a_goal_that_turns_back_is_followed_at_once() -> None:
+    ramp, point = Ramp(CYCLE), START
+    for _ in range(20):
+        point = ramp.step(point, moved(-50.0), PACE, CYCLE)
+    deepest = point
+    first = ramp.step(point, START, PACE, CYCLE)
+    assert first.position[2] > deepest.position[2]
+    assert first.position[2] - deepest.position[2] == pytest.approx(PACE.acceleration * CYCLE**2)
+
+
+def test_a_goal_that_moves_on_is_followed_at_its_speed() -> None:
+    """A goal of 10 mm/s that is told in every cycle: the set point comes behind it at the same speed."""
+    ramp, point, way = Ramp(CYCLE), START, []
+    for number in range(1, 101):
+        after = ramp.step(point, moved(-0.04 * number), PACE, CYCLE)
+        way.append(math.dist(point.position, after.position) / CYCLE)
+        point = after
+    assert way[-20:] == [pytest.approx(0.01, abs=1e-5)] * 20
+    assert max(way) < 0.015
+    assert math.dist(point.position, moved(-4.0).position) < 0.05e-3
+
+
+def test_a_goal_is_reached_though_packets_come_a_little_early() -> None:
+    ramp, point = Ramp(CYCLE), START
+    for number in range(20):
+        point = ramp.step(point, moved(-0.2), PACE, CYCLE * (0.99 if number % 2 else 0.97))
+    assert point == moved(-0.2)
+
+
+def test_after_a_rest_and_after_a_gap_the_way_begins_anew() -> None:
+    for interrupt in ("rest", "gap"):
+        ramp, point = Ramp(CYCLE), START
+        for _ in range(20):
+            point = ramp.step(point, moved(-50.0), PACE, CYCLE)
+        if interrupt == "rest":
+            ramp.rest()
+        after = ramp.step(point, moved(-50.0), PACE, CYCLE if interrupt == "rest" else 0.02)
+        assert math.dist(point.position, after.position) == pytest.approx(PACE.acceleration * CYCLE**2)
+
+
+@given(
+    st.lists(
+        st.tuples(
+            st.sampled_from([0.0, 0.0005, CYCLE, 2 * CYCLE, 0.05]), st.floats(-5.0, 5.0), st.floats(-5, 5)
+        ),
+        min_size=1,
+        max_size=60,
+    )
+)
+def test_no_packets_and_goals_gain_speed_too_fast_or_lead_beyond(
+    steps: list[tuple[float, float, float]],
+) -> None:
+    ramp, point, before = Ramp(CYCLE), START, 0.0
+    for passed, mm, degrees in steps:
+        goal = moved(mm, degrees)
+        after = ramp.step(point, goal, PACE, passed)
+        way = math.dist(point.position, after.position)
+        speed = way / min(passed, CYCLE) if passed else 0.0
+        assert speed <= min(PACE.speed, before + PACE.acceleration * CYCLE) + 1e-6
+        assert way <= math.dist(point.position, goal.position) + SLACK
+        if passed:
+            before = speed
+        point = after

@@ -1,0 +1,207 @@
+"""A KUKA robot with RSI in whole runs: the loop closes, runs repeat, and each refusal ends a run in words."""
+
+import json
+import math
+import statistics
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from emulators.rsi import RSI_FAULTS
+from hil_bridge.cli import cli
+from hil_bridge.errors import ConfigError
+from hil_bridge.experiments import EmulatedRun, run_emulated
+from hil_bridge.kinds import ROBOTS, robot_of
+from hil_bridge.recording import read
+from hil_bridge.recording.device_facts import devices_of
+from hil_bridge.runs.cycle import Outcome
+from hil_bridge.settings.configuration import load_config
+from hil_bridge.settings.kinds import settings_of
+
+BASE = '[run]\nperiod_ms = 20\n[controller]\nsample_ms = 20\n[robot]\nemulated = "rsi"\n'
+ABSOLUTE = '[robot.rsi]\nmode = "absolute"\n[cell.rsi]\nmode = "absolute"\n'
+SLOW = "[robot.rsi]\ncycle_ms = 12\n[cell.rsi]\ncycle_ms = 12\n"
+PERIOD = {SLOW: 24}
+
+
+def written(place: Path, more: str = "") -> Path:
+    file = place / "rsi.toml"
+    file.write_text(BASE.replace("= 20", f"= {PERIOD.get(more, 20)}") + more)
+    return file
+
+
+def invoke(place: Path, more: str = "", *arguments: str) -> tuple[int, str]:
+    command = ["run", str(written(place, more)), "--virtual", "--no-view", *arguments]
+    result = CliRunner().invoke(cli, command, catch_exceptions=False)
+    return result.exit_code, result.output
+
+
+def emulated(place: Path, more: str, duration_s: float = 2.0) -> EmulatedRun:
+    text = BASE.replace("period_ms", f"duration_s = {duration_s}\nperiod_ms") + more
+    file = place / "rsi.toml"
+    file.write_text(text)
+    return run_emulated(load_config(file, {}))
+
+
+def with_fault(place: Path, on: str, fault: str, more: str = "") -> EmulatedRun:
+    near = "[cell]\nstart_position_mm = [900.0, -100.0, 592.0]\n"
+    near += "[limits]\nretract_patience_s = 0.3\nfollowing_error_mm = 2.0\n"
+    row = f'[[faults]]\non = "{on}"\nfault = "{fault}"\nphase = "track"\nafter_s = 0.3\n'
+    if RSI_FAULTS[on][fault].lasts_s is not None:
+        row += "for_s = 0.6\n"
+    return emulated(place, near + more + row, duration_s=1.5)
+
+
+def struck(run: EmulatedRun) -> int:
+    (text,) = (event.text for event in run.events if " struck " in event.text)
+    return int(text.split(" struck ")[1].split()[0])
+
+
+# --- the loop
+
+
+@pytest.mark.parametrize("more", ["", ABSOLUTE, SLOW], ids=["relative", "absolute", "12 ms"])
+def test_the_loop_closes_at_ten_newtons(more: str, tmp_path: Path) -> None:
+    summary = tmp_path / "s.json"
+    code, said = invoke(tmp_path, more, "--duration", "2", "--no-record", "--summary", str(summary))
+    assert code == 0, said
+    told = json.loads(summary.read_text())
+    assert told["outcome"] == "completed"
+    assert told["force_mean_steady_n"] == pytest.approx(10.0, abs=0.5)
+    assert told["figures"]["contact_losses"] == 0
+    assert told["link"]["packets"] == told["link"]["answers"]
+    assert set(told["link"]) == {"packets", "answers"}  # none was late, none was lost
+
+
+@pytest.mark.parametrize("more", ["", ABSOLUTE], ids=["relative", "absolute"])
+def test_the_force_holds_on_a_contour(more: str, tmp_path: Path) -> None:
+    wave = '[cell]\nstart_position_mm = [900.0, -100.0, 605.0]\n[cell.surface]\nkind = "sinusoidal"\n'
+    wave += "amplitude_mm = 5.0\nperiod_mm = 200.0\n"
+    run = emulated(tmp_path, wave + more, duration_s=4.0)
+    assert run.result.outcome is Outcome.COMPLETED
+    tracked = [cycle for cycle in run.cycles if cycle.phase == "track"]
+    assert all(cycle.in_contact for cycle in tracked)
+    errors = [cycle.force - 10.0 for cycle in tracked[50:]]
+    assert statistics.fmean(errors) == pytest.approx(0.0, abs=0.5)
+    assert math.sqrt(statistics.fmean(error**2 for error in errors)) < 1.0
+    depths = [cycle.depth for cycle in tracked]
+    assert max(depths) - min(depths) > 2e-3  # it went up and down with the surface
+
+
+def test_runs_of_one_seed_are_the_same_to_the_byte_and_replay_is_identical(tmp_path: Path) -> None:
+    records = [tmp_path / f"{name}.mcap" for name in ("one", "again")]
+    for record in records:
+        code, said = invoke(tmp_path, "", "--duration", "0.5", "--seed", "7", "--record", str(record))
+        assert code == 0, said
+    assert records[0].read_bytes() == records[1].read_bytes()
+    for command in ("replay", "latency"):
+        result = CliRunner().invoke(cli, [command, str(records[0])], catch_exceptions=False)
+        assert result.exit_code == 0, result.output
+    devices = devices_of(read(records[0]))
+    assert (devices.robot.kind, devices.robot.cycle_s) == ("rsi", 0.004)
+    assert devices.robot.model == "KUKA controller with RSI, relative corrections"
+    assert devices.robot.servo is not None
+    assert devices.robot.servo.marks["interpolation_ms"] == "observed"
+
+
+def test_urls_name_the_kind_and_settings_stand_in_its_sections(tmp_path: Path) -> None:
+    assert robot_of("rsi+udp-bind://127.0.0.1:49152")[0].name == "rsi"
+    config = load_config(written(tmp_path, ABSOLUTE), {})
+    assert settings_of(config, ROBOTS.kind("rsi")).client.mode == "absolute"
+    for wrong, words in [
+        ('[robot.rsi]\nmode = "both"\n', "relative"),
+        ("[robot.rsi]\ncycle_ms = 5\n", "4"),
+        ("[cell.rsi]\nlim_mm = -1\n", "lim_mm must be more than 0"),
+        ('[cell.rsi]\nsend = ["a b"]\n', "is no tag"),
+    ]:
+        with pytest.raises(ConfigError, match=words):
+            load_config(written(tmp_path, wrong), {})
+
+
+# --- refusals
+
+
+@pytest.mark.parametrize(
+    ("on", "fault", "words"),
+    [
+        ("robot", "emergency-stop", "its program does not run (ProgStatus 4); release its stops"),
+        ("robot", "stand", "mm from the commanded one, allowed are 2 mm"),
+        ("robot", "limit", "mm from the commanded one, allowed are 2 mm"),
+        ("robot", "program-end", "sent nothing for 0.5 s"),
+        ("robot", "program-reset", "its program has begun anew, or moves by itself"),
+        ("robot", "drives-stop", "sent nothing for 0.5 s"),
+        ("robot", "monitor", "sent nothing for 0.5 s"),
+        ("packets", "mute", "sent nothing for 0.5 s"),
+        ("packets", "late", "answers in a row"),
+        ("packets", "malformed", "sent nothing for 0.5 s"),
+        ("packets", "not-a-number", "no number"),
+        ("packets", "clock-jump", "its program has begun anew, or moves by itself"),
+        ("answers", "refused", "answers in a row"),
+    ],
+)
+def test_each_refusal_ends_a_run_in_one_plain_line(on: str, fault: str, words: str, tmp_path: Path) -> None:
+    run = with_fault(tmp_path, on, fault)
+    assert struck(run) > 0
+    assert run.result.outcome is Outcome.STOPPED
+    assert words in run.result.cause
+    assert "\n" not in run.result.cause
+    assert max(cycle.force for cycle in run.cycles) < 15.0
+
+
+@pytest.mark.parametrize(
+    ("on", "fault"),
+    [("packets", "lost"), ("packets", "duplicated"), ("packets", "reordered"), ("answers", "lost")],
+)
+@pytest.mark.parametrize("more", ["", ABSOLUTE], ids=["relative", "absolute"])
+def test_a_network_that_loses_and_repeats_a_little_is_borne(
+    on: str, fault: str, more: str, tmp_path: Path
+) -> None:
+    run = with_fault(tmp_path, on, fault, more)
+    assert struck(run) > 0
+    assert run.result.outcome is Outcome.COMPLETED
+    forces = [cycle.force for cycle in run.cycles if cycle.phase == "track"][-10:]
+    assert statistics.fmean(forces) == pytest.approx(10.0, abs=0.5)
+    # set point and robot stay together, whatever was lost
+    stands = [math.dist(cycle.position, cycle.target) for cycle in run.cycles if cycle.phase == "track"][-20:]
+    assert max(stands) == pytest.approx(0.35e-3, abs=0.05e-3)  # the way of the travel in the robot's lag
+
+
+def test_every_fault_is_in_one_of_the_tables_above() -> None:
+    assert {name for faults in RSI_FAULTS.values() for name in faults} == {
+        "emergency-stop", "stand", "limit", "program-end", "program-reset", "drives-stop", "monitor", "mute", "late",
+        "malformed", "not-a-number", "clock-jump", "refused", "lost", "duplicated", "reordered",
+    }  # fmt: skip
+
+
+def test_a_run_that_a_refusal_ends_has_exit_code_three(tmp_path: Path) -> None:
+    row = '[[faults]]\non = "answers"\nfault = "refused"\nphase = "track"\nafter_s = 0.2\n'
+    code, said = invoke(tmp_path, row, "--duration", "1", "--no-record")
+    assert code == 3
+    assert "it has not taken" in said
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        ('[cell.rsi]\nmode = "absolute"\n', "mm"),  # values are added that should be the whole
+        ('[robot.rsi]\nmode = "absolute"\n', "mm"),
+        ('[robot.rsi]\nsentype = "Other"\n', "SENTYPE"),
+        ('[robot.rsi]\ncorrection_tag = "AKorr"\n', "mm"),
+        ("[cell.rsi]\nlim_mm = 0.2\n", "mm"),
+        ('[cell.rsi]\nref = "tool"\n', "mm"),
+    ],
+)
+def test_a_robot_that_is_set_up_otherwise_is_refused_before_it_goes_far(
+    more: str, words: str, tmp_path: Path
+) -> None:
+    code, said = invoke(tmp_path, more, "--duration", "1", "--no-record")
+    assert code == 3, said
+    assert words in said
+
+
+def test_the_fault_table_is_that_of_the_emulated_robot(tmp_path: Path) -> None:
+    row = '[[faults]]\non = "packets"\nfault = "unheard"\n'
+    with pytest.raises(ConfigError, match="no fault of packets is called 'unheard'; known: mute, lost, late"):
+        load_config(written(tmp_path, row), {})
+    assert any("rsi" in kind for kind in ROBOTS.names)

@@ -1,0 +1,150 @@
+"""Clients of EGM by other people, unmodified, against the emulated robot in another process, in real time."""
+
+import json
+import socket
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytestmark = pytest.mark.live
+
+Python = Callable[..., Path]
+PATIENCE_S = 60
+SPEED_MM_S = 5.0
+"""Speed of the way that the clients stream."""
+
+STREAM = """
+import json, sys, time
+import numpy as np
+
+def joined(receive, send, cycles, speed):
+    '''Stream a straight way, cycle by cycle; the figures of it.'''
+    ok, state = receive(10.0)
+    assert ok, "no datagram came"
+    first = {"seqno": state.robot_message.header.seqno, "joints": len(state.joint_angles)}
+    position, orientation = place(state)
+    behind, answered = [], 0
+    for cycle in range(cycles):
+        way = np.array([speed * 0.004 * cycle, 0.0, 0.0])
+        assert send(position + way, orientation, np.array([speed, 0.0, 0.0, 0.0, 0.0, 0.0]))
+        ok, state = receive(1.0)
+        assert ok, f"no datagram in cycle {cycle}"
+        answered += 1
+        behind.append(float(np.linalg.norm(place(state)[0] - position - way)))
+    done = {"motors": state.motors_on, "rapid": state.rapid_running, "mci": state.robot_message.mciState.state}
+    fallen_silent = time.monotonic()
+    while True:
+        ok, newer = receive(0.3)
+        if not ok:
+            break
+        state, at = newer, time.monotonic()
+    return {
+        "first": first, "answered": answered, "behind_mm": behind, "moved": done,
+        "silent_after_s": at - fallen_silent, "last_mci": state.robot_message.mciState.state,
+        "left_mm": place(state)[0].tolist(), "sent_mm": (position + way).tolist(),
+    }
+"""
+FLO = """
+from ABBRobotEGM import EGM
+
+def place(state):
+    p, o = state.cartesian.pos, state.cartesian.orient
+    return np.array([p.x, p.y, p.z]), np.array([o.u0, o.u1, o.u2, o.u3])
+
+with EGM(port=int(sys.argv[1])) as egm:
+    print(json.dumps(joined(egm.receive_from_robot, egm.send_to_robot_cart, int(sys.argv[2]), float(sys.argv[3]))))
+"""
+RPI = """
+from abb_robot_client.egm import EGM
+
+def place(state):
+    return state.cartesian
+
+egm = EGM(port=int(sys.argv[1]))
+print(json.dumps(joined(egm.receive_from_robot, egm.send_to_robot_cart, int(sys.argv[2]), float(sys.argv[3]))))
+"""
+
+
+def free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+        return port
+
+
+@contextmanager
+def emulated_robot(port: int, settings: str, place: Path) -> Iterator[None]:
+    """An emulated robot in another process, which sends to this port."""
+    config = place / "robot.toml"
+    config.write_text(f"[cell.egm]\n{settings}\n")
+    url = f"egm+udp://127.0.0.1:{port}"
+    command = [
+        sys.executable,
+        "-m",
+        "hil_bridge",
+        "emulate",
+        "robot",
+        str(config),
+        "--robot-port",
+        url,
+        "--json",
+    ]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            line = process.stdout.readline()
+            assert line, process.stderr and process.stderr.read()
+            assert json.loads(line) == {"robot": f"egm+udp-bind://127.0.0.1:{port}"}
+            yield
+        finally:
+            process.terminate()
+
+
+def figures(python: Path, program: str, place: Path, cycles: int, settings: str = "") -> Any:
+    """Figures of a client's stream, from a process of its own."""
+    port = free_port()
+    with emulated_robot(port, settings, place):
+        told = subprocess.run(
+            [python, "-c", STREAM + program, str(port), str(cycles), str(SPEED_MM_S)],
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=PATIENCE_S,
+        )
+    assert told.returncode == 0, told.stderr
+    return json.loads(told.stdout)
+
+
+def check_stream(found: Any, cycles: int) -> None:
+    """The path follows the command within the model's lag, and silence ends in the robot's time-out."""
+    assert found["first"]["joints"] == 6
+    assert found["answered"] == cycles
+    assert found["moved"] == {"motors": True, "rapid": True, "mci": 3}
+    settled = found["behind_mm"][400:]  # the ramp of half a second is over, and caught up with
+    # delay of controller and servo 24 ms, position loop 20 ms, and the answer's own cycle: 50 ms; doubled for a busy
+    # machine
+    assert max(settled) < 2.0 * SPEED_MM_S * 0.05
+    assert found["silent_after_s"] == pytest.approx(1.0, abs=0.3)
+    assert found["last_mci"] == 1  # MCI_ERROR
+    beyond = found["left_mm"][0] - found["sent_mm"][0]
+    assert (
+        0.0 < beyond <= SPEED_MM_S / 5.0 + 0.05
+    )  # the last speed stays in force, within the speed over the gain
+
+
+def test_abb_robot_egm_streams_a_thousand_poses_and_falls_silent(
+    client_python: Python, tmp_path: Path
+) -> None:
+    found = figures(client_python("ABBRobotEGM==1.0.7"), FLO, tmp_path, 1000)
+    assert found["first"]["seqno"] >= 0
+    check_stream(found, 1000)
+
+
+def test_abb_robot_client_streams_poses_to_an_older_robot(client_python: Python, tmp_path: Path) -> None:
+    found = figures(client_python("abb_robot_client==0.4.0"), RPI, tmp_path, 600, 'rw = "6.10"')
+    check_stream(found, 600)

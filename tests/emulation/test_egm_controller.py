@@ -1,0 +1,702 @@
+"""The emulated controller with EGM, cycle by cycle in fed time: its session, its motion, its refusals."""
+
+import math
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from emulators.egm import EGM_FAULTS, EgmArmProfile, EgmController, EgmProfile, State
+from emulators.egm.guided import ArmJoints
+from emulators.faults import Injection, Ledger
+from emulators.seams import StartPose
+from protocol.egm import (
+    Answer,
+    Guidance,
+    Motors,
+    PathCorrection,
+    PoseMm,
+    Rapid,
+    RobotMessage,
+    SensorMessage,
+    decode_robot,
+    encode_answer,
+)
+from protocol.geometry import Pose
+from protocol.marks import settings as settings_of
+
+T0 = 1234.5
+CYCLE = 0.004
+DOWN = (0.0, 1.0, 0.0, 0.0)
+START = PoseMm((900.0, -100.0, 600.0), DOWN)
+AT_ONCE = {"lp_hz": 0.0, "ramp_in_s": 0.0, "ref_delay_cycles": 0}
+"""Without filter, ramp and delay: the law alone."""
+Say = Callable[[RobotMessage | None], Sequence[Answer | bytes]]
+
+
+def at(x: float = 0.0, y: float = 0.0, z: float = 0.0) -> PoseMm:
+    """A pose so far from the start, mm."""
+    p, q, r = START.position_mm
+    return PoseMm((p + x, q + y, r + z), DOWN)
+
+
+def to(x: float = 0.0, y: float = 0.0, z: float = 0.0, speed: tuple[float, ...] = ()) -> SensorMessage:
+    return SensorMessage(0, 0, at(x, y, z), speed=speed)
+
+
+class Line:
+    """A controller, and a PC that says something to each cycle."""
+
+    def __init__(self, **settings: Any) -> None:
+        self.robot = EgmController(EgmProfile(**settings), StartPose((0.9, -0.1, 0.6), DOWN, 0.2), T0, 7)
+        self.heard: list[RobotMessage] = []
+        self.now = T0
+        self.ledger = Ledger(EGM_FAULTS)
+        for target, handlers in self.robot.handlers.items():
+            self.ledger.attach(target, handlers)
+
+    def cycles(self, count: int, say: Say = lambda heard: ()) -> "Line":
+        """So many cycles; the PC answers what it heard half a millisecond later, or at the same time hears nothing."""
+        for _ in range(count):
+            due = self.robot.next_deadline()
+            assert due is not None
+            self.now = due
+            self.robot.handle_deadline(due)
+            told = [decode_robot(datagram) for datagram in self.robot.data_to_send(due)]
+            self.heard += told
+            self.says(*say(told[-1] if told else None))
+        return self
+
+    def says(self, *messages: Answer | bytes) -> None:
+        data = [one if isinstance(one, bytes) else encode_answer(one) for one in messages]
+        self.robot.receive(data, self.now + 0.0005)
+
+    def answers(self, message: Answer) -> "Line":
+        """One cycle, answered so."""
+        return self.cycles(1, lambda heard: [message])
+
+    def streams(self, seconds: float, message: Answer | bytes) -> "Line":
+        return self.cycles(round(seconds / CYCLE), lambda heard: [message])
+
+    @property
+    def last(self) -> RobotMessage:
+        return self.heard[-1]
+
+    def z(self, count: int = 1) -> list[float]:
+        """Height of the set point in the newest datagrams, mm above the start."""
+        return [round(planned(message).position_mm[2] - 600.0, 9) for message in self.heard[-count:]]
+
+    def inject(self, target: str, fault: str, for_s: float | None = None, **values: Any) -> Injection:
+        """A fault from now on, as a cell injects it."""
+        given = values if for_s is None else {**values, "for_s": for_s}
+        return self.ledger.inject(target, fault, self.now + 0.001, given)
+
+
+def planned(message: RobotMessage) -> PoseMm:
+    assert message.planned is not None
+    assert message.planned.pose is not None
+    return message.planned.pose
+
+
+def measured(message: RobotMessage) -> PoseMm:
+    assert message.feedback is not None
+    assert message.feedback.pose is not None
+    return message.feedback.pose
+
+
+def states(message: RobotMessage) -> tuple[Motors, Guidance, Rapid]:
+    return message.motors, message.guidance, message.rapid
+
+
+# --- what it sends
+
+
+def test_the_first_datagram_of_a_session_is_number_0_and_the_next_ones_tell_of_the_guidance() -> None:
+    line = Line().cycles(4)
+    assert [(one.seqno, one.tm_ms) for one in line.heard] == [(0, 1000), (1, 1004), (2, 1008), (3, 1012)]
+    assert states(line.heard[0]) == (Motors.ON, Guidance.STOPPED, Rapid.RUNNING)
+    assert {states(one) for one in line.heard[1:]} == {(Motors.ON, Guidance.RUNNING, Rapid.RUNNING)}
+    assert measured(line.heard[0]) == planned(line.heard[0]) == START
+
+
+def test_a_datagram_has_all_that_public_clients_look_for() -> None:
+    """Without one of these abb_libegm does not answer at all."""
+    one = Line().cycles(2).last
+    for place in (one.feedback, one.planned):
+        assert place is not None
+        assert len(place.joints_deg) == 6
+        assert place.pose is not None
+        assert place.time_us is not None
+    assert one.converged is False
+    assert len(one.force) == 6
+
+
+def test_the_fields_are_those_of_the_version() -> None:
+    oldest, older, new = (Line(rw=version).cycles(1).last for version in ("6.06", "6.10", "7"))
+    for one in (oldest, older, new):
+        assert one.force == (0.0,) * 6
+    assert [
+        one.feedback is not None and one.feedback.time_us is not None for one in (oldest, older, new)
+    ] == [
+        False,
+        True,
+        True,
+    ]
+    assert [one.utilization_percent is not None for one in (oldest, older, new)] == [False, True, True]
+    assert [(one.move_index, one.force_control) for one in (older, new)] == [(None, None), (0, False)]
+
+
+def test_the_joints_are_those_that_hold_the_pose() -> None:
+    one = Line().cycles(1).last
+    assert one.feedback is not None
+    a, b, c, d, e, f = map(math.radians, one.feedback.joints_deg)
+    pose = ArmJoints(EgmProfile(), 0.2).pose((a, b, c, d, e, f))
+    assert pose.position == pytest.approx((0.9, -0.1, 0.6))
+    assert abs(sum(p * q for p, q in zip(pose.quaternion, DOWN, strict=True))) == pytest.approx(1.0)
+
+
+def test_a_sample_rate_of_8_ms_sends_with_every_second_cycle() -> None:
+    line = Line(sample_ms=8.0).cycles(10)
+    assert [one.tm_ms for one in line.heard] == [1000, 1008, 1016, 1024, 1032]
+    with pytest.raises(ValueError, match="multiple of cycle_ms"):
+        EgmProfile(sample_ms=6.0)
+
+
+def test_cycles_that_the_computer_has_missed_are_not_told_in_a_burst() -> None:
+    line = Line().cycles(2)
+    line.robot.handle_deadline(T0 + 10 * CYCLE)
+    assert [decode_robot(one).tm_ms for one in line.robot.data_to_send(T0 + 10 * CYCLE)] == [1040]
+    assert line.robot.counters["cycles missed"] == 8
+
+
+def test_a_start_that_the_arm_cannot_hold_is_refused() -> None:
+    with pytest.raises(ValueError, match="no joints of the arm hold the start pose"):
+        EgmController(EgmProfile(), StartPose((5.0, 0.0, 0.5), DOWN), T0, 7)
+
+
+# --- the law of motion: specification of EGM, section 4
+
+
+def test_the_law_goes_as_the_specification_calculates_it() -> None:
+    line = Line(**AT_ONCE)
+    line.cycles(5, lambda heard: [to(z=-2.0)])
+    assert line.z(4) == pytest.approx([0.0, -0.04, -0.0792, -0.117616])
+    line.cycles(247, lambda heard: [to(z=-2.0)])
+    assert line.z() == pytest.approx([-1.98719], abs=1e-6)  # after 250 cycles 498.012810 of 500
+
+
+def test_the_low_pass_goes_as_the_specification_calculates_it() -> None:
+    line = Line(**{**AT_ONCE, "lp_hz": 20.0}).cycles(5, lambda heard: [to(z=-2.0)])
+    assert line.z(4) == pytest.approx([0.0, -0.015803, -0.041041, -0.071787], abs=1e-6)
+
+
+def test_a_reference_acts_after_its_delay_and_comes_in_with_the_ramp() -> None:
+    line = Line(lp_hz=0.0, ramp_in_s=0.0).cycles(1)
+    line.cycles(8, lambda heard: [to(z=-2.0)])
+    assert [height != 0.0 for height in line.z(8)] == [False] * 6 + [
+        True
+    ] * 2  # 1 cycle to be taken, 4 of delay
+    slow, quick = Line(ramp_in_s=0.5), Line(ramp_in_s=0.0)
+    for one in (slow, quick):
+        one.streams(0.1, to(z=-2.0))
+    assert -0.1 < slow.z()[0] < 0.0
+    assert quick.z()[0] < -0.4
+
+
+@pytest.mark.parametrize(("speed", "behind"), [((), 4.4), ((20.0, 0.0, 0.0, 0.0, 0.0, 0.0), 0.4)])
+def test_a_moving_reference_is_followed_behind_by_its_speed_over_the_gain_unless_the_speed_is_told(
+    speed: tuple[float, ...], behind: float
+) -> None:
+    """20 mm/s at k = 5: 4 mm, and 0.4 mm for the delay of 5 cycles; with the speed the delay alone is left."""
+    line = Line()
+    for k in range(500):
+        line.answers(to(x=20.0 * CYCLE * k, speed=speed))
+    assert 20.0 * CYCLE * 499 - (planned(line.last).position_mm[0] - 900.0) == pytest.approx(behind, abs=0.01)
+    lag = planned(line.last).position_mm[0] - measured(line.last).position_mm[0]
+    assert lag == pytest.approx(20.0 * (0.02 + CYCLE / 2.0), abs=0.01)  # of the loop and its steps
+
+
+def test_a_turn_goes_by_the_same_law() -> None:
+    half = math.radians(2.0) / 2.0
+    turned = PoseMm(START.position_mm, (0.0, math.cos(half), math.sin(half), 0.0))
+    line = Line(**AT_ONCE).streams(2.0, SensorMessage(0, 0, turned))
+    assert planned(line.last).quaternion == pytest.approx(turned.quaternion, abs=1e-6)
+    other_sign = PoseMm(START.position_mm, (0.0, -math.cos(half), -math.sin(half), 0.0))
+    before = planned(line.last).quaternion
+    line.streams(0.1, SensorMessage(0, 0, other_sign))
+    assert planned(line.last).quaternion == pytest.approx(before, abs=1e-5)
+
+
+def test_a_speed_alone_moves_and_a_reference_alone_clears_it() -> None:
+    ahead = (0.0, 0.0, -10.0, 0.0, 0.0, 0.0)
+    line = Line(**AT_ONCE, pos_corr_gain=0.0).streams(0.1, SensorMessage(0, speed=ahead))
+    moved = line.z()[0]
+    assert moved == pytest.approx(-10.0 * 0.092, abs=0.05)
+    assert Line(**AT_ONCE).streams(0.1, SensorMessage(0, speed=(0.0, 0.0, -10.0))).z()[0] == pytest.approx(
+        moved
+    )
+    assert line.streams(0.1, to()).z()[0] == pytest.approx(moved, abs=0.1)
+    sticky = Line(**AT_ONCE, pos_corr_gain=0.0, speed_ref_sticky=True)
+    assert sticky.streams(0.1, SensorMessage(0, speed=ahead)).streams(0.1, to()).z()[0] < moved - 0.9
+
+
+def test_a_reference_that_is_too_far_is_gone_to_at_the_largest_speed_and_told_so() -> None:
+    line = Line(**AT_ONCE).streams(0.2, to(x=-200.0))
+    heights = [planned(one).position_mm[0] for one in line.heard[-10:]]
+    assert np.diff(heights) == pytest.approx([-1.0] * 9)  # 250 mm/s
+    assert line.last.utilization_percent is not None
+    assert line.last.utilization_percent > 250.0
+
+
+def test_a_window_may_be_taken_for_a_limit() -> None:
+    assert Line(**AT_ONCE, minmax_clamps=True).streams(2.0, to(z=-5.0)).z() == [-1.0]
+
+
+def test_the_path_is_the_same_however_often_it_is_read() -> None:
+    read, unread = Line(), Line()
+    for k in range(100):
+        for line in (read, unread):
+            line.answers(to(z=-0.05 * k))
+        read.robot.path.trajectory(np.array([read.now - 0.01, read.now]))
+    times = np.array([T0 + 0.1, T0 + 0.39])
+    np.testing.assert_array_equal(read.robot.path.trajectory(times), unread.robot.path.trajectory(times))
+
+
+def test_it_tells_when_the_motion_to_a_target_began() -> None:
+    line = Line(**AT_ONCE).cycles(2, lambda heard: [to(z=-1.0)])
+    assert line.robot.accepted == 2
+    assert line.robot.begun_at(1) == pytest.approx(
+        T0 + 2 * CYCLE
+    )  # taken with cycle 1, its set point one later
+    assert line.robot.begun_at(2) is None
+    line.inject("robot", "restart")
+    assert math.isnan(line.robot.begun_at(2) or 0.0)
+
+
+# --- the queue
+
+
+def test_a_cycle_takes_one_message_so_that_two_answers_delay_all_that_follow() -> None:
+    line = Line(**AT_ONCE).cycles(2)
+    line.says(to(z=-1.0), to(z=-2.0), to(z=-3.0))
+    line.cycles(4)
+    heights = [0.0, *line.z(3)]
+    asked = [heights[k] + (heights[k + 1] - heights[k]) / (5.0 * CYCLE) for k in range(3)]
+    assert asked == pytest.approx([-1.0, -2.0, -3.0])
+
+
+def test_a_queue_of_the_newest_takes_that_one_alone() -> None:
+    line = Line(**AT_ONCE, rx_queue="latest").cycles(2)
+    line.says(to(z=-1.0), to(z=-2.0), to(z=-3.0))
+    line.cycles(2)
+    assert line.z() == pytest.approx([-3.0 * 5.0 * CYCLE])
+    assert [math.isnan(line.robot.begun_at(k) or 0.0) for k in (1, 2, 3)] == [True, True, False]
+
+
+def test_a_full_queue_loses_the_newest_messages() -> None:
+    line = Line(rx_queue_len=3).cycles(2)
+    line.says(*(to(z=-float(k)) for k in range(5)))
+    assert (line.robot.accepted, line.robot.counters["queue full"]) == (3, 2)
+
+
+@pytest.mark.parametrize(("check", "taken"), [("ignore", 3), ("drop_old", 2)])
+def test_a_message_with_an_old_number_may_be_dropped(check: str, taken: int) -> None:
+    line = Line(seqno_check=check).cycles(2)
+    line.says(to()._replace(seqno=5), to()._replace(seqno=4), to()._replace(seqno=7))
+    assert line.robot.accepted == taken
+    line.says(to()._replace(seqno=0))  # begins anew
+    assert line.robot.accepted == taken + 1
+
+
+# --- messages that are none
+
+
+UNUSABLE: dict[str, Answer | bytes] = {
+    "empty": b"",
+    "noise": b"\xff\x01\x02",
+    "cut off": encode_answer(to())[:-1],
+    "from a robot": bytes.fromhex("0a0608001000" + "1802"),
+    "another mode": PathCorrection(0, 0, (0.0, 1.0, 0.0), 4),
+    "five joints": SensorMessage(0, joints_deg=(0.0,) * 5),
+    "seven joints": SensorMessage(0, joints_deg=(0.0,) * 7),
+    "two speeds": SensorMessage(0, speed=(1.0, 1.0)),
+    "no orientation": SensorMessage(0, pose=PoseMm(START.position_mm, (0.0, 1.1, 0.0, 0.0))),
+    "not a number": encode_answer(to()).replace(
+        b"\x00\x00\x00\x00\x00\x20\x8c\x40", b"\x00" * 6 + b"\xf8\x7f"
+    ),
+}
+
+
+@pytest.mark.parametrize("message", UNUSABLE.values(), ids=UNUSABLE)
+def test_a_message_that_cannot_be_used_is_dropped_and_does_not_put_the_time_out_off(
+    message: Answer | bytes,
+) -> None:
+    line = Line().streams(1.2, message)
+    assert line.robot.accepted == 0
+    assert line.robot.counters["unusable"] > 200
+    assert line.robot.unusable
+    assert line.robot.state is State.TIMED_OUT
+    assert Line(bad_refreshes_timeout=True).streams(1.2, message).robot.state is State.GUIDING
+
+
+def test_a_message_that_says_nothing_puts_the_time_out_off_alone() -> None:
+    line = Line().streams(1.2, SensorMessage(0))
+    assert (line.robot.state, line.robot.accepted) == (State.GUIDING, 0)
+
+
+@given(st.lists(st.binary(max_size=90) | st.sampled_from([encode_answer(to(z=-1.0))]), max_size=8))
+def test_no_datagrams_make_it_raise(data: list[bytes]) -> None:
+    line = Line().cycles(1)
+    line.robot.receive(data, line.now)
+    line.cycles(2)
+
+
+# --- silence
+
+
+def test_silence_leaves_the_last_speed_in_force_until_the_time_out_and_then_the_tool_stands() -> None:
+    ahead = (0.0, 0.0, -10.0, 0.0, 0.0, 0.0)
+    line = Line(pos_corr_gain=0.0).streams(1.0, to(speed=ahead))
+    before = line.z()[0]
+    line.cycles(245)
+    assert line.z()[0] == pytest.approx(before - 9.8, abs=0.1)
+    line.cycles(10)
+    stopped = line.z()[0]
+    assert states(line.last) == (Motors.ON, Guidance.ERROR, Rapid.RUNNING)
+    assert line.robot.error == "event 41822: ERR_UDPUC_COMM, no message from the PC"
+    count = len(line.heard)
+    line.cycles(100)
+    assert len(line.heard) == count  # one datagram told of the error, and none follows
+    assert line.robot.motion.pose.position[2] * 1e3 - 600.0 == pytest.approx(stopped)
+
+
+def test_with_a_position_the_last_speed_leads_no_farther_than_the_speed_over_the_gain() -> None:
+    line = Line(comm_timeout_s=30.0).streams(1.0, to(speed=(0.0, 0.0, -20.0, 0.0, 0.0, 0.0))).cycles(2000)
+    assert line.z()[0] == pytest.approx(-4.0, abs=0.01)
+
+
+def test_after_a_time_out_the_program_begins_another_session_where_the_tool_stands() -> None:
+    line = Line().streams(1.0, to(z=-5.0)).cycles(260)
+    assert line.robot.state is State.TIMED_OUT
+    stands = line.robot.motion.pose
+    line.heard.clear()
+    line.cycles(500)
+    assert [one.seqno for one in line.heard[:3]] == [0, 1, 2]
+    assert line.heard[0].tm_ms > 3000  # the controller's clock goes on
+    assert line.robot.motion.pose == stands
+    never = Line(retry_s=0.0).cycles(2000)
+    assert never.robot.state is State.TIMED_OUT
+
+
+def test_silence_may_be_no_error() -> None:
+    assert Line(silence="never").cycles(1000).robot.state is State.GUIDING
+
+
+# --- the ends of a run
+
+
+def test_a_window_that_is_held_ends_the_run() -> None:
+    line = Line(cond_time_s=1.0).streams(0.9, to(z=-0.5))
+    assert line.last.converged
+    line.streams(0.5, to(z=-0.5))
+    assert line.robot.state is State.ENDED
+    assert states(line.last) == (Motors.ON, Guidance.STOPPED, Rapid.RUNNING)
+
+
+def test_a_window_that_is_left_is_held_anew() -> None:
+    line = Line(cond_time_s=1.0).streams(0.9, to()).streams(0.3, to(z=-5.0))
+    assert not line.last.converged
+    line.streams(0.6, to())
+    assert line.robot.state is State.GUIDING
+
+
+def test_without_a_reference_nothing_converges() -> None:
+    assert not Line(cond_time_s=0.1).streams(0.5, SensorMessage(0)).last.converged
+
+
+@pytest.mark.parametrize(
+    ("rw", "settings", "ends"), [("7", {}, True), ("6.10", {}, False), ("7", {"di_ends_run": False}, False)]
+)
+def test_a_digital_signal_may_end_the_run(rw: str, settings: dict[str, Any], ends: bool) -> None:
+    line = Line(rw=rw, **settings).streams(0.1, to()).streams(0.1, to()._replace(digital=True))
+    assert (line.robot.state is State.ENDED) is ends
+
+
+@pytest.mark.parametrize(("mode", "height"), [("hold", -3.0), ("ramp_down", 0.0)])
+def test_at_the_end_the_tool_is_held_or_goes_back_to_where_the_run_began(mode: str, height: float) -> None:
+    line = Line(stop_mode=mode, send_when="setup").streams(3.0, to(z=-3.0))
+    line.inject("robot", "egm-stop")
+    line.streams(0.25, to(z=-3.0))
+    between = line.z()[0]
+    line.streams(0.5, to(z=-9.0))
+    assert line.z()[0] == pytest.approx(height, abs=0.01)
+    assert -2.0 < between < -1.0 or mode == "hold"
+    assert states(line.last) == (Motors.ON, Guidance.STOPPED, Rapid.RUNNING)
+
+
+@pytest.mark.parametrize(
+    ("settings", "datagrams"),
+    [({}, 1), ({"last_datagram": False}, 0), ({"send_when": "setup"}, 50), ({"sample_ms": 8.0}, 1)],
+)
+def test_behind_the_end_datagrams_go_on_from_a_setup_else_one_tells_of_it(
+    settings: dict[str, Any], datagrams: int
+) -> None:
+    line = Line(**settings).streams(0.4, to())
+    line.inject("robot", "egm-stop")
+    line.heard.clear()
+    line.cycles(50)
+    assert len(line.heard) == datagrams
+
+
+# --- limits
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"workspace_min_mm": (0.0, -1000.0, 595.0)}, to(z=-20.0)),
+        ({"max_pos_dev_deg": 0.5}, to(z=-50.0)),
+        ({}, to(x=600.0)),  # beyond the reach of the arm
+        ({"arm": EgmArmProfile(axis_speeds_deg_s=(2.0,) * 6)}, to(y=50.0)),  # a joint cannot go so fast
+    ],
+)
+def test_a_reference_out_of_bounds_ends_the_guidance_with_an_error(
+    settings: dict[str, Any], message: Answer
+) -> None:
+    line = Line(**settings).streams(3.0, message)
+    assert line.robot.state is State.FAILED
+    assert line.robot.error == "the input is out of bounds"
+    assert states(line.last) == (Motors.ON, Guidance.ERROR, Rapid.STOPPED)
+    position = line.robot.motion.pose.position
+    line.streams(3.0, message)  # no error handler begins again
+    assert (line.robot.state, line.robot.motion.pose.position) == (State.FAILED, position)
+
+
+# --- people at the controller
+
+
+def stream_then(fault: str, for_s: float, **settings: Any) -> tuple[Line, list[float]]:
+    """A tool on its way down at 10 mm/s, a fault, and the heights of the set point from then on, mm."""
+    line, ahead = Line(**settings), (0.0, 0.0, -10.0, 0.0, 0.0, 0.0)
+    for k in range(300):
+        line.answers(to(z=-10.0 * CYCLE * k, speed=ahead))
+    line.inject("robot", fault, for_s)
+    line.heard.clear()
+    reference = to(z=-10.0 * CYCLE * 299)
+    count = round(for_s / CYCLE)
+    line.cycles(count, lambda heard: [reference])
+    line.ledger.handle_deadline(line.now + CYCLE)
+    line.cycles(count, lambda heard: [reference])
+    return line, line.z(2 * count)
+
+
+def test_motors_that_go_off_stop_the_set_point_at_once_and_the_guidance_goes_on_with_them() -> None:
+    line, heights = stream_then("motors-off", 1.0)
+    assert {states(one) for one in line.heard[1:249]} == {(Motors.OFF, Guidance.STOPPED, Rapid.STOPPED)}
+    assert len(set(heights[1:249])) == 1
+    assert states(line.last) == (Motors.ON, Guidance.RUNNING, Rapid.RUNNING)
+    assert heights[-1] == pytest.approx(
+        -10.0 * CYCLE * 299, abs=0.01
+    )  # a PC that does not mind: the way goes on
+    assert max(np.abs(np.diff(heights[249:260]))) < 0.001  # with the ramp
+
+
+def test_motors_that_are_on_again_may_leave_the_program_stopped() -> None:
+    line, heights = stream_then("motors-off", 0.5, restart_after_motors_off=False)
+    assert states(line.last) == (Motors.ON, Guidance.STOPPED, Rapid.STOPPED)
+    assert len(set(heights[1:])) == 1
+
+
+def test_a_program_that_is_stopped_ramps_down_and_goes_on_when_it_is_started() -> None:
+    line, heights = stream_then("rapid-stop", 1.0)
+    assert {states(one) for one in line.heard[1:249]} == {(Motors.ON, Guidance.STOPPED, Rapid.STOPPED)}
+    assert heights[0] - heights[240] == pytest.approx(10.0 * 0.5 / 2.0, abs=0.1)  # a ramp of half a second
+    assert len(set(heights[130:249])) == 1
+    assert states(line.last) == (Motors.ON, Guidance.RUNNING, Rapid.RUNNING)
+
+
+def test_a_stopped_program_may_send_nothing() -> None:
+    line = Line(sends_stopped=False).streams(0.4, to())
+    line.inject("robot", "rapid-stop", 0.2)
+    line.heard.clear()
+    assert line.cycles(20).heard == []
+
+
+def test_a_restart_begins_another_session_at_the_place_of_the_tool() -> None:
+    line = Line().streams(1.0, to(z=-5.0))
+    line.inject("robot", "restart")
+    before = line.robot.motion.pose
+    line.heard.clear()
+    line.cycles(100)
+    assert [one.seqno for one in line.heard[:2]] == [0, 1]
+    assert line.robot.motion.pose == before
+
+
+# --- faults of the link and of the pose
+
+
+@pytest.mark.parametrize(
+    ("fault", "values", "seen"),
+    [
+        ("mute", {}, lambda told: told == []),
+        ("off", {"way": "from"}, lambda told: told == []),
+        ("loss", {"probability": 1.0, "way": "from"}, lambda told: told == []),
+        ("lose-next", {"count": 4}, lambda told: len(told) == 6),
+        ("duplication", {"probability": 1.0, "way": "from"}, lambda told: len(told) == 20),
+        ("wrong-seqno", {"by": 50, "count": 2}, lambda told: [one.seqno for one in told[:3]] == [60, 61, 12]),
+        ("no-force", {}, lambda told: all(one.force == () for one in told)),
+        ("delay", {"ms": 20.0, "way": "from"}, lambda told: len(told) == 5),
+    ],
+)
+def test_a_fault_of_the_link_has_its_effect(
+    fault: str, values: dict[str, Any], seen: Callable[..., bool]
+) -> None:
+    line = Line().streams(10 * CYCLE, to())
+    injection = line.inject("link", fault, **values)
+    told: list[RobotMessage] = []
+    for k in range(1, 11):
+        now = line.now + k * CYCLE
+        line.robot.handle_deadline(now)
+        told += [decode_robot(one) for one in line.robot.data_to_send(now)]
+    assert seen(told)
+    assert injection.struck > 0
+
+
+@pytest.mark.parametrize("fault", ["malformed", "corruption", "garbage"])
+def test_a_damaged_datagram_goes_out(fault: str) -> None:
+    whole, damaged = Line().cycles(3), Line().cycles(3)
+    values: dict[str, Any] = {} if fault == "malformed" else {"probability": 1.0, "way": "from"}
+    damaged.inject("link", fault, **values)
+    for line in (whole, damaged):
+        line.robot.handle_deadline(T0 + 3 * CYCLE)
+    assert whole.robot.data_to_send(T0 + 3 * CYCLE) != damaged.robot.data_to_send(T0 + 3 * CYCLE)
+
+
+@pytest.mark.parametrize(
+    ("fault", "values"),
+    [("deaf", {}), ("loss", {"probability": 1.0, "way": "to"}), ("off", {"way": "to", "for_s": 3.0})],
+)
+def test_answers_that_are_lost_end_in_the_time_out(fault: str, values: dict[str, Any]) -> None:
+    line = Line().streams(0.4, to())
+    line.inject("link", fault, **values)
+    assert line.streams(1.2, to()).robot.state is State.TIMED_OUT
+
+
+def test_late_answers_act_late() -> None:
+    line = Line(**AT_ONCE).cycles(2)
+    line.inject("link", "delay", ms=40.0, way="to")
+    line.streams(0.1, to(z=-2.0))
+    assert sum(height == 0.0 for height in line.z(25)) in (11, 12)
+
+
+def test_faults_of_the_pose_are_told_and_leave_the_motion_alone() -> None:
+    line, true = Line(), Line()
+    for one in (line, true):
+        one.streams(0.4, to(z=-2.0))
+    line.inject("pose", "nan", count=1)
+    assert math.isnan(measured(line.streams(CYCLE, to()).last).position_mm[0])
+    line.inject("pose", "missing", count=1)
+    feedback = line.streams(CYCLE, to()).last.feedback
+    assert feedback is not None
+    assert feedback.pose is None
+    true.streams(2 * CYCLE, to())
+    line.inject("pose", "offset", 0.01, z_mm=3.0)
+    shown, truth = (measured(one.streams(CYCLE, to()).last).position_mm[2] for one in (line, true))
+    assert shown - truth == pytest.approx(3.0)
+    line.inject("pose", "frozen", 0.1)
+    line.streams(0.05, to())
+    assert len({measured(one).position_mm for one in line.heard[-10:]}) == 1
+    assert len({planned(one).position_mm for one in line.heard[-10:]}) == 10
+
+
+def test_an_error_of_the_network_ends_the_guidance() -> None:
+    line = Line().streams(0.1, to())
+    line.inject("robot", "cannot-send")
+    assert line.robot.error.startswith("event 41830")
+    line.inject("robot", "restart")
+    line.inject("robot", "out-of-limits")
+    assert (line.robot.state, line.robot.error) == (State.FAILED, "the input is out of bounds")
+
+
+# --- the other modes
+
+
+def test_joints_are_guided_by_joints() -> None:
+    line = Line(mode="joint", **AT_ONCE).cycles(1)
+    assert line.last.feedback is not None
+    joints = line.last.feedback.joints_deg
+    goal = (joints[0] + 2.0, *joints[1:])
+    line.streams(3.0, SensorMessage(0, joints_deg=goal))
+    assert line.last.planned is not None
+    assert line.last.planned.joints_deg == pytest.approx(goal, abs=1e-4)
+    x, y, _ = measured(line.last).position_mm
+    turned = math.degrees(math.atan2(y, x) - math.atan2(-100.0, 900.0))
+    assert turned == pytest.approx(2.0, abs=1e-3)
+    assert line.last.converged
+
+
+def test_a_joint_goes_no_faster_than_the_program_lets_it() -> None:
+    line = Line(mode="joint", max_speed_dev_deg=1.0, **AT_ONCE).cycles(1)
+    assert line.last.planned is not None
+    joints = line.last.planned.joints_deg
+    line.streams(0.5, SensorMessage(0, joints_deg=(joints[0] + 20.0, *joints[1:])))
+    turned = [one.planned.joints_deg[0] for one in line.heard[-20:] if one.planned]
+    assert np.diff(turned) == pytest.approx([0.004] * 19)
+
+
+def test_a_joint_is_moved_by_its_speed_and_not_by_a_pose() -> None:
+    line = Line(mode="joint", **AT_ONCE).streams(0.4, to(z=-50.0))
+    assert planned(line.last).position_mm == pytest.approx(START.position_mm)
+    speed = (0.0, 0.0, 0.0, 0.0, 0.0, 10.0)
+    before = line.last.planned
+    line.streams(0.4, SensorMessage(0, joint_speed_deg_s=speed))
+    after = line.last.planned
+    assert before is not None
+    assert after is not None
+    assert after.joints_deg[5] - before.joints_deg[5] == pytest.approx(3.9, abs=0.1)
+
+
+def test_a_path_is_gone_by_itself_and_corrected_in_its_own_frame() -> None:
+    """The tool points down and the path goes along x: y of the path is base y, and z of the path is base z."""
+    line = Line(mode="path", sample_ms=48.0, path_speed_mm_s=10.0).cycles(1)
+    line.cycles(250, lambda heard: [PathCorrection(0, 0, (7.0, 1.25, -0.5), 48)] if heard else [])
+    x, y, z = planned(line.last).position_mm
+    assert x - 900.0 == pytest.approx(10.0 * 0.96, abs=0.1)
+    assert (y + 100.0, z - 600.0) == pytest.approx((1.25, -0.5))
+    line.streams(30.0, PathCorrection(0, 0, (0.0, 0.0, 0.0), 48))
+    assert planned(line.last).position_mm == pytest.approx((1100.0, -100.0, 600.0))
+
+
+def test_a_correction_comes_no_faster_than_it_may() -> None:
+    line = Line(mode="path", path_corr_mm_s=20.0, ref_delay_cycles=0).cycles(2)
+    line.streams(0.1, PathCorrection(0, 0, (0.0, 50.0, 0.0), 4))
+    sides = [planned(one).position_mm[1] for one in line.heard[-10:]]
+    assert np.abs(np.diff(sides)) == pytest.approx([0.08] * 9)
+
+
+def test_the_profile_names_what_it_refuses() -> None:
+    for settings, words in (
+        ({"k": 21.0}, "k must be at most 20"),
+        ({"tm_start": 0}, "tm_start must be at least 1"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            EgmProfile(**settings)
+    with pytest.raises(ValueError, match="damping_ratio must be more than 0"):
+        EgmArmProfile(damping_ratio=0.0)
+
+
+def test_the_truth_knows_the_joints() -> None:
+    line = Line().cycles(1)
+    joints = line.robot.joints_holding(Pose((0.9, -0.1, 0.6), DOWN), line.now)
+    assert joints == pytest.approx(line.robot.motion.joints)
+
+
+def test_the_page_names_every_setting_and_every_fault() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "egm.md").read_text(encoding="utf-8")
+    names = [one.name for profile in (EgmProfile(), EgmArmProfile()) for one in settings_of(profile)]
+    names += [fault for faults in EGM_FAULTS.values() for fault in faults]
+    assert [name for name in names if f"`{name}`" not in page] == []

@@ -1,0 +1,140 @@
+"""What every emulated sensor shares: its converter, faults of its signal, its own faults, a bad wire of datagrams."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from emulators.faults import Ledger
+from emulators.faults.kinds import FOREVER, Fault
+from emulators.faults.ledger import Handler
+from emulators.faults.own import OwnFaults
+from emulators.faults.wire import DATAGRAMS, WIRE_FAULTS, FaultyWire
+from emulators.sensing import Converter, KnownWrench, MeasuredWrench
+from emulators.sensing.faults import SIGNAL_FAULTS
+
+RATE = 100.0
+
+
+def measured(noise: float = 0.0, end: float = 1e6, seed: int = 7) -> tuple[MeasuredWrench, KnownWrench]:
+    """A sensor of 10 counts for each N and N·m whose load rises by 1 N a second on fx, and less on the others."""
+    source = KnownWrench(lambda times: np.outer(times, [1.0, 0.9, 0.8, 0.7, 0.6, 0.5]))
+    converter = Converter(np.eye(6) * 10.0, np.full(6, noise), np.full(6, -end), np.full(6, end), offset=3.0)
+    return MeasuredWrench(source, RATE, converter, seed, "" if noise else "its noise"), source
+
+
+def signal_book(sensor: MeasuredWrench) -> Ledger:
+    book = Ledger({"signal": SIGNAL_FAULTS})
+    book.attach("signal", sensor.signal.handlers)
+    return book
+
+
+def test_outputs_are_whole_numbers_with_an_offset_and_ends() -> None:
+    sensor, _ = measured(end=20.0)
+    outputs = sensor.outputs(0, 300)
+    assert outputs[:, 0].tolist() == [min(round(k / 10 + 3.0), 20) for k in range(301)]
+    assert sensor.last_at_end(outputs) == 300
+    assert sensor.last_at_end(outputs[:160]) is None
+    assert sensor.last_at_end(outputs[100:172]) == 71
+    assert (sensor.number_at(1.0), sensor.first_after(1.0), sensor.number_at(0.999)) == (100, 101, 99)
+
+
+@given(st.lists(st.integers(1, 40), min_size=1, max_size=12), st.sampled_from(sorted(SIGNAL_FAULTS)))
+def test_a_fault_is_the_same_however_the_samples_are_read(sizes: list[int], fault: str) -> None:
+    (whole, _), (pieces, _) = measured(2.0), measured(2.0)
+    for sensor in (whole, pieces):
+        signal_book(sensor).inject("signal", fault, 0.5, {})
+    total, found, first = sum(sizes), [], 0
+    for size in sizes:
+        found.append(pieces.outputs(first, first + size - 1))
+        first += size
+    assert np.array_equal(np.concatenate(found), whole.outputs(0, total - 1))
+
+
+@pytest.mark.parametrize("fault", sorted(SIGNAL_FAULTS))
+def test_every_fault_of_the_signal_changes_samples_from_its_begin_on_alone(fault: str) -> None:
+    clean, (broken, _) = measured(2.0)[0].outputs(0, 199), measured(2.0)
+    injection = signal_book(broken).inject("signal", fault, 1.0, {} if fault == "stuck" else {"for_s": 0.5})
+    outputs = broken.outputs(0, 199)
+    changed = np.flatnonzero((outputs != clean).any(axis=1))
+    assert len(changed)
+    assert changed.min() >= 100
+    assert fault == "stuck" or changed.max() < 150
+    assert injection.struck
+
+
+def test_noise_that_is_not_there_cannot_grow() -> None:
+    with pytest.raises(ValueError, match="this sensor has no noise; set its noise"):
+        signal_book(measured()[0]).inject("signal", "noise", 0.0, {})
+
+
+def test_own_faults_strike_hold_and_end() -> None:
+    own, struck, ended = OwnFaults(), list[float](), list[float]()
+    book = Ledger(
+        {"sensor": {"once": Fault("", {}), "long": Fault("", {}, FOREVER), "short": Fault("", {}, 2.0)}}
+    )
+    handlers: dict[str, Handler] = {
+        **own.striking({"once": struck.append}),
+        **own.held(("long",)),
+        **own.ended_by("short", ended.append),
+    }
+    book.attach("sensor", handlers)
+    once, long, short = (book.inject("sensor", name, 1.0, {}) for name in ("once", "long", "short"))
+    assert (struck, once.ended_at, once.struck) == ([1.0], 1.0, 1)
+    assert own.under_way("long", 0.5) is None
+    assert own.under_way("long", 100.0) is long
+    assert own.under_way("other", 1.0) is None
+    assert own.under_way("short", 2.0) is short
+    book.handle_deadline(3.0)
+    assert (ended, own.under_way("short", 3.0)) == ([3.0], None)
+    assert (long.struck, short.struck) == (1, 1)
+
+
+SENT = [bytes([k]) * 20 for k in range(100)]
+
+
+def damaged(fault: str, **parameters: object) -> list[bytes]:
+    """What comes through at once of a hundred datagrams."""
+    wire = FaultyWire(DATAGRAMS, 7)
+    book = Ledger({"frames": WIRE_FAULTS})
+    book.attach("frames", wire.handlers)
+    book.inject("frames", fault, 0.0, parameters)
+    return list(wire.outgoing(SENT, 0.5))
+
+
+@pytest.mark.parametrize(
+    ("fault", "parameters", "holds"),
+    [
+        ("off", {}, lambda came: came == []),
+        ("loss", {"probability": 0.5}, lambda came: 30 < len(came) < 70 and set(came) < set(SENT)),
+        ("duplication", {"probability": 1.0}, lambda came: len(came) == 200),
+        ("delay", {"ms": 100.0}, lambda came: came == []),
+        ("lose-next", {"count": 3}, lambda came: came == SENT[3:]),
+        ("garbage", {}, lambda came: [len(one) for one in came] == [20] * 100 and came != SENT),
+        (
+            "corruption",
+            {"probability": 1.0},
+            lambda came: (
+                [
+                    sum((a ^ b).bit_count() for a, b in zip(one, sent, strict=True))
+                    for one, sent in zip(came, SENT, strict=True)
+                ]
+                == [1] * 100
+            ),
+        ),
+    ],
+)
+def test_a_bad_wire_damages_datagrams(
+    fault: str, parameters: dict[str, object], holds: Callable[[list[bytes]], bool]
+) -> None:
+    assert holds(damaged(fault, **parameters))
+
+
+def test_an_empty_datagram_cannot_be_damaged() -> None:
+    wire = FaultyWire(DATAGRAMS, 7)
+    book = Ledger({"frames": WIRE_FAULTS})
+    book.attach("frames", wire.handlers)
+    book.inject("frames", "corruption", 0.0, {"probability": 1.0})
+    assert list(wire.incoming([b""], 0.5)) == [b""]

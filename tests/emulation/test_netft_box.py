@@ -1,0 +1,378 @@
+"""The emulated Net F/T: its stream, its refusals, its faults, its pages."""
+
+import itertools
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from emulators.faults import Ledger
+from emulators.netft import NETFT_FAULTS, NetBox, NetFtProfile, PageEndpoint, answer
+from emulators.seams import Floats
+from emulators.sensing import KnownWrench
+from protocol.datagram import Datagram, side_of
+from protocol.netft import Command, Record, decode_record, encode_request, parse_page
+from protocol.netft.http import encode_get, read_answer
+from protocol.netft.records import SATURATED
+
+T0 = 100.0
+QUIET = {"noise_n": 0.0, "noise_nm": 0.0, "boot_s": 0.0}
+LOAD = (1.0, -2.0, 3.0, 0.1, -0.2, 0.3)
+
+
+def steady(load: tuple[float, ...] = LOAD) -> Callable[[Floats], Floats]:
+    return lambda times: np.tile(np.array(load), (len(times), 1))
+
+
+def box(wrench: Callable[[Floats], Floats] | None = None, **settings: Any) -> NetBox:
+    return NetBox(NetFtProfile(**{**QUIET, **settings}), KnownWrench(wrench or steady()), T0, 7)
+
+
+def ledger(device: NetBox) -> Ledger:
+    found = Ledger(NETFT_FAULTS)
+    for target, handlers in device.handlers.items():
+        found.attach(target, handlers)
+    return found
+
+
+def ask(device: NetBox, command: Command, now: float, count: int = 0) -> None:
+    device.receive([encode_request(command, count)], now)
+
+
+def told(device: NetBox, until: float) -> list[Record]:
+    """Records up to a time, each sent when it is due."""
+    found = []
+    while (due := device.next_deadline()) is not None and due <= until:
+        device.handle_deadline(due)
+        for datagram in device.data_to_send(due):
+            found += [decode_record(datagram[at : at + 36]) for at in range(0, len(datagram), 36)]
+    return found
+
+
+def streamed(device: NetBox, seconds: float = 0.02, begin: float = T0) -> list[Record]:
+    ask(device, Command.START, begin)
+    return told(device, begin + seconds)
+
+
+def test_a_stream_counts_its_records_and_its_samples() -> None:
+    records = streamed(box())
+    assert len(records) == 20
+    assert [record.rdt_sequence for record in records] == list(range(1, 21))
+    assert {b.ft_sequence - a.ft_sequence for a, b in itertools.pairwise(records)} == {7}
+    assert records[0].counts == (1000000, -2000000, 3000000, 100000, -200000, 300000)
+    assert {record.status for record in records} == {0}
+
+
+@pytest.mark.parametrize(("rate", "step"), [(7000, 1), (3000, 2), (2000, 3), (1000, 7)])
+def test_a_sample_is_never_told_twice_whatever_the_rate(rate: int, step: int) -> None:
+    records = streamed(box(rate_hz=rate), 0.1)
+    assert {b.ft_sequence - a.ft_sequence for a, b in itertools.pairwise(records)} == {step}
+    assert len(records) == pytest.approx(700 / step, abs=3)
+
+
+def test_the_truth_knows_when_a_sample_was_taken() -> None:
+    device = box(lambda times: np.outer(times - T0, np.ones(6)))
+    record = streamed(device)[-1]
+    at = device.sampled_at(record.ft_sequence)
+    assert at is not None
+    assert record.counts[0] == pytest.approx((at - T0) * 1e6, abs=1)
+    assert device.sampled_at(record.ft_sequence + 100) is None
+
+
+def test_a_finite_request_ends_by_itself() -> None:
+    device = box()
+    ask(device, Command.START, T0, count=3)
+    assert len(told(device, T0 + 1.0)) == 3
+    assert device.next_deadline() is None
+    ask(device, Command.START, T0 + 1.0, count=1)
+    (record,) = told(device, T0 + 2.0)
+    assert (record.rdt_sequence, record.ft_sequence) == (1, 7000)
+
+
+def test_a_second_start_begins_to_count_anew_and_a_stop_ends() -> None:
+    device = box()
+    streamed(device)
+    records = streamed(device, begin=T0 + 0.02)
+    assert records[0].rdt_sequence == 1
+    ask(device, Command.STOP, T0 + 0.05)
+    assert told(device, T0 + 1.0) == []
+
+
+def test_buffered_records_come_together() -> None:
+    device = box(buffered_records=5)
+    ask(device, Command.START_BUFFERED, T0, count=12)
+    sizes = []
+    while (due := device.next_deadline()) is not None:
+        device.handle_deadline(due)
+        sizes += [len(datagram) // 36 for datagram in device.data_to_send(due)]
+    assert sizes == [5, 5, 2]
+
+
+def test_a_bias_makes_the_present_load_zero_and_the_stream_goes_on() -> None:
+    device = box()
+    before = streamed(device)[-1]
+    ask(device, Command.BIAS, T0 + 0.02)
+    after = told(device, T0 + 0.03)
+    assert {record.counts for record in after} == {(0,) * 6}
+    assert after[0].rdt_sequence == before.rdt_sequence + 1
+    assert device.bias.tolist() == pytest.approx(np.array(LOAD) * 1e6)
+
+
+def test_a_bias_between_two_late_records_disturbs_neither() -> None:
+    device = box(lambda times: np.outer(times - T0, np.ones(6)))
+    ask(device, Command.START, T0)
+    device.receive([encode_request(Command.BIAS)], T0 + 0.0105)  # nothing was sent for ten periods
+    records = [decode_record(datagram) for datagram in device.data_to_send(T0 + 0.0105)]
+    assert [record.rdt_sequence for record in records] == list(range(1, 12))
+    assert records[-1].counts[0] > 0
+    assert told(device, T0 + 0.0115)[0].counts[0] == pytest.approx(1000, abs=500)
+
+
+def test_a_bias_may_end_the_stream() -> None:
+    device = box(bias_stops_stream=True)
+    streamed(device)
+    ask(device, Command.BIAS, T0 + 0.02)
+    assert told(device, T0 + 1.0) == []
+
+
+@given(st.lists(st.binary(max_size=20), max_size=10))
+def test_what_is_no_request_gets_no_answer(data: list[bytes]) -> None:
+    device = box()
+    device.receive([one for one in data if one[:4] not in (b"\x12\x34\x00\x02", b"\x12\x34\x00\x03")], T0)
+    assert told(device, T0 + 0.1) == []
+
+
+@pytest.mark.parametrize("told_", ["1234000200000000ff", "123480020000000000000000", "1234000400000000"])
+def test_refused_requests_leave_it_silent(told_: str) -> None:
+    device = box()
+    device.receive([bytes.fromhex(told_)], T0)
+    assert told(device, T0 + 0.1) == []
+
+
+def test_it_hears_nothing_while_it_boots_or_is_switched_off() -> None:
+    device = box(boot_s=1.0)
+    assert streamed(device) == []
+    assert streamed(device, begin=T0 + 1.0)
+    assert streamed(box(rdt_enabled=False)) == []
+
+
+def test_the_filter_smooths_a_step_with_its_delay() -> None:
+    def step(times: Floats) -> Floats:
+        return np.outer(np.where(times >= T0 + 0.1, 10.0, 0.0), np.ones(6))
+
+    device = box(step, filter=4, rate_hz=7000)
+    ask(device, Command.START, T0)
+    forces = {record.ft_sequence: record.counts[0] * 1e-6 for record in told(device, T0 + 0.2)}
+    assert forces[690] == 0.0
+    assert forces[699 + 14] == pytest.approx(10.0 * (1.0 - np.exp(-1.0)), rel=0.06)  # 2.18 ms
+    assert forces[1300] == pytest.approx(10.0, rel=1e-3)
+
+
+def test_noise_belongs_to_the_sample() -> None:
+    one, other = (box(noise_n=0.1) for _ in range(2))
+    first, second = streamed(one), streamed(other, begin=T0 + 0.007)
+    by_number = {record.ft_sequence: record.counts for record in first}
+    common = [record for record in second if record.ft_sequence in by_number]
+    assert len(common) > 5
+    assert all(by_number[record.ft_sequence] == record.counts for record in common)
+    assert np.std([record.counts[0] for record in first]) == pytest.approx(1e5, rel=0.5)
+
+
+# --- strangers
+
+MINE, OTHER = ("10.0.0.1", 5000), ("10.0.0.2", 5000)
+
+
+def ask_from(side: tuple[str, int], device: NetBox, command: Command, now: float) -> None:
+    device.receive([Datagram(encode_request(command), side=side)], now)
+
+
+def sides(device: NetBox, until: float) -> list[object]:
+    found: list[object] = []
+    while (due := device.next_deadline()) is not None and due <= until:
+        device.handle_deadline(due)
+        found += [side_of(datagram) for datagram in device.data_to_send(due)]
+    return found
+
+
+def test_a_start_of_a_stranger_takes_the_stream() -> None:
+    device = box()
+    ask_from(MINE, device, Command.START, T0)
+    assert set(sides(device, T0 + 0.02)) == {MINE}
+    ask_from(OTHER, device, Command.START, T0 + 0.02)
+    device.data_to_send(T0 + 0.02)
+    assert set(sides(device, T0 + 0.04)) == {OTHER}
+
+
+def test_a_bias_of_a_stranger_is_taken_and_the_stream_stays() -> None:
+    device = box()
+    ask_from(MINE, device, Command.START, T0)
+    sides(device, T0 + 0.02)
+    ask_from(OTHER, device, Command.BIAS, T0 + 0.02)
+    device.receive([Datagram(b"nonsense", side=OTHER)], T0 + 0.02)
+    assert set(sides(device, T0 + 0.04)) == {MINE}
+    assert device.bias.tolist() == pytest.approx(np.array(LOAD) * 1e6)
+
+
+@pytest.mark.parametrize("may_stop", [True, False])
+def test_a_stop_of_a_stranger_ends_the_stream_or_not(may_stop: bool) -> None:
+    device = box(stranger_may_stop=may_stop)
+    ask_from(MINE, device, Command.START, T0)
+    sides(device, T0 + 0.02)
+    ask_from(OTHER, device, Command.STOP, T0 + 0.02)
+    device.data_to_send(T0 + 0.02)
+    assert bool(sides(device, T0 + 0.04)) is not may_stop
+    ask_from(MINE, device, Command.STOP, T0 + 0.05)
+    device.data_to_send(T0 + 0.05)
+    assert sides(device, T0 + 0.1) == []
+
+
+# --- saturation and faults
+
+
+def test_a_saturated_gage_is_told_for_some_samples_more() -> None:
+    def blow(times: Floats) -> Floats:
+        hit = (times >= T0 + 0.010) & (times < T0 + 0.012)
+        return np.outer(np.where(hit, 2000.0, 1.0), np.ones(6))
+
+    records = streamed(box(blow), 0.03)
+    bits = [bool(record.status & SATURATED) for record in records]
+    assert records[11].counts[2] == round(400e6 * 2.6)
+    assert bits.index(True) in (9, 10)
+    assert sum(bits) in range(5, 9)  # 2 ms, and 32 samples
+    assert not bits[-1]
+
+
+def test_an_unplugged_transducer_freezes_the_counts_and_says_so() -> None:
+    device = box(lambda times: np.outer(times - T0, np.ones(6)))
+    streamed(device)
+    injection = ledger(device).inject("frames", "unplugged", T0 + 0.02, {})
+    records = told(device, T0 + 0.03)
+    assert {record.status for record in records} == {0x88000010}
+    assert len({record.counts for record in records}) == 1
+    assert injection.struck >= len(records)
+
+
+def test_each_fault_has_its_effect() -> None:
+    def with_fault(target: str, fault: str, **parameters: object) -> list[Record]:
+        device = box()
+        streamed(device)
+        injection = ledger(device).inject(target, fault, T0 + 0.02, parameters)
+        records = told(device, T0 + 0.2)
+        device.data_to_send(T0 + 0.2)
+        assert injection.struck or fault in ("wrong", "noise"), fault
+        return records
+
+    assert {record.counts[2] for record in with_fault("signal", "scale", axis="fz", factor=0.5)[1:]} == {
+        1500000
+    }
+    assert {record.counts[2] for record in with_fault("signal", "dead", axis="fz")[1:]} == {0}
+    assert len(with_fault("frames", "slow", factor=10.0)) == 18
+    assert len({record.ft_sequence for record in with_fault("frames", "frozen-counter")}) == 1
+    assert {record.status for record in with_fault("sensor", "status", bit=8)[1:]} == {0x80000100}
+    assert {record.status for record in with_fault("sensor", "threshold")[1:]} == {0x80010000}
+    assert with_fault("sensor", "taken") == []
+    assert with_fault("sensor", "power-cycle") == []
+    assert with_fault("frames", "off") == []
+    assert {record.counts for record in with_fault("sensor", "biased")[1:]} == {(0,) * 6}
+    assert len([record for record in with_fault("sensor", "saturated") if record.status]) in range(48, 53)
+    assert len(with_fault("frames", "duplication", probability=1.0)) == 360
+    with pytest.raises(ValueError, match=r"no noise; set cell\.netft\.noise_n"):
+        with_fault("signal", "noise")
+
+
+def test_the_latch_is_reset_and_an_axia_warns_without_the_summary() -> None:
+    device = box(family="axia")
+    streamed(device)
+    ledger(device).inject("sensor", "threshold", T0 + 0.02, {})
+    assert told(device, T0 + 0.03)[-1].status == 0x00010000
+    ask(device, Command.RESET_LATCH, T0 + 0.03)
+    assert told(device, T0 + 0.04)[-1].status == 0
+
+
+@pytest.mark.parametrize(("persistent", "bias"), [(True, 1e6), (False, 0.0)])
+def test_a_power_cycle_counts_from_0_and_keeps_a_bias_or_not(persistent: bool, bias: float) -> None:
+    device = box(boot_s=1.0, bias_persistent=persistent)
+    assert streamed(device, begin=T0 + 1.0)
+    ask(device, Command.BIAS, T0 + 2.0)
+    ledger(device).inject("sensor", "power-cycle", T0 + 3.0, {})
+    assert streamed(device, begin=T0 + 3.5) == []
+    records = streamed(device, begin=T0 + 4.0)
+    assert records[0].ft_sequence == pytest.approx(7000, abs=7)
+    assert records[0].counts[0] == pytest.approx(1e6 - bias)
+
+
+# --- pages
+
+
+def get(device: NetBox, path: str, now: float = T0) -> bytes:
+    found = answer(encode_get("box", path), device, now)
+    assert found is not None
+    return found
+
+
+def test_its_page_tells_what_its_counts_mean() -> None:
+    found = parse_page(read_answer(get(box(rate_hz=2000), "/netftapi2.xml")) or b"")
+    assert found.scales == pytest.approx((1e-6,) * 6)
+    assert found.ratings == pytest.approx((130.0, 130.0, 400.0, 10.0, 10.0, 10.0))
+    assert found.period == pytest.approx(3 / 7000)
+    assert b"<calsn>" in get(box(), "/netftcalapi.xml?index=0")
+    assert get(box(), "/nothing").startswith(b"HTTP/1.1 404")
+
+
+def test_a_wrong_scale_is_told_by_the_page_alone() -> None:
+    device = box()
+    ledger(device).inject("scales", "wrong", T0, {"factor": 0.5, "of": "forces"})
+    found = parse_page(read_answer(get(device, "/netftapi2.xml")) or b"")
+    assert found.scales == pytest.approx((0.5e-6,) * 3 + (1e-6,) * 3)
+
+
+def test_its_forms_change_it_and_ignore_what_they_do_not_know() -> None:
+    device = box()
+    get(device, "/comm.cgi?comrdtrate=7000&comrdtbsiz=8")
+    get(device, "/setting.cgi?setuserfilter=3&setbias2=1000000")
+    assert (device.rate_hz, device.buffered_records, device.filter_number) == (7000.0, 8, 3)
+    assert streamed(device)[-1].counts[2] == 2000000
+    for query in (
+        "comm.cgi?commrdtrate&1000",
+        "comm.cgi?comrdtrate=0&comrdtbsiz=99&comrdte=7",
+        "comm.cgi?setuserfilter=5",
+        "setting.cgi?setuserfilter=99&setbias9=1&setbias0=inf&setbias1=1e400",
+        "setting.cgi?setbias0=111111111111111111111111",
+        "config.cgi?cfgid=0&cfgfu=9",
+    ):
+        assert get(device, f"/{query}").startswith(b"HTTP/1.1 200")
+    assert (device.rate_hz, device.buffered_records, device.filter_number) == (7000.0, 8, 3)
+    assert device.bias.tolist() == [0.0, 0.0, 1e6, 0.0, 0.0, 0.0]
+    get(device, "/comm.cgi?comrdte=0")
+    assert b"Disabled" in get(device, "/netftapi2.xml")
+    ask(device, Command.STOP, T0 + 1.0)
+    assert streamed(device, begin=T0 + 1.0)[:1] != []  # the stream under way goes on
+
+
+@given(st.binary(max_size=60))
+def test_no_request_of_a_browser_raises(data: bytes) -> None:
+    device = box()
+    for request in (data, data + b"\r\n\r\n", b"GET " + data + b" HTTP/1.1\r\n\r\n"):
+        answer(request, device, T0)
+
+
+def test_a_box_that_boots_answers_no_browser() -> None:
+    device = box(boot_s=1.0)
+    page = PageEndpoint(device)
+    page.receive(encode_get("box"), T0 + 0.5)
+    assert page.data_to_send(T0 + 0.5) == b""
+    page.receive(encode_get("box"), T0 + 1.5)
+    assert read_answer(page.data_to_send(T0 + 1.5)) is not None
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [{"rate_hz": 0}, {"filter": 13}, {"ratings_n": (1.0, 2.0)}, {"family": "other"}, {"noise_n": -1.0}],
+)
+def test_settings_that_cannot_be_are_refused(settings: dict[str, Any]) -> None:
+    with pytest.raises(ValueError, match="must be"):
+        NetFtProfile(**settings)

@@ -1,0 +1,556 @@
+"""The emulated KUKA controller: cycles, late answers and their limit, corrections and their limits, each fault."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from emulators.faults import Ledger
+from emulators.rsi import RSI_FAULTS, RsiController, RsiProfile
+from emulators.rsi.controller import State
+from emulators.rsi.correction import TOO_FAR, TOO_FAST, Correction
+from emulators.rsi.ethernet import TIMED_OUT
+from emulators.seams import StartPose
+from protocol.endpoint import RemoteProtocolError
+from protocol.geometry import Pose
+from protocol.rsi import SENSOR, Telegram, decode, encode, fixed, numbers, pose_tags
+from protocol.rsi.angles import quaternion_of
+
+T0 = 1000.0
+DOWN = (0.0, 1.0, 0.0, 0.0)
+PLAIN = ("DEF_RIst", "DEF_RSol", "DEF_AIPos", "DEF_ASPos", "DEF_Delay")
+QUICK: dict[str, Any] = {"send": PLAIN, "move_after_ms": 0.0, "restart_s": 0.0}
+
+
+def answer(ipoc: int, x: float = 0.0, y: float = 0.0, z: float = 0.0, c: float = 0.0, **more: str) -> bytes:
+    values = (x, y, z, 0.0, 0.0, c)
+    texts = {tag: fixed(value, 6) for tag, value in zip(pose_tags("RKorr"), values, strict=True)}
+    return encode(Telegram(SENSOR, "ImFree", {**texts, **more}, ipoc))
+
+
+@dataclass
+class Rig:
+    """A controller, cycle by cycle."""
+
+    profile: RsiProfile
+    now: float = T0
+    sent: list[Telegram] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.robot = RsiController(self.profile, StartPose((0.6, 0.0, 0.5), DOWN), T0)
+        self.ledger = Ledger(RSI_FAULTS)
+        for target, handlers in self.robot.handlers.items():
+            self.ledger.attach(target, handlers)
+
+    def next(self, *, plain: bool = True) -> list[bytes]:
+        """What goes out at the next moment at which the controller acts."""
+        due = self.robot.next_deadline()
+        assert due is not None
+        self.now = due
+        self.robot.handle_deadline(due)
+        out = [bytes(raw) for raw in self.robot.data_to_send(due)]
+        if plain:
+            self.sent += [decode(raw) for raw in out]
+        return out
+
+    def cycle(self, *replies: Callable[[int], bytes]) -> Telegram:
+        """The next telegram, answered."""
+        (raw,) = self.next()
+        telegram = decode(raw)
+        self.robot.receive([reply(telegram.ipoc) for reply in replies], self.now + 0.001)
+        return telegram
+
+    def run(self, cycles: int, **value: Any) -> None:
+        for _ in range(cycles):
+            self.cycle(lambda ipoc: answer(ipoc, **value))
+
+    def z(self) -> float:
+        return self.robot.correction[2]
+
+    def height_mm(self) -> float:
+        """Where the arm really is, beyond all lag."""
+        path = self.robot.path
+        positions, _ = path.trajectory(np.array([self.now]))
+        return float(positions[0, 2]) * 1e3
+
+
+def rig(**settings: Any) -> Rig:
+    return Rig(RsiProfile(**{**QUICK, **settings}))
+
+
+def actual(telegram: Telegram) -> list[float]:
+    found = numbers(telegram.values, pose_tags("RIst"))
+    assert found is not None
+    return found
+
+
+# --- telegrams
+
+
+def test_the_first_telegrams_are_the_specifications_to_the_byte() -> None:
+    one = rig()
+    assert one.next() == [
+        b'<Rob Type="KUKA"><RIst X="600.0000" Y="0.0000" Z="500.0000" A="0.0000" B="0.0000" C="180.0000"/>'
+        b'<RSol X="600.0000" Y="0.0000" Z="500.0000" A="0.0000" B="0.0000" C="180.0000"/>'
+        b'<AIPos A1="0.0000" A2="-90.0000" A3="90.0000" A4="0.0000" A5="90.0000" A6="0.0000"/>'
+        b'<ASPos A1="0.0000" A2="-90.0000" A3="90.0000" A4="0.0000" A5="90.0000" A6="0.0000"/>'
+        b'<Delay D="0"/><IPOC>123456</IPOC></Rob>'
+    ]
+    other = rig(send=("DEF_RIst", "DEF_AIPos", "DEF_EIPos", "DEF_Delay"), ipoc_start=123468)
+    for _ in range(4):
+        (raw,) = other.next()
+    assert raw == (
+        b'<Rob Type="KUKA"><RIst X="600.0000" Y="0.0000" Z="500.0000" A="0.0000" B="0.0000" C="180.0000"/>'
+        b'<AIPos A1="0.0000" A2="-90.0000" A3="90.0000" A4="0.0000" A5="90.0000" A6="0.0000"/>'
+        b'<EIPos E1="0.0000" E2="0.0000" E3="0.0000" E4="0.0000" E5="0.0000" E6="0.0000"/>'
+        b'<Delay D="3"/><IPOC>123480</IPOC></Rob>'
+    )
+
+
+@pytest.mark.parametrize("cycle_ms", [4, 12])
+def test_the_clock_counts_milliseconds(cycle_ms: int) -> None:
+    one = rig(cycle_ms=cycle_ms)
+    first = one.cycle(answer)
+    began = one.now
+    for _ in range(250):
+        last = one.cycle(answer)
+    assert last.ipoc - first.ipoc == 250 * cycle_ms
+    assert one.now - began == pytest.approx(0.25 * cycle_ms)
+
+
+def test_a_process_that_stalls_misses_cycles_and_counts_none_late() -> None:
+    one = rig()
+    one.run(2)
+    one.now += 1.0
+    one.robot.handle_deadline(one.now)
+    (raw,) = one.robot.data_to_send(one.now)
+    assert decode(raw).ipoc == 123460 + 1000
+    assert one.robot.late == 0
+    assert one.robot.next_deadline() == pytest.approx(one.now + 0.004)
+
+
+def test_further_channels_and_other_spellings_are_sent() -> None:
+    one = rig(
+        send=("DEF_RIst", "DEF_MACur", "ProgStatus.R"), rob_type_attr="TYPE", precision=2, empty_first=True
+    )
+    (raw,) = one.next()
+    assert raw == b'<Rob TYPE="KUKA"><IPOC>123456</IPOC></Rob>'
+    (raw,) = one.next()
+    assert raw == (
+        b'<Rob TYPE="KUKA"><RIst X="600.00" Y="0.00" Z="500.00" A="0.00" B="0.00" C="180.00"/>'
+        b'<MACur>0</MACur><ProgStatus R="3"/><IPOC>123460</IPOC></Rob>'
+    )
+
+
+@pytest.mark.parametrize("tag", ["", "a.b.c", "a b", "<", "1a"])
+def test_a_tag_that_is_none_is_refused(tag: str) -> None:
+    with pytest.raises(ValueError, match="is no tag"):
+        RsiProfile(send=(tag,))
+
+
+# --- corrections
+
+
+def test_relative_values_add_up_and_the_arm_follows() -> None:
+    one = rig()
+    one.run(250, z=-0.02)
+    before = actual(one.cycle())
+    assert one.z() == pytest.approx(-5.0)
+    assert -5.0 <= before[2] - 500.0 < -4.6  # it lags behind
+    one.run(100)
+    told = one.cycle(lambda ipoc: answer(ipoc))
+    assert actual(told)[2] == pytest.approx(495.0, abs=1e-3)
+    assert told.values["RSol.Z"] == "500.0000"
+
+
+def test_absolute_values_are_the_whole_correction() -> None:
+    one = rig(mode="absolute")
+    one.run(50, z=-0.5)
+    assert one.z() == -0.5
+    one.run(50)
+    assert one.z() == 0.0
+
+
+def test_repeated_answers_and_missing_ones_move_nothing_in_relative_mode() -> None:
+    one = rig()
+    one.run(10, z=-0.02)
+    one.cycle(*[lambda ipoc: answer(ipoc, z=-0.02)] * 5)
+    one.cycle()
+    assert one.z() == pytest.approx(-0.22)
+    for _ in range(5):
+        one.cycle()
+    assert one.z() == pytest.approx(-0.22)
+    assert one.robot.discarded == {"the second in a cycle": 4}
+
+
+def test_lost_answers_by_holdon_as_the_specification_counts_them() -> None:
+    for holdon, total in (("keep", -0.30), ("zero", -0.20), ("by mode", -0.20)):
+        one = rig(holdon=holdon)
+        one.run(10, z=-0.02)
+        for _ in range(5):
+            one.cycle()
+        one.next()
+        assert one.z() == pytest.approx(total), holdon
+
+
+def test_an_absolute_correction_is_kept_without_an_answer_and_falls_without_holdon() -> None:
+    one = rig(mode="absolute")
+    one.run(5, z=-0.9)
+    one.run(5, z=-1.8)
+    one.cycle()
+    one.next()
+    assert (one.z(), one.robot.error) == (-1.8, "")
+    other = rig(mode="absolute", holdon="zero")
+    other.run(5, z=-0.9)
+    other.run(5, z=-1.8)
+    other.cycle()
+    other.next()
+    assert other.robot.error == TOO_FAST  # one answer was lost, and 0 is a jump
+    assert other.robot.state is State.ERROR
+
+
+def test_the_second_of_two_answers_may_hold() -> None:
+    one = rig(double_reply="last")
+    one.cycle(lambda ipoc: answer(ipoc, z=-0.02), lambda ipoc: answer(ipoc, z=-0.03))
+    one.next()
+    assert one.z() == -0.03
+
+
+def test_a_channel_that_is_missing_goes_by_holdon() -> None:
+    only_x = encode(Telegram(SENSOR, "ImFree", {"RKorr.X": "0.01"}, 0))
+
+    def reply(ipoc: int) -> bytes:
+        return only_x.replace(b"<IPOC>0<", b"<IPOC>%d<" % ipoc)
+
+    one = rig(mode="absolute")
+    one.run(1, z=-0.5)
+    one.cycle(reply)
+    one.next()
+    assert one.robot.correction[:3] == (0.01, 0.0, -0.5)
+
+
+def test_corrections_before_the_motion_begins_are_dropped() -> None:
+    one = rig(move_after_ms=40.0)
+    one.run(10, z=-0.02)
+    assert (one.robot.state, one.z()) == (State.ON, 0.0)
+    one.run(5, z=-0.02)
+    assert one.robot.state is State.MOVECORR
+    assert one.z() == pytest.approx(-0.1)
+
+
+def test_the_stop_channels_edge_ends_the_motion_and_telegrams_go_on() -> None:
+    one = rig()
+    one.run(10, z=-0.02)
+    one.cycle(lambda ipoc: answer(ipoc, z=-0.02, Stop="1"))
+    one.run(5, z=-0.02)
+    assert one.robot.state is State.ON
+    assert one.z() == pytest.approx(-0.2)
+    assert one.robot.late == 0
+
+
+# --- limits
+
+
+def test_the_limit_of_poscorr_cuts_without_a_word() -> None:
+    one = rig(lim_mm=5.0, mon_mm=6.0)
+    one.run(300, z=-0.02)
+    assert one.z() == -5.0
+    assert one.robot.error == ""
+    one.run(10, z=0.02)
+    one.next()
+    assert one.z() == pytest.approx(-4.8)
+
+
+def test_the_monitor_ends_rsi_where_axes_add_up() -> None:
+    for norm, error in (("euclid", TOO_FAR), ("component", "")):
+        one = rig(lim_mm=5.0, mon_mm=6.0, mon_norm=norm)
+        for _ in range(300):
+            for raw in one.next():
+                one.robot.receive([answer(decode(raw).ipoc, x=0.02, y=0.02)], one.now)
+        assert one.robot.error == error
+        assert math.hypot(*one.robot.correction[:2]) == pytest.approx(
+            6.0 if error else math.hypot(5, 5), abs=0.03
+        )
+
+
+def test_a_jump_stops_the_robot_where_it_is() -> None:
+    for value in ({"z": -1.1}, {"c": 0.5}, {"x": 0.8, "y": 0.8}):
+        one = rig()
+        one.run(5)
+        one.cycle(lambda ipoc, value=value: answer(ipoc, **value))  # type: ignore[misc]
+        assert one.next() == []
+        assert (one.robot.error, one.robot.correction) == (TOO_FAST, (0.0,) * 6)
+    slow = rig(cycle_ms=12)
+    slow.run(2, z=-2.9)  # as fast as 0.97 mm in 4 ms
+    slow.next()
+    assert slow.robot.error == ""
+
+
+def test_the_turn_has_one_limit() -> None:
+    one = rig(lim_deg=2.0)
+    one.run(100, c=0.05)
+    one.next()
+    assert one.robot.correction[5] == pytest.approx(2.0)
+    told = actual(one.cycle())
+    assert told[5] == pytest.approx(-178.0, abs=0.1)
+
+
+def test_relative_turns_may_be_composed() -> None:
+    start = Pose((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
+    added, composed = (
+        Correction(RsiProfile(rel_rot=how, max_step_deg=10.0), start) for how in ("add", "compose")
+    )
+    for correction in (added, composed):
+        assert correction.take((0.0, 0.0, 0.0, 3.0, 0.0, 0.0)) == ""
+        assert correction.take((0.0, 0.0, 0.0, 0.0, 4.0, 0.0)) == ""
+    assert added.total[3:] == (3.0, 4.0, 0.0)
+    assert composed.total[3:] == pytest.approx((3.0, 4.0, 0.0), abs=0.3)
+    assert composed.total[5] != 0.0
+
+
+def test_corrections_in_the_tool_are_turned_with_it() -> None:
+    down = Pose((0.6, 0.0, 0.5), quaternion_of((0.0, 0.0, 180.0)))
+    for frame in ("start", "current"):
+        correction = Correction(RsiProfile(ref="tool", tool_frame=frame), down)
+        assert correction.take((0.0, 0.0, 0.5, 0.0, 0.2, 0.0)) == ""
+        assert correction.pose.position == pytest.approx((0.6, 0.0, 0.4995), abs=3e-6)
+    base = Correction(RsiProfile(), down)
+    assert base.take((0.0, 0.0, 0.5, 0.0, 0.0, 0.0)) == ""
+    assert base.pose.position == pytest.approx((0.6, 0.0, 0.5005))
+
+
+# --- late answers
+
+
+@pytest.mark.parametrize(("count", "fails_in"), [("consecutive", 8), ("total", 6)])
+def test_late_answers_are_counted_to_the_limit_as_the_specification_does(count: str, fails_in: int) -> None:
+    one = rig(timeout=3, late_count=count)
+    told = []
+    for valid in (1, 0, 0, 1, 0, 0, 0, 0):
+        telegram = one.cycle(*[answer] * valid)
+        told.append(int(telegram.values["Delay.D"]))
+        if len(one.sent) == fails_in:
+            break
+    assert one.next() == []
+    assert (one.robot.error, one.robot.state) == (TIMED_OUT, State.ERROR)
+    assert told[:5] == [0, 0, 1, 2, 2]
+    assert one.robot.late == (6 if count == "consecutive" else 4)
+
+
+def test_nothing_is_sent_and_nothing_moves_after_the_time_out() -> None:
+    one = rig(timeout=10)
+    one.run(100, z=-0.1)
+    for _ in range(11):
+        one.cycle()
+    assert one.next() == []
+    before = one.robot.correction
+    for _ in range(50):
+        assert one.next() == []
+        one.robot.receive([answer(one.sent[-1].ipoc, z=-0.1)], one.now)
+    assert one.robot.correction == before
+    height = one.height_mm()
+    for _ in range(100):
+        one.next()
+    assert one.height_mm() == pytest.approx(height, abs=1e-3)
+
+
+def test_a_person_resets_the_program_and_it_begins_where_the_robot_stands() -> None:
+    for restart, clock in (("continue", 123456 + 1000), ("anew", 123456)):
+        one = rig(timeout=10, restart_s=0.9, ipoc_restart=restart)
+        one.run(50, z=-0.1)
+        while not one.robot.error:
+            one.next()
+        stopped_at = one.now
+        while one.robot.error:
+            (*raw,) = one.next()
+        assert one.now - stopped_at == pytest.approx(0.9, abs=0.005)
+        telegram = decode(raw[0])
+        assert telegram.values["Delay.D"] == "0"
+        assert telegram.values["RSol.Z"] == "495.0000"
+        assert actual(telegram)[2] == pytest.approx(495.0, abs=0.01)
+        assert telegram.ipoc == pytest.approx(clock, abs=200)
+        assert one.robot.correction == (0.0,) * 6
+
+
+@pytest.mark.parametrize(
+    ("reply", "why"),
+    [
+        (lambda ipoc: answer(ipoc - 4), "late"),
+        (lambda ipoc: answer(ipoc + 4), "a clock that was never sent"),
+        (lambda ipoc: answer(ipoc).replace(b"ImFree", b"imfree"), "another SENTYPE"),
+        (lambda ipoc: answer(ipoc).replace(b"</Sen>", b""), "no telegram"),
+        (lambda ipoc: answer(ipoc).replace(b"Sen", b"Rob"), "a Rob telegram"),
+        (lambda ipoc: answer(ipoc).replace(b'Z="0.000000"', b'Z="NaN"'), "'NaN' is no number"),
+        (lambda ipoc: b"<!DOCTYPE x>" + answer(ipoc), "a telegram has neither"),
+        (lambda ipoc: b"\0" * 60_000, "a telegram of 60000 bytes"),
+    ],
+)
+def test_an_answer_that_is_not_valid_is_discarded_and_the_cycle_is_late(
+    reply: Callable[[int], bytes], why: str
+) -> None:
+    one = rig()
+    one.run(3, z=-0.02)
+    one.cycle(reply, reply)
+    one.next()
+    assert one.robot.late == 1
+    assert one.z() == pytest.approx(-0.06)
+    ((reason, times),) = one.robot.discarded.items()
+    assert reason.startswith(why)
+    assert times == 2
+    # and a valid one behind it is taken
+    one.robot.receive([answer(one.sent[-1].ipoc, z=-0.02)], one.now)
+    one.next()
+    assert one.robot.late == 1
+
+
+def test_a_robot_that_only_sends_never_times_out() -> None:
+    one = rig(onlysend=True, timeout=3)
+    one.run(20, z=-0.02)
+    assert (one.robot.late, one.z(), one.robot.error) == (0, 0.0, "")
+
+
+# --- hostile input
+
+
+@given(st.lists(st.binary(max_size=200), max_size=5))
+def test_no_bytes_move_the_robot(data: Sequence[bytes]) -> None:
+    one = rig()
+    one.run(2)
+    one.robot.receive(data, one.now)
+    one.next()
+    assert one.robot.correction == (0.0,) * 6
+
+
+def test_a_flood_of_answers_is_not_read_to_its_end() -> None:
+    one = rig()
+    one.cycle()
+    one.robot.receive([b"<%d" % number for number in range(10_000)], one.now)
+    assert sum(one.robot.discarded.values()) == 64
+    assert len(one.robot.discarded) <= 65
+
+
+# --- faults
+
+
+def test_every_fault_has_a_handler() -> None:
+    one = rig()
+    for target, faults in RSI_FAULTS.items():
+        assert set(one.robot.handlers[target]) == set(faults)
+
+
+def run_fault(target: str, fault: str, cycles: int = 150, **given: Any) -> Rig:
+    """A rig that runs into a fault after 50 cycles; its client answers every telegram that it can read."""
+    one = rig(send=(*PLAIN, "ProgStatus.R"))
+    one.run(50, z=-0.02)
+    one.ledger.inject(target, fault, one.now + 0.001, given)
+    end = one.now + cycles * 0.004
+    while one.now < end:
+        for raw in one.next(plain=False):
+            try:
+                telegram = decode(raw)
+            except RemoteProtocolError:
+                continue
+            one.sent.append(telegram)
+            one.robot.receive([answer(telegram.ipoc, z=-0.02)], one.now)
+    assert one.ledger.injections[0].struck > 0
+    return one
+
+
+def test_an_emergency_stop_is_told_and_nothing_moves_until_its_end() -> None:
+    one = run_fault("robot", "emergency-stop", for_s=0.2)
+    stopped = [telegram for telegram in one.sent if telegram.values["ProgStatus.R"] == "4"]
+    assert len(stopped) == pytest.approx(50, abs=1)
+    assert actual(stopped[-1])[2] == pytest.approx(actual(stopped[30])[2], abs=2e-3)
+    assert one.sent[-1].values["ProgStatus.R"] == "3"
+    assert one.z() == pytest.approx(-0.02 * 150, abs=0.05)
+
+
+def test_an_arm_that_stands_is_not_told() -> None:
+    one = run_fault("robot", "stand")
+    assert one.z() == pytest.approx(-1.0, abs=0.03)
+    assert {telegram.values["ProgStatus.R"] for telegram in one.sent} == {"3"}
+
+
+@pytest.mark.parametrize(
+    ("target", "fault", "error"),
+    [
+        ("robot", "drives-stop", TOO_FAST),
+        ("robot", "monitor", TOO_FAR),
+        ("answers", "refused", TIMED_OUT),
+        ("packets", "mute", TIMED_OUT),
+        ("packets", "late", TIMED_OUT),
+        ("packets", "malformed", TIMED_OUT),
+    ],
+)
+def test_faults_that_end_in_the_controllers_own_refusal(target: str, fault: str, error: str) -> None:
+    one = run_fault(target, fault)
+    assert (one.robot.error, one.robot.state) == (error, State.ERROR)
+    assert one.next() == []
+    assert one.z() == pytest.approx(-1.0, abs=0.03)
+
+
+def test_a_program_that_ends_is_silent() -> None:
+    one = run_fault("robot", "program-end")
+    assert (one.robot.state, one.robot.error) == (State.CREATED, "")
+    assert len(one.sent) == 50
+
+
+def test_a_program_that_is_reset_corrects_from_where_it_stands() -> None:
+    one = run_fault("robot", "program-reset")
+    assert one.sent[-1].values["RSol.Z"] == "499.0400"
+    assert one.robot.state is State.MOVECORR
+
+
+def test_a_narrow_limit_lasts_as_long_as_its_fault() -> None:
+    one = run_fault("robot", "limit", mm=0.3, for_s=0.4)
+    heights = [actual(telegram)[2] for telegram in one.sent]
+    assert sum(abs(height - (500.0 - 0.96 - 0.3)) < 0.021 for height in heights) > 20
+    assert one.z() < -1.5
+
+
+def test_lost_telegrams_and_answers_are_late_ones() -> None:
+    for target in ("packets", "answers"):
+        one = run_fault(target, "lost", count=7)
+        assert one.robot.late == 7
+        assert (one.robot.error, one.ledger.injections[0].struck) == ("", 7)
+        assert one.z() == pytest.approx(-0.02 * (200 - 7), abs=0.05)
+
+
+def test_duplicated_telegrams_move_nothing_twice() -> None:
+    one = run_fault("packets", "duplicated")
+    assert one.robot.late == 0
+    assert one.z() == pytest.approx(-0.02 * 200, abs=0.05)
+
+
+def test_of_reordered_telegrams_the_old_ones_get_late_answers() -> None:
+    one = run_fault("packets", "reordered")
+    clocks = [telegram.ipoc for telegram in one.sent[50:]]
+    assert clocks != sorted(clocks)
+    assert one.robot.late == pytest.approx(75, abs=2)
+    assert one.robot.error == ""  # never so many in a row
+
+
+def test_a_position_may_be_told_as_no_number() -> None:
+    one = run_fault("packets", "not-a-number")
+    assert one.sent[-1].values["RIst.X"] == "NaN"
+    assert one.sent[-1].values["RIst.Y"] == "0.0000"
+
+
+def test_the_clock_may_jump() -> None:
+    one = run_fault("packets", "clock-jump", ms=-50_000)
+    assert one.sent[50].ipoc == one.sent[49].ipoc - 50_000 + 4
+    assert one.robot.late == 0
+
+
+def test_late_telegrams_leave_in_their_order() -> None:
+    one = rig()
+    one.ledger.inject("packets", "late", T0, {"ms": 6.0})
+    times: list[tuple[float, int]] = []
+    for _ in range(20):
+        times.extend((one.now - T0, decode(raw).ipoc) for raw in one.next())
+    assert times == [(pytest.approx(0.006 + 0.004 * k), 123456 + 4 * k) for k in range(len(times))]

@@ -1,0 +1,369 @@
+"""The client of a guided robot, in fed time: what it answers, and what it tells of the robot."""
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from protocol.datagram import Datagram
+from protocol.egm import (
+    EgmClient,
+    Guidance,
+    Motors,
+    Place,
+    PoseMm,
+    Rapid,
+    RobotMessage,
+    RobotWare,
+    SensorMessage,
+    decode_answer,
+    encode_robot,
+)
+from protocol.geometry import Pose
+from protocol.robot import ReportReceived, RobotReport, StreamEvent, StreamLost, StreamNotice
+
+T0 = 1000.25
+CYCLE = 0.004
+DOWN = (0.0, 1.0, 0.0, 0.0)
+HERE = PoseMm((600.0, 0.0, 500.0), DOWN)
+STILL = (0.0,) * 6
+
+
+def place(pose: PoseMm | None) -> Place:
+    return Place((0.0,) * 6, pose, (), 1_700_000_000_000_000)
+
+
+def told(number: int, **changes: Any) -> bytes:
+    """A datagram of a robot that is guided, four milliseconds behind the one before."""
+    message = RobotMessage(
+        number, 1000 + 4 * number, place(HERE), place(HERE), Motors.ON, Guidance.RUNNING, Rapid.RUNNING, False
+    )
+    return encode_robot(message._replace(**changes), RobotWare.RW7)
+
+
+class Conversation:
+    """A client whose reports are answered as its user does: with a target in a movement, else with a hold."""
+
+    def __init__(self, **settings: Any) -> None:
+        self.client = EgmClient(CYCLE, **settings)
+        self.goal: Pose | None = None
+        self.events: list[StreamEvent] = []
+        self.now = T0 - CYCLE
+
+    def hears(self, *data: bytes, now: float | None = None) -> list[SensorMessage]:
+        """The answers; by default a cycle after what it heard before."""
+        self.now = now = self.now + CYCLE if now is None else now
+        self.client.receive(data, now)
+        while (event := self.client.next_event()) is not None:
+            self.events.append(event)
+            if isinstance(event, ReportReceived):
+                if self.goal is None:
+                    self.client.hold(now)
+                else:
+                    self.client.target(self.goal, now)
+        answers = [decode_answer(answer) for answer in self.client.data_to_send(now)]
+        return [answer for answer in answers if isinstance(answer, SensorMessage)]
+
+    def begins(self, pose: Pose) -> None:
+        self.client.begin(pose)
+        self.goal = pose
+
+    @property
+    def reports(self) -> list[RobotReport]:
+        return [event.report for event in self.events if isinstance(event, ReportReceived)]
+
+    def texts(self, kind: type[StreamLost] | type[StreamNotice]) -> list[str]:
+        return [event.text for event in self.events if isinstance(event, kind)]
+
+
+def moved(x_mm: float = 0.0, z_mm: float = 0.0) -> Pose:
+    x, y, z = HERE.position_mm
+    return Pose(((x + x_mm) / 1e3, y / 1e3, (z + z_mm) / 1e3), DOWN)
+
+
+def millimetres(answers: Sequence[SensorMessage]) -> tuple[float, ...]:
+    (answer,) = answers
+    assert answer.pose is not None
+    return tuple(round(part, 9) for part in answer.pose.position_mm)
+
+
+# --- one answer to a datagram
+
+
+def test_it_is_silent_until_the_robot_speaks_and_answers_each_datagram_once() -> None:
+    talk = Conversation()
+    assert talk.client.data_to_send(T0) == []
+    assert talk.client.next_deadline() is None
+    talk.client.handle_deadline(T0)
+    for number in range(5):
+        (answer,) = talk.hears(told(number), now=T0 + number * CYCLE)
+        assert (answer.seqno, answer.tm_ms) == (number, 1000 + 4 * number)
+        assert (answer.pose, answer.speed) == (HERE, STILL)
+        assert talk.client.data_to_send(T0 + number * CYCLE) == []
+    assert [report.sequence for report in talk.reports] == [1, 2, 3, 4, 5]
+    assert talk.reports[0].pose == moved()
+
+
+def test_of_datagrams_that_come_together_only_the_newest_is_answered() -> None:
+    """Each answer more would wait in the robot's queue for ever."""
+    talk = Conversation()
+    (answer,) = talk.hears(told(0), told(1), told(2))
+    assert answer.tm_ms == 1008
+    assert len(talk.reports) == 3
+
+
+def test_a_datagram_that_comes_again_is_told_but_not_answered() -> None:
+    talk = Conversation()
+    assert talk.hears(told(0))
+    assert talk.hears(told(0), now=T0 + 0.001) == []
+    assert [report.sequence for report in talk.reports] == [1, 1]
+
+
+def test_a_late_datagram_keeps_its_number_and_is_answered() -> None:
+    talk = Conversation()
+    for number in (0, 1, 3):
+        talk.hears(told(number))
+    (answer,) = talk.hears(told(2))
+    assert answer.tm_ms == 1012
+    assert [report.sequence for report in talk.reports] == [1, 2, 4, 3]
+
+
+def test_behind_an_answer_that_came_too_late_to_be_taken_the_next_one_is_left_out() -> None:
+    """The robot found none in one cycle, and would find two in the next."""
+    talk = Conversation()
+    given = []
+    for number, late in enumerate((0.1, 0.2, 0.95, 0.1, 0.1, 0.95, 0.95, 0.95, 0.1)):
+        at = T0 + number * CYCLE
+        given.append(len(talk.hears(Datagram(told(number), at), now=at + late * CYCLE)))
+    assert given == [1, 1, 1, 0, 1, 1, 0, 1, 0]
+
+
+def test_datagrams_that_a_network_held_up_leave_no_answer_too_many() -> None:
+    talk = Conversation()
+    talk.hears(told(0))
+    held = T0 + 1.9 * CYCLE  # number 1 comes just before number 2
+    assert len(talk.hears(told(1), now=held)) == 1
+    assert len(talk.hears(told(2), now=held + 0.05 * CYCLE)) == 0
+    assert len(talk.hears(told(3), now=T0 + 3 * CYCLE)) == 1
+
+
+def test_the_time_of_a_report_is_that_of_its_arrival() -> None:
+    talk = Conversation()
+    talk.hears(Datagram(told(0), T0 - 0.001), now=T0)
+    assert (talk.reports[0].pose_at, talk.reports[0].received_at) == (T0 - 0.001, T0 - 0.001)
+
+
+# --- the reference and its speed
+
+
+def test_the_answer_carries_the_target_and_its_speed() -> None:
+    talk = Conversation()
+    talk.hears(told(0))
+    talk.begins(moved())
+    assert millimetres(talk.hears(told(1))) == (600.0, 0.0, 500.0)
+    talk.goal = moved(x_mm=0.04, z_mm=-0.08)
+    (answer,) = talk.hears(told(2))
+    assert millimetres([answer]) == (600.04, 0.0, 499.92)
+    assert answer.speed == pytest.approx((10.0, 0.0, -20.0, 0.0, 0.0, 0.0))
+    (answer,) = talk.hears(told(3))  # the same target again
+    assert answer.speed == STILL
+    talk.goal = moved(x_mm=0.12, z_mm=-0.08)
+    (answer,) = talk.hears(told(5))  # one datagram was lost: the way is one of two cycles
+    assert answer.speed == pytest.approx((10.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+
+
+def test_a_turn_has_a_speed_in_degrees() -> None:
+    talk = Conversation()
+    talk.hears(told(0))
+    talk.begins(moved())
+    half = math.radians(0.04) / 2.0
+    talk.goal = Pose(moved().position, (0.0, math.cos(half), math.sin(half), 0.0))  # about base z
+    (answer,) = talk.hears(told(1))
+    assert answer.speed == pytest.approx((0.0, 0.0, 0.0, 0.0, 0.0, 10.0))
+
+
+def test_without_feed_forward_no_speed_is_sent() -> None:
+    talk = Conversation(feed_forward=False)
+    assert talk.hears(told(0))[0].speed == ()
+
+
+def test_behind_a_movement_the_last_reference_is_held_without_speed() -> None:
+    talk = Conversation()
+    talk.hears(told(0))
+    talk.begins(moved())
+    talk.goal = moved(z_mm=-0.08)
+    talk.hears(told(1))
+    talk.client.end()
+    talk.goal = None
+    measured = place(PoseMm((600.0, 0.0, 499.0), DOWN))  # it lags: to follow what is measured would drift
+    (answer,) = talk.hears(told(2, feedback=measured))
+    assert (millimetres([answer]), answer.speed) == ((600.0, 0.0, 499.92), STILL)
+
+
+# --- states of the robot
+
+
+@pytest.mark.parametrize(
+    ("state", "words"),
+    [
+        ({"motors": Motors.OFF}, "the motors are off"),
+        ({"motors": Motors.UNDEFINED}, "the motors are off"),
+        ({"rapid": Rapid.STOPPED}, "the RAPID program is stopped"),
+        ({"guidance": Guidance.ERROR}, "EGM has ended with an error"),
+        ({"feedback": Place((0.0,) * 6)}, "it tells no pose"),
+        ({"feedback": None}, "it tells no pose"),
+    ],
+)
+def test_a_robot_that_cannot_move_is_told_with_words(state: dict[str, Any], words: str) -> None:
+    talk = Conversation()
+    talk.hears(told(0))
+    talk.hears(told(1, **state))
+    assert [report.fault[: len(words)] for report in talk.reports] == ["", words]
+
+
+def test_a_controller_that_was_restarted_may_not_know_of_its_program() -> None:
+    talk = Conversation()
+    talk.hears(told(0, rapid=Rapid.UNDEFINED))
+    assert talk.reports[0].fault == ""
+
+
+def test_until_the_guidance_begins_the_robots_own_set_point_is_answered_and_nothing_told() -> None:
+    talk = Conversation()
+    planned = place(PoseMm((601.0, 0.0, 500.0), DOWN))
+    for number in range(3):
+        answers = talk.hears(
+            told(number, guidance=Guidance.STOPPED, planned=planned), now=T0 + number * CYCLE
+        )
+        assert millimetres(answers) == (601.0, 0.0, 500.0)
+    assert talk.reports == []
+    assert millimetres(talk.hears(told(3, planned=planned))) == (601.0, 0.0, 500.0)
+    assert talk.reports[0].fault == ""
+
+
+def test_a_first_datagram_that_comes_twice_is_no_fault_either() -> None:
+    talk = Conversation()
+    first = told(0, guidance=Guidance.STOPPED)
+    assert len(talk.hears(first)) == 1
+    assert talk.hears(first) == []
+    talk.hears(told(1))
+    assert [report.fault for report in talk.reports] == [""]
+
+
+def test_a_guidance_that_never_begins_is_told_after_a_while() -> None:
+    talk = Conversation()
+    talk.hears(told(0, guidance=Guidance.STOPPED))
+    talk.hears(told(1, guidance=Guidance.STOPPED), now=T0 + 5.1)
+    assert "EGMRunPose has not begun" in talk.reports[0].fault
+
+
+def test_a_guidance_that_ends_in_a_movement_leaves_the_robot_where_it_stands_also_when_it_goes_on() -> None:
+    talk = Conversation()
+    talk.hears(told(0))
+    talk.begins(moved())
+    talk.goal = moved(z_mm=-50.0)
+    stands = place(PoseMm((600.0, 0.0, 497.0), DOWN))
+    for number, guidance in enumerate(
+        (Guidance.STOPPED, Guidance.STOPPED, Guidance.RUNNING, Guidance.RUNNING)
+    ):
+        (answer,) = talk.hears(told(1 + number, guidance=guidance, planned=stands))
+        assert (millimetres([answer]), answer.speed) == ((600.0, 0.0, 497.0), STILL)
+    talk.client.end()
+    talk.begins(moved(z_mm=-3.0))  # another movement may move it again
+    talk.goal = moved(z_mm=-3.08)
+    assert millimetres(talk.hears(told(5))) == (600.0, 0.0, 496.92)
+
+
+def test_a_movement_that_begins_while_the_robot_stands_moves_nothing() -> None:
+    talk = Conversation()
+    talk.hears(told(0))
+    talk.hears(told(1, motors=Motors.OFF))
+    talk.begins(moved(z_mm=-9.0))
+    assert millimetres(talk.hears(told(2))) == (600.0, 0.0, 500.0)
+
+
+def test_a_set_point_that_is_none_is_not_sent_back() -> None:
+    talk = Conversation()
+    bad = place(PoseMm((math.nan, 0.0, 0.0), DOWN))
+    assert talk.hears(told(0, planned=bad)) == []
+    assert millimetres(talk.hears(told(1))) == (600.0, 0.0, 500.0)
+    assert millimetres(talk.hears(told(2, planned=bad, motors=Motors.OFF))) == (600.0, 0.0, 500.0)
+
+
+def test_a_measured_pose_that_is_none_is_told_as_it_is() -> None:
+    talk = Conversation()
+    talk.hears(told(0, feedback=place(PoseMm((math.nan, 0.0, 0.0), DOWN))))
+    assert math.isnan(talk.reports[0].pose.position[0])  # its user looks at it
+
+
+def test_a_robot_with_another_cycle_is_told_so() -> None:
+    talk = Conversation()
+    for number in range(30):
+        talk.hears(told(number, tm_ms=1000 + 8 * number))
+    assert [bool(report.fault) for report in talk.reports] == [False] * 25 + [True] * 5
+    assert "it sends every 8.0 ms and not every 4 ms; set robot.egm.sample_ms" in talk.reports[-1].fault
+
+
+# --- sessions
+
+
+@pytest.mark.parametrize("moving", [True, False])
+def test_another_session_ends_a_movement_and_the_numbers_count_on(moving: bool) -> None:
+    talk = Conversation()
+    for number in range(3):
+        talk.hears(told(number))
+    if moving:
+        talk.begins(moved())
+        talk.goal = moved(z_mm=-1.0)
+    elsewhere = place(PoseMm((602.0, 0.0, 500.0), DOWN))
+    (answer,) = talk.hears(told(0, tm_ms=5000, planned=elsewhere))
+    assert (millimetres([answer]), answer.speed) == ((602.0, 0.0, 500.0), STILL)
+    told_of = talk.texts(StreamLost if moving else StreamNotice)
+    assert ["another EGM session" in text for text in told_of] == [True]
+    assert [report.sequence for report in talk.reports] == [1, 2, 3, 4]
+
+
+@pytest.mark.parametrize(
+    ("number", "tm", "after_s", "another"),
+    [
+        (4, 1015, 0.0, False),  # late by one
+        (4, 1024, 0.0, True),  # the robot's clock went on
+        (4, 1000, 1.5, True),  # after a silence
+        (2**32 - 200, 0, 0.0, True),  # a controller that was switched on again
+    ],
+)
+def test_a_smaller_number_is_a_late_datagram_or_another_session(
+    number: int, tm: int, after_s: float, another: bool
+) -> None:
+    talk = Conversation()
+    talk.hears(told(5, tm_ms=1020))
+    talk.hears(told(number, tm_ms=tm), now=T0 + after_s)
+    assert bool(talk.texts(StreamNotice)) is another
+
+
+def test_numbers_wrap_around() -> None:
+    talk = Conversation()
+    for number in (2**32 - 2, 2**32 - 1, 0, 1):
+        talk.hears(told(number, tm_ms=(2**32 - 8 + 4 * number) % 2**32))
+    assert [report.sequence for report in talk.reports] == [1, 2, 3, 4]
+    assert talk.texts(StreamNotice) == []
+
+
+# --- what is no datagram of a robot
+
+
+def test_what_is_no_datagram_is_told_once_a_second_and_not_answered() -> None:
+    talk = Conversation()
+    for k in range(12):
+        assert talk.hears(b"\xff\xff", now=T0 + 0.1 * k) == []
+    assert talk.hears(encode_robot(RobotMessage(0, 0), RobotWare.RW7)[:-1], now=T0 + 2.5) == []
+    assert [text.partition(":")[0] for text in talk.texts(StreamNotice)] == ["a datagram is not heeded"] * 3
+
+
+@given(st.lists(st.binary(max_size=60) | st.integers(0, 8).map(told), max_size=12))
+def test_no_datagrams_make_it_raise_or_answer_more_than_once(data: list[bytes]) -> None:
+    talk = Conversation()
+    for datagram in data:
+        assert len(talk.hears(datagram)) <= 1

@@ -1,0 +1,235 @@
+"""The client of a Net F/T: its session, both sequences, the status, and silence."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from protocol.endpoint import LocalProtocolError
+from protocol.netft import NetFtClient, NetFtClientProfile, Record, encode_record
+from protocol.netft.http import Page
+from protocol.wrench import (
+    SensorFailed,
+    SensorNotice,
+    SensorReady,
+    SensorRestarted,
+    SensorStopped,
+    WrenchFrame,
+    Zeroed,
+)
+
+T0 = 1000.25
+START, STOP = bytes.fromhex("1234000200000000"), bytes.fromhex("1234000000000000")
+PAGE = Page(
+    b"<netft><prodname>box</prodname><scfgfu>N</scfgfu><scfgtu>N-m</scfgtu><cfgcpf>1000000</cfgcpf>"
+    b"<cfgcpt>1000000</cfgcpt><comrdtrate>1000</comrdtrate></netft>"
+)
+COUNTS = (1, -2, 3, -4, 5, -6)
+
+
+def record(rdt: int, ft: int, status: int = 0, counts: Sequence[int] = COUNTS) -> bytes:
+    a, b, c, d, e, f = counts
+    return encode_record(Record(rdt, ft, status, (a, b, c, d, e, f)))
+
+
+def events(client: NetFtClient) -> list[Any]:
+    found = []
+    while (event := client.next_event()) is not None:
+        found.append(event)
+    return found
+
+
+def streaming(**settings: Any) -> NetFtClient:
+    """A client whose stream has begun with the sample 700."""
+    client = NetFtClient(NetFtClientProfile(**settings), T0)
+    client.receive([PAGE], T0)
+    assert client.data_to_send(T0) == [START]
+    client.receive([record(1, 700)], T0)
+    ready, frame = events(client)
+    assert isinstance(ready, SensorReady)
+    assert frame == WrenchFrame(COUNTS, 700, 700, T0)
+    return client
+
+
+def frames(client: NetFtClient) -> list[int]:
+    return [event.sequence for event in events(client) if isinstance(event, WrenchFrame)]
+
+
+def test_nothing_is_asked_before_the_page_has_told_the_units() -> None:
+    client = NetFtClient(NetFtClientProfile(), T0)
+    assert client.data_to_send(T0) == []
+    client.receive([record(1, 1)], T0)
+    assert events(client) == []
+    client.receive([Page(failure="nothing there")], T0 + 1.0)
+    client.receive([PAGE], T0 + 2.0)
+    assert client.data_to_send(T0 + 2.0) == [START]
+    assert client.data_to_send(T0 + 2.0) == []
+
+
+@pytest.mark.parametrize(
+    ("page", "words"),
+    [
+        (Page(PAGE.replace(b"<scfgfu>N<", b"<scfgfu>pond<")), "the unit 'pond'"),
+        (Page(PAGE.replace(b"</netft>", b"<comrdte>Disabled</comrdte></netft>")), "switched off"),
+        (Page(b"<html></html>"), "none of a Net F/T"),
+    ],
+)
+def test_a_page_that_will_not_do_ends_the_session(page: Page, words: str) -> None:
+    client = NetFtClient(NetFtClientProfile(), T0)
+    client.receive([page], T0)
+    (failed,) = events(client)
+    assert isinstance(failed, SensorFailed)
+    assert words in failed.text
+    assert "\n" not in failed.text
+    assert client.next_deadline() is None
+    with pytest.raises(LocalProtocolError):
+        client.zero()
+
+
+def test_a_page_that_does_not_come_ends_the_session_with_the_reason() -> None:
+    client = NetFtClient(NetFtClientProfile(page_patience_s=2.0), T0)
+    client.receive([Page(failure="tcp://10.0.0.1:80: refused")], T0)
+    client.handle_deadline(T0 + 1.0)
+    assert events(client) == []
+    client.handle_deadline(T0 + 2.0)
+    (failed,) = events(client)
+    assert "tcp://10.0.0.1:80: refused" in failed.text
+
+
+def test_a_start_is_repeated_ten_times() -> None:
+    client = NetFtClient(NetFtClientProfile(), T0)
+    client.receive([PAGE], T0)
+    sent: list[bytes] = []
+    for k in range(12):
+        sent += client.data_to_send(T0 + 0.11 * k)
+        client.handle_deadline(T0 + 0.11 * (k + 1))
+    assert sent == [START] * 10 + [STOP]
+    (failed,) = events(client)
+    assert "no record came after 10 requests" in failed.text
+
+
+def test_silence_in_the_stream_asks_anew_and_says_so() -> None:
+    client = streaming()
+    client.receive([record(2, 707)], T0 + 0.001)
+    client.handle_deadline(T0 + 0.1)
+    assert client.data_to_send(T0 + 0.1) == []
+    client.handle_deadline(T0 + 0.101)
+    assert client.data_to_send(T0 + 0.101) == [START]
+    assert [type(event) for event in events(client)] == [WrenchFrame, SensorNotice]
+    client.receive([record(1, 1500)], T0 + 0.11)
+    assert frames(client) == [1500]
+    assert client.statistics.lost == 112
+
+
+def test_gaps_duplicates_and_stragglers_are_counted() -> None:
+    client = streaming()
+    client.receive([record(2, 707), record(5, 728), record(5, 728), record(3, 714), record(6, 735)], T0)
+    assert frames(client) == [707, 728, 735]
+    assert client.statistics.lost == 2
+    assert client.statistics.repeated == 2
+    assert client.statistics.standing == 0
+
+
+def test_a_sample_number_that_stands_still_is_told() -> None:
+    client = streaming()
+    client.receive([record(rdt, 700) for rdt in range(2, 6)], T0)
+    assert frames(client) == []
+    assert client.statistics.stands
+
+
+def test_numbers_go_on_over_their_end() -> None:
+    client = NetFtClient(NetFtClientProfile(), T0)
+    client.receive([PAGE, record(2**32 - 1, 2**32 - 7), record(0, 0), record(1, 7)], T0)
+    assert frames(client) == [2**32 - 7, 2**32, 2**32 + 7]
+    assert client.statistics.lost == 0
+
+
+def test_a_box_that_began_again_is_told() -> None:
+    client = streaming()
+    client.handle_deadline(T0 + 0.1)
+    client.receive([record(1, 20)], T0 + 0.2)
+    assert [type(event) for event in events(client)] == [SensorNotice, SensorRestarted, WrenchFrame]
+    client = streaming()
+    client.receive([record(k, 7 * k) for k in range(1, 20)], T0 + 0.001)
+    assert SensorRestarted() in events(client)
+
+
+def test_a_threshold_is_a_warning_once() -> None:
+    client = streaming()
+    client.receive([record(2, 707, 0x80010000), record(3, 714, 0x80010000)], T0)
+    client.receive([record(4, 721, 0x00010000)], T0)
+    assert [getattr(event, "saturated", "notice") for event in events(client)] == [
+        "notice",
+        0,
+        0,
+        "notice",
+        0,
+    ]
+
+
+@pytest.mark.parametrize("status", [0x80020000, 0x88000010, 0x80000100, 0x80000000, 0x40000000, 0x80030000])
+def test_any_other_status_makes_all_axes_worthless_and_is_told(status: int) -> None:
+    client = streaming()
+    client.receive([record(2, 707, status), record(3, 714, status), record(4, 721)], T0)
+    notice, *told = events(client)
+    assert f"{status:08X}" in notice.text
+    assert [event.saturated for event in told] == [0b111111, 0b111111, 0]
+
+
+def test_a_status_that_changes_all_the_time_fills_no_recording() -> None:
+    client = streaming()
+    client.receive([record(2 + k, 707 + 7 * k, 0x80000000 | k % 90) for k in range(1000)], T0)
+    told = events(client)
+    assert len([event for event in told if isinstance(event, SensorNotice)]) == 16
+    assert len(told) == 1016
+
+
+def test_a_session_does_not_begin_with_an_error() -> None:
+    client = NetFtClient(NetFtClientProfile(), T0)
+    client.receive([PAGE, record(1, 700, 0x88000010), record(2, 707)], T0)
+    (failed,) = events(client)
+    assert isinstance(failed, SensorFailed)
+    assert "88000010: serial link to the transducer" in failed.text
+    assert client.data_to_send(T0) == [START, STOP]
+
+
+def test_the_zero_is_the_hosts_and_the_sensor_is_not_biased() -> None:
+    client = streaming(zero_s=0.003)
+    client.zero()
+    client.receive([record(2 + k, 707 + 7 * k, counts=(10 + k, 0, 0, 0, 0, 0)) for k in range(4)], T0)
+    told = events(client)
+    assert [type(event) for event in told] == [WrenchFrame, WrenchFrame, WrenchFrame, Zeroed, WrenchFrame]
+    assert told[-1].values == (2.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    assert client.data_to_send(T0) == []
+
+
+def test_a_stop_is_repeated_while_records_come() -> None:
+    client = streaming()
+    client.stop()
+    client.stop()
+    sent = [*client.data_to_send(T0)]
+    client.handle_deadline(T0)
+    client.receive([record(2, 707)], T0 + 0.001)
+    client.handle_deadline(T0 + 0.02)
+    sent += client.data_to_send(T0 + 0.02)
+    client.handle_deadline(T0 + 0.04)
+    assert sent == [STOP, STOP]
+    assert events(client) == [SensorStopped()]
+
+
+def test_a_client_that_never_began_stops_at_once() -> None:
+    client = NetFtClient(NetFtClientProfile(), T0)
+    client.stop()
+    assert events(client) == [SensorStopped()]
+    assert client.data_to_send(T0) == []
+
+
+@given(st.lists(st.one_of(st.binary(max_size=80), st.binary(min_size=36, max_size=36)), max_size=20))
+def test_no_datagram_raises(data: list[bytes]) -> None:
+    client = streaming()
+    client.receive(data, T0)
+    client.handle_deadline(T0 + 1.0)
+    events(client)
+    assert client.statistics.malformed == sum(len(one) != 36 for one in data)

@@ -1,0 +1,213 @@
+"""Datagrams and page of a Net F/T: golden bytes, both ways, and anything at all."""
+
+import contextlib
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from protocol.endpoint import LocalProtocolError, RemoteProtocolError
+from protocol.netft import Command, Record, decode_record, describe, encode_record, encode_request, parse_page
+from protocol.netft.http import encode_answer, encode_get, read_answer, read_get
+from protocol.netft.page import filter_delay
+from protocol.netft.records import decode_request, is_warning, output_step, status_words
+
+RECORD = bytes.fromhex(
+    "00000001 000004cb 00000000 00bc614e ffd9da60 fa271ce0 0016e360 fffc2f70 00000007".replace(" ", "")
+)
+PAGE = (
+    b'<?xml version="1.0"?>\n<netft><prodname>Net F/T emulator</prodname><setuserfilter>0</setuserfilter>'
+    b"<cfgnam>default</cfgnam><scfgfu>N</scfgfu><scfgtu>Nm</scfgtu><cfgcpf>1000000</cfgcpf>"
+    b"<cfgcpt>1000000</cfgcpt><cfgmr>20;20;60;1;1;1</cfgmr><comrdte>Enabled</comrdte>"
+    b"<comrdtrate>1000</comrdtrate></netft>"
+)
+
+
+@pytest.mark.parametrize(
+    ("command", "count", "told"),
+    [
+        (Command.START, 0, "1234000200000000"),
+        (Command.START, 1, "1234000200000001"),
+        (Command.STOP, 0, "1234000000000000"),
+        (Command.BIAS, 0, "1234004200000000"),
+        (Command.RESET_LATCH, 0, "1234004100000000"),
+    ],
+)
+def test_a_request_is_the_manuals_bytes_both_ways(command: Command, count: int, told: str) -> None:
+    assert encode_request(command, count).hex() == told
+    found = decode_request(bytes.fromhex(told))
+    assert (found.command, found.records, found.extended) == (command, count, False)
+
+
+def test_an_extended_request_is_told_apart() -> None:
+    found = decode_request(bytes.fromhex("1234800200000000e0000580 6e5a".replace(" ", "")))
+    assert (found.command, found.records, found.extended) == (2, 0, True)
+
+
+@pytest.mark.parametrize(
+    "told",
+    [
+        "",
+        "12340002000000",
+        "123400020000000000",
+        "4321000200000000",
+        "1234800200000000",
+        "1234000200000000e00005806e5a",
+    ],
+)
+def test_what_is_no_request_is_refused(told: str) -> None:
+    with pytest.raises(RemoteProtocolError):
+        decode_request(bytes.fromhex(told))
+
+
+def test_a_count_that_does_not_fit_is_refused() -> None:
+    with pytest.raises(LocalProtocolError):
+        encode_request(Command.START, 1 << 32)
+    with pytest.raises(LocalProtocolError):
+        encode_record(Record(1, 1, 0, (1 << 31, 0, 0, 0, 0, 0)))
+
+
+def test_a_record_is_the_golden_bytes_both_ways() -> None:
+    record = Record(1, 1227, 0, (12345678, -2500000, -98100000, 1500000, -250000, 7))
+    assert encode_record(record) == RECORD
+    assert decode_record(RECORD) == record
+
+
+@given(st.binary(max_size=80))
+def test_no_datagram_raises_anything_else(data: bytes) -> None:
+    for decode in (decode_record, decode_request):
+        with contextlib.suppress(RemoteProtocolError):
+            decode(data)
+    assert describe(data)
+
+
+def test_words_for_datagrams() -> None:
+    (first, second) = describe(RECORD + RECORD)
+    assert (first["kind"], second["offset"], first["problems"]) == ("record", 36, [])
+    (request,) = describe(bytes.fromhex("1234004200000000"))
+    assert request["op"] == "bias"
+    (unknown,) = describe(bytes.fromhex("1234009900000000"))
+    assert unknown["problems"] == ["0099 is no command"]
+    assert describe(b"x")[0]["problems"]
+
+
+def test_status_in_words() -> None:
+    assert status_words(0x88000010) == "serial link to the transducer, no data from the transducer"
+    assert status_words(0x80000000) == "an error without a name"
+    assert status_words(0) == ""
+    assert [is_warning(status) for status in (0x80010000, 0x00010000, 0x80020000, 0x80030000)] == [
+        True,
+        True,
+        False,
+        False,
+    ]
+
+
+@pytest.mark.parametrize(
+    ("asked", "step"), [(1, 7000), (1000, 7), (2000, 3), (3000, 2), (6000, 1), (7000, 1)]
+)
+def test_a_rate_is_rounded_up(asked: int, step: int) -> None:
+    assert output_step(asked) == step
+    assert output_step(7000 // step) == step
+
+
+# --- page
+
+
+def test_the_page_tells_scales_and_rate() -> None:
+    found = parse_page(PAGE)
+    assert found.scales == pytest.approx((1e-6,) * 6)
+    assert found.ratings == pytest.approx((20.0, 20.0, 60.0, 1.0, 1.0, 1.0))
+    assert found.period == pytest.approx(0.001)
+    assert (found.product, found.streams, found.delay) == ("Net F/T emulator default", True, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "field", "value"),
+    [
+        (b"<scfgfu>N", b"<scfgfu>lbf", "scales", (4.4482216e-6,) * 3 + (1e-6,) * 3),
+        (b"<scfgtu>Nm", b"<scfgtu>N-mm", "scales", (1e-6,) * 3 + (1e-9,) * 3),
+        (b"<setuserfilter>0", b"<setuserfilter>4", "delay", 0.0021),
+    ],
+)
+def test_other_units_and_filters(before: bytes, after: bytes, field: str, value: object) -> None:
+    assert getattr(parse_page(PAGE.replace(before, after)), field) == pytest.approx(value, rel=0.02)
+
+
+def test_what_a_page_may_leave_out() -> None:
+    found = parse_page(PAGE.replace(b"cfgmr", b"other").replace(b"comrdtrate", b"another"))
+    assert (found.ratings, found.period) == (None, None)
+    assert not parse_page(PAGE.replace(b"Enabled", b"Disabled")).streams
+    assert filter_delay(99) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "words"),
+    [
+        (b"<netft>", b"<html>", "none of a Net F/T"),
+        (b'<?xml version="1.0"?>', b"<!DOCTYPE netft>", "none of a Net F/T"),
+        (b"<scfgfu>N<", b"<scfgfu>pond<", "unit 'pond'"),
+        (b"<cfgcpf>1000000", b"<cfgcpf>0", "no number above 0"),
+        (b"<cfgcpf>1000000", b"<cfgcpf>inf", "no number above 0"),
+        (b"<cfgcpf>1000000", b"<cfgcpf>nan", "no number above 0"),
+        (b"<cfgcpf>1000000", b"<cfgcpf>much", "no number above 0"),
+        (b"<prodname>Net F/T emulator", b"<prodname>", "does not tell prodname"),
+        (b"</prodname>", b"</prodname><cfgcpf>2</cfgcpf>", "tells cfgcpf 2 times"),
+        (b"20;20;60;1;1;1", b"20;20;60", "3 full scales"),
+        (b"Net F/T emulator", b"x" * 200, "no value"),
+        (b"</netft>", b" " * 66000, "more than 65536"),
+    ],
+)
+def test_a_page_that_cannot_be_is_refused(before: bytes, after: bytes, words: str) -> None:
+    with pytest.raises(RemoteProtocolError, match=words):
+        parse_page(PAGE.replace(before, after))
+
+
+@given(st.binary(max_size=300), st.integers(0, len(PAGE)))
+def test_no_page_raises_anything_else(data: bytes, at: int) -> None:
+    for page in (data, PAGE[:at] + data + PAGE[at:], PAGE[:at]):
+        with contextlib.suppress(RemoteProtocolError):
+            parse_page(page)
+
+
+# --- HTTP
+
+
+def test_a_get_and_its_answer() -> None:
+    get = encode_get("127.0.0.1:80")
+    assert read_get(get[:-1]) is None
+    assert read_get(get) == "/netftapi2.xml"
+    answer = encode_answer(PAGE)
+    assert [read_answer(answer[:cut]) for cut in (5, 60, len(answer) - 1)] == [None] * 3
+    assert read_answer(answer) == read_answer(answer + b"more") == PAGE
+    assert read_answer(b"HTTP/1.0 200 OK\r\n\r\nbody") is None
+    assert read_answer(b"HTTP/1.0 200 OK\r\n\r\nbody", ended=True) == b"body"
+
+
+@pytest.mark.parametrize(
+    ("answer", "words"),
+    [
+        (b"HTTP/1.1 302 Found\r\nLocation: /\r\n\r\n", "'302' instead of 200"),
+        (b"SSH-2.0-box\r\n\r\n", "no HTTP"),
+        (b"HTTP/1.1 200 OK\r\n", "cut off"),
+        (b"HTTP/1.1 200 OK\r\nContent-Length: 5\r\n\r\nabc", "cut off"),
+        (b"x" * 9000, "too long"),
+        (b"HTTP/1.1 200 OK\r\n\r\n" + b"x" * 70000, "too long"),
+    ],
+)
+def test_an_answer_that_is_none_is_refused(answer: bytes, words: str) -> None:
+    with pytest.raises(RemoteProtocolError, match=words):
+        read_answer(answer, ended=True)
+
+
+@pytest.mark.parametrize("request_", [b"POST / HTTP/1.1\r\n\r\n", b"GET /\r\n\r\n", b"x" * 9000])
+def test_what_is_no_get_is_refused(request_: bytes) -> None:
+    with pytest.raises(RemoteProtocolError):
+        read_get(request_)
+
+
+@given(st.binary(max_size=200), st.booleans())
+def test_no_http_raises_anything_else(data: bytes, ended: bool) -> None:
+    for read in (lambda: read_answer(data, ended), lambda: read_get(data + b"\r\n\r\n")):
+        with contextlib.suppress(RemoteProtocolError):
+            read()
