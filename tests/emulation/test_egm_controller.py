@@ -65,6 +65,7 @@ class Line:
             due = self.robot.next_deadline()
             assert due is not None
             self.now = due
+            self.ledger.handle_deadline(due)
             self.robot.handle_deadline(due)
             told = [decode_robot(datagram) for datagram in self.robot.data_to_send(due)]
             self.heard += told
@@ -297,6 +298,11 @@ def test_a_queue_of_the_newest_takes_that_one_alone() -> None:
     assert [math.isnan(line.robot.begun_at(k) or 0.0) for k in (1, 2, 3)] == [True, True, False]
 
 
+def test_cycles_that_find_no_message_are_counted() -> None:
+    line = Line().cycles(2, lambda heard: [to()]).cycles(10)
+    assert line.robot.counters["cycles without a message"] == 9  # the first of the ten finds the last one
+
+
 def test_a_full_queue_loses_the_newest_messages() -> None:
     line = Line(rx_queue_len=3).cycles(2)
     line.says(*(to(z=-float(k)) for k in range(5)))
@@ -489,7 +495,6 @@ def stream_then(fault: str, for_s: float, **settings: Any) -> tuple[Line, list[f
     reference = to(z=-10.0 * CYCLE * 299)
     count = round(for_s / CYCLE)
     line.cycles(count, lambda heard: [reference])
-    line.ledger.handle_deadline(line.now + CYCLE)
     line.cycles(count, lambda heard: [reference])
     return line, line.z(2 * count)
 
@@ -516,6 +521,19 @@ def test_a_program_that_is_stopped_ramps_down_and_goes_on_when_it_is_started() -
     assert {states(one) for one in line.heard[1:249]} == {(Motors.ON, Guidance.STOPPED, Rapid.STOPPED)}
     assert heights[0] - heights[240] == pytest.approx(10.0 * 0.5 / 2.0, abs=0.1)  # a ramp of half a second
     assert len(set(heights[130:249])) == 1
+    assert states(line.last) == (Motors.ON, Guidance.RUNNING, Rapid.RUNNING)
+
+
+def test_two_stops_must_both_be_ended() -> None:
+    line = Line().streams(0.4, to())
+    line.inject("robot", "rapid-stop", 0.4)
+    line.inject("robot", "motors-off", 0.2)
+    line.inject("robot", "restart")
+    seen = []
+    for _ in range(3):
+        line.streams(0.16, to())
+        seen.append((line.last.motors, line.last.rapid))
+    assert seen == [(Motors.OFF, Rapid.STOPPED), (Motors.ON, Rapid.STOPPED), (Motors.ON, Rapid.RUNNING)]
     assert states(line.last) == (Motors.ON, Guidance.RUNNING, Rapid.RUNNING)
 
 
