@@ -105,6 +105,8 @@ class RsiClient:
         """The newest corrections, cycle by cycle."""
         self._strayed = False
         """The robot has not come along with its correction in this movement."""
+        self._halted = False
+        """It has reported a fault in this movement: what it lacks of its way is given up."""
         self._garbled = self._limited = False
         self._tags = pose_tags(link.correction_tag)
 
@@ -141,7 +143,7 @@ class RsiClient:
         if self._strayed and self._offset is not None:
             self._set(self._offset)  # as it did not come along, go on from where it is
         self._began, self._aim = (pose, self._total), self._total
-        self._limited = self._strayed = False
+        self._limited = self._strayed = self._halted = False
 
     def end(self) -> None:
         self._began = None
@@ -149,8 +151,7 @@ class RsiClient:
     def target(self, pose: Pose, now: float) -> None:
         if not self._in_time():
             return
-        stays = self._began is None or self._missed >= self._link.late_max
-        wanted = self._total if stays else self._wanted(pose)
+        wanted = self._total if self._began is None or self._halted else self._wanted(pose)
         before, self._aim = self._aim, wanted
         self._answer(self._within_reach(wanted, before))
 
@@ -186,8 +187,10 @@ class RsiClient:
         self._report(told, at, self._sequence)
 
     def _report(self, told: _Told, at: float, sequence: int) -> None:
+        fault = self._fault(told)
+        self._halted = self._halted or bool(fault)
         self._asked.append(told.ipoc)
-        self._events.append(ReportReceived(RobotReport(sequence, told.pose, at, at, self._fault(told))))
+        self._events.append(ReportReceived(RobotReport(sequence, told.pose, at, at, fault)))
 
     def _is_other_program(self, told: _Told) -> bool:
         """Whether the count of late answers begins anew, or the set position is another."""

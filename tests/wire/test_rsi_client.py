@@ -211,8 +211,12 @@ def test_a_robot_that_takes_no_answers_is_taken_for_faulty_and_told_nothing_new(
         found = driver.value(telegram(4 + 4 * late, late=late), to=moved(-0.1))
     assert found == [0.0] * 6
     assert "not taken 3 answers in a row (late so far: 3)" in driver.reports[-1].fault
-    driver.give(telegram(20, late=3))
+    # it takes answers again, and what was lost is given up with this movement
+    assert driver.value(telegram(20, late=3), to=moved(-0.1)) == [0.0] * 6
     assert driver.reports[-1].fault == ""
+    driver.client.end()
+    driver.client.begin(START)
+    assert driver.value(telegram(24, late=3), to=moved(-0.1))[2] == pytest.approx(-0.1)
 
 
 def test_without_a_count_of_late_answers_each_is_taken_for_taken() -> None:
