@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 from hil_bridge.clock.realtime import RealTime, real_time_thread
 from hil_bridge.errors import ConfigError
 from tools.bench import exchanges, machine
-from tools.bench.exchanges import Chunk, Exchange, Message, Seen
+from tools.bench.exchanges import Chunk, Message
 from tools.bench.figures import Figure, Report, Spread
 
 HERE = Path(__file__).parent
@@ -31,6 +31,7 @@ PATIENCE_S = 120.0
 """Longest time of all that a run does beside tracking, s."""
 MICRO, MEGA = 1e6, 1e6
 AWAKE = ", processors kept awake"
+STOLEN = "processor time that the host kept for itself while the bridge ran"
 PARTS = {"p50": 0.5, "p99": 0.99, "p99.9": 0.999, "largest": 1.0}
 NO_COMPILER = (
     "there is no C compiler here (`cc`), so the program that stamps packets from outside is missing, and with it the "
@@ -68,7 +69,7 @@ class Way(NamedTuple):
 
 WAYS = (
     Way("500 Hz over TCP (rtde)", "rtde", "tcp", 0.002, 240, 84, exchanges.rtde),
-    Way("250 Hz over UDP (egm)", "egm", "udp", 0.004, 342, 143, exchanges.egm),
+    Way("250 Hz over UDP (egm)", "egm", "udp", 0.004, 380, 140, exchanges.egm),
 )
 
 
@@ -87,8 +88,8 @@ class Turns:
 class Tracked(NamedTuple):
     """A run of the bridge."""
 
-    seen: Seen | None
-    """Exchanges while it tracked; None where nothing stamped them."""
+    times: Sequence[float]
+    """How long the answers took while it tracked, s; none where nothing stamped them."""
     summary: Mapping[str, Any]
     record_mb: float
     """Size of its recording, MB; 0 without."""
@@ -169,7 +170,9 @@ def tracked(
     relay: Path | None, way: Way, place: Path, seconds: float, *, record: bool = True, awake: bool = False
 ) -> Tracked:
     """A run of the bridge. Raises RunFailed."""
-    file, config, recording, told = (place / name for name in ("seen", "run.toml", "run.mcap", "summary.json"))
+    file, config, recording, told = (
+        place / name for name in ("seen", "run.toml", "run.mcap", "summary.json")
+    )
     text = CONFIG % (seconds, way.kind)
     config.write_text(text, encoding="utf-8")
     for old in (file, recording):
@@ -181,20 +184,22 @@ def tracked(
         keep = ["--record", recording] if record else ["--no-record"]
         command = [*HIL_BRIDGE, "run", config, *devices, "--no-view", *keep, "--summary", told, "--overwrite"]
         stolen = machine.stolen_s()
-        done = subprocess.run(command, capture_output=True, text=True, timeout=seconds + PATIENCE_S, check=False)
+        done = subprocess.run(
+            command, capture_output=True, text=True, timeout=seconds + PATIENCE_S, check=False
+        )
         stolen = machine.stolen_s() - stolen
     if done.returncode:
         raise RunFailed(f"the run ended with {done.returncode}: {done.stderr.strip().splitlines()[-1:]}")
     summary = json.loads(told.read_text(encoding="utf-8"))
-    seen = None if relay is None else while_tracking(file.read_bytes(), way, summary["phases_s"])
-    return Tracked(seen, summary, recording.stat().st_size / MEGA if record else 0.0, stolen)
+    times = [] if relay is None else while_tracking(file.read_bytes(), way, summary["phases_s"])
+    return Tracked(times, summary, recording.stat().st_size / MEGA if record else 0.0, stolen)
 
 
-def while_tracking(data: bytes, way: Way, phases_s: Mapping[str, float]) -> Seen:
-    """The exchanges of the tracking, which ends as long before the last answer as the bridge took to retract."""
-    seen = exchanges.seen(data, way.messages)
-    end = seen.exchanges[-1].at - phases_s.get("retract", 0.0)
-    return seen.between(end - phases_s["track"], end)
+def while_tracking(data: bytes, way: Way, phases_s: Mapping[str, float]) -> list[float]:
+    """How long the answers took in the tracking. It ends as long before the last one as the bridge took to retract."""
+    found = exchanges.seen(data, way.messages).exchanges
+    end = found[-1].at - phases_s.get("retract", 0.0)
+    return [one.taken for one in found if end - phases_s["track"] <= one.at <= end]
 
 
 def spread(times: Iterable[float]) -> Spread:
@@ -207,21 +212,14 @@ def late(times: Sequence[float], way: Way) -> float:
     return 1e4 * sum(time > way.cycle_s for time in times) / len(times)
 
 
-def of(exchanged: Sequence[Exchange]) -> list[float]:
-    """How long they took, s."""
-    return [one.taken for one in exchanged]
-
-
 def beside(way: Way, run: Tracked, turns: Turns, how: str) -> Iterator[Figure]:
     """The bridge beside the echoes."""
-    assert run.seen is not None
-    bridge = of(run.seen.exchanges)
     for name, part in PARTS.items():
         for theirs, against in ((turns.c, "C echo"), (turns.plain, "asyncio echo")):
-            ours, base = spread(bridge).at(part), spread(theirs).at(part)
+            ours, base = spread(run.times).at(part), spread(theirs).at(part)
             yield Figure(f"{way.title}, {name}{how}", ours, "µs", base, against)
     title = f"{way.title}, late ones (above {way.cycle_s * 1e3:g} ms) of 10 000{how}"
-    yield Figure(title, late(bridge, way), "", late(turns.c, way), "C echo")
+    yield Figure(title, late(run.times, way), "", late(turns.c, way), "C echo")
 
 
 def inside(way: Way, run: Tracked, how: str) -> Iterator[Figure]:
@@ -234,13 +232,12 @@ def inside(way: Way, run: Tracked, how: str) -> Iterator[Figure]:
     yield Figure(f"{way.title}, {STOLEN}{how}", run.stolen_s, "s")
 
 
-STOLEN = "processor time that the host kept for itself while the bridge ran"
-
-
 def once(way: Way, run: Tracked) -> Iterator[Figure]:
     """What need not be told twice: the robot's rate as it was, and the recording."""
     rate = run.summary["link"]["packets"] / run.duration_s
-    yield Figure(f"{way.title}, packets a second over the whole run", rate, "1/s", 1.0 / way.cycle_s, "as asked")
+    yield Figure(
+        f"{way.title}, packets a second over the whole run", rate, "1/s", 1.0 / way.cycle_s, "as asked"
+    )
     yield Figure(f"{way.title}, recording of a minute", 60.0 * run.record_mb / run.duration_s, "MB")
 
 
@@ -262,8 +259,7 @@ def measured(way: Way, place: Path, seconds: float, say: Callable[[str], None]) 
         without = tracked(relay, way, place, seconds, record=False)
         echoes()
         yield from beside(way, run, turns, "")
-        assert run.seen is not None and without.seen is not None
-        recorded, bare = (spread(of(each.seen.exchanges)).at(0.999) for each in (run, without))
+        recorded, bare = (spread(each.times).at(0.999) for each in (run, without))
         yield Figure(f"{way.title}, p99.9", recorded, "µs", bare, "without a recorder")
     yield from inside(way, run, "")
     yield from once(way, run)

@@ -96,10 +96,6 @@ class Seen(NamedTuple):
     sizes: tuple[int, int]
     """Largest packet and largest answer, bytes."""
 
-    def between(self, begin: float, end: float) -> "Seen":
-        """Those whose packets went out between two times."""
-        return self._replace(exchanges=tuple(one for one in self.exchanges if begin <= one.at <= end))
-
 
 def seen(data: bytes, messages: Callable[[Iterable[Chunk]], Iterator[Message]]) -> Seen:
     """The exchanges in the relay's file, in the order of the packets."""

@@ -142,9 +142,9 @@ static void pass(int type, int robot, int client)
             struct sockaddr *whence = way == PACKET && type == SOCK_DGRAM ? (struct sockaddr *)&from : NULL;
             if (!ready[way].revents)
                 continue;
-            ssize_t size = recvfrom(ready[way].fd, bytes, LARGEST, 0, whence, whence ? &length : NULL);
-            if (size < 0 && errno == ECONNREFUSED)
-                continue; /* a client that is not there yet, or no more */
+            ssize_t size = recvfrom(ready[way].fd, bytes, LARGEST, MSG_DONTWAIT, whence, whence ? &length : NULL);
+            if (size < 0 && (errno == ECONNREFUSED || errno == EAGAIN))
+                continue; /* the other side is not there yet, or no more */
             if (size <= 0)
                 return;
             stamp((uint32_t)way, (size_t)size);
