@@ -16,6 +16,11 @@ def describe(raw: bytes) -> list[dict[str, object]]:
     """One datagram of either direction: a request, or records; anything else is a problem."""
     if raw and len(raw) % RECORD_SIZE == 0 and len(raw) <= BUFFER_LIMIT * RECORD_SIZE:
         return [_record(raw[at : at + RECORD_SIZE], at) for at in range(0, len(raw), RECORD_SIZE)]
+    if raw.lstrip().startswith(
+        b"<"
+    ):  # it goes over a wire of its own, and stands in a record among the datagrams
+        told: dict[str, object] = {"meaning": "configuration page", "fields": [], "problems": []}
+        return [{"offset": 0, "size": len(raw), "kind": "page", "direction": "from sensor", **told}]
     item: dict[str, object] = {"offset": 0, "size": len(raw), "kind": "request", "direction": "to sensor"}
     problems: list[str] = []
     fields: list[dict[str, object]] = []
