@@ -1,4 +1,4 @@
-"""The words of every kind of device for its bytes, pasted."""
+"""The words of every kind of device: for its bytes, pasted, and for its faults."""
 
 import json
 from dataclasses import replace
@@ -9,6 +9,7 @@ from click.testing import CliRunner, Result
 from hil_bridge.cli import cli
 from hil_bridge.errors import ConfigError
 from hil_bridge.kinds import ROBOTS, SENSORS, words_of
+from hil_bridge.settings.configuration import load_config
 
 TELEGRAM = b'<Rob TYPE="KUKA"><RIst X="1.0" Y="2.0" Z="3.0" A="0" B="0" C="0"/><IPOC>7</IPOC></Rob>'
 
@@ -83,3 +84,45 @@ def test_words_of_another_package_that_raise_become_a_problem() -> None:
     words = words_of(replace(ROBOTS.kind("egm"), describe=broken))
     assert words is not None
     assert words(b"12")[0]["problems"] == ["RuntimeError: a first line"]
+
+
+# --- faults
+
+
+def listed(*arguments: str) -> dict[str, dict[str, object]]:
+    result = CliRunner().invoke(cli, ["faults", *arguments, "--json"])
+    assert result.exit_code == 0, result.output
+    found: dict[str, dict[str, object]] = json.loads(result.output)
+    return found
+
+
+@pytest.mark.parametrize("robot", ["egm", "rtde", "rsi"])
+@pytest.mark.parametrize("sensor", ["netft", "ft300", "ati-can"])
+def test_the_faults_of_a_cell_are_those_of_its_devices(robot: str, sensor: str) -> None:
+    found = listed("--robot", robot, "--sensor", sensor)
+    parts = ROBOTS.kind(robot).emulation, SENSORS.kind(sensor).emulation
+    for part in parts:
+        assert part is not None
+        for on, faults in part.faults.items():
+            assert list(found[on]) == list(faults)
+    assert {"surface", "obstacle", "computer"} <= set(found)
+    assert ("bus" in found) == (sensor == "ati-can")
+
+
+def test_a_receiver_board_has_no_faults_of_frames() -> None:
+    assert list(listed("--sensor", "jr3-board")["frames"]) == ["unplugged"]
+    assert len(listed("--sensor", "jr3")["frames"]) > 5
+
+
+@pytest.mark.parametrize("name", ["jr3", "jr3-uart", "gateway", "uart"])
+def test_a_sensor_has_its_faults_by_either_name(name: str) -> None:
+    """Also by the name of its kind, where the older one was known alone."""
+    fault = {"on": "frames", "fault": "loss"}
+    assert load_config(None, {"sensor.emulated": name, "faults": [fault]}).faults[0].fault == "loss"
+
+
+@pytest.mark.parametrize(("option", "thing"), [("--robot", "robot"), ("--sensor", "sensor")])
+def test_faults_of_an_unknown_kind_are_refused(option: str, thing: str) -> None:
+    error = CliRunner().invoke(cli, ["faults", option, "nothing"]).exception
+    assert isinstance(error, ConfigError)
+    assert f"there is no {thing} 'nothing'" in str(error)
