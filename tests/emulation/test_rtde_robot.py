@@ -593,6 +593,43 @@ def test_a_stop_is_told_and_nothing_is_ordered_after_it(
     assert command == 0
 
 
+# robot_mode, safety_mode, safety_status_bits, robot_status_bits, runtime_state
+SEEN = [
+    (None, (7, 1, 0x001, 3, 2)),
+    ("program-stopped", (7, 1, 0x001, 1, 1)),
+    ("program-paused", (7, 1, 0x001, 1, 4)),
+    ("protective-stop", (7, 3, 0x404, 1, 4)),
+    ("safeguard-stop", (7, 5, 0x410, 1, 4)),
+    ("emergency-stop", (3, 7, 0x4C0, 0, 1)),
+    ("power-off", (3, 1, 0x001, 0, 1)),
+]
+
+
+@pytest.mark.parametrize(("fault", "seen"), SEEN, ids=[str(fault) for fault, _ in SEEN])
+def test_each_stop_is_seen_by_clients_as_the_specification_has_it(
+    fault: str | None, seen: tuple[int, ...]
+) -> None:
+    desk = Desk()
+    reader = desk.plug()
+    names = ("robot_mode", "safety_mode", "safety_status_bits", "robot_status_bits", "runtime_state")
+    shown = outputs_of(reader, *names)
+    reader.ask(packets.encode(Kind.START))
+    desk.upload(CONTROL)
+    desk.run(0.06)
+    if fault is not None:
+        desk.inject("robot", fault)
+    desk.run(0.01)
+    assert tuple(values_of(reader, shown)[-1].values()) == seen
+
+
+def test_a_protective_stop_may_end_the_program() -> None:
+    desk = Desk(replace(EXACT, on_protective_stop="stopped"))
+    desk.upload(CONTROL)
+    desk.run(0.06)
+    desk.inject("robot", "protective-stop")
+    assert (desk.controller.runtime, desk.controller.program) == (Runtime.STOPPED, None)
+
+
 def test_a_program_that_is_played_again_finds_no_old_order() -> None:
     pair = ready()
     board = pair.plug(Port.DASHBOARD)
