@@ -1,6 +1,8 @@
 """The words of every kind of device: for its bytes, pasted, and for its faults."""
 
 import json
+import re
+import tomllib
 from dataclasses import replace
 
 import pytest
@@ -9,7 +11,8 @@ from click.testing import CliRunner, Result
 from hil_bridge.cli import cli
 from hil_bridge.errors import ConfigError
 from hil_bridge.kinds import ROBOTS, SENSORS, words_of
-from hil_bridge.settings.configuration import load_config
+from hil_bridge.settings.configuration import load_config, read_config, with_all_kinds
+from hil_bridge.settings.template import commented_defaults, schema
 
 TELEGRAM = b'<Rob TYPE="KUKA"><RIst X="1.0" Y="2.0" Z="3.0" A="0" B="0" C="0"/><IPOC>7</IPOC></Rob>'
 
@@ -126,3 +129,34 @@ def test_faults_of_an_unknown_kind_are_refused(option: str, thing: str) -> None:
     error = CliRunner().invoke(cli, ["faults", option, "nothing"]).exception
     assert isinstance(error, ConfigError)
     assert f"there is no {thing} 'nothing'" in str(error)
+
+
+# --- configuration
+
+
+def test_sections_of_all_our_kinds_are_in_the_commented_file() -> None:
+    """They are comments; without their # the file holds the same defaults."""
+    text = commented_defaults()
+    assert tomllib.loads(text)["robot"]["emulated"] == "s3"
+    assert "egm" not in tomllib.loads(text)["robot"]
+    plain = tomllib.loads(re.sub(r"^#(?=[^ ])", "", text, flags=re.MULTILINE))
+    for name in ("egm", "rtde", "rsi"):
+        assert plain["robot"][name]
+        assert plain["cell"][name]
+    for name in ("netft", "ati_can", "ft300"):
+        assert plain["sensor"][name]
+        assert plain["cell"][name]
+    assert read_config(plain) == with_all_kinds()
+
+
+def test_the_schema_knows_the_sections_of_all_our_kinds() -> None:
+    found = schema()
+    definitions = found["$defs"]
+    for section, names in (
+        ("RobotSection", ("egm", "rtde", "rsi")),
+        ("SensorSection", ("netft", "ati_can", "ft300")),
+    ):
+        for name in names:
+            assert definitions[section]["properties"][name]["description"]
+            assert name in definitions["CellConfig"]["properties"]
+    assert "counts for 1 N" in definitions["NetFtProfile"]["properties"]["counts_per_unit"]["description"]
