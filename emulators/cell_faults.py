@@ -27,7 +27,22 @@ RECEIVERS: Mapping[tuple[str, str], tuple[str, ...]] = {
 }
 """Which receivers of a JR3 can have a fault, where not all can; which sensors sit on a CAN bus."""
 
+_ALSO = {"jr3": "gateway", "jr3-uart": "uart", "jr3-board": "board"}
+"""Older names of the kinds."""
+
 RECEIVERS_WITH: Mapping[tuple[str, str], tuple[str, str, tuple[str, ...]]] = {
     ("frames", "unplugged"): ("sensor", SECOND, ("board",))
 }
 """Which can have a fault with a value of a parameter, where not all can: the parameter, the value, the receivers."""
+
+
+def as_in_tables(sensor: str) -> str:
+    """The name of an emulated sensor as these tables have it."""
+    return _ALSO.get(sensor, sensor)
+
+
+def others_with(on: str, fault: str, sensor: str) -> tuple[str, ...]:
+    """Which emulated sensors can have a fault that this one cannot; empty where it can."""
+    able = RECEIVERS.get((on, fault))
+    ours = on == "bus" or sensor in JR3_RECEIVERS
+    return able if able is not None and ours and as_in_tables(sensor) not in able else ()

@@ -17,7 +17,7 @@ from collections.abc import Awaitable, Callable, Mapping, Sequence
 from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass, field
 from importlib import import_module
-from typing import Any, Generic, NamedTuple, TypeVar
+from typing import Any, Generic, NamedTuple, TypeAlias, TypeVar
 
 from emulators.cell import OWN_FAULTS, CellProfile
 from emulators.faults import Fault
@@ -124,7 +124,9 @@ class RobotKind:
     this kind.
     """
     describe: Callable[[bytes], list[dict[str, object]]] | None = None
-    """Bytes of its wire of either direction, item by item with fields and problems, for people; None without words."""
+    """Bytes of its wire of either direction, item by item with fields and problems, for people; None without words. It
+    is given one datagram, a piece of a line, or a CAN frame as candump writes it, in ASCII: `201#C800`.
+    """
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,7 +180,9 @@ class SensorKind:
     this kind.
     """
     describe: Callable[[bytes], list[dict[str, object]]] | None = None
-    """Bytes of its wire of either direction, item by item with fields and problems, for people; None without words."""
+    """Bytes of its wire of either direction, item by item with fields and problems, for people; None without words. It
+    is given one datagram, a piece of a line, or a CAN frame as candump writes it, in ASCII: `201#C800`.
+    """
     period: Callable[[KindSettings], float | None] = _not_known
     """Time between two frames with these settings, s; None where it is shorter than a cycle of any robot, or not known
     before the sensor streams.
@@ -296,6 +300,26 @@ def emulated_sensor(name: str) -> SensorKind:
         if name == kind.also:
             return kind
     return SENSORS.kind(name)
+
+
+Words: TypeAlias = Callable[[bytes], list[dict[str, object]]]
+
+
+def words_of(kind: RobotKind | SensorKind) -> Words | None:
+    """The words for a kind's bytes. Another package's may raise anything: that is a problem of the bytes, in words."""
+    describe = kind.describe
+    if describe is None:
+        return None
+
+    def words(raw: bytes) -> list[dict[str, object]]:
+        try:
+            return describe(raw)
+        except Exception as error:
+            lines = str(error).splitlines() or [""]
+            problem = f"{type(error).__name__}: {lines[0]}"
+            return [{"offset": 0, "size": len(raw), "kind": "noise", "fields": [], "problems": [problem]}]
+
+    return words
 
 
 def faults_of(robot: str, sensor: str, surface: str = "") -> Mapping[str, Mapping[str, Fault]]:

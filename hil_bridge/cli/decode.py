@@ -10,7 +10,52 @@ from hil_bridge.cli.options import tell
 from hil_bridge.cli.paths import FILE
 
 
-@click.group(no_args_is_help=False, short_help="Decode pasted bytes or frames to JSON.")
+class _Kinds(click.Group):
+    """The commands of our own, and one for each kind of device."""
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """The command of this name. Raises ConfigError for a kind without words, and for a broken package."""
+        return super().get_command(ctx, cmd_name) or _kind_command(cmd_name)
+
+    def format_help_text(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Name the kinds of device, too; none is imported."""
+        from hil_bridge.kinds import ROBOTS, SENSORS
+
+        super().format_help_text(ctx, formatter)
+        formatter.write_paragraph()
+        with formatter.indentation():
+            formatter.write_text(
+                "Every other kind that has words is a command too: `decode KIND HEX…`, on CAN `decode KIND ID#DATA…`. "
+                f"Robots: {', '.join(ROBOTS.names)}. Sensors: {', '.join(SENSORS.names)}."
+            )
+
+
+def _kind_command(name: str) -> click.Command | None:
+    """The command of a kind of device; None where there is no such kind. Raises ConfigError."""
+    from hil_bridge.errors import ConfigError
+    from hil_bridge.kinds import ROBOTS, SENSORS, words_of
+
+    found = [registry.kind(name) for registry in (ROBOTS, SENSORS) if name in registry.names]
+    if not found:
+        known = dict.fromkeys((*decode.commands, *ROBOTS.names, *SENSORS.names))
+        raise ConfigError(f"there is no kind {name!r} to decode; choose one of {', '.join(known)}")
+    kind = next((kind for kind in found if kind.describe is not None), found[0])
+    describe = words_of(kind)
+    if describe is None:
+        raise ConfigError(f"{name}: there are no words for the bytes of {kind.summary!r}; nothing is decoded")
+    frames = getattr(kind, "bus", None) is not None
+
+    def run(texts: tuple[str, ...]) -> None:
+        pasted = [text.encode(errors="replace") for text in texts] if frames else [_bytes(texts)]
+        _print([item for raw in pasted for item in describe(raw)])
+
+    argument = click.Argument(["texts"], metavar="ID#DATA…" if frames else "HEX…", nargs=-1, required=True)
+    pasted_as = "frames as candump writes them, 201#C800" if frames else "bytes, of one datagram or of a line"
+    about = f"{kind.summary}: {pasted_as}.\n\nEnds with exit code 2 when anything in it is wrong."
+    return click.Command(name, callback=run, params=[argument], help=about)
+
+
+@click.group(cls=_Kinds, no_args_is_help=False, short_help="Decode pasted bytes or frames to JSON.")
 def decode() -> None:
     """Decode pasted bytes or frames to JSON: fields, units, and what is wrong and where."""
 

@@ -1,6 +1,7 @@
 """`hil-bridge monitor`: what goes over a link, in words."""
 
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -10,6 +11,11 @@ from hil_bridge.cli.paths import FILE
 @click.command(short_help="Show a link, one line for each block.")
 @click.argument("sources", metavar="FILE|URL [URL]", nargs=-1, required=True)
 @click.option("--raw", is_flag=True, help="Also the bytes, hexadecimal.")
+@click.option(
+    "--device",
+    type=click.Choice(["robot", "sensor", "both"]),
+    help="Whose traffic of a recording to show.  [default: both; of a run with an S3: robot]",
+)
 @click.option("--save", type=FILE, metavar="FILE", help="Keep what is heard as a text capture.")
 @click.option(
     "--config", "config_file", type=FILE, metavar="FILE", help="Configuration whose [robot.link] holds."
@@ -18,12 +24,18 @@ from hil_bridge.cli.paths import FILE
     "--orders", "orders_file", type=FILE, metavar="FILE", help="TOML file of orders that the site knows."
 )
 def monitor(
-    sources: tuple[str, ...], raw: bool, save: Path | None, config_file: Path | None, orders_file: Path | None
+    sources: tuple[str, ...],
+    raw: bool,
+    device: Any,
+    save: Path | None,
+    config_file: Path | None,
+    orders_file: Path | None,
 ) -> None:
     """Show a link as one line for each block: time, time since the line before, direction, time on the line, meaning.
 
-    FILE is a recording of a run, or a text capture with lines like `0.013402 S3 06`. Two URLs are two ports: the first
-    hears the PC, the second the robot. One URL is a port that hears both. A CAN URL shows the frames of a JR3 gateway.
+    FILE is a recording of a run with any devices, or a text capture of an S3 with lines like `0.013402 S3 06`. Bytes
+    of a device without words are shown hexadecimal. Two URLs are two ports: the first hears the PC, the second the
+    robot. One URL is a port that hears both. A CAN URL shows the frames of a JR3 gateway.
     Nothing is ever sent. Times are those at which the bytes were seen. In a recording, bytes from the PC are seen when
     they are handed to the port, before they are on the line.
     """
@@ -32,13 +44,23 @@ def monitor(
     from hil_bridge.robots.s3.site.monitor import monitor_file, monitor_link
     from hil_bridge.sensors.jr3.monitor import monitor_can
     from hil_bridge.settings.configuration import load_config
+    from hil_bridge.site.traffic import is_recording, monitor_traffic, recorded_robot
     from protocol.s3.arap import KNOWN
 
+    first = sources[0]
+    if device and not (len(sources) == 1 and is_recording(Path(first))):
+        raise ConfigError("--device chooses from a recording; name one")
+    if (
+        len(sources) == 1
+        and is_recording(Path(first))
+        and (device in ("sensor", "both") or recorded_robot(Path(first)) != "s3")
+    ):
+        monitor_traffic(Path(first), device or "both", raw)
+        return
     config = load_config(config_file, {})
     link = config.robot.link
     named = orders_file or (Path(config.robot.orders_file) if config.robot.orders_file else None)
     orders = read_orders(named, link.max_telegram) if named else KNOWN
-    first = sources[0]
     if first.startswith("can+"):
         if len(sources) > 1:
             raise ConfigError("one CAN bus at a time: give one URL")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal, Self, TypeAlias
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from emulators.cell_faults import FELT_BY_SENSOR, JR3_RECEIVERS, RECEIVERS, RECEIVERS_WITH
+from emulators.cell_faults import FELT_BY_SENSOR, RECEIVERS_WITH, as_in_tables, others_with
 from emulators.faults import Fault, find
 from hil_bridge.errors import ConfigError
 
@@ -90,12 +90,10 @@ class FaultConfig(BaseModel):
             raise ValueError(f"{name} needs the emulated cell, but robot.url names a real robot")
         if sensor_url and self.on in FELT_BY_SENSOR:
             raise ValueError(f"{name} needs the emulated sensor, but sensor.url names a real one")
-        able = RECEIVERS.get((self.on, self.fault))
-        ours = self.on == "bus" or receiver in JR3_RECEIVERS
-        if able is not None and ours and receiver not in able:
+        if able := others_with(self.on, self.fault, receiver):
             raise ValueError(f"{name} needs sensor.emulated = {' or '.join(able)}, not {receiver}")
         key, value, able_with = RECEIVERS_WITH.get((self.on, self.fault), ("", "", ()))
-        if key and values.get(key) == value and receiver not in able_with:
+        if key and values.get(key) == value and as_in_tables(receiver) not in able_with:
             wanted = " or ".join(able_with)
             raise ValueError(f"{name} with {key} = {value} needs sensor.emulated = {wanted}, not {receiver}")
 

@@ -324,6 +324,15 @@ def _config_class(chosen: Chosen) -> type[Config]:
     return create_model("Config", __base__=Config, __module__=__name__, **fields)
 
 
+def with_all_kinds() -> Config:
+    """Every setting at its default, with the sections of all kinds of our own."""
+    robots, sensors = (
+        tuple(sorted(name for name in registry.built_in if name not in registry.direct))
+        for registry in (ROBOTS, SENSORS)
+    )
+    return _config_class(Chosen(robots, sensors))()
+
+
 def read_config(values: Mapping[str, Any]) -> Config:
     """A configuration from nested tables, with the sections of all kinds that it names.
 

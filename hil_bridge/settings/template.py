@@ -9,7 +9,7 @@ from typing import Any
 from pydantic import BaseModel
 
 from hil_bridge.field_docstrings import field_docstrings
-from hil_bridge.settings.configuration import Config, is_section, items_of
+from hil_bridge.settings.configuration import Config, is_section, items_of, with_all_kinds
 from hil_bridge.text_files import toml_pair
 from protocol.marks import Setting, settings
 
@@ -26,10 +26,11 @@ def profile_rows(config: Config) -> Iterator[tuple[str, Setting]]:
 
 
 def schema() -> dict[str, Any]:
-    """JSON schema of a configuration file, settings described with their marks."""
-    result = Config.model_json_schema()
+    """JSON schema of a configuration file with any of our own devices, settings described with their marks."""
+    config = with_all_kinds()
+    result = type(config).model_json_schema()
     definitions = result["$defs"]
-    for key, section in (("", Config()), *_sections("", Config())):
+    for key, section in (("", config), *_sections("", config)):
         definition = definitions[type(section).__name__] if key else result
         comments = _comments(section.__class__)
         for name, entry in definition["properties"].items():
@@ -39,20 +40,34 @@ def schema() -> dict[str, Any]:
 
 
 def commented_defaults() -> str:
-    """A configuration file with every setting at its default and a comment above it."""
+    """A configuration file with every setting at its default and a comment above it. Sections of devices that it does
+    not use are there as comments, a # without a space before what can be taken as it is.
+    """
     lines = [
         "# Configuration of hil-bridge. Every setting stands at its default; delete what you do not change."
     ]
-    for key, section in (("", Config()), *_sections("", Config())):
-        comments = _comments(section.__class__)
-        plain = [(name, value) for name, value in items_of(section) if not is_section(value)]
-        if not plain:
-            continue
-        lines += ["", f"[{key}]"] if key else [""]
-        for name, value in plain:
-            lines += textwrap.wrap(comments.get(name, ""), 108, initial_indent="# ", subsequent_indent="# ")
-            lines.append(f"# {name} =" if value is None or name in _TABLES else toml_pair(name, value))
+    config = Config()
+    for key, section in (("", config), *_sections("", config)):
+        lines += _lines(key, section)
+    lines += ["", "# Sections of other devices: take away the # before a line that you want."]
+    used = {key for key, _ in _sections("", config)}
+    for key, section in _sections("", with_all_kinds()):
+        if key not in used:
+            lines += [f"#{line}" if line and line[0] != "#" else line for line in _lines(key, section)]
     return "\n".join(lines) + "\n"
+
+
+def _lines(key: str, section: Any) -> list[str]:
+    """A section, without those inside it; nothing where it has no settings of its own."""
+    comments = _comments(section.__class__)
+    plain = [(name, value) for name, value in items_of(section) if not is_section(value)]
+    if not plain:
+        return []
+    lines = ["", f"[{key}]"] if key else [""]
+    for name, value in plain:
+        lines += textwrap.wrap(comments.get(name, ""), 108, initial_indent="# ", subsequent_indent="# ")
+        lines.append(f"# {name} =" if value is None or name in _TABLES else toml_pair(name, value))
+    return lines
 
 
 def _sections(key: str, section: object) -> Iterator[tuple[str, Any]]:

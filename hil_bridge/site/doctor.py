@@ -21,7 +21,7 @@ from hil_bridge.kinds import CanBus, robot_of, sensor_of
 from hil_bridge.runs.checks import problems
 from hil_bridge.settings.configuration import Config, load_config
 from hil_bridge.settings.kinds import settings_of
-from hil_bridge.site import facts
+from hil_bridge.site import datagrams, facts
 from hil_bridge.site.facts import Fact, Level, fail, ok, warn
 from hil_bridge.transports.urls import WireUrl
 
@@ -101,7 +101,16 @@ def wires(config: Config, root: Path, details: Mapping[str, Mapping[str, Any]] |
             found = wire(parsed, root, details, getattr(kind, "bus", None))
         except ConfigError as error:
             found = fail(key, str(error))
-        yield Fact(found.level, key, f"{found.subject}: {found.text}", found.remedy)
+            parsed = None
+        yield _under(key, found)
+        if parsed is not None and datagrams.is_datagrams(parsed):
+            rules = datagrams.firewall_rules()
+            for fact in datagrams.surroundings(parsed, root, rules, config.realtime):
+                yield _under(key, fact)
+
+
+def _under(key: str, found: Fact) -> Fact:
+    return Fact(found.level, key, f"{found.subject}: {found.text}", found.remedy)
 
 
 def wire(
@@ -119,7 +128,7 @@ def wire(
         case "tcp" | "rfc2217" | "can+slcan+tcp":
             return _host(*url.host_port)
         case "udp" | "udp-bind":
-            return ok(url.text, "datagrams ask for no connection: a run shows whether the device answers")
+            return datagrams.reachable(url)
         case _:
             return fail(url.text, "such a wire exists inside one process only", "name a port or an interface")
 

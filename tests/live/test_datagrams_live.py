@@ -3,6 +3,7 @@
 import asyncio
 import errno
 import os
+import selectors
 import socket
 import sys
 from collections.abc import AsyncIterator, Callable, Iterator
@@ -11,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from hil_bridge.clock import Clock
+from hil_bridge.clock import Clock, run_real
 from hil_bridge.errors import TransportBroken, TransportUnavailable
 from hil_bridge.testing.transports import DatagramCase, Ear, TestDatagramWire
 from hil_bridge.transports import DatagramWire, connect_datagrams, listen_datagrams
@@ -242,3 +243,33 @@ async def test_sending_over_an_interface_that_is_gone_says_so() -> None:
         with pytest.raises(TransportBroken, match="No such device"):
             wire.send([b"hello"])
         assert [type(error) for error in ear.ends] == [TransportBroken]
+
+
+def test_busy_polling_holds_for_datagrams(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A thread that polls never sleeps before a datagram comes."""
+    waits: list[float | None] = []
+    select = selectors.DefaultSelector.select
+
+    def noted(self: Any, timeout: float | None = None) -> Any:
+        waits.append(timeout)
+        return select(self, timeout)
+
+    async def main() -> None:
+        clock = Clock.running()
+        listening = await listen_datagrams("udp-bind://127.0.0.1:0", clock, lambda kind, text: None)
+        asking = await connect_datagrams(listening.address, clock, lambda kind, text: None)
+        arrived: asyncio.Future[Any] = clock.loop.create_future()
+        try:
+            listening.transport.start(arrived.set_result, lambda cause: None)
+            asking.start(lambda data: None, lambda cause: None)
+            clock.loop.call_later(0.01, asking.send, [b"1"])
+            assert bytes((await arrived)[0]) == b"1"
+        finally:
+            await asking.aclose()
+            await listening.transport.aclose()
+            clock.close()
+
+    monkeypatch.setattr(selectors.DefaultSelector, "select", noted)
+    run_real(main, busy_poll_s=1.0)
+    assert len(waits) > 20
+    assert not any(waits), "it slept"

@@ -175,6 +175,38 @@ def test_the_answer_carries_the_target_and_its_speed() -> None:
     assert answer.speed == pytest.approx((10.0, 0.0, 0.0, 0.0, 0.0, 0.0))
 
 
+def test_a_movement_that_ends_on_its_way_has_its_speed_taken_back_at_once() -> None:
+    """The bridge may be gone before another datagram comes."""
+    talk = Conversation()
+    talk.hears(told(0))
+    talk.begins(moved())
+    talk.goal = moved(z_mm=-0.08)
+    assert talk.hears(told(1))[0].speed[2] == pytest.approx(-20.0)
+    talk.client.end()
+    talk.goal = None
+    (data,) = talk.client.data_to_send(talk.now)
+    answer = decode_answer(data)
+    assert isinstance(answer, SensorMessage)
+    assert (millimetres([answer]), answer.speed) == ((600.0, 0.0, 499.92), STILL)
+    assert talk.client.data_to_send(talk.now) == []
+    assert [len(talk.hears(told(number))) for number in (2, 3, 4)] == [
+        0,
+        1,
+        1,
+    ]  # it was the answer to the first
+    talk.client.end()
+    assert talk.client.data_to_send(talk.now) == []
+
+
+def test_a_movement_that_ends_at_rest_sends_nothing_more() -> None:
+    talk = Conversation()
+    talk.hears(told(0))
+    talk.begins(moved())
+    talk.hears(told(1))
+    talk.client.end()
+    assert talk.client.data_to_send(talk.now) == []
+
+
 def test_a_turn_has_a_speed_in_degrees() -> None:
     talk = Conversation()
     talk.hears(told(0))
@@ -199,7 +231,9 @@ def test_behind_a_movement_the_last_reference_is_held_without_speed() -> None:
     talk.client.end()
     talk.goal = None
     measured = place(PoseMm((600.0, 0.0, 499.0), DOWN))  # it lags: to follow what is measured would drift
-    (answer,) = talk.hears(told(2, feedback=measured))
+    talk.client.data_to_send(talk.now)
+    talk.hears(told(2, feedback=measured))
+    (answer,) = talk.hears(told(3, feedback=measured))
     assert (millimetres([answer]), answer.speed) == ((600.0, 0.0, 499.92), STILL)
 
 
@@ -213,6 +247,7 @@ def test_behind_a_movement_the_last_reference_is_held_without_speed() -> None:
         ({"motors": Motors.UNDEFINED}, "the motors are off"),
         ({"rapid": Rapid.STOPPED}, "the RAPID program is stopped"),
         ({"guidance": Guidance.ERROR}, "EGM has ended with an error"),
+        ({"guidance": Guidance.UNDEFINED}, "it is not guided"),
         ({"feedback": Place((0.0,) * 6)}, "it tells no pose"),
         ({"feedback": None}, "it tells no pose"),
     ],
@@ -241,6 +276,15 @@ def test_until_the_guidance_begins_the_robots_own_set_point_is_answered_and_noth
     assert talk.reports == []
     assert millimetres(talk.hears(told(3, planned=planned))) == (601.0, 0.0, 500.0)
     assert talk.reports[0].fault == ""
+
+
+def test_a_session_that_ends_as_the_client_joins_is_waited_out() -> None:
+    talk = Conversation()
+    assert len(talk.hears(told(250, guidance=Guidance.ERROR))) == 1
+    assert talk.reports == []
+    talk.hears(told(0, guidance=Guidance.STOPPED, tm_ms=4000), now=T0 + 2.0)
+    talk.hears(told(1, tm_ms=4004), now=T0 + 2.0 + CYCLE)
+    assert [report.fault for report in talk.reports] == [""]
 
 
 def test_a_first_datagram_that_comes_twice_is_no_fault_either() -> None:

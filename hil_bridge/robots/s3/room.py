@@ -22,7 +22,7 @@ from hil_bridge.transports import LineSettings, Parity
 from hil_bridge.transports.urls import CONNECT_BYTES, SERIAL_PORTS, parse_url, with_line
 from hil_bridge.wiring import Serving, Wiring
 from protocol.s3.adlp import LinkProfile
-from protocol.s3.arap import KNOWN
+from protocol.s3.arap import KNOWN, describe
 
 
 def robot_wire(url: str, link: LinkProfile) -> tuple[str, LinkProfile]:
@@ -123,4 +123,5 @@ ROBOT = RobotKind(
     directly=True,
     check=robot_site,
     parse=lambda url, settings: parse_url(url, CONNECT_BYTES),
+    describe=describe,
 )

@@ -28,8 +28,11 @@ from protocol.jr3 import (
     UART_BAUDRATE,
     GatewayClient,
     UartGatewayClient,
+    describe,
     heard_by_client,
     heard_by_gateway,
+    parse_frame,
+    uart_gateway,
 )
 from protocol.jr3.registers import BoardClient
 
@@ -150,6 +153,13 @@ def _make_board(settings: KindSettings) -> SensorFactory:
 # --- kinds
 
 
+def _describe_frame(raw: bytes) -> list[dict[str, object]]:
+    try:
+        return [describe(parse_frame(raw.decode("ascii", errors="replace")))]
+    except ValueError as error:
+        return [{"kind": "noise", "fields": [], "problems": [str(error)]}]
+
+
 def _usual(real: str, virtual: str) -> Callable[[KindSettings, bool], str]:
     return lambda settings, in_virtual_time: virtual if in_virtual_time else real
 
@@ -165,6 +175,7 @@ CAN_GATEWAY = SensorKind(
     directly=True,
     older_form=_can_form,
     parse=lambda url, settings: parse_url(url, CONNECT_CAN),
+    describe=_describe_frame,
     bus=CanBus("a JR3 gateway", GATEWAY_BITRATE),
     period=lambda settings: settings.client.gateway.period_ms * 1e-3,
     also="gateway",
@@ -184,6 +195,7 @@ UART_GATEWAY = SensorKind(
     directly=True,
     older_form=uart_form,
     parse=lambda url, settings: parse_url(uart_line(url, CONNECT_BYTES), CONNECT_BYTES),
+    describe=uart_gateway.describe,
     period=lambda settings: settings.client.uart.period_ms * 1e-3,
     also="uart",
 )

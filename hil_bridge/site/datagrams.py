@@ -1,0 +1,200 @@
+"""What `hil-bridge doctor` finds about a wire of datagrams: its port, its room in the kernel, what may filter it."""
+
+import errno
+import ipaddress
+import re
+import socket
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+from hil_bridge.clock.realtime import RealTime
+from hil_bridge.site.facts import Fact, fail, ok, warn
+from hil_bridge.transports.datagram.udp import RECEIVE_BUFFER_BYTES
+from hil_bridge.transports.urls import WireUrl
+
+DATAGRAM_BYTES = 768
+"""Least that the kernel counts for one datagram. Source: as of the room that the wire asks for."""
+FASTEST_HZ = 7000.0
+"""Rate of the quickest sensor's stream. Source: as above."""
+LISTERS = (("nft", "list", "ruleset"), ("iptables-save",))
+"""Commands that print a firewall's rules."""
+
+_HOOKED = re.compile(r"type filter hook input [^;]*;(?:\s*policy (?P<policy>\w+);)?")
+_REFUSING = re.compile(r"\b(?:drop|reject)\b")
+
+
+class Rules(NamedTuple):
+    """What a firewall told of itself."""
+
+    text: str = ""
+    """All its rules; "" where none can be seen."""
+    unseen: str = ""
+    """Why they cannot be seen; "" where they can."""
+
+
+def is_datagrams(url: WireUrl) -> bool:
+    """Whether a wire is UDP."""
+    return url.scheme in ("udp", "udp-bind")
+
+
+def reachable(url: WireUrl) -> Fact:
+    """Whether the port of a listening wire is free, or a way leads to the host of another. Nothing is sent."""
+    host, port = url.host_port
+    listens = url.scheme == "udp-bind"
+    subject = f"UDP {host} port {port}"
+    try:
+        family, _, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
+        with socket.socket(family, socket.SOCK_DGRAM) as probe:
+            (probe.bind if listens else probe.connect)(address)
+            here = probe.getsockname()[0]
+    except OSError as error:
+        return fail(subject, error.strerror or str(error), _remedy(error, port))
+    if listens:
+        return ok(subject, "free to listen at; a run shows whether the device sends")
+    return ok(
+        subject, f"is reached from {here}; datagrams ask for no connection: a run shows whether it answers"
+    )
+
+
+def _remedy(error: OSError, port: int) -> str:
+    match error.errno:
+        case errno.EADDRINUSE:
+            return f"another program listens there: `ss -ulpn 'sport = :{port}'` names it; end it"
+        case errno.EADDRNOTAVAIL:
+            return (
+                "no interface of this computer has that address: `ip address` lists them; 0.0.0.0 means all"
+            )
+        case errno.EACCES | errno.EPERM:
+            return "ports below 1024 are the administrator's; take another"
+        case _:
+            return "check the address, the cable, and `ip route`"
+
+
+def surroundings(url: WireUrl, root: Path, rules: Rules, realtime: RealTime) -> Iterator[Fact]:
+    """Everything else about a wire of datagrams: the kernel's room, the firewall, and the settings of [realtime]."""
+    yield room(root)
+    if url.scheme == "udp-bind":
+        yield firewall(*url.host_port, rules)
+    yield in_real_time(realtime)
+
+
+def room(root: Path) -> Fact:
+    """Whether the kernel gives a socket the room that is asked for."""
+    limits = [_number(root / "proc/sys/net/core" / name) for name in ("rmem_max", "rmem_default")]
+    if limits[0] is None:
+        return warn("receive buffer", "net.core.rmem_max cannot be read", "`sysctl net.core.rmem_max`")
+    given = 2 * min(limits[0], RECEIVE_BUFFER_BYTES)  # the kernel doubles it for its own needs
+    count = given // DATAGRAM_BYTES
+    usual = "" if limits[1] is None else f", rmem_default {limits[1]}"
+    text = (
+        f"asks for {RECEIVE_BUFFER_BYTES} bytes; net.core.rmem_max {limits[0]}{usual}: "
+        f"room for {count} small datagrams, {count / FASTEST_HZ:.2f} s of {FASTEST_HZ:.0f} a second"
+    )
+    if limits[0] >= RECEIVE_BUFFER_BYTES:
+        return ok("receive buffer", text)
+    return warn(
+        "receive buffer",
+        text,
+        f"`sudo sysctl -w net.core.rmem_max={RECEIVE_BUFFER_BYTES}`, and the same line in /etc/sysctl.d to keep it",
+    )
+
+
+def _number(path: Path) -> int | None:
+    try:
+        return int(path.read_text(encoding="ascii", errors="replace"))
+    except (OSError, ValueError):
+        return None
+
+
+def in_real_time(realtime: RealTime) -> Fact:
+    """What [realtime] does for datagrams: the loop's own thread takes them off the socket, as it reads every wire."""
+    asked = [
+        text
+        for text, wanted in (
+            (f"busy polling of {realtime.busy_poll_ms:g} ms", realtime.busy_poll_ms),
+            (f"SCHED_FIFO {realtime.fifo_priority}", realtime.fifo_priority),
+        )
+        if wanted
+    ]
+    if asked:
+        return ok("datagrams in real time", f"{', '.join(asked)} of [realtime]: as for every other wire")
+    return ok(
+        "datagrams in real time", "[realtime] asks for nothing; its settings hold as for every other wire"
+    )
+
+
+# --- firewall
+
+
+def firewall_rules() -> Rules:
+    """The rules of nftables, else those of iptables, as this user may see them."""
+    reasons = []
+    for command in LISTERS:
+        try:
+            done = subprocess.run(command, capture_output=True, text=True, timeout=5.0, check=False)
+        except OSError as error:
+            reasons.append(f"{command[0]}: {error.strerror or error}")
+            continue
+        except subprocess.TimeoutExpired:
+            reasons.append(f"{command[0]}: no answer")
+            continue
+        if done.returncode == 0:
+            return Rules(done.stdout)
+        reasons.append(f"{command[0]}: {(done.stderr.strip().splitlines() or ['refused'])[0]}")
+    return Rules(unseen="; ".join(reasons))
+
+
+def firewall(host: str, port: int, rules: Rules) -> Fact:
+    """Whether what comes to a port may be dropped before it arrives, as far as the rules can be read."""
+    subject = f"firewall, UDP port {port}"
+    if _is_loopback(host):
+        return ok(subject, "loopback: firewalls seldom filter it")
+    if rules.unseen:
+        return warn(
+            subject,
+            f"its rules cannot be seen ({rules.unseen})",
+            "`sudo nft list ruleset` or `sudo iptables-save` shows whether it drops what comes to this port",
+        )
+    if not _may_refuse(rules.text):
+        return ok(subject, "no rule refuses what arrives")
+    if _names(rules.text, port):
+        return ok(subject, "a rule accepts it by its number")
+    return warn(
+        subject,
+        "rules refuse some of what arrives, and none accepts this port by its number",
+        f"where nothing arrives, allow it: `sudo ufw allow {port}/udp`, or a rule `udp dport {port} accept`",
+    )
+
+
+def _is_loopback(host: str) -> bool:
+    try:
+        return host == "localhost" or ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False
+
+
+def _may_refuse(text: str) -> bool:
+    """Whether a filter of what arrives drops or rejects anything: by its policy, or by a rule of its chains."""
+    if re.search(r"^:INPUT (?!ACCEPT)", text, re.MULTILINE):
+        return True
+    if re.search(r"^-A .*-j (?:DROP|REJECT)\b", text, re.MULTILINE) and ":INPUT" in text:
+        return True
+    hooked = list(_HOOKED.finditer(text))
+    if any(found["policy"] in ("drop", "reject") for found in hooked):
+        return True
+    rest = _HOOKED.sub("", text)
+    return bool(hooked) and bool(_REFUSING.search(re.sub(r"policy \w+;", "", rest)))
+
+
+def _names(text: str, port: int) -> bool:
+    """Whether a rule that accepts names this port: alone, in a set, or in a range."""
+    for line in text.splitlines():
+        found = re.search(r"udp .*?dports? (?P<ports>\{[^}]*\}|[\d:,-]+)", line)
+        if found is None or not re.search(r"\b(?:accept|ACCEPT)\b", line):
+            continue
+        for low, high in re.findall(r"(\d+)(?:[-:](\d+))?", found["ports"]):
+            if int(low) <= port <= int(high or low):
+                return True
+    return False

@@ -1,0 +1,272 @@
+"""The recorded traffic of any devices, put into words by their kinds; bytes without words are shown as they are."""
+
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Literal, NamedTuple, TypeAlias
+
+from hil_bridge.console.printing import Printer, field_text
+from hil_bridge.errors import ConfigError
+from hil_bridge.kinds import (
+    ROBOTS,
+    RobotKind,
+    SensorKind,
+    Words,
+    emulated_sensor,
+    robot_of,
+    sensor_of,
+    words_of,
+)
+from hil_bridge.recording import LINK_EVENT, LinkRecord, WireRecord, read_link, read_with_traffic
+from hil_bridge.recording.device_facts import json_or_none
+from protocol.can.error import decode_error
+from protocol.can.text import parse_frame
+
+Side: TypeAlias = Literal["robot", "sensor", "both"]
+"""The devices whose traffic is wanted."""
+Item: TypeAlias = Mapping[str, object]
+
+MCAP_MAGIC = b"\x89MCAP0\r\n"
+CONTEXT_BYTES = 1 << 14
+"""Bytes of a wire's begin that are read again before bytes without meaning: an agreement may give them one. Chosen:
+some times those that a client of RTDE exchanges before the first data."""
+TOGETHER = 64
+"""Pieces without meaning that are read together: a message may have come in parts. Chosen, as a record's."""
+
+_PIECE = re.compile(r"(?P<at>-?\d+(?:\.\d*)?) (?P<direction>tx|rx|--) (?P<data>.*)", re.DOTALL)
+_HEADS = ("op", "message", "name", "root", "kind")
+"""Keys of an item that tell of which sort it is; the first that is there."""
+
+
+class Piece(NamedTuple):
+    """Bytes of one datagram, of a part of a line, or of one frame; or an event of the link."""
+
+    at: float
+    """Time on the run's clock, s."""
+    direction: str
+    """`tx` or `rx` as the PC sees it; `--` for an event."""
+    data: bytes
+    frame: str = ""
+    """A CAN frame as candump writes it; "" for bytes."""
+    event: str = ""
+
+
+class Row(NamedTuple):
+    """One line of the monitor."""
+
+    at: float
+    direction: str
+    text: str
+    data: bytes
+    trouble: bool
+
+
+# --- from a recording
+
+
+def is_recording(path: Path) -> bool:
+    """Whether there is such a file and it begins as a recording does."""
+    try:
+        with path.open("rb") as file:
+            return file.read(len(MCAP_MAGIC)) == MCAP_MAGIC
+    except (OSError, ValueError):
+        return False
+
+
+def recorded_robot(path: Path) -> str:
+    """Name of the kind of robot of a recorded run; "" where it tells none that is known here. Raises ConfigError."""
+    robot, _ = _kinds(read_link(path)[1].get("config"))
+    return "" if robot is None else robot.name
+
+
+def monitor_traffic(path: Path, side: Side, raw: bool) -> int:
+    """Print what a recording tells of its devices' wires, in the order of time; the number of lines.
+
+    Raises ConfigError for a file that cannot be read or holds no such traffic.
+    """
+    recording, traffic = read_with_traffic(path)
+    robot, sensor = _kinds(recording.metadata.get("config"))
+    rows: list[Row] = []
+    if side != "sensor":
+        rows += in_words(pieces(traffic.robot, str(path)), robot, "robot")
+    if side != "robot":
+        rows += in_words(pieces(traffic.sensor, str(path)), sensor, "sensor")
+    if not rows:
+        raise ConfigError(f"{path} holds no traffic of {'its devices' if side == 'both' else f'a {side}'}")
+    rows.sort(key=lambda row: row.at)
+    show = Printer(raw, rows[0].at)
+    for row in rows:
+        show.row(row.at, f"{row.direction:<10}", None, row.text, row.data, row.trouble)
+    return len(rows)
+
+
+def _kinds(config: str | None) -> tuple[RobotKind | None, SensorKind | None]:
+    """The kinds of a recorded configuration; None for one that is not known here."""
+    told = json_or_none(config)
+    told = told if isinstance(told, dict) else {}
+    robot, sensor = told.get("robot"), told.get("sensor")
+    return (
+        _kind_in(robot, lambda url: robot_of(url)[0], ROBOTS.kind, "s3"),
+        _kind_in(sensor, lambda url: sensor_of(url)[0], emulated_sensor, "jr3"),
+    )
+
+
+def _kind_in(told: object, by_url: Callable[[str], Any], by_name: Callable[[str], Any], usual: str) -> Any:
+    section = told if isinstance(told, dict) else {}
+    try:
+        return (
+            by_url(str(section["url"]))
+            if section.get("url")
+            else by_name(str(section.get("emulated", usual)))
+        )
+    except ConfigError:  # of a package that is not installed here
+        return None
+
+
+def pieces(records: Iterable[LinkRecord | WireRecord], name: str) -> Iterator[Piece]:
+    """The pieces of recorded traffic, datagrams and frames one by one. Raises ConfigError for what is no piece."""
+    for record in records:
+        for text in record.pieces:
+            found = _PIECE.fullmatch(text)
+            if found is None:
+                raise ConfigError(
+                    f"{name}: {text[:40]!r} is no piece of a wire's traffic; record the run again"
+                )
+            at, direction, data = record.at + float(found["at"]), found["direction"], found["data"]
+            if direction == LINK_EVENT:
+                yield Piece(at, direction, b"", event=data)
+                continue
+            for part in data.split(" "):
+                if "#" in part or "!" in part:
+                    yield Piece(at, direction, b"", frame=part)
+                    continue
+                try:
+                    yield Piece(at, direction, bytes.fromhex(part))
+                except ValueError as error:
+                    raise ConfigError(
+                        f"{name}: {part[:40]!r} is neither bytes nor a frame; record the run again"
+                    ) from error
+
+
+# --- in words
+
+
+def in_words(traffic: Iterable[Piece], kind: RobotKind | SensorKind | None, device: str) -> Iterator[Row]:
+    """Lines for the traffic of a device of this kind, in its order; `device` is its name where its kind is unknown."""
+    name = device if kind is None else kind.name
+    words = None if kind is None else words_of(kind)
+    begin = bytearray()
+    waiting: list[Piece] = []
+    arrows = {"tx": f"PC→{name}", "rx": f"{name}→PC"}
+
+    def told(piece: Piece, items: Sequence[Item]) -> Iterator[Row]:
+        for item in items:
+            yield Row(piece.at, arrows[piece.direction], item_text(item), piece.data, has_trouble(item))
+
+    def empty() -> Iterator[Row]:
+        if waiting and words is not None:
+            for piece, items in _together(waiting, bytes(begin), words):
+                yield from told(piece, items)
+        for piece in waiting:
+            if len(begin) < CONTEXT_BYTES:
+                begin.extend(piece.data)
+        waiting.clear()
+
+    for piece in traffic:
+        if words is None or not piece.data:
+            yield from empty()
+            yield _alone(piece, words, arrows)
+            continue
+        items = words(piece.data)
+        if any(map(has_trouble, items)):
+            waiting.append(piece)
+            if len(waiting) >= TOGETHER:
+                yield from empty()
+            continue
+        yield from empty()
+        if len(begin) < CONTEXT_BYTES:
+            begin.extend(piece.data)
+        yield from told(piece, items)
+    yield from empty()
+
+
+def _alone(piece: Piece, words: Words | None, arrows: Mapping[str, str]) -> Row:
+    """The line of an event, of a frame, of an empty datagram, or of bytes without words."""
+    if piece.event:
+        return Row(piece.at, LINK_EVENT, piece.event, b"", False)
+    arrow = arrows[piece.direction]
+    if not piece.frame:
+        return Row(piece.at, arrow, piece.data.hex(" ").upper() or "empty", b"", False)
+    if "!" in piece.frame:
+        return Row(piece.at, "bus", _bus_error(piece.frame), b"", True)
+    items = [] if words is None else words(piece.frame.encode("ascii", errors="replace"))
+    text = "; ".join(map(item_text, items)) or piece.frame
+    return Row(piece.at, arrow, text, _frame_data(piece.frame), any(map(has_trouble, items)))
+
+
+def _bus_error(text: str) -> str:
+    try:
+        return str(decode_error(parse_frame(text.replace("!", "#"))._replace(error=True)))
+    except ValueError:
+        return text
+
+
+def _frame_data(text: str) -> bytes:
+    try:
+        return parse_frame(text).data
+    except ValueError:
+        return b""
+
+
+def _together(waiting: Sequence[Piece], begin: bytes, words: Words) -> Iterator[tuple[Piece, Sequence[Item]]]:
+    """Items of pieces that have no meaning one by one: read as one run of bytes behind the wire's begin, if that gives
+    them more meaning. An item belongs to the piece in which it ends.
+    """
+    alone = [words(piece.data) for piece in waiting]
+    joined = [*words(begin + b"".join(piece.data for piece in waiting))]
+    placed = [(_number(item, "offset") - len(begin), _number(item, "size"), item) for item in joined]
+    placed = [one for one in placed if one[0] + one[1] > 0]
+    before = sum(has_trouble(item) for items in alone for item in items)
+    better = sum(has_trouble(item) for _, _, item in placed) < before
+    if not (better and placed and placed[0][0] == 0):
+        yield from zip(waiting, alone, strict=True)
+        return
+    end = number = 0
+    for piece in waiting:
+        end += len(piece.data)
+        ended = number
+        while ended < len(placed) and placed[ended][0] + placed[ended][1] <= end:
+            ended += 1
+        yield piece, [item for _, _, item in placed[number:ended]]
+        number = ended
+
+
+def _number(item: Item, key: str) -> int:
+    value = item.get(key)
+    return value if isinstance(value, int) else 0
+
+
+def has_trouble(item: Item) -> bool:
+    """Whether something about an item is wrong, or it has no meaning."""
+    return bool(item.get("problem") or item.get("problems") or item.get("kind") == "noise")
+
+
+def item_text(item: Item) -> str:
+    """An item of a kind's words in one line: of which sort it is, its fields, and its problems."""
+    head = str(next((item[key] for key in _HEADS if item.get(key)), "item"))
+    said = [str(item[key]).strip() for key in ("meaning", "text", "bytes") if item.get(key)]
+    fields, problems = item.get("fields"), item.get("problems")
+    said += [
+        _field(field) for field in (fields if isinstance(fields, list) else ()) if isinstance(field, dict)
+    ]
+    wrong = [*map(str, problems)] if isinstance(problems, list) else []
+    wrong += [str(item["problem"])] if item.get("problem") else []
+    text = ": ".join(filter(None, (head, ", ".join(filter(None, said)))))
+    return "; ".join(" ".join(part.split()) for part in (text, *wrong))
+
+
+def _field(field: Item) -> str:
+    shown: dict[str, object] = {"name": "", "value": "", "unit": "", **field}
+    if isinstance(values := shown["value"], list):
+        shown["value"] = " ".join(f"{one:.7g}" if isinstance(one, float) else str(one) for one in values)
+    return field_text(shown, zeros=True)

@@ -1,0 +1,142 @@
+"""The doctor on wires of datagrams: the port, the kernel's room, firewalls laid out as texts."""
+
+import socket
+import subprocess
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+
+from hil_bridge.clock.realtime import RealTime
+from hil_bridge.settings.configuration import load_config
+from hil_bridge.site import datagrams, doctor
+from hil_bridge.site.datagrams import Rules, firewall, firewall_rules, in_real_time, reachable, room
+from hil_bridge.site.facts import Level
+from hil_bridge.transports.urls import CONNECT_DATAGRAMS, LISTEN_DATAGRAMS, parse_url
+
+NFT = """table inet filter {{
+	chain input {{
+		type filter hook input priority filter; policy {policy};
+		{rule}
+	}}
+	chain forward {{
+		type filter hook forward priority filter; policy drop;
+	}}
+}}
+"""
+IPTABLES = """*filter
+:INPUT {policy} [0:0]
+:FORWARD DROP [0:0]
+{rule}
+COMMIT
+"""
+
+
+def test_a_port_that_another_program_has_is_told() -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", 0))
+        port = taken.getsockname()[1]
+        url = parse_url(f"udp-bind://127.0.0.1:{port}", LISTEN_DATAGRAMS)
+        fact = reachable(url)
+        assert fact.level is Level.FAIL
+        assert f"sport = :{port}" in fact.remedy
+    assert reachable(url).level is Level.OK
+
+
+def test_an_address_of_another_computer_cannot_be_listened_at() -> None:
+    fact = reachable(parse_url("udp-bind://192.0.2.1:6510", LISTEN_DATAGRAMS))
+    assert fact.level is Level.FAIL
+    assert "`ip address`" in fact.remedy
+
+
+def test_the_way_to_a_host_is_told() -> None:
+    fact = reachable(parse_url("udp://127.0.0.1:49152", CONNECT_DATAGRAMS))
+    assert (fact.level, "is reached from 127.0.0.1" in fact.text) == (Level.OK, True)
+
+
+@pytest.mark.parametrize(
+    ("limit", "level", "words"),
+    [
+        ("212992\n", Level.WARN, "room for 554 small"),
+        ("1048576", Level.OK, "room for 2730 small"),
+        ("x", Level.WARN, "cannot"),
+    ],
+)
+def test_the_room_of_the_kernel_is_compared_with_what_is_asked(
+    tmp_path: Path, limit: str, level: Level, words: str
+) -> None:
+    folder = tmp_path / "proc/sys/net/core"
+    folder.mkdir(parents=True)
+    (folder / "rmem_max").write_text(limit)
+    fact = room(tmp_path)
+    assert fact.level is level
+    assert words in fact.text
+    (folder / "rmem_default").write_text("212992\n")
+    assert level is not Level.OK or "rmem_default 212992" in room(tmp_path).text
+
+
+@pytest.mark.parametrize(
+    ("text", "level"),
+    [
+        ("", Level.OK),
+        (NFT.format(policy="accept", rule=""), Level.OK),
+        (NFT.format(policy="drop", rule=""), Level.WARN),
+        (NFT.format(policy="accept", rule="ip saddr 10.0.0.0/8 drop"), Level.WARN),
+        (NFT.format(policy="drop", rule="udp dport 6510 accept"), Level.OK),
+        (NFT.format(policy="drop", rule="udp dport { 53, 6500-6520 } accept"), Level.OK),
+        (NFT.format(policy="drop", rule="udp dport 6511 accept"), Level.WARN),
+        (NFT.format(policy="drop", rule="udp dport 6510 drop"), Level.WARN),
+        (NFT.format(policy="drop", rule="tcp dport 6510 accept"), Level.WARN),
+        (IPTABLES.format(policy="ACCEPT", rule=""), Level.OK),
+        (IPTABLES.format(policy="DROP", rule=""), Level.WARN),
+        (IPTABLES.format(policy="DROP", rule="-A INPUT -p udp -m udp --dport 6510 -j ACCEPT"), Level.OK),
+        (IPTABLES.format(policy="ACCEPT", rule="-A INPUT -j REJECT --reject-with icmp"), Level.WARN),
+    ],
+)
+def test_a_firewall_that_may_drop_what_comes_is_told(text: str, level: Level) -> None:
+    assert firewall("0.0.0.0", 6510, Rules(text)).level is level
+    assert firewall("127.0.0.1", 6510, Rules(text)).level is Level.OK
+
+
+def test_rules_that_cannot_be_seen_are_told_as_such(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(command: Sequence[str], **options: object) -> "subprocess.CompletedProcess[str]":
+        if command[0] == "nft":
+            return subprocess.CompletedProcess(command, 1, "", "Operation not permitted (you must be root)\n")
+        raise FileNotFoundError(2, "No such file or directory")
+
+    monkeypatch.setattr(subprocess, "run", refuse)
+    rules = firewall_rules()
+    fact = firewall("0.0.0.0", 6510, rules)
+    assert fact.level is Level.WARN
+    assert (
+        "cannot be seen (nft: Operation not permitted (you must be root); iptables-save: No such" in fact.text
+    )
+
+
+def test_what_real_time_asks_for_is_said_of_datagrams() -> None:
+    assert "busy polling of 100 ms" in in_real_time(RealTime(busy_poll_ms=100.0)).text
+    assert "SCHED_FIFO 50" in in_real_time(RealTime(fifo_priority=50)).text
+    assert "asks for nothing" in in_real_time(RealTime()).text
+
+
+def test_a_configuration_with_datagrams_is_looked_at(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(datagrams, "firewall_rules", lambda: Rules(NFT.format(policy="drop", rule="")))
+    config = load_config(
+        None,
+        {
+            "robot.url": "egm+udp-bind://127.0.0.1:0",
+            "sensor.url": "netft+udp://127.0.0.1:49152",
+            "run.period_ms": 20.0,
+            "controller.sample_ms": 20.0,
+        },
+    )
+    found = [str(fact) for fact in doctor.wires(config, tmp_path, None)]
+    robot = [line for line in found if " robot.url: " in line]
+    sensor = [line for line in found if " sensor.url: " in line]
+    assert [line.split(": ")[1].split(",")[0] for line in robot] == [
+        "UDP 127.0.0.1 port 0",
+        "receive buffer",
+        "firewall",
+        "datagrams in real time",
+    ]
+    assert len(sensor) == 3, "what is asked for comes back through a firewall"

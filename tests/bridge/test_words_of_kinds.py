@@ -1,0 +1,162 @@
+"""The words of every kind of device: for its bytes, pasted, and for its faults."""
+
+import json
+import re
+import tomllib
+from dataclasses import replace
+
+import pytest
+from click.testing import CliRunner, Result
+
+from hil_bridge.cli import cli
+from hil_bridge.errors import ConfigError
+from hil_bridge.kinds import ROBOTS, SENSORS, words_of
+from hil_bridge.settings.configuration import load_config, read_config, with_all_kinds
+from hil_bridge.settings.template import commented_defaults, schema
+
+TELEGRAM = b'<Rob TYPE="KUKA"><RIst X="1.0" Y="2.0" Z="3.0" A="0" B="0" C="0"/><IPOC>7</IPOC></Rob>'
+
+
+def decoded(*arguments: str) -> Result:
+    return CliRunner().invoke(cli, ["decode", *arguments])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "key", "value"),
+    [
+        (("s3", "05"), "name", "ENQ"),
+        (("jr3", "201#C80010270000"), "op", "start async"),
+        (("jr3-uart", "3C 30 36 3E"), "op", "get state"),
+        (("netft", "1234", "0002", "00000000"), "op", "start"),
+        (("ati-can", "200#"), "op", "sample"),
+        (("rtde", "00 05 56 00 02"), "op", "protocol version"),
+        (("rsi", TELEGRAM.hex()), "root", "Rob"),
+    ],
+)
+def test_a_kind_has_words_for_what_goes_over_its_wire(
+    arguments: tuple[str, ...], key: str, value: str
+) -> None:
+    result = decoded(*arguments)
+    assert result.exit_code == 0, result.output
+    assert json.loads(result.output)[0][key] == value
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("egm", "0A 00"),
+        ("rsi", "3C"),
+        ("ft300", "20 4E"),
+        ("ati-can", "999#00"),
+        ("jr3", "zz"),
+        ("netft", "00"),
+    ],
+)
+def test_bytes_without_meaning_have_exit_code_2(arguments: tuple[str, ...]) -> None:
+    result = decoded(*arguments)
+    assert result.exit_code == 2
+    (item,) = json.loads(result.output)
+    assert item["kind"] == "noise" or item["problems"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("nothing", "00"), "there is no kind 'nothing' to decode; choose one of computer-link"),
+        (("jr3-board", "00"), "jr3-board: there are no words"),
+        (("egm", "0"), "1 digits are no whole bytes"),
+    ],
+)
+def test_what_cannot_be_decoded_is_one_line(arguments: tuple[str, ...], words: str) -> None:
+    error = decoded(*arguments).exception
+    assert isinstance(error, ConfigError)
+    assert words in str(error)
+    assert "\n" not in str(error)
+
+
+def test_the_help_names_every_kind() -> None:
+    text = " ".join(decoded("--help").output.split())
+    for name in (*ROBOTS.names, *SENSORS.names):
+        assert name in text
+
+
+def test_words_of_another_package_that_raise_become_a_problem() -> None:
+    def broken(raw: bytes) -> list[dict[str, object]]:
+        raise RuntimeError("a first line\nand a second")
+
+    words = words_of(replace(ROBOTS.kind("egm"), describe=broken))
+    assert words is not None
+    assert words(b"12")[0]["problems"] == ["RuntimeError: a first line"]
+
+
+# --- faults
+
+
+def listed(*arguments: str) -> dict[str, dict[str, object]]:
+    result = CliRunner().invoke(cli, ["faults", *arguments, "--json"])
+    assert result.exit_code == 0, result.output
+    found: dict[str, dict[str, object]] = json.loads(result.output)
+    return found
+
+
+@pytest.mark.parametrize("robot", ["egm", "rtde", "rsi"])
+@pytest.mark.parametrize("sensor", ["netft", "ft300", "ati-can"])
+def test_the_faults_of_a_cell_are_those_of_its_devices(robot: str, sensor: str) -> None:
+    found = listed("--robot", robot, "--sensor", sensor)
+    parts = ROBOTS.kind(robot).emulation, SENSORS.kind(sensor).emulation
+    for part in parts:
+        assert part is not None
+        for on, faults in part.faults.items():
+            assert list(found[on]) == list(faults)
+    assert {"surface", "obstacle", "computer"} <= set(found)
+    assert ("bus" in found) == (sensor == "ati-can")
+
+
+def test_a_receiver_board_has_no_faults_of_frames() -> None:
+    assert list(listed("--sensor", "jr3-board")["frames"]) == ["unplugged"]
+    assert len(listed("--sensor", "jr3")["frames"]) > 5
+
+
+@pytest.mark.parametrize("name", ["jr3", "jr3-uart", "gateway", "uart"])
+def test_a_sensor_has_its_faults_by_either_name(name: str) -> None:
+    """Also by the name of its kind, where the older one was known alone."""
+    fault = {"on": "frames", "fault": "loss"}
+    assert load_config(None, {"sensor.emulated": name, "faults": [fault]}).faults[0].fault == "loss"
+
+
+@pytest.mark.parametrize(("option", "thing"), [("--robot", "robot"), ("--sensor", "sensor")])
+def test_faults_of_an_unknown_kind_are_refused(option: str, thing: str) -> None:
+    error = CliRunner().invoke(cli, ["faults", option, "nothing"]).exception
+    assert isinstance(error, ConfigError)
+    assert f"there is no {thing} 'nothing'" in str(error)
+
+
+# --- configuration
+
+
+def test_sections_of_all_our_kinds_are_in_the_commented_file() -> None:
+    """They are comments; without their # the file holds the same defaults."""
+    text = commented_defaults()
+    assert tomllib.loads(text)["robot"]["emulated"] == "s3"
+    assert "egm" not in tomllib.loads(text)["robot"]
+    plain = tomllib.loads(re.sub(r"^#(?=[^ ])", "", text, flags=re.MULTILINE))
+    for name in ("egm", "rtde", "rsi"):
+        assert plain["robot"][name]
+        assert plain["cell"][name]
+    for name in ("netft", "ati_can", "ft300"):
+        assert plain["sensor"][name]
+        assert plain["cell"][name]
+    assert read_config(plain) == with_all_kinds()
+
+
+def test_the_schema_knows_the_sections_of_all_our_kinds() -> None:
+    found = schema()
+    definitions = found["$defs"]
+    for section, names in (
+        ("RobotSection", ("egm", "rtde", "rsi")),
+        ("SensorSection", ("netft", "ati_can", "ft300")),
+    ):
+        for name in names:
+            assert definitions[section]["properties"][name]["description"]
+            assert name in definitions["CellConfig"]["properties"]
+    assert "counts for 1 N" in definitions["NetFtProfile"]["properties"]["counts_per_unit"]["description"]
