@@ -85,7 +85,7 @@ def test_a_packet_that_is_passed_over_waits_until_a_later_one_is_answered():
         (4.0, PACKET, number(10)),  # behind the last answer
     )
     seen = exchanges.seen(data, exchanges.numbered)
-    assert seen.exchanges == (Exchange(1.0, 0.25), Exchange(2.0, 1.5), Exchange(3.0, 0.5))
+    assert seen.exchanges == (Exchange(1.0, 0.25), Exchange(2.0, 1.5, own=False), Exchange(3.0, 0.5))
     assert seen.sizes == (12, 12)
 
 

@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 from hil_bridge.clock.realtime import RealTime, real_time_thread
 from hil_bridge.errors import ConfigError
 from tools.bench import exchanges, machine
-from tools.bench.exchanges import Chunk, Message
+from tools.bench.exchanges import Chunk, Exchange, Message
 from tools.bench.figures import Figure, Report, Spread
 
 HERE = Path(__file__).parent
@@ -88,12 +88,17 @@ class Turns:
 class Tracked(NamedTuple):
     """A run of the bridge."""
 
-    times: Sequence[float]
-    """How long the answers took while it tracked, s; none where nothing stamped them."""
+    exchanges: Sequence[Exchange]
+    """Packets and answers while it tracked; none where nothing stamped them."""
     summary: Mapping[str, Any]
     record_mb: float
     """Size of its recording, MB; 0 without."""
     stolen_s: float
+
+    @property
+    def times(self) -> list[float]:
+        """How long the answers took, s."""
+        return [one.taken for one in self.exchanges]
 
     @property
     def duration_s(self) -> float:
@@ -190,15 +195,15 @@ def tracked(
     if done.returncode:
         raise RunFailed(f"the run ended with {done.returncode}: {done.stderr.strip()}")
     summary = json.loads(told.read_text(encoding="utf-8"))
-    times = [] if relay is None else while_tracking(file.read_bytes(), way, summary["phases_s"])
-    return Tracked(times, summary, recording.stat().st_size / MEGA if record else 0.0, stolen)
+    seen = [] if relay is None else while_tracking(file.read_bytes(), way, summary["phases_s"])
+    return Tracked(seen, summary, recording.stat().st_size / MEGA if record else 0.0, stolen)
 
 
-def while_tracking(data: bytes, way: Way, phases_s: Mapping[str, float]) -> list[float]:
-    """How long the answers took in the tracking. It ends as long before the last one as the bridge took to retract."""
+def while_tracking(data: bytes, way: Way, phases_s: Mapping[str, float]) -> list[Exchange]:
+    """The exchanges of the tracking. It ends as long before the last one as the bridge took to retract."""
     found = exchanges.seen(data, way.messages).exchanges
     end = found[-1].at - phases_s.get("retract", 0.0)
-    return [one.taken for one in found if end - phases_s["track"] <= one.at <= end]
+    return [one for one in found if end - phases_s["track"] <= one.at <= end]
 
 
 def spread(times: Iterable[float]) -> Spread:
@@ -219,25 +224,22 @@ def beside(way: Way, run: Tracked, turns: Turns, how: str) -> Iterator[Figure]:
             yield Figure(f"{way.title}, {name}{how}", ours, "µs", base, against)
     title = f"{way.title}, late ones (above {way.cycle_s * 1e3:g} ms) of 10 000{how}"
     yield Figure(title, late(run.times, way), "", late(turns.c, way), "C echo")
+    passed = 1e4 * sum(not one.own for one in run.exchanges) / len(run.exchanges)
+    yield Figure(f"{way.title}, passed over of 10 000{how}", passed, "")
 
 
 def inside(way: Way, run: Tracked, how: str) -> Iterator[Figure]:
-    """What the bridge stamped itself, over the whole run."""
+    """What the bridge stamped itself over the whole run, its recording, and the robot's rate as it was."""
     answers, link = run.summary["answers"], run.summary["link"]
     for name, key in (("p50", "p50_ms"), ("p99", "p99_ms"), ("largest", "max_ms")):
         yield Figure(f"{way.title}, inside the bridge, {name}{how}", answers[key] * 1e3, "µs")
     title = f"{way.title}, inside the bridge, late ones of 10 000{how}"
     yield Figure(title, 1e4 * link.get("late answers", 0) / link["packets"], "")
     yield Figure(f"{way.title}, {STOLEN}{how}", run.stolen_s, "s")
-
-
-def once(way: Way, run: Tracked) -> Iterator[Figure]:
-    """What need not be told twice: the robot's rate as it was, and the recording."""
     rate = run.summary["link"]["packets"] / run.duration_s
-    yield Figure(
-        f"{way.title}, packets a second over the whole run", rate, "1/s", 1.0 / way.cycle_s, "as asked"
-    )
-    yield Figure(f"{way.title}, recording of a minute", 60.0 * run.record_mb / run.duration_s, "MB")
+    title = f"{way.title}, packets a second over the whole run{how}"
+    yield Figure(title, rate, "1/s", 1.0 / way.cycle_s, "as asked")
+    yield Figure(f"{way.title}, recording of a minute{how}", 60.0 * run.record_mb / run.duration_s, "MB")
 
 
 def measured(way: Way, place: Path, seconds: float, say: Callable[[str], None]) -> Iterator[Figure]:
@@ -261,7 +263,6 @@ def measured(way: Way, place: Path, seconds: float, say: Callable[[str], None]) 
         recorded, bare = (spread(each.times).at(0.999) for each in (run, without))
         yield Figure(f"{way.title}, p99.9", recorded, "µs", bare, "without a recorder")
     yield from inside(way, run, "")
-    yield from once(way, run)
 
 
 def kept_awake(way: Way, place: Path, seconds: float, say: Callable[[str], None]) -> Iterator[Figure]:

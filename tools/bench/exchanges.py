@@ -44,6 +44,8 @@ class Exchange(NamedTuple):
     """When it went out, on the monotonic clock, s."""
     taken: float
     """Until its answer had been read, s."""
+    own: bool = True
+    """Whether the answer was its own; else it was passed over, and a later packet was answered."""
 
 
 def chunks(data: bytes) -> Iterator[Chunk]:
@@ -110,6 +112,6 @@ def seen(data: bytes, messages: Callable[[Iterable[Chunk]], Iterator[Message]]) 
         while waiting and waiting[0].number <= message.number:
             packet = waiting.popleft()
             if begun or packet.number == message.number:
-                found.append(Exchange(packet.at, message.at - packet.at))
+                found.append(Exchange(packet.at, message.at - packet.at, packet.number == message.number))
         begun = True
     return Seen(tuple(found), (sizes[PACKET], sizes[ANSWER]))
