@@ -9,7 +9,7 @@ handler begins another session, after `retry_s`. After another error it stands u
 
 import math
 from collections import Counter, deque
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from enum import Enum
 
 from emulators.arm.followed import FollowedArm, FollowedProfile
@@ -19,6 +19,7 @@ from emulators.egm.bad_pose import BadPose
 from emulators.egm.guided import OUT_OF_BOUNDS, ArmJoints, GuidedMotion
 from emulators.egm.profile import EgmProfile
 from emulators.faults.ledger import Handler, Injection
+from emulators.faults.own import OwnFaults
 from emulators.seams import ArmPath, Handlers, Joints, StartPose
 from protocol.egm import (
     Answer,
@@ -43,6 +44,8 @@ _EPOCH_S = 1_700_000_000
 """Chosen: the controller's calendar at power-up, s since 1970, so that a run of one seed repeats itself."""
 _BEGINS = 256
 """Chosen: begins of motion that are kept."""
+_MOTORS_OFF = "motors-off"
+_CANNOT_SEND = "event 41830: the message cannot be sent"
 _COUNTS = (0, 6)
 """Numbers of joints that a message may hold."""
 
@@ -80,7 +83,8 @@ class EgmController:
         self.motion = GuidedMotion(profile, pose, self._kinematics)
         """Set point and law."""
         self._arm = FollowedArm(_mechanics(profile), pose, now)
-        self._joints: Joints = self.motion.joints
+        self._measured: tuple[Pose, Joints] = pose, self.motion.joints
+        """The pose that was measured last, and the joints that hold it."""
         self.path: ArmPath = self._arm.path
         self.endpoint = self
         self.state = State.SET_UP
@@ -108,21 +112,21 @@ class EgmController:
         self._converged = self._told_over = False
         self._origin: Pose | None = None
         """Where a way back began; None where there is none."""
+        self._stops: list[str] = []
+        """Faults by which people stop the robot now."""
         self._begin_session(now)
         self.handlers: Handlers = {
             "robot": {
-                "motors-off": Handler(self._motors_off, self._motors_on),
-                "rapid-stop": Handler(self._rapid_stop, self._rapid_start),
-                "egm-stop": Handler(lambda injection: self._at_once(injection, self._end_run)),
-                "out-of-limits": Handler(
-                    lambda injection: self._at_once(injection, lambda at: self._fail(OUT_OF_BOUNDS, at))
+                _MOTORS_OFF: Handler(self._stop, self._start),
+                "rapid-stop": Handler(self._stop, self._start),
+                **OwnFaults().striking(
+                    {
+                        "egm-stop": self._end_run,
+                        "out-of-limits": lambda at: self._fail(OUT_OF_BOUNDS, at),
+                        "cannot-send": lambda at: self._fail(_CANNOT_SEND, at),
+                        "restart": self._begin_session,
+                    }
                 ),
-                "cannot-send": Handler(
-                    lambda injection: self._at_once(
-                        injection, lambda at: self._fail("event 41830: the message cannot be sent", at)
-                    )
-                ),
-                "restart": Handler(lambda injection: self._at_once(injection, self._begin_session)),
             },
             "pose": self._bad_pose.handlers,
             "link": self._link.handlers,
@@ -236,6 +240,8 @@ class EgmController:
                 self._send(measured, at)
                 self._told_over = self.state in _OVER
         taken = self._queue.popleft() if self._queue else None
+        if taken is None and self.state is State.GUIDING and self._cycle % self._every == 0:
+            self.counters["cycles without a message"] += 1
         self._delayed.append(taken)
         acting = self._delayed.popleft() if len(self._delayed) > self._profile.ref_delay_cycles else None
         if acting is not None:
@@ -246,7 +252,8 @@ class EgmController:
         """A message has come through to the motion."""
         self.motion.take(message)
         self._begun += 1
-        self._begins.append(at + self._profile.arm.servo_delay_cycles * self._period)
+        moves = self.state is State.GUIDING
+        self._begins.append(at + self._profile.arm.servo_delay_cycles * self._period if moves else math.nan)
         profile = self._profile
         if (
             isinstance(message, SensorMessage)
@@ -272,7 +279,7 @@ class EgmController:
                 self._watch_convergence(at)
         elif self.state is State.RAPID_STOPPED and motion.moves:
             ramp = profile.stop_ramp_s
-            if error := motion.brake(1.0 - (at - self._since) / ramp if ramp else 0.0):
+            if motion.brake(1.0 - (at - self._since) / ramp if ramp else 0.0):
                 motion.stand()
         elif self.state is State.ENDED and self._origin is not None:
             share = (at - self._since) / profile.ramp_out_s if profile.ramp_out_s else 1.0
@@ -306,6 +313,8 @@ class EgmController:
         self._converged = self._told_over = False
         self._origin = None
         self.counters["sessions"] += 1
+        if self._stops:
+            self._leave(self._stopped_state(), at)
 
     def _end_run(self, at: float) -> None:
         """EGMRun ends without an error: the tool is held, or goes back to where the guidance began."""
@@ -341,11 +350,13 @@ class EgmController:
 
     def _send(self, measured: Pose, at: float) -> None:
         motion, profile = self.motion, self._profile
-        self._joints = self._kinematics.holding(measured, motion.joints) or motion.joints
+        if measured != self._measured[0]:
+            joints = self._kinematics.holding(measured, motion.joints)
+            self._measured = measured, joints or motion.joints
         motors, guidance, rapid = self.state.value[:3]
         microseconds = round((at - self._powered_at) * 1e6)
         time_us = _EPOCH_S * 1_000_000 + microseconds
-        feedback = Place(_degrees(self._joints), to_wire(measured), (), time_us)
+        feedback = Place(_degrees(self._measured[1]), to_wire(measured), (), time_us)
         newer = profile.rw == "7"
         message = RobotMessage(
             self._seqno,
@@ -371,33 +382,28 @@ class EgmController:
 
     # --- faults
 
-    @staticmethod
-    def _at_once(injection: Injection, act: Callable[[float], None]) -> None:
-        act(injection.injected_at)
+    def _stop(self, injection: Injection) -> None:
+        """People stop the robot."""
         injection.struck += 1
-        injection.finish(injection.injected_at)
-
-    def _motors_off(self, injection: Injection) -> None:
-        injection.struck += 1
-        self.motion.stand()
+        self._stops.append(injection.fault)
+        if injection.fault == _MOTORS_OFF:
+            self.motion.stand()
         if self.state not in _OVER:
-            self._leave(State.MOTORS_OFF, injection.injected_at)
+            self._leave(self._stopped_state(), injection.injected_at)
 
-    def _motors_on(self, injection: Injection, now: float) -> None:
-        if self.state is State.MOTORS_OFF:
-            if self._profile.restart_after_motors_off:
-                self._go_on(now)
-            else:
-                self._leave(State.RAPID_STOPPED, now)
-
-    def _rapid_stop(self, injection: Injection) -> None:
-        injection.struck += 1
-        if self.state in (State.GUIDING, State.SET_UP):
-            self._leave(State.RAPID_STOPPED, injection.injected_at)
-
-    def _rapid_start(self, injection: Injection, now: float) -> None:
-        if self.state is State.RAPID_STOPPED:
+    def _start(self, injection: Injection, now: float) -> None:
+        """They let it go on, as far as nothing else stops it."""
+        self._stops.remove(injection.fault)
+        if self.state not in _STOPPED:
+            return
+        stays = injection.fault == _MOTORS_OFF and not self._profile.restart_after_motors_off
+        if self._stops or stays:
+            self._leave(self._stopped_state(), now)
+        else:
             self._go_on(now)
+
+    def _stopped_state(self) -> State:
+        return State.MOTORS_OFF if _MOTORS_OFF in self._stops else State.RAPID_STOPPED
 
     def _go_on(self, now: float) -> None:
         """The guidance goes on where the tool stands. Messages that came meanwhile have gone on being taken [A]."""

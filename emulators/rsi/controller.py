@@ -15,6 +15,7 @@ from enum import Enum, auto
 
 from emulators.arm.followed import FollowedArm
 from emulators.faults import Handler, Injection
+from emulators.rsi.bad_pose import BadPose
 from emulators.rsi.correction import TOO_FAR, TOO_FAST, Correction
 from emulators.rsi.ethernet import Ethernet
 from emulators.rsi.faults import RSI_FAULTS
@@ -79,6 +80,7 @@ class RsiController:
         self._powered_at, self._beats = now, 0
         self._ipoc = profile.ipoc_start - profile.cycle_ms
         self._injected = Injected()
+        self._bad_pose = BadPose(RSI_FAULTS["pose"])
         self._line = Line(self._injected, RSI_FAULTS["packets"])
         self._restart_at = math.inf
         self.error = ""
@@ -244,7 +246,13 @@ class RsiController:
         """The values of the tags that the configuration sends."""
         values, session = dict(self._session.values), self._session
         if _ACTUAL[0] in values:
-            values.update(zip(_ACTUAL, self._texts(values_of(self._arm.pose(now))), strict=True))
+            values.update(
+                zip(
+                    _ACTUAL,
+                    self._texts(values_of(self._bad_pose.told(self._arm.pose(now), now))),
+                    strict=True,
+                )
+            )
         if _LATE in values:
             values[_LATE] = str(session.ethernet.late)
         if _STATUS in values:
@@ -289,7 +297,7 @@ class RsiController:
         robot |= {name: Handler(act) for name, act in acts.items()}
         answers = {name: self._injected.handler("answers", name) for name in RSI_FAULTS["answers"]}
         packets = {**self._line.handlers, "clock-jump": Handler(self._jump)}
-        return {"robot": robot, "packets": packets, "answers": answers}
+        return {"robot": robot, "pose": self._bad_pose.handlers, "packets": packets, "answers": answers}
 
     def _strikes(self, target: str, fault: str, now: float) -> Injection | None:
         return self._injected.strikes(target, fault, now)

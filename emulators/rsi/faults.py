@@ -4,9 +4,15 @@ from collections.abc import Mapping
 
 from emulators.faults.kinds import FOREVER, Fault, Parameter
 
+_AXES = ("x", "y", "z")
+
 
 def _count(default: int) -> Parameter:
     return Parameter(default, "how many in a row", 1, 100000)
+
+
+def _along(axis: str, limit: float, unit: str) -> Parameter:
+    return Parameter(0.0, f"by how much along base {axis}", -limit, limit, unit)
 
 
 RSI_FAULTS: Mapping[str, Mapping[str, Fault]] = {
@@ -24,6 +30,29 @@ RSI_FAULTS: Mapping[str, Mapping[str, Fault]] = {
             FOREVER,
         ),
         "monitor": Fault("POSCORRMON takes the correction for too large, and ends RSI"),
+    },
+    "pose": {
+        "offset": Fault(
+            "the actual position is told off; the arm stays where it is",
+            {f"{axis}_mm": _along(axis, 2000.0, "mm") for axis in _AXES},
+            FOREVER,
+            amounts=tuple(f"{axis}_mm" for axis in _AXES),
+        ),
+        "drift": Fault(
+            "the actual position as it is told goes astray; the arm stays where it is",
+            {f"{axis}_mm_s": _along(axis, 100.0, "mm/s") for axis in _AXES},
+            FOREVER,
+            amounts=tuple(f"{axis}_mm_s" for axis in _AXES),
+        ),
+        "turned": Fault(
+            "the actual orientation is told as turned about an axis of the base frame",
+            {
+                "degrees": Parameter(30.0, "by how much", -180.0, 180.0, "°"),
+                "axis": Parameter("x", "axis of the base frame", choices=_AXES),
+            },
+            FOREVER,
+        ),
+        "frozen": Fault("the actual pose is told as it was", {}, FOREVER),
     },
     "packets": {
         "mute": Fault("no telegram leaves the controller, and it goes on counting", {}, FOREVER),
@@ -46,4 +75,4 @@ RSI_FAULTS: Mapping[str, Mapping[str, Fault]] = {
         "refused": Fault("answers are discarded, and count as late", {}, FOREVER),
     },
 }
-"""Faults by target: the robot and its program, its telegrams, and the answers to them."""
+"""Faults by target: the robot and its program, the pose that it tells, its telegrams, and the answers to them."""

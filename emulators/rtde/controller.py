@@ -12,13 +12,13 @@ from typing import Protocol
 
 from emulators.arm.cycled import CycledPath
 from emulators.arm.quaternions import angle_between, normalised, product
-from emulators.rtde.arm import ZERO, Brake, Hold, JointArm, Order, Servo
+from emulators.rtde.arm import ZERO, Brake, Hold, JointArm, Order, Place, Servo
 from emulators.rtde.kinematics import (
     ARMS,
+    RANGE,
     USUAL,
     Joints,
     compose,
-    conjugate,
     flange,
     inverse,
     nearest,
@@ -30,7 +30,6 @@ from emulators.seams import StartPose
 from protocol.geometry import Pose, Wrench
 from protocol.rtde.fields import Value
 from protocol.rtde.packets import Version
-from protocol.rtde.rotation import rotation_vector
 from protocol.rtde.states import RobotMode, Runtime, SafetyMode
 
 _LEVEL: Pose = Pose((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
@@ -112,6 +111,8 @@ class Controller:
         self._starting: tuple[float, Callable[[], Program]] | None = None
         self._pending: list[tuple[float, Callable[[], None]]] = []
         """Changes that come at a time."""
+        self._powered = 0
+        """How often the power has gone."""
         self._wanted = joints
         self.counts: Counter[str] = Counter()
         """Refusals and stops, by name, for tests and people."""
@@ -206,13 +207,20 @@ class Controller:
         if not isinstance(given, tuple):
             return _NO_FORCE
         force = rotated(self._flange.quaternion, given[:3])
-        moment = rotated(self._flange.quaternion, given[3:])
-        return (*force, *moment)
+        u, v, w = rotated(self._flange.quaternion, given[3:])
+        if self.profile.force_point == "tcp":
+            (a, b, c), (x, y, z) = force, rotated(self._flange.quaternion, self.tcp.position)
+            u, v, w = u - (y * c - z * b), v - (z * a - x * c), w - (x * b - y * a)
+        return (*force, u, v, w)
 
     # --- inputs
 
     def write_inputs(self, names: tuple[str, ...], values: Mapping[str, Value]) -> None:
         """A package of inputs came; they hold for ever, and reset the watchdogs of their names."""
+        force = values.get("external_force_torque", _NO_FORCE)
+        if isinstance(force, tuple) and not all(map(math.isfinite, force)):
+            self.protective_stop("an external force that is no number")
+            return
         self.inputs = {**self.inputs, **values}
         for watchdog in self.watchdogs:
             if watchdog.name in names:
@@ -306,6 +314,9 @@ class Controller:
             if not self._sound(order.target):
                 return
             self._wanted = order.target
+        if isinstance(order, Place) and not max(map(abs, order.target)) <= RANGE:
+            self.protective_stop("a move beyond the end of a joint's range")
+            return
         self.arm.take(order)
 
     def target_taken(self) -> None:
@@ -325,6 +336,9 @@ class Controller:
         """Whether the next servo target is near enough to the last one."""
         if not all(map(math.isfinite, joints)):
             self.protective_stop("a target that is no number")
+            return False
+        if max(map(abs, joints)) > RANGE:
+            self.protective_stop("a target beyond the end of a joint's range")
             return False
         old = self._wanted if isinstance(self.arm.order, Servo) else self.arm.joints
         before, after = flange(self.lengths, old), flange(self.lengths, joints)
@@ -349,7 +363,7 @@ class Controller:
                 self.protective_stop("the tool is too fast")
             elif math.hypot(*self.measured[:3]) > profile.max_force_n:
                 self.protective_stop("the force is too large")
-            elif max(map(abs, arm.joints)) > 2.0 * math.pi:
+            elif max(map(abs, arm.joints)) > RANGE:
                 self.protective_stop("a joint is at the end of its range")
         if self.safety in _STOPPED or self.mode != RobotMode.RUNNING:
             arm.take(Hold())
@@ -395,7 +409,7 @@ class Controller:
 
     def power_off(self) -> None:
         """Power goes at once; brakes hold the arm."""
-        self._pending = []
+        self._powered += 1
         self.stop_program()
         self.mode = RobotMode.POWER_OFF
         self.arm.take(Hold())
@@ -404,30 +418,31 @@ class Controller:
         """It takes a while until it is idle. False where it is on, or stopped."""
         if self.mode != RobotMode.POWER_OFF or self.safety in _STOPPED:
             return False
-        self.later(self.profile.power_s, lambda: self._become(RobotMode.POWER_OFF, RobotMode.IDLE))
+        self._become_later(RobotMode.IDLE)
         return True
 
     def release_brakes(self) -> bool:
         """It takes a while until it runs. False where it is not idle."""
         if self.mode != RobotMode.IDLE:
             return False
-        self.later(self.profile.power_s, lambda: self._become(RobotMode.IDLE, RobotMode.RUNNING))
+        self._become_later(RobotMode.RUNNING)
         return True
 
-    def _become(self, before: RobotMode, after: RobotMode) -> None:
-        if self.mode == before:
-            self.mode = after
+    def _become_later(self, mode: RobotMode) -> None:
+        """Come to a mode after a while, unless the power goes before."""
+        powered = self._powered
+
+        def become() -> None:
+            if self._powered == powered:
+                self.mode = mode
+
+        self.later(self.profile.power_s, become)
 
     # --- of programs
 
     def set_tcp(self, tcp: Pose) -> None:
         """The tool as it is to be taken from now on."""
         self.tcp = tcp
-
-    @property
-    def tcp_vector(self) -> tuple[float, ...]:
-        """The tool in the flange as x y z and a rotation vector."""
-        return (*self.tcp.position, *rotation_vector(self.tcp.quaternion))
 
     def flange_pose(self) -> Pose:
         """Pose of the flange now."""
@@ -437,6 +452,3 @@ class Controller:
     def still(self) -> bool:
         """Whether the arm stands."""
         return self.arm.still or self.arm.speeds == ZERO
-
-
-__all__ = ["Controller", "Program", "Watchdog", "conjugate"]

@@ -32,6 +32,10 @@ _ACTS = (
     "load",
 )
 """Begins of commands that local control refuses."""
+_E_SERIES = 5
+"""Major version of the first e-Series."""
+_OF_E_SERIES = ("is in remote control",)
+"""Commands that a CB3 does not understand: it has no remote control."""
 _PLAYS = {Runtime.PLAYING: "PLAYING", Runtime.PAUSED: "PAUSED"}
 
 
@@ -124,7 +128,8 @@ class Dashboard:
             return "showing popup"
         if (self._local or not self._controller.remote) and command.startswith(_ACTS):
             return _LOCAL
-        answer = _ANSWERS.get(command)
+        cb3 = self._controller.version.major < _E_SERIES
+        answer = None if cb3 and command in _OF_E_SERIES else _ANSWERS.get(command)
         return f"could not understand: '{line[:80]}'" if answer is None else answer(self._controller)
 
     def next_event(self) -> None:

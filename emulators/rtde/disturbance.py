@@ -5,15 +5,18 @@ from collections.abc import Callable
 from typing import Protocol
 
 from emulators.faults.ledger import Handler, Injection
+from emulators.faults.own import OwnFaults
 from emulators.rtde.controller import Controller
+from emulators.rtde.faults import CONNECTION_FAULTS, POSE_FAULTS
 from emulators.rtde.state import Snapshot
 from emulators.seams import Handlers
 from protocol.geometry import Pose
 from protocol.rtde.program import INPUT_NAMES
-from protocol.rtde.states import SafetyMode
 
 _LATE_MAX = 4096
 """Chosen: packets that are kept back at a time; eight seconds of them."""
+_DROPPED = "dropped"
+_AXES = "xyz"
 
 
 class Closable(Protocol):
@@ -29,88 +32,75 @@ class Disturbance:
         self._controller = controller
         self.connections: list[Closable] = []
         """Connections to the RTDE port."""
-        self._lasting: dict[str, Injection] = {}
-        """Faults of connection and pose that hold, or wait for their moment, by name."""
+        self._own = own = OwnFaults()
         self._frozen: Pose | None = None
-        stop, program = SafetyMode.ROBOT_EMERGENCY_STOP, controller.stop_program
+        """Pose that is told while it stays as it is."""
+        acts = {
+            "protective-stop": lambda: controller.protective_stop("as a fault"),
+            "program-stopped": controller.stop_program,
+            "program-paused": controller.pause,
+            "power-off": controller.power_off,
+        }
         self.handlers: Handlers = {
             "robot": {
-                "protective-stop": self._once(lambda: controller.protective_stop("as a fault")),
-                "emergency-stop": self._while(
-                    lambda: controller.emergency_stop(stop), controller.release_emergency_stop
-                ),
+                **own.striking({name: self._at(act) for name, act in acts.items()}),
+                "emergency-stop": self._while(controller.emergency_stop, controller.release_emergency_stop),
                 "safeguard-stop": self._while(
                     lambda: controller.safeguard(True), lambda: controller.safeguard(False)
                 ),
                 "local-control": self._while(lambda: self._control(False), lambda: self._control(True)),
-                "program-stopped": self._once(program),
-                "program-paused": self._once(controller.pause),
-                "power-off": self._once(controller.power_off),
-                "slider": Handler(self._slide, lambda injection, now: self._slide_back()),
+                "slider": Handler(self._slide, lambda injection, now: self._slide_to(1.0, now)),
             },
             "connection": {
-                "dropped": self._once(self._drop),
-                **{name: Handler(self._begin, self._end) for name in ("mute", "deaf", "late", "in-use")},
-                "lost": Handler(self._begin),
+                **own.striking({_DROPPED: self._at(self._drop)}),
+                **own.held(name for name in CONNECTION_FAULTS if name != _DROPPED),
             },
-            "pose": {name: Handler(self._begin, self._end) for name in ("nan", "frozen", "offset")},
+            "pose": {**own.held(POSE_FAULTS), **own.ended_by("frozen", self._thaw)},
         }
 
     # --- begin and end
 
-    def _once(self, act: Callable[[], object]) -> Handler:
-        def begin(injection: Injection) -> None:
-            self._controller.advance(injection.injected_at)
-            act()
-            injection.struck += 1
-            injection.finish(injection.injected_at)
+    def _at(self, act: Callable[[], object]) -> Callable[[float], None]:
+        """The act, once the controller has come to the time."""
 
-        return Handler(begin)
+        def strike(now: float) -> None:
+            self._controller.advance(now)
+            act()
+
+        return strike
 
     def _while(self, act: Callable[[], object], back: Callable[[], object]) -> Handler:
+        """One act at the begin, another at the end."""
+
         def begin(injection: Injection) -> None:
-            self._controller.advance(injection.injected_at)
-            act()
+            self._at(act)(injection.injected_at)
             injection.struck += 1
 
-        def end(injection: Injection, now: float) -> None:
-            self._controller.advance(now)
-            back()
-
-        return Handler(begin, end)
+        return Handler(begin, lambda injection, now: self._at(back)(now))
 
     def _control(self, remote: bool) -> None:
         self._controller.remote = remote
 
     def _slide(self, injection: Injection) -> None:
-        self._controller.advance(injection.injected_at)
-        self._controller.slider = injection.number("percent") / 100.0
+        self._slide_to(injection.number("percent") / 100.0, injection.injected_at)
         injection.struck += 1
 
-    def _slide_back(self) -> None:
-        self._controller.slider = 1.0
+    def _slide_to(self, share: float, now: float) -> None:
+        self._controller.advance(now)
+        self._controller.slider = share
 
     def _drop(self) -> None:
         for connection in self.connections:
             connection.closing = True
 
-    def _begin(self, injection: Injection) -> None:
-        self._lasting[injection.fault] = injection
-
-    def _end(self, injection: Injection, now: float) -> None:
-        if self._lasting.get(injection.fault) is injection:
-            del self._lasting[injection.fault]
-            if injection.fault == "frozen":
-                self._frozen = None
+    def _thaw(self, now: float) -> None:
+        self._frozen = None
 
     # --- effects
 
     def _holds(self, name: str) -> Injection | None:
-        """The fault of this name that holds now, with one more effect; or None."""
-        found = self._lasting.get(name)
-        if found is not None:
-            found.struck += 1
-        return found
+        """The fault of this name that holds in this cycle, with one more effect; or None."""
+        return self._own.under_way(name, self._controller.now)
 
     @property
     def deaf(self) -> bool:
@@ -128,7 +118,6 @@ class Disturbance:
         if lost := self._holds("lost"):
             if lost.struck >= lost.number("count"):
                 lost.finish(now)
-                del self._lasting["lost"]
             return []
         delay = self._holds("late")
         if delay is not None or late:
@@ -140,17 +129,17 @@ class Disturbance:
 
     def shown(self, snapshot: Snapshot) -> Snapshot:
         """The state as it is told."""
-        if not self._lasting:
-            return snapshot
+        pose = snapshot.pose
         if self._holds("nan"):
-            return snapshot._replace(pose=Pose((math.nan,) * 3, snapshot.pose.quaternion))
-        if self._holds("frozen"):
-            self._frozen = self._frozen or snapshot.pose
-            return snapshot._replace(pose=self._frozen)
-        if off := self._holds("offset"):
+            pose = Pose((math.nan,) * 3, pose.quaternion)
+        elif self._holds("frozen"):
+            pose = self._frozen = self._frozen or pose
+        elif off := self._holds("offset"):
             x, y, z = (
                 place + off.number(f"{axis}_mm") / 1000.0
-                for place, axis in zip(snapshot.pose.position, "xyz", strict=True)
+                for place, axis in zip(pose.position, _AXES, strict=True)
             )
-            return snapshot._replace(pose=Pose((x, y, z), snapshot.pose.quaternion))
-        return snapshot
+            pose = Pose((x, y, z), pose.quaternion)
+        else:
+            return snapshot
+        return snapshot._replace(pose=pose)

@@ -11,15 +11,18 @@ from emulators.rtde.kinematics import Joints
 from protocol.geometry import Pose
 
 Walk: TypeAlias = Iterator[Place]
+_LEAST = 1e-6
+"""Chosen: slower speeds and smaller accelerations count as this, m or rad, and s."""
 _TURN_LENGTH = 1.0
 """Assumed: a turn of 1 rad counts as so long a way, m."""
 
 
 def shares(length: float, speed: float, acceleration: float, dt: float) -> Iterator[float]:
     """Parts 0 … 1 of a way, cycle by cycle, the last one 1."""
-    if not (length > 0.0 and speed > 0.0 and acceleration > 0.0):
+    if not length > 0.0:
         yield 1.0
         return
+    speed, acceleration = max(speed, _LEAST), max(acceleration, _LEAST)
     speed = min(speed, math.sqrt(length * acceleration))
     ramp = speed / acceleration
     total = length / speed + ramp

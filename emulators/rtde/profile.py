@@ -80,6 +80,9 @@ class RtdeProfile:
         5.0, _A, "noise of the reported place, root mean square", unit="µm", minimum=0.0
     )
     noise_urad: float = setting(5.0, _A, "the same of the orientation", unit="µrad", minimum=0.0)
+    force_point: Literal["flange", "tcp"] = setting(
+        "flange", _A, "point about which actual_TCP_force tells its moments; tcp on a CB3"
+    )
     force_noise_n: float = setting(
         0.2, _A, "noise of the arm's own force sensor, root mean square", unit="N", minimum=0.0
     )

@@ -39,6 +39,9 @@ _JOINT_PER_METRE = 2.0
 """Assumed: joint deceleration of stopl, rad/s² for each m/s²; that of an arm of half a metre."""
 
 
+_END = object()
+
+
 class Turning:
     """A program that is a generator."""
 
@@ -47,10 +50,11 @@ class Turning:
         self._turns = turns
 
     def cycle(self) -> bool:
-        """One turn; False at its end."""
-        for _ in self._turns:
-            return True
-        return False
+        """One turn; False at its end, and where it fails: a value that no arithmetic takes ends a program."""
+        try:
+            return next(self._turns, _END) is not _END
+        except (ArithmeticError, ValueError):
+            return False
 
 
 def program(controller: Controller, name: str, text: bytes) -> Callable[[], Turning]:

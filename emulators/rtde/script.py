@@ -9,7 +9,7 @@ import re
 from emulators.rtde.controller import Controller
 from emulators.rtde.programs import program
 
-_BEGIN = re.compile(rb"^(?:def|sec)\s+(\w{1,64})\s*\(")
+_BEGIN = re.compile(rb"^(def|sec)\s+(\w{1,64})\s*\(")
 TEXT_MAX = 1 << 20
 """Chosen: a longer program is thrown away; ur_rtde's has 50 kB."""
 
@@ -25,6 +25,7 @@ class ScriptPort:
         self._lines: list[bytes] = []
         self._size = 0
         self._name = ""
+        self._secondary = False
 
     def receive(self, data: bytes, now: float) -> None:
         self._controller.advance(now)
@@ -37,16 +38,19 @@ class ScriptPort:
     def _take(self, line: bytes) -> None:
         if not self._name:
             if begin := _BEGIN.match(line):
-                self._name, self._lines, self._size = begin[1].decode(), [line], len(line)
+                self._secondary = begin[1] == b"sec"
+                self._name, self._lines, self._size = begin[2].decode(), [line], len(line)
             return
         self._lines.append(line)
         self._size += len(line)
         if self._size > TEXT_MAX:
             self._name, self._lines = "", []
         elif line == b"end":
-            text = b"\n".join(self._lines)
-            controller = self._controller
-            controller.start_program(program(controller, self._name, text))
+            controller, text = self._controller, b"\n".join(self._lines)
+            if self._secondary:  # runs beside a program and cannot move the arm
+                controller.counts["secondary programs"] += 1
+            else:
+                controller.start_program(program(controller, self._name, text))
             self._name, self._lines = "", []
 
     def next_event(self) -> None:

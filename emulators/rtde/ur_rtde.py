@@ -222,14 +222,19 @@ class UrRtde:
         yield from self._line(self._pose_in(0))
 
     def move_line_to_joints(self) -> Turns:
-        yield from self._line(self._controller.forward(six_joints(self._d(0))))
+        joints = self._joints_in(0)
+        yield from self._line(None if joints is None else self._controller.forward(joints))
 
     def move_joints(self) -> Turns:
-        yield from self._joints(six_joints(self._d(0)))
+        yield from self._joints(self._joints_in(0))
 
     def move_joints_to_pose(self) -> Turns:
         pose = self._pose_in(0)
         yield from self._joints(None if pose is None else self._controller.solve(pose))
+
+    def _joints_in(self, first: int) -> Joints | None:
+        six = self._d(first)
+        return six_joints(six) if all(map(math.isfinite, six)) else None
 
     def _pose_in(self, first: int) -> Pose | None:
         six = self._d(first)
@@ -266,7 +271,7 @@ class UrRtde:
         self._tell(six_of(self._controller.flange_pose()))
 
     def tell_tcp(self) -> None:
-        self._tell(self._controller.tcp_vector)
+        self._tell(six_of(self._controller.tcp))
 
     def tell_torques(self) -> None:
         self._tell((0.0,) * 6)
@@ -276,8 +281,9 @@ class UrRtde:
 
     def tell_forward_of(self) -> None:
         """With a tool that stands in the registers behind the joints, also where the client has written none."""
-        tcp = self._pose_in(6)
-        self._tell(six_of(self._controller.forward(six_joints(self._d(0)), tcp)))
+        joints, tcp = self._joints_in(0), self._pose_in(6)
+        if joints is not None and tcp is not None:
+            self._tell(six_of(self._controller.forward(joints, tcp)))
 
     def tell_inverse(self) -> None:
         pose = self._pose_in(0)
@@ -287,7 +293,8 @@ class UrRtde:
 
     def tell_inverse_near(self) -> None:
         pose = self._pose_in(0)
-        joints = None if pose is None else self._controller.solve(pose, six_joints(self._d(6)))
+        near = self._joints_in(6)
+        joints = None if pose is None or near is None else self._controller.solve(pose, near)
         self._ended = joints is None
         self._tell(joints or ())
 

@@ -10,7 +10,7 @@ from msgspec import inspect
 from numpy.typing import NDArray
 
 from hil_bridge.analysis.hops import JITTER, MIDDLE, SENSOR
-from hil_bridge.analysis.times import Times, times_of
+from hil_bridge.analysis.times import Times, in_ms, times_of
 from hil_bridge.facts import Devices, Hop, RobotHops
 from hil_bridge.recording.device_facts import devices_of
 from hil_bridge.recording.reader import Recording
@@ -72,14 +72,14 @@ class Latency:
         part = self.largest
         whole = self.total.p50_s
         share = f", {100.0 * part.times.p50_s / whole:.0f} %" if whole > 0.0 else ""
-        return f"{part.hop.words} ({part.times.p50_s * 1e3:.0f} ms{share})"
+        return f"{part.hop.words} ({in_ms(part.times.p50_s)} ms{share})"
 
     @property
     def sentence(self) -> str:
         """The whole in one line."""
         total = self.total
-        p50, p99 = total.p50_s * 1e3, total.p99_s * 1e3
-        return f"{self.name} {p50:.0f} ms p50, {p99:.0f} ms p99; largest: {self.largest_words}"
+        p50, p99 = in_ms(total.p50_s), in_ms(total.p99_s)
+        return f"{self.name} {p50} ms p50, {p99} ms p99; largest: {self.largest_words}"
 
     def as_ms(self) -> dict[str, Mapping[str, float]]:
         """Every distribution by the name of its hop, and `total`; for a summary."""

@@ -22,6 +22,12 @@ class Times:
         return {name: round(value * 1e3, 6) for name, value in named.items()}
 
 
+def in_ms(seconds: float) -> str:
+    """A duration in ms, without decimals from 10 ms on."""
+    milliseconds = seconds * 1e3
+    return f"{milliseconds:.0f}" if abs(milliseconds) >= 9.95 else f"{milliseconds:.1f}"
+
+
 def times_of(durations: Iterable[float]) -> Times | None:
     """The distribution of those that are numbers; None when none is."""
     known = sorted([duration for duration in durations if math.isfinite(duration)])

@@ -124,7 +124,8 @@ class Answering(Generic[Data]):
     def data_to_send(self, now: float) -> Data:
         data = self._client.data_to_send(now)
         if self._arrived is not None:
-            self.counters[LATE] += now - self._arrived > self._cycle
+            if now - self._arrived > self._cycle:
+                self.counters[LATE] += 1
             if len(data):
                 self._answered = (PACKET, self._arrived), (ANSWER, now)
             self._arrived = None

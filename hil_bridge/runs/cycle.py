@@ -438,7 +438,7 @@ class Run:
             position=report.pose.position,
             quaternion=report.pose.quaternion,
             status_transmitted_at=stamps.get(QUESTION_LEFT, math.nan),
-            answer_s=stamps[ANSWER] - stamps[PACKET] if {ANSWER, PACKET} <= stamps.keys() else math.nan,
+            answer_s=stamps[ANSWER] - stamps[PACKET] if ANSWER in stamps else math.nan,
             sent_at=sent.begun_at,
             transmitted_at=sent.left_at,
             depth=decision.depth,

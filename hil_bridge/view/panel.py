@@ -12,6 +12,7 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
+from hil_bridge.analysis.times import in_ms
 from hil_bridge.facts import LATE, Pacing
 from hil_bridge.view.model import HISTORY_CYCLES, Snapshot
 
@@ -165,10 +166,10 @@ def _latency(snapshot: Snapshot) -> tuple[Text, Text]:
     found = snapshot.latency
     if found is None:
         return whole.append("–"), Text()
-    p50, p99, largest = (s * 1e3 for s in (found.total.p50_s, found.total.p99_s, found.total.max_s))
-    whole.append(f"{p50:.0f} ms p50, {p99:.0f} p99, {largest:.0f} max  ").append(found.name, "dim")
+    p50, p99, largest = map(in_ms, (found.total.p50_s, found.total.p99_s, found.total.max_s))
+    whole.append(f"{p50} ms p50, {p99} p99, {largest} max  ").append(found.name, "dim")
     shown = sorted(found.chain, key=lambda part: -part.times.p50_s)[:_HOPS_SHOWN]
-    hops = [f"{part.hop.name} {part.times.p50_s * 1e3:.0f}" for part in found.chain if part in shown]
+    hops = [f"{part.hop.name} {in_ms(part.times.p50_s)}" for part in found.chain if part in shown]
     return whole, Text(f"{'':12}{' + '.join(hops)} ms", style="dim", no_wrap=True, overflow="ellipsis")
 
 

@@ -26,6 +26,7 @@ from protocol.ati_can.messages import (
     status_words,
 )
 from protocol.ati_can.profile import AtiCanClientProfile
+from protocol.can.error import decode_error
 from protocol.can.frame import CanFrame
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
 from protocol.wrench import (
@@ -83,6 +84,8 @@ class AtiCanClient:
         self._told: set[int] = set()
         """Statuses that were told, each once."""
         self._count = 0
+        self._bus = ""
+        """The newest report of the interface about the bus."""
 
     # --- endpoint
 
@@ -91,14 +94,17 @@ class AtiCanClient:
         for frame in data:
             if self._ended:
                 return
-            if frame.extended or frame.remote or frame.error or frame.identifier >> 4 != self._profile.base:
-                continue
             op = frame.identifier & 0xF
             try:
+                if frame.error:
+                    self._tell_bus(f"CAN bus: {decode_error(frame)}")
+                    continue
+                if frame.extended or frame.remote or frame.identifier >> 4 != self._profile.base:
+                    continue
                 self._take(op, frame, now)
             except RemoteProtocolError as error:
                 self.statistics.malformed += 1
-                if not self._ready and op != Op.SAMPLE:
+                if not (self._ready or frame.error) and op != Op.SAMPLE:
                     self._fail(f"{error}; look at its calibration")
 
     def next_event(self) -> SensorEvent | None:
@@ -264,6 +270,11 @@ class AtiCanClient:
         if not self._others:
             self._others = True
             self._events.append(SensorNotice("another host asks on this bus, or an answer came late"))
+
+    def _tell_bus(self, text: str) -> None:
+        if text != self._bus:
+            self._bus = text
+            self._events.append(SensorNotice(text))
 
     def _fail(self, text: str) -> None:
         if not self._ended:

@@ -9,7 +9,8 @@ beyond the last reference, for the position term holds it there: 4 mm at 20 mm/s
 The robot takes one message a cycle, in the order in which they came, right behind the datagram that it sends [M]. An
 answer too many would stay in its queue for good, and delay all later ones. So of datagrams that came together only the
 newest is answered, and one that comes again is not. An answer that left when the next datagram was on its way has come
-too late to be taken with it, and waits for the one behind: then the next answer is left out.
+too late to be taken with it, and waits for the one behind: then the next answer is left out. A movement that ends on
+its way has its speed taken back at once, by an answer ahead of the next datagram.
 
 The robot is not guided while its motors are off, its program stands or its guidance has not begun. Then each datagram
 is answered with the set point that it tells, without speed: it stands still, also when the guidance begins or goes on.
@@ -106,6 +107,12 @@ class EgmClient:
         self._sent: PoseMm | None = None
         """Reference of the newest answer, and the number of the report that it answered."""
         self._sent_number = 0
+        self._sent_speed = False
+        """That answer carried a speed."""
+        self._ends = False
+        """A movement has ended on its way: its speed is taken back at once, for no other datagram may be answered."""
+        self._left_out = False
+        """The next datagram has had its answer so."""
         self._session_at: float | None = None
         """When a session came whose guidance has not begun, s; None once it has."""
         self._first: tuple[int, int] | None = None
@@ -135,14 +142,17 @@ class EgmClient:
         return self._events.popleft() if self._events else None
 
     def data_to_send(self, now: float) -> Sequence[bytes]:
-        if not self._due or self._reference is None:
+        if self._reference is None or not (self._due or self._ends):
             return []
-        self._due = False
-        if self._waiting_since is not None:
+        if self._ends:
+            self._left_out = not self._due
+        elif self._left_out or self._waiting_since is not None:
+            self._due = self._left_out = False
             return []
+        self._due = self._ends = False
         self._waiting_since = now
         speed = self._speed(self._reference) if self._feed_forward else ()
-        self._sent, self._sent_number = self._reference, self._number
+        self._sent, self._sent_number, self._sent_speed = self._reference, self._number, any(speed)
         message = SensorMessage(self._own_seqno, self._tm, self._reference, speed=speed)
         self._own_seqno += 1
         return [encode_answer(message)]
@@ -170,6 +180,7 @@ class EgmClient:
         self._due |= not again
 
     def end(self) -> None:
+        self._ends = self._moving and self._sent_speed
         self._moving = False
 
     # --- datagrams of the robot

@@ -1,6 +1,7 @@
 """Datagrams of a Net F/T as plain values, for people to read."""
 
 from protocol.endpoint import RemoteProtocolError
+from protocol.netft.page import parse_page
 from protocol.netft.records import (
     BUFFER_LIMIT,
     RECORD_SIZE,
@@ -13,14 +14,11 @@ from protocol.wrench import AXES
 
 
 def describe(raw: bytes) -> list[dict[str, object]]:
-    """One datagram of either direction: a request, or records; anything else is a problem."""
+    """One datagram of either direction, a request or records, or the page; anything else is a problem."""
     if raw and len(raw) % RECORD_SIZE == 0 and len(raw) <= BUFFER_LIMIT * RECORD_SIZE:
         return [_record(raw[at : at + RECORD_SIZE], at) for at in range(0, len(raw), RECORD_SIZE)]
-    if raw.lstrip().startswith(
-        b"<"
-    ):  # it goes over a wire of its own, and stands in a record among the datagrams
-        told: dict[str, object] = {"meaning": "configuration page", "fields": [], "problems": []}
-        return [{"offset": 0, "size": len(raw), "kind": "page", "direction": "from sensor", **told}]
+    if b"<netft" in raw:
+        return [_page(raw)]
     item: dict[str, object] = {"offset": 0, "size": len(raw), "kind": "request", "direction": "to sensor"}
     problems: list[str] = []
     fields: list[dict[str, object]] = []
@@ -38,6 +36,26 @@ def describe(raw: bytes) -> list[dict[str, object]]:
             _field("count", request.records, "", "records to send; 0: until a stop"),
         ]
     return [item | {"fields": fields, "problems": problems}]
+
+
+def _page(raw: bytes) -> dict[str, object]:
+    item = {"offset": 0, "size": len(raw), "kind": "page", "direction": "from sensor"}
+    try:
+        found = parse_page(raw)
+    except RemoteProtocolError as error:
+        return item | {"fields": [], "problems": [str(error)]}
+    fields: list[dict[str, object]] = [
+        {
+            "name": name,
+            "raw": scale,
+            "value": scale,
+            "unit": unit,
+            "mark": "observed",
+            "meaning": "of one count",
+        }
+        for name, scale, unit in zip(AXES, found.scales, ("N",) * 3 + ("N·m",) * 3, strict=True)
+    ]
+    return item | {"fields": fields, "problems": []}
 
 
 def _record(raw: bytes, at: int) -> dict[str, object]:

@@ -12,10 +12,11 @@ class Page(bytes):
     """The page, or the reason why it did not come, on the way to the client of a sensor."""
 
     failure: str
+    """Empty where it came."""
 
     def __new__(cls, body: bytes = b"", failure: str = "") -> "Page":
-        """The body of the answer, or an empty one with the reason."""
-        page = super().__new__(cls, body)
+        """The body of the answer; or the reason, which stands in place of it, so that a recording shows it."""
+        page = super().__new__(cls, body or failure.encode("utf-8"))
         page.failure = failure
         return page
 

@@ -4,8 +4,8 @@ A correction is the way from where the robot would be without it, in the base fr
 degrees whose turn comes after the robot's own, R = R(A B C)·R₀. In absolute mode an answer carries the whole
 correction, in relative mode its change since the answer that the robot has taken last.
 
-Which answers it has taken is told by its count of late ones. So an answer that was lost is made good by the next, and
-the set point and the robot stay together. A telegram that comes again, or behind a later one, gets no answer: its cycle
+Which answers it has taken is told by its count of late ones. So an answer that was lost is made good by those after it,
+little by little, and the set point and the robot stay together. A telegram that comes again, or behind a later one, gets no answer: its cycle
 is over, and an increment must not count twice.
 
 Source: project specification of RSI, sections 3, 5 and 9.
@@ -95,6 +95,8 @@ class RsiClient:
         """Answers in a row that the robot has not taken."""
         self._total: Correction = _NOTHING
         """Correction that the robot has, as far as is known."""
+        self._aim: Correction = _NOTHING
+        """Correction that the newest set point asked for."""
         self._began: tuple[Pose, Correction] | None = None
         """Pose and correction at which the movement began; None outside of one."""
         self._trail: deque[Correction] = deque(
@@ -103,6 +105,8 @@ class RsiClient:
         """The newest corrections, cycle by cycle."""
         self._strayed = False
         """The robot has not come along with its correction in this movement."""
+        self._halted = False
+        """It has reported a fault in this movement: what it lacks of its way is given up."""
         self._garbled = self._limited = False
         self._tags = pose_tags(link.correction_tag)
 
@@ -138,18 +142,27 @@ class RsiClient:
     def begin(self, pose: Pose) -> None:
         if self._strayed and self._offset is not None:
             self._set(self._offset)  # as it did not come along, go on from where it is
-        self._began = pose, self._total
-        self._limited = self._strayed = False
+        self._began, self._aim = (pose, self._total), self._total
+        self._limited = self._strayed = self._halted = False
 
     def end(self) -> None:
         self._began = None
 
     def target(self, pose: Pose, now: float) -> None:
-        stays = self._began is None or self._missed >= self._link.late_max
-        self._answer(self._within_reach(self._total if stays else self._wanted(pose)))
+        if not self._in_time():
+            return
+        wanted = self._total if self._began is None or self._halted else self._wanted(pose)
+        before, self._aim = self._aim, wanted
+        self._answer(self._within_reach(wanted, before))
 
     def hold(self, now: float) -> None:
-        self._answer(self._total)
+        if self._in_time():
+            self._answer(self._total)
+
+    def _in_time(self) -> bool:
+        """Whether the telegram that was told first of those without an answer is one of the present cycle."""
+        ipoc = self._asked.popleft()
+        return ipoc == self._newest and (self._answered is None or self._answered.ipoc != ipoc)
 
     # --- telegrams
 
@@ -174,8 +187,10 @@ class RsiClient:
         self._report(told, at, self._sequence)
 
     def _report(self, told: _Told, at: float, sequence: int) -> None:
+        fault = self._fault(told)
+        self._halted = self._halted or bool(fault)
         self._asked.append(told.ipoc)
-        self._events.append(ReportReceived(RobotReport(sequence, told.pose, at, at, self._fault(told))))
+        self._events.append(ReportReceived(RobotReport(sequence, told.pose, at, at, fault)))
 
     def _is_other_program(self, told: _Told) -> bool:
         """Whether the count of late answers begins anew, or the set position is another."""
@@ -259,8 +274,10 @@ class RsiClient:
         a, b, c = (nearest(angle, was) for angle, was in zip(angles_of(turn), self._total[3:], strict=True))
         return x, y, z, a, b, c
 
-    def _within_reach(self, wanted: Correction) -> Correction:
-        """As much of the way there as limits and one cycle allow."""
+    def _within_reach(self, wanted: Correction, before: Correction) -> Correction:
+        """As much of the way there as limits and one cycle allow: what the set point has moved since it asked for
+        `before`, and a little of what the robot is behind.
+        """
         link = self._link
         bounds = (link.limit_mm,) * 3 + (link.limit_deg,) * 3
         bounded = [max(-most, min(most, value)) for value, most in zip(wanted, bounds, strict=True)]
@@ -272,20 +289,19 @@ class RsiClient:
                 "begin nearer, or raise limit_mm, limit_deg and POSCORR's limits",
             )
         way = [there - here for there, here in zip(bounded, self._total, strict=True)]
+        moved = [there - here for there, here in zip(wanted, before, strict=True)]
         cycle = link.cycle_ms / 1e3
+        most_mm = min(link.fastest_mm_s * cycle, math.hypot(*moved[:3]) + link.catch_up_mm_s * cycle)
+        most_deg = min(link.fastest_deg_s * cycle, math.hypot(*moved[3:]) + link.catch_up_deg_s * cycle)
         share = min(
-            1.0,
-            link.fastest_mm_s * cycle / max(math.hypot(*way[:3]), 1e-12),
-            link.fastest_deg_s * cycle / max(math.hypot(*way[3:]), 1e-12),
+            1.0, most_mm / max(math.hypot(*way[:3]), 1e-12), most_deg / max(math.hypot(*way[3:]), 1e-12)
         )
         return tuple(here + share * part for here, part in zip(self._total, way, strict=True))
 
     def _answer(self, correction: Correction) -> None:
-        """Answer the telegram that was told first of those without an answer, if its cycle is not over."""
-        ipoc = self._asked.popleft()
-        if ipoc != self._newest or (self._answered is not None and self._answered.ipoc == ipoc):
-            return
-        before = self._total
+        """Answer the newest telegram."""
+        assert self._newest is not None
+        ipoc, before = self._newest, self._total
         relative = self._link.mode == "relative"
         values = [to - (was if relative else 0.0) for to, was in zip(correction, before, strict=True)]
         texts = [fixed(value, DECIMALS) for value in values]

@@ -33,9 +33,17 @@ class RsiLink:
         20.0, Mark.CHOSEN, "largest total of each angle; keep it below POSCORR's", unit="°", above=0.0
     )
     fastest_mm_s: float = setting(
-        200.0, Mark.CHOSEN, "fastest correction, also after an answer that was lost", unit="mm/s", above=0.0
+        200.0, Mark.CHOSEN, "fastest correction, whatever the set point does", unit="mm/s", above=0.0
     )
     fastest_deg_s: float = setting(80.0, Mark.CHOSEN, "the same for each angle", unit="°/s", above=0.0)
+    catch_up_mm_s: float = setting(
+        10.0,
+        Mark.CHOSEN,
+        "by how much faster than its set point a robot moves to make up for answers that were lost",
+        unit="mm/s",
+        above=0.0,
+    )
+    catch_up_deg_s: float = setting(5.0, Mark.CHOSEN, "the same for each angle", unit="°/s", above=0.0)
     stray_mm: float = setting(
         1.0, Mark.CHOSEN, "distance of a robot from its correction that is told", unit="mm", above=0.0
     )

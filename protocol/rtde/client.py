@@ -52,6 +52,8 @@ SETTLE_LOOKAHEADS = 5.0
 FULL_SPEED = 0.995
 """Chosen: below, the speed slider is down."""
 _SEQUENCE_MAX = 2**31 - 1
+_FIRST_MAX = 2**30
+"""The first sequence number is at most this, so that it stands far from the end of its register."""
 
 
 class _Stage(Enum):
@@ -108,12 +110,12 @@ class RtdeClient:
         self._moving = False
         self._latched = False
         """A fault of this movement: nothing is ordered in it any more."""
+        self._gone = False
+        """Our program was stopped; it is uploaded once."""
         self._given = False
         """A target was ordered in this movement."""
         self._settling = 0
         """Packages behind a movement in which the arm is let come to its last set point."""
-        self.malformed = 0
-        """Packets that could not be read."""
         self._stage = _Stage.DASHBOARD
         if not self._questions:
             self._negotiate(now)
@@ -240,7 +242,6 @@ class RtdeClient:
                     return
                 self._take_packet(packet, now)
             except RemoteProtocolError as error:
-                self.malformed += 1
                 self._lose(f"it speaks no RTDE: {error}")
 
     def _take_packet(self, packet: Packet, now: float) -> None:
@@ -306,13 +307,18 @@ class RtdeClient:
                 self._latched, self._settling = True, 0
             self._events.append(ReportReceived(report))
             return
+        if stage is _Stage.FIRST:
+            # Our program tells this number when it starts. An older program's state may still stand in the registers.
+            self._sequence = int(abs(self._stamp or 0.0) * 1e3) % _FIRST_MAX + 1
         self._send(Command.IDLE)
         if stage is _Stage.FIRST:
             profile = self._profile
             text = program_text(profile.hold_cycles, profile.watchdog_hz, profile.brake_m_s2)
             self._out.append(Piece(Port.SCRIPT, text.encode()))
             self._stage, self._play_by = _Stage.UPLOADED, now + PLAY_S
-        elif values[_STATES] == Runtime.PLAYING and values[_STATES + 4] == State.READY:
+        elif values[_STATES : _STATES + 6 : 5] == (Runtime.PLAYING, self._sequence) and (
+            values[_STATES + 4] == State.READY
+        ):
             self._stage = _Stage.STREAMING
             return
         elif now >= self._play_by:
@@ -329,7 +335,16 @@ class RtdeClient:
         self._number += steps
 
     def _report(self, values: tuple[float, ...], now: float) -> RobotReport:
-        fault = _faults(values, self._moving or self._settling > 0)
+        active = self._moving or self._settling > 0
+        fault = _faults(values, active)
+        self._gone = self._gone or values[_STATES] == Runtime.STOPPED
+        if self._gone and not fault:
+            fault = "our program was stopped, and another may play; begin again"
+        waiting = (self._sequence - int(values[_STATES + 5])) % _SEQUENCE_MAX
+        if active and not fault and waiting > self._profile.hold_cycles:
+            fault = (
+                "our program takes no targets; see whether another client's program plays, and begin again"
+            )
         at = now - self._profile.report_age_cycles * self._profile.cycle_s
         if all(map(math.isfinite, values[1:7])):
             pose = pose_of(values[1:7])

@@ -5,6 +5,9 @@ from pathlib import Path
 
 import pytest
 
+from protocol.rtde import packets
+from tools.bench import exchanges
+from tools.bench.exchanges import ANSWER, PACKET, Exchange
 from tools.bench.figures import Figure, Report, Spread, Target
 from tools.bench.page import renewed
 
@@ -54,3 +57,49 @@ def test_a_table_without_a_place_on_the_page_is_missed():
 def test_the_hundredth_part_lies_above_the_99th_percentile():
     spread = Spread([float(value) for value in range(1, 201)])
     assert (spread.p50, spread.p99) == (100.5, 198.0)
+
+
+def test_any_part_of_a_spread_lies_at_its_place():
+    spread = Spread([float(value) for value in range(1, 2001)])
+    assert (spread.at(0.999), spread.at(1.0), spread.at(0.0)) == (1998.0, 2000.0, 1.0)
+
+
+def stamped(*messages: tuple[float, int, bytes]) -> bytes:
+    """A file of the relay."""
+    return b"".join(exchanges.RECORD.pack(at, way, len(data)) + data for at, way, data in messages)
+
+
+def number(value: int) -> bytes:
+    return value.to_bytes(8, "little") + b"rest"
+
+
+def test_a_packet_that_is_passed_over_waits_until_a_later_one_is_answered():
+    data = stamped(
+        (0.5, PACKET, number(6)),  # before the first answer
+        (1.0, PACKET, number(7)),
+        (1.25, ANSWER, number(7)),
+        (2.0, PACKET, number(8)),
+        (3.0, PACKET, number(9)),
+        (3.5, ANSWER, number(9)),
+        (3.75, ANSWER, number(9)),  # once too often
+        (4.0, PACKET, number(10)),  # behind the last answer
+    )
+    seen = exchanges.seen(data, exchanges.numbered)
+    assert seen.exchanges == (Exchange(1.0, 0.25), Exchange(2.0, 1.5), Exchange(3.0, 0.5))
+    assert seen.sizes == (12, 12)
+
+
+def test_packages_of_rtde_are_told_apart_however_they_come():
+    packet, answer = (packets.encode(packets.Kind.DATA, bytes(size)) for size in (20, 10))
+    other = packets.encode(packets.Kind.START, b"\x01")
+    data = stamped(
+        (0.0, PACKET, other),
+        (0.5, ANSWER, answer),  # for no packet
+        (1.0, PACKET, packet + packet[:5]),
+        (1.25, PACKET, packet[5:]),
+        (1.5, ANSWER, other + answer),
+        (2.0, ANSWER, answer),
+    )
+    seen = exchanges.seen(data, exchanges.rtde)
+    assert seen.exchanges == (Exchange(1.0, 0.5), Exchange(1.25, 0.75))
+    assert seen.sizes == (23, 13)

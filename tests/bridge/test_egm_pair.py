@@ -139,6 +139,16 @@ def test_a_bridge_that_falls_silent_on_its_way_leaves_the_tool_within_the_speed_
     assert 0.0 < last.position[2] - pair.true()[2] <= 0.02 / 5.0 + 1e-4
 
 
+def test_a_bridge_that_ends_its_movement_and_is_gone_leaves_the_tool_at_the_last_reference() -> None:
+    pair = Pair().moves_down()
+    last = pair.bridge._setpoint
+    assert last is not None
+    pair.bridge.end()
+    pair.robot.receive(pair.bridge.data_to_send(pair.now), pair.now)
+    pair.cycles(1000, lambda data: [])
+    assert pair.true() == pytest.approx(last.position, abs=1e-4)
+
+
 @pytest.mark.parametrize("way", ["twice", "in pairs", "late"])
 def test_the_queue_of_the_controller_stays_short_whatever_the_network_does(way: str) -> None:
     """One answer too many would stay in it, and delay all that follow."""

@@ -157,6 +157,18 @@ def test_a_fault_that_a_sensor_cannot_have_is_refused_at_once(kind: str, tried: 
     assert "known:" in tried("jr3", fault("sensor", "power-cycle"))["error"]
 
 
+STREAMS = "[run]\nperiod_ms = 20\n[controller]\nsample_ms = 20\n"
+
+
+@pytest.mark.parametrize(("robot", "kind"), [("egm", "netft"), ("rtde", "ft300"), ("rsi", "ati-can")])
+def test_other_sensors_go_with_other_robots(robot: str, kind: str, tried: Try) -> None:
+    lost = fault("frames", "unplugged" if kind != "ft300" else "off", after_s=0.3)
+    told = tried(kind, STREAMS + lost, "3", "--robot", robot)
+    assert (told["code"], told["outcome"]) == (3, "stopped")
+    assert true_force(told) < 11.0
+    assert max(abs(cycle.force) for cycle in read(told["record"]).cycles) > 3.0
+
+
 # --- Net F/T
 
 
@@ -167,10 +179,10 @@ def test_a_box_whose_transfer_is_switched_off_ends_the_run_with_words(tried: Try
 
 
 def test_a_quick_stream_does_not_drown_the_run(tried: Try) -> None:
-    told = tried("netft", "[cell.netft]\nrate_hz = 7000\nboot_s = 0.1\n", duration="0.3")
+    told = tried("netft", "[cell.netft]\nrate_hz = 3500\nboot_s = 0.1\n", duration="0.3")
     assert told["outcome"] == "completed"
     recording = read(told["record"])
-    assert len(recording.sensors) > 10_000
+    assert len(recording.sensors) > 5_000
     # The force is paired with the position of the past, which 256 frames of this stream would not reach.
     paired = [cycle.sample.paired_force for cycle in recording.cycles if cycle.sample is not None]
     assert len(paired) > 10
@@ -178,13 +190,13 @@ def test_a_quick_stream_does_not_drown_the_run(tried: Try) -> None:
 
 
 def test_a_threshold_is_told_and_ends_nothing(tried: Try) -> None:
-    told = tried("netft", fault("sensor", "threshold"))
+    told = tried("netft", fault("sensor", "threshold", after_s=0.2), "0.5")
     assert told["outcome"] == "completed"
     assert any("threshold passed" in event.text for event in read(told["record"]).events)
 
 
 def test_a_stream_that_another_program_took_is_asked_for_again(tried: Try) -> None:
-    told = tried("netft", fault("sensor", "taken"))
+    told = tried("netft", fault("sensor", "taken", after_s=0.2), "0.5")
     assert any("asked again" in event.text for event in read(told["record"]).events)
 
 

@@ -44,10 +44,10 @@ def emulated(place: Path, more: str, duration_s: float = 2.0) -> EmulatedRun:
     return run_emulated(load_config(file, {}))
 
 
-def with_fault(place: Path, on: str, fault: str, more: str = "") -> EmulatedRun:
+def with_fault(place: Path, on: str, fault: str, more: str = "", given: str = "") -> EmulatedRun:
     near = "[cell]\nstart_position_mm = [900.0, -100.0, 592.0]\n"
     near += "[limits]\nretract_patience_s = 0.3\nfollowing_error_mm = 2.0\n"
-    row = f'[[faults]]\non = "{on}"\nfault = "{fault}"\nphase = "track"\nafter_s = 0.3\n'
+    row = f'[[faults]]\non = "{on}"\nfault = "{fault}"\nphase = "track"\nafter_s = 0.3\n{given}'
     if RSI_FAULTS[on][fault].lasts_s is not None:
         row += "for_s = 0.6\n"
     return emulated(place, near + more + row, duration_s=1.5)
@@ -74,11 +74,10 @@ def test_the_loop_closes_at_ten_newtons(more: str, tmp_path: Path) -> None:
     assert set(told["link"]) == {"packets", "answers"}  # none was late, none was lost
 
 
-@pytest.mark.parametrize("more", ["", ABSOLUTE], ids=["relative", "absolute"])
-def test_the_force_holds_on_a_contour(more: str, tmp_path: Path) -> None:
+def test_the_force_holds_on_a_contour(tmp_path: Path) -> None:
     wave = '[cell]\nstart_position_mm = [900.0, -100.0, 605.0]\n[cell.surface]\nkind = "sinusoidal"\n'
     wave += "amplitude_mm = 5.0\nperiod_mm = 200.0\n"
-    run = emulated(tmp_path, wave + more, duration_s=4.0)
+    run = emulated(tmp_path, wave, duration_s=4.0)
     assert run.result.outcome is Outcome.COMPLETED
     tracked = [cycle for cycle in run.cycles if cycle.phase == "track"]
     assert all(cycle.in_contact for cycle in tracked)
@@ -150,10 +149,15 @@ def test_each_refusal_ends_a_run_in_one_plain_line(on: str, fault: str, words: s
 
 
 @pytest.mark.parametrize(
-    ("on", "fault"),
-    [("packets", "lost"), ("packets", "duplicated"), ("packets", "reordered"), ("answers", "lost")],
+    ("on", "fault", "more"),
+    [
+        ("packets", "lost", ""),
+        ("packets", "duplicated", ""),
+        ("packets", "reordered", ABSOLUTE),
+        ("answers", "lost", ""),
+        ("answers", "lost", ABSOLUTE),
+    ],
 )
-@pytest.mark.parametrize("more", ["", ABSOLUTE], ids=["relative", "absolute"])
 def test_a_network_that_loses_and_repeats_a_little_is_borne(
     on: str, fault: str, more: str, tmp_path: Path
 ) -> None:
@@ -167,10 +171,29 @@ def test_a_network_that_loses_and_repeats_a_little_is_borne(
     assert max(stands) == pytest.approx(0.35e-3, abs=0.05e-3)  # the way of the travel in the robot's lag
 
 
+@pytest.mark.parametrize(
+    ("fault", "given", "words"),
+    [
+        ("turned", "degrees = 2.5", "a tool turned by 2.5° from the start, allowed are 2°"),
+        ("offset", "x_mm = 5.0", "the reported position jumped by 5.0 mm"),
+        ("drift", "z_mm_s = 20.0", "mm from the commanded one, allowed are 2 mm"),
+        ("frozen", "", "mm from the commanded one, allowed are 2 mm"),
+    ],
+)
+def test_the_guard_holds_tilt_speed_and_following_of_a_robot_that_streams(
+    fault: str, given: str, words: str, tmp_path: Path
+) -> None:
+    run = with_fault(tmp_path, "pose", fault, given=f"with = {{{given}}}\n")
+    assert run.result.outcome is Outcome.STOPPED
+    assert words in run.result.cause
+    assert run.result.left.startswith("retracted")
+    assert max(cycle.force for cycle in run.cycles) < 20.0
+
+
 def test_every_fault_is_in_one_of_the_tables_above() -> None:
     assert {name for faults in RSI_FAULTS.values() for name in faults} == {
         "emergency-stop", "stand", "limit", "program-end", "program-reset", "drives-stop", "monitor", "mute", "late",
-        "malformed", "not-a-number", "clock-jump", "refused", "lost", "duplicated", "reordered",
+        "offset", "drift", "turned", "frozen", "malformed", "not-a-number", "clock-jump", "refused", "lost", "duplicated", "reordered",
     }  # fmt: skip
 
 

@@ -132,7 +132,7 @@ def test_the_panel_says_where_the_time_goes() -> None:
     lines = text_of(model(STAMPED).snapshot(110.17, Health())).splitlines()
     at = next(k for k, line in enumerate(lines) if "latency" in line)
     assert "98 ms p50, 98 p99, 98 max  sample's arrival to answer" in lines[at]
-    assert "waiting 6 + line 59 + turnaround 12 + answer 19 ms" in " ".join(lines[at + 1].split())
+    assert "waiting 6.0 + line 59 + turnaround 12 + answer 19 ms" in " ".join(lines[at + 1].split())
     unstamped = text_of(model(CYCLE).snapshot(110.17, Health()))
     assert "latency     –" in unstamped
     assert len(unstamped.splitlines()) == len(lines)

@@ -69,6 +69,35 @@ egm = EGM(port=int(sys.argv[1]))
 print(json.dumps(joined(egm.receive_from_robot, egm.send_to_robot_cart, int(sys.argv[2]), float(sys.argv[3]))))
 """
 
+JOINTS = """
+import json, sys
+import numpy as np
+from ABBRobotEGM import EGM
+
+with EGM(port=int(sys.argv[1])) as egm:
+    ok, state = egm.receive_from_robot(10.0)
+    goal = state.joint_angles + np.array([1.0, 0.0, 0.0, 0.0, 0.0, 2.0])
+    for cycle in range(int(sys.argv[2])):
+        assert egm.send_to_robot(goal)
+        ok, state = egm.receive_from_robot(1.0)
+        assert ok
+    print(json.dumps({"short_deg": (goal - state.joint_angles).tolist(), "converged": state.mci_convergence_met}))
+"""
+PATH = """
+import json, sys
+import numpy as np
+from ABBRobotEGM import EGM
+
+with EGM(port=int(sys.argv[1])) as egm:
+    ok, first = egm.receive_from_robot(10.0)
+    for cycle in range(int(sys.argv[2])):
+        assert egm.send_to_robot_path_corr(np.array([0.0, 1.5, -0.5]), age=1)
+        ok, state = egm.receive_from_robot(1.0)
+        assert ok
+    moved = [getattr(state.cartesian.pos, axis) - getattr(first.cartesian.pos, axis) for axis in "xyz"]
+    print(json.dumps(moved))
+"""
+
 
 def free_port() -> int:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
@@ -148,3 +177,16 @@ def test_abb_robot_egm_streams_a_thousand_poses_and_falls_silent(
 def test_abb_robot_client_streams_poses_to_an_older_robot(client_python: Python, tmp_path: Path) -> None:
     found = figures(client_python("abb_robot_client==0.4.0"), RPI, tmp_path, 600, 'rw = "6.10"')
     check_stream(found, 600)
+
+
+def test_abb_robot_egm_guides_by_joints(client_python: Python, tmp_path: Path) -> None:
+    found = figures(client_python("ABBRobotEGM==1.0.7"), JOINTS, tmp_path, 500, 'mode = "joint"')
+    assert found["short_deg"] == pytest.approx([0.0] * 6, abs=0.02)  # two seconds, a time constant of 0.2 s
+    assert found["converged"]
+
+
+def test_abb_robot_egm_corrects_a_path(client_python: Python, tmp_path: Path) -> None:
+    settings = 'mode = "path"\nsample_ms = 48.0\npath_speed_mm_s = 10.0\npath_mm = [5.0, 0.0, 0.0]'
+    moved = figures(client_python("ABBRobotEGM==1.0.7"), PATH, tmp_path, 40, settings)
+    assert moved[1:] == pytest.approx([1.5, -0.5], abs=0.02)
+    assert 0.0 <= moved[0] <= 5.0

@@ -79,3 +79,13 @@ def test_no_normal_beyond_the_steepest_is_believed() -> None:
 def test_parameters_out_of_range_are_named(wrong: dict[str, float]) -> None:
     with pytest.raises(ValueError, match=next(iter(wrong))):
         Contour(**wrong)
+
+
+@pytest.mark.parametrize(("dt", "taken"), [(0.18, 20), (0.02, 4), (0.004, 1)])
+def test_a_quick_loop_takes_samples_for_the_normal_at_the_pace_of_the_slow_one(dt: float, taken: int) -> None:
+    """The tool moves by a millimetre in each of twenty cycles; only the samples of the estimate's pace count."""
+    contour = Contour(window_mm=100.0)
+    state = ContourState()
+    for k in range(20):
+        state = contour.after(state, dt, (k * 1e-3, 0.0), (10.0, 0.0))
+    assert len(state.points) == taken

@@ -2,12 +2,13 @@
 
 import math
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from emulators.egm import EGM_FAULTS, EgmArmProfile, EgmController, EgmProfile, State
@@ -65,6 +66,7 @@ class Line:
             due = self.robot.next_deadline()
             assert due is not None
             self.now = due
+            self.ledger.handle_deadline(due)
             self.robot.handle_deadline(due)
             told = [decode_robot(datagram) for datagram in self.robot.data_to_send(due)]
             self.heard += told
@@ -297,6 +299,11 @@ def test_a_queue_of_the_newest_takes_that_one_alone() -> None:
     assert [math.isnan(line.robot.begun_at(k) or 0.0) for k in (1, 2, 3)] == [True, True, False]
 
 
+def test_cycles_that_find_no_message_are_counted() -> None:
+    line = Line().cycles(2, lambda heard: [to()]).cycles(10)
+    assert line.robot.counters["cycles without a message"] == 9  # the first of the ten finds the last one
+
+
 def test_a_full_queue_loses_the_newest_messages() -> None:
     line = Line(rx_queue_len=3).cycles(2)
     line.says(*(to(z=-float(k)) for k in range(5)))
@@ -353,6 +360,36 @@ def test_no_datagrams_make_it_raise(data: list[bytes]) -> None:
     line = Line().cycles(1)
     line.robot.receive(data, line.now)
     line.cycles(2)
+
+
+any_number = st.floats(allow_nan=False, allow_infinity=False)
+six = st.tuples(*[any_number] * 6)
+three = st.tuples(*[any_number] * 3)
+orientations = st.sampled_from([DOWN, (1.0, 0.0, 0.0, 0.0), (0.6, 0.0, 0.8, 0.0)])
+any_answer = st.builds(
+    SensorMessage,
+    seqno=st.integers(0, 9),
+    tm_ms=st.none(),
+    pose=st.none() | st.builds(PoseMm, three, orientations),
+    joints_deg=st.just(()) | six,
+    speed=st.just(()) | three | six,
+    joint_speed_deg_s=st.just(()) | six,
+    digital=st.none(),
+    dnum=st.just(()),
+) | st.builds(PathCorrection, st.just(0), st.none(), three, st.integers(0, 99))
+
+
+@pytest.mark.parametrize("mode", ["pose", "joint", "path"])
+@settings(max_examples=40)
+@given(messages=st.lists(any_answer, min_size=1, max_size=4))
+def test_no_number_moves_it_faster_than_it_may_or_breaks_it(mode: str, messages: list[Answer]) -> None:
+    line = Line(mode=mode, **AT_ONCE).cycles(2)
+    line.says(*messages)
+    line.cycles(8)
+    heights = [planned(one).position_mm for one in line.heard]
+    assert all(math.isfinite(part) for place in heights for part in place)
+    steps = [math.dist(before, after) for before, after in pairwise(heights)]
+    assert max(steps) < 10.0 if mode == "joint" else max(steps) < 1.0 + 1e-6
 
 
 # --- silence
@@ -489,7 +526,6 @@ def stream_then(fault: str, for_s: float, **settings: Any) -> tuple[Line, list[f
     reference = to(z=-10.0 * CYCLE * 299)
     count = round(for_s / CYCLE)
     line.cycles(count, lambda heard: [reference])
-    line.ledger.handle_deadline(line.now + CYCLE)
     line.cycles(count, lambda heard: [reference])
     return line, line.z(2 * count)
 
@@ -516,6 +552,19 @@ def test_a_program_that_is_stopped_ramps_down_and_goes_on_when_it_is_started() -
     assert {states(one) for one in line.heard[1:249]} == {(Motors.ON, Guidance.STOPPED, Rapid.STOPPED)}
     assert heights[0] - heights[240] == pytest.approx(10.0 * 0.5 / 2.0, abs=0.1)  # a ramp of half a second
     assert len(set(heights[130:249])) == 1
+    assert states(line.last) == (Motors.ON, Guidance.RUNNING, Rapid.RUNNING)
+
+
+def test_two_stops_must_both_be_ended() -> None:
+    line = Line().streams(0.4, to())
+    line.inject("robot", "rapid-stop", 0.4)
+    line.inject("robot", "motors-off", 0.2)
+    line.inject("robot", "restart")
+    seen = []
+    for _ in range(3):
+        line.streams(0.16, to())
+        seen.append((line.last.motors, line.last.rapid))
+    assert seen == [(Motors.OFF, Rapid.STOPPED), (Motors.ON, Rapid.STOPPED), (Motors.ON, Rapid.RUNNING)]
     assert states(line.last) == (Motors.ON, Guidance.RUNNING, Rapid.RUNNING)
 
 
@@ -679,12 +728,12 @@ def test_a_correction_comes_no_faster_than_it_may() -> None:
 
 
 def test_the_profile_names_what_it_refuses() -> None:
-    for settings, words in (
+    for wrong, words in (
         ({"k": 21.0}, "k must be at most 20"),
         ({"tm_start": 0}, "tm_start must be at least 1"),
     ):
         with pytest.raises(ValueError, match=words):
-            EgmProfile(**settings)
+            EgmProfile(**wrong)
     with pytest.raises(ValueError, match="damping_ratio must be more than 0"):
         EgmArmProfile(damping_ratio=0.0)
 

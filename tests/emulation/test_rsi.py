@@ -554,3 +554,31 @@ def test_late_telegrams_leave_in_their_order() -> None:
     for _ in range(20):
         times.extend((one.now - T0, decode(raw).ipoc) for raw in one.next())
     assert times == [(pytest.approx(0.006 + 0.004 * k), 123456 + 4 * k) for k in range(len(times))]
+
+
+@pytest.mark.parametrize(
+    ("fault", "given", "told"),
+    [
+        ("offset", {"x_mm": 5.0, "z_mm": -1.0}, (605.0, 0.0, 499.0, 180.0)),
+        ("drift", {"y_mm_s": 10.0}, (600.0, 1.0, 500.0, 180.0)),
+        ("turned", {"degrees": 5.0}, (600.0, 0.0, 500.0, -175.0)),
+        ("frozen", {}, (600.0, 0.0, 500.0, 180.0)),
+    ],
+)
+def test_the_pose_may_be_told_wrong_while_the_arm_is_where_it_is(
+    fault: str, given: dict[str, float], told: tuple[float, ...]
+) -> None:
+    one = rig()
+    one.run(10)
+    one.ledger.inject("pose", fault, one.now, given)
+    for _ in range(25):
+        x, y, z, *_, c = actual(one.cycle(answer))
+    assert (x, y, z, c) == pytest.approx(told, abs=0.05)
+    assert one.height_mm() == pytest.approx(500.0)
+    assert one.ledger.injections[0].struck == 25
+
+
+def test_a_frozen_pose_stays_while_the_arm_moves() -> None:
+    one = run_fault("pose", "frozen")
+    assert len({tuple(actual(telegram)) for telegram in one.sent[50:]}) == 1
+    assert one.z() == pytest.approx(-4.0, abs=0.1)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
 from emulators.faults import Ledger
@@ -285,6 +285,15 @@ def test_the_dashboard_answers_in_lines() -> None:
     assert board.server.closing
 
 
+def test_a_cb3_knows_no_remote_control_and_our_client_goes_on() -> None:
+    cb3 = replace(EXACT, cycle_ms=8.0, version="3.15.0.0", model="ur10")
+    board = Desk(cb3).plug(Port.DASHBOARD)
+    assert board.line("is in remote control") == "could not understand: 'is in remote control'"
+    pair = Pair(cb3, ClientProfile(cycle_ms=8.0))
+    pair.pass_time(0.3)
+    assert pair.fault == ""
+
+
 def test_local_control_takes_no_program_and_no_command_but_answers_questions() -> None:
     desk = Desk()
     fault = desk.inject("robot", "local-control", for_s=1.0)
@@ -346,6 +355,7 @@ def test_a_program_is_found_however_its_text_comes() -> None:
         desk.run(0.06)
         assert desk.controller.program is not None
         assert desk.controller.program.name == "hil_bridge"
+        assert desk.controller.counts["secondary programs"] == 1
 
 
 @pytest.mark.parametrize("register", ["0", "0 +0"])
@@ -464,9 +474,9 @@ def test_the_first_package_orders_nothing_and_goes_before_the_program() -> None:
     pair.controller.inputs = {"input_int_register_24": 1, "input_int_register_25": 9}
     pair.pass_time(0.2)
     recipe = Recipe(1, INPUT_NAMES, EXPECTED[INPUT_NAMES])
-    idle = recipe.pack(*(0.0,) * 6, 0.002, 0.03, 2000.0, 0, 0)
-    upload = next(data for data in pair.sent if data.startswith(b"def hil_bridge"))
-    assert pair.sent.index(idle) < pair.sent.index(upload)
+    upload = next(number for number, data in enumerate(pair.sent) if data.startswith(b"def hil_bridge"))
+    command, sequence = recipe.unpack(pair.sent[upload - 1][3:])[9:]
+    assert (command, sequence) == (0, 100_001)
     assert pair.place == pytest.approx(START.position, abs=1e-9)
 
 
@@ -517,6 +527,20 @@ def test_targets_that_stop_while_packages_go_on_make_the_program_brake() -> None
     assert pair.controller.runtime == Runtime.PLAYING
     pair.exchange()
     assert "no new target for too long" in pair.reports[-1].fault
+
+
+def test_the_program_of_another_client_takes_the_robot_away_and_that_is_told() -> None:
+    pair = ready()
+    pair.begin(dx=-0.1)
+    pair.pass_time(0.1)
+    pair.upload(CONTROL)
+    pair.pass_time(0.3)
+    assert pair.controller.program is not None
+    assert pair.controller.program.name == "rtde_control"
+    assert pair.fault == "our program was stopped, and another may play; begin again"
+    stood = pair.place
+    pair.pass_time(0.3)
+    assert pair.place == stood
 
 
 def test_a_farewell_ends_the_program() -> None:
@@ -831,6 +855,46 @@ def test_ur_rtdes_watchdog_stops_its_program() -> None:
     assert desk.controller.runtime == Runtime.STOPPED
 
 
+UNSHRUNK = (Phase.explicit, Phase.generate)
+"""A failing example is told as it is: to shrink it takes minutes."""
+WILD = st.one_of(
+    st.sampled_from([0.0, 1.0, -1.0, 1e-300, 5e-324, 1e300, -1.7e308, math.inf, -math.inf, math.nan]),
+    st.floats(-4.0, 4.0),
+)
+
+
+@given(
+    st.lists(st.tuples(st.integers(-2, 75), st.lists(WILD, min_size=12, max_size=12)), max_size=3),
+    st.sampled_from([1, 0, -5]),
+)
+@settings(max_examples=100, phases=UNSHRUNK)
+def test_no_command_of_ur_rtde_upsets_the_controller(
+    commands: list[tuple[int, list[float]]], flag: int
+) -> None:
+    desk = Desk()
+    ur = UrClient(desk)
+    for number, values in commands:
+        ur.command(number, values, flag)
+        desk.run(0.02)
+        ur.command(0)
+        desk.run(0.004)
+    assert all(map(math.isfinite, desk.place))
+
+
+@given(st.lists(WILD, min_size=9, max_size=9), st.integers(0, 3))
+@settings(max_examples=100, phases=UNSHRUNK)
+def test_no_input_of_our_program_upsets_the_controller(values: list[float], command: int) -> None:
+    desk = Desk()
+    plug = desk.plug()
+    recipe = inputs_of(plug, *INPUT_NAMES)
+    desk.upload(program_text(50, 10.0, 2.0))
+    desk.run(0.06)
+    for sequence in range(5):
+        plug.send(recipe.pack(*values, command, sequence))
+        desk.run(0.004)
+    assert all(map(math.isfinite, desk.place))
+
+
 # --- external forces
 
 
@@ -853,6 +917,25 @@ def test_an_external_force_comes_out_along_the_base_axes() -> None:
     feeder.send(recipe.pack(0.0, 0.0, -300.0, 0.0, 0.0, 0.0))
     desk.run(2 * DT)
     assert desk.controller.counts["protective stop: the force is too large"] == 1
+    feeder.send(recipe.pack(math.nan, 0.0, 0.0, 0.0, 0.0, 0.0))
+    assert desk.controller.inputs["external_force_torque"] == (0.0, 0.0, -300.0, 0.0, 0.0, 0.0)
+
+
+def test_a_pure_force_at_the_tip_has_no_moment_about_the_tip() -> None:
+    desk = Desk(replace(EXACT, force_point="tcp"))
+    feeder, reader = desk.plug(), desk.plug()
+    recipe = inputs_of(feeder, "external_force_torque")
+    desk.upload(force_program_text(hold=False))
+    desk.run(0.06)
+    shown = outputs_of(reader, "actual_TCP_force")
+    reader.ask(packets.encode(Kind.START))
+    force, arm = (3.0, 4.0, -5.0), (0.0, 0.0, 0.2)
+    moment = np.cross(arm, force).tolist()
+    feeder.send(recipe.pack(*force, *moment))
+    desk.run(2 * DT)
+    assert values_of(reader, shown)[-1]["actual_TCP_force"] == pytest.approx(
+        (3.0, -4.0, 5.0, 0, 0, 0), abs=1e-9
+    )
 
 
 # --- arm and kinematics

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from protocol.ati_can import AtiCanClient, AtiCanClientProfile
 from protocol.ati_can.messages import BASE, encode_row, encode_sample
+from protocol.can.error import CanErrorReport, ErrorClass, encode_error
 from protocol.can.frame import CanFrame
 from protocol.can.text import parse_frame
 from protocol.endpoint import LocalProtocolError
@@ -290,6 +291,14 @@ def test_frames_of_others_are_passed_over_and_a_stop_asks_for_nothing() -> None:
     client.receive(sample(), T0)
     assert events(client) == [SensorStopped()]
     assert client.next_deadline() is None
+
+
+def test_what_the_interface_says_of_the_bus_is_told_once() -> None:
+    client = ready()
+    report = encode_error(CanErrorReport(ErrorClass.BUS_OFF))
+    client.receive([report, report, CanFrame(0x7FF, b"", error=True)], T0)
+    (notice,) = [event for event in events(client) if event.text.startswith("CAN bus: ")][:1]
+    assert isinstance(notice, SensorNotice)
 
 
 @given(st.lists(st.tuples(st.integers(0x1F0, 0x21F), st.binary(max_size=8)), max_size=30), st.booleans())

@@ -175,6 +175,38 @@ def test_the_answer_carries_the_target_and_its_speed() -> None:
     assert answer.speed == pytest.approx((10.0, 0.0, 0.0, 0.0, 0.0, 0.0))
 
 
+def test_a_movement_that_ends_on_its_way_has_its_speed_taken_back_at_once() -> None:
+    """The bridge may be gone before another datagram comes."""
+    talk = Conversation()
+    talk.hears(told(0))
+    talk.begins(moved())
+    talk.goal = moved(z_mm=-0.08)
+    assert talk.hears(told(1))[0].speed[2] == pytest.approx(-20.0)
+    talk.client.end()
+    talk.goal = None
+    (data,) = talk.client.data_to_send(talk.now)
+    answer = decode_answer(data)
+    assert isinstance(answer, SensorMessage)
+    assert (millimetres([answer]), answer.speed) == ((600.0, 0.0, 499.92), STILL)
+    assert talk.client.data_to_send(talk.now) == []
+    assert [len(talk.hears(told(number))) for number in (2, 3, 4)] == [
+        0,
+        1,
+        1,
+    ]  # it was the answer to the first
+    talk.client.end()
+    assert talk.client.data_to_send(talk.now) == []
+
+
+def test_a_movement_that_ends_at_rest_sends_nothing_more() -> None:
+    talk = Conversation()
+    talk.hears(told(0))
+    talk.begins(moved())
+    talk.hears(told(1))
+    talk.client.end()
+    assert talk.client.data_to_send(talk.now) == []
+
+
 def test_a_turn_has_a_speed_in_degrees() -> None:
     talk = Conversation()
     talk.hears(told(0))
@@ -199,7 +231,9 @@ def test_behind_a_movement_the_last_reference_is_held_without_speed() -> None:
     talk.client.end()
     talk.goal = None
     measured = place(PoseMm((600.0, 0.0, 499.0), DOWN))  # it lags: to follow what is measured would drift
-    (answer,) = talk.hears(told(2, feedback=measured))
+    talk.client.data_to_send(talk.now)
+    talk.hears(told(2, feedback=measured))
+    (answer,) = talk.hears(told(3, feedback=measured))
     assert (millimetres([answer]), answer.speed) == ((600.0, 0.0, 499.92), STILL)
 
 

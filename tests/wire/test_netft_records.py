@@ -89,6 +89,9 @@ def test_words_for_datagrams() -> None:
     (unknown,) = describe(bytes.fromhex("1234009900000000"))
     assert unknown["problems"] == ["0099 is no command"]
     assert describe(b"x")[0]["problems"]
+    (page,) = describe(PAGE)
+    assert (page["kind"], page["problems"]) == ("page", [])
+    assert describe(PAGE.replace(b"<scfgfu>N<", b"<scfgfu>pond<"))[0]["fields"] == []
 
 
 def test_status_in_words() -> None:
@@ -166,6 +169,7 @@ def test_a_page_that_cannot_be_is_refused(before: bytes, after: bytes, words: st
 @given(st.binary(max_size=300), st.integers(0, len(PAGE)))
 def test_no_page_raises_anything_else(data: bytes, at: int) -> None:
     for page in (data, PAGE[:at] + data + PAGE[at:], PAGE[:at]):
+        assert describe(page) or not page
         with contextlib.suppress(RemoteProtocolError):
             parse_page(page)
 

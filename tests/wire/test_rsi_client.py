@@ -185,8 +185,11 @@ def test_an_answer_that_was_not_taken_is_made_good_by_the_next() -> None:
     driver.give(telegram(0))
     driver.client.begin(START)
     assert driver.value(telegram(4), to=moved(-0.1))[2] == pytest.approx(-0.1)
-    assert driver.value(telegram(8, late=1), to=moved(-0.2))[2] == pytest.approx(-0.2)  # both
-    assert driver.value(telegram(12, late=1), to=moved(-0.3))[2] == pytest.approx(-0.1)
+    # its own way, and 10 mm/s of the one that was lost
+    assert driver.value(telegram(8, late=1), to=moved(-0.2))[2] == pytest.approx(-0.14)
+    assert driver.value(telegram(12, late=1), to=moved(-0.2))[2] == pytest.approx(-0.04)
+    assert driver.value(telegram(16, late=1), to=moved(-0.2))[2] == pytest.approx(-0.02)
+    assert driver.value(telegram(20, late=1), to=moved(-0.2))[2] == 0.0
 
 
 def test_telegrams_that_were_lost_say_nothing_of_the_answer_before() -> None:
@@ -197,7 +200,7 @@ def test_telegrams_that_were_lost_say_nothing_of_the_answer_before() -> None:
     # two telegrams did not come, and counted as late: the answer to 4 was taken
     assert driver.value(telegram(16, late=2), to=moved(-0.2))[2] == pytest.approx(-0.1)
     # one did not come, and the answer to 16 was late, too
-    assert driver.value(telegram(24, late=4), to=moved(-0.3))[2] == pytest.approx(-0.2)
+    assert driver.value(telegram(24, late=4), to=moved(-0.3))[2] == pytest.approx(-0.14)
 
 
 def test_a_robot_that_takes_no_answers_is_taken_for_faulty_and_told_nothing_new() -> None:
@@ -208,8 +211,12 @@ def test_a_robot_that_takes_no_answers_is_taken_for_faulty_and_told_nothing_new(
         found = driver.value(telegram(4 + 4 * late, late=late), to=moved(-0.1))
     assert found == [0.0] * 6
     assert "not taken 3 answers in a row (late so far: 3)" in driver.reports[-1].fault
-    driver.give(telegram(20, late=3))
+    # it takes answers again, and what was lost is given up with this movement
+    assert driver.value(telegram(20, late=3), to=moved(-0.1)) == [0.0] * 6
     assert driver.reports[-1].fault == ""
+    driver.client.end()
+    driver.client.begin(START)
+    assert driver.value(telegram(24, late=3), to=moved(-0.1))[2] == pytest.approx(-0.1)
 
 
 def test_without_a_count_of_late_answers_each_is_taken_for_taken() -> None:
@@ -224,7 +231,7 @@ def test_without_a_count_of_late_answers_each_is_taken_for_taken() -> None:
 
 
 def test_a_correction_grows_no_faster_than_its_limit() -> None:
-    driver = relative(fastest_mm_s=25.0)
+    driver = relative(fastest_mm_s=25.0, catch_up_mm_s=1e3)
     driver.give(telegram(0))
     driver.client.begin(START)
     steps = [driver.value(telegram(4 * k), to=moved(-0.25))[2] for k in range(1, 5)]
@@ -367,3 +374,14 @@ def test_no_course_of_telegrams_makes_a_step_beyond_the_limits(
             step = value if mode == "relative" else value - robot
             assert abs(step) <= (0.8 if mode == "relative" else 2.0) + 1e-6
             robot = value
+
+
+@given(st.lists(st.binary(max_size=120), max_size=4), st.integers(0, 400), st.integers(0, 255))
+def test_no_bytes_raise(data: list[bytes], at: int, byte: int) -> None:
+    driver = relative()
+    driver.give(telegram(0))
+    driver.client.begin(START)
+    spoiled = bytearray(telegram(4))
+    spoiled[at % len(spoiled)] = byte
+    for answer in driver.give(*data, bytes(spoiled), to=moved(-0.1)):
+        assert (numbers(answer.values, TAGS) or [])[2] == pytest.approx(-0.1)

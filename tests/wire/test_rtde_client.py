@@ -21,6 +21,8 @@ from protocol.rtde.states import Runtime, SafetyBits
 from protocol.rtde.wires import Piece, Pieces, Port
 
 T0 = 1000.25
+FIRST = 100_001
+"""First sequence number at a controller whose clock shows 100 s."""
 SIX = (0.4, -0.1, 0.3, 0.0, 3.0, 0.5)
 OUT = Recipe(1, OUTPUT_NAMES, EXPECTED[OUTPUT_NAMES])
 IN = Recipe(3, INPUT_NAMES, EXPECTED[INPUT_NAMES])
@@ -40,7 +42,7 @@ NO_DASHBOARD = ClientProfile(dashboard_port=0)
 
 def data(stamp: float, state: int = 1, runtime: int = Runtime.PLAYING, **more: float) -> bytes:
     """A data packet of a controller that is ready."""
-    values = {"mode": 7, "safety": int(SafetyBits.NORMAL), "scaling": 1.0, **more}
+    values = {"mode": 7, "safety": int(SafetyBits.NORMAL), "scaling": 1.0, "taken": FIRST, **more}
     return OUT.pack(
         stamp,
         *SIX,
@@ -51,7 +53,7 @@ def data(stamp: float, state: int = 1, runtime: int = Runtime.PLAYING, **more: f
         values["safety"],
         3,
         state,
-        0,
+        int(values["taken"]),
         0,
         values["scaling"],
     )
@@ -128,7 +130,7 @@ def test_it_asks_the_dashboard_then_agrees_then_uploads_and_then_streams() -> No
         packets.inputs_request(INPUT_NAMES),
         packets.encode(Kind.START),
     ]
-    assert rtde[4:] == [IN.pack(*(0.0,) * 6, 0.002, 0.03, 2000.0, 0, 0)] * 3
+    assert rtde[4:] == [IN.pack(*(0.0,) * 6, 0.002, 0.03, 2000.0, 0, FIRST)] * 3
     script = [number for number, piece in enumerate(talk.said) if piece.port is Port.SCRIPT]
     assert len(script) == 1
     assert talk.said[script[0] - 1].data == rtde[4], "a package that orders nothing goes before the program"
@@ -291,17 +293,43 @@ def test_a_movement_is_answered_and_its_end_lets_the_arm_come_to_its_set_point()
     client.next_event()
     client.target(pose, talk.now)
     (piece,) = client.data_to_send(talk.now)
-    assert piece.data == IN.pack(0.1, 0.2, 0.3, 0.0, 0.0, 0.0, 0.002, 0.03, 2000.0, 1, 1)
+    assert piece.data == IN.pack(0.1, 0.2, 0.3, 0.0, 0.0, 0.0, 0.002, 0.03, 2000.0, 1, FIRST + 1)
     client.end()
     talk.said = []
     stamp = 100.004
     for _ in range(77):
         stamp += 0.002
-        talk.hear(data(stamp, state=2))
+        talk.hear(data(stamp, state=2, taken=IN.unpack(piece.data[3:])[10]))
+        piece = talk.said[-1]
     commands = [IN.unpack(piece.data[3:])[9:] for piece in talk.said]
-    assert commands == [*((1, number) for number in range(2, 77)), (0, 76), (0, 76)]
+    assert commands == [*((1, FIRST + number) for number in range(2, 77)), *[(0, FIRST + 76)] * 2]
     goodbye = client.farewell()
     assert [IN.unpack(goodbye[0].data[3:])[9], goodbye[1].data] == [255, packets.encode(Kind.PAUSE)]
+
+
+def test_a_program_that_takes_no_targets_is_a_fault() -> None:
+    talk = streaming()
+    pose = Pose((0.1, 0.2, 0.3), (1.0, 0.0, 0.0, 0.0))
+    talk.client.begin(pose)
+    faults = []
+    for number in range(60):
+        talk.client.receive((Piece(Port.RTDE, data(100.004 + 0.002 * number, state=2)),), talk.now)
+        event = talk.client.next_event()
+        assert isinstance(event, ReportReceived)
+        faults.append(event.report.fault)
+        talk.client.target(pose, talk.now)
+    assert [bool(fault) for fault in faults] == [False] * 51 + [True] * 9
+    assert "see whether another client's program plays" in faults[-1]
+
+
+def test_a_state_that_an_older_program_left_is_not_taken_for_ours() -> None:
+    talk = Talk().up_to(Kind.DATA)
+    for number in range(20):
+        talk.hear(data(100.0 + 0.002 * number, taken=FIRST - 7))
+    assert not talk.reports
+    talk.hear(data(100.04))
+    talk.hear(data(100.042))
+    assert talk.reports == [""]
 
 
 def test_a_fault_in_a_movement_is_final_for_it() -> None:

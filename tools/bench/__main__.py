@@ -22,7 +22,7 @@ RESULTS = ROOT / "runs" / "bench.json"
 PUBLISHED = ROOT / "docs" / "performance.json"
 PAGE = PUBLISHED.with_suffix(".md")
 
-BENCHMARKS = ("turnaround", "control_step", "wake_up", "virtual_time", "link_use", "long_run")
+BENCHMARKS = ("turnaround", "control_step", "wake_up", "virtual_time", "link_use", "answers", "long_run")
 """Modules of this package, in the order of the page."""
 
 

@@ -131,8 +131,12 @@ class Spread:
     @property
     def p99(self) -> float:
         """Value that one in a hundred is above."""
+        return self.at(0.99)
+
+    def at(self, part: float) -> float:
+        """Value that this part of them, 0 … 1, does not exceed; with 1 the largest."""
         ordered = sorted(self.values)
-        return ordered[min(len(ordered) - 1, math.ceil(0.99 * len(ordered)) - 1)]
+        return ordered[max(0, min(len(ordered) - 1, math.ceil(part * len(ordered)) - 1))]
 
 
 def number(value: float, significant: int = 3) -> str:

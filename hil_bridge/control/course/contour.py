@@ -17,6 +17,7 @@ from typing import ClassVar
 
 import numpy as np
 from msgspec import Struct
+from msgspec.structs import replace
 
 from hil_bridge.control.course.checks import require_above_zero
 
@@ -30,6 +31,14 @@ class ContourState(Struct, frozen=True):
     """φ, rad; None before there is a path to learn it from."""
     angle: float = 0.0
     """θ, rad."""
+    waited: float = math.inf
+    """Time since the newest of these samples, s."""
+
+
+PACE_S = 0.09
+"""Time between two samples of the estimate, s. Chosen: half a sample of the paper's chain, all of whose samples count.
+In the 4 ms of a robot that streams the tool moves by less than the noise of its direction.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +63,17 @@ class Contour:
                 raise ValueError(f"{name} must be at most 1, got {getattr(self, name)}")
         if self.steepest_deg >= 90.0:
             raise ValueError(f"steepest_deg must be below 90, got {self.steepest_deg}")
+
+    def after(
+        self, state: ContourState, dt: float, place: tuple[float, float], force: tuple[float, float]
+    ) -> ContourState:
+        """State after `dt`, s, more. As `step`, which takes a sample each `PACE_S` alone. `place` is reported travel
+        and depth, m, `force` the reaction along approach and travel, N.
+        """
+        waited = state.waited + dt
+        if waited < PACE_S:
+            return replace(state, waited=waited)
+        return replace(self.step(state, *place, *force), waited=0.0)
 
     def step(
         self, state: ContourState, travel: float, depth: float, force: float, force_travel: float

@@ -301,7 +301,9 @@ class ControlLoop:
         if self.contour is None or state.task.phase is not _TRACK:
             return _NO_CONTOUR, measurement
         force, travel = measurement.force, measurement.travel
-        contour = self.contour.step(state.contour, travel, measurement.position, force, sample.force_travel)
+        contour = self.contour.after(
+            state.contour, measurement.dt, (travel, measurement.position), (force, sample.force_travel)
+        )
         if not (math.isfinite(force) and force > self.task.parameters.loss_threshold_n):
             return contour, measurement
         pressed = normal_force(contour.angle, force, sample.force_travel)

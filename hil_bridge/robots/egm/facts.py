@@ -13,7 +13,8 @@ def robot_facts(client: EgmSettings, assumed: EgmProfile) -> RobotFacts:
         pacing=Pacing.STREAMED,
         cycle_s=client.sample_ms * 1e-3,
         servo=_servo_facts(assumed),
-        late="the controller takes the newest message that it has, and stops after CommTimeout without one",
+        late="the controller goes on with the last pose and speed, takes a late message a cycle later, and stops after "
+        "CommTimeout without one",
     )
 
 

@@ -1,0 +1,127 @@
+"""Client and controller of RSI over a bad network: set point and robot stay together, whatever is lost or repeated."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from emulators.rsi import RsiController, RsiProfile
+from emulators.rsi.controller import State
+from emulators.seams import StartPose
+from protocol.geometry import Pose
+from protocol.robot import ReportReceived, StreamLost
+from protocol.rsi import RsiClient, RsiLink
+
+T0 = 1000.0
+START = Pose((0.6, 0.0, 0.5), (0.0, 1.0, 0.0, 0.0))
+STEP_MM = 0.1
+
+
+@dataclass
+class Pair:
+    """A client that steers down by 0.1 mm a cycle at most, and its controller."""
+
+    mode: Any = "relative"
+    goal_mm: float = -8.0
+    at_mm: float = 0.0
+    """Set point."""
+    lost: bool = False
+    corrections: list[float] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        profile = RsiProfile(mode=self.mode, move_after_ms=0.0, restart_s=0.0)
+        self.robot = RsiController(profile, StartPose(*START), T0)
+        self.client = RsiClient(RsiLink(mode=self.mode))
+        self.began = False
+        self.newest = 0
+        self.now = T0
+
+    def cycle(self, telegrams: int = 1, answers: int = 1, late: bool = False) -> None:
+        """One cycle, with so many copies of the telegram and of the answer; a late answer comes in the next cycle."""
+        due = self.robot.next_deadline()
+        assert due is not None
+        self.robot.handle_deadline(due)
+        self.now = due
+        self.corrections.append(self.robot.correction[2])
+        replies: list[bytes] = []
+        for telegram in self.robot.data_to_send(due):
+            for _ in range(telegrams):
+                replies += self.answered(telegram)
+        if late:
+            self.robot.handle_deadline(due)  # not due: nothing happens
+            self.late = replies
+            return
+        for reply in [*getattr(self, "late", []), *replies]:
+            self.robot.receive([reply] * answers, due + 0.001)
+        self.late = []
+
+    def answered(self, telegram: bytes) -> list[bytes]:
+        self.client.receive([telegram], self.now)
+        while (event := self.client.next_event()) is not None:
+            if isinstance(event, StreamLost):
+                self.lost = True
+                self.began = False
+            elif isinstance(event, ReportReceived):
+                if not self.began:
+                    self.client.hold(self.now)
+                    self.began, self.newest = True, event.report.sequence
+                    self.client.begin(START)
+                    continue
+                if not event.report.fault and event.report.sequence > self.newest:
+                    self.newest = event.report.sequence
+                    way = self.goal_mm - self.at_mm
+                    self.at_mm += max(-STEP_MM, min(STEP_MM, way))
+                self.client.target(Pose((0.6, 0.0, 0.5 + self.at_mm * 1e-3), START.quaternion), self.now)
+        return list(self.client.data_to_send(self.now))
+
+
+@pytest.mark.parametrize("mode", ["relative", "absolute"])
+def test_on_a_good_network_the_robot_is_where_the_set_point_was_a_cycle_before(mode: str) -> None:
+    pair = Pair(mode)
+    before = 0.0
+    for _ in range(100):
+        pair.cycle()
+        assert pair.robot.correction[2] == pytest.approx(before, abs=1e-5)
+        before = pair.at_mm
+    assert pair.robot.correction[2] == pytest.approx(-8.0, abs=1e-5)
+    assert pair.robot.late == 0
+
+
+COPIES = st.sampled_from([1, 1, 1, 1, 0, 2, 3])
+
+
+@settings(max_examples=30)
+@given(
+    st.sampled_from(["relative", "absolute"]),
+    st.lists(st.tuples(COPIES, COPIES, st.sampled_from([False, False, False, True])), max_size=80),
+)
+def test_whatever_is_lost_late_or_repeated_the_robot_never_goes_beyond_and_arrives(
+    mode: str, course: list[tuple[int, int, bool]]
+) -> None:
+    pair = Pair(mode)
+    for telegrams, answers, late in course:
+        pair.cycle(telegrams, answers, late)
+        assert pair.at_mm - 1e-4 <= pair.robot.correction[2] <= 1e-9, "it went farther than the set point"
+    for _ in range(250):
+        pair.cycle()
+    assert not pair.lost
+    assert pair.robot.state is State.MOVECORR
+    assert pair.robot.correction[2] == pytest.approx(-8.0, abs=1e-3)
+    steps = [after - before for before, after in zip(pair.corrections, pair.corrections[1:], strict=False)]
+    assert min(steps) >= -STEP_MM - 0.04 - 1e-6  # its own way, and RsiLink.catch_up_mm_s in a cycle
+    assert max(steps) <= 1e-6, "it went back and forth"
+
+
+@pytest.mark.parametrize("mode", ["relative", "absolute"])
+def test_a_client_that_falls_silent_leaves_the_robot_where_it_was(mode: str) -> None:
+    pair = Pair(mode)
+    for _ in range(30):
+        pair.cycle()
+    for _ in range(102):
+        pair.cycle(answers=0)
+    after = pair.robot.correction[2]
+    assert after == pytest.approx(-2.9, abs=1e-5)
+    assert pair.robot.state is State.ERROR
+    assert pair.at_mm == pytest.approx(-2.9 - 0.1 * RsiLink().late_max, abs=0.15)  # and its set point waits
