@@ -23,6 +23,15 @@ class Pose(NamedTuple):
     """Tool frame in the base frame, w x y z."""
 
 
+def _sine(start: Quaternion, goal: Quaternion) -> float:
+    """Sine of half the turn from one orientation to another, of the lengths of both."""
+    w, x, y, z = start
+    a, b, c, d = goal
+    return math.hypot(
+        b * w - a * x - c * z + d * y, c * w - a * y - d * x + b * z, d * w - a * z - b * y + c * x
+    )
+
+
 def towards(start: Pose, goal: Pose, distance: float, angle: float) -> Pose:
     """The next pose on the straight way from `start` to `goal`; the goal itself when it is near enough.
 
@@ -31,7 +40,9 @@ def towards(start: Pose, goal: Pose, distance: float, angle: float) -> Pose:
     """
     apart = math.dist(start.position, goal.position)
     cosine = sum(a * b for a, b in zip(start.quaternion, goal.quaternion, strict=True))
-    half = math.acos(min(1.0, abs(cosine) / (math.hypot(*start.quaternion) * math.hypot(*goal.quaternion))))
+    half = math.atan2(
+        _sine(start.quaternion, goal.quaternion), abs(cosine)
+    )  # exact for the smallest turn too
     share = min(distance / apart if apart else 1.0, angle / (2.0 * half) if half else 1.0)
     if share >= 1.0 - 1e-9:  # what rounding leaves of a way
         return goal

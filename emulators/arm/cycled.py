@@ -99,14 +99,16 @@ class CycledPath:
         """The cycle in which each time lies, as far as it is kept."""
         self.advance(float(times[-1]) - ROUNDING_S)
         found = np.floor((times - self._powered_at) / self._period + ROUNDING_S).astype(np.int64)
-        return np.clip(found, max(self.cycle - self._size + 1, 0), self.cycle)
+        return np.minimum(np.maximum(found, max(self.cycle - self._size + 1, 0)), self.cycle)
 
     def trajectory(self, times: Floats) -> tuple[Floats, Floats]:
         cycles = self._cycles(times)
         rows = cycles % self._size
         since = times - (self._powered_at + cycles * self._period)
         speeds = self._speeds[rows]
-        return self._places[rows] + speeds * np.clip(since, 0.0, self._period)[:, None], speeds.copy()
+        return self._places[rows] + speeds * np.minimum(np.maximum(since, 0.0), self._period)[
+            :, None
+        ], speeds.copy()
 
     def orientations(self, times: Floats) -> list[tuple[slice, Quaternion]]:
         cycles = self._cycles(times)

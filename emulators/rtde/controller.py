@@ -342,10 +342,11 @@ class Controller:
             return False
         old = self._wanted if isinstance(self.arm.order, Servo) else self.arm.joints
         before, after = flange(self.lengths, old), flange(self.lengths, joints)
+        leap = max(abs(b - a) for a, b in zip(old, joints, strict=True))
         step = math.dist(before.position, after.position)
         turn = angle_between(before.quaternion, after.quaternion)
         profile = self.profile
-        if step * 1e3 > profile.max_target_step_mm or turn > profile.max_target_turn_rad:
+        if step * 1e3 > profile.max_target_step_mm or max(turn, leap) > profile.max_target_turn_rad:
             self.protective_stop("a sudden change of the target")
             return False
         return True

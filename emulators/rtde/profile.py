@@ -72,7 +72,9 @@ class RtdeProfile:
     max_target_step_mm: float = setting(
         50.0, _A, "larger between two servo targets, it makes a protective stop", unit="mm", above=0.0
     )
-    max_target_turn_rad: float = setting(0.3, _A, "the same of their turn", unit="rad", above=0.0)
+    max_target_turn_rad: float = setting(
+        0.3, _A, "the same of their turn, and of each joint", unit="rad", above=0.0
+    )
     max_force_n: float = setting(
         250.0, _A, "of actual_TCP_force; above, it makes a protective stop", unit="N", above=0.0
     )

@@ -33,6 +33,7 @@ Turns: TypeAlias = Iterator[None]
 _WATCHDOG = re.compile(rb'rtde_set_watchdog\("(\w{1,64})", ([0-9.]{1,12}), "(\w{1,8})"\)')
 _HOLD = re.compile(rb"age > (\d{1,9})")
 _BRAKE = re.compile(rb"stopl\(([0-9.]{1,12})\)")
+_NEAR = re.compile(rb"norm\(n\[j\] - q\[j\]\) > ([0-9.]{1,12})")
 _ENABLES = re.compile(rb"ft_rtde_input_enable\(\s*(True|False)")
 _WRITES = re.compile(rb"write_output_integer_register\(\s*(?:0\s*\+\s*)?(0|24)\s*,\s*2\s*\)")
 _JOINT_PER_METRE = 2.0
@@ -108,6 +109,7 @@ def _ours(controller: Controller, text: bytes) -> Turns:
         controller.watch_input(watch[1].decode(), float(watch[2]), watch[3].decode())
     hold = int(held[1]) if (held := _HOLD.search(text)) else 50
     brake = _JOINT_PER_METRE * (float(braked[1]) if (braked := _BRAKE.search(text)) else 2.0)
+    near = float(nearest[1]) if (nearest := _NEAR.search(text)) else math.inf
 
     def say(register: int, value: float) -> None:
         write(f"output_int_register_{register}", value)
@@ -122,22 +124,22 @@ def _ours(controller: Controller, text: bytes) -> Turns:
         age += 1
         if command == Command.SERVO and sequence != last:
             last, age = sequence, 0
+            say(TAKEN, sequence)
             six = [read(f"input_double_register_{number}") for number in range(POSE, POSE + 6)]
             if not all(map(math.isfinite, six)):
                 controller.protective_stop("a target that is no number")
                 yield
                 continue
             solved = controller.solve(pose_of(six), joints)
-            if solved is not None:
+            if solved is not None and _farthest(solved, joints) <= near:
                 joints, on = solved, True
                 controller.target_taken()
                 say(STATE, State.SERVOING)
             else:
+                say(STATE, State.REFUSED)
                 if on:
                     yield from braking(controller, brake)
                 on = False
-                say(STATE, State.REFUSED)
-            say(TAKEN, sequence)
         say(AGE, age)
         if on and (command != Command.SERVO or age > hold):
             yield from braking(controller, brake)
@@ -161,6 +163,11 @@ def _ours(controller: Controller, text: bytes) -> Turns:
     if on:
         yield from braking(controller, brake)
     say(STATE, State.ENDED)
+
+
+def _farthest(one: tuple[float, ...], other: tuple[float, ...]) -> float:
+    """The largest difference of a joint, rad."""
+    return max(abs(a - b) for a, b in zip(one, other, strict=True))
 
 
 def servo_order(controller: Controller, joints: tuple[float, ...], *tuning: float) -> Servo | None:

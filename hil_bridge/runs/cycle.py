@@ -15,23 +15,17 @@ from msgspec.structs import replace
 from hil_bridge.clock import Clock, Heartbeat
 from hil_bridge.control import (
     Command,
-    ControlLoop,
     Decision,
     LoopState,
     Peaks,
     Phase,
     Sample,
-    Supervisor,
-    Task,
     WristAtOrientation,
-    make_controller,
     numeric_explanation,
     one_line,
     turn_between,
 )
-from hil_bridge.control.controllers import check_period, sample_time
-from hil_bridge.errors import BridgeError, ConfigError
-from hil_bridge.facts import RobotFacts
+from hil_bridge.errors import BridgeError
 from hil_bridge.recording import CHECK_EVENT, PHASE_EVENT, STOP_EVENT, CycleRecord, EventRecord, Outcome
 from hil_bridge.robots.seam import (
     ANSWER,
@@ -45,11 +39,11 @@ from hil_bridge.robots.seam import (
     orientation_fault,
 )
 from hil_bridge.runs.leaving import ARRIVED_M, Left, WayOut, stand_still
+from hil_bridge.runs.pace import control_loop
 from hil_bridge.runs.small_steps import bring_up
 from hil_bridge.runs.zeroing import Zeroing, wrist
 from hil_bridge.sensors.stream import ForceSensor
 from hil_bridge.settings.configuration import Config
-from hil_bridge.settings.kinds import facts_of
 from protocol.geometry import Pose, Quaternion, Vector
 from protocol.wrench import AXES, WrenchFrame
 
@@ -90,40 +84,6 @@ class RunResult:
     """Place at which the tool was left, in words; empty where it never moved."""
     followed: tuple[str, ...] = ()
     """Events after the first cause."""
-
-
-def control_loop(
-    config: Config, robot: RobotFacts | None = None, fixed_dt: float | None = None
-) -> ControlLoop:
-    """All that decides in a run with this configuration; `robot` is what is known of the robot, by default what its
-    kind tells before it is connected.
-
-    With `fixed_dt` each cycle counts as that long, s. Raises ConfigError for an unfit parameter, and for a controller
-    that is tuned for another control period.
-    """
-    robot = facts_of(config) if robot is None else robot
-    controller = make_controller(config.controller.name, **config.controller.parameters)
-    tuned = sample_time(controller, config.controller.sample_ms)
-    detector, samples = config.oscillation, 2 * config.oscillation.peaks
-    if fixed_dt is None and detector.window_ms * 1e-3 < samples * tuned:
-        raise ConfigError(
-            f"oscillation.window_ms of {detector.window_ms:g} ms must hold at least {samples} samples of "
-            f"{tuned * 1e3:g} ms, twice oscillation.peaks: set it to {samples * tuned * 1e3:g} or more"
-        )
-    if fixed_dt is None:
-        if not (config.run.period_ms or robot.cycle_s or robot.line_floor_s):
-            raise ConfigError(f"a {robot.kind} tells no cycle time of its own: set run.period_ms")
-        check_period(config.run.period_ms * 1e-3 or robot.cycle_s, controller, config.controller.sample_ms)
-    return ControlLoop(
-        Task(config.task, controller, config.limits.force_limit_n, robot.order_step_m),
-        Supervisor(config.limits, config.robot.velocity_mm_s * 1e-3),
-        config.frame.approach,
-        config.frame.travel,
-        config.oscillation if config.limits.oscillation_guard else None,
-        config.frame.contour if config.frame.follow_normal else None,
-        tuned,
-        fixed_dt,
-    )
 
 
 class Run:

@@ -1,4 +1,4 @@
-"""The pace of a run: its control period, and the controller's tuning for it.
+"""The pace of a run: its control period, the controller's tuning for it, and the loop that they make.
 
 A robot that is asked answers as fast as its line goes, and controllers are tuned for that. A robot that streams has a
 cycle, of a few milliseconds. A controller that has a tuning for this cycle decides in every one, but no faster than the
@@ -9,8 +9,11 @@ the robot.
 import math
 from typing import Any
 
-from hil_bridge.control.controllers import PERIOD_FACTOR, controller_kind, sample_time
+from hil_bridge.control import ControlLoop, Supervisor, Task, make_controller
+from hil_bridge.control.controllers import PERIOD_FACTOR, check_period, controller_kind, sample_time
 from hil_bridge.control.types import Tuning
+from hil_bridge.errors import ConfigError
+from hil_bridge.facts import RobotFacts
 from hil_bridge.settings.configuration import Config
 from hil_bridge.settings.kinds import facts_of, sensor_kind, settings_of
 
@@ -60,3 +63,37 @@ def _tunings(kind: Any) -> tuple[Tuning, ...]:
 def _off(tuning: Tuning, period_ms: float) -> float:
     """Factor between a tuning's sample time and the period, at least 1."""
     return max(tuning.sample_ms / period_ms, period_ms / tuning.sample_ms)
+
+
+def control_loop(
+    config: Config, robot: RobotFacts | None = None, fixed_dt: float | None = None
+) -> ControlLoop:
+    """All that decides in a run with this configuration; `robot` is what is known of the robot, by default what its
+    kind tells before it is connected.
+
+    With `fixed_dt` each cycle counts as that long, s. Raises ConfigError for an unfit parameter, and for a controller
+    that is tuned for another control period.
+    """
+    robot = facts_of(config) if robot is None else robot
+    controller = make_controller(config.controller.name, **config.controller.parameters)
+    tuned = sample_time(controller, config.controller.sample_ms)
+    detector, samples = config.oscillation, 2 * config.oscillation.peaks
+    if fixed_dt is None and detector.window_ms * 1e-3 < samples * tuned:
+        raise ConfigError(
+            f"oscillation.window_ms of {detector.window_ms:g} ms must hold at least {samples} samples of "
+            f"{tuned * 1e3:g} ms, twice oscillation.peaks: set it to {samples * tuned * 1e3:g} or more"
+        )
+    if fixed_dt is None:
+        if not (config.run.period_ms or robot.cycle_s or robot.line_floor_s):
+            raise ConfigError(f"a {robot.kind} tells no cycle time of its own: set run.period_ms")
+        check_period(config.run.period_ms * 1e-3 or robot.cycle_s, controller, config.controller.sample_ms)
+    return ControlLoop(
+        Task(config.task, controller, config.limits.force_limit_n, robot.order_step_m),
+        Supervisor(config.limits, config.robot.velocity_mm_s * 1e-3),
+        config.frame.approach,
+        config.frame.travel,
+        config.oscillation if config.limits.oscillation_guard else None,
+        config.frame.contour if config.frame.follow_normal else None,
+        tuned,
+        fixed_dt,
+    )

@@ -17,7 +17,7 @@ from hil_bridge.errors import ConfigError
 from hil_bridge.facts import RobotFacts
 from hil_bridge.recording import CycleRecord, Recording
 from hil_bridge.recording.device_facts import json_or_none
-from hil_bridge.runs.cycle import control_loop
+from hil_bridge.runs.pace import control_loop
 from hil_bridge.settings.configuration import Config, explain, read_config
 from hil_bridge.settings.earlier import FRAME_MS, RECORDED_CYCLE_S, is_counted, translated
 from hil_bridge.text_files import parse_json, read_toml

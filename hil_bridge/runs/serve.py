@@ -12,6 +12,7 @@ import click
 from hil_bridge.clock import Clock, run_real
 from hil_bridge.clock.realtime import real_time_thread
 from hil_bridge.errors import BridgeError, DeviceError
+from hil_bridge.kinds import ROBOTS
 from hil_bridge.runs.compose import Ports, emulated_cell
 from hil_bridge.settings.configuration import Config
 
@@ -66,6 +67,8 @@ def client_of(where: Mapping[str, str]) -> str:
     match where:
         case {"robot": robot, "sensor": sensor, "tool-mass-kg": mass}:
             return f"hil-bridge run --robot '{robot}' --sensor '{sensor}' --tool-mass-kg {mass}"
+        case {"robot": robot} if ROBOTS.split(robot)[0]:
+            return f"hil-bridge run --robot '{robot}' --sensor URL, with a sensor that feels what the robot touches"
         case {"robot": robot}:
             return f"hil-bridge probe robot '{robot}'"
         case _:

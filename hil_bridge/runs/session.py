@@ -16,7 +16,7 @@ from hil_bridge.clock.realtime import collect_generation_1, gc_paused, real_time
 from hil_bridge.console.debugging import told_bug
 from hil_bridge.console.screen import LEAVE_SECONDS, Terminal
 from hil_bridge.errors import BridgeError
-from hil_bridge.facts import Devices, Sensor
+from hil_bridge.facts import Devices, Pacing, Sensor
 from hil_bridge.faults.schedule import FAULT_EVENT, FaultSchedule
 from hil_bridge.recording import (
     CHECK_EVENT,
@@ -289,7 +289,8 @@ class _Session:
         cell = served.cell
         if served.panel is not None:
             self.terminal.out.say(f"panel: {served.panel}")
-        self._truths = GroundTruth(cell, not self._config.sensor.url, self._recorder.put)
+        streamed = facts_of(self._config).pacing is Pacing.STREAMED
+        self._truths = GroundTruth(cell, not self._config.sensor.url, self._recorder.put, streamed)
         self._faults = FaultSchedule(self._config.faults, cell, self._clock, self.notice, self._pause)
 
     # --- the run

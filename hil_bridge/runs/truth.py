@@ -35,13 +35,19 @@ _NO_JOINTS = (math.nan,) * 6
 class GroundTruth:
     """Asks the cell for some cycles at a time, once it is known when the motion of the last of them began.
 
-    `sensor_is_emulated` says whether the run's sensor is the cell's.
+    `sensor_is_emulated` says whether the run's sensor is the cell's. `streamed` says that the robot drives the cycle:
+    the first target that carries a cycle's decision is the one that answers its next packet.
     """
 
     def __init__(
-        self, cell: Cell[Any, Any], sensor_is_emulated: bool, put: Callable[[TruthRecord], object]
+        self,
+        cell: Cell[Any, Any],
+        sensor_is_emulated: bool,
+        put: Callable[[TruthRecord], object],
+        streamed: bool = False,
     ) -> None:
         self._cell = cell
+        self._to_come = int(streamed)
         self._sensor_is_emulated = sensor_is_emulated
         self._put = put
         self._cycles: list[_Cycle] = []
@@ -57,7 +63,7 @@ class GroundTruth:
                 record.cycle,
                 cell.truth_available_from(record.answered_at),
                 math.nan if sampled_at is None else sampled_at,
-                cell.robot.accepted,
+                cell.robot.accepted + self._to_come,
             )
         )
         late = cycles[-1].at - cycles[0].at > _PATIENCE_S

@@ -215,13 +215,15 @@ class EgmClient:
         self._events.append(ReportReceived(RobotReport(number, pose, at, at, fault)))
 
     def _begins(self, message: RobotMessage, at: float) -> bool:
-        """Whether the guidance of a new session is still to begin, and may take so long."""
+        """Whether the guidance of a new session is still to begin, and may take so long. A session that has just ended
+        with a time-out is followed by another one while the program runs.
+        """
         if self._session_at is not None and (
             message.guidance == Guidance.RUNNING or at - self._session_at > _BEGIN_S
         ):
             self._session_at = None
         ready = message.motors == Motors.ON and message.rapid in (Rapid.RUNNING, Rapid.UNDEFINED)
-        return self._session_at is not None and ready and message.guidance == Guidance.STOPPED
+        return self._session_at is not None and ready
 
     def _distance(self, message: RobotMessage, at: float) -> int | None:
         """By how much the number of a datagram is larger than the newest one; None in another session."""

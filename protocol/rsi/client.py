@@ -4,9 +4,9 @@ A correction is the way from where the robot would be without it, in the base fr
 degrees whose turn comes after the robot's own, R = R(A B C)·R₀. In absolute mode an answer carries the whole
 correction, in relative mode its change since the answer that the robot has taken last.
 
-Which answers it has taken is told by its count of late ones. So an answer that was lost is made good by those after it,
-little by little, and the set point and the robot stay together. A telegram that comes again, or behind a later one, gets no answer: its cycle
-is over, and an increment must not count twice.
+Its count of late answers tells which ones it has taken. So those after a lost answer make good for it, little by
+little, and the set point and the robot stay together. A telegram that comes again, or behind a later one, gets no
+answer: its cycle is over, and an increment must not count twice.
 
 Source: project specification of RSI, sections 3, 5 and 9.
 """

@@ -313,7 +313,9 @@ class RtdeClient:
         self._send(Command.IDLE)
         if stage is _Stage.FIRST:
             profile = self._profile
-            text = program_text(profile.hold_cycles, profile.watchdog_hz, profile.brake_m_s2)
+            text = program_text(
+                profile.hold_cycles, profile.watchdog_hz, profile.brake_m_s2, profile.joint_step_rad
+            )
             self._out.append(Piece(Port.SCRIPT, text.encode()))
             self._stage, self._play_by = _Stage.UPLOADED, now + PLAY_S
         elif values[_STATES : _STATES + 6 : 5] == (Runtime.PLAYING, self._sequence) and (
@@ -398,7 +400,7 @@ def _faults(values: tuple[float, ...], moving: bool) -> str:
     if runtime != Runtime.PLAYING:
         return f"our program is {name_of(Runtime, runtime)}; begin again"
     if state == State.REFUSED:
-        return "no joints hold the pose that was ordered; choose another place or orientation"
+        return "no joints near the present ones hold the pose that was ordered; choose another place or orientation"
     if moving and state == State.STARVED:
         return (
             "our program had no new target for too long and has braked; look at the network, and begin again"

@@ -54,6 +54,14 @@ class ClientProfile:
     brake_m_s2: float = setting(
         2.0, Mark.ASSUMED, "deceleration with which the program brakes", unit="m/s²", above=0.0, maximum=10.0
     )
+    joint_step_rad: float = setting(
+        0.03,
+        Mark.CHOSEN,
+        "the program refuses a pose for which a joint would go farther from one target to the next",
+        unit="rad",
+        above=0.0,
+        maximum=0.3,
+    )
     silent_ms: float = setting(
         100.0,
         Mark.CHOSEN,

@@ -44,15 +44,18 @@ class State(IntEnum):
     STARVED = 3
     """No new target for too long, or told to stop: it has braked."""
     REFUSED = 4
-    """No joints hold the pose that was asked for."""
+    """No joints near the present ones hold the pose that was asked for."""
     ENDED = 5
 
 
-def program_text(hold_cycles: int, watchdog_hz: float, deceleration_m_s2: float) -> str:
+def program_text(
+    hold_cycles: int, watchdog_hz: float, deceleration_m_s2: float, joint_step_rad: float
+) -> str:
     """The program's text for the script port.
 
     Without a new target for `hold_cycles` it brakes, and goes on with the next. Without any package for a period of
-    `watchdog_hz` the controller stops it.
+    `watchdog_hz` the controller stops it. It refuses a pose that no joints within `joint_step_rad` of the last ones
+    hold: at the end of its reach an arm would else swing over to another posture.
     """
     return _PROGRAM.format(
         name=NAME,
@@ -61,6 +64,7 @@ def program_text(hold_cycles: int, watchdog_hz: float, deceleration_m_s2: float)
         pose=", ".join(f"read_input_float_register({number})" for number in range(POSE, POSE + 6)),
         hold=hold_cycles,
         brake=f"{deceleration_m_s2:g}",
+        step=f"{joint_step_rad:g}",
     )
 
 
@@ -88,19 +92,30 @@ def {name}():
     if cmd == 1 and seq != last:
       last = seq
       age = 0
+      write_output_integer_register(25, seq)
       x = p[{pose}]
-      if get_inverse_kin_has_solution(x):
-        q = get_inverse_kin(x)
+      near = get_inverse_kin_has_solution(x, q)
+      if near:
+        n = get_inverse_kin(x, q)
+        j = 0
+        while j < 6:
+          if norm(n[j] - q[j]) > {step}:
+            near = False
+          end
+          j = j + 1
+        end
+      end
+      if near:
+        q = n
         on = True
         write_output_integer_register(24, 2)
       else:
+        write_output_integer_register(24, 4)
         if on:
           stopl({brake})
         end
         on = False
-        write_output_integer_register(24, 4)
       end
-      write_output_integer_register(25, seq)
     end
     write_output_integer_register(26, age)
     if on and (cmd != 1 or age > {hold}):

@@ -340,6 +340,11 @@ def test_no_summary_of_a_command_is_cut_in_a_terminal_of_80_columns(
             "hil-bridge run --robot 'r' --sensor 's' --tool-mass-kg 0.5",
         ),
         ({"robot": "r", "panel": "p"}, "hil-bridge probe robot 'r'"),
+        (
+            {"robot": "egm+udp-bind://127.0.0.1:6510"},
+            "hil-bridge run --robot 'egm+udp-bind://127.0.0.1:6510' --sensor URL, "
+            "with a sensor that feels what the robot touches",
+        ),
         ({"sensor": "s", "tool-mass-kg": "0.5"}, "hil-bridge run --sensor 's' --tool-mass-kg 0.5"),
     ],
 )

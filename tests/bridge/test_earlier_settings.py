@@ -10,7 +10,7 @@ import pytest
 from hil_bridge.errors import ConfigError
 from hil_bridge.recording import read
 from hil_bridge.runs.checks import check
-from hil_bridge.runs.cycle import control_loop
+from hil_bridge.runs.pace import control_loop
 from hil_bridge.runs.replay import recorded_config, replay
 from hil_bridge.settings.configuration import Config, load_config
 from hil_bridge.settings.earlier import RECORDED_CYCLE_S, RENAMED, is_counted, translated

@@ -14,8 +14,7 @@ from hil_bridge.errors import ConfigError
 from hil_bridge.kinds import ROBOTS, SENSORS, emulated_sensor, robot_of, sensor_of
 from hil_bridge.recording import read
 from hil_bridge.recording.device_facts import devices_of
-from hil_bridge.runs.cycle import control_loop
-from hil_bridge.runs.pace import paced
+from hil_bridge.runs.pace import control_loop, paced
 from hil_bridge.settings.configuration import Config, load_config, read_config
 from hil_bridge.settings.kinds import settings_of
 

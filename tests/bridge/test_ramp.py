@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hil_bridge.robots.ramp import Pace, Ramp
-from protocol.geometry import Pose
+from protocol.geometry import Pose, Vector
 
 CYCLE = 0.004
 PACE = Pace(
@@ -137,3 +137,24 @@ def test_no_packets_and_goals_gain_speed_too_fast_or_lead_beyond(
         if passed:
             before = speed
         point = after
+
+
+@pytest.mark.parametrize(
+    ("begin", "end"),
+    [
+        (
+            (2.1863579654e-06, 2.1975398654e-06, 1.8227558319e-06),
+            (2.1863579749e-06, 2.1975398666e-06, 1.8227558300e-06),
+        ),
+        (
+            (2.1863575628e-06, 2.1975395130e-06, 1.8227557973e-06),
+            (2.1863573745e-06, 2.1975397819e-06, 1.8227556722e-06),
+        ),
+    ],
+)
+def test_a_turn_as_small_as_rounding_holds_no_way_up(begin: Vector, end: Vector) -> None:
+    start, goal = (
+        Pose(point.position, (w, -0.9999999999935341, -y, -z))
+        for point, (w, y, z) in ((START, begin), (moved(0.1), end))
+    )
+    assert len(course(goal, start)) < 50

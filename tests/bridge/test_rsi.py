@@ -193,7 +193,8 @@ def test_the_guard_holds_tilt_speed_and_following_of_a_robot_that_streams(
 def test_every_fault_is_in_one_of_the_tables_above() -> None:
     assert {name for faults in RSI_FAULTS.values() for name in faults} == {
         "emergency-stop", "stand", "limit", "program-end", "program-reset", "drives-stop", "monitor", "mute", "late",
-        "offset", "drift", "turned", "frozen", "malformed", "not-a-number", "clock-jump", "refused", "lost", "duplicated", "reordered",
+        "offset", "drift", "turned", "frozen", "malformed", "not-a-number",
+        "clock-jump", "refused", "lost", "duplicated", "reordered",
     }  # fmt: skip
 
 

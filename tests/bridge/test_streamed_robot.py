@@ -21,8 +21,8 @@ from hil_bridge.errors import DeviceError, OrderRefused, TransportClosed
 from hil_bridge.robots.answering import Answering
 from hil_bridge.robots.seam import Motion, MotionLimits, Pacing, RobotFacts, RobotLink, Sent
 from hil_bridge.robots.streamed import SILENT_S, StreamedLink
-from hil_bridge.runs.cycle import control_loop
 from hil_bridge.runs.leaving import WayOut
+from hil_bridge.runs.pace import control_loop
 from hil_bridge.runs.small_steps import SmallSteps
 from hil_bridge.settings.configuration import Config
 from hil_bridge.transports import Datagrams, DatagramWire, connect_datagrams, listen_datagrams

@@ -300,7 +300,7 @@ def test_local_control_takes_no_program_and_no_command_but_answers_questions() -
     board = desk.plug(Port.DASHBOARD)
     assert "please switch robot to Remote Control mode" in board.line("play")
     assert board.line("is in remote control") == "false"
-    desk.upload(program_text(50, 10.0, 2.0))
+    desk.upload(program_text(50, 10.0, 2.0, 0.1))
     desk.run(0.1)
     assert desk.controller.runtime == Runtime.STOPPED
     assert desk.controller.counts["programs refused"] == 1
@@ -314,7 +314,7 @@ def test_local_control_takes_no_program_and_no_command_but_answers_questions() -
 def test_power_goes_with_the_emergency_stop_and_comes_back_step_by_step() -> None:
     desk = Desk()
     board = desk.plug(Port.DASHBOARD)
-    desk.upload(program_text(50, 10.0, 2.0))
+    desk.upload(program_text(50, 10.0, 2.0, 0.1))
     desk.run(0.06)
     assert desk.controller.runtime == Runtime.PLAYING
     desk.inject("robot", "emergency-stop", for_s=1.0)
@@ -346,7 +346,7 @@ def test_a_protective_stop_is_not_unlocked_within_five_seconds() -> None:
 
 
 def test_a_program_is_found_however_its_text_comes() -> None:
-    text = "# a comment\nsec other():\n  x = 1\nend\n" + program_text(50, 10.0, 2.0)
+    text = "# a comment\nsec other():\n  x = 1\nend\n" + program_text(50, 10.0, 2.0, 0.1)
     for size in (1, 7, 4096):
         desk = Desk()
         script = desk.plug(Port.SCRIPT)
@@ -593,6 +593,43 @@ def test_a_stop_is_told_and_nothing_is_ordered_after_it(
     assert command == 0
 
 
+# robot_mode, safety_mode, safety_status_bits, robot_status_bits, runtime_state
+SEEN = [
+    (None, (7, 1, 0x001, 3, 2)),
+    ("program-stopped", (7, 1, 0x001, 1, 1)),
+    ("program-paused", (7, 1, 0x001, 1, 4)),
+    ("protective-stop", (7, 3, 0x404, 1, 4)),
+    ("safeguard-stop", (7, 5, 0x410, 1, 4)),
+    ("emergency-stop", (3, 7, 0x4C0, 0, 1)),
+    ("power-off", (3, 1, 0x001, 0, 1)),
+]
+
+
+@pytest.mark.parametrize(("fault", "seen"), SEEN, ids=[str(fault) for fault, _ in SEEN])
+def test_each_stop_is_seen_by_clients_as_the_specification_has_it(
+    fault: str | None, seen: tuple[int, ...]
+) -> None:
+    desk = Desk()
+    reader = desk.plug()
+    names = ("robot_mode", "safety_mode", "safety_status_bits", "robot_status_bits", "runtime_state")
+    shown = outputs_of(reader, *names)
+    reader.ask(packets.encode(Kind.START))
+    desk.upload(CONTROL)
+    desk.run(0.06)
+    if fault is not None:
+        desk.inject("robot", fault)
+    desk.run(0.01)
+    assert tuple(values_of(reader, shown)[-1].values()) == seen
+
+
+def test_a_protective_stop_may_end_the_program() -> None:
+    desk = Desk(replace(EXACT, on_protective_stop="stopped"))
+    desk.upload(CONTROL)
+    desk.run(0.06)
+    desk.inject("robot", "protective-stop")
+    assert (desk.controller.runtime, desk.controller.program) == (Runtime.STOPPED, None)
+
+
 def test_a_program_that_is_played_again_finds_no_old_order() -> None:
     pair = ready()
     board = pair.plug(Port.DASHBOARD)
@@ -700,7 +737,7 @@ def test_a_robot_that_is_not_ready_is_told_in_one_line(
 
 
 def test_a_jump_of_the_target_is_a_protective_stop() -> None:
-    pair = ready()
+    pair = ready(client=ClientProfile(joint_step_rad=0.3))
     pair.begin()
     pair.speed = 1e3
     assert pair.set_point is not None
@@ -716,9 +753,19 @@ def test_a_target_that_no_joints_hold_is_refused() -> None:
     pair.begin()
     pair.speed, pair.goal = 1e9, Pose((5.0, 0.0, 0.5), START.quaternion)
     pair.pass_time(0.1)
-    assert next(report.fault for report in pair.reports if report.fault).startswith("no joints hold")
+    assert next(report.fault for report in pair.reports if report.fault).startswith("no joints near")
     assert pair.place == pytest.approx(START.position, abs=1e-9)
     assert pair.controller.safety == SafetyMode.NORMAL
+
+
+def test_at_the_end_of_its_reach_the_arm_does_not_swing_to_another_posture() -> None:
+    pair = ready()
+    pair.begin(dx=0.4, dz=0.3)
+    pair.pass_time(4.0)
+    assert next(report.fault for report in pair.reports if report.fault).startswith("no joints near")
+    assert pair.controller.safety == SafetyMode.NORMAL
+    assert max(abs(a - b) for a, b in zip(pair.controller.arm.joints, USUAL, strict=True)) < 2.5
+    assert pair.controller.still
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf])
@@ -887,7 +934,7 @@ def test_no_input_of_our_program_upsets_the_controller(values: list[float], comm
     desk = Desk()
     plug = desk.plug()
     recipe = inputs_of(plug, *INPUT_NAMES)
-    desk.upload(program_text(50, 10.0, 2.0))
+    desk.upload(program_text(50, 10.0, 2.0, 0.1))
     desk.run(0.06)
     for sequence in range(5):
         plug.send(recipe.pack(*values, command, sequence))

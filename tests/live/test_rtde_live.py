@@ -1,6 +1,7 @@
 """The robot over RTDE in real time, over TCP on this computer."""
 
 import json
+import math
 import signal
 import socket
 import subprocess
@@ -11,6 +12,9 @@ from pathlib import Path
 import pytest
 
 from protocol.rtde import packets
+from protocol.rtde.fields import Recipe
+from protocol.rtde.packets import Kind
+from protocol.rtde.states import Runtime
 
 pytestmark = pytest.mark.live
 
@@ -78,5 +82,60 @@ def test_a_force_source_ends_at_its_time_and_with_its_robot() -> None:
                 _, why = until.communicate(timeout=30)
             assert until.returncode == 3
             assert why.count("\n") == 1
+        finally:
+            serving.kill()
+
+
+class Observer:
+    """A client that only looks."""
+
+    def __init__(self, host: str, port: int) -> None:
+        self._rtde = socket.create_connection((host, port), timeout=10)
+        names = ("timestamp", "actual_TCP_speed", "runtime_state")
+        self._recipe = Recipe(1, names, ("DOUBLE", "VECTOR6D", "UINT32"))
+        self._reader = packets.Reader()
+        self._rtde.sendall(packets.outputs_request(names, 125.0) + packets.encode(Kind.START))
+
+    def __enter__(self) -> "Observer":
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._rtde.close()
+
+    def next_state(self) -> tuple[float, float, int]:
+        """Time by the controller's clock, s, speed of the tool, m/s, and runtime_state."""
+        while True:
+            while (packet := self._reader.next_packet()) is not None:
+                if packet.kind == Kind.DATA:
+                    stamp, x, y, z, *_, runtime = self._recipe.unpack(packet.payload)
+                    return stamp, math.hypot(x, y, z), int(runtime)
+            self._reader.feed(self._rtde.recv(65536))
+
+
+def test_a_bridge_that_is_killed_leaves_the_arm_standing_and_the_program_stopped(tmp_path: Path) -> None:
+    config = tmp_path / "ur.toml"
+    config.write_text(CONFIG)
+    serve = command("emulate", "cell", str(config), "--robot", "rtde", "--json")
+    with subprocess.Popen(serve, stdout=subprocess.PIPE, text=True) as serving:
+        try:
+            assert serving.stdout is not None
+            urls = json.loads(serving.stdout.readline())
+            host, _, port = urls["robot"].partition("//")[2].partition("?")[0].partition(":")
+            devices = ["--robot", urls["robot"], "--sensor", urls["sensor"], "--tool-mass-kg", "0.5"]
+            run = command("run", str(config), *devices, "--no-view", "--no-record")
+            with (
+                Observer(host, int(port)) as seen,
+                subprocess.Popen(run, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as bridge,
+            ):
+                fast = 0
+                while fast < 20:  # on its way down, not only on its lift before
+                    _, speed, _ = seen.next_state()
+                    fast = fast + 1 if speed > 0.002 else 0
+                bridge.kill()
+                stamp, speed, runtime = seen.next_state()
+                ends = stamp + 2.0
+                while (speed > 0.0 or runtime != Runtime.STOPPED) and stamp < ends:
+                    stamp, speed, runtime = seen.next_state()
+            assert (speed, runtime) == (0.0, Runtime.STOPPED)
         finally:
             serving.kill()

@@ -247,6 +247,7 @@ def test_behind_a_movement_the_last_reference_is_held_without_speed() -> None:
         ({"motors": Motors.UNDEFINED}, "the motors are off"),
         ({"rapid": Rapid.STOPPED}, "the RAPID program is stopped"),
         ({"guidance": Guidance.ERROR}, "EGM has ended with an error"),
+        ({"guidance": Guidance.UNDEFINED}, "it is not guided"),
         ({"feedback": Place((0.0,) * 6)}, "it tells no pose"),
         ({"feedback": None}, "it tells no pose"),
     ],
@@ -275,6 +276,15 @@ def test_until_the_guidance_begins_the_robots_own_set_point_is_answered_and_noth
     assert talk.reports == []
     assert millimetres(talk.hears(told(3, planned=planned))) == (601.0, 0.0, 500.0)
     assert talk.reports[0].fault == ""
+
+
+def test_a_session_that_ends_as_the_client_joins_is_waited_out() -> None:
+    talk = Conversation()
+    assert len(talk.hears(told(250, guidance=Guidance.ERROR))) == 1
+    assert talk.reports == []
+    talk.hears(told(0, guidance=Guidance.STOPPED, tm_ms=4000), now=T0 + 2.0)
+    talk.hears(told(1, tm_ms=4004), now=T0 + 2.0 + CYCLE)
+    assert [report.fault for report in talk.reports] == [""]
 
 
 def test_a_first_datagram_that_comes_twice_is_no_fault_either() -> None:

@@ -250,7 +250,7 @@ FAULTS: list[tuple[dict[str, float], str]] = [
     ({"mode": 5}, "in the mode 'idle'"),
     ({"mode": 44}, "in the mode '44'"),
     ({"runtime": 4}, "our program is paused"),
-    ({"state": 4}, "no joints hold"),
+    ({"state": 4}, "no joints near the present ones hold"),
     ({"state": 5}, "our program has ended"),
     ({"state": 3}, ""),
     ({"scaling": 0.4}, "speed slider stands at 40 %"),

@@ -276,13 +276,14 @@ def test_an_orientation_comes_back_from_its_rotation_vector(four: tuple[float, f
 
 
 def test_our_programs_text_has_the_settings_and_the_shape_that_the_script_manual_asks_for() -> None:
-    text = program_text(50, 10.0, 2.0)
+    text = program_text(50, 10.0, 2.0, 0.1)
     lines = text.splitlines()
     assert lines[0] == "def hil_bridge():"
     assert lines[-1] == "end"
     assert all(line.startswith("  ") for line in lines[1:-1])
     assert '  rtde_set_watchdog("input_int_register_24", 10, "stop")' in lines
     assert "    if on and (cmd != 1 or age > 50):" in lines
+    assert "          if norm(n[j] - q[j]) > 0.1:" in lines
     assert text.count("stopl(2)") == 3
     assert sum(line.split()[0] in ("if", "while", "def") for line in lines) == sum(
         line.strip() == "end" for line in lines

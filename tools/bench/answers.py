@@ -14,7 +14,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -144,26 +144,22 @@ def free_port() -> int:
 def cell(way: Way, config: Path, relay: Path | None, file: Path) -> Iterator[dict[str, str]]:
     """Options for a bridge to an emulated cell in a process of its own, the relay between where there is one."""
     emulate = (*HIL_BRIDGE, "emulate", "cell", config, "--json")
-    if way.wire == "udp":
-        port = str(free_port())
-        if relay is None:
-            with started(*emulate, "--robot-port", f"egm+udp://127.0.0.1:{port}") as (_, line):
-                yield json.loads(line)
-            return
-        with (
-            started(relay, "pass", "udp", port, file) as (_, door),
-            started(*emulate, "--robot-port", f"egm+udp://127.0.0.1:{door}") as (_, line),
-        ):
-            yield {**json.loads(line), "robot": f"egm+udp-bind://127.0.0.1:{port}"}
-        return
-    with started(*emulate) as (_, line):
-        options = json.loads(line)
-        if relay is None:
-            yield options
-            return
-        port = options["robot"].partition("?")[0].rpartition(":")[2]
-        with started(relay, "pass", "tcp", port, file) as (_, door):
-            yield {**options, "robot": options["robot"].replace(f":{port}?", f":{door}?")}
+    with ExitStack() as stack:
+
+        def begun(*command: str | Path) -> str:
+            return stack.enter_context(started(*command))[1]
+
+        if way.wire == "udp":
+            port = str(free_port())
+            door = port if relay is None else begun(relay, "pass", "udp", port, file)
+            options = json.loads(begun(*emulate, "--robot-port", f"egm+udp://127.0.0.1:{door}"))
+            options["robot"] = f"egm+udp-bind://127.0.0.1:{port}"
+        else:
+            options = json.loads(begun(*emulate))
+            port = options["robot"].partition("?")[0].rpartition(":")[2]
+            door = port if relay is None else begun(relay, "pass", "tcp", port, file)
+            options["robot"] = options["robot"].replace(f":{port}?", f":{door}?")
+        yield options
 
 
 def tracked(
@@ -184,12 +180,15 @@ def tracked(
         keep = ["--record", recording] if record else ["--no-record"]
         command = [*HIL_BRIDGE, "run", config, *devices, "--no-view", *keep, "--summary", told, "--overwrite"]
         stolen = machine.stolen_s()
-        done = subprocess.run(
-            command, capture_output=True, text=True, timeout=seconds + PATIENCE_S, check=False
-        )
+        try:
+            done = subprocess.run(
+                command, capture_output=True, text=True, timeout=seconds + PATIENCE_S, check=False
+            )
+        except subprocess.TimeoutExpired as error:
+            raise RunFailed(f"the run has not ended within {error.timeout:g} s") from error
         stolen = machine.stolen_s() - stolen
     if done.returncode:
-        raise RunFailed(f"the run ended with {done.returncode}: {done.stderr.strip().splitlines()[-1:]}")
+        raise RunFailed(f"the run ended with {done.returncode}: {done.stderr.strip()}")
     summary = json.loads(told.read_text(encoding="utf-8"))
     times = [] if relay is None else while_tracking(file.read_bytes(), way, summary["phases_s"])
     return Tracked(times, summary, recording.stat().st_size / MEGA if record else 0.0, stolen)
