@@ -12,6 +12,9 @@ from protocol.netft.records import (
 )
 from protocol.wrench import AXES
 
+_LONGEST_REQUEST = 14
+"""Bytes. Longer text is the reason for the absence of the page, as a recording has it."""
+
 
 def describe(raw: bytes) -> list[dict[str, object]]:
     """One datagram of either direction, a request or records, or the page; anything else is a problem."""
@@ -19,6 +22,8 @@ def describe(raw: bytes) -> list[dict[str, object]]:
         return [_record(raw[at : at + RECORD_SIZE], at) for at in range(0, len(raw), RECORD_SIZE)]
     if b"<netft" in raw:
         return [_page(raw)]
+    if len(raw) > _LONGEST_REQUEST and (reason := raw.decode("utf-8", errors="replace")).isprintable():
+        return [{"offset": 0, "size": len(raw), "kind": "page", "fields": [], "problems": [reason]}]
     item: dict[str, object] = {"offset": 0, "size": len(raw), "kind": "request", "direction": "to sensor"}
     problems: list[str] = []
     fields: list[dict[str, object]] = []

@@ -215,3 +215,8 @@ def test_no_http_raises_anything_else(data: bytes, ended: bool) -> None:
     for read in (lambda: read_answer(data, ended), lambda: read_get(data + b"\r\n\r\n")):
         with contextlib.suppress(RemoteProtocolError):
             read()
+
+
+def test_the_reason_for_a_missing_page_is_no_request() -> None:
+    (item,) = describe(b"no answer from 192.168.1.1 port 80")
+    assert (item["kind"], item["problems"]) == ("page", ["no answer from 192.168.1.1 port 80"])

@@ -1,0 +1,50 @@
+"""The page on faults says what the emulators can do; its runs are those of the faults that there are."""
+
+import json
+import runpy
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from emulators.faults import Fault, Parameter
+from hil_bridge.runs.session import EXIT_CODES
+from hil_bridge.settings.configuration import load_config
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = (ROOT / "docs" / "faults.md").read_text(encoding="utf-8")
+FIGURES = json.loads((ROOT / "docs" / "faults.json").read_text(encoding="utf-8"))
+
+
+@pytest.fixture(scope="module")
+def tool() -> dict[str, Any]:
+    return runpy.run_path(str(ROOT / "tools" / "faults_doc.py"))
+
+
+def test_the_tables_are_those_of_code_and_figures(tool: dict[str, Any]) -> None:
+    assert tool["renewed"](PAGE, FIGURES) == PAGE, "run python tools/faults_doc.py"
+
+
+def test_a_table_without_a_place_is_missed(tool: dict[str, Any]) -> None:
+    with pytest.raises(ValueError, match="no place for 'egm'"):
+        tool["renewed"](PAGE.replace("<!-- egm: begin -->", ""), FIGURES)
+
+
+def test_every_fault_was_measured_once(tool: dict[str, Any]) -> None:
+    assert list(FIGURES) == [job.key for job in tool["jobs"]()], "run python tools/faults_doc.py --measure"
+    for key, end in FIGURES.items():
+        assert end["exit"] in EXIT_CODES.values(), key
+        assert bool(end["cause"]) == bool(end["exit"]), key
+        assert "\n" not in end["cause"]
+
+
+def test_every_run_is_of_a_cell_that_can_have_its_fault(tool: dict[str, Any]) -> None:
+    """A configuration refuses all others."""
+    for job in tool["jobs"]():
+        (fault,) = load_config(None, tool["settings"](job)).faults
+        assert (fault.on, fault.fault) == (job.on, job.fault)
+
+
+def test_parameters_are_told_with_default_and_range(tool: dict[str, Any]) -> None:
+    fault = Fault("something", {"by": Parameter(2, "how much", 1, 5, "mm")}, 3.0)
+    assert tool["parameters"](fault) == "`by` = 2 (1 … 5 mm)<br>`for_s` = 3.0 (0 … 3600 s)"
