@@ -50,8 +50,8 @@ class Answering(Generic[Data]):
         self._events: deque[StreamEvent] = deque(maxlen=EVENTS_MAX)
         self.counters: Counter[str] = Counter()
         """Packets, answers, and what went wrong with them, by name."""
-        self._arrived: float | None = None
-        """Arrival of the packet whose answer has not been handed over yet, s."""
+        self._arrived: list[float] = []
+        """Arrivals of the packets whose answers have not been handed over yet, s."""
         self._answered: tuple[tuple[str, float], ...] = ()
         """Stamps of the answer that was handed over last."""
         self.newest: RobotReport | None = None
@@ -123,12 +123,12 @@ class Answering(Generic[Data]):
 
     def data_to_send(self, now: float) -> Data:
         data = self._client.data_to_send(now)
-        if self._arrived is not None:
-            if now - self._arrived > self._cycle:
-                self.counters[LATE] += 1
+        if self._arrived:
+            if late := sum(now - arrived > self._cycle for arrived in self._arrived):
+                self.counters[LATE] += late
             if len(data):
-                self._answered = (PACKET, self._arrived), (ANSWER, now)
-            self._arrived = None
+                self._answered = (PACKET, self._arrived[-1]), (ANSWER, now)
+            self._arrived.clear()
         return data
 
     def next_deadline(self) -> float | None:
@@ -176,7 +176,7 @@ class Answering(Generic[Data]):
 
     def _answer(self, report: RobotReport, fresh: bool, now: float) -> None:
         self.counters[ANSWERS] += 1
-        self._arrived = report.received_at
+        self._arrived.append(report.received_at)
         if self._setpoint is None:
             self._client.hold(now)
             return

@@ -656,6 +656,10 @@ def test_an_answer_that_comes_later_than_a_cycle_is_counted() -> None:
         answering.receive([Late(PACKET.pack(number, *START.position, *DOWN, False))], now)
         assert len(answering.data_to_send(now)) == 1
     assert answering.counters["late answers"] == 1
+    packets = [Late(PACKET.pack(number, *START.position, *DOWN, False)) for number in (3, 4, 5)]
+    answering.receive(packets, 1001.0)
+    answering.data_to_send(1001.0)
+    assert answering.counters["late answers"] == 4, "packets that were held up together were each late"
 
 
 def test_what_the_robot_ends_itself_is_told_in_its_words() -> None:

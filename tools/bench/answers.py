@@ -40,9 +40,6 @@ NO_COMPILER = (
 CONFIG = """\
 [run]
 duration_s = %g
-period_ms = 20
-[controller]
-sample_ms = 20
 [task]
 speed_mm_s = 1.0
 approach_speed_mm_s = 10.0
