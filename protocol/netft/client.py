@@ -3,6 +3,7 @@
 It never biases the sensor: the zero is the host's. The page comes to it as a `Page` among the datagrams.
 """
 
+import math
 from collections import deque
 from collections.abc import Sequence
 
@@ -46,6 +47,10 @@ _BEHIND_LIMIT = 10
 _TOLD_LIMIT = 16
 """Chosen: most statuses that are told, so that a status which changes with every record fills no recording."""
 _BACKWARD = WRAP // 2
+_CLOCKS_APART = 0.02
+"""Chosen: part by which the clocks of box and receiver may differ. What a record is later than that was held up on its
+way, and is as much older. So a delay that grows in small steps does not pass for a fresh force.
+"""
 _ALL_AXES = 0b111111
 
 
@@ -75,6 +80,8 @@ class NetFtClient:
         """Numbers of the newest record, and the second unwrapped."""
         self._behind = 0
         """Records in a row that are older than the newest."""
+        self._clock = self._heard_at = math.inf
+        """The receiver's time at the box's sample 0, by its quickest records, and arrival of the newest record, s."""
         self._stops = 0
         """Stops that were sent."""
         self._heard = False
@@ -199,7 +206,7 @@ class NetFtClient:
             return
         self._asked = self._behind = self.statistics.standing = 0
         values = self._tare.values((fx, fy, fz, tx, ty, tz))
-        at = arrived_at(datagram, now)
+        at = self._measured_at(arrived_at(datagram, now))
         self._events.append(WrenchFrame(values, ft, self._sequence, at, saturated))
         if self._tare.took:
             self._events.append(Zeroed())
@@ -226,6 +233,13 @@ class NetFtClient:
         self._rdt, self._ft = rdt, ft
         self._sequence += step
         return True
+
+    def _measured_at(self, arrived: float) -> float:
+        """When the newest record was measured, s: its arrival, less what it took longer than the quickest ones."""
+        counted = self._sequence / INTERNAL_RATE_HZ
+        latest = self._clock + _CLOCKS_APART * max(arrived - self._heard_at, 0.0)
+        self._clock, self._heard_at = min(arrived - counted, latest), arrived
+        return arrived if arrived - counted <= latest else self._clock + counted
 
     def _facts(self) -> SensorFacts:
         found = self._configuration

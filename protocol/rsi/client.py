@@ -34,6 +34,10 @@ STANDING_MM = 0.05
 """Chosen: a difference between actual and set position below it is none when a session begins."""
 FOLLOWS_WITHIN_S = 0.25
 """Chosen: a robot is where its correction was within so long; more than any lag of its servo."""
+RUNS_AWAY_CYCLES = 25
+"""Chosen: cycles in a row in which a robot leaves a correction that stands; more than any lag of its servo."""
+RUNS_AWAY_MM = 0.01
+"""Chosen: way of such a cycle; the last digits of a position that stands change by less."""
 RUNNING = 3.0
 """Observed (FZI's configuration): status of a program that runs, where it is sent."""
 _STATUS = "ProgStatus.R"
@@ -107,6 +111,10 @@ class RsiClient:
         """The robot has not come along with its correction in this movement."""
         self._halted = False
         """It has reported a fault in this movement: what it lacks of its way is given up."""
+        self._leaving, self._apart_mm = 0, 0.0
+        """Cycles in a row in which the robot left its correction, which stood; distance from it."""
+        self._ran_away = False
+        """It goes on and on, as each whole correction is added to the one before: it gets no more answers."""
         self._garbled = self._limited = False
         self._tags = pose_tags(link.correction_tag)
 
@@ -162,7 +170,11 @@ class RsiClient:
     def _in_time(self) -> bool:
         """Whether the telegram that was told first of those without an answer is one of the present cycle."""
         ipoc = self._asked.popleft()
-        return ipoc == self._newest and (self._answered is None or self._answered.ipoc != ipoc)
+        return (
+            not self._ran_away
+            and ipoc == self._newest
+            and (self._answered is None or self._answered.ipoc != ipoc)
+        )
 
     # --- telegrams
 
@@ -203,6 +215,7 @@ class RsiClient:
     def _begin_session(self, told: _Told, anew: bool) -> None:
         """The robot's program has begun anew, or was silent: its correction is what it tells."""
         self._answered, self._missed = None, 0
+        self._leaving, self._ran_away = 0, self._ran_away and not anew
         offset = told.offset or _NOTHING
         self._set(offset if math.hypot(*offset[:3]) > STANDING_MM else _NOTHING)
         if self._began is not None:
@@ -227,8 +240,11 @@ class RsiClient:
 
     def _watch(self, told: _Told) -> None:
         """See whether the robot has come along with its correction."""
+        stands = self._trail[-1] == self._total
         self._trail.append(self._total)
         self._offset = told.offset
+        if self._link.mode == "absolute" and self._offset is not None:
+            self._watch_flight(self._offset, stands)
         if self._offset is None or self._began is None or self._missed or self._strayed:
             return
         place = self._offset[:3]
@@ -241,6 +257,14 @@ class RsiClient:
                 "mode of RSI_ON are not as set",
             )
 
+    def _watch_flight(self, offset: Correction, stands: bool) -> None:
+        """See whether the robot leaves a correction that stands: a controller in relative mode adds up whole ones."""
+        before, self._apart_mm = self._apart_mm, math.dist(offset[:3], self._total[:3])
+        leaves = stands and self._apart_mm > before + RUNS_AWAY_MM
+        self._leaving = self._leaving + 1 if leaves else 0
+        if self._leaving >= RUNS_AWAY_CYCLES and self._apart_mm > self._link.stray_mm:
+            self._ran_away = True
+
     def _set(self, correction: Correction) -> None:
         """This is the robot's correction now."""
         self._total = correction
@@ -251,6 +275,11 @@ class RsiClient:
         if told.status is not None and told.status != RUNNING:
             return (
                 f"its program does not run (ProgStatus {told.status:g}); release its stops and start it again"
+            )
+        if self._ran_away:
+            return (
+                "it runs away from a correction that stands, and gets no more answers; give robot.rsi.mode what its "
+                "program gives to RSI_ON, then start it again"
             )
         if self._missed >= self._link.late_max:
             return (

@@ -309,7 +309,7 @@ class RtdeClient:
             return
         if stage is _Stage.FIRST:
             # Our program tells this number when it starts. An older program's state may still stand in the registers.
-            self._sequence = int(abs(self._stamp or 0.0) * 1e3) % _FIRST_MAX + 1
+            self._sequence = int(min(abs(self._stamp or 0.0), _FIRST_MAX) * 1e3) % _FIRST_MAX + 1
         self._send(Command.IDLE)
         if stage is _Stage.FIRST:
             profile = self._profile
@@ -332,7 +332,7 @@ class RtdeClient:
         """Number the packet, by the controller's clock where that goes on."""
         steps = 1
         if self._stamp is not None and math.isfinite(stamp) and stamp > self._stamp:
-            steps = min(max(1, round((stamp - self._stamp) / self._profile.cycle_s)), 1_000_000)
+            steps = max(1, round(min((stamp - self._stamp) / self._profile.cycle_s, 1e6)))
         self._stamp = stamp if math.isfinite(stamp) else self._stamp
         self._number += steps
 

@@ -284,6 +284,16 @@ def test_numbers_follow_the_controllers_clock_and_go_on_where_that_begins_again(
     assert steps == [1, 3, 1, 1, 1, 2, 1_000_000]
 
 
+def test_a_clock_beyond_all_numbers_is_survived() -> None:
+    talk = streaming()
+    talk.hear(data(1e308))
+    assert not talk.lost
+    assert not talk.reports[-1]
+    anew = Talk().up_to(Kind.DATA)
+    anew.hear(data(1e308))
+    assert not anew.lost
+
+
 def test_a_movement_is_answered_and_its_end_lets_the_arm_come_to_its_set_point() -> None:
     talk = streaming()
     client = talk.client

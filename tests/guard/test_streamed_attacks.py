@@ -1,0 +1,64 @@
+"""Ways in which a robot that streams, or a newer sensor, once led the guard past its promises."""
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from hil_bridge.settings.configuration import Config, read_config
+
+Guarded = Any
+Run = Callable[..., Guarded]
+STIFFNESS = 5e4
+"""Of a hard surface, N/m."""
+CYCLE_S = 0.02
+QUICKLY: dict[str, Any] = {
+    "run": {"duration_s": 1.0, "period_ms": 20},
+    "controller": {"sample_ms": 20},
+    "cell": {"start_position_mm": (900.0, -100.0, 592.0), "surface": {"stiffness_n_m": STIFFNESS}},
+    "task": {"retract_speed_mm_s": 20.0, "retract_mm": 4.0, "expected_stiffness_n_m": STIFFNESS},
+}
+
+
+def streamed(emulated: str, /, **more: Any) -> Config:
+    """A second of tracking with this robot and a Net F/T, both emulated; `more` are further settings of sections."""
+    values: dict[str, Any] = {name: dict(section) for name, section in QUICKLY.items()}
+    values |= {"robot": {"emulated": emulated}, "sensor": {"emulated": "netft"}}
+    for name, section in more.items():
+        values[name] = {**values.get(name, {}), **section} if isinstance(section, dict) else section
+    return read_config(values)
+
+
+def bound(config: Config) -> float:
+    """The bound of the true force while approaching, N."""
+    return config.limits.force_limit_n + STIFFNESS * config.task.approach_speed_mm_s * 1e-3 * CYCLE_S * 3
+
+
+def test_forces_that_come_later_and_later_are_not_taken_for_fresh(guarded: Run) -> None:
+    """Each step of the delay is shorter than `limits.stale_after_ms`, and all together are three times as long."""
+    later = {"ms": 150.0, "way": "from"}
+    delays = [
+        {"on": "frames", "fault": "delay", "phase": "approach", "after_s": at, "for_s": 600.0, "with": later}
+        for at in (0.05, 0.35, 0.65, 0.95)
+    ]
+    config = streamed("egm", faults=delays)
+    run = guarded(config)
+    assert run.largest <= bound(config)
+    assert "the newest force is" in run.cause
+    assert run.result.left == "retracted, 0.0 N"
+
+
+@pytest.mark.parametrize("holdon", ["by mode", "keep"])
+def test_a_robot_that_adds_whole_corrections_up_gets_no_more_of_them(guarded: Run, holdon: str) -> None:
+    """The client is set to absolute corrections, the robot's program to relative ones."""
+    config = streamed(
+        "rsi",
+        robot={"rsi": {"mode": "absolute"}},
+        cell={"rsi": {"mode": "relative", "holdon": holdon}},
+    )
+    run = guarded(config)
+    assert "does not follow" in run.cause
+    assert run.largest == 0.0
+    end = run.truths[-1][0]
+    assert run.cell.true_state(end).position[2] - 0.592 < 0.02
+    assert run.cell.true_state(end).velocity == pytest.approx((0.0, 0.0, 0.0), abs=1e-6)
