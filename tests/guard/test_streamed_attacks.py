@@ -11,7 +11,6 @@ Guarded = Any
 Run = Callable[..., Guarded]
 STIFFNESS = 5e4
 """Of a hard surface, N/m."""
-CYCLE_S = 0.02
 QUICKLY: dict[str, Any] = {
     "run": {"duration_s": 1.0, "period_ms": 20},
     "controller": {"sample_ms": 20},
@@ -29,21 +28,27 @@ def streamed(emulated: str, /, **more: Any) -> Config:
     return read_config(values)
 
 
-def bound(config: Config) -> float:
-    """The bound of the true force while approaching, N."""
-    return config.limits.force_limit_n + STIFFNESS * config.task.approach_speed_mm_s * 1e-3 * CYCLE_S * 3
+def bound(config: Config, speed_mm_s: float) -> float:
+    """The bound of the true force at this speed into the surface, N."""
+    return config.limits.force_limit_n + STIFFNESS * speed_mm_s * 1e-3 * config.run.period_ms * 1e-3 * 3
+
+
+def fault(on: str, name: str, **how: Any) -> dict[str, Any]:
+    """It begins with the approach and does not end."""
+    return {"on": on, "fault": name, "phase": "approach", "for_s": 600.0, "with": how}
+
+
+LATER = [
+    fault("frames", "delay", ms=150.0, way="from") | {"after_s": after_s}
+    for after_s in (0.05, 0.35, 0.65, 0.95)
+]
 
 
 def test_forces_that_come_later_and_later_are_not_taken_for_fresh(guarded: Run) -> None:
     """Each step of the delay is shorter than `limits.stale_after_ms`, and all together are three times as long."""
-    later = {"ms": 150.0, "way": "from"}
-    delays = [
-        {"on": "frames", "fault": "delay", "phase": "approach", "after_s": at, "for_s": 600.0, "with": later}
-        for at in (0.05, 0.35, 0.65, 0.95)
-    ]
-    config = streamed("egm", faults=delays)
+    config = streamed("egm", faults=LATER)
     run = guarded(config)
-    assert run.largest <= bound(config)
+    assert run.largest <= bound(config, config.task.approach_speed_mm_s)
     assert "the newest force is" in run.cause
     assert run.result.left == "retracted, 0.0 N"
 
@@ -62,3 +67,22 @@ def test_a_robot_that_adds_whole_corrections_up_gets_no_more_of_them(guarded: Ru
     end = run.truths[-1][0]
     assert run.cell.true_state(end).position[2] - 0.592 < 0.02
     assert run.cell.true_state(end).velocity == pytest.approx((0.0, 0.0, 0.0), abs=1e-6)
+
+
+OFTEN = {"run": {"duration_s": 2.0, "period_ms": 4}, "controller": {"sample_ms": 4}}
+SOFT = {"task": {"expected_stiffness_n_m": 5e3}}
+NOT_COVERED: dict[str, Config] = {
+    "an FT 300 has no clock to tell of a delay": streamed("egm", sensor={"emulated": "ft300"}, faults=LATER),
+    "EGM queues each answer that comes twice": streamed(
+        "egm", **OFTEN, **SOFT, faults=[fault("link", "duplication", probability=1.0, way="to")]
+    ),
+    "HOLDON = 1 repeats a step of relative mode": streamed(
+        "rsi", cell={"rsi": {"mode": "relative", "holdon": "keep"}}, faults=[fault("packets", "reordered")]
+    ),
+}
+
+
+@pytest.mark.xfail(strict=True, reason="docs/safety.md names them among what is not covered")
+@pytest.mark.parametrize("config", NOT_COVERED.values(), ids=NOT_COVERED)
+def test_the_force_stays_below_its_bound(guarded: Run, config: Config) -> None:
+    assert guarded(config).largest <= bound(config, config.limits.correction_mm_s)
