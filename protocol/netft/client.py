@@ -13,7 +13,6 @@ from protocol.netft.http import Page
 from protocol.netft.page import Configuration, parse_page
 from protocol.netft.profile import NetFtClientProfile
 from protocol.netft.records import (
-    INTERNAL_RATE_HZ,
     RECORD,
     RECORD_SIZE,
     SATURATED,
@@ -174,7 +173,7 @@ class NetFtClient:
             return
         self._configuration = configuration
         period = configuration.period or _USUAL_PERIOD_S
-        self._step = max(1, round(period * INTERNAL_RATE_HZ))
+        self._step = max(1, round(period * self._profile.internal_rate_hz))
         self._tare = HostTare(max(1, round(self._profile.zero_s / period)))
         self._start(now)
 
@@ -236,7 +235,7 @@ class NetFtClient:
 
     def _measured_at(self, arrived: float) -> float:
         """When the newest record was measured, s: its arrival, less what it took longer than the quickest ones."""
-        counted = self._sequence / INTERNAL_RATE_HZ
+        counted = self._sequence / self._profile.internal_rate_hz
         latest = self._clock + _CLOCKS_APART * max(arrived - self._heard_at, 0.0)
         self._clock, self._heard_at = min(arrived - counted, latest), arrived
         return arrived if arrived - counted <= latest else self._clock + counted

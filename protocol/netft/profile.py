@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 from protocol.marks import Mark, check_settings, setting
 from protocol.netft.page import HTTP_PORT
+from protocol.netft.records import INTERNAL_RATE_HZ
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,6 +28,13 @@ class NetFtClientProfile:
         0.1, Mark.OBSERVED, "silence after which the stream is asked for again", unit="s", above=0.0
     )
     starts: int = setting(10, Mark.OBSERVED, "requests for a stream before it is given up", minimum=1)
+    internal_rate_hz: float = setting(
+        INTERNAL_RATE_HZ,
+        Mark.OBSERVED,
+        "internal samples a second, by which a record's age is told: 7000 of a Net Box; an Axia has other rates",
+        unit="Hz",
+        above=0.0,
+    )
     zero_s: float = setting(
         0.1, Mark.CHOSEN, "time of which the mean makes a zero", unit="s", minimum=0.0, maximum=10.0
     )
