@@ -10,7 +10,7 @@ from hil_bridge.clock.realtime import real_time_thread
 from hil_bridge.errors import ConfigError
 from hil_bridge.kinds import ROBOTS, emulated_sensor
 from hil_bridge.runs.compose import check_panel, make_cell
-from hil_bridge.runs.pace import control_loop
+from hil_bridge.runs.pace import control_loop, paced
 from hil_bridge.runs.zeroing import known_wrist
 from hil_bridge.settings.configuration import Config
 from hil_bridge.settings.kinds import robot_kind, settings_of
@@ -56,7 +56,7 @@ def _tool(config: Config, virtual: bool) -> None:
 
 def _controller(config: Config, virtual: bool) -> None:
     """The controller's parameters, and that it is tuned for the control period."""
-    control_loop(config)
+    control_loop(paced(config))
 
 
 def _cell(config: Config, virtual: bool) -> None:

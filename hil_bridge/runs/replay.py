@@ -17,7 +17,7 @@ from hil_bridge.errors import ConfigError
 from hil_bridge.facts import RobotFacts
 from hil_bridge.recording import CycleRecord, Recording
 from hil_bridge.recording.device_facts import json_or_none
-from hil_bridge.runs.pace import control_loop
+from hil_bridge.runs.pace import control_loop, paced
 from hil_bridge.settings.configuration import Config, explain, read_config
 from hil_bridge.settings.earlier import FRAME_MS, RECORDED_CYCLE_S, is_counted, translated
 from hil_bridge.text_files import parse_json, read_toml
@@ -66,11 +66,13 @@ def recorded_config(recording: Recording, changes: Mapping[str, Any]) -> Config:
         raise ConfigError(
             f"the recording's configuration is not one of this version: {explain(error, None, set())}"
         ) from error
+    other = False
     match changes.get("controller"):
         case {"name": name} if name != values["controller"]["name"]:
-            values["controller"] = {}  # the parameters belong to the other one
+            values["controller"], other = {}, True  # the parameters belong to the one that was recorded
     try:
-        return read_config(_merged(values, changes))
+        config = read_config(_merged(values, changes))
+        return paced(config) if other else config
     except ValidationError as error:
         raise ConfigError(explain(error, None, set())) from error
 

@@ -14,6 +14,7 @@ from hil_bridge.errors import ConfigError
 from hil_bridge.kinds import ROBOTS, SENSORS, emulated_sensor, robot_of, sensor_of
 from hil_bridge.recording import read
 from hil_bridge.recording.device_facts import devices_of
+from hil_bridge.runs.checks import problems
 from hil_bridge.runs.pace import control_loop, paced
 from hil_bridge.settings.configuration import Config, load_config, read_config
 from hil_bridge.settings.kinds import settings_of
@@ -251,3 +252,10 @@ def test_a_broken_package_is_blamed_by_name_when_its_kind_is_chosen(
 def test_a_toy_has_no_panel() -> None:
     told = refusal("run", *NAMES, "--panel", "tcp-listen://127.0.0.1:0", "--no-record")
     assert "an emulated toyarm has no panel" in told
+
+
+@pytest.mark.parametrize("robot", ["egm", "rtde", "rsi"])
+def test_the_checks_before_a_run_know_its_pace(robot: str) -> None:
+    """`doctor` refuses no configuration that a run takes."""
+    config = read_config({"robot": {"emulated": robot}, "sensor": {"emulated": "netft"}})
+    assert not list(problems(config, virtual=True))

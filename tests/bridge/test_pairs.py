@@ -66,6 +66,9 @@ def test_the_record_tells_how_soon_a_robot_was_answered(robot: str, tmp_path: Pa
     a, b = (Path(record).read_bytes() for record in records)
     assert a == b
     assert "every command identical" in CliRunner().invoke(cli, ["replay", records[0]]).output
+    for other in ("pi", "fuzzy"):
+        asked = CliRunner().invoke(cli, ["replay", records[0], "--controller", other], catch_exceptions=False)
+        assert f"what {other} and these limits would have commanded" in asked.output
     told = CliRunner().invoke(cli, ["latency", records[0]], catch_exceptions=False).output
     assert "answers: " in told
     assert "0 of " in told
