@@ -156,7 +156,7 @@ def test_force_and_position_of_a_pair_are_of_the_same_moment(
     bench: RunBench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     listening = Listening()
-    monkeypatch.setattr("hil_bridge.runs.cycle.make_controller", lambda *_, **__: listening)
+    monkeypatch.setattr("hil_bridge.runs.pace.make_controller", lambda *_, **__: listening)
     bench(
         task={"loss_ms": 180e3, "approach_speed_mm_s": 5.5, "speed_mm_s": 0.0, "zero_lift_mm": 0.0},
         limits={"force_limit_n": 90.0},
@@ -181,7 +181,7 @@ def test_ages_follow_the_profiles() -> None:
 def test_a_controller_that_raises_stops_the_run_by_name_and_retracts(
     bench: RunBench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("hil_bridge.runs.cycle.make_controller", lambda *_, **__: Listening(fails_after=5))
+    monkeypatch.setattr("hil_bridge.runs.pace.make_controller", lambda *_, **__: Listening(fails_after=5))
     run = bench()
     assert run.result.outcome is Outcome.STOPPED
     assert run.result.cause == "controller listening failed: ArithmeticError: lost count"
