@@ -241,8 +241,9 @@ def test_two_processes_hold_ten_newtons_with_devices_of_today(
     robot: str, sensor: str, tmp_path: Path, short: str
 ) -> None:
     """UDP, TCP and a pseudo-terminal in real time; the set points go over them every few milliseconds."""
-    summary = tmp_path / "s.json"
-    with emulated("cell", "--robot", robot, "--sensor", sensor) as (_, options):
+    near, summary = tmp_path / "near.toml", tmp_path / "s.json"
+    near.write_text("[cell]\nstart_position_mm = [900.0, -100.0, 593.0]\n[cell.netft]\nboot_s = 0.2\n")
+    with emulated("cell", str(near), "--robot", robot, "--sensor", sensor) as (_, options):
         options = [text for text in options if text not in ("--tool-mass-kg", "0.5")]
         code, lines, errors = finish(
             start(
