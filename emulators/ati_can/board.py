@@ -119,7 +119,7 @@ class AtiCanBoard:
         return self._wire.next_deadline(due) if self._wire.bad else due
 
     def handle_deadline(self, now: float) -> None:
-        """What is late on its wire arrives."""
+        """Take the frames that were late on the wire and are due now."""
         if self._wire.bad and (data := self._wire.arrived(now)):
             self._take(data, now)
 

@@ -23,13 +23,13 @@ class BadLink:
         }
 
     def incoming(self, data: Sequence[bytes], now: float) -> Sequence[bytes]:
-        """What comes to the controller now."""
+        """Datagrams that reach the controller now."""
         if data and self._own.under_way("deaf", now) is not None:
             data = []
         return self._wire.incoming(data, now) if self._wire.bad else data
 
     def outgoing(self, data: Sequence[bytes], now: float) -> Sequence[bytes]:
-        """What comes out of the controller now."""
+        """Datagrams that leave the controller now."""
         return self._wire.outgoing(data, now) if self._wire.bad else data
 
     def next_deadline(self, other: float | None) -> float | None:

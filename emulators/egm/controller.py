@@ -51,7 +51,7 @@ _COUNTS = (0, 6)
 
 
 class State(Enum):
-    """What the controller does, and what its datagrams say of it: motors, guidance, RAPID [A but for GUIDING]."""
+    """State of the controller, as its datagrams tell it: motors, guidance, RAPID [A but for GUIDING]."""
 
     SET_UP = (Motors.ON, Guidance.STOPPED, Rapid.RUNNING)
     """The session is there, the guidance has not begun."""
@@ -105,7 +105,7 @@ class EgmController:
         """Number of the newest message; None before the first of a session."""
         self._queue: deque[Answer] = deque()
         self._delayed: deque[Answer | None] = deque()
-        """What each of the last cycles took from the queue."""
+        """Message that each of the last cycles took from the queue, None for none."""
         self._heard_at = self._held_since = self._since = now
         """When a message came, when the window of convergence was entered, when the state was."""
         self._seqno = 0

@@ -26,7 +26,7 @@ class Closable(Protocol):
 
 
 class Disturbance:
-    """What goes wrong, now or next. Its `handlers` are those of `faults`."""
+    """Faults that are under way, or come next. Its `handlers` are those of `faults`."""
 
     def __init__(self, controller: Controller) -> None:
         self._controller = controller

@@ -16,7 +16,7 @@ Registers = Mapping[str, Value]
 
 
 class Snapshot(NamedTuple):
-    """What one cycle leaves behind."""
+    """State at the end of one cycle."""
 
     time: float
     """By the controller's clock, s."""

@@ -63,7 +63,7 @@ class UrRtde:
             self._controller.write_output(f"output_double_register_{self._offset + number}", value)
 
     def _progress(self, value: int) -> None:
-        """What a move beside other commands has come to, -1 at its end: a count of writes in bits 16 … 22, the move's
+        """Tell the progress of a move beside other commands, -1 at its end: a count of writes in bits 16 … 22, the move's
         number in bits 24 … 30, and bit 15 with the value while it goes on.
         """
         self._writes = (self._writes + 1) % 128
@@ -95,7 +95,7 @@ class UrRtde:
             yield
 
     def _go_on(self) -> None:
-        """What lasts beside the commands: a servo, an even speed, a move."""
+        """Carry on a servo, an even speed or a move beside the commands."""
         controller = self._controller
         if self._walk is not None:
             place = next(self._walk, None)

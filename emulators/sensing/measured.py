@@ -1,4 +1,4 @@
-"""What a sensor's converter gives: the true wrench with faults of the signal, as whole numbers with noise and ends."""
+"""Output of a sensor's converter: the true wrench with faults of the signal, as whole numbers with noise and ends."""
 
 from dataclasses import dataclass
 
