@@ -63,8 +63,8 @@ class UrRtde:
             self._controller.write_output(f"output_double_register_{self._offset + number}", value)
 
     def _progress(self, value: int) -> None:
-        """Tell the progress of a move beside other commands, -1 at its end: a count of writes in bits 16 … 22, the move's
-        number in bits 24 … 30, and bit 15 with the value while it goes on.
+        """Tell the progress of a move beside other commands, -1 at its end. Bits 16 … 22 count the writes, bits 24 … 30
+        hold the move's number, and bit 15 stands with the value while it goes on.
         """
         self._writes = (self._writes + 1) % 128
         self._operations = (self._operations + (value == 0)) % 128
