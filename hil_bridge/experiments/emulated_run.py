@@ -10,7 +10,7 @@ from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.device_log import LogTo
 from hil_bridge.errors import ConfigError
 from hil_bridge.faults.schedule import FaultSchedule
-from hil_bridge.recording import CycleRecord, EventRecord
+from hil_bridge.recording import CycleRecord, EventRecord, StepRecord
 from hil_bridge.runs.compose import open_devices
 from hil_bridge.runs.cycle import Run, RunResult
 from hil_bridge.runs.pace import paced
@@ -56,6 +56,9 @@ class _Bench:
         self.events.append(record)
         if self.faults is not None:
             self.faults.event(record)
+
+    def step(self, record: StepRecord) -> None:
+        """A step of a program has ended."""
 
     async def main(self) -> EmulatedRun:
         clock, config = Clock.running(), self.config

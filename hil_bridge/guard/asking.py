@@ -1,7 +1,7 @@
 """The control loop of a configuration, asked about one observation at a time."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from hil_bridge.control import (
     Command,
@@ -14,6 +14,7 @@ from hil_bridge.control import (
     Sample,
     SupervisorState,
     Target,
+    Task,
     TaskOutput,
     TaskState,
 )
@@ -102,7 +103,8 @@ class Asked:
 
     def __init__(self, config: Config) -> None:
         self.config = config = paced(config)
-        self._loop: ControlLoop = control_loop(config)
+        whole = config.model_copy(update={"task": replace(config.task, step=())})  # one stroke, no program
+        self._loop: ControlLoop = control_loop(whole)
 
     def __call__(self, situation: Situation) -> Decision:
         """Decision of the loop. Raises ConfigError for a start, or an order before, outside the workspace."""
@@ -199,6 +201,7 @@ class Asked:
     ) -> tuple[TaskState, TaskOutput]:
         """Intent of task and controller; the task's own where it needs no memory of the controller."""
         if seen.phase is Phase.RETRACT and seen.wanted_mm is None:
+            assert isinstance(self._loop.task, Task)
             return self._loop.task.step(task, measurement)
         speed_mm_s = self.config.task.approach_speed_mm_s if seen.phase is Phase.APPROACH else 0.0
         step = self._loop.task.way(speed_mm_s, measurement.dt)

@@ -9,6 +9,7 @@ from hil_bridge.recording.records import (
     EventRecord,
     LinkRecord,
     SensorRecord,
+    StepRecord,
     TruthRecord,
     WireRecord,
 )
@@ -31,6 +32,7 @@ __all__ = [
     "Recording",
     "RunEnd",
     "SensorRecord",
+    "StepRecord",
     "TruthRecord",
     "WireRecord",
     "read",

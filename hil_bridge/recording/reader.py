@@ -20,10 +20,11 @@ from hil_bridge.recording.records import (
     EventRecord,
     LinkRecord,
     SensorRecord,
+    StepRecord,
     TruthRecord,
     WireRecord,
 )
-from hil_bridge.recording.topics import CYCLE, EVENT, LINK, SENSOR, TRUTH, WIRE, Record, Topic
+from hil_bridge.recording.topics import CYCLE, EVENT, LINK, SENSOR, STEP, TRUTH, WIRE, Record, Topic
 from hil_bridge.text_files import format_path, read_up_to
 
 CHUNK_LIMIT_BYTES = 1 << 24
@@ -61,6 +62,8 @@ class Recording:
     """Facts of the devices once they were ready, see `device_facts`; empty before that."""
     unix_zero_ns: int = 0
     """UNIX time at which the run's clock was 0, ns."""
+    steps: tuple[StepRecord, ...] = ()
+    """Steps of a program that have ended."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +79,7 @@ def read(path: Path) -> Recording:
 
     Raises ConfigError when there is no such file, when it is no record of a run, or holds no cycle.
     """
-    found = _contents(path, (CYCLE, SENSOR, TRUTH, EVENT))
+    found = _contents(path, (CYCLE, SENSOR, TRUTH, EVENT, STEP))
     if not found.records[CYCLE.name]:
         why = (
             "holds no control cycle"
@@ -89,7 +92,7 @@ def read(path: Path) -> Recording:
 
 def read_with_traffic(path: Path) -> tuple[Recording, RawTraffic]:
     """The same with the raw traffic of the wires. A run that never came to a cycle has that too. Errors as `read`."""
-    found = _contents(path, (CYCLE, SENSOR, TRUTH, EVENT, LINK, WIRE))
+    found = _contents(path, (CYCLE, SENSOR, TRUTH, EVENT, STEP, LINK, WIRE))
     return _recording(found), RawTraffic(tuple(found.records[LINK.name]), tuple(found.records[WIRE.name]))
 
 
@@ -105,6 +108,7 @@ def _recording(found: "_Contents") -> Recording:
         truths=tuple(records[TRUTH.name]),
         devices=metadata[DEVICES_NAME],
         unix_zero_ns=found.unix_zero_ns,
+        steps=tuple(records[STEP.name]),
     )
 
 

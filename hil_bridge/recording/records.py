@@ -102,6 +102,44 @@ class CycleRecord(Struct, frozen=True):
     that is asked.
     """
 
+    across_commanded: float = 0.0
+    """m along the third direction of the work frame, from the start point."""
+    step: int = 0
+    """Number of the program's step, passes counted, from 1; 0 without a program."""
+    quaternion_commanded: Annotated[tuple[float, ...], Meta(max_length=4)] = ()
+    """Commanded orientation, tool in base, w x y z; empty where it is that of the start."""
+
+
+class StepRecord(Struct, frozen=True):
+    """A step of a program that has ended."""
+
+    at: float
+    """When it ended, s on the run's clock."""
+    step: int
+    """Its number, passes counted, from 1."""
+    label: str
+    """Its number as it stands in the program, and its word."""
+    began_at: float
+    """s on the run's clock."""
+    way: float = 0.0
+    """Way along its path, m."""
+    force_mean: float | None = None
+    """Mean force while it pressed, N; left out for a step that does not press."""
+    within: float | None = None
+    """Share of the way for which the force was as near as its criterion wants; left out where there is none."""
+    wanted: float | None = None
+    """Share that its criterion wants; left out where there is none."""
+    passed: bool = True
+    """It ended as it was meant to, and met its criterion if it has one."""
+    name: str = ""
+    """Name of what it found."""
+    found: Annotated[tuple[float, ...], Meta(max_length=3)] = ()
+    """Place that it found, base frame, m; empty where it looked for none."""
+    text: str = ""
+    """How it ended, in words."""
+    resumable: float = 0.0
+    """Way until which its force was last within its band, m."""
+
 
 class SensorRecord(Struct, frozen=True):
     """One complete frame of the sensor's stream, with its values as they came."""

@@ -27,11 +27,14 @@ from hil_bridge.recording.records import (
     EventRecord,
     LinkRecord,
     SensorRecord,
+    StepRecord,
     TruthRecord,
     WireRecord,
 )
 
-Record: TypeAlias = CycleRecord | SensorRecord | LinkRecord | WireRecord | TruthRecord | EventRecord
+Record: TypeAlias = (
+    CycleRecord | SensorRecord | LinkRecord | WireRecord | TruthRecord | EventRecord | StepRecord
+)
 
 
 @dataclass(frozen=True)
@@ -260,4 +263,5 @@ LINK = Topic("/link", LinkRecord)
 WIRE = Topic("/wire", WireRecord)
 TRUTH = Topic("/truth", TruthRecord)
 EVENT = Topic("/event", EventRecord)
-TOPICS = (CYCLE, SENSOR, LINK, WIRE, TRUTH, EVENT)
+STEP = Topic("/step", StepRecord)
+TOPICS = (CYCLE, SENSOR, LINK, WIRE, TRUTH, EVENT, STEP)

@@ -25,8 +25,18 @@ from hil_bridge.control import (
     one_line,
     turn_between,
 )
+from hil_bridge.control.program.program import Program
+from hil_bridge.control.program.turning import apart, unit
 from hil_bridge.errors import BridgeError
-from hil_bridge.recording import CHECK_EVENT, PHASE_EVENT, STOP_EVENT, CycleRecord, EventRecord, Outcome
+from hil_bridge.recording import (
+    CHECK_EVENT,
+    PHASE_EVENT,
+    STOP_EVENT,
+    CycleRecord,
+    EventRecord,
+    Outcome,
+    StepRecord,
+)
 from hil_bridge.robots.seam import (
     ANSWER,
     PACKET,
@@ -41,7 +51,8 @@ from hil_bridge.robots.seam import (
 from hil_bridge.runs.leaving import ARRIVED_M, Left, WayOut, stand_still
 from hil_bridge.runs.pace import control_loop
 from hil_bridge.runs.small_steps import bring_up
-from hil_bridge.runs.zeroing import Zeroing, wrist
+from hil_bridge.runs.steps_told import STEP_EVENT, step_record, told_step
+from hil_bridge.runs.zeroing import Zeroing, known_wrist, wrist
 from hil_bridge.sensors.stream import ForceSensor
 from hil_bridge.settings.configuration import Config
 from protocol.geometry import Pose, Quaternion, Vector
@@ -58,6 +69,8 @@ TIME_IS_UP = "time is up"
 MAIN_SHARE = 0.5
 """Share of the approach direction on a sensor's axis from which that axis matters. Chosen: tilted by less than 60°."""
 
+TURNED_RAD = math.radians(0.05)
+"""Chosen: turn of a tool that a program turns, below which its wrist counts as the same: 0.01 N of 10 N."""
 
 _APPROACH, _TRAVEL = 0, 1
 """Directions in which the contact force is taken, by their place in `WristAtOrientation.directions`."""
@@ -71,6 +84,9 @@ class Log(Protocol):
 
     def event(self, record: EventRecord) -> None:
         """Something happened beside the cycles."""
+
+    def step(self, record: StepRecord) -> None:
+        """A step of a program has ended."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,7 +112,7 @@ class Run:
         self._robot = robot
         self._sensor = sensor
         self._log = log
-        self._wrist = wrist(config)
+        self._wrist = (known_wrist(config) if config.task.step else None) or wrist(config)
         self._loop = control_loop(config, robot.facts)
         self._zeroing = Zeroing(config, clock, robot, sensor, lambda text: self._event(CHECK_EVENT, text))
         self._way_out = WayOut(config, clock, robot, sensor, self._loop)
@@ -104,7 +120,7 @@ class Run:
         self._filter_delay = math.nan
         self._start: RobotReport
         self._orientation: Quaternion
-        """Orientation of the start: every order keeps it."""
+        """Orientation that was ordered last; that of the start where no program turns the tool."""
         self._quaternion_tare: Quaternion | None = None
         self._state: LoopState | None = None
         """After the last order that the robot took; None before the first cycle."""
@@ -113,6 +129,8 @@ class Run:
         self._phase = ""
         self._outcome, self._cause = Outcome.COMPLETED, ""
         self._followed: list[str] = []
+        self._steps = 0
+        """Steps of a program that have been told as ended."""
         self._pause = 0.0
         self._log_error: Exception | None = None
         """Error that the log raised for an event."""
@@ -257,7 +275,7 @@ class Run:
             after, decision = self._loop.judge(before, sample, proposal)
             controlled_at = self._clock.now()
             self._enter(decision.output.phase)
-            if decision.output.phase is Phase.TRACK and track_ends == math.inf:
+            if decision.output.phase is Phase.TRACK and track_ends == math.inf and not self._config.task.step:
                 track_ends = sample.now + self._config.run.duration_s
             if decision.output.failed:
                 stands = f"; {self._sensor.stands}" if self._sensor.stands else ""
@@ -265,6 +283,7 @@ class Run:
             if decision.stands:
                 sent = await stand_still(motion)
             else:
+                self._orientation = decision.quaternion or self._orientation
                 sent = await motion.to(Pose(decision.position, self._orientation), soon=unpaced)
             state = self._state = after
             self._log.cycle(
@@ -284,10 +303,24 @@ class Run:
                     correction=decision.target.depth - commanded_before,
                 )
             )
+            self._tell_steps(state)
             if decision.ended:
                 break
         if self._outcome is Outcome.COMPLETED and state.task.cause != TIME_IS_UP:
             self._cause = state.task.cause
+
+    def _tell_steps(self, state: LoopState) -> None:
+        """Tell the steps of a program that have ended since the cycle before."""
+        course = state.task.course
+        if course is None or len(course.done) == self._steps:
+            return
+        assert isinstance(self._loop.task, Program)
+        legs = self._loop.task.row.legs
+        for done in course.done[self._steps :]:
+            leg = legs[done.leg]
+            self._log.step(step_record(leg, done))
+            self._event(STEP_EVENT, told_step(leg, done))
+        self._steps = len(course.done)
 
     async def _cycle_starts(self) -> AsyncIterator[tuple[int, float]]:
         """Number and begin of each cycle: as fast as the robot reports, or at whole multiples of the period.
@@ -346,6 +379,7 @@ class Run:
             peak_moment,
             tilt,
             unchanged=frame.at - sensor.unchanged_since,
+            quaternion=quaternion,
         )
 
     def _frame(self) -> WrenchFrame:
@@ -370,13 +404,21 @@ class Run:
 
     def _wrist_at(self, quaternion: Quaternion) -> WristAtOrientation:
         """The wrist at this orientation, made again only when the tool has turned."""
-        if self._turned_wrist is None or self._turned_wrist[0] != quaternion:
+        if self._turned_wrist is None or self._is_another(self._turned_wrist[0], quaternion):
             frame = self._config.frame
             wrist = self._wrist.at_orientation(
                 quaternion, self._quaternion_tare, frame.approach, frame.travel
             )
             self._turned_wrist = quaternion, wrist
+            if self._config.task.step and self._sensor.peaks is not None:
+                self._sensor.peaks.turn(wrist, self._sensor.facts.scales)
         return self._turned_wrist[1]
+
+    def _is_another(self, known: Quaternion, quaternion: Quaternion) -> bool:
+        """Whether the wrist is to be made again: while a program turns the tool, not for every hair."""
+        if not self._config.task.step:
+            return known != quaternion
+        return known != quaternion and apart(unit(known), unit(quaternion)) > TURNED_RAD
 
     def _record(
         self, report: RobotReport, sample: Sample, decision: Decision, sent: Sent, **known: Any
@@ -393,7 +435,7 @@ class Run:
             answered_at=self._clock.now(),
             sensor_sequence=sample.sensor_sequence,
             force=decision.force,
-            force_reference=self._config.task.force_n,
+            force_reference=self._config.task.force_n if output.reference is None else output.reference,
             wrench=sample.wrench,
             position=report.pose.position,
             quaternion=report.pose.quaternion,
@@ -404,6 +446,9 @@ class Run:
             depth=decision.depth,
             depth_commanded=decision.target.depth,
             travel_commanded=decision.target.travel,
+            across_commanded=decision.target.across,
+            step=output.leg + 1 if self._config.task.step else 0,
+            quaternion_commanded=decision.quaternion or (),
             stiffness=command.stiffness,
             gain=command.gain,
             held=command.held,
@@ -413,6 +458,7 @@ class Run:
             explanation={
                 **numeric_explanation(command.explanation),
                 "feedback_m": command.correction,
+                **output.notes,
                 **({"surface_deg": math.degrees(decision.angle)} if decision.angle else {}),
             },
             target=decision.position,

@@ -11,11 +11,14 @@ from typing import Any
 
 from hil_bridge.control import ControlLoop, Supervisor, Task, make_controller
 from hil_bridge.control.controllers import PERIOD_FACTOR, check_period, controller_kind, sample_time
+from hil_bridge.control.program.legs import legs_of, seconds
+from hil_bridge.control.program.program import Face, Program, WorkFrame
 from hil_bridge.control.types import Tuning
 from hil_bridge.errors import ConfigError
 from hil_bridge.facts import RobotFacts
 from hil_bridge.settings.configuration import Config
 from hil_bridge.settings.kinds import facts_of, sensor_kind, settings_of
+from protocol.geometry import Vector
 
 
 def paced(config: Config) -> Config:
@@ -87,8 +90,9 @@ def control_loop(
         if not (config.run.period_ms or robot.cycle_s or robot.line_floor_s):
             raise ConfigError(f"a {robot.kind} tells no cycle time of its own: set run.period_ms")
         check_period(config.run.period_ms * 1e-3 or robot.cycle_s, controller, config.controller.sample_ms)
+    task = Task(config.task, controller, config.limits.force_limit_n, robot.order_step_m)
     return ControlLoop(
-        Task(config.task, controller, config.limits.force_limit_n, robot.order_step_m),
+        program(config, task) if config.task.step else task,
         Supervisor(config.limits, config.robot.velocity_mm_s * 1e-3),
         config.frame.approach,
         config.frame.travel,
@@ -97,3 +101,51 @@ def control_loop(
         tuned,
         fixed_dt,
     )
+
+
+def program(config: Config, task: Task) -> Program:
+    """The program of a configuration that has one; `task` has the run's own parameters.
+
+    Raises ConfigError with the number of the first step that cannot be.
+    """
+    frame = config.frame
+    origin = None if frame.origin_mm is None else metres(frame.origin_mm)
+    row = legs_of(
+        config.task.step, task, config.limits, frame.origin_mm is not None, config.robot.velocity_mm_s
+    )
+    seconds(row)
+    turns = any(getattr(leg.step, "orientation", "fixed") == "normal" for leg in row.legs)
+    if turns and config.sensor.url and not config.tool.mass_kg:
+        raise ConfigError(
+            'a step with orientation = "normal" turns the tool, and its weight with it: set tool.mass_kg '
+            "(hil-bridge identify-tool measures it)"
+        )
+    return Program(
+        row,
+        task,
+        WorkFrame(frame.approach, frame.travel, frame.across, origin),
+        frame.facing,
+        face(config),
+        frame.follow_normal,
+        config.task.safe_height_mm * 1e-3,
+    )
+
+
+def face(config: Config) -> Face:
+    """The tool's end: that of the configuration, or of the emulated cell."""
+    centre, radius = config.tool.face_mm, config.tool.face_radius_mm
+    if not config.sensor.url:
+        own = config.cell.tool
+        centre = (0.0, 0.0, own.length_mm) if centre is None else centre
+        radius = getattr(own, "face_radius_mm", 0.0) if radius is None else radius
+    x, y, z = (
+        a + b
+        for a, b in zip(metres(centre or (0.0, 0.0, 0.0)), metres(config.sensor.position_mm), strict=True)
+    )
+    return Face((x, y, z), (radius or 0.0) * 1e-3)
+
+
+def metres(vector_mm: Vector) -> Vector:
+    """A vector in m, of one in mm."""
+    x, y, z = vector_mm
+    return x * 1e-3, y * 1e-3, z * 1e-3

@@ -31,6 +31,7 @@ from hil_bridge.recording import (
     Recorder,
     RunEnd,
     SensorRecord,
+    StepRecord,
     WireRecord,
 )
 from hil_bridge.recording.topics import Record
@@ -181,6 +182,8 @@ class _Session:
         """Why the record is incomplete."""
         self.bugs: list[str] = []
         """Tracebacks that the run told."""
+        self.steps: list[StepRecord] = []
+        """Steps of a program that have ended."""
         self.hurried = False
         """A further signal came when the movement had ended already: the process shall end at once."""
 
@@ -226,6 +229,11 @@ class _Session:
             self._faults.event(record)
         if record.kind == FAULT_EVENT and (" struck " in record.text or " never came" in record.text):
             self.faults.append(record.text)
+
+    def step(self, record: StepRecord) -> None:
+        """A step of a program has ended."""
+        self._put(record.at, record)
+        self.steps.append(record)
 
     def _devices(self) -> Devices:
         """Facts of robot and sensor, both being ready."""

@@ -24,6 +24,7 @@ from pydantic import (
 from hil_bridge.clock.realtime import RealTime
 from hil_bridge.control import Contour, Limits, OscillationDetector, TaskParameters
 from hil_bridge.control.controllers import controller_kind
+from hil_bridge.control.program.facing import Facing
 from hil_bridge.errors import ConfigError
 from hil_bridge.faults.settings import FaultConfig
 from hil_bridge.kinds import ROBOTS, SENSORS, CellSection, emulated_sensor, faults_of
@@ -188,6 +189,14 @@ class ToolConfig(_Section):
     """
     centre_of_gravity_mm: Vector = (0.0, 0.0, 0.0)
     """Place from the sensor's origin, along the tool frame's axes."""
+    face_mm: Vector | None = None
+    """Centre of the tool's end, which the robot's position means, from the sensor's origin along the tool frame's axes.
+    Nothing where it is not known: an emulated cell then tells its own.
+    """
+    face_radius_mm: float | None = Field(default=None, ge=0)
+    """Radius of a flat end, whose moments tell how skew it stands; 0 for one that touches in a point. Nothing: that of
+    the emulated cell, else 0.
+    """
 
 
 class FrameConfig(_Section):
@@ -202,7 +211,17 @@ class FrameConfig(_Section):
     surface. Otherwise both keep the directions given here, as in the paper.
     """
     contour: Contour = Contour()
-    """How the normal is estimated."""
+    """How the normal is estimated, in a run without a program."""
+    origin_mm: Vector | None = None
+    """Origin of the work frame in the base frame, from which the paths of a program count; nothing: the start point."""
+    facing: Facing = Facing()
+    """How a program estimates the normal, in both directions."""
+
+    @property
+    def across(self) -> Vector:
+        """The work frame's y axis: x is `travel`, z points against `approach`."""
+        (a, b, c), (u, v, w) = self.approach, self.travel
+        return v * c - w * b, w * a - u * c, u * b - v * a
 
     @field_validator("approach", "travel")
     @classmethod

@@ -13,7 +13,7 @@ from hil_bridge.settings.configuration import Config, is_section, items_of, with
 from hil_bridge.text_files import toml_pair
 from protocol.marks import Setting, settings
 
-_TABLES = ("faults",)
+_TABLES = ("faults", "step")
 """Settings that are written as tables of their own, so that an empty list would stand in their way."""
 
 

@@ -53,7 +53,11 @@ class Limits:
     following_error_mm: float = 10.0
     """Distance between the reported and the commanded position above which the run stops."""
     tilt_deg: float = 2.0
-    """Turn of the reported orientation from that of the start above which the run stops."""
+    """Turn of the reported orientation from the ordered one above which the run stops; a turn under way adds to it."""
+    turn_deg_s: float = 10.0
+    """Fastest that a program may turn the tool."""
+    turn_total_deg: float = 30.0
+    """Farthest that a program may tip the tool's axis from that of the start."""
     cycle_deadline_ms: float = 500.0
     """Time for which a decision may last, or the computer stand still; longer stops the run."""
     zero_max_n: float = 50.0
@@ -88,6 +92,8 @@ class Limits:
             "moment_limit_nm",
             "following_error_mm",
             "tilt_deg",
+            "turn_deg_s",
+            "turn_total_deg",
             "cycle_deadline_ms",
             "zero_max_n",
             "weight_tolerance_n",

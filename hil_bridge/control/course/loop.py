@@ -13,6 +13,7 @@ from msgspec.structs import replace
 from hil_bridge.control.course.contour import Contour, ContourState, normal_force
 from hil_bridge.control.course.oscillation import Advice, OscillationDetector, OscillationState
 from hil_bridge.control.course.supervisor import (
+    LEAVES,
     Cause,
     Clamp,
     Observation,
@@ -23,8 +24,11 @@ from hil_bridge.control.course.supervisor import (
     Verdict,
 )
 from hil_bridge.control.course.task import Phase, Target, Task, TaskOutput, TaskState
+from hil_bridge.control.program.program import Program
+from hil_bridge.control.program.state import Felt
+from hil_bridge.control.program.turning import rotated
 from hil_bridge.control.types import SAMPLE_MS, Measurement
-from protocol.geometry import Vector
+from protocol.geometry import Quaternion, Vector
 
 # Asked for in every cycle, by names of this module: until Python 3.12 an enum's own name costs ten times that.
 _APPROACH, _TRACK, _RETRACT, _END = Phase.APPROACH, Phase.TRACK, Phase.RETRACT, Phase.END
@@ -78,6 +82,8 @@ class Sample(Struct, frozen=True):
     """Longest time for which the computer stood still since the decision before, or this one lasted, s."""
     unchanged: float = 0.0
     """Time for which the newest frames have carried identical counts, s."""
+    quaternion: Annotated[tuple[float, ...], Meta(max_length=4)] = ()
+    """Reported orientation, tool in base, w x y z; empty in recordings of earlier versions."""
 
 
 class LoopState(Struct, frozen=True):
@@ -108,6 +114,8 @@ class Proposal(Struct, frozen=True):
     task: TaskState
     oscillation: OscillationState
     contour: ContourState
+    felt: Felt | None = None
+    """The sample as a program knows it; None without a program."""
 
 
 class Decision(Struct, frozen=True):
@@ -129,6 +137,8 @@ class Decision(Struct, frozen=True):
     """The run is over; nothing more is to be commanded after this."""
     stands: bool = False
     """The tool is to stand still at once, wherever it was ordered to."""
+    quaternion: Quaternion | None = None
+    """Commanded orientation, tool in base; None for that of the start."""
 
     @property
     def reasons(self) -> tuple[str, ...]:
@@ -146,7 +156,7 @@ class Decision(Struct, frozen=True):
 class ControlLoop:
     """Task and supervisor in the task frame."""
 
-    task: Task
+    task: Task | Program
     supervisor: Supervisor
     approach: Vector
     """Unit vector into the surface, base frame."""
@@ -162,6 +172,12 @@ class ControlLoop:
     """Sample time that the controller is tuned for, s; the first sample counts as that long."""
     fixed_dt: float | None = None
     """Time that every sample counts as, s, instead of the measured one; None for the measured one."""
+
+    @property
+    def across(self) -> Vector:
+        """Third direction of the work frame, base frame: its y axis, travel × approach."""
+        (a, b, c), (u, v, w) = self.approach, self.travel
+        return v * c - w * b, w * a - u * c, u * b - v * a
 
     def initial(self, start: Vector) -> LoopState:
         """State at the start point, away from the surface; its reported position in the base frame, m."""
@@ -207,39 +223,47 @@ class ControlLoop:
             saturated=sample.saturated,
             dt=self.since(state.seen_at, sample.now),
         )
-        contour, measurement = self._face(state, measurement, sample)
-        task, output, failure = self._decide(state.task, measurement)
+        contour, before, felt = _NO_CONTOUR, state.task, None
+        if isinstance(self.task, Program):
+            before, measurement, felt = self.task.sense(
+                before, measurement, self._felt(state, sample, measurement)
+            )
+        else:
+            contour, measurement = self._face(state, measurement, sample)
+        task, output, failure = self._decide(before, measurement, felt)
         oscillation, advice = self._watch(state.oscillation, measurement, output)
         if advice is not None and advice.factor < 1.0:
             output = _calmed(output, measurement, advice)
-        return Proposal(depth, measurement, output, failure, advice, task, oscillation, contour)
+        return Proposal(depth, measurement, output, failure, advice, task, oscillation, contour, felt)
 
     def judge(self, state: LoopState, sample: Sample, proposal: Proposal) -> tuple[LoopState, Decision]:
         """The supervisor's word on what was proposed for this sample. A stop turns it into a retraction; while
         retracting only the limits of motion apply, and the force that the retraction itself makes.
         """
         task, output, advice = proposal.task, proposal.output, proposal.advice
-        seen = _observe(sample, proposal, output)
+        seen, guard = _observe(sample, proposal, output), self._guard(output)
         verdict: Verdict
         if output.phase is _RETRACT or output.phase is _END:
             request = self._request(state, output)
-            supervisor, verdict = self.supervisor.retreat(state.supervisor, seen, request)
+            supervisor, verdict = guard.retreat(state.supervisor, seen, request)
             if isinstance(verdict, Stop):
                 output = replace(output, cause=verdict.text, failed=True)
         elif proposal.failure:
-            supervisor, verdict = self.supervisor.stop(state.supervisor, Cause.CONTROLLER, proposal.failure)
+            supervisor, verdict = guard.stop(state.supervisor, Cause.CONTROLLER, proposal.failure)
         elif advice is not None and advice.retract:
             text = f"the force goes on swinging by ±{advice.amplitude:.1f} N at the lowest gain"
-            supervisor, verdict = self.supervisor.stop(state.supervisor, Cause.OSCILLATION, text)
+            supervisor, verdict = guard.stop(state.supervisor, Cause.OSCILLATION, text)
         else:
             request = self._request(state, output, self._barrier(proposal))
-            supervisor, verdict = self.supervisor.step(state.supervisor, seen, request)
+            supervisor, verdict = guard.step(state.supervisor, seen, request)
         cause = _cause(state, output, verdict)
         way: Verdict = verdict
         if cause and output.phase is not _RETRACT:
             # From the state before this sample: the controller's answer to it no longer matters.
-            task, output = self.task.step(self.task.fail(state.task, cause), proposal.measurement)
-            supervisor, way = self.supervisor.retreat(supervisor, seen, self._request(state, output))
+            task, output = self._stepped(
+                self.task.fail(state.task, cause), proposal.measurement, proposal.felt
+            )
+            supervisor, way = guard.retreat(supervisor, seen, self._request(state, output))
         elif advice is not None and advice.factor < 1.0 and not isinstance(verdict, Stop):
             lowered = f"the force swings: gain lowered to {advice.factor:g}"
             reasons = verdict.reasons if isinstance(verdict, Clamp) else ()
@@ -251,25 +275,35 @@ class ControlLoop:
         )
         # Held back at the border of the workspace, a retraction has come as far as it can.
         held = output.phase is _RETRACT and output.target.depth < before.depth <= depth
+        if held and not output.cause:  # of a program, which has more to do
+            output = replace(output, cause="the workspace ends before the tool is retracted", failed=True)
         after = LoopState(state.start, task, supervisor, proposal.oscillation, proposal.contour, sample.now)
         return after, Decision(
             proposal.depth,
             proposal.measurement.force,
             proposal.contour.angle,
-            Target(depth, output.target.travel),
+            Target(depth, output.target.travel, output.target.across),
             position,
             output,
             verdict,
             ended=task.phase is _END or held or stands,
             stands=stands,
+            quaternion=supervisor.quaternion,
         )
+
+    def _guard(self, output: TaskOutput) -> Supervisor:
+        """The supervisor with the limits of the step under way."""
+        if not isinstance(self.task, Program):
+            return self.supervisor
+        return Supervisor(self.task.row.legs[output.leg].limits, self.supervisor.speed)
 
     def _barrier(self, proposal: Proposal) -> float:
         """Depth, m, at which the force limit less its margin is predicted. The prediction takes the stiffness in hand,
         the reported position and the force that belongs to it. What the robot has yet to do of its orders lies before
         it.
         """
-        limits, measurement, command = self.supervisor.limits, proposal.measurement, proposal.output.command
+        limits, measurement = self._guard(proposal.output).limits, proposal.measurement
+        command = proposal.output.command
         stiffness = self.task.parameters.expected_stiffness_n_m
         if command is not None and command.stiffness is not None:
             stiffness = max(stiffness, command.stiffness)
@@ -277,14 +311,45 @@ class ControlLoop:
         barrier = measurement.position + left / stiffness
         return barrier if math.isfinite(barrier) else measurement.position
 
-    def _decide(self, state: TaskState, measurement: Measurement) -> tuple[TaskState, TaskOutput, str]:
+    def _stepped(
+        self, state: TaskState, measurement: Measurement, felt: Felt | None
+    ) -> tuple[TaskState, TaskOutput]:
+        if isinstance(self.task, Program):
+            assert felt is not None
+            return self.task.step(state, measurement, felt)
+        return self.task.step(state, measurement)
+
+    def _felt(self, state: LoopState, sample: Sample, measurement: Measurement) -> Felt:
+        """The sample as a program needs it."""
+        x, y, z = (p - s for p, s in zip(sample.position, state.start, strict=True))
+        r, s, t = self.across
+        across, quaternion = 0.0, None
+        if len(sample.quaternion) == 4:
+            quaternion = sample.quaternion
+            if len(sample.wrench) == 6:
+                across = -sum(
+                    f * n for f, n in zip(rotated(quaternion, sample.wrench[:3]), self.across, strict=True)
+                )
+        return Felt(
+            sample.now,
+            (measurement.travel, x * r + y * s + z * t),
+            sample.position,
+            quaternion,
+            (sample.force, sample.force_travel, across),
+            sample.wrench,
+            sample.sensor_sequence,
+        )
+
+    def _decide(
+        self, state: TaskState, measurement: Measurement, felt: Felt | None
+    ) -> tuple[TaskState, TaskOutput, str]:
         """The task's step, and what is wrong with its controller; empty while nothing is.
 
         A controller may come from another package: every error that it raises, and an answer that is not of numbers,
         is its failure.
         """
         try:
-            task, output = self.task.step(state, measurement)
+            task, output = self._stepped(state, measurement, felt)
             command = output.command
             if command is None or (math.isfinite(command.position) and math.isfinite(command.correction)):
                 return task, output, ""
@@ -323,14 +388,18 @@ class ControlLoop:
             return _NO_OSCILLATION, None
         if output.command is None or not output.in_contact:
             return state, None
-        error = measurement.force - self.task.parameters.force_n
+        wanted = self.task.parameters.force_n if output.reference is None else output.reference
+        error = measurement.force - wanted
         return self.detector.step(state, error, output.command.stiffness, measurement.dt)
 
     def _request(self, state: LoopState, output: TaskOutput, barrier: float = math.inf) -> Request:
         depth, travel = output.target.depth, output.target.travel
         (x, y, z), (a, b, c), (u, v, w) = state.start, self.approach, self.travel
         target = x + depth * a + travel * u, y + depth * b + travel * v, z + depth * c + travel * w
-        return Request(depth, target, self.approach, barrier)
+        if aside := output.target.across:
+            x, y, z = (p + aside * n for p, n in zip(target, self.across, strict=True))
+            target = x, y, z
+        return Request(depth, target, self.approach, barrier, output.turned)
 
 
 def one_line(text: str) -> str:
@@ -356,6 +425,8 @@ def _cause(state: LoopState, output: TaskOutput, verdict: Verdict) -> str:
             output.phase is _APPROACH and depth <= state.supervisor.depth
         ):
             return f"no contact found: the approach {', '.join(reasons)}"
+        case Clamp(reasons=reasons) if output.phase in (Phase.MOVE, Phase.SEEK) and LEAVES in reasons:
+            return f"the {output.phase} {LEAVES}"
         case _:
             return ""
 
@@ -381,4 +452,5 @@ def _observe(sample: Sample, proposal: Proposal, output: TaskOutput) -> Observat
         sample.tilt or 0.0,
         sample.gap,
         proposal.measurement.dt,
+        None if proposal.felt is None else proposal.felt.quaternion,
     )

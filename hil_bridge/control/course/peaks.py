@@ -20,14 +20,18 @@ class Peaks:
         """`wrist` is the wrist at the orientation that the tool keeps, its first direction the approach. `scales`
         are those of the sensor's facts, `zero` is the contact wrench that was taken for zero, N and N·m.
         """
-        rows = [[value * scale for value, scale in zip(row, scales, strict=True)] for row in wrist.matrix]
-        self._matrix = tuple(map(tuple, rows))
-        self._offset = wrist.offset
-        self._direction = wrist.directions[0]
+        self.turn(wrist, scales)
         self._zero = tuple(zero)
         self._force = self._resultant = self._moment = 0.0
         self.saturated = False
         """An axis was at the end of its range in one of the frames since `take`."""
+
+    def turn(self, wrist: WristAtOrientation, scales: Sequence[float]) -> None:
+        """The tool stands in another orientation from now on."""
+        rows = [[value * scale for value, scale in zip(row, scales, strict=True)] for row in wrist.matrix]
+        self._matrix = tuple(map(tuple, rows))
+        self._offset = wrist.offset
+        self._direction = wrist.directions[0]
 
     def frame(self, values: Sequence[float]) -> None:
         """A frame has come: its six values. In single numbers, for this runs for every frame of a stream."""

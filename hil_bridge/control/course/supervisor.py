@@ -16,10 +16,12 @@ from typing import ClassVar, TypeAlias
 from msgspec import Struct
 from msgspec.structs import replace
 
+from hil_bridge.control.course import orientation
 from hil_bridge.control.course.limits import Limits
+from hil_bridge.control.program.turning import apart, unit
 from hil_bridge.control.types import SAMPLE_MS
 from hil_bridge.errors import ConfigError
-from protocol.geometry import Vector
+from protocol.geometry import Quaternion, Vector
 
 
 class Cause(StrEnum):
@@ -78,11 +80,13 @@ class Observation(Struct, frozen=True):
     position: Vector | None = None
     """Reported position, base frame, m; None where it is not to be judged."""
     tilt: float = 0.0
-    """Turn of the reported orientation from that of the start, rad."""
+    """Turn of the reported orientation from the ordered one, rad."""
     gap: float = 0.0
     """Longest time for which the computer stood still since the decision before, or this one lasted, s."""
     dt: float = SAMPLE_MS * 1e-3
     """Time since the cycle before, as `Measurement.dt`, s."""
+    quaternion: Quaternion | None = None
+    """Reported orientation; None where it is not known."""
 
 
 class Request(Struct, frozen=True):
@@ -96,6 +100,8 @@ class Request(Struct, frozen=True):
     """Approach direction: unit vector into the surface, base frame."""
     barrier: float = math.inf
     """Depth at which the force limit less its margin is predicted, m."""
+    quaternion: Quaternion | None = None
+    """Orientation wanted; None leaves it as it is."""
 
 
 class Allow(Struct, frozen=True):
@@ -126,6 +132,9 @@ class Stop(Struct, frozen=True):
     cause: Cause
     text: str
 
+
+LEAVES = "leaves the workspace"
+"""Reason of a clamp at the workspace's border."""
 
 Verdict: TypeAlias = Allow | Clamp | Stop
 
@@ -162,6 +171,12 @@ class SupervisorState(Struct, frozen=True):
     """When a position was judged last, s, and that position, base frame, m; None before the first."""
     retreat: Retreat | None = None
     """None while the run goes on."""
+    quaternion: Quaternion | None = None
+    """Orientation allowed last; None for that of the start."""
+    home: Quaternion | None = None
+    """Orientation from which the tilt counts; None before the tool was turned."""
+    lag: float = 0.0
+    """Turn that the robot may not have followed yet, rad."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,6 +209,9 @@ class Supervisor:
             return replace(state, still=still, pressed=pressed, stopped=stop), stop
         verdict = _clamp(self.limits, state, request, observation.dt)
         position = observation.position
+        quaternion, home, lag = state.quaternion, state.home, state.lag
+        if request.quaternion is not None:
+            verdict, quaternion, home, lag = self._turn(state, observation, request.quaternion, verdict)
         return (
             SupervisorState(
                 verdict.depth,
@@ -203,9 +221,26 @@ class Supervisor:
                 pressed,
                 None,
                 None if position is None else (observation.now, position),
+                None,
+                quaternion,
+                home,
+                lag,
             ),
             verdict,
         )
+
+    def _turn(
+        self, state: SupervisorState, seen: Observation, wanted: Quaternion, verdict: Allow | Clamp
+    ) -> tuple[Allow | Clamp, Quaternion, Quaternion, float]:
+        """The verdict with that on the orientation; the orientation allowed, that of the start, and the new lag."""
+        before = state.quaternion or unit(seen.quaternion or wanted)
+        home = state.home or before
+        given, reasons = orientation.allowed(self.limits, home, before, wanted, seen.dt)
+        lag = orientation.behind(state.lag, apart(before, given), seen.dt)
+        if reasons:
+            told = verdict.reasons if isinstance(verdict, Clamp) else ()
+            verdict = Clamp(verdict.depth, verdict.position, (*told, *reasons))
+        return verdict, given, home, lag
 
     def stop(self, state: SupervisorState, cause: Cause, text: str) -> tuple[SupervisorState, Stop]:
         """End the motion for a reason that was found elsewhere. The first stop stays."""
@@ -370,9 +405,10 @@ class Supervisor:
                 f"allowed are {limits.following_error_mm:g} mm"
             )
         tilt_deg = math.degrees(seen.tilt)
-        if tilt_deg > limits.tilt_deg:
+        if tilt_deg > limits.tilt_deg + math.degrees(state.lag):
+            where = "start" if state.quaternion is None else "ordered orientation"
             return (
-                f"the robot reports a tool turned by {tilt_deg:.1f}° from the start, "
+                f"the robot reports a tool turned by {tilt_deg:.1f}° from the {where}, "
                 f"allowed are {limits.tilt_deg:g}°"
             )
         if not _inside(limits, position, _STANDS):
@@ -444,7 +480,7 @@ def _clamp(limits: Limits, state: SupervisorState, request: Request, dt: float) 
         )
         target = x, y, z
         depth = state.depth + share * (depth - state.depth)
-        reasons.append("leaves the workspace")
+        reasons.append(LEAVES)
 
     if not reasons:
         return Allow(depth, request.position)

@@ -7,13 +7,15 @@ learnt stiffness is kept. `in_contact` tells it of the loss.
 import math
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 from msgspec import Struct
 from msgspec.structs import replace
 
 from hil_bridge.control.course.checks import require_above_zero, require_not_negative
+from hil_bridge.control.program.steps import Step
 from hil_bridge.control.types import POSITION_STEP_MM, SAMPLE_MS, Command, Controller, Measurement, as_command
+from protocol.geometry import Quaternion
 
 
 class Phase(StrEnum):
@@ -25,6 +27,12 @@ class Phase(StrEnum):
     """The controller holds the force while the tool travels along the surface."""
     RETRACT = "retract"
     """Step back out of the surface."""
+    MOVE = "move"
+    """To another place through free space."""
+    SEEK = "seek"
+    """Along the surface until something pushes back."""
+    ZERO = "zero"
+    """Stand still in free space, and take the reading for zero."""
     END = "end"
     """Nothing more to command."""
 
@@ -88,6 +96,13 @@ class TaskParameters:
     uncertainty of its sensor.
     """
 
+    step: tuple[Step, ...] = ()
+    """A program, a table [[task.step]] for each step; empty for one approach, one straight way and one retraction."""
+    safe_height_mm: float = 0.0
+    """Height over the start point, away from the surface, at which a program goes to another place."""
+    file: str = ""
+    """File with the steps of a program, beside the configuration; empty for steps that stand here, or for none."""
+
     @property
     def single_step_mm(self) -> float:
         """Step of a movement that waits after each one: the way of an approach in `SAMPLE_MS`. Where it is long enough,
@@ -113,7 +128,13 @@ class TaskParameters:
             "zero_change_n",
         )
         require_not_negative(
-            self, "loss_threshold_n", "speed_mm_s", "travel_from_share", "retract_mm", "zero_lift_mm"
+            self,
+            "loss_threshold_n",
+            "speed_mm_s",
+            "travel_from_share",
+            "retract_mm",
+            "zero_lift_mm",
+            "safe_height_mm",
         )
         if self.loss_threshold_n > self.contact_threshold_n:
             raise ValueError("loss_threshold_n must not be above contact_threshold_n")
@@ -129,7 +150,22 @@ class Target(Struct, frozen=True):
     depth: float
     """Along the approach direction, m."""
     travel: float
-    """Along the surface, m."""
+    """Along the travel direction, m."""
+    across: float = 0.0
+    """Along the third direction of the work frame, m."""
+
+
+class Stride(NamedTuple):
+    """How a program changes one sample of tracking."""
+
+    reference: float | None = None
+    """Desired force, N; None for that of the task."""
+    feed: float = 1.0
+    """Share of the speed along the surface; negative goes back."""
+
+
+PLAIN = Stride()
+"""A sample that no program changes."""
 
 
 class TaskState(Struct, frozen=True):
@@ -159,6 +195,10 @@ class TaskState(Struct, frozen=True):
     """Why the run retracts or has ended; empty while it goes on."""
     failed: bool = False
     """The cause is a failure, not the end of the work."""
+    stiffness: float | None = None
+    """The controller's last estimate of the contact stiffness, N/m; kept for a program."""
+    course: Any = None
+    """State of the program; None for a task without one."""
 
 
 class TaskOutput(Struct, frozen=True):
@@ -176,6 +216,14 @@ class TaskOutput(Struct, frozen=True):
     """Why the run retracts or has ended; empty while it goes on."""
     failed: bool = False
     """The cause is a failure, not the end of the work."""
+    reference: float | None = None
+    """Desired force of this sample, N; None for that of the task."""
+    turned: Quaternion | None = None
+    """Orientation wanted, base frame; None for that of the start."""
+    leg: int = 0
+    """Place of the program's step in its list, from 0; 0 without a program."""
+    notes: dict[str, float] = {}
+    """Further numbers of the program for the record, by name."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -220,7 +268,9 @@ class Task:
         """The answer that changes nothing."""
         return _output(state, measurement.commanded, state.phase)
 
-    def step(self, state: TaskState, measurement: Measurement) -> tuple[TaskState, TaskOutput]:
+    def step(
+        self, state: TaskState, measurement: Measurement, stride: Stride = PLAIN
+    ) -> tuple[TaskState, TaskOutput]:
         """One sample. `measurement.in_contact` is not looked at: contact is judged here, from the force.
 
         A measurement that is not finite changes nothing and asks for the depth commanded before. A retraction goes on
@@ -237,7 +287,7 @@ class Task:
             state = replace(state, in_contact=touching, free=free)
         phase = state.phase
         if phase is _TRACK:
-            return self._track(state, measurement)
+            return self._track(state, measurement, stride)
         if phase is _APPROACH:
             return self._approach(state, measurement)
         if phase is _RETRACT:
@@ -253,7 +303,7 @@ class Task:
             return self._track(state, measurement)
         turn = measurement.commanded if state.turn is None else state.turn
         ahead = measurement.commanded - measurement.position
-        depth = measurement.commanded + self._careful_step(ahead, measurement.dt)
+        depth = measurement.commanded + self.careful_step(ahead, measurement.dt)
         limit_mm = self.parameters.approach_depth_limit_mm
         if depth - turn > limit_mm * 1e-3 + _ROUNDING:
             cause = f"no contact found within {limit_mm:g} mm"
@@ -263,7 +313,7 @@ class Task:
             return self._retract(self.fail(state, self._edge), measurement)
         return state, _output(state, depth, Phase.APPROACH)
 
-    def _careful_step(self, ahead: float, dt: float) -> float:
+    def careful_step(self, ahead: float, dt: float) -> float:
         """Way into a place where the tool has not been, m, so short that a touch ends within the force allowed.
 
         Derived: there is no contact at the reported position. So however late a touch shows, it ends no deeper below
@@ -285,11 +335,14 @@ class Task:
     def _edge(self) -> str:
         return f"the surface ended: no contact within {self.parameters.search_depth_limit_mm:g} mm"
 
-    def _track(self, state: TaskState, measurement: Measurement) -> tuple[TaskState, TaskOutput]:
-        enough = measurement.force >= self.parameters.travel_from_share * self.parameters.force_n
+    def _track(
+        self, state: TaskState, measurement: Measurement, stride: Stride = PLAIN
+    ) -> tuple[TaskState, TaskOutput]:
+        reference = self.parameters.force_n if stride.reference is None else stride.reference
+        enough = measurement.force >= self.parameters.travel_from_share * reference
         settled = state.settled or enough
         goes_on = state.in_contact and settled
-        step = self.way(self.parameters.speed_mm_s, measurement.dt) * measurement.advance
+        step = self.way(self.parameters.speed_mm_s, measurement.dt) * measurement.advance * stride.feed
         travel = state.travel + (step if goes_on else 0.0)
         seen = Measurement(
             measurement.time,
@@ -305,7 +358,7 @@ class Task:
             measurement.saturated,
             measurement.dt,
         )
-        memory, answer = self.controller.step(state.controller, seen, self.parameters.force_n)
+        memory, answer = self.controller.step(state.controller, seen, reference)
         command = as_command(answer)
         if state.in_contact:
             state = TaskState(
@@ -321,6 +374,8 @@ class Task:
                 memory,
                 state.cause,
                 state.failed,
+                state.stiffness,
+                state.course,
             )
             output = _output(state, command.position, _TRACK, command)
             if travel > self.parameters.travel_limit_mm * 1e-3 - _ROUNDING:
@@ -358,7 +413,7 @@ class Task:
             depth = max(commanded - step, 0.0)
         else:
             behind = measurement.position - commanded
-            depth = max(commanded - min(step, self._careful_step(behind, measurement.dt)), goal)
+            depth = max(commanded - min(step, self.careful_step(behind, measurement.dt)), goal)
         state = replace(state, turn=turn)
         output = _output(state, depth, Phase.RETRACT)
         # A command that the supervisor held back at the workspace's border does not count as arrived.

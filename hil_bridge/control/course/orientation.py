@@ -1,0 +1,42 @@
+"""The guard over the tool's orientation: how fast it may be turned, and how far its axis may tip. Pure."""
+
+import math
+
+from hil_bridge.control.course.limits import Limits
+from hil_bridge.control.program.turning import apart, brought, rotated
+from protocol.geometry import Quaternion
+
+_FOLLOWS_S = 0.5
+"""Chosen: time within which a robot follows an order to turn: two cycles of the slowest line, and the servo."""
+_ROUNDING = 1e-9
+"""Slack for arithmetic, rad."""
+_AXIS = 0.0, 0.0, 1.0
+"""The tool's own axis, tool frame."""
+
+
+def allowed(
+    limits: Limits, home: Quaternion, before: Quaternion, wanted: Quaternion, dt: float
+) -> tuple[Quaternion, tuple[str, ...]]:
+    """The orientation that may be ordered, `dt` seconds after the one before, and why it is not the wanted one.
+
+    `home` is the orientation of the start, from which the tilt counts.
+    """
+    reasons: tuple[str, ...] = ()
+    given, most = wanted, math.radians(limits.turn_deg_s) * dt
+    if apart(before, wanted) > most + _ROUNDING:
+        given = brought(before, wanted, most)
+        reasons = (f"turned faster than {limits.turn_deg_s:g}°/s",)
+    if tilt(home, given) > max(math.radians(limits.turn_total_deg), tilt(home, before)) + _ROUNDING:
+        return before, (f"tilted by more than {limits.turn_total_deg:g}°",)
+    return given, reasons
+
+
+def tilt(a: Quaternion, b: Quaternion) -> float:
+    """Angle between the tool's axes at two orientations, rad: a turn about the axis itself does not count."""
+    (x, y, z), (u, v, w) = rotated(a, _AXIS), rotated(b, _AXIS)
+    return math.atan2(math.hypot(y * w - z * v, z * u - x * w, x * v - y * u), x * u + y * v + z * w)
+
+
+def behind(lag: float, turned: float, dt: float) -> float:
+    """Turn that a robot may not have followed yet, rad: what was ordered lately, fading."""
+    return lag * math.exp(-dt / _FOLLOWS_S) + turned

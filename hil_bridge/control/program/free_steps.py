@@ -1,0 +1,120 @@
+"""Steps in free space: to another place, along the surface until something pushes back, and a zero. Pure.
+
+Each takes one sample. It answers with the state, the depth wanted, whether the step ends, and trouble in words.
+"""
+
+import math
+from typing import TYPE_CHECKING, TypeAlias
+
+from msgspec.structs import replace
+
+from hil_bridge.control.course.task import TaskState
+from hil_bridge.control.program.state import CourseState, Felt
+from hil_bridge.control.program.turning import apart
+from hil_bridge.control.types import Measurement
+
+if TYPE_CHECKING:
+    from hil_bridge.control.program.program import Program
+
+Taken: TypeAlias = tuple[TaskState, float, bool, str]
+
+_ROUNDING = 1e-9
+"""Slack for sums of steps, m."""
+_THERE = 0.5e-3
+"""Chosen: distance from the place at which the tool counts as arrived, m."""
+_AS_AT_HOME = math.radians(0.5)
+"""Chosen: turn from the orientation of the start at which the tool counts as turned back."""
+
+
+def move(program: "Program", state: TaskState, measurement: Measurement, felt: Felt) -> Taken:
+    """Up to the safe height, across, and wait there until the tool has come."""
+    course, leg = state.course, program.leg(state)
+    step, task = leg.step, leg.stroke
+    touch = step.contact_n or task.parameters.contact_threshold_n
+    depth, force = measurement.commanded, math.hypot(*felt.force)
+    if force > touch:
+        return state, depth, False, f"the tool touches something in free space, with {force:.1f} N"
+    speed = min(step.speed_mm_s, task.parameters.retract_speed_mm_s)
+    if depth > course.safe + _ROUNDING:
+        return state, max(depth - task.way(speed, measurement.dt), course.safe), False, ""
+    x, y = (place * 1e-3 - start for place, start in zip(step.to_mm, course.start, strict=True))
+    course, arrived = _towards(course, (x, y), task.way(step.speed_mm_s, measurement.dt))
+    there = (
+        arrived and math.dist(felt.place, course.at) <= _THERE and abs(measurement.position - depth) <= _THERE
+    )
+    turned = course.home is None or course.turned is None or apart(course.turned, course.home) < _AS_AT_HOME
+    return replace(state, course=course), depth, there and turned, ""
+
+
+def seek(program: "Program", state: TaskState, measurement: Measurement, felt: Felt) -> Taken:
+    """Along one direction until something pushes back, then a little way back."""
+    course, leg = state.course, program.leg(state)
+    step, task, depth = leg.step, leg.stroke, measurement.commanded
+    assert leg.way is not None
+    (h, k) = leg.way.headings[0]
+    local, reported = (
+        (x - course.origin[0]) * h + (y - course.origin[1]) * k for x, y in (course.at, felt.place)
+    )
+    if course.stage == 0:
+        force = felt.force[1] * h + felt.force[2] * k
+        if force > task.parameters.contact_threshold_n:
+            back = max(reported - step.back_off_mm * 1e-3, 0.0)
+            course = replace(course, stage=1, stage_at=back, found=(felt.position, 1))
+        elif local >= leg.way.length - _ROUNDING:
+            return state, depth, False, f"nothing found within {step.at_most_mm:g} mm"
+        else:
+            way = min(
+                task.way(task.parameters.speed_mm_s, measurement.dt),
+                task.careful_step(local - reported, measurement.dt),
+                leg.way.length - local,
+            )
+            course = replace(course, at=(course.at[0] + way * h, course.at[1] + way * k))
+        return replace(state, course=course), depth, False, ""
+    (x, y), goal = course.origin, course.stage_at
+    course, arrived = _towards(
+        course, (x + goal * h, y + goal * k), task.way(task.parameters.retract_speed_mm_s, measurement.dt)
+    )
+    there = arrived and math.dist(felt.place, course.at) <= _THERE
+    return replace(state, course=course), depth, there, ""
+
+
+def zero(program: "Program", state: TaskState, measurement: Measurement, felt: Felt) -> Taken:
+    """Stand still, then average what the sensor reads."""
+    course, step = state.course, program.leg(state).step
+    depth, passed = measurement.commanded, felt.now - course.since
+    if passed < step.settle_ms * 1e-3:
+        return state, depth, False, ""
+    sums, count, newest = course.readings
+    if felt.sensor_sequence != newest and len(felt.wrench) == 6:
+        raw = [value + zero for value, zero in zip(felt.wrench, course.zero or (0.0,) * 6, strict=True)]
+        sums = tuple(a + b for a, b in zip(sums or (0.0,) * 6, raw, strict=True))
+        course = replace(course, readings=(sums, count + 1, felt.sensor_sequence))
+        count += 1
+    if passed < (step.settle_ms + step.for_ms) * 1e-3:
+        return replace(state, course=course), depth, False, ""
+    if not count:
+        return state, depth, False, "no force to take for zero"
+    mean = tuple(value / count for value in sums)
+    before = course.zero or (0.0,) * 6
+    force = math.hypot(*(new - old for new, old in zip(mean[:3], before[:3], strict=True)))
+    if force > step.at_most_n:
+        return (
+            state,
+            depth,
+            False,
+            (
+                f"{force:.1f} N would be taken for zero, allowed are {step.at_most_n:g} N: "
+                "the tool touches something, or the sensor drifts"
+            ),
+        )
+    return replace(state, course=replace(course, zero=mean)), depth, True, ""
+
+
+def _towards(course: CourseState, place: tuple[float, float], way: float) -> tuple[CourseState, bool]:
+    """The commanded place nearer to another one, and whether it is there."""
+    (x, y), (u, v) = course.at, place
+    left = math.hypot(u - x, v - y)
+    if left <= way + _ROUNDING:
+        return replace(course, at=(u, v)), True
+    share = way / left
+    return replace(course, at=(x + (u - x) * share, y + (v - y) * share)), False

@@ -1,0 +1,611 @@
+"""The course of a program as a pure state machine: one leg after the other, each by the task with its parameters.
+
+It takes the place of `course.task.Task` in the loop, and its state stands in `TaskState.course`. Approach, tracking and
+retraction are the task's own; what a program adds is where the path leads, how fast, with which force and orientation.
+
+While the force is controlled along the surface's normal, the controller is shown depths from the ground: the plane that
+the estimated normal predicts along the path. So a corner or a way back, where the slope changes its sign, is no
+disturbance for it.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from msgspec.structs import replace
+
+from hil_bridge.control.course.task import Phase, Stride, Target, Task, TaskOutput, TaskParameters, TaskState
+from hil_bridge.control.program import free_steps
+from hil_bridge.control.program.across import beside
+from hil_bridge.control.program.facing import Facing, Look, inward
+from hil_bridge.control.program.feed import STUCK_S, feed_of
+from hil_bridge.control.program.legs import Leg, Row
+from hil_bridge.control.program.paths import Place
+from hil_bridge.control.program.state import CourseState, Done, Felt, Tally
+from hil_bridge.control.program.steps import Hold, Move, Seek, Track, Zero
+from hil_bridge.control.program.turning import brought, moment_at, rotated, tipped, unit, yawed
+from hil_bridge.control.types import Controller, Measurement
+from protocol.geometry import Quaternion, Vector
+
+_TRACK, _RETRACT, _END, _APPROACH = Phase.TRACK, Phase.RETRACT, Phase.END, Phase.APPROACH
+_ROUNDING = 1e-9
+"""Slack for sums of steps, m."""
+_BAND_SHARE = 0.1
+"""Chosen: share of the wanted force by which it may be off and still counts as held, where no criterion is given."""
+
+
+class WorkFrame(NamedTuple):
+    """Axes of the work frame in the base frame, unit vectors, and its origin."""
+
+    approach: Vector
+    """Into the surface: against the frame's z axis."""
+    x: Vector
+    """The travel direction."""
+    y: Vector
+    origin: Vector | None = None
+    """Base frame, m; None for the start point."""
+    plane: Vector | None = None
+    """A point of the plane from which the safe height counts, base frame, m; None for the start point."""
+
+
+class Face(NamedTuple):
+    """The tool's end, in the tool frame."""
+
+    centre: Vector = (0.0, 0.0, 0.0)
+    """From the point about which contact moments are told, m."""
+    radius: float = 0.0
+    """Radius of a flat face, m; 0 for a tool that touches in a point."""
+
+
+POINT = Face()
+"""A tool that touches in a point, where its contact moments are told about."""
+FACING = Facing()
+"""The estimate of the normal by default."""
+
+
+@dataclass(frozen=True, slots=True)
+class Program:
+    """Steps a task through the legs of a program."""
+
+    row: Row
+    task: Task
+    """The task with the run's own parameters."""
+    frame: WorkFrame
+    facing: Facing = FACING
+    face: Face = POINT
+    follows: bool = False
+    """Control the force along the estimated normal whatever the tool's orientation."""
+    safe_height: float = 0.0
+    """Height over the start point, or the frame's plane, at which the tool goes to other places, m."""
+
+    # --- as a task
+
+    @property
+    def parameters(self) -> TaskParameters:
+        """The run's own parameters."""
+        return self.task.parameters
+
+    @property
+    def controller(self) -> Controller[Any]:
+        return self.task.controller
+
+    def initial(self) -> TaskState:
+        """State at the start point, away from the surface."""
+        return TaskState(course=CourseState())
+
+    def way(self, speed_mm_s: float, dt: float) -> float:
+        """As `Task.way`."""
+        return self.task.way(speed_mm_s, dt)
+
+    def finish(self, state: TaskState, cause: str) -> TaskState:
+        """Retract from the next sample on and end, for a reason from outside."""
+        if state.cause or state.phase is _END:
+            return state
+        turn = state.turn if state.phase is _RETRACT else None
+        return replace(state, phase=Phase.RETRACT, turn=turn, cause=cause)
+
+    def fail(self, state: TaskState, cause: str) -> TaskState:
+        """Retract from the next sample on and end, because something is wrong."""
+        if state.cause or state.phase is _END:
+            return state
+        course = state.course
+        where = f"{cause}, in step {self.row.legs[course.leg].label}" if course.began is not None else cause
+        return replace(self.finish(state, where), failed=True)
+
+    def hold(self, state: TaskState, measurement: Measurement) -> TaskOutput:
+        """The answer that changes nothing."""
+        return self._output(state, self.task.hold(state, measurement))
+
+    def leg(self, state: TaskState) -> Leg:
+        """The leg under way."""
+        course: CourseState = state.course
+        return self.row.legs[course.leg]
+
+    # --- what is felt
+
+    def sense(
+        self, state: TaskState, measurement: Measurement, felt: Felt
+    ) -> tuple[TaskState, Measurement, Felt]:
+        """The sample from the program's own zero, with the way along the path, and along the surface's normal where
+        that is followed.
+        """
+        course = state.course
+        if course.start is None:
+            course = self._started(felt)
+            state = replace(state, course=course)
+        leg = self.row.legs[course.leg]
+        if course.zero:
+            felt = _zeroed(felt, course, self.frame)
+            change = felt.force[0] - measurement.force
+            paired = measurement.paired_force
+            measurement = replace(
+                measurement, force=felt.force[0], paired_force=None if paired is None else paired + change
+            )
+        if leg.way is not None:
+            place = felt.place[0] - course.origin[0], felt.place[1] - course.origin[1]
+            along = leg.way.along(state.travel - course.base, place)
+            measurement = replace(measurement, travel=course.base + along)
+        if state.phase is not _TRACK or not self._follows(leg):
+            return state, measurement, felt
+        return *self._along_normal(state, leg, measurement, felt), felt
+
+    def _started(self, felt: Felt) -> CourseState:
+        """State at the first sample."""
+        frame = self.frame
+        away = frame.origin or felt.position
+        x, y = (
+            sum((p - o) * n for p, o, n in zip(felt.position, away, axis, strict=True))
+            for axis in (frame.x, frame.y)
+        )
+        plane = frame.plane or felt.position
+        deep = sum((p - q) * n for p, q, n in zip(plane, felt.position, frame.approach, strict=True))
+        home = None if felt.quaternion is None else unit(felt.quaternion)
+        return CourseState(start=(x, y), safe=min(deep - self.safe_height, 0.0), home=home, at=felt.place)
+
+    def _follows(self, leg: Leg) -> bool:
+        return self.follows or getattr(leg.step, "orientation", "") == "normal"
+
+    def _along_normal(
+        self, state: TaskState, leg: Leg, measurement: Measurement, felt: Felt
+    ) -> tuple[TaskState, Measurement]:
+        """The estimate after this sample, and the force along the normal."""
+        course, heading = state.course, _heading(leg, state)
+        if state.in_contact:
+            stiffness = state.stiffness or self.parameters.expected_stiffness_n_m
+            per_angle = max(stiffness, 1.0) * self.face.radius**2 / 4.0
+            slides = leg.way is not None and abs(course.feed) > 0.05
+            look = Look(
+                measurement.dt,
+                measurement.travel,
+                measurement.position,
+                felt.force,
+                heading if slides else (0.0, 0.0),
+                *self._skewed(felt, per_angle),
+            )
+            course = replace(course, facing=self.facing.after(course.facing, look, per_angle or 1.0))
+            state = replace(state, course=course)
+        a, t, b = inward(course.facing.fall)
+        force = measurement.force
+        if not (math.isfinite(force) and force > self.parameters.loss_threshold_n):
+            return state, measurement
+        pressed = felt.force[0] * a + felt.force[1] * t + felt.force[2] * b
+        paired = measurement.paired_force
+        p, q = course.facing.fall
+        slope = p * heading[0] + q * heading[1]
+        return state, replace(
+            measurement,
+            force=pressed,
+            paired_force=None if paired is None else paired * pressed / force,
+            advance=1.0 / math.sqrt(1.0 + slope * slope),
+        )
+
+    def _skewed(self, felt: Felt, per_angle: float) -> tuple[Vector, Place | None]:
+        """The tool's axis, and how its face's moments say that it must tip, in the task frame."""
+        if felt.quaternion is None or not per_angle or len(felt.wrench) != 6:
+            return (1.0, 0.0, 0.0), None
+        frame, quaternion = self.frame, unit(felt.quaternion)
+        axis = rotated(quaternion, (0.0, 0.0, 1.0))
+        u, v, _ = moment_at(felt.wrench, self.face.centre)
+        # the tool yields to the moment: a turn about it by moment / stiffness tips the axis
+        x, y, z = rotated(quaternion, (v / per_angle, -u / per_angle, 0.0))
+        a, t, b = (_along(axis, way) for way in (frame.approach, frame.x, frame.y))
+        return (a, t, b), (_along((x, y, z), frame.x), _along((x, y, z), frame.y))
+
+    # --- one sample
+
+    def step(self, state: TaskState, measurement: Measurement, felt: Felt) -> tuple[TaskState, TaskOutput]:
+        """One sample, after `sense`. Steps that end without it are passed over."""
+        known = math.isfinite(measurement.force) and math.isfinite(measurement.position)
+        if not (known or state.cause):
+            return state, self.hold(state, measurement)
+        while not state.cause and state.phase is not _END:
+            if state.course.began is None:
+                state = self._begun(state, felt)
+            leg = self.row.legs[state.course.leg]
+            if self._over(state, leg, measurement, felt):
+                state = self._next(state, leg, felt)
+                continue
+            state, output, done = self._taken(state, leg, measurement, felt)
+            state = self._turned(state, leg, measurement.dt)
+            output = self._output(state, output)
+            if state.cause:
+                return replace(state, turn=None), output
+            return (self._next(state, leg, felt) if done else state), output
+        return self._leave(state, measurement, felt)
+
+    def _leave(self, state: TaskState, measurement: Measurement, felt: Felt) -> tuple[TaskState, TaskOutput]:
+        """Back out of the surface where the tool is; then the run ends."""
+        course = state.course
+        if course.began is not None:
+            leg = self.row.legs[course.leg]
+            state = replace(
+                state, course=replace(course, done=(*course.done, _failed(state, leg, felt)), began=None)
+            )
+        state, output = self.task.step(state, measurement)
+        return state, self._output(state, output)
+
+    def _begun(self, state: TaskState, felt: Felt) -> TaskState:
+        """State at the first sample of a leg."""
+        course, leg = state.course, self.row.legs[state.course.leg]
+        presses = state.phase is _TRACK
+        course = replace(
+            course,
+            began=felt.now,
+            origin=course.at,
+            base=state.travel,
+            aside=0.0,
+            stage=0,
+            since=felt.now,
+            stuck=0.0,
+            feed=1.0,
+            memory=None,
+            found=((0.0, 0.0, 0.0), 0),
+            readings=((), 0, -1),
+            tally=Tally(),
+            ground=course.ground if presses else 0.0,
+            facing=course.facing if presses else replace(course.facing, points=()),
+        )
+        if leg.first_of_repeat:
+            course = replace(course, first_pass=None, this_pass=(0.0, 0.0))
+        phase = _PHASES[leg.step.do]
+        if phase is Phase.SEEK and leg.step.until == "edge":
+            phase = _TRACK
+        memory = state.controller
+        if phase is _TRACK and memory is None:
+            memory = self.controller.initial()
+        if phase is _TRACK:
+            return replace(
+                state, phase=phase, turn=None, lost_for=None, settled=False, controller=memory, course=course
+            )
+        return replace(state, phase=phase, turn=None, lost_at=None, course=course)
+
+    def _over(self, state: TaskState, leg: Leg, measurement: Measurement, felt: Felt) -> bool:
+        """Whether a leg is over before it has used this sample."""
+        step, course = leg.step, state.course
+        if step.do == "approach":
+            return measurement.force > leg.stroke.parameters.contact_threshold_n
+        for_s = getattr(step, "for_s", None)
+        return for_s is not None and felt.now - course.began >= for_s
+
+    def _taken(
+        self, state: TaskState, leg: Leg, measurement: Measurement, felt: Felt
+    ) -> tuple[TaskState, TaskOutput, bool]:
+        """One sample of a leg: state, answer, and whether the leg ends with it."""
+        step = leg.step
+        if state.phase is _TRACK or (state.phase is _APPROACH and step.do != "approach"):
+            return self._pressed(state, leg, measurement, felt)
+        match step:
+            case Move():
+                taken = free_steps.move(self, state, measurement, felt)
+            case Seek():
+                taken = free_steps.seek(self, state, measurement, felt)
+            case Zero():
+                taken = free_steps.zero(self, state, measurement, felt)
+            case _:
+                state, output = leg.stroke.step(state, measurement)
+                if state.failed:
+                    state = self._told(state, leg)
+                    output = replace(output, cause=state.cause)
+                ended = state.phase is _END
+                if ended:
+                    state = replace(state, phase=Phase.RETRACT)
+                return state, output, ended
+        state, depth, done, trouble = taken
+        if trouble:
+            state = self.fail(state, trouble)
+        phase = _PHASES[step.do]
+        return state, TaskOutput(phase, Target(depth, 0.0), state.in_contact, losses=state.losses), done
+
+    def _pressed(
+        self, state: TaskState, leg: Leg, measurement: Measurement, felt: Felt
+    ) -> tuple[TaskState, TaskOutput, bool]:
+        """One sample of a leg that presses."""
+        step, course, way = leg.step, state.course, leg.way
+        local = state.travel - course.base
+        reference = leg.reference(max(local, 0.0))
+        feed, trouble = 1.0, ""
+        if isinstance(step, Track):
+            lateral = _lateral(felt.force, course.facing.fall if self._follows(leg) else (0.0, 0.0))
+            feed, trouble = feed_of(step, measurement.force - reference, lateral, local)
+            stuck = course.stuck + measurement.dt if feed < 0.05 else 0.0
+            if stuck > STUCK_S:
+                trouble = (
+                    f"a lateral force of {lateral:.1f} N holds the feed {local * 1e3:.1f} mm along the path: "
+                    "something stands in the way"
+                )
+            feed = max(feed, -local / 1e-3) if feed < 0.0 else feed
+            course = replace(course, feed=feed, stuck=stuck)
+            state = replace(state, course=course)
+        if trouble:
+            state = self.fail(state, trouble)
+            return state, self.task.hold(state, measurement), False
+        before, (ground, slope) = state, self._ground(state, leg)
+        seen = measurement
+        if ground or slope:
+            behind = state.travel - measurement.travel
+            seen = replace(
+                measurement,
+                position=measurement.position - (ground - slope * behind),
+                commanded=measurement.commanded - ground,
+            )
+        state, output = leg.stroke.step(state, seen, Stride(reference, feed))
+        if state.travel < course.base:
+            state = replace(state, travel=course.base)
+        local = state.travel - course.base
+        ground += slope * (state.travel - before.travel)
+        course = state.course
+        if isinstance(step, Track) and step.across != "position":
+            course = beside(leg.stroke, step, course, measurement, _leftwards(leg, state, felt))
+        at = course.at
+        if way is not None:
+            (x, y), (h, k) = way.at(local), way.headings[way.piece(local)]
+            at = course.origin[0] + x - course.aside * k, course.origin[1] + y + course.aside * h
+        course = _counted(replace(course, at=at, ground=ground), leg, before, state, measurement)
+        began = felt.now if course.began is None else course.began
+        if isinstance(step, Hold) and felt.now - began >= step.for_s / 2:
+            course = replace(course, found=_added(course.found, felt.position))
+        stiffness = state.stiffness if output.command is None else output.command.stiffness or state.stiffness
+        state = replace(state, course=course, stiffness=stiffness)
+        depth = output.target.depth + ground
+        output = replace(
+            output, target=Target(depth, 0.0), reference=reference, command=_raised(output.command, ground)
+        )
+        if isinstance(step, Seek):
+            return self._edge((before, state), leg, output, measurement, felt)
+        if state.phase is _RETRACT:  # the task has given up
+            state = self._told(state, leg) if state.failed else replace(state, phase=Phase.TRACK, cause="")
+            output = replace(output, cause=state.cause, failed=state.failed)
+        return state, output, way is not None and local >= way.length - _ROUNDING
+
+    def _edge(
+        self,
+        states: tuple[TaskState, TaskState],
+        leg: Leg,
+        output: TaskOutput,
+        measurement: Measurement,
+        felt: Felt,
+    ) -> tuple[TaskState, TaskOutput, bool]:
+        """A leg that looks for the end of the surface: a loss of contact is what it wants."""
+        before, state = states
+        course = state.course
+        if state.in_contact:
+            state = replace(state, course=replace(course, found=(felt.position, 1)))
+            assert leg.way is not None
+            if state.travel - course.base >= leg.way.length - _ROUNDING or state.phase is _RETRACT:
+                mm = leg.way.length * 1e3
+                state = self.fail(
+                    replace(state, phase=Phase.TRACK, cause="", failed=False), f"no edge within {mm:g} mm"
+                )
+            return state, replace(output, cause=state.cause, failed=state.failed), False
+        lost = state.phase is not _TRACK or state.cause
+        if lost:  # stand still: the next leg leads away
+            state = replace(before, course=course, travel=state.travel)
+            target = Target(measurement.commanded, 0.0)
+            output = replace(output, phase=Phase.TRACK, target=target, cause="", failed=False)
+        return state, output, bool(lost)
+
+    def _told(self, state: TaskState, leg: Leg) -> TaskState:
+        """The task's failure with the step's number."""
+        return replace(state, cause=f"{state.cause}, in step {leg.label}")
+
+    def _ground(self, state: TaskState, leg: Leg) -> tuple[float, float]:
+        """Depth of the predicted plane at the commanded place, m, and its slope along the path."""
+        if not self._follows(leg) or leg.way is None:
+            return state.course.ground, 0.0
+        (p, q), (h, k) = state.course.facing.fall, _heading(leg, state)
+        return state.course.ground, p * h + q * k
+
+    def _turned(self, state: TaskState, leg: Leg, dt: float) -> TaskState:
+        """State with the orientation that the leg wants, as far as it may be turned in one sample."""
+        course, step = state.course, leg.step
+        if course.home is None or state.cause:
+            return state
+        wanted: Quaternion | None = None
+        if isinstance(step, Move):
+            wanted = course.home if course.turned is not None else None
+        elif getattr(step, "orientation", "fixed") == "along-path" and leg.way is not None:
+            wanted = yawed(course.home, self.frame.approach, leg.way.headings[0], _heading(leg, state))
+        elif (
+            getattr(step, "orientation", "fixed") == "normal"
+            and math.degrees(course.facing.sigma) <= self.facing.uncertain_deg
+        ):
+            a, t, b = inward(course.facing.fall)
+            x, y, z = (
+                a * i + t * j + b * k
+                for i, j, k in zip(self.frame.approach, self.frame.x, self.frame.y, strict=True)
+            )
+            wanted = tipped(course.home, (x, y, z))
+        if wanted is None:
+            return state
+        rate = math.radians(leg.limits.turn_deg_s) * _BELOW
+        turned = brought(course.turned or course.home, wanted, rate * dt)
+        return replace(state, course=replace(course, turned=turned))
+
+    def _next(self, state: TaskState, leg: Leg, felt: Felt) -> TaskState:
+        """State behind a leg: its outcome, and where the row goes on."""
+        course = state.course
+        done = _done(course, leg, state, felt)
+        number = course.leg + 1
+        if leg.leave_to is not None:
+            deep, way = course.this_pass
+            mean = deep / way if way else None
+            first = mean if course.first_pass is None else course.first_pass
+            if (
+                leg.removed is not None
+                and mean is not None
+                and first is not None
+                and mean - first >= leg.removed
+            ):
+                number = leg.leave_to
+                done = replace(done, text=f"{(mean - first) * 1e3:.3f} mm removed")
+            course = replace(course, first_pass=first, this_pass=(0.0, 0.0))
+        course = replace(
+            course, leg=min(number, len(self.row.legs) - 1), began=None, done=(*course.done, done)
+        )
+        phase = Phase.END if number >= len(self.row.legs) else state.phase
+        return replace(state, phase=phase, course=course)
+
+    def _output(self, state: TaskState, output: TaskOutput) -> TaskOutput:
+        """The task's answer with the place and orientation of the program."""
+        course = state.course
+        notes = {}
+        if course.feed != 1.0:
+            notes["feed"] = course.feed
+        if math.isfinite(course.facing.sigma):
+            p, q = course.facing.fall
+            notes["normal_x_deg"], notes["normal_y_deg"] = (
+                math.degrees(math.atan(slope)) for slope in (p, q)
+            )
+            notes["normal_sigma_deg"] = math.degrees(course.facing.sigma)
+        return replace(
+            output,
+            target=Target(output.target.depth, *course.at),
+            cause=state.cause,
+            failed=state.failed,
+            turned=course.turned,
+            leg=course.leg,
+            notes=notes,
+        )
+
+
+_BELOW = 0.999
+"""Share of the turning speed that is used: rounding must not make the guard clamp."""
+_PHASES = {
+    "approach": Phase.APPROACH,
+    "track": Phase.TRACK,
+    "hold": Phase.TRACK,
+    "seek": Phase.SEEK,
+    "retract": Phase.RETRACT,
+    "move": Phase.MOVE,
+    "zero": Phase.ZERO,
+}
+"""Phase in which a leg begins."""
+
+
+def _along(vector: Vector, axis: Vector) -> float:
+    return vector[0] * axis[0] + vector[1] * axis[1] + vector[2] * axis[2]
+
+
+def _heading(leg: Leg, state: TaskState) -> Place:
+    """Direction of the path at the commanded place."""
+    if leg.way is None:
+        heading: Place = state.course.facing.heading
+        return heading
+    return leg.way.headings[leg.way.piece(state.travel - state.course.base)]
+
+
+def _leftwards(leg: Leg, state: TaskState, felt: Felt) -> tuple[float, float]:
+    """Force to the left of the path, N, and the reported way to the left of it, m."""
+    assert leg.way is not None
+    course, local = state.course, state.travel - state.course.base
+    (h, k), (x, y) = _heading(leg, state), leg.way.at(local)
+    dx, dy = felt.place[0] - course.origin[0] - x, felt.place[1] - course.origin[1] - y
+    return h * felt.force[2] - k * felt.force[1], h * dy - k * dx
+
+
+def _lateral(force: Vector, fall: Place) -> float:
+    """Length of the force along the surface, N."""
+    a, t, b = inward(fall)
+    pressed = force[0] * a + force[1] * t + force[2] * b
+    return math.hypot(force[0] - pressed * a, force[1] - pressed * t, force[2] - pressed * b)
+
+
+def _zeroed(felt: Felt, course: CourseState, frame: WorkFrame) -> Felt:
+    """The sample from the program's zero."""
+    quaternion = felt.quaternion or course.home
+    if quaternion is None or len(felt.wrench) != 6:
+        return felt
+    x, y, z = rotated(unit(quaternion), course.zero[:3])
+    a, t, b = (_along((x, y, z), way) for way in (frame.approach, frame.x, frame.y))
+    force = felt.force[0] + a, felt.force[1] + t, felt.force[2] + b
+    wrench = tuple(value - zero for value, zero in zip(felt.wrench, course.zero, strict=True))
+    return felt._replace(force=force, wrench=wrench)
+
+
+def _raised(command: Any, ground: float) -> Any:
+    """A controller's answer in depths from the start point."""
+    return command if command is None or not ground else replace(command, position=command.position + ground)
+
+
+def _added(found: tuple[Vector, int], place: Vector) -> tuple[Vector, int]:
+    (x, y, z), count = found
+    return (x + place[0], y + place[1], z + place[2]), count + 1
+
+
+def _counted(
+    course: CourseState, leg: Leg, before: TaskState, after: TaskState, measurement: Measurement
+) -> CourseState:
+    """The sums over a leg, with one more sample."""
+    if not after.in_contact:
+        return course
+    moved = after.travel - before.travel
+    amount = measurement.dt if leg.way is None else max(moved, 0.0)
+    local = after.travel - course.base
+    criterion = getattr(leg.step, "criterion", None)
+    reference = leg.reference(max(local, 0.0))
+    band = reference * _BAND_SHARE if criterion is None else criterion.within_n
+    within = abs(measurement.force - reference) <= band
+    tally = course.tally
+    tally = Tally(
+        tally.total + amount,
+        tally.within + (amount if within else 0.0),
+        tally.force + amount * measurement.force,
+        tally.deep + amount * measurement.position,
+        local if within else tally.good,
+    )
+    deep, way = course.this_pass
+    if leg.way is not None:
+        deep, way = deep + amount * measurement.position, way + amount
+    return replace(course, tally=tally, this_pass=(deep, way))
+
+
+def _done(course: CourseState, leg: Leg, state: TaskState, felt: Felt) -> Done:
+    """Outcome of a leg that has ended as it was meant to."""
+    tally, criterion = course.tally, getattr(leg.step, "criterion", None)
+    share = tally.within / tally.total if tally.total and criterion is not None else None
+    passed = criterion is None or (share is not None and share * 100 >= criterion.for_percent)
+    text = ""
+    if criterion is not None:
+        kept = "never in contact" if share is None else f"{share:.1%} of the way"
+        text = f"force within ±{criterion.within_n:g} N: {kept}, wanted {criterion.for_percent:g} %"
+    (x, y, z), count = course.found
+    found = (x / count, y / count, z / count) if count else None
+    if leg.step.do == "approach" and leg.step.name:
+        found = felt.position
+    return Done(
+        course.leg,
+        felt.now if course.began is None else course.began,
+        felt.now,
+        state.travel - course.base if leg.way is not None else 0.0,
+        tally.force / tally.total if tally.total else None,
+        share,
+        passed,
+        found if getattr(leg.step, "name", "") else None,
+        text,
+        tally.good,
+    )
+
+
+def _failed(state: TaskState, leg: Leg, felt: Felt) -> Done:
+    """Outcome of a leg that was cut."""
+    return replace(_done(state.course, leg, state, felt), passed=False, text=state.cause, found=None)

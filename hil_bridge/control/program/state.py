@@ -1,0 +1,123 @@
+"""What a program knows from one sample to the next, and what it knows beside a measurement."""
+
+from typing import NamedTuple
+
+from msgspec import Struct
+
+from hil_bridge.control.program.facing import FacingState
+from hil_bridge.control.program.paths import Place
+from protocol.geometry import Quaternion, Vector
+
+
+class Felt(NamedTuple):
+    """One sample as a program needs it, beside the measurement along the approach."""
+
+    now: float
+    """When it is looked at, s on the run's clock."""
+    place: Place
+    """Reported x and y from the start point, m."""
+    position: Vector
+    """Reported position, base frame, m."""
+    quaternion: Quaternion | None
+    """Reported orientation; None where it is not known."""
+    force: Vector
+    """Contact force along the approach, x and y, N, positive where the tool presses that way."""
+    wrench: tuple[float, ...]
+    """Contact wrench in the tool frame, N and N·m, (6,); empty where it is not known."""
+    sensor_sequence: int
+    """Counter of the sensor frame."""
+    ordered: Place = (0.0, 0.0)
+    """x and y that were ordered in the cycle before, from the start point, m."""
+
+
+class Done(Struct, frozen=True):
+    """A step that has ended."""
+
+    leg: int
+    """Place in the program's list, from 0."""
+    began: float
+    """s on the run's clock."""
+    ended: float
+    """s on the run's clock."""
+    way: float = 0.0
+    """Way along the path, m."""
+    force_mean: float | None = None
+    """Mean force of the samples in contact, N; None where there were none."""
+    within: float | None = None
+    """Share of the way for which the force was within the criterion; None where there is no criterion."""
+    passed: bool = True
+    """The criterion is met, or there is none."""
+    found: Vector | None = None
+    """Place that was found, base frame, m; None where nothing was sought."""
+    text: str = ""
+    """How it ended, in words."""
+    resumable: float = 0.0
+    """Way until which the force was last within its band, m: a resumed run goes on from there."""
+
+
+class Tally(Struct, frozen=True):
+    """Sums over the samples of a step."""
+
+    total: float = 0.0
+    """Way judged by the criterion, m, or time, s, where there is no way."""
+    within: float = 0.0
+    """The part of it with the force within the band."""
+    force: float = 0.0
+    """Sum of force x way, or time."""
+    deep: float = 0.0
+    """Sum of depth x way, or time."""
+    good: float = 0.0
+    """Way until which the force was last within the band, m."""
+
+
+class CourseState(Struct, frozen=True):
+    """Where a program is, beside the task's own state."""
+
+    leg: int = 0
+    """Place of the step in the list, from 0."""
+    began: float | None = None
+    """When the step began, s on the run's clock; None before its first sample."""
+    start: Place | None = None
+    """The start point in the work frame, m; None before the first sample."""
+    safe: float = 0.0
+    """Depth of the safe height, m."""
+    at: Place = (0.0, 0.0)
+    """Commanded x and y from the start point, m."""
+    origin: Place = (0.0, 0.0)
+    """Where the way of this step begins, from the start point, m."""
+    base: float = 0.0
+    """Way of the run at which this step begins, m."""
+    ground: float = 0.0
+    """Depth of the plane that the normal predicts at the commanded place, from that of the first contact, m."""
+    aside: float = 0.0
+    """Commanded way to the left of the path, m."""
+    stage: int = 0
+    """Part of a step that has several."""
+    stage_at: float = 0.0
+    """Way along the path to which a step goes back, m."""
+    since: float = 0.0
+    """When this part began, s on the run's clock."""
+    stuck: float = 0.0
+    """Time for which the feed has stood still, s."""
+    feed: float = 1.0
+    """Share of the speed at which the tool goes along its path."""
+    memory: object = None
+    """State of the controller across the path."""
+    facing: FacingState = FacingState()
+    home: Quaternion | None = None
+    """Orientation of the start; None before the first sample."""
+    turned: Quaternion | None = None
+    """Orientation that is ordered; None while the program leaves it alone."""
+    zero: tuple[float, ...] = ()
+    """Contact wrench in the tool frame that is taken off, N and N·m; empty where no zero was taken."""
+    readings: tuple[tuple[float, ...], int, int] = ((), 0, -1)
+    """Sum of the wrenches of a zero, their number, and the newest frame's counter."""
+    found: tuple[Vector, int] = ((0.0, 0.0, 0.0), 0)
+    """Sum of reported places, m, and their number."""
+    tally: Tally = Tally()
+    first_pass: float | None = None
+    """Mean depth of the tracks in the first pass of a repeat, m."""
+    this_pass: tuple[float, float] = (0.0, 0.0)
+    """Sums of depth x way and of way in this pass, m², m."""
+    done: tuple[Done, ...] = ()
+    """Steps that have ended, oldest first."""
