@@ -26,7 +26,7 @@ from emulators.seams import (
     WrenchSource,
 )
 from emulators.surface.contact import Contact, SurfaceProfile
-from emulators.surface.face import Face, Pushed
+from emulators.surface.face import Face, Pushed, joined
 from emulators.surface.faults import OBSTACLE_FAULTS, SURFACE_FAULTS, ObstacleProfile, Obstacles
 from protocol.geometry import Pose, Quaternion, Vector
 from protocol.marks import Mark, check_settings, setting
@@ -37,6 +37,8 @@ _UP = np.array([0.0, 0.0, 1.0])
 """Base z."""
 _PAST_S = 10.0
 """How much of the motion a surface with memory is shown late, s: as much as an arm's path keeps."""
+_SPREAD_AT_ONCE = 128
+"""Chosen: samples of a face that are computed at once. Larger arrays do not stay in a processor's cache."""
 _MEMORY_RATE_HZ = 8000
 """Chosen: a surface with memory is shown at least so many samples a second, as many as our sensor takes."""
 
@@ -302,9 +304,16 @@ class Cell(Generic[Robot, Sensor]):
         """What the surface alone does to the tool with these positions and velocities (n, 3) of its centre point."""
         if self._face is None:
             return Pushed(surface.force(positions, velocities, times), None)
-        points = self._face.spread(positions, velocities, self._path.orientations(times), _rotation)
-        forces = surface.force(points.positions, points.velocities, np.repeat(times, self._face.count))
-        return self._face.gathered(forces, points.arms)
+        parts = []
+        for begin in range(0, len(times), _SPREAD_AT_ONCE):
+            part = slice(begin, begin + _SPREAD_AT_ONCE)
+            orientations = self._path.orientations(times[part])
+            points = self._face.spread(positions[part], velocities[part], orientations, _rotation)
+            forces = surface.force(
+                points.positions, points.velocities, np.repeat(times[part], self._face.count)
+            )
+            parts.append(self._face.gathered(forces, points.arms))
+        return joined(parts)
 
 
 def _rotation(quaternion: Quaternion) -> Floats:

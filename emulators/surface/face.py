@@ -21,6 +21,14 @@ class Pushed(NamedTuple):
     """(n, 3), N·m, about the tool centre point; None for a tool whose face is a point."""
 
 
+def joined(parts: Sequence[Pushed]) -> Pushed:
+    """What acts at the moments of all parts, one after the other; at least one."""
+    moments = [part.moment for part in parts if part.moment is not None]
+    return Pushed(
+        np.concatenate([part.force for part in parts]), np.concatenate(moments) if moments else None
+    )
+
+
 class Spread(NamedTuple):
     """The contact points at each moment; those of a moment follow each other."""
 
