@@ -3,6 +3,8 @@
 A surface lies in the base frame (z up). Most kinds are a line in the plane of path and height, the same everywhere
 across the path; others are curved both ways. The material acts along the outward normal and never pulls; its
 stiffness may change along the path, and the surface may end. Friction is Coulomb's, smoothed near zero velocity.
+A wall across the path is a block that stands on the surface. It pushes a place within it out the shorter way: through
+its upright face, and then the surface below pushes too, or through its top, which is the surface raised.
 """
 
 import copy
@@ -15,7 +17,7 @@ from numpy.typing import NDArray
 
 from emulators.faults.ledger import Handler
 from emulators.surface.faults import SurfaceFaults
-from emulators.surface.materials import Memory
+from emulators.surface.materials import Linear, Memory
 from emulators.surface.profile import SurfaceKind, SurfaceProfile
 from emulators.surface.shapes import Plane
 
@@ -56,6 +58,9 @@ class Contact:
         self._ends = begin is not None or end is not None
         self._begin = -math.inf if begin is None else begin / 1000.0
         self._end = math.inf if end is None else end / 1000.0
+        self._wall_at = math.inf if profile.wall_at_mm is None else profile.wall_at_mm / 1000.0
+        self._wall_height = profile.wall_height_mm / 1000.0
+        self._wall = Linear(profile.wall_stiffness_n_m, profile.damping_ns_m)
         self._friction = profile.friction
         self._smoothing = profile.friction_smoothing_mm_s / 1000.0
         angle = math.radians(profile.path_deg)
@@ -64,7 +69,7 @@ class Contact:
         self._origin = np.array([profile.origin_x_mm, profile.origin_y_mm, 0.0]) / 1000.0
         self._level: tuple[float, Floats] | None = None
         """Depth of the base frame's origin and normal (3, 1) of a surface whose normal is the same everywhere."""
-        if isinstance(self._surface, Plane) and not self._ends:
+        if isinstance(self._surface, Plane) and not self._ends and profile.wall_at_mm is None:
             depth, normals = self._depth_and_normal(np.zeros((3, 1)))
             self._level = float(depth[0]), normals
 
@@ -112,7 +117,8 @@ class Contact:
         # One row an axis: numpy is quickest along the last dimension, and three is too short for it.
         depth, normal = self._depth_and_normal(positions.T)
         material = self._material
-        if not material.has_memory and not (depth > 0.0).any():
+        beside = self._beside(positions.T)
+        if not material.has_memory and not (depth > 0.0).any() and beside is None:
             return np.zeros_like(positions)
         velocity = velocities.T
         leaving = np.einsum("ij,ij->j", velocity, normal)
@@ -120,10 +126,19 @@ class Contact:
         if material.has_memory:
             self._memories.append(self._memory)
         pressing, self._memory = material.press(depth, -leaving, factor, times, self._memory)
-        sliding = velocity - leaving * normal
+        force = self._with_friction(pressing, normal, velocity - leaving * normal)
+        if beside is not None:
+            inward = self._path[:, None]
+            coming = self._path @ velocity
+            against, _ = self._wall.press(beside, coming, 1.0, None, Memory())
+            force += self._with_friction(against, -inward, velocity - coming * inward)
+        return force.T
+
+    def _with_friction(self, pressing: Floats, normal: Floats, sliding: Floats) -> Floats:
+        """Force (3, n), N, of a push (n,) along a normal and its friction against sliding (3, n), m/s."""
         speed = np.sqrt(np.einsum("ij,ij->j", sliding, sliding) + self._smoothing**2)
         force: Floats = pressing * normal - (self._friction * pressing / speed) * sliding
-        return force.T
+        return force
 
     def _as_seen(self, positions: Floats, velocities: Floats, times: Floats) -> tuple[Floats, Floats]:
         """Positions and velocities (n, 3) against a surface that its faults have moved."""
@@ -146,13 +161,40 @@ class Contact:
         if self._level is not None:
             depth_of_origin, normal = self._level
             return depth_of_origin - normal[:, 0] @ positions, normal
-        from_origin = positions - self._origin[:, None]
-        along = self._path @ from_origin
-        depth, (n_along, n_left, n_up) = self._surface.depth_and_normal(
-            along, self._left @ from_origin, positions[2]
-        )
+        along, across, height = self._places(positions)
+        if self._wall_at < math.inf:
+            through_top = (along > self._wall_at) & ~self._through_face(along, across, height)
+            height = np.where(through_top, self._under_top(height), height)
+        depth, (n_along, n_left, n_up) = self._surface.depth_and_normal(along, across, height)
         if self._ends:
             beyond = (along < self._begin) | (along > self._end)
             depth = np.where(beyond, np.minimum(depth, 0.0), depth)
         x, y, _ = self._path
         return depth, np.stack((n_along * x - n_left * y, n_along * y + n_left * x, n_up))
+
+    def _places(self, positions: Floats) -> tuple[Floats, Floats, Floats]:
+        """Positions (3, n) in the frame of the shape: along, across, height, m."""
+        from_origin = positions - self._origin[:, None]
+        return self._path @ from_origin, self._left @ from_origin, positions[2]
+
+    def _through_face(self, along: Floats, across: Floats, height: Floats) -> NDArray[np.bool_]:
+        """Which places (n,) are in the wall, and nearer to its upright face than to its top."""
+        aside = along - self._wall_at
+        below_top, _ = self._surface.depth_and_normal(along, across, self._under_top(height))
+        return (aside > 0.0) & (aside < below_top) & (along >= self._begin) & (along <= self._end)
+
+    def _beside(self, positions: Floats) -> Floats | None:
+        """How far places (3, n) are behind the upright face of the wall that pushes them back (n,), m; None where it
+        pushes none of them.
+        """
+        if self._wall_at == math.inf:
+            return None
+        along, across, height = self._places(positions)
+        pushed = self._through_face(along, across, height)
+        return np.where(pushed, along - self._wall_at, 0.0) if pushed.any() else None
+
+    def _under_top(self, height: Floats) -> Floats:
+        """Heights (n,) where the surface without the wall is as near as its top is with it. A lying cylinder is no
+        less thick below its axis.
+        """
+        return np.maximum(height - self._wall_height, np.minimum(height, self._surface.narrows_below))

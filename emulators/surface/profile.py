@@ -96,6 +96,22 @@ class SurfaceProfile:
     end_mm: float | None = setting(
         None, Mark.CHOSEN, "path coordinate behind which there is no surface; none by default", unit="mm"
     )
+    wall_at_mm: float | None = setting(
+        None,
+        Mark.CHOSEN,
+        "path coordinate of an upright face, behind which the surface lies higher; none by default",
+        unit="mm",
+    )
+    wall_height_mm: float = setting(
+        1000.0,
+        Mark.CHOSEN,
+        "how much higher: some mm for a step, more than the tool can climb for a wall",
+        unit="mm",
+        above=0.0,
+    )
+    wall_stiffness_n_m: float = setting(
+        50000.0, Mark.CHOSEN, "stiffness of the upright face", unit="N/m", minimum=0.0
+    )
     friction: float = setting(0.2, Mark.ASSUMED, "Coulomb coefficient against tangential motion", minimum=0.0)
     friction_smoothing_mm_s: float = setting(
         1.0,

@@ -6,7 +6,7 @@ height is base z. All are m; angles are rad. A normal is three arrays: along, ac
 
 import math
 from dataclasses import dataclass
-from typing import Protocol, TypeAlias
+from typing import ClassVar, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,10 @@ Normal: TypeAlias = tuple[Floats, Floats, Floats]
 
 class Shape(Protocol):
     """A solid below a surface."""
+
+    @property
+    def narrows_below(self) -> float:
+        """Height below which the solid narrows again, m: that of the axis of a cylinder. Minus infinity for others."""
 
     def depth_and_normal(self, along: Floats, across: Floats, height: Floats) -> tuple[Floats, Normal]:
         """Depth (n,) below the surface along its normal, m, negative outside, and the outward unit normal.
@@ -33,6 +37,8 @@ class Plane:
     """Height at path coordinate 0, m."""
     slope: float = 0.0
     """rad, positive where the surface rises along the path."""
+
+    narrows_below: ClassVar[float] = -math.inf
 
     def depth_and_normal(self, along: Floats, across: Floats, height: Floats) -> tuple[Floats, Normal]:
         sine, cosine = math.sin(self.slope), math.cos(self.slope)
@@ -53,6 +59,8 @@ class Sinusoidal:
     """m"""
     period: float
     """Length of a wave along the path, m."""
+
+    narrows_below: ClassVar[float] = -math.inf
 
     def depth_and_normal(self, along: Floats, across: Floats, height: Floats) -> tuple[Floats, Normal]:
         wave_number = 2.0 * math.pi / self.period
@@ -79,6 +87,8 @@ class SinusoidalBoth:
     period_across: float
     """Length of a wave across the path, m."""
 
+    narrows_below: ClassVar[float] = -math.inf
+
     def depth_and_normal(self, along: Floats, across: Floats, height: Floats) -> tuple[Floats, Normal]:
         number, number_across = 2.0 * math.pi / self.period, 2.0 * math.pi / self.period_across
         surface = self.height + self.amplitude * (np.sin(number * along) + np.sin(number_across * across))
@@ -96,8 +106,12 @@ class CircularArc:
     radius: float
     """m"""
 
+    @property
+    def narrows_below(self) -> float:
+        return self.height - self.radius
+
     def depth_and_normal(self, along: Floats, across: Floats, height: Floats) -> tuple[Floats, Normal]:
-        up = height - (self.height - self.radius)
+        up = height - self.narrows_below
         distance = np.hypot(along, up)
         # A tip in the axis itself has no normal. Any would do; up is the limit of the others from above.
         safe = np.where(distance > 0.0, distance, 1.0)
@@ -114,8 +128,12 @@ class Sphere:
     radius: float
     """m"""
 
+    @property
+    def narrows_below(self) -> float:
+        return self.height - self.radius
+
     def depth_and_normal(self, along: Floats, across: Floats, height: Floats) -> tuple[Floats, Normal]:
-        up = height - (self.height - self.radius)
+        up = height - self.narrows_below
         distance = np.sqrt(along * along + across * across + up * up)
         # The centre has no normal: as in the axis of a cylinder.
         safe = np.where(distance > 0.0, distance, 1.0)
@@ -138,6 +156,8 @@ class HeightMap:
     """Heights (rows, columns), m: rows follow each other along the path, columns across it."""
     spacing: float
     """Distance from a row or column to the next, m."""
+
+    narrows_below: ClassVar[float] = -math.inf
 
     def depth_and_normal(self, along: Floats, across: Floats, height: Floats) -> tuple[Floats, Normal]:
         rows, columns = self.heights.shape
