@@ -20,6 +20,7 @@ from emulators.seams import (
     EmulatedSensor,
     Floats,
     Joints,
+    ShapedSurface,
     StartPose,
     Surface,
     SurfaceFactory,
@@ -132,6 +133,8 @@ class TrueState:
     """Force of surface and obstacles on the tool in the base frame, N: of a face, the sum of all its points."""
     joints: Joints | None
     """Axes of the robot, axis 1 first, rad; None where the robot tells none."""
+    normal: Vector | None = None
+    """Outward unit normal of the surface below the tool centre point, base frame; None where the surface tells none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -256,13 +259,18 @@ class Cell(Generic[Robot, Sensor]):
         at = np.array(times)
         positions, velocities = self._path.trajectory(at)
         # A copy, because a question for the truth must not change the sensor's samples.
-        forces = self._pushed(self._surface.aside(), at, count=False).force
+        surface = self._surface.aside()
+        forces = self._pushed(surface, at, count=False).force
+        normals = surface.normals(positions, at) if isinstance(surface, ShapedSurface) else None
         quaternions = [q for part, q in self._path.orientations(at) for _ in range(part.start, part.stop)]
         states = []
         for k, time in enumerate(times):
             position, quaternion = _vector(positions[k]), quaternions[k]
             joints = self.robot.joints_holding(Pose(position, quaternion), time)
-            states.append(TrueState(position, _vector(velocities[k]), quaternion, _vector(forces[k]), joints))
+            normal = None if normals is None or np.isnan(normals[k]).any() else _vector(normals[k])
+            states.append(
+                TrueState(position, _vector(velocities[k]), quaternion, _vector(forces[k]), joints, normal)
+            )
         return states
 
     def contact_forces(self, times: Floats) -> Floats:

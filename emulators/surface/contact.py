@@ -87,6 +87,15 @@ class Contact:
         depth, normal = self._depth_and_normal(positions.T)
         return depth, np.broadcast_to(normal.T, positions.shape)
 
+    def normals(self, positions: Floats, times: Floats) -> Floats:
+        """Outward unit normals (n, 3) below positions (n, 3), m, base frame; NaN where the surface has ended."""
+        if self.faults.faulty:
+            positions = positions - np.outer(self.faults.rise(times)[0], _UP)
+        _, normals = self.depth_and_normal(positions)
+        along, *_ = self._places(positions.T)
+        ended = (along < self._begin) | (along > self._end)
+        return np.where(ended[:, None], np.nan, normals)
+
     def aside(self) -> "Contact":
         """A copy for questions: they change neither the memory nor the counts of this one."""
         twin = copy.copy(self)
