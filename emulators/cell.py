@@ -20,12 +20,14 @@ from emulators.seams import (
     EmulatedSensor,
     Floats,
     Joints,
+    ShapedSurface,
     StartPose,
     Surface,
     SurfaceFactory,
     WrenchSource,
 )
 from emulators.surface.contact import Contact, SurfaceProfile
+from emulators.surface.face import Face, Pushed, joined
 from emulators.surface.faults import OBSTACLE_FAULTS, SURFACE_FAULTS, ObstacleProfile, Obstacles
 from protocol.geometry import Pose, Quaternion, Vector
 from protocol.marks import Mark, check_settings, setting
@@ -36,6 +38,8 @@ _UP = np.array([0.0, 0.0, 1.0])
 """Base z."""
 _PAST_S = 10.0
 """How much of the motion a surface with memory is shown late, s: as much as an arm's path keeps."""
+_SPREAD_AT_ONCE = 128
+"""Chosen: samples of a face that are computed at once. Larger arrays do not stay in a processor's cache."""
 _MEMORY_RATE_HZ = 8000
 """Chosen: a surface with memory is shown at least so many samples a second, as many as our sensor takes."""
 
@@ -69,6 +73,21 @@ class ToolProfile:
     )
     centre_of_gravity_mm: Vector = setting(
         (0.0, 0.0, 80.0), Mark.CHOSEN, "centre of that mass in the sensor frame", unit="mm"
+    )
+    face_radius_mm: float = setting(
+        0.0,
+        Mark.CHOSEN,
+        "radius of its face, a flat disc perpendicular to tool z about the tip; 0 for a point",
+        unit="mm",
+        minimum=0.0,
+        maximum=500.0,
+    )
+    face_rings: int = setting(
+        3,
+        Mark.CHOSEN,
+        "rings of contact points of that face about the one in its middle: 7 points with 1, 19 with 2, 37 with 3",
+        minimum=1,
+        maximum=8,
     )
 
     def __post_init__(self) -> None:
@@ -111,9 +130,11 @@ class TrueState:
     quaternion: Quaternion
     """Tool frame in the base frame, w x y z."""
     contact_force: Vector
-    """Force of surface and obstacles on the tool tip in the base frame, N."""
+    """Force of surface and obstacles on the tool in the base frame, N: of a face, the sum of all its points."""
     joints: Joints | None
     """Axes of the robot, axis 1 first, rad; None where the robot tells none."""
+    normal: Vector | None = None
+    """Outward unit normal of the surface below the tool centre point, base frame; None where the surface tells none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,7 +154,7 @@ class Parts(Generic[Robot, Sensor]):
 class Cell(Generic[Robot, Sensor]):
     """A robot, and a sensor that touches the same surface as the robot's tool: the sensor's `WrenchSource`.
 
-    Raises ValueError for a start that the robot cannot hold.
+    Raises ValueError for a start that the robot cannot hold, and for a surface that cannot be or not with this tool.
     """
 
     def __init__(self, profile: CellProfile, now: float, seed: int, parts: Parts[Robot, Sensor]) -> None:
@@ -145,6 +166,13 @@ class Cell(Generic[Robot, Sensor]):
         self._surface: Surface = (
             Contact(profile.surface, self._changed) if parts.surface is None else parts.surface(self._changed)
         )
+        radius = profile.tool.face_radius_mm / 1000.0
+        self._face = Face(radius, profile.tool.face_rings) if radius > 0.0 else None
+        if self._face is not None and self.has_memory:
+            raise ValueError(
+                "tool.face_radius_mm must be 0 on a surface with memory, which feels one point; "
+                "or choose a material without memory"
+            )
         self._obstacles = Obstacles(profile.obstacle, z, self._tip_height, self._changed)
         self._tip = np.array([0.0, 0.0, length])
         self._centre_of_gravity = np.array(profile.tool.centre_of_gravity_mm) / 1000.0
@@ -204,18 +232,21 @@ class Cell(Generic[Robot, Sensor]):
         shown = self._surface.remembered_until
         if shown is not None and shown >= times[0]:
             self._surface.rewind(float(times[0]))
-        forces = self._contact_force(self._surface, times).T
+        pushed = self._pushed(self._surface, times)
+        forces, moments = pushed.force.T, None if pushed.moment is None else pushed.moment.T
         for part, quaternion in self._path.orientations(times):
             if quaternion != self._turned:
                 self._turn(quaternion)
             np.matmul(self._force_to_wrench, forces[:, part], out=wrenches[:, part])
             wrenches[:, part] += self._weight_wrench
+            if moments is not None:
+                wrenches[3:, part] += self._rotation.T @ moments[:, part]
         return wrenches.T
 
     def _turn(self, quaternion: Quaternion) -> None:
         """Prepare for this orientation of the tool: it stays the same over many samples."""
         self._turned = quaternion
-        rotation = rotation_matrix(np.array(quaternion))
+        self._rotation = rotation = rotation_matrix(np.array(quaternion))
         self._force_to_wrench = force_to_wrench(rotation, self._tip).T
         self._weight_wrench = (self._weight @ force_to_wrench(rotation, self._centre_of_gravity))[:, None]
 
@@ -228,18 +259,23 @@ class Cell(Generic[Robot, Sensor]):
         at = np.array(times)
         positions, velocities = self._path.trajectory(at)
         # A copy, because a question for the truth must not change the sensor's samples.
-        forces = self._contact_force(self._surface.aside(), at, count=False)
+        surface = self._surface.aside()
+        forces = self._pushed(surface, at, count=False).force
+        normals = surface.normals(positions, at) if isinstance(surface, ShapedSurface) else None
         quaternions = [q for part, q in self._path.orientations(at) for _ in range(part.start, part.stop)]
         states = []
         for k, time in enumerate(times):
             position, quaternion = _vector(positions[k]), quaternions[k]
             joints = self.robot.joints_holding(Pose(position, quaternion), time)
-            states.append(TrueState(position, _vector(velocities[k]), quaternion, _vector(forces[k]), joints))
+            normal = None if normals is None or np.isnan(normals[k]).any() else _vector(normals[k])
+            states.append(
+                TrueState(position, _vector(velocities[k]), quaternion, _vector(forces[k]), joints, normal)
+            )
         return states
 
     def contact_forces(self, times: Floats) -> Floats:
-        """Force of the surface on the tool tip (n, 3) at ascending `times` (n,), s, base frame, N."""
-        return self._contact_force(self._surface.aside(), times, count=False)
+        """Force of surface and obstacles on the tool (n, 3) at ascending `times` (n,), s, base frame, N."""
+        return self._pushed(self._surface.aside(), times, count=False).force
 
     def truth_available_from(self, time: float) -> float:
         """The earliest moment from `time` on, s, of which the truth is still known. A surface with memory has lost all
@@ -253,8 +289,8 @@ class Cell(Generic[Robot, Sensor]):
         """Whether the force depends on more than the present motion, so that truths have to be asked for in time."""
         return self._surface.remembered_until is not None
 
-    def _contact_force(self, surface: Surface, times: Floats, count: bool = True) -> Floats:
-        """Force of surface and obstacles on the tool tip, (n, 3) at ascending `times` (n,), base frame, N.
+    def _pushed(self, surface: Surface, times: Floats, count: bool = True) -> Pushed:
+        """What surface and obstacles do to the tool at ascending `times` (n,), s.
 
         A surface with memory is first shown the samples that were never read. So its force depends on the motion and
         not on the reads. Where it cannot go back far enough, it answers as if the tip jumped there.
@@ -265,12 +301,31 @@ class Cell(Generic[Robot, Sensor]):
             missed = np.arange(math.floor(begin + 1e-6) + 1, math.ceil(times[0] * _MEMORY_RATE_HZ - 1e-6))
             if len(missed):
                 past = missed / _MEMORY_RATE_HZ
-                surface.force(*self._path.trajectory(past), past)
+                self._touched(surface, past, *self._path.trajectory(past))
         positions, velocities = self._path.trajectory(times)
-        force = surface.force(positions, velocities, times)
+        force, moment = self._touched(surface, times, positions, velocities)
         if self._obstacles.any:
             force = force + np.outer(self._obstacles.force(positions[:, 2], times, count), _UP)
-        return force
+        return Pushed(force, moment)
+
+    def _touched(self, surface: Surface, times: Floats, positions: Floats, velocities: Floats) -> Pushed:
+        """What the surface alone does to the tool with these positions and velocities (n, 3) of its centre point."""
+        if self._face is None:
+            return Pushed(surface.force(positions, velocities, times), None)
+        parts = []
+        for begin in range(0, len(times), _SPREAD_AT_ONCE):
+            part = slice(begin, begin + _SPREAD_AT_ONCE)
+            orientations = self._path.orientations(times[part])
+            points = self._face.spread(positions[part], velocities[part], orientations, _rotation)
+            forces = surface.force(
+                points.positions, points.velocities, np.repeat(times[part], self._face.count)
+            )
+            parts.append(self._face.gathered(forces, points.arms))
+        return joined(parts)
+
+
+def _rotation(quaternion: Quaternion) -> Floats:
+    return rotation_matrix(np.array(quaternion))
 
 
 def rotation_matrix(quaternion: Floats) -> Floats:

@@ -15,7 +15,7 @@ depend on the orders and their times, not on reads in between.
 """
 
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple, Protocol, TypeAlias
+from typing import Any, NamedTuple, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -146,7 +146,8 @@ class EmulatedSensor(Protocol):
 class Surface(Protocol):
     """A contact model: it pushes back when the tool's tip comes to it. `emulators.surface.contact.Contact` is one.
 
-    A model without memory answers None to `remembered_until`, itself to `aside`, and does nothing in `rewind`.
+    A model without memory answers None to `remembered_until`, itself to `aside`, and does nothing in `rewind`. A model
+    that also implements `ShapedSurface` tells its normals for the ground truth.
     """
 
     @property
@@ -171,6 +172,17 @@ class Surface(Protocol):
 
     def rewind(self, time: float) -> None:
         """Go back to before this time, s, as far as is known: the samples from then on are shown again."""
+
+
+@runtime_checkable
+class ShapedSurface(Protocol):
+    """What a contact model may tell beside its forces."""
+
+    def normals(self, positions: Floats, times: Floats) -> Floats:
+        """Outward unit normals (n, 3) of the surface below positions (n, 3), m, base frame; NaN where there is none.
+
+        `times` (n,) ascend, s.
+        """
 
 
 RobotFactory: TypeAlias = Callable[[StartPose, float, int], EmulatedRobot]

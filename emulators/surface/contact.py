@@ -1,27 +1,27 @@
 """Contact of the tool tip with a surface: shape, material and friction at a point.
 
-A surface is a profile in the plane of path and height, the same everywhere across the path, in the base
-frame (z up). The material acts along the outward normal and never pulls; its stiffness may change along the
-path, and the surface may end. Friction is Coulomb's, smoothed near zero velocity.
-Source of the default stiffness: project specification of the force control, section 5.
+A surface lies in the base frame (z up). Most kinds are a line in the plane of path and height, the same everywhere
+across the path; others are curved both ways. The material acts along the outward normal and never pulls; its
+stiffness may change along the path, and the surface may end. Friction is Coulomb's, smoothed near zero velocity.
+A wall across the path is a block that stands on the surface. It pushes a place within it out the shorter way: through
+its upright face, and then the surface below pushes too, or through its top, which is the surface raised.
 """
 
 import copy
 import math
 from collections import deque
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
-from enum import StrEnum
-from itertools import pairwise
-from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from emulators.faults.ledger import Handler
 from emulators.surface.faults import SurfaceFaults
-from emulators.surface.materials import MaterialProfile, Memory
-from protocol.marks import Mark, check_settings, setting
+from emulators.surface.materials import Linear, Memory
+from emulators.surface.profile import SurfaceKind, SurfaceProfile
+from emulators.surface.shapes import Plane
+
+__all__ = ["Contact", "SurfaceKind", "SurfaceProfile"]
 
 Floats = NDArray[np.float64]
 
@@ -35,168 +35,14 @@ def _unread(time: float) -> None:
     """Nothing was computed ahead."""
 
 
-class SurfaceKind(StrEnum):
-    """Shape of the surface along the path."""
-
-    FLAT = "flat"
-    SLOPED = "sloped"
-    SINUSOIDAL = "sinusoidal"
-    CIRCULAR_ARC = "circular_arc"
-
-
-class Shape(Protocol):
-    """A solid below a line in the plane of path coordinate and height."""
-
-    def depth_and_normal(self, along: Floats, height: Floats) -> tuple[Floats, Floats, Floats]:
-        """Depth below the surface along its normal, m, negative outside; outward unit normal along and up.
-
-        `along` and `height` (n,) are path coordinate and height of the tip, m.
-        """
-
-
-@dataclass(frozen=True, slots=True)
-class Plane:
-    """A plane that rises along the path."""
-
-    height: float
-    """Height at path coordinate 0, m."""
-    slope: float = 0.0
-    """rad, positive where the surface rises along the path."""
-
-    def depth_and_normal(self, along: Floats, height: Floats) -> tuple[Floats, Floats, Floats]:
-        sine, cosine = math.sin(self.slope), math.cos(self.slope)
-        depth = (self.height - height) * cosine + along * sine
-        return depth, np.full_like(along, -sine), np.full_like(along, cosine)
-
-
-@dataclass(frozen=True, slots=True)
-class Sinusoidal:
-    """Waves about a height, rising through it at path coordinate 0.
-
-    The depth is that below the tangent under the tip: exact to first order in depth times curvature.
-    """
-
-    height: float
-    """m"""
-    amplitude: float
-    """m"""
-    period: float
-    """Length of a wave along the path, m."""
-
-    def depth_and_normal(self, along: Floats, height: Floats) -> tuple[Floats, Floats, Floats]:
-        wave_number = 2.0 * math.pi / self.period
-        phase = wave_number * along
-        rise = self.amplitude * wave_number * np.cos(phase)
-        cosine = 1.0 / np.sqrt(1.0 + rise * rise)
-        depth = (self.height + self.amplitude * np.sin(phase) - height) * cosine
-        return depth, -rise * cosine, cosine
-
-
-@dataclass(frozen=True, slots=True)
-class CircularArc:
-    """A lying cylinder with its crest at path coordinate 0."""
-
-    height: float
-    """Height of the crest, m."""
-    radius: float
-    """m"""
-
-    def depth_and_normal(self, along: Floats, height: Floats) -> tuple[Floats, Floats, Floats]:
-        up = height - (self.height - self.radius)
-        distance = np.hypot(along, up)
-        # A tip in the axis itself has no normal. Any would do; up is the limit of the others from above.
-        safe = np.where(distance > 0.0, distance, 1.0)
-        return self.radius - distance, along / safe, np.where(distance > 0.0, up / safe, 1.0)
-
-
-@dataclass(frozen=True, slots=True)
-class SurfaceProfile:
-    """Shape, place and material of the surface."""
-
-    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
-
-    kind: SurfaceKind = setting(SurfaceKind.FLAT, Mark.CHOSEN, "shape along the path")
-    origin_x_mm: float = setting(900.0, Mark.CHOSEN, "base x of path coordinate 0", unit="mm")
-    origin_y_mm: float = setting(0.0, Mark.CHOSEN, "base y of path coordinate 0", unit="mm")
-    path_deg: float = setting(
-        90.0, Mark.CHOSEN, "direction of the path in the base x-y plane, 0 along x, 90 along y", unit="°"
-    )
-    height_mm: float = setting(590.0, Mark.CHOSEN, "base z of the surface at path coordinate 0", unit="mm")
-    slope_deg: float = setting(
-        5.0, Mark.CHOSEN, "rise along the path (sloped)", unit="°", minimum=-80.0, maximum=80.0
-    )
-    amplitude_mm: float = setting(
-        5.0, Mark.CHOSEN, "amplitude of the waves (sinusoidal)", unit="mm", minimum=0.0
-    )
-    period_mm: float = setting(
-        100.0, Mark.CHOSEN, "period of the waves along the path (sinusoidal)", unit="mm", above=0.0
-    )
-    radius_mm: float = setting(300.0, Mark.CHOSEN, "radius (circular_arc)", unit="mm", above=0.0)
-    stiffness_n_m: float = setting(
-        5000.0, Mark.OBSERVED, "stiffness along the normal; the paper's sponge", unit="N/m", minimum=0.0
-    )
-    damping_ns_m: float = setting(
-        10.0,
-        Mark.ASSUMED,
-        "damping along the normal while in contact (material linear)",
-        unit="N·s/m",
-        minimum=0.0,
-    )
-    material: MaterialProfile = field(default_factory=MaterialProfile)
-    stiffness_profile: tuple[tuple[float, float], ...] = setting(
-        (),
-        Mark.CHOSEN,
-        "factors on the stiffness along the path, linear between, constant beyond: pairs of path coordinate "
-        "in mm and factor; empty for 1 everywhere",
-    )
-    begin_mm: float | None = setting(
-        None, Mark.CHOSEN, "path coordinate before which there is no surface; none by default", unit="mm"
-    )
-    end_mm: float | None = setting(
-        None, Mark.CHOSEN, "path coordinate behind which there is no surface; none by default", unit="mm"
-    )
-    friction: float = setting(0.2, Mark.ASSUMED, "Coulomb coefficient against tangential motion", minimum=0.0)
-    friction_smoothing_mm_s: float = setting(
-        1.0,
-        Mark.CHOSEN,
-        "tangential speed at which friction has 71 % of its full value",
-        unit="mm/s",
-        above=0.0,
-    )
-
-    def __post_init__(self) -> None:
-        check_settings(self)
-        if any(len(pair) != 2 for pair in self.stiffness_profile):
-            raise ValueError("stiffness_profile must be pairs of path coordinate and factor")
-        if not all(math.isfinite(number) for pair in self.stiffness_profile for number in pair):
-            raise ValueError("stiffness_profile must be finite numbers")
-        if any(factor < 0.0 for _, factor in self.stiffness_profile):
-            raise ValueError("stiffness_profile must have factors of at least 0")
-        for (place, _), (following, _) in pairwise(self.stiffness_profile):
-            if not place < following:
-                raise ValueError(f"stiffness_profile must ascend, but {following:g} mm follows {place:g} mm")
-        if self.begin_mm is not None and self.end_mm is not None and not self.begin_mm < self.end_mm:
-            raise ValueError(f"end_mm must be more than begin_mm, {self.begin_mm:g}, got {self.end_mm:g}")
-
-    def shape(self) -> Shape:
-        """The surface in m and rad."""
-        height = self.height_mm / 1000.0
-        match self.kind:
-            case SurfaceKind.FLAT:
-                return Plane(height)
-            case SurfaceKind.SLOPED:
-                return Plane(height, math.radians(self.slope_deg))
-            case SurfaceKind.SINUSOIDAL:
-                return Sinusoidal(height, self.amplitude_mm / 1000.0, self.period_mm / 1000.0)
-            case SurfaceKind.CIRCULAR_ARC:
-                return CircularArc(height, self.radius_mm / 1000.0)
-
-
 class Contact:
     """The force that a surface exerts on the tool tip."""
 
     def __init__(self, profile: SurfaceProfile, on_change: Callable[[float], object] = _unread) -> None:
-        """`on_change` is told since when the surface is another, s."""
+        """`on_change` is told since when the surface is another, s.
+
+        Raises ValueError, in one line, for a file of heights that cannot be read.
+        """
         self._surface = profile.shape()
         self._material = profile.material.law(profile.stiffness_n_m, profile.damping_ns_m)
         self._memory = Memory()
@@ -212,14 +58,18 @@ class Contact:
         self._ends = begin is not None or end is not None
         self._begin = -math.inf if begin is None else begin / 1000.0
         self._end = math.inf if end is None else end / 1000.0
+        self._wall_at = math.inf if profile.wall_at_mm is None else profile.wall_at_mm / 1000.0
+        self._wall_height = profile.wall_height_mm / 1000.0
+        self._wall = Linear(profile.wall_stiffness_n_m, profile.damping_ns_m)
         self._friction = profile.friction
         self._smoothing = profile.friction_smoothing_mm_s / 1000.0
         angle = math.radians(profile.path_deg)
         self._path = np.array([math.cos(angle), math.sin(angle), 0.0])
+        self._left = np.array([-math.sin(angle), math.cos(angle), 0.0])
         self._origin = np.array([profile.origin_x_mm, profile.origin_y_mm, 0.0]) / 1000.0
         self._level: tuple[float, Floats] | None = None
         """Depth of the base frame's origin and normal (3, 1) of a surface whose normal is the same everywhere."""
-        if isinstance(self._surface, Plane) and not self._ends:
+        if isinstance(self._surface, Plane) and not self._ends and profile.wall_at_mm is None:
             depth, normals = self._depth_and_normal(np.zeros((3, 1)))
             self._level = float(depth[0]), normals
 
@@ -236,6 +86,15 @@ class Contact:
         """
         depth, normal = self._depth_and_normal(positions.T)
         return depth, np.broadcast_to(normal.T, positions.shape)
+
+    def normals(self, positions: Floats, times: Floats) -> Floats:
+        """Outward unit normals (n, 3) below positions (n, 3), m, base frame; NaN where the surface has ended."""
+        if self.faults.faulty:
+            positions = positions - np.outer(self.faults.rise(times)[0], _UP)
+        _, normals = self.depth_and_normal(positions)
+        along, *_ = self._places(positions.T)
+        ended = (along < self._begin) | (along > self._end)
+        return np.where(ended[:, None], np.nan, normals)
 
     def aside(self) -> "Contact":
         """A copy for questions: they change neither the memory nor the counts of this one."""
@@ -267,7 +126,8 @@ class Contact:
         # One row an axis: numpy is quickest along the last dimension, and three is too short for it.
         depth, normal = self._depth_and_normal(positions.T)
         material = self._material
-        if not material.has_memory and not (depth > 0.0).any():
+        beside = self._beside(positions.T)
+        if not material.has_memory and not (depth > 0.0).any() and beside is None:
             return np.zeros_like(positions)
         velocity = velocities.T
         leaving = np.einsum("ij,ij->j", velocity, normal)
@@ -275,10 +135,19 @@ class Contact:
         if material.has_memory:
             self._memories.append(self._memory)
         pressing, self._memory = material.press(depth, -leaving, factor, times, self._memory)
-        sliding = velocity - leaving * normal
+        force = self._with_friction(pressing, normal, velocity - leaving * normal)
+        if beside is not None:
+            inward = self._path[:, None]
+            coming = self._path @ velocity
+            against, _ = self._wall.press(beside, coming, 1.0, None, Memory())
+            force += self._with_friction(against, -inward, velocity - coming * inward)
+        return force.T
+
+    def _with_friction(self, pressing: Floats, normal: Floats, sliding: Floats) -> Floats:
+        """Force (3, n), N, of a push (n,) along a normal and its friction against sliding (3, n), m/s."""
         speed = np.sqrt(np.einsum("ij,ij->j", sliding, sliding) + self._smoothing**2)
         force: Floats = pressing * normal - (self._friction * pressing / speed) * sliding
-        return force.T
+        return force
 
     def _as_seen(self, positions: Floats, velocities: Floats, times: Floats) -> tuple[Floats, Floats]:
         """Positions and velocities (n, 3) against a surface that its faults have moved."""
@@ -301,9 +170,40 @@ class Contact:
         if self._level is not None:
             depth_of_origin, normal = self._level
             return depth_of_origin - normal[:, 0] @ positions, normal
-        along = self._path @ (positions - self._origin[:, None])
-        depth, normal_along, normal_up = self._surface.depth_and_normal(along, positions[2])
+        along, across, height = self._places(positions)
+        if self._wall_at < math.inf:
+            through_top = (along > self._wall_at) & ~self._through_face(along, across, height)
+            height = np.where(through_top, self._under_top(height), height)
+        depth, (n_along, n_left, n_up) = self._surface.depth_and_normal(along, across, height)
         if self._ends:
             beyond = (along < self._begin) | (along > self._end)
             depth = np.where(beyond, np.minimum(depth, 0.0), depth)
-        return depth, np.stack((normal_along * self._path[0], normal_along * self._path[1], normal_up))
+        x, y, _ = self._path
+        return depth, np.stack((n_along * x - n_left * y, n_along * y + n_left * x, n_up))
+
+    def _places(self, positions: Floats) -> tuple[Floats, Floats, Floats]:
+        """Positions (3, n) in the frame of the shape: along, across, height, m."""
+        from_origin = positions - self._origin[:, None]
+        return self._path @ from_origin, self._left @ from_origin, positions[2]
+
+    def _through_face(self, along: Floats, across: Floats, height: Floats) -> NDArray[np.bool_]:
+        """Which places (n,) are in the wall, and nearer to its upright face than to its top."""
+        aside = along - self._wall_at
+        below_top, _ = self._surface.depth_and_normal(along, across, self._under_top(height))
+        return (aside > 0.0) & (aside < below_top) & (along >= self._begin) & (along <= self._end)
+
+    def _beside(self, positions: Floats) -> Floats | None:
+        """How far places (3, n) are behind the upright face of the wall that pushes them back (n,), m; None where it
+        pushes none of them.
+        """
+        if self._wall_at == math.inf:
+            return None
+        along, across, height = self._places(positions)
+        pushed = self._through_face(along, across, height)
+        return np.where(pushed, along - self._wall_at, 0.0) if pushed.any() else None
+
+    def _under_top(self, height: Floats) -> Floats:
+        """Heights (n,) where the surface without the wall is as near as its top is with it. A lying cylinder is no
+        less thick below its axis.
+        """
+        return np.maximum(height - self._wall_height, np.minimum(height, self._surface.narrows_below))

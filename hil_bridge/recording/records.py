@@ -199,6 +199,11 @@ class TruthRecord(Struct, frozen=True):
     """Axes 1 to 6, °."""
     faults: tuple[str, ...] = ()
     """Injected faults that were under way, each as target and name."""
+    quaternion: Quaternion = (math.nan,) * 4
+    """True orientation, tool in base, w x y z; not known of older recordings."""
+    normal: Vector = (math.nan,) * 3
+    """Outward unit normal of the surface below the tool in the robot base frame; not known where a surface tells none.
+    """
 
 
 class EventRecord(Struct, frozen=True):

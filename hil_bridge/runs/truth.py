@@ -30,6 +30,8 @@ class _Cycle:
 
 _NO_JOINTS = (math.nan,) * 6
 """Joints of a robot that tells none."""
+_NO_NORMAL = (math.nan,) * 3
+"""Normal of a surface that tells none."""
 
 
 class GroundTruth:
@@ -102,5 +104,7 @@ class GroundTruth:
                     force=state.contact_force,
                     joints_deg=tuple(map(math.degrees, state.joints or _NO_JOINTS)),
                     faults=self._cell.ledger.active(cycle.at),
+                    quaternion=state.quaternion,
+                    normal=state.normal or _NO_NORMAL,
                 )
             )

@@ -50,7 +50,12 @@ OPTIONS = {
 """Command-line options by the key that they override."""
 
 
-FILE_KEYS = ("robot.orders_file", "cell.robot.program_folder", "controller.parameters.rules_file")
+FILE_KEYS = (
+    "robot.orders_file",
+    "cell.robot.program_folder",
+    "cell.surface.height_map_file",
+    "controller.parameters.rules_file",
+)
 """Keys that name a file; one that is not absolute is looked for beside the configuration that names it."""
 
 

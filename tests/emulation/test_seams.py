@@ -129,6 +129,7 @@ def test_devices_that_know_the_seams_alone_make_a_cell() -> None:
     truth = cell.true_state(T0 + 2.0)
     assert truth.contact_force == pytest.approx((0.0, 0.0, STIFFNESS * 0.005), abs=1e-6)
     assert truth.joints is None
+    assert truth.normal is None
 
 
 def test_the_contact_model_of_the_profile_is_the_default() -> None:

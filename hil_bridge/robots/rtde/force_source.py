@@ -15,7 +15,7 @@ import numpy as np
 from emulators.seams import Surface
 from emulators.surface.contact import Contact
 from hil_bridge.clock import Clock
-from hil_bridge.errors import BridgeError, DeviceError
+from hil_bridge.errors import BridgeError, ConfigError, DeviceError
 from hil_bridge.kinds import SURFACES, robot_of
 from hil_bridge.robots.rtde.bundle import Bundle
 from hil_bridge.robots.rtde.room import open_wires
@@ -44,11 +44,14 @@ class ForceOptions:
 
 
 def make_surface(config: Config) -> Surface:
-    """The surface of a configuration. Raises ConfigError for a kind that is not known."""
+    """The surface of a configuration. Raises ConfigError for a kind that is not known, and for one that cannot be."""
     name = config.cell.surface_kind
     if name:
         return SURFACES.kind(name).make(getattr(config.cell, field_name(name)))(lambda time: None)
-    return Contact(config.cell.surface)
+    try:
+        return Contact(config.cell.surface)
+    except ValueError as error:
+        raise ConfigError(f"cell: {error}") from error
 
 
 class ForceSource:

@@ -1,0 +1,71 @@
+"""Heights of a surface, read from a text file of a person."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+
+from emulators.surface.shapes import Floats
+
+FILE_LIMIT_BYTES = 1 << 22
+"""Longest file. Chosen: the largest grid with 16 characters a number."""
+HEIGHTS_LIMIT = 1 << 18
+"""Most numbers in it. Chosen: 512 by 512."""
+HEIGHT_LIMIT_MM = 10_000.0
+"""A height lies within this, mm. Chosen: more than a cell is high."""
+
+
+def read_height_map(name: str) -> Floats:
+    """Heights (rows, columns), m, of a file of heights in mm.
+
+    Each line of the file is a row, with its numbers apart by spaces, tabs or commas. Empty lines and all behind a `#`
+    are ignored. Raises ValueError, in one line, for a file that cannot be read or holds no grid.
+    """
+    rows: list[list[float]] = []
+    count = 0
+    for number, line in enumerate(_text(name).splitlines(), start=1):
+        words = line.partition("#")[0].replace(",", " ").split()
+        if not words:
+            continue
+        rows.append([_height(word, name, number) for word in words])
+        count += len(words)
+        if len(words) != len(rows[0]):
+            raise ValueError(
+                f"height_map_file {name}, line {number}: {len(words)} heights, but {len(rows[0])} in the first row; "
+                "give each row as many"
+            )
+        if count > HEIGHTS_LIMIT:
+            raise ValueError(
+                f"height_map_file {name}: more than {HEIGHTS_LIMIT} heights; give a coarser grid"
+            )
+    if not rows:
+        raise ValueError(f"height_map_file {name}: no heights; give a row of numbers in mm a line")
+    return np.array(rows) / 1000.0
+
+
+def _text(name: str) -> str:
+    try:
+        with Path(name).open("rb") as file:
+            data = file.read(FILE_LIMIT_BYTES + 1)
+        if len(data) > FILE_LIMIT_BYTES:
+            raise ValueError(f"longer than {FILE_LIMIT_BYTES} bytes")
+        return data.decode()
+    except OSError as error:
+        raise ValueError(f"height_map_file: cannot read {name}: {error.strerror or error}") from error
+    except UnicodeDecodeError as error:
+        raise ValueError(f"height_map_file {name} is no text in UTF-8") from error
+    except ValueError as error:  # too long, or a NUL in the name
+        raise ValueError(f"height_map_file: cannot read {name!r}: {error}") from error
+
+
+def _height(word: str, name: str, number: int) -> float:
+    try:
+        height = float(word)
+    except ValueError:
+        height = math.nan
+    if not abs(height) <= HEIGHT_LIMIT_MM:
+        raise ValueError(
+            f"height_map_file {name}, line {number}: {word[:40]!r} is no height in mm; give numbers within "
+            f"{HEIGHT_LIMIT_MM:g} mm"
+        )
+    return height
