@@ -11,8 +11,9 @@ from typing import Any
 
 from hil_bridge.control import ControlLoop, Supervisor, Task, make_controller
 from hil_bridge.control.controllers import PERIOD_FACTOR, check_period, controller_kind, sample_time
+from hil_bridge.control.program.felt import Face, WorkFrame
 from hil_bridge.control.program.legs import legs_of, seconds
-from hil_bridge.control.program.program import Face, Program, WorkFrame
+from hil_bridge.control.program.program import Program
 from hil_bridge.control.types import Tuning
 from hil_bridge.errors import ConfigError
 from hil_bridge.facts import RobotFacts
@@ -137,7 +138,7 @@ def face(config: Config) -> Face:
     if not config.sensor.url:
         own = config.cell.tool
         centre = (0.0, 0.0, own.length_mm) if centre is None else centre
-        radius = getattr(own, "face_radius_mm", 0.0) if radius is None else radius
+        radius = own.face_radius_mm if radius is None else radius
     x, y, z = (
         a + b
         for a, b in zip(metres(centre or (0.0, 0.0, 0.0)), metres(config.sensor.position_mm), strict=True)

@@ -29,10 +29,15 @@ _REMEMBERED = 0.8
 """Chosen: share of the variance that each reading keeps."""
 _SAME_HEADING = math.cos(math.radians(20.0))
 """Chosen: a heading that turned by less is the same stretch of the path."""
+_BLIND_S = 0.25
+"""Chosen: time after a corner for which the force is not read: friction turns with the robot, not with the order."""
 _MOST_SKEW = math.radians(10.0)
 """Chosen: no moment is taken for more than this."""
 _TRUSTED_STIFFNESS = 0.3
 """Chosen: share of its skew angle by which the moments may be wrong, for the stiffness is an estimate."""
+
+
+_NO_SUMS = (0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 class FacingState(Struct, frozen=True):
@@ -51,10 +56,12 @@ class FacingState(Struct, frozen=True):
     """Scatter of the readings along and across the heading, rad²."""
     sigma: float = math.inf
     """Standard deviation of the estimate in its worse direction, rad."""
+    blind: float = 0.0
+    """Time for which the force is not read yet, s."""
     waited: float = 0.0
     """Time of the samples that were added up since the last reading, s."""
     count: int = 0
-    sums: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
+    sums: tuple[float, ...] = _NO_SUMS
     """Sums of force along a, t, b, N, and of the skew angles by the moments along t and b, rad."""
 
 
@@ -113,6 +120,9 @@ class Facing:
         """State after one sample in contact. Samples are averaged to a reading each `PACE_S`. `stiffness_nm_rad` is
         the moment per skew angle of the tool's face.
         """
+        state = _turned(state, look)
+        if state.blind > 0.0:
+            return replace(state, blind=state.blind - look.dt, waited=0.0, count=0, sums=_NO_SUMS)
         values = (*look.force, *(look.skew or (0.0, 0.0)))
         if not all(map(math.isfinite, (*values, look.travel, look.depth))) or not look.force[0] > 0.0:
             return state
@@ -121,7 +131,7 @@ class Facing:
         if waited < PACE_S:
             return replace(state, waited=waited, count=count, sums=sums)
         mean = [value / count for value in sums]
-        state = replace(state, waited=0.0, count=0, sums=(0.0,) * 5)
+        state = replace(state, waited=0.0, count=0, sums=_NO_SUMS)
         return self._read(state, look, mean, stiffness_nm_rad)
 
     def _read(self, state: FacingState, look: Look, mean: list[float], stiffness: float) -> FacingState:
@@ -130,11 +140,6 @@ class Facing:
         slides = bool(hx or hy)
         if not slides:
             hx, hy = state.heading
-        turned = hx * state.heading[0] + hy * state.heading[1] < _SAME_HEADING
-        if turned:
-            state = replace(state, heading=(hx, hy), points=())
-        elif slides:
-            state = replace(state, heading=(hx, hy))
         force, force_t, force_b = mean[:3]
         psi = math.atan2(force_t * hx + force_b * hy, force)
         if slides:
@@ -146,9 +151,10 @@ class Facing:
             [],
         ]  # by axis: where the normal is seen, and the variance
         scatter = list(state.variances)
-        read_across = -math.atan2(force_b * hx - force_t * hy, force)
-        scatter[1] = _spread(scatter[1], read_across - across)
-        seen[1].append((read_across, scatter[1]))
+        if slides:  # else friction may point anywhere
+            read_across = -math.atan2(force_b * hx - force_t * hy, force)
+            scatter[1] = _spread(scatter[1], read_across - across)
+            seen[1].append((read_across, scatter[1]))
         if slides and state.friction_angle is not None:
             read_along = state.friction_angle - psi
             scatter[0] = _spread(scatter[0], read_along - along)
@@ -213,6 +219,16 @@ class Facing:
             skew = min(max(skew, -_MOST_SKEW), _MOST_SKEW)
             told.append((-math.atan2(own, a) - skew, noise**2 + (_TRUSTED_STIFFNESS * skew) ** 2))
         return told
+
+
+def _turned(state: FacingState, look: Look) -> FacingState:
+    """State on the heading of this sample: behind a corner the points of the path begin anew."""
+    if look.heading == state.heading or look.heading == (0.0, 0.0):
+        return state
+    (x, y), (u, v) = look.heading, state.heading
+    if x * u + y * v >= _SAME_HEADING:
+        return replace(state, heading=look.heading)
+    return replace(state, heading=look.heading, points=(), blind=_BLIND_S)
 
 
 def inward(fall: Place) -> Vector:

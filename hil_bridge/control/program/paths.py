@@ -258,9 +258,24 @@ class Way:
         (x, y), (u, v), rest = self.points[number], self.headings[number], travel - self.begins[number]
         return x + rest * u, y + rest * v
 
-    def along(self, travel: float, place: Place) -> float:
-        """Length of the way, m, that belongs to a place beside the piece on which `travel` lies."""
-        number = self.piece(travel)
+    def along(self, low: float, high: float, place: Place) -> float:
+        """Length of the way, m, at its point nearest to a place, between two lengths of it."""
+        first, last = self.piece(low), self.piece(high)
+        if first == last:
+            return self._on(first, place)
+        best, nearest = math.inf, high
+        for number in range(first, last + 1):
+            begin, end = max(self.begins[number], low), min(self.begins[number + 1], high)
+            length = min(max(self._on(number, place), begin), end)
+            (x, y), (u, v) = self.points[number], self.headings[number]
+            rest = length - self.begins[number]
+            apart = math.hypot(place[0] - x - rest * u, place[1] - y - rest * v)
+            if apart < best:
+                best, nearest = apart, length
+        return nearest
+
+    def _on(self, number: int, place: Place) -> float:
+        """Length of the way where a place is beside this piece."""
         (x, y), (u, v) = self.points[number], self.headings[number]
         return self.begins[number] + ((place[0] - x) * u + (place[1] - y) * v)
 

@@ -10,7 +10,7 @@ disturbance for it.
 
 import math
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 from msgspec.structs import replace
 
@@ -19,42 +19,20 @@ from hil_bridge.control.program import free_steps
 from hil_bridge.control.program.across import beside
 from hil_bridge.control.program.facing import Facing, Look, inward
 from hil_bridge.control.program.feed import STUCK_S, feed_of
+from hil_bridge.control.program.felt import Face, WorkFrame, lateral_of, skewed, zeroed
 from hil_bridge.control.program.legs import Leg, Row
+from hil_bridge.control.program.outcome import added, counted, failed
+from hil_bridge.control.program.outcome import done as outcome_of
 from hil_bridge.control.program.paths import Place
-from hil_bridge.control.program.state import CourseState, Done, Felt, Tally
+from hil_bridge.control.program.state import CourseState, Felt, Tally
 from hil_bridge.control.program.steps import Hold, Move, Seek, Track, Zero
-from hil_bridge.control.program.turning import brought, moment_at, rotated, tipped, unit, yawed
+from hil_bridge.control.program.turning import brought, tipped, unit, yawed
 from hil_bridge.control.types import Controller, Measurement
-from protocol.geometry import Quaternion, Vector
+from protocol.geometry import Quaternion
 
 _TRACK, _RETRACT, _END, _APPROACH = Phase.TRACK, Phase.RETRACT, Phase.END, Phase.APPROACH
 _ROUNDING = 1e-9
 """Slack for sums of steps, m."""
-_BAND_SHARE = 0.1
-"""Chosen: share of the wanted force by which it may be off and still counts as held, where no criterion is given."""
-
-
-class WorkFrame(NamedTuple):
-    """Axes of the work frame in the base frame, unit vectors, and its origin."""
-
-    approach: Vector
-    """Into the surface: against the frame's z axis."""
-    x: Vector
-    """The travel direction."""
-    y: Vector
-    origin: Vector | None = None
-    """Base frame, m; None for the start point."""
-    plane: Vector | None = None
-    """A point of the plane from which the safe height counts, base frame, m; None for the start point."""
-
-
-class Face(NamedTuple):
-    """The tool's end, in the tool frame."""
-
-    centre: Vector = (0.0, 0.0, 0.0)
-    """From the point about which contact moments are told, m."""
-    radius: float = 0.0
-    """Radius of a flat face, m; 0 for a tool that touches in a point."""
 
 
 POINT = Face()
@@ -135,7 +113,7 @@ class Program:
             state = replace(state, course=course)
         leg = self.row.legs[course.leg]
         if course.zero:
-            felt = _zeroed(felt, course, self.frame)
+            felt = zeroed(felt, course, self.frame)
             change = felt.force[0] - measurement.force
             paired = measurement.paired_force
             measurement = replace(
@@ -143,8 +121,12 @@ class Program:
             )
         if leg.way is not None:
             place = felt.place[0] - course.origin[0], felt.place[1] - course.origin[1]
-            along = leg.way.along(state.travel - course.base, place)
-            measurement = replace(measurement, travel=course.base + along)
+            along = leg.way.along(course.seen, state.travel - course.base, place)
+            course = replace(course, seen=max(along, 0.0))
+            state, measurement = (
+                replace(state, course=course),
+                replace(measurement, travel=course.base + along),
+            )
         if state.phase is not _TRACK or not self._follows(leg):
             return state, measurement, felt
         return *self._along_normal(state, leg, measurement, felt), felt
@@ -180,7 +162,7 @@ class Program:
                 measurement.position,
                 felt.force,
                 heading if slides else (0.0, 0.0),
-                *self._skewed(felt, per_angle),
+                *skewed(self.frame, self.face, felt, per_angle),
             )
             course = replace(course, facing=self.facing.after(course.facing, look, per_angle or 1.0))
             state = replace(state, course=course)
@@ -198,18 +180,6 @@ class Program:
             paired_force=None if paired is None else paired * pressed / force,
             advance=1.0 / math.sqrt(1.0 + slope * slope),
         )
-
-    def _skewed(self, felt: Felt, per_angle: float) -> tuple[Vector, Place | None]:
-        """The tool's axis, and how its face's moments say that it must tip, in the task frame."""
-        if felt.quaternion is None or not per_angle or len(felt.wrench) != 6:
-            return (1.0, 0.0, 0.0), None
-        frame, quaternion = self.frame, unit(felt.quaternion)
-        axis = rotated(quaternion, (0.0, 0.0, 1.0))
-        u, v, _ = moment_at(felt.wrench, self.face.centre)
-        # the tool yields to the moment: a turn about it by moment / stiffness tips the axis
-        x, y, z = rotated(quaternion, (v / per_angle, -u / per_angle, 0.0))
-        a, t, b = (_along(axis, way) for way in (frame.approach, frame.x, frame.y))
-        return (a, t, b), (_along((x, y, z), frame.x), _along((x, y, z), frame.y))
 
     # --- one sample
 
@@ -239,7 +209,7 @@ class Program:
         if course.began is not None:
             leg = self.row.legs[course.leg]
             state = replace(
-                state, course=replace(course, done=(*course.done, _failed(state, leg, felt)), began=None)
+                state, course=replace(course, done=(*course.done, failed(state, leg, felt)), began=None)
             )
         state, output = self.task.step(state, measurement)
         return state, self._output(state, output)
@@ -253,6 +223,7 @@ class Program:
             began=felt.now,
             origin=course.at,
             base=state.travel,
+            seen=0.0,
             aside=0.0,
             stage=0,
             since=felt.now,
@@ -325,7 +296,7 @@ class Program:
         reference = leg.reference(max(local, 0.0))
         feed, trouble = 1.0, ""
         if isinstance(step, Track):
-            lateral = _lateral(felt.force, course.facing.fall if self._follows(leg) else (0.0, 0.0))
+            lateral = lateral_of(felt.force, course.facing.fall if self._follows(leg) else (0.0, 0.0))
             feed, trouble = feed_of(step, measurement.force - reference, lateral, local)
             stuck = course.stuck + measurement.dt if feed < 0.05 else 0.0
             if stuck > STUCK_S:
@@ -339,20 +310,20 @@ class Program:
         if trouble:
             state = self.fail(state, trouble)
             return state, self.task.hold(state, measurement), False
-        before, (ground, slope) = state, self._ground(state, leg)
+        before, ground = state, course.ground
+        fall = course.facing.fall if self._follows(leg) else (0.0, 0.0)
         seen = measurement
-        if ground or slope:
-            behind = state.travel - measurement.travel
+        if ground or fall != (0.0, 0.0):
+            behind = _rise(fall, felt.place, course.at)
             seen = replace(
                 measurement,
-                position=measurement.position - (ground - slope * behind),
+                position=measurement.position - (ground - behind),
                 commanded=measurement.commanded - ground,
             )
         state, output = leg.stroke.step(state, seen, Stride(reference, feed))
         if state.travel < course.base:
             state = replace(state, travel=course.base)
         local = state.travel - course.base
-        ground += slope * (state.travel - before.travel)
         course = state.course
         if isinstance(step, Track) and step.across != "position":
             course = beside(leg.stroke, step, course, measurement, _leftwards(leg, state, felt))
@@ -360,15 +331,16 @@ class Program:
         if way is not None:
             (x, y), (h, k) = way.at(local), way.headings[way.piece(local)]
             at = course.origin[0] + x - course.aside * k, course.origin[1] + y + course.aside * h
-        course = _counted(replace(course, at=at, ground=ground), leg, before, state, measurement)
+        raised = ground + _rise(fall, course.at, at)
+        course = counted(replace(course, at=at, ground=raised), leg, before, state, measurement)
         began = felt.now if course.began is None else course.began
         if isinstance(step, Hold) and felt.now - began >= step.for_s / 2:
-            course = replace(course, found=_added(course.found, felt.position))
+            course = replace(course, found=added(course.found, felt.position))
         stiffness = state.stiffness if output.command is None else output.command.stiffness or state.stiffness
         state = replace(state, course=course, stiffness=stiffness)
-        depth = output.target.depth + ground
+        depth = output.target.depth + raised
         output = replace(
-            output, target=Target(depth, 0.0), reference=reference, command=_raised(output.command, ground)
+            output, target=Target(depth, 0.0), reference=reference, command=_raised(output.command, raised)
         )
         if isinstance(step, Seek):
             return self._edge((before, state), leg, output, measurement, felt)
@@ -408,13 +380,6 @@ class Program:
         """The task's failure with the step's number."""
         return replace(state, cause=f"{state.cause}, in step {leg.label}")
 
-    def _ground(self, state: TaskState, leg: Leg) -> tuple[float, float]:
-        """Depth of the predicted plane at the commanded place, m, and its slope along the path."""
-        if not self._follows(leg) or leg.way is None:
-            return state.course.ground, 0.0
-        (p, q), (h, k) = state.course.facing.fall, _heading(leg, state)
-        return state.course.ground, p * h + q * k
-
     def _turned(self, state: TaskState, leg: Leg, dt: float) -> TaskState:
         """State with the orientation that the leg wants, as far as it may be turned in one sample."""
         course, step = state.course, leg.step
@@ -444,7 +409,7 @@ class Program:
     def _next(self, state: TaskState, leg: Leg, felt: Felt) -> TaskState:
         """State behind a leg: its outcome, and where the row goes on."""
         course = state.course
-        done = _done(course, leg, state, felt)
+        done = outcome_of(course, leg, state, felt)
         number = course.leg + 1
         if leg.leave_to is not None:
             deep, way = course.this_pass
@@ -502,8 +467,9 @@ _PHASES = {
 """Phase in which a leg begins."""
 
 
-def _along(vector: Vector, axis: Vector) -> float:
-    return vector[0] * axis[0] + vector[1] * axis[1] + vector[2] * axis[2]
+def _rise(fall: Place, before: Place, after: Place) -> float:
+    """How much deeper the surface lies at one place than at another, m, going by its slopes."""
+    return fall[0] * (after[0] - before[0]) + fall[1] * (after[1] - before[1])
 
 
 def _heading(leg: Leg, state: TaskState) -> Place:
@@ -523,89 +489,6 @@ def _leftwards(leg: Leg, state: TaskState, felt: Felt) -> tuple[float, float]:
     return h * felt.force[2] - k * felt.force[1], h * dy - k * dx
 
 
-def _lateral(force: Vector, fall: Place) -> float:
-    """Length of the force along the surface, N."""
-    a, t, b = inward(fall)
-    pressed = force[0] * a + force[1] * t + force[2] * b
-    return math.hypot(force[0] - pressed * a, force[1] - pressed * t, force[2] - pressed * b)
-
-
-def _zeroed(felt: Felt, course: CourseState, frame: WorkFrame) -> Felt:
-    """The sample from the program's zero."""
-    quaternion = felt.quaternion or course.home
-    if quaternion is None or len(felt.wrench) != 6:
-        return felt
-    x, y, z = rotated(unit(quaternion), course.zero[:3])
-    a, t, b = (_along((x, y, z), way) for way in (frame.approach, frame.x, frame.y))
-    force = felt.force[0] + a, felt.force[1] + t, felt.force[2] + b
-    wrench = tuple(value - zero for value, zero in zip(felt.wrench, course.zero, strict=True))
-    return felt._replace(force=force, wrench=wrench)
-
-
 def _raised(command: Any, ground: float) -> Any:
     """A controller's answer in depths from the start point."""
     return command if command is None or not ground else replace(command, position=command.position + ground)
-
-
-def _added(found: tuple[Vector, int], place: Vector) -> tuple[Vector, int]:
-    (x, y, z), count = found
-    return (x + place[0], y + place[1], z + place[2]), count + 1
-
-
-def _counted(
-    course: CourseState, leg: Leg, before: TaskState, after: TaskState, measurement: Measurement
-) -> CourseState:
-    """The sums over a leg, with one more sample."""
-    if not after.in_contact:
-        return course
-    moved = after.travel - before.travel
-    amount = measurement.dt if leg.way is None else max(moved, 0.0)
-    local = after.travel - course.base
-    criterion = getattr(leg.step, "criterion", None)
-    reference = leg.reference(max(local, 0.0))
-    band = reference * _BAND_SHARE if criterion is None else criterion.within_n
-    within = abs(measurement.force - reference) <= band
-    tally = course.tally
-    tally = Tally(
-        tally.total + amount,
-        tally.within + (amount if within else 0.0),
-        tally.force + amount * measurement.force,
-        tally.deep + amount * measurement.position,
-        local if within else tally.good,
-    )
-    deep, way = course.this_pass
-    if leg.way is not None:
-        deep, way = deep + amount * measurement.position, way + amount
-    return replace(course, tally=tally, this_pass=(deep, way))
-
-
-def _done(course: CourseState, leg: Leg, state: TaskState, felt: Felt) -> Done:
-    """Outcome of a leg that has ended as it was meant to."""
-    tally, criterion = course.tally, getattr(leg.step, "criterion", None)
-    share = tally.within / tally.total if tally.total and criterion is not None else None
-    passed = criterion is None or (share is not None and share * 100 >= criterion.for_percent)
-    text = ""
-    if criterion is not None:
-        kept = "never in contact" if share is None else f"{share:.1%} of the way"
-        text = f"force within ±{criterion.within_n:g} N: {kept}, wanted {criterion.for_percent:g} %"
-    (x, y, z), count = course.found
-    found = (x / count, y / count, z / count) if count else None
-    if leg.step.do == "approach" and leg.step.name:
-        found = felt.position
-    return Done(
-        course.leg,
-        felt.now if course.began is None else course.began,
-        felt.now,
-        state.travel - course.base if leg.way is not None else 0.0,
-        tally.force / tally.total if tally.total else None,
-        share,
-        passed,
-        found if getattr(leg.step, "name", "") else None,
-        text,
-        tally.good,
-    )
-
-
-def _failed(state: TaskState, leg: Leg, felt: Felt) -> Done:
-    """Outcome of a leg that was cut."""
-    return replace(_done(state.course, leg, state, felt), passed=False, text=state.cause, found=None)

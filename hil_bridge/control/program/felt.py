@@ -1,0 +1,69 @@
+"""Forces and moments in the work frame: from the own zero of a program, along the surface, and at a flat face. Pure."""
+
+import math
+from typing import NamedTuple
+
+from hil_bridge.control.program.facing import inward
+from hil_bridge.control.program.paths import Place
+from hil_bridge.control.program.state import CourseState, Felt
+from hil_bridge.control.program.turning import moment_at, rotated, unit
+from protocol.geometry import Vector
+
+
+class WorkFrame(NamedTuple):
+    """Axes of the work frame in the base frame, unit vectors, and its origin."""
+
+    approach: Vector
+    """Into the surface: against the frame's z axis."""
+    x: Vector
+    """The travel direction."""
+    y: Vector
+    origin: Vector | None = None
+    """Base frame, m; None for the start point."""
+    plane: Vector | None = None
+    """A point of the plane from which the safe height counts, base frame, m; None for the start point."""
+
+
+class Face(NamedTuple):
+    """The tool's end, in the tool frame."""
+
+    centre: Vector = (0.0, 0.0, 0.0)
+    """From the point about which contact moments are told, m."""
+    radius: float = 0.0
+    """Radius of a flat face, m; 0 for a tool that touches in a point."""
+
+
+def lateral_of(force: Vector, fall: Place) -> float:
+    """Length of the force along the surface, N."""
+    a, t, b = inward(fall)
+    pressed = force[0] * a + force[1] * t + force[2] * b
+    return math.hypot(force[0] - pressed * a, force[1] - pressed * t, force[2] - pressed * b)
+
+
+def zeroed(felt: Felt, course: CourseState, frame: WorkFrame) -> Felt:
+    """The sample from the program's zero."""
+    quaternion = felt.quaternion or course.home
+    if quaternion is None or len(felt.wrench) != 6:
+        return felt
+    x, y, z = rotated(unit(quaternion), course.zero[:3])
+    a, t, b = (along((x, y, z), way) for way in (frame.approach, frame.x, frame.y))
+    force = felt.force[0] + a, felt.force[1] + t, felt.force[2] + b
+    wrench = tuple(value - zero for value, zero in zip(felt.wrench, course.zero, strict=True))
+    return felt._replace(force=force, wrench=wrench)
+
+
+def skewed(frame: WorkFrame, face: Face, felt: Felt, per_angle: float) -> tuple[Vector, Place | None]:
+    """The tool's axis, and how its face's moments say that it must tip, in the task frame."""
+    if felt.quaternion is None or not per_angle or len(felt.wrench) != 6:
+        return (1.0, 0.0, 0.0), None
+    quaternion = unit(felt.quaternion)
+    axis = rotated(quaternion, (0.0, 0.0, 1.0))
+    u, v, _ = moment_at(felt.wrench, face.centre)
+    # the tool yields to the moment: a turn about it by moment / stiffness tips the axis
+    x, y, z = rotated(quaternion, (v / per_angle, -u / per_angle, 0.0))
+    a, t, b = (along(axis, way) for way in (frame.approach, frame.x, frame.y))
+    return (a, t, b), (along((x, y, z), frame.x), along((x, y, z), frame.y))
+
+
+def along(vector: Vector, axis: Vector) -> float:
+    return vector[0] * axis[0] + vector[1] * axis[1] + vector[2] * axis[2]
