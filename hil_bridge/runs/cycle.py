@@ -25,6 +25,7 @@ from hil_bridge.control import (
     one_line,
     turn_between,
 )
+from hil_bridge.control.program.legs import Leg
 from hil_bridge.control.program.program import Program
 from hil_bridge.control.program.turning import apart, unit
 from hil_bridge.errors import BridgeError
@@ -51,7 +52,7 @@ from hil_bridge.robots.seam import (
 from hil_bridge.runs.leaving import ARRIVED_M, Left, WayOut, stand_still
 from hil_bridge.runs.pace import control_loop
 from hil_bridge.runs.small_steps import bring_up
-from hil_bridge.runs.steps_told import STEP_EVENT, step_record, told_step
+from hil_bridge.runs.steps_told import STEP_EVENT, cut_step, in_step, step_record, told_step, under_way
 from hil_bridge.runs.zeroing import Zeroing, known_wrist, wrist
 from hil_bridge.sensors.stream import ForceSensor
 from hil_bridge.settings.configuration import Config
@@ -131,6 +132,8 @@ class Run:
         self._followed: list[str] = []
         self._steps = 0
         """Steps of a program that have been told as ended."""
+        self._stopped_at = math.nan
+        """When the run stopped, s on the run's clock."""
         self._pause = 0.0
         self._log_error: Exception | None = None
         """Error that the log raised for an event."""
@@ -173,6 +176,7 @@ class Run:
             self._heart.stop()
             self.moving = False
         left = await self._left(start, commanded, answers) if moved else ""
+        self._tell_cut()
         self._enter("end")
         return RunResult(self._outcome, self._cause, left, tuple(self._followed))
 
@@ -198,11 +202,12 @@ class Run:
             self._state = self._loop.initial(zero.start.pose.position)
             await self._cycles(motion)
         except BridgeError as error:
-            self._blame(str(error))
+            self._blame(in_step(self._leg(), str(error)))
             await self._retract(motion)
         except Exception as error:
             self._event(BUG_EVENT, _traceback(error))
-            self._blame(f"a bug ended the run: {type(error).__name__}: {_told(error)}")
+            told = f"a bug ended the run: {type(error).__name__}: {_told(error)}"
+            self._blame(in_step(self._leg(), told))
             await self._retract(motion)
         except BaseException:
             self._blame("the run was cancelled")
@@ -279,7 +284,8 @@ class Run:
                 track_ends = sample.now + self._config.run.duration_s
             if decision.output.failed:
                 stands = f"; {self._sensor.stands}" if self._sensor.stands else ""
-                self._blame(f"{decision.output.cause}{stands}")
+                leg = under_way(self._loop.task, after.task)
+                self._blame(f"{in_step(leg, decision.output.cause)}{stands}")
             if decision.stands:
                 sent = await stand_still(motion)
             else:
@@ -321,6 +327,16 @@ class Run:
             self._log.step(step_record(leg, done))
             self._event(STEP_EVENT, told_step(leg, done))
         self._steps = len(course.done)
+
+    def _leg(self) -> Leg | None:
+        """The step of a program that is under way."""
+        return None if self._state is None else under_way(self._loop.task, self._state.task)
+
+    def _tell_cut(self) -> None:
+        """Tell the step that was under way when an error ended the run: its own course could not."""
+        leg = self._leg()
+        if self._outcome is Outcome.STOPPED and leg is not None and self._state is not None:
+            self._log.step(cut_step(leg, self._state.task, self._stopped_at, self._cause))
 
     async def _cycle_starts(self) -> AsyncIterator[tuple[int, float]]:
         """Number and begin of each cycle: as fast as the robot reports, or at whole multiples of the period.
@@ -469,6 +485,7 @@ class Run:
         """Stop for this cause, or note what followed the first one."""
         if self._outcome is not Outcome.STOPPED:
             self._outcome, self._cause = Outcome.STOPPED, cause
+            self._stopped_at = self._clock.now()
             self._event(STOP_EVENT, cause)
         elif len(self._followed) < FOLLOWED_MAX and _kind(cause) not in map(
             _kind, (self._cause, *self._followed)

@@ -1,11 +1,14 @@
 """The steps of a program in the record and in words."""
 
+from hil_bridge.control.course.task import Task, TaskState
 from hil_bridge.control.program.legs import Leg
+from hil_bridge.control.program.program import Program
 from hil_bridge.control.program.state import Done
 from hil_bridge.recording.records import StepRecord
 
 STEP_EVENT = "step"
 """Kind of the events that tell that a step has ended."""
+_IN_STEP = ", in step "
 
 
 def step_record(leg: Leg, done: Done) -> StepRecord:
@@ -26,6 +29,30 @@ def step_record(leg: Leg, done: Done) -> StepRecord:
         done.text,
         done.resumable,
     )
+
+
+def under_way(task: Task | Program, state: TaskState | None) -> Leg | None:
+    """The step under way; None before the first, behind the last, and without a program."""
+    course = None if state is None else state.course
+    if course is None or course.began is None or not isinstance(task, Program):
+        return None
+    leg: Leg = task.row.legs[course.leg]
+    return leg
+
+
+def in_step(leg: Leg | None, cause: str) -> str:
+    """Why a run stopped, with the step in which it did."""
+    return cause if leg is None or _IN_STEP in cause else f"{cause}{_IN_STEP}{leg.label}"
+
+
+def cut_step(leg: Leg, state: TaskState, now: float, cause: str) -> StepRecord:
+    """Record of the step that was under way when an error ended the run."""
+    course = state.course
+    tally = course.tally
+    way = state.travel - course.base if leg.way is not None else 0.0
+    mean = tally.force / tally.total if tally.total else None
+    cut = Done(course.leg, course.began, now, way, mean, passed=False, text=cause, resumable=tally.good)
+    return step_record(leg, cut)
 
 
 def told_step(leg: Leg, done: Done) -> str:
