@@ -5,7 +5,6 @@ nothing but the robot.
 """
 
 import math
-import traceback
 from collections.abc import AsyncIterator
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -22,9 +21,9 @@ from hil_bridge.control import (
     Sample,
     WristAtOrientation,
     numeric_explanation,
-    one_line,
     turn_between,
 )
+from hil_bridge.control.program.outcome import cut
 from hil_bridge.control.program.program import Program
 from hil_bridge.control.program.turning import apart, unit
 from hil_bridge.errors import BridgeError
@@ -48,9 +47,11 @@ from hil_bridge.robots.seam import (
     Sent,
     orientation_fault,
 )
+from hil_bridge.runs.causes import kind_of, told, traceback_of
 from hil_bridge.runs.leaving import ARRIVED_M, Left, WayOut, stand_still
 from hil_bridge.runs.pace import control_loop
 from hil_bridge.runs.small_steps import bring_up
+from hil_bridge.runs.starting import check_start
 from hil_bridge.runs.steps_told import STEP_EVENT, step_record, told_step
 from hil_bridge.runs.zeroing import Zeroing, known_wrist, wrist
 from hil_bridge.sensors.stream import ForceSensor
@@ -154,6 +155,7 @@ class Run:
         start = await bring_up(self._robot, self._sensor)
         self._filter_delay = self._sensor.delay
         self._loop.initial(start.pose.position)  # refuses a start outside the workspace
+        check_start(self._config, self._loop, start)
         self._enter("tare")
         await self._zeroing.weigh(start)
         self._orientation = start.pose.quaternion
@@ -173,6 +175,7 @@ class Run:
             self._heart.stop()
             self.moving = False
         left = await self._left(start, commanded, answers) if moved else ""
+        self._tell_cut()
         self._enter("end")
         return RunResult(self._outcome, self._cause, left, tuple(self._followed))
 
@@ -201,8 +204,8 @@ class Run:
             self._blame(str(error))
             await self._retract(motion)
         except Exception as error:
-            self._event(BUG_EVENT, _traceback(error))
-            self._blame(f"a bug ended the run: {type(error).__name__}: {_told(error)}")
+            self._event(BUG_EVENT, traceback_of(error))
+            self._blame(f"a bug ended the run: {type(error).__name__}: {told(error)}")
             await self._retract(motion)
         except BaseException:
             self._blame("the run was cancelled")
@@ -240,7 +243,7 @@ class Run:
                 if math.isfinite(force)
                 else "the sensor tells no force after the retraction"
             )
-        because = _kind(self._followed[-1] if self._followed else self._cause)
+        because = kind_of(self._followed[-1] if self._followed else self._cause)
         return Left(away and not pressing, depth, force, because).text
 
     async def _cycles(self, motion: Motion) -> None:
@@ -321,6 +324,18 @@ class Run:
             self._log.step(step_record(leg, done))
             self._event(STEP_EVENT, told_step(leg, done))
         self._steps = len(course.done)
+
+    def _tell_cut(self) -> None:
+        """Tell the step that was under way when the run could decide no more."""
+        state, program = self._state, self._loop.task
+        if state is None or not isinstance(program, Program) or self._outcome is Outcome.COMPLETED:
+            return
+        course = state.task.course
+        if course.began is not None:
+            leg = program.row.legs[course.leg]
+            done = cut(state.task, leg, self._clock.now(), self._cause)
+            self._log.step(step_record(leg, done))
+            self._event(STEP_EVENT, told_step(leg, done))
 
     async def _cycle_starts(self) -> AsyncIterator[tuple[int, float]]:
         """Number and begin of each cycle: as fast as the robot reports, or at whole multiples of the period.
@@ -470,8 +485,8 @@ class Run:
         if self._outcome is not Outcome.STOPPED:
             self._outcome, self._cause = Outcome.STOPPED, cause
             self._event(STOP_EVENT, cause)
-        elif len(self._followed) < FOLLOWED_MAX and _kind(cause) not in map(
-            _kind, (self._cause, *self._followed)
+        elif len(self._followed) < FOLLOWED_MAX and kind_of(cause) not in map(
+            kind_of, (self._cause, *self._followed)
         ):
             self._followed.append(cause)
             self._event(THEN_EVENT, cause)
@@ -488,23 +503,3 @@ class Run:
             Exception
         ) as error:  # told by the next cycle, for nothing may come between a failure and its retraction
             self._log_error = error
-
-
-def _kind(cause: str) -> str:
-    """A cause without what is known of it besides, which is another every time."""
-    return cause.partition(";")[0]
-
-
-def _told(error: Exception) -> str:
-    """The first line of what an exception says, whatever it is."""
-    try:
-        return one_line(str(error))
-    except Exception as second:
-        return f"<{type(second).__name__}>"
-
-
-def _traceback(error: Exception) -> str:
-    try:
-        return "".join(traceback.format_exception(error))
-    except Exception as second:  # an exception that cannot be shown
-        return f"{type(error).__name__}, which cannot be shown: {type(second).__name__}"

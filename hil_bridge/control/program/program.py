@@ -21,7 +21,7 @@ from hil_bridge.control.program.facing import Facing, Look, inward
 from hil_bridge.control.program.feed import STUCK_S, feed_of
 from hil_bridge.control.program.felt import Face, WorkFrame, lateral_of, skewed, zeroed
 from hil_bridge.control.program.legs import Leg, Row
-from hil_bridge.control.program.outcome import added, counted, failed
+from hil_bridge.control.program.outcome import added, counted, cut
 from hil_bridge.control.program.outcome import done as outcome_of
 from hil_bridge.control.program.paths import Place
 from hil_bridge.control.program.state import CourseState, Felt, Tally
@@ -209,7 +209,10 @@ class Program:
         if course.began is not None:
             leg = self.row.legs[course.leg]
             state = replace(
-                state, course=replace(course, done=(*course.done, failed(state, leg, felt)), began=None)
+                state,
+                course=replace(
+                    course, done=(*course.done, cut(state, leg, felt.now, state.cause)), began=None
+                ),
             )
         state, output = self.task.step(state, measurement)
         return state, self._output(state, output)
@@ -409,7 +412,7 @@ class Program:
     def _next(self, state: TaskState, leg: Leg, felt: Felt) -> TaskState:
         """State behind a leg: its outcome, and where the row goes on."""
         course = state.course
-        done = outcome_of(course, leg, state, felt)
+        done = outcome_of(course, leg, state, felt.now, felt.position)
         number = course.leg + 1
         if leg.leave_to is not None:
             deep, way = course.this_pass
