@@ -23,8 +23,6 @@ from hil_bridge.control import (
     numeric_explanation,
     turn_between,
 )
-from hil_bridge.control.program.outcome import cut
-from hil_bridge.control.program.program import Program
 from hil_bridge.control.program.turning import apart, unit
 from hil_bridge.errors import BridgeError
 from hil_bridge.recording import (
@@ -52,7 +50,7 @@ from hil_bridge.runs.leaving import ARRIVED_M, Left, WayOut, stand_still
 from hil_bridge.runs.pace import control_loop
 from hil_bridge.runs.small_steps import bring_up
 from hil_bridge.runs.starting import check_start
-from hil_bridge.runs.steps_told import STEP_EVENT, step_record, told_step
+from hil_bridge.runs.steps_told import StepTeller
 from hil_bridge.runs.zeroing import Zeroing, known_wrist, wrist
 from hil_bridge.sensors.stream import ForceSensor
 from hil_bridge.settings.configuration import Config
@@ -116,6 +114,7 @@ class Run:
         self._wrist = (known_wrist(config) if config.task.step else None) or wrist(config)
         self._loop = control_loop(config, robot.facts)
         self._zeroing = Zeroing(config, clock, robot, sensor, lambda text: self._event(CHECK_EVENT, text))
+        self._steps = StepTeller(self._loop.task, clock, log, self._event)
         self._way_out = WayOut(config, clock, robot, sensor, self._loop)
         self._heart = Heartbeat(clock)
         self._filter_delay = math.nan
@@ -130,8 +129,6 @@ class Run:
         self._phase = ""
         self._outcome, self._cause = Outcome.COMPLETED, ""
         self._followed: list[str] = []
-        self._steps = 0
-        """Steps of a program that have been told as ended."""
         self._pause = 0.0
         self._log_error: Exception | None = None
         """Error that the log raised for an event."""
@@ -175,7 +172,8 @@ class Run:
             self._heart.stop()
             self.moving = False
         left = await self._left(start, commanded, answers) if moved else ""
-        self._tell_cut()
+        if self._state is not None and self._outcome is not Outcome.COMPLETED:
+            self._steps.cut(self._state.task.course, self._cause)
         self._enter("end")
         return RunResult(self._outcome, self._cause, left, tuple(self._followed))
 
@@ -306,36 +304,11 @@ class Run:
                     correction=decision.target.depth - commanded_before,
                 )
             )
-            self._tell_steps(state)
+            self._steps.ended(state.task.course)
             if decision.ended:
                 break
         if self._outcome is Outcome.COMPLETED and state.task.cause != TIME_IS_UP:
             self._cause = state.task.cause
-
-    def _tell_steps(self, state: LoopState) -> None:
-        """Tell the steps of a program that have ended since the cycle before."""
-        course = state.task.course
-        if course is None or len(course.done) == self._steps:
-            return
-        assert isinstance(self._loop.task, Program)
-        legs = self._loop.task.row.legs
-        for done in course.done[self._steps :]:
-            leg = legs[done.leg]
-            self._log.step(step_record(leg, done))
-            self._event(STEP_EVENT, told_step(leg, done))
-        self._steps = len(course.done)
-
-    def _tell_cut(self) -> None:
-        """Tell the step that was under way when the run could decide no more."""
-        state, program = self._state, self._loop.task
-        if state is None or not isinstance(program, Program) or self._outcome is Outcome.COMPLETED:
-            return
-        course = state.task.course
-        if course.began is not None:
-            leg = program.row.legs[course.leg]
-            done = cut(state.task, leg, self._clock.now(), self._cause)
-            self._log.step(step_record(leg, done))
-            self._event(STEP_EVENT, told_step(leg, done))
 
     async def _cycle_starts(self) -> AsyncIterator[tuple[int, float]]:
         """Number and begin of each cycle: as fast as the robot reports, or at whole multiples of the period.

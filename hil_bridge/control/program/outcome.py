@@ -44,7 +44,7 @@ def counted(
     return replace(course, tally=tally, this_pass=(deep, way))
 
 
-def done(course: CourseState, leg: Leg, state: TaskState, now: float, at: Vector | None = None) -> Done:
+def done(course: CourseState, leg: Leg, now: float, at: Vector | None = None) -> Done:
     """Outcome of a leg that has ended at this time, s on the run's clock, with the tool at this place."""
     tally, criterion = course.tally, getattr(leg.step, "criterion", None)
     share = tally.within / tally.total if tally.total and criterion is not None else None
@@ -61,7 +61,7 @@ def done(course: CourseState, leg: Leg, state: TaskState, now: float, at: Vector
         course.leg,
         now if course.began is None else course.began,
         now,
-        state.travel - course.base if leg.way is not None else 0.0,
+        course.local,
         tally.force / tally.total if tally.total else None,
         share,
         passed,
@@ -71,6 +71,6 @@ def done(course: CourseState, leg: Leg, state: TaskState, now: float, at: Vector
     )
 
 
-def cut(state: TaskState, leg: Leg, now: float, cause: str) -> Done:
+def cut(course: CourseState, leg: Leg, now: float, cause: str) -> Done:
     """Outcome of a leg that was cut at this time, s on the run's clock."""
-    return replace(done(state.course, leg, state, now), passed=False, text=cause, found=None)
+    return replace(done(course, leg, now), passed=False, text=cause, found=None)

@@ -211,7 +211,7 @@ class Program:
             state = replace(
                 state,
                 course=replace(
-                    course, done=(*course.done, cut(state, leg, felt.now, state.cause)), began=None
+                    course, done=(*course.done, cut(course, leg, felt.now, state.cause)), began=None
                 ),
             )
         state, output = self.task.step(state, measurement)
@@ -226,6 +226,7 @@ class Program:
             began=felt.now,
             origin=course.at,
             base=state.travel,
+            local=0.0,
             seen=0.0,
             aside=0.0,
             stage=0,
@@ -335,7 +336,13 @@ class Program:
             (x, y), (h, k) = way.at(local), way.headings[way.piece(local)]
             at = course.origin[0] + x - course.aside * k, course.origin[1] + y + course.aside * h
         raised = ground + _rise(fall, course.at, at)
-        course = counted(replace(course, at=at, ground=raised), leg, before, state, measurement)
+        course = counted(
+            replace(course, at=at, ground=raised, local=local if way else 0.0),
+            leg,
+            before,
+            state,
+            measurement,
+        )
         began = felt.now if course.began is None else course.began
         if isinstance(step, Hold) and felt.now - began >= step.for_s / 2:
             course = replace(course, found=added(course.found, felt.position))
@@ -412,7 +419,7 @@ class Program:
     def _next(self, state: TaskState, leg: Leg, felt: Felt) -> TaskState:
         """State behind a leg: its outcome, and where the row goes on."""
         course = state.course
-        done = outcome_of(course, leg, state, felt.now, felt.position)
+        done = outcome_of(course, leg, felt.now, felt.position)
         number = course.leg + 1
         if leg.leave_to is not None:
             deep, way = course.this_pass
