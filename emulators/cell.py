@@ -27,8 +27,9 @@ from emulators.seams import (
     WrenchSource,
 )
 from emulators.surface.contact import Contact, SurfaceProfile
-from emulators.surface.face import Face, Pushed, joined
+from emulators.surface.face import ONE_POINT_REMEMBERED, Face, Pushed, joined
 from emulators.surface.faults import OBSTACLE_FAULTS, SURFACE_FAULTS, ObstacleProfile, Obstacles
+from emulators.surface.removal import Removed
 from protocol.geometry import Pose, Quaternion, Vector
 from protocol.marks import Mark, check_settings, setting
 
@@ -163,16 +164,15 @@ class Cell(Generic[Robot, Sensor]):
         self.robot = parts.robot(StartPose((x, y, z), profile.start_quaternion, length), now, seed)
         """Powered up with the cell."""
         self._path = path = self.robot.path
-        self._surface: Surface = (
-            Contact(profile.surface, self._changed) if parts.surface is None else parts.surface(self._changed)
-        )
         radius = profile.tool.face_radius_mm / 1000.0
         self._face = Face(radius, profile.tool.face_rings) if radius > 0.0 else None
-        if self._face is not None and self.has_memory:
-            raise ValueError(
-                "tool.face_radius_mm must be 0 on a surface with memory, which feels one point; "
-                "or choose a material without memory"
-            )
+        self._surface: Surface
+        if parts.surface is None:
+            self._surface = Contact(profile.surface, self._changed, self._face)
+        else:
+            self._surface = parts.surface(self._changed)
+            if self._face is not None and self.has_memory:
+                raise ValueError(ONE_POINT_REMEMBERED)
         self._obstacles = Obstacles(profile.obstacle, z, self._tip_height, self._changed)
         self._tip = np.array([0.0, 0.0, length])
         self._centre_of_gravity = np.array(profile.tool.centre_of_gravity_mm) / 1000.0
@@ -283,6 +283,11 @@ class Cell(Generic[Robot, Sensor]):
         """
         shown = self._surface.remembered_until
         return time if shown is None else max(time, shown)
+
+    @property
+    def removed(self) -> Removed | None:
+        """What the tool has removed from the surface so far; None where the surface does not wear."""
+        return self._surface.removed if isinstance(self._surface, Contact) else None
 
     @property
     def has_memory(self) -> bool:

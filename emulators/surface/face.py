@@ -12,6 +12,13 @@ from protocol.geometry import Quaternion
 Floats: TypeAlias = NDArray[np.float64]
 
 
+ONE_POINT_REMEMBERED = (
+    "tool.face_radius_mm must be 0 on a material with memory, which remembers one point; "
+    "or choose another material"
+)
+"""Why a face and a surface do not go together."""
+
+
 class Pushed(NamedTuple):
     """What acts on the tool at each moment, base frame."""
 
@@ -52,8 +59,8 @@ def ring_points(radius: float, rings: int) -> Floats:
         inner, outer = 1 + 3 * ring * (ring - 1), 1 + 3 * ring * (ring + 1)
         distance = radius * math.sqrt((inner + outer) / (2 * count))
         for k in range(6 * ring):
-            # Half a step from ring to ring, so that the points of two rings do not stand in rows.
-            angle = 2.0 * math.pi * (k + 0.5 * (ring % 2)) / (6 * ring)
+            # A quarter of a step keeps points of one ring from following each other's track along tool x or y.
+            angle = 2.0 * math.pi * (k + 0.25) / (6 * ring)
             points.append((distance * math.cos(angle), distance * math.sin(angle), 0.0))
     return np.array(points).T
 

@@ -67,5 +67,5 @@ def test_a_run_on_heights_that_are_not_there_is_refused_in_one_line(tmp_path: Pa
 def test_a_face_on_a_surface_with_memory_is_refused_in_one_line(tmp_path: Path) -> None:
     material = {"kind": "standard_linear_solid"}
     config = read_config({"cell": {"surface": {"material": material}, "tool": {"face_radius_mm": 5.0}}})
-    with pytest.raises(ConfigError, match=r"^cell: tool.face_radius_mm must be 0 on a surface with memory"):
+    with pytest.raises(ConfigError, match=r"^cell: tool.face_radius_mm must be 0 on a material with memory"):
         execute(config, True, Outputs(record=tmp_path / "run.mcap"), False)

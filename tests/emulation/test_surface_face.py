@@ -143,5 +143,5 @@ def test_the_true_force_is_the_sum_over_the_face() -> None:
 
 def test_a_face_on_a_material_with_memory_is_refused() -> None:
     solid = SurfaceProfile(material=MaterialProfile(MaterialKind.STANDARD_LINEAR_SOLID))
-    with pytest.raises(ValueError, match="face_radius_mm must be 0 on a surface with memory"):
+    with pytest.raises(ValueError, match="face_radius_mm must be 0 on a material with memory"):
         cell_with(solid)
