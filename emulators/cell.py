@@ -27,7 +27,7 @@ from emulators.seams import (
     WrenchSource,
 )
 from emulators.surface.contact import Contact, SurfaceProfile
-from emulators.surface.face import ONE_POINT_REMEMBERED, Face, Pushed, joined
+from emulators.surface.face import ONE_POINT_REMEMBERED, Face, Pushed, joined, turning_of
 from emulators.surface.faults import OBSTACLE_FAULTS, SURFACE_FAULTS, ObstacleProfile, Obstacles
 from emulators.surface.removal import Removed
 from protocol.geometry import Pose, Quaternion, Vector
@@ -41,6 +41,8 @@ _PAST_S = 10.0
 """How much of the motion a surface with memory is shown late, s: as much as an arm's path keeps."""
 _SPREAD_AT_ONCE = 128
 """Chosen: samples of a face that are computed at once. Larger arrays do not stay in a processor's cache."""
+_TURN_S = 0.02
+"""The turning of a tool is its mean over so long before, s. Chosen: some ticks of an arm, between which it is still."""
 _MEMORY_RATE_HZ = 8000
 """Chosen: a surface with memory is shown at least so many samples a second, as many as our sensor takes."""
 
@@ -321,7 +323,9 @@ class Cell(Generic[Robot, Sensor]):
         for begin in range(0, len(times), _SPREAD_AT_ONCE):
             part = slice(begin, begin + _SPREAD_AT_ONCE)
             orientations = self._path.orientations(times[part])
-            points = self._face.spread(positions[part], velocities[part], orientations, _rotation)
+            before = self._path.orientations(times[part] - _TURN_S)
+            turning = turning_of(orientations, before, _TURN_S)
+            points = self._face.spread(positions[part], velocities[part], orientations, _rotation, turning)
             forces = surface.force(
                 points.positions, points.velocities, np.repeat(times[part], self._face.count)
             )
