@@ -99,8 +99,9 @@ def _each(stretches: Sequence[tuple[slice, Quaternion]]) -> Floats:
 
 
 class Face:
-    """A flat disc perpendicular to tool z, centred on the tool centre point. Its points move with the tool's turning too,
-    so there is torsional friction.
+    """A flat disc perpendicular to tool z, centred on the tool centre point.
+
+    Its points move with the tool's turning too, so there is torsional friction.
     """
 
     def __init__(self, radius: float, rings: int) -> None:
