@@ -5,7 +5,6 @@ nothing but the robot.
 """
 
 import math
-import traceback
 from collections.abc import AsyncIterator
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -22,11 +21,8 @@ from hil_bridge.control import (
     Sample,
     WristAtOrientation,
     numeric_explanation,
-    one_line,
     turn_between,
 )
-from hil_bridge.control.program.legs import Leg
-from hil_bridge.control.program.program import Program
 from hil_bridge.control.program.turning import apart, unit
 from hil_bridge.errors import BridgeError
 from hil_bridge.recording import (
@@ -49,10 +45,12 @@ from hil_bridge.robots.seam import (
     Sent,
     orientation_fault,
 )
+from hil_bridge.runs.causes import kind_of, told, traceback_of
 from hil_bridge.runs.leaving import ARRIVED_M, Left, WayOut, stand_still
 from hil_bridge.runs.pace import control_loop
 from hil_bridge.runs.small_steps import bring_up
-from hil_bridge.runs.steps_told import STEP_EVENT, cut_step, in_step, step_record, told_step, under_way
+from hil_bridge.runs.starting import check_start
+from hil_bridge.runs.steps_told import StepTeller
 from hil_bridge.runs.zeroing import Zeroing, known_wrist, wrist
 from hil_bridge.sensors.stream import ForceSensor
 from hil_bridge.settings.configuration import Config
@@ -116,6 +114,7 @@ class Run:
         self._wrist = (known_wrist(config) if config.task.step else None) or wrist(config)
         self._loop = control_loop(config, robot.facts)
         self._zeroing = Zeroing(config, clock, robot, sensor, lambda text: self._event(CHECK_EVENT, text))
+        self._steps = StepTeller(self._loop.task, clock, log, self._event)
         self._way_out = WayOut(config, clock, robot, sensor, self._loop)
         self._heart = Heartbeat(clock)
         self._filter_delay = math.nan
@@ -130,10 +129,6 @@ class Run:
         self._phase = ""
         self._outcome, self._cause = Outcome.COMPLETED, ""
         self._followed: list[str] = []
-        self._steps = 0
-        """Steps of a program that have been told as ended."""
-        self._stopped_at = math.nan
-        """When the run stopped, s on the run's clock."""
         self._pause = 0.0
         self._log_error: Exception | None = None
         """Error that the log raised for an event."""
@@ -157,6 +152,7 @@ class Run:
         start = await bring_up(self._robot, self._sensor)
         self._filter_delay = self._sensor.delay
         self._loop.initial(start.pose.position)  # refuses a start outside the workspace
+        check_start(self._config, self._loop, start)
         self._enter("tare")
         await self._zeroing.weigh(start)
         self._orientation = start.pose.quaternion
@@ -176,7 +172,8 @@ class Run:
             self._heart.stop()
             self.moving = False
         left = await self._left(start, commanded, answers) if moved else ""
-        self._tell_cut()
+        if self._state is not None and self._outcome is not Outcome.COMPLETED:
+            self._steps.cut(self._state.task.course, self._cause)
         self._enter("end")
         return RunResult(self._outcome, self._cause, left, tuple(self._followed))
 
@@ -202,17 +199,20 @@ class Run:
             self._state = self._loop.initial(zero.start.pose.position)
             await self._cycles(motion)
         except BridgeError as error:
-            self._blame(in_step(self._leg(), str(error)))
+            self._blame(self._in_step(str(error)))
             await self._retract(motion)
         except Exception as error:
-            self._event(BUG_EVENT, _traceback(error))
-            told = f"a bug ended the run: {type(error).__name__}: {_told(error)}"
-            self._blame(in_step(self._leg(), told))
+            self._event(BUG_EVENT, traceback_of(error))
+            self._blame(self._in_step(f"a bug ended the run: {type(error).__name__}: {told(error)}"))
             await self._retract(motion)
         except BaseException:
             self._blame("the run was cancelled")
             await self._retract(motion)
             raise
+
+    def _in_step(self, cause: str) -> str:
+        """Why the run stops, with the step of a program in which it does."""
+        return cause if self._state is None else self._steps.where(self._state.task.course, cause)
 
     async def _retract(self, motion: Motion) -> None:
         """Back to the depth of the start by orders alone."""
@@ -245,7 +245,7 @@ class Run:
                 if math.isfinite(force)
                 else "the sensor tells no force after the retraction"
             )
-        because = _kind(self._followed[-1] if self._followed else self._cause)
+        because = kind_of(self._followed[-1] if self._followed else self._cause)
         return Left(away and not pressing, depth, force, because).text
 
     async def _cycles(self, motion: Motion) -> None:
@@ -284,8 +284,7 @@ class Run:
                 track_ends = sample.now + self._config.run.duration_s
             if decision.output.failed:
                 stands = f"; {self._sensor.stands}" if self._sensor.stands else ""
-                leg = under_way(self._loop.task, after.task)
-                self._blame(f"{in_step(leg, decision.output.cause)}{stands}")
+                self._blame(f"{self._steps.where(after.task.course, decision.output.cause)}{stands}")
             if decision.stands:
                 sent = await stand_still(motion)
             else:
@@ -309,34 +308,11 @@ class Run:
                     correction=decision.target.depth - commanded_before,
                 )
             )
-            self._tell_steps(state)
+            self._steps.ended(state.task.course)
             if decision.ended:
                 break
         if self._outcome is Outcome.COMPLETED and state.task.cause != TIME_IS_UP:
             self._cause = state.task.cause
-
-    def _tell_steps(self, state: LoopState) -> None:
-        """Tell the steps of a program that have ended since the cycle before."""
-        course = state.task.course
-        if course is None or len(course.done) == self._steps:
-            return
-        assert isinstance(self._loop.task, Program)
-        legs = self._loop.task.row.legs
-        for done in course.done[self._steps :]:
-            leg = legs[done.leg]
-            self._log.step(step_record(leg, done))
-            self._event(STEP_EVENT, told_step(leg, done))
-        self._steps = len(course.done)
-
-    def _leg(self) -> Leg | None:
-        """The step of a program that is under way."""
-        return None if self._state is None else under_way(self._loop.task, self._state.task)
-
-    def _tell_cut(self) -> None:
-        """Tell the step that was under way when an error ended the run: its own course could not."""
-        leg = self._leg()
-        if self._outcome is Outcome.STOPPED and leg is not None and self._state is not None:
-            self._log.step(cut_step(leg, self._state.task, self._stopped_at, self._cause))
 
     async def _cycle_starts(self) -> AsyncIterator[tuple[int, float]]:
         """Number and begin of each cycle: as fast as the robot reports, or at whole multiples of the period.
@@ -485,10 +461,9 @@ class Run:
         """Stop for this cause, or note what followed the first one."""
         if self._outcome is not Outcome.STOPPED:
             self._outcome, self._cause = Outcome.STOPPED, cause
-            self._stopped_at = self._clock.now()
             self._event(STOP_EVENT, cause)
-        elif len(self._followed) < FOLLOWED_MAX and _kind(cause) not in map(
-            _kind, (self._cause, *self._followed)
+        elif len(self._followed) < FOLLOWED_MAX and kind_of(cause) not in map(
+            kind_of, (self._cause, *self._followed)
         ):
             self._followed.append(cause)
             self._event(THEN_EVENT, cause)
@@ -505,23 +480,3 @@ class Run:
             Exception
         ) as error:  # told by the next cycle, for nothing may come between a failure and its retraction
             self._log_error = error
-
-
-def _kind(cause: str) -> str:
-    """A cause without what is known of it besides, which is another every time."""
-    return cause.partition(";")[0]
-
-
-def _told(error: Exception) -> str:
-    """The first line of what an exception says, whatever it is."""
-    try:
-        return one_line(str(error))
-    except Exception as second:
-        return f"<{type(second).__name__}>"
-
-
-def _traceback(error: Exception) -> str:
-    try:
-        return "".join(traceback.format_exception(error))
-    except Exception as second:  # an exception that cannot be shown
-        return f"{type(error).__name__}, which cannot be shown: {type(second).__name__}"
