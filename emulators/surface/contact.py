@@ -117,7 +117,7 @@ class Contact:
         _, normals = self.depth_and_normal(positions)
         along, *_ = self._places(positions.T)
         ended = (along < self._begin) | (along > self._end)
-        return np.where(ended[:, None], np.nan, normals)
+        return np.where(ended[:, None], np.nan, normals + 0.0)  # no minus zero
 
     def aside(self) -> "Contact":
         """A copy for questions: they change neither the memory nor the counts of this one."""
