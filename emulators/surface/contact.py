@@ -64,9 +64,10 @@ class Contact:
         self._material = profile.material.law(profile.stiffness_n_m, profile.damping_ns_m)
         if face is not None and self._material.has_memory:
             raise ValueError(ONE_POINT_REMEMBERED)
-        self._points, area = (1, None) if face is None else (face.count, face.area)
+        self._points = 1 if face is None else face.count
         self._removal: Removal | None = None
         if profile.removal.um_per_n_cm2_m > 0.0:
+            area = None if face is None else face.area
             self._removal = Removal(profile.removal, self._points, area)
         self._memory = Memory()
         self._memories: deque[_Past] = deque(maxlen=_REMEMBERED)
@@ -218,7 +219,8 @@ class Contact:
         if self._counts:
             touched = self._depth_and_normal(positions.T)[0] > 0.0
             touched |= self._depth_and_normal(seen.T)[0] > 0.0
-            self.faults.count(times[:: self._points], touched.reshape(-1, self._points).any(axis=1))
+            by_sample = np.logical_or.reduceat(touched, np.arange(0, len(times), self._points))
+            self.faults.count(times[:: self._points], by_sample)
         return seen, velocities - np.outer(speed, _UP)
 
     def _factor(self, positions: Floats) -> Floats:
