@@ -34,7 +34,7 @@ def show(file: Path, out: Path | None, overwrite: bool) -> None:
     if out is not None:
         check_place(out, overwrite)
     config = _config(file)
-    row = _row(config)
+    row = _row(config, file)
     steps = shown(config.task.step, row)
     total = total_line(steps, row)
     lines = [*table_lines(steps), f"total: {total}"]
@@ -46,19 +46,28 @@ def show(file: Path, out: Path | None, overwrite: bool) -> None:
     tell(lines)
 
 
-def _row(config: "Config") -> "Row":
+def _config(file: Path) -> "Config":
+    """The configuration of a file, which may hold the steps alone. Raises ConfigError."""
+    from hil_bridge.settings.configuration import load_config
+    from hil_bridge.settings.program import is_program
+    from hil_bridge.text_files import read_toml
+
+    if is_program(read_toml(file)):
+        return load_config(None, {"task.file": str(file)})
+    return load_config(file, {})
+
+
+def _row(config: "Config", file: Path) -> "Row":
     """The program's steps in one row. Raises ConfigError with the number of the first step that cannot be."""
     from hil_bridge.control.program.program import Program
     from hil_bridge.errors import ConfigError
     from hil_bridge.runs.pace import control_loop, paced
 
-    found = control_loop(paced(config)).task
-    if not isinstance(found, Program):
-        raise ConfigError("there is no program in it: give the steps as tables [[task.step]]")
+    if not config.task.step:
+        raise ConfigError(f"{file} holds no program: give its steps as tables [[task.step]]")
+    try:
+        found = control_loop(paced(config)).task
+    except ConfigError as error:
+        raise ConfigError(str(error) if config.task.file else f"{file}: {error}") from error
+    assert isinstance(found, Program)
     return found.row
-
-
-def _config(file: Path) -> "Config":
-    from hil_bridge.settings.configuration import load_config
-
-    return load_config(file, {})

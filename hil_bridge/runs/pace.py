@@ -111,10 +111,14 @@ def program(config: Config, task: Task) -> Program:
     """
     frame = config.frame
     origin = None if frame.origin_mm is None else metres(frame.origin_mm)
-    row = legs_of(
-        config.task.step, task, config.limits, frame.origin_mm is not None, config.robot.velocity_mm_s
-    )
-    seconds(row)
+    known = frame.origin_mm is not None
+    try:
+        row = legs_of(config.task.step, task, config.limits, known, config.robot.velocity_mm_s)
+        seconds(row)
+    except ConfigError as error:
+        if not config.task.file:
+            raise
+        raise ConfigError(f"{config.task.file}: {str(error).removeprefix('task.')}") from error
     turns = any(getattr(leg.step, "orientation", "fixed") == "normal" for leg in row.legs)
     if turns and config.sensor.url and not config.tool.mass_kg:
         raise ConfigError(
