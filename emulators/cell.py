@@ -27,8 +27,9 @@ from emulators.seams import (
     WrenchSource,
 )
 from emulators.surface.contact import Contact, SurfaceProfile
-from emulators.surface.face import Face, Pushed, joined
+from emulators.surface.face import ONE_POINT_REMEMBERED, Face, Pushed, joined, turning_of
 from emulators.surface.faults import OBSTACLE_FAULTS, SURFACE_FAULTS, ObstacleProfile, Obstacles
+from emulators.surface.removal import Removed
 from protocol.geometry import Pose, Quaternion, Vector
 from protocol.marks import Mark, check_settings, setting
 
@@ -40,6 +41,8 @@ _PAST_S = 10.0
 """How much of the motion a surface with memory is shown late, s: as much as an arm's path keeps."""
 _SPREAD_AT_ONCE = 128
 """Chosen: samples of a face that are computed at once. Larger arrays do not stay in a processor's cache."""
+_TURN_S = 0.02
+"""The turning of a tool is its mean over so long before, s. Chosen: some ticks of an arm, between which it is still."""
 _MEMORY_RATE_HZ = 8000
 """Chosen: a surface with memory is shown at least so many samples a second, as many as our sensor takes."""
 
@@ -163,16 +166,15 @@ class Cell(Generic[Robot, Sensor]):
         self.robot = parts.robot(StartPose((x, y, z), profile.start_quaternion, length), now, seed)
         """Powered up with the cell."""
         self._path = path = self.robot.path
-        self._surface: Surface = (
-            Contact(profile.surface, self._changed) if parts.surface is None else parts.surface(self._changed)
-        )
         radius = profile.tool.face_radius_mm / 1000.0
         self._face = Face(radius, profile.tool.face_rings) if radius > 0.0 else None
-        if self._face is not None and self.has_memory:
-            raise ValueError(
-                "tool.face_radius_mm must be 0 on a surface with memory, which feels one point; "
-                "or choose a material without memory"
-            )
+        self._surface: Surface
+        if parts.surface is None:
+            self._surface = Contact(profile.surface, self._changed, self._face)
+        else:
+            self._surface = parts.surface(self._changed)
+            if self._face is not None and self.has_memory:
+                raise ValueError(ONE_POINT_REMEMBERED)
         self._obstacles = Obstacles(profile.obstacle, z, self._tip_height, self._changed)
         self._tip = np.array([0.0, 0.0, length])
         self._centre_of_gravity = np.array(profile.tool.centre_of_gravity_mm) / 1000.0
@@ -285,6 +287,11 @@ class Cell(Generic[Robot, Sensor]):
         return time if shown is None else max(time, shown)
 
     @property
+    def removed(self) -> Removed | None:
+        """What the tool has removed from the surface so far; None where the surface does not wear."""
+        return self._surface.removed if isinstance(self._surface, Contact) else None
+
+    @property
     def has_memory(self) -> bool:
         """Whether the force depends on more than the present motion, so that truths have to be asked for in time."""
         return self._surface.remembered_until is not None
@@ -316,7 +323,9 @@ class Cell(Generic[Robot, Sensor]):
         for begin in range(0, len(times), _SPREAD_AT_ONCE):
             part = slice(begin, begin + _SPREAD_AT_ONCE)
             orientations = self._path.orientations(times[part])
-            points = self._face.spread(positions[part], velocities[part], orientations, _rotation)
+            before = self._path.orientations(times[part] - _TURN_S)
+            turning = turning_of(orientations, before, _TURN_S)
+            points = self._face.spread(positions[part], velocities[part], orientations, _rotation, turning)
             forces = surface.force(
                 points.positions, points.velocities, np.repeat(times[part], self._face.count)
             )

@@ -11,14 +11,17 @@ import copy
 import math
 from collections import deque
 from collections.abc import Callable, Mapping
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from emulators.faults.ledger import Handler
+from emulators.surface.face import ONE_POINT_REMEMBERED, Face
 from emulators.surface.faults import SurfaceFaults
 from emulators.surface.materials import Linear, Memory
 from emulators.surface.profile import SurfaceKind, SurfaceProfile
+from emulators.surface.removal import Removal, Removed, State
 from emulators.surface.shapes import Plane
 
 __all__ = ["Contact", "SurfaceKind", "SurfaceProfile"]
@@ -35,18 +38,38 @@ def _unread(time: float) -> None:
     """Nothing was computed ahead."""
 
 
+class _Past(NamedTuple):
+    """What a surface with a memory goes back to."""
+
+    memory: Memory
+    removal: State | None
+
+
 class Contact:
     """The force that a surface exerts on the tool tip."""
 
-    def __init__(self, profile: SurfaceProfile, on_change: Callable[[float], object] = _unread) -> None:
-        """`on_change` is told since when the surface is another, s.
+    def __init__(
+        self,
+        profile: SurfaceProfile,
+        on_change: Callable[[float], object] = _unread,
+        face: Face | None = None,
+    ) -> None:
+        """`on_change` is told since when the surface is another, s. `face` is that of the tool, None for a point: the
+        points of a face follow each other within a sample, and each is answered as if it bore all.
 
-        Raises ValueError, in one line, for a file of heights that cannot be read.
+        Raises ValueError, in one line, for a file of heights that cannot be read, and for settings that do not go with
+        the face.
         """
         self._surface = profile.shape()
         self._material = profile.material.law(profile.stiffness_n_m, profile.damping_ns_m)
+        if face is not None and self._material.has_memory:
+            raise ValueError(ONE_POINT_REMEMBERED)
+        self._removal: Removal | None = None
+        if profile.removal.um_per_n_cm2_m > 0.0:
+            points, area = (1, None) if face is None else (face.count, face.area)
+            self._removal = Removal(profile.removal, points, area)
         self._memory = Memory()
-        self._memories: deque[Memory] = deque(maxlen=_REMEMBERED)
+        self._memories: deque[_Past] = deque(maxlen=_REMEMBERED)
         """States at the last times, oldest first."""
         self._counts = True
         self.faults = SurfaceFaults(on_change)
@@ -70,7 +93,7 @@ class Contact:
         self._level: tuple[float, Floats] | None = None
         """Depth of the base frame's origin and normal (3, 1) of a surface whose normal is the same everywhere."""
         if isinstance(self._surface, Plane) and not self._ends and profile.wall_at_mm is None:
-            depth, normals = self._depth_and_normal(np.zeros((3, 1)))
+            depth, normals = self._shaped(np.zeros((3, 1)))
             self._level = float(depth[0]), normals
 
     @property
@@ -100,25 +123,61 @@ class Contact:
         """A copy for questions: they change neither the memory nor the counts of this one."""
         twin = copy.copy(self)
         twin._memories, twin._counts = deque(maxlen=1), False
+        twin._removal = None if self._removal is None else self._removal.aside()
         return twin
 
     def rewind(self, time: float) -> None:
         """Go back to before this time, s: the samples from then on are shown again."""
-        if not self._material.has_memory:
-            return
-        while self._memories and self._memory.time >= time:
-            self._memory = self._memories.pop()
+        while self._memories and (shown := self.remembered_until) is not None and shown >= time:
+            self._memory, removal = self._memories.pop()
+            if self._removal is not None and removal is not None:
+                self._removal.restore(removal)
+
+    def _remember(self) -> None:
+        """Keep the present state for `rewind`."""
+        removal = self._removal
+        self._memories.append(_Past(self._memory, None if removal is None else removal.state))
+        if removal is not None and (oldest := self._memories[0].removal) is not None:
+            removal.forget(oldest)
 
     @property
     def remembered_until(self) -> float | None:
-        """Time of the newest sample of a material with a memory, s; None for one that has none."""
+        """Time of the newest sample of a surface that wears or has a material with a memory, s; None for others."""
+        if self._removal is not None:
+            return self._removal.time
         return self._memory.time if self._material.has_memory else None
+
+    @property
+    def removed(self) -> Removed | None:
+        """What has been removed so far; None for a surface that does not wear."""
+        if self._removal is None:
+            return None
+        depths, spacing = self._removal.removed(), self._removal.spacing
+        (x, y, _), (along_x, along_y, _) = self._origin.tolist(), self._path.tolist()
+        back, right = (0.5 * spacing * (nodes - 1) for nodes in depths.shape)
+        origin = (x - back * along_x + right * along_y, y - back * along_y - right * along_x)
+        return Removed(origin, (along_x, along_y), (-back, -right), spacing, depths)
 
     def force(self, positions: Floats, velocities: Floats, times: Floats | None = None) -> Floats:
         """Force on the tool tip in the base frame (n, 3), N, for tip positions and velocities (n, 3).
 
-        A material with a memory needs the `times` (n,) too, ascending, s, and goes on from the call before.
+        A surface with a memory needs the `times` (n,) too, ascending, s, and goes on from the call before.
         """
+        if self.remembered_until is not None:
+            self._remember()
+        if self._removal is None:
+            return self._pushed(positions, velocities, times)
+        if times is None:
+            raise ValueError("a surface that wears must be told the times of the samples")
+        since, force = self._removal.since(times), np.empty_like(positions)
+        for part in self._removal.steps(times):
+            force[part] = self._pushed(positions[part], velocities[part], times[part], since[part])
+        return force
+
+    def _pushed(
+        self, positions: Floats, velocities: Floats, times: Floats | None, since: Floats | None = None
+    ) -> Floats:
+        """As `force`; `since` (n,) is the time since the sample before, s, of a surface that wears."""
         hardness: Floats | float = 1.0
         if self.faults.faulty and times is not None:
             positions, velocities = self._as_seen(positions, velocities, times)
@@ -132,10 +191,13 @@ class Contact:
         velocity = velocities.T
         leaving = np.einsum("ij,ij->j", velocity, normal)
         factor = hardness if self._uniform else self._factor(positions) * hardness
-        if material.has_memory:
-            self._memories.append(self._memory)
         pressing, self._memory = material.press(depth, -leaving, factor, times, self._memory)
-        force = self._with_friction(pressing, normal, velocity - leaving * normal)
+        sliding = velocity - leaving * normal
+        if self._removal is not None and since is not None:
+            along, across, _ = self._places(positions.T)
+            way = np.sqrt(np.einsum("ij,ij->j", sliding, sliding)) * since
+            self._removal.wear(along, across, pressing * way)
+        force = self._with_friction(pressing, normal, sliding)
         if beside is not None:
             inward = self._path[:, None]
             coming = self._path @ velocity
@@ -167,6 +229,14 @@ class Contact:
 
     def _depth_and_normal(self, positions: Floats) -> tuple[Floats, Floats]:
         """Depth (n,) and outward normals (3, n), or (3, 1) for all alike, at tip positions (3, n)."""
+        depth, normal = self._shaped(positions)
+        if self._removal is not None:
+            along, across, _ = self._places(positions)
+            depth = depth - self._removal.depth(along, across)
+        return depth, normal
+
+    def _shaped(self, positions: Floats) -> tuple[Floats, Floats]:
+        """The same while nothing has been removed."""
         if self._level is not None:
             depth_of_origin, normal = self._level
             return depth_of_origin - normal[:, 0] @ positions, normal

@@ -11,6 +11,7 @@ from typing import Any, ClassVar
 
 from emulators.surface.height_map import read_height_map
 from emulators.surface.materials import MaterialProfile
+from emulators.surface.removal import RemovalProfile
 from emulators.surface.shapes import (
     CircularArc,
     HeightMap,
@@ -120,6 +121,8 @@ class SurfaceProfile:
         unit="mm/s",
         above=0.0,
     )
+
+    removal: RemovalProfile = field(default_factory=RemovalProfile)
 
     def __post_init__(self) -> None:
         check_settings(self)

@@ -55,6 +55,12 @@ _BESIDE = Path("-")
     flag_value=str(_BESIDE),
     help="Write report.png and report.html.  [without DIR: beside the recording]",
 )
+@click.option(
+    "--resume",
+    type=FILE,
+    metavar="RECORDING",
+    help="Go on with the program of a recorded run that was cut: move over, zero, approach, and on.",
+)
 @overwrite_option
 @click.option(
     "--panel", metavar="URL", help="Where the emulated controller's panel listens: tcp-listen://127.0.0.1:0."
@@ -79,6 +85,7 @@ def run(
     no_record: bool,
     summary: Path | None,
     report: Path | None,
+    resume: Path | None,
     overwrite: bool,
     panel: str | None,
     no_view: bool,
@@ -91,28 +98,34 @@ def run(
 
     A file that exists is overwritten only with --overwrite.
     """
+    from hil_bridge.recording import read
     from hil_bridge.runs.outputs import Outputs
+    from hil_bridge.runs.resuming import resumed_config, told_resume
     from hil_bridge.runs.session import execute
-    from hil_bridge.settings.configuration import load_config
+    from hil_bridge.settings.configuration import load_config, nested
 
     if record is not None and no_record:
         raise click.UsageError("--record and --no-record exclude each other", click.get_current_context())
-    config = load_config(
-        config_file,
-        {
-            **device_settings(robot, sensor, surface),
-            "robot.link.profile": link_profile,
-            "cell.link.profile": link_profile,
-            "sensor.unchecked": unchecked or None,
-            "tool.mass_kg": tool_mass_kg,
-            "controller.name": controller,
-            "task.force_n": force_n,
-            "task.file": None if task_file is None else str(task_file),
-            "run.duration_s": duration_s,
-            "run.seed": seed,
-            "run.panel_url": panel,
-        },
-    )
+    overrides: dict[str, object] = {
+        **device_settings(robot, sensor, surface),
+        "robot.link.profile": link_profile,
+        "cell.link.profile": link_profile,
+        "sensor.unchecked": unchecked or None,
+        "tool.mass_kg": tool_mass_kg,
+        "controller.name": controller,
+        "task.force_n": force_n,
+        "task.file": None if task_file is None else str(task_file),
+        "run.duration_s": duration_s,
+        "run.seed": seed,
+        "run.panel_url": panel,
+    }
+    if resume is None:
+        config = load_config(config_file, overrides)
+    elif config_file is not None or task_file is not None:
+        raise click.UsageError("--resume takes configuration and program of the recording: leave others out")
+    else:
+        config = resumed_config(read(resume), nested(overrides))
+        click.echo(told_resume(config))
     beside = report == _BESIDE
     outputs = Outputs(
         record,

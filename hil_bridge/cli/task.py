@@ -59,15 +59,22 @@ def _config(file: Path) -> "Config":
 
 def _row(config: "Config", file: Path) -> "Row":
     """The program's steps in one row. Raises ConfigError with the number of the first step that cannot be."""
+    from dataclasses import replace
+
     from hil_bridge.control.program.program import Program
+    from hil_bridge.control.program.reach import check_workspace
     from hil_bridge.errors import ConfigError
-    from hil_bridge.runs.pace import control_loop, paced
+    from hil_bridge.runs.pace import control_loop, metres, paced
 
     if not config.task.step:
         raise ConfigError(f"{file} holds no program: give its steps as tables [[task.step]]")
+    config = config.model_copy(update={"task": replace(config.task, resume=None)})
+    start = config.frame.origin_mm if config.robot.url else config.cell.start_position_mm
     try:
-        found = control_loop(paced(config)).task
+        program = control_loop(paced(config)).task
+        assert isinstance(program, Program)
+        if start is not None:  # else the robot alone knows where it stands
+            check_workspace(program.row, program.frame, metres(start), config.limits)
     except ConfigError as error:
         raise ConfigError(str(error) if config.task.file else f"{file}: {error}") from error
-    assert isinstance(found, Program)
-    return found.row
+    return program.row

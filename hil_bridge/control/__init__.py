@@ -10,18 +10,18 @@ from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.course.loop import ControlLoop, Decision, LoopState, Proposal, Sample, one_line
 from hil_bridge.control.course.oscillation import OscillationDetector, OscillationState
 from hil_bridge.control.course.peaks import Peaks
-from hil_bridge.control.course.supervisor import (
+from hil_bridge.control.course.supervisor import Supervisor
+from hil_bridge.control.course.task import Phase, Target, Task, TaskOutput, TaskParameters, TaskState
+from hil_bridge.control.course.verdict import (
     Allow,
     Cause,
     Clamp,
     Observation,
     Request,
     Stop,
-    Supervisor,
     SupervisorState,
     Verdict,
 )
-from hil_bridge.control.course.task import Phase, Target, Task, TaskOutput, TaskParameters, TaskState
 from hil_bridge.control.course.zero import Reading, lift_fault, reading, weight_fault, weight_reading
 from hil_bridge.control.geometry.frames import (
     force_along,

@@ -20,7 +20,7 @@ from hil_bridge.control import (
 )
 from hil_bridge.control.course.contour import ContourState
 from hil_bridge.control.course.oscillation import Advice, Finding, OscillationState
-from hil_bridge.control.course.supervisor import Retreat
+from hil_bridge.control.course.verdict import Retreat
 from hil_bridge.runs.pace import control_loop, paced
 from hil_bridge.settings.configuration import Config
 from hil_bridge.settings.kinds import facts_of

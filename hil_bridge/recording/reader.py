@@ -10,7 +10,7 @@ from typing import Any
 import lz4.frame
 import zstandard
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, McapRecord, Message, Metadata
+from mcap.records import Attachment, Channel, Chunk, McapRecord, Message, Metadata
 from mcap.stream_reader import StreamReader, breakup_chunk
 
 from hil_bridge.errors import ConfigError
@@ -24,6 +24,7 @@ from hil_bridge.recording.records import (
     TruthRecord,
     WireRecord,
 )
+from hil_bridge.recording.removed_map import REMOVED_NAME, RemovedMap, from_json
 from hil_bridge.recording.topics import CYCLE, EVENT, LINK, SENSOR, STEP, TRUTH, WIRE, Record, Topic
 from hil_bridge.text_files import format_path, read_up_to
 
@@ -64,6 +65,8 @@ class Recording:
     """UNIX time at which the run's clock was 0, ns."""
     steps: tuple[StepRecord, ...] = ()
     """Steps of a program that have ended."""
+    removed: RemovedMap | None = None
+    """What the tool removed from an emulated surface; None where it removed nothing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,6 +112,7 @@ def _recording(found: "_Contents") -> Recording:
         devices=metadata[DEVICES_NAME],
         unix_zero_ns=found.unix_zero_ns,
         steps=tuple(records[STEP.name]),
+        removed=found.removed,
     )
 
 
@@ -133,6 +137,7 @@ class _Contents:
     finished: bool = False
     """The file is whole."""
     unix_zero_ns: int = 0
+    removed: RemovedMap | None = None
 
 
 def _contents(path: Path, topics: Sequence[Topic]) -> _Contents:
@@ -153,6 +158,8 @@ def _contents(path: Path, topics: Sequence[Topic]) -> _Contents:
             match item:
                 case Metadata() if item.name in found.metadata:
                     found.metadata[item.name] = item.metadata
+                case Attachment() if item.name == REMOVED_NAME:
+                    found.removed = _removed(item)
                 case int():
                     found.unix_zero_ns = item
                 case (str(topic), record):
@@ -167,6 +174,13 @@ def _contents(path: Path, topics: Sequence[Topic]) -> _Contents:
     except _Damage:
         pass  # what came before is there
     return found
+
+
+def _removed(item: Attachment) -> RemovedMap:
+    try:
+        return from_json(item.data)
+    except ValueError as error:
+        raise _ForeignMessage(f"the attachment {item.name}: {error}") from error
 
 
 def _bytes(path: Path) -> bytes:
@@ -202,9 +216,11 @@ class _Damage(Exception):
     """The file cannot be read from here on."""
 
 
-def _items(data: bytes, wanted: Sequence[Topic]) -> Iterator[Metadata | int | tuple[str, Record]]:
-    """The metadata and the records of a file in order, and once the UNIX time at which the run's clock was 0, ns.
-    Raises _Damage where the file ends or is garbled, _TooMuch.
+def _items(
+    data: bytes, wanted: Sequence[Topic]
+) -> Iterator[Metadata | Attachment | int | tuple[str, Record]]:
+    """The metadata, attachments and records of a file in order, and once the UNIX time at which the run's clock was 0,
+    ns. Raises _Damage where the file ends or is garbled, _TooMuch.
     """
     topics = {topic.name: topic for topic in wanted}
     channels: dict[int, str] = {}
@@ -224,7 +240,7 @@ def _items(data: bytes, wanted: Sequence[Topic]) -> Iterator[Metadata | int | tu
                     dated = True
                     yield item.publish_time - round(at * 1e9)
                 yield name, record
-            case Metadata():
+            case Metadata() | Attachment():
                 yield item
 
 

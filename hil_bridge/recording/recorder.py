@@ -112,6 +112,7 @@ class Recorder:
         self._queue: deque[Record] = deque()
         self._devices: Mapping[str, str] = {}
         """Facts that wait to be written."""
+        self._attachments: dict[str, tuple[str, bytes]] = {}
         self._topics: dict[type, Topic] = {topic.record: topic for topic in TOPICS}
         self._dropped = dict.fromkeys((topic.name for topic in TOPICS), 0)
         self._written = dict.fromkeys((topic.name for topic in TOPICS), 0)
@@ -175,6 +176,10 @@ class Recorder:
         """Take what is known of the devices, JSON by name; it is written before the records that wait."""
         self._devices = facts
 
+    def attach(self, name: str, media_type: str, data: bytes) -> None:
+        """Take an attachment, which is written at the end; a later one of the same name replaces it."""
+        self._attachments[name] = (media_type, data)
+
     def pause(self, seconds: float) -> None:
         """Tell that the loop awaits nothing for so long: the writer thread works then. From one pause to the next it
         lets the loop have the interpreter to itself, unless the pauses do not suffice or no other comes.
@@ -217,6 +222,9 @@ class Recorder:
             counts = ", ".join(f"{count} of {topic}" for topic, count in self._dropped.items() if count)
             self._write(EventRecord(self._newest, "recorder", f"records dropped: {counts}"))
         self._flush()
+        for name, (media_type, data) in self._attachments.items():
+            at = self._wall_ns(self._newest)
+            self._writer.add_attachment(at, at, name, media_type, data)
         drops = {f"{DROPPED_PREFIX}{topic}": str(count) for topic, count in self._dropped.items()}
         self._writer.add_metadata(END_NAME, dict(sorted({**end, **drops}.items())))
         self._writer.finish()  # type: ignore[no-untyped-call]

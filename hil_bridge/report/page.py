@@ -14,6 +14,7 @@ from hil_bridge.report.latency_section import latency_section
 from hil_bridge.report.markup import pairs, rows, table
 from hil_bridge.report.plots import draw, size_px
 from hil_bridge.report.sections import controller_section, stability_section, start_time
+from hil_bridge.report.surface_section import surface_section
 from hil_bridge.text_files import parse_json
 
 PICTURE = "report.png"
@@ -84,7 +85,8 @@ def page(recording: Recording, summary: Summary, picture: bytes) -> str:
 </section><section><h2>Run</h2>{rows(run_rows(summary))}</section></div>{before}
 <h2>Picture</h2><img alt="Force, depth, correction, stiffness and cycle time over time"
  width="{width}" height="{height}" src="data:image/png;base64,{data}">
-{latency_section(recording)}{stability_section(recording, summary)}{controller_section(recording)}
+{surface_section(recording)}{latency_section(recording)}
+{stability_section(recording, summary)}{controller_section(recording)}
 <h2>Link counters</h2>{pairs((name, f"{value:g}") for name, value in summary.link.items())}
 <h2>Events</h2>{_events(recording)}
 <h2>Configuration and versions</h2>{_metadata(recording)}

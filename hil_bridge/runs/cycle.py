@@ -5,7 +5,6 @@ nothing but the robot.
 """
 
 import math
-import traceback
 from collections.abc import AsyncIterator
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -22,10 +21,8 @@ from hil_bridge.control import (
     Sample,
     WristAtOrientation,
     numeric_explanation,
-    one_line,
     turn_between,
 )
-from hil_bridge.control.program.program import Program
 from hil_bridge.control.program.turning import apart, unit
 from hil_bridge.errors import BridgeError
 from hil_bridge.recording import (
@@ -48,10 +45,12 @@ from hil_bridge.robots.seam import (
     Sent,
     orientation_fault,
 )
+from hil_bridge.runs.causes import kind_of, told, traceback_of
 from hil_bridge.runs.leaving import ARRIVED_M, Left, WayOut, stand_still
 from hil_bridge.runs.pace import control_loop
 from hil_bridge.runs.small_steps import bring_up
-from hil_bridge.runs.steps_told import STEP_EVENT, step_record, told_step
+from hil_bridge.runs.starting import check_start
+from hil_bridge.runs.steps_told import StepTeller
 from hil_bridge.runs.zeroing import Zeroing, known_wrist, wrist
 from hil_bridge.sensors.stream import ForceSensor
 from hil_bridge.settings.configuration import Config
@@ -115,6 +114,7 @@ class Run:
         self._wrist = (known_wrist(config) if config.task.step else None) or wrist(config)
         self._loop = control_loop(config, robot.facts)
         self._zeroing = Zeroing(config, clock, robot, sensor, lambda text: self._event(CHECK_EVENT, text))
+        self._steps = StepTeller(self._loop.task, clock, log, self._event)
         self._way_out = WayOut(config, clock, robot, sensor, self._loop)
         self._heart = Heartbeat(clock)
         self._filter_delay = math.nan
@@ -129,8 +129,6 @@ class Run:
         self._phase = ""
         self._outcome, self._cause = Outcome.COMPLETED, ""
         self._followed: list[str] = []
-        self._steps = 0
-        """Steps of a program that have been told as ended."""
         self._pause = 0.0
         self._log_error: Exception | None = None
         """Error that the log raised for an event."""
@@ -154,6 +152,7 @@ class Run:
         start = await bring_up(self._robot, self._sensor)
         self._filter_delay = self._sensor.delay
         self._loop.initial(start.pose.position)  # refuses a start outside the workspace
+        check_start(self._config, self._loop, start)
         self._enter("tare")
         await self._zeroing.weigh(start)
         self._orientation = start.pose.quaternion
@@ -173,6 +172,8 @@ class Run:
             self._heart.stop()
             self.moving = False
         left = await self._left(start, commanded, answers) if moved else ""
+        if self._state is not None and self._outcome is not Outcome.COMPLETED:
+            self._steps.cut(self._state.task.course, self._cause)
         self._enter("end")
         return RunResult(self._outcome, self._cause, left, tuple(self._followed))
 
@@ -201,8 +202,8 @@ class Run:
             self._blame(str(error))
             await self._retract(motion)
         except Exception as error:
-            self._event(BUG_EVENT, _traceback(error))
-            self._blame(f"a bug ended the run: {type(error).__name__}: {_told(error)}")
+            self._event(BUG_EVENT, traceback_of(error))
+            self._blame(f"a bug ended the run: {type(error).__name__}: {told(error)}")
             await self._retract(motion)
         except BaseException:
             self._blame("the run was cancelled")
@@ -240,7 +241,7 @@ class Run:
                 if math.isfinite(force)
                 else "the sensor tells no force after the retraction"
             )
-        because = _kind(self._followed[-1] if self._followed else self._cause)
+        because = kind_of(self._followed[-1] if self._followed else self._cause)
         return Left(away and not pressing, depth, force, because).text
 
     async def _cycles(self, motion: Motion) -> None:
@@ -303,24 +304,11 @@ class Run:
                     correction=decision.target.depth - commanded_before,
                 )
             )
-            self._tell_steps(state)
+            self._steps.ended(state.task.course)
             if decision.ended:
                 break
         if self._outcome is Outcome.COMPLETED and state.task.cause != TIME_IS_UP:
             self._cause = state.task.cause
-
-    def _tell_steps(self, state: LoopState) -> None:
-        """Tell the steps of a program that have ended since the cycle before."""
-        course = state.task.course
-        if course is None or len(course.done) == self._steps:
-            return
-        assert isinstance(self._loop.task, Program)
-        legs = self._loop.task.row.legs
-        for done in course.done[self._steps :]:
-            leg = legs[done.leg]
-            self._log.step(step_record(leg, done))
-            self._event(STEP_EVENT, told_step(leg, done))
-        self._steps = len(course.done)
 
     async def _cycle_starts(self) -> AsyncIterator[tuple[int, float]]:
         """Number and begin of each cycle: as fast as the robot reports, or at whole multiples of the period.
@@ -470,8 +458,8 @@ class Run:
         if self._outcome is not Outcome.STOPPED:
             self._outcome, self._cause = Outcome.STOPPED, cause
             self._event(STOP_EVENT, cause)
-        elif len(self._followed) < FOLLOWED_MAX and _kind(cause) not in map(
-            _kind, (self._cause, *self._followed)
+        elif len(self._followed) < FOLLOWED_MAX and kind_of(cause) not in map(
+            kind_of, (self._cause, *self._followed)
         ):
             self._followed.append(cause)
             self._event(THEN_EVENT, cause)
@@ -488,23 +476,3 @@ class Run:
             Exception
         ) as error:  # told by the next cycle, for nothing may come between a failure and its retraction
             self._log_error = error
-
-
-def _kind(cause: str) -> str:
-    """A cause without what is known of it besides, which is another every time."""
-    return cause.partition(";")[0]
-
-
-def _told(error: Exception) -> str:
-    """The first line of what an exception says, whatever it is."""
-    try:
-        return one_line(str(error))
-    except Exception as second:
-        return f"<{type(second).__name__}>"
-
-
-def _traceback(error: Exception) -> str:
-    try:
-        return "".join(traceback.format_exception(error))
-    except Exception as second:  # an exception that cannot be shown
-        return f"{type(error).__name__}, which cannot be shown: {type(second).__name__}"

@@ -14,6 +14,7 @@ from hil_bridge.control.controllers import PERIOD_FACTOR, check_period, controll
 from hil_bridge.control.program.felt import Face, WorkFrame
 from hil_bridge.control.program.legs import legs_of, seconds
 from hil_bridge.control.program.program import Program
+from hil_bridge.control.program.resume import resumed
 from hil_bridge.control.types import Tuning
 from hil_bridge.errors import ConfigError
 from hil_bridge.facts import RobotFacts
@@ -109,7 +110,7 @@ def program(config: Config, task: Task) -> Program:
 
     Raises ConfigError with the number of the first step that cannot be.
     """
-    frame = config.frame
+    frame, point = config.frame, config.task.resume
     origin = None if frame.origin_mm is None else metres(frame.origin_mm)
     known = frame.origin_mm is not None
     try:
@@ -119,6 +120,8 @@ def program(config: Config, task: Task) -> Program:
         if not config.task.file:
             raise
         raise ConfigError(f"{config.task.file}: {str(error).removeprefix('task.')}") from error
+    if point is not None:
+        row = resumed(row, point, task)
     turns = any(getattr(leg.step, "orientation", "fixed") == "normal" for leg in row.legs)
     if turns and config.sensor.url and not config.tool.mass_kg:
         raise ConfigError(
@@ -128,7 +131,13 @@ def program(config: Config, task: Task) -> Program:
     return Program(
         row,
         task,
-        WorkFrame(frame.approach, frame.travel, frame.across, origin),
+        WorkFrame(
+            frame.approach,
+            frame.travel,
+            frame.across,
+            origin if origin or point is None else point.start_m,
+            None if point is None else point.start_m,
+        ),
         frame.facing,
         face(config),
         frame.follow_normal,

@@ -43,6 +43,8 @@ class ReplayedCycle:
             "phase": (record.phase, str(decision.output.phase)),
             "depth_commanded": (record.depth_commanded, decision.target.depth),
             "travel_commanded": (record.travel_commanded, decision.target.travel),
+            "across_commanded": (record.across_commanded, decision.target.across),
+            "quaternion_commanded": (record.quaternion_commanded, decision.quaternion or ()),
             "verdict": (record.verdict, str(decision.verdict.kind)),
         }
         if self.same_words:

@@ -34,6 +34,7 @@ from hil_bridge.recording import (
     StepRecord,
     WireRecord,
 )
+from hil_bridge.recording.removed_map import MEDIA_TYPE, REMOVED_NAME
 from hil_bridge.recording.topics import Record
 from hil_bridge.robots.seam import RobotLink
 from hil_bridge.runs.checks import check
@@ -350,6 +351,8 @@ class _Session:
             self._faults.close()
         if self._truths is not None:
             self._truths.close()
+            if (removed := self._truths.removed_map()) is not None:
+                self._recorder.attach(REMOVED_NAME, MEDIA_TYPE, removed.as_json())
         try:
             self._recorder.close(self.end.as_metadata())
         except BridgeError as error:

@@ -1,11 +1,56 @@
 """The steps of a program in the record and in words."""
 
+from collections.abc import Callable
+from typing import Protocol
+
+from hil_bridge.clock import Clock
+from hil_bridge.control import Task
 from hil_bridge.control.program.legs import Leg
-from hil_bridge.control.program.state import Done
+from hil_bridge.control.program.outcome import cut
+from hil_bridge.control.program.program import Program
+from hil_bridge.control.program.state import CourseState, Done
 from hil_bridge.recording.records import StepRecord
 
 STEP_EVENT = "step"
 """Kind of the events that tell that a step has ended."""
+
+
+class StepLog(Protocol):
+    """The part of a run's log that steps need."""
+
+    def step(self, record: StepRecord) -> None:
+        """A step of a program has ended."""
+
+
+class StepTeller:
+    """Tells each step of a program once, when it has ended; nothing for a run without a program."""
+
+    def __init__(
+        self, task: Task | Program, clock: Clock, log: StepLog, event: Callable[[str, str], None]
+    ) -> None:
+        """`event` is told a kind and a text."""
+        self._legs = task.row.legs if isinstance(task, Program) else ()
+        self._clock, self._log, self._event = clock, log, event
+        self._count = 0
+        """Steps that have been told."""
+
+    def ended(self, course: CourseState | None) -> None:
+        """Tell the steps that have ended since the cycle before."""
+        if course is None or len(course.done) == self._count:
+            return
+        for done in course.done[self._count :]:
+            self._tell(done)
+        self._count = len(course.done)
+
+    def cut(self, course: CourseState | None, cause: str) -> None:
+        """Tell the step that was under way when the run could decide no more."""
+        if course is not None and course.began is not None:
+            self._tell(cut(course, self._legs[course.leg], self._clock.now(), cause))
+
+    def _tell(self, done: Done) -> None:
+        leg = self._legs[done.leg]
+        self._log.step(step_record(leg, done))
+        self._event(STEP_EVENT, told_step(leg, done))
 
 
 def step_record(leg: Leg, done: Done) -> StepRecord:

@@ -8,6 +8,7 @@ from typing import Any
 
 from emulators.cell import Cell, TrueState
 from hil_bridge.recording import CycleRecord, TruthRecord
+from hil_bridge.recording.removed_map import RemovedMap, packed
 
 _AT_ONCE = 8
 """Cycles that are asked for together, unless the surface would have forgotten. Chosen: a third of the cost of one
@@ -72,6 +73,13 @@ class GroundTruth:
         if late or cell.has_memory or len(cycles) >= _AT_ONCE:
             self._ask()
             self._tell()
+
+    def removed_map(self) -> RemovedMap | None:
+        """What the tool has removed from the surface; None where it has removed nothing."""
+        removed = self._cell.removed
+        if removed is None or not removed.depths.any():
+            return None
+        return packed(*removed)
 
     def close(self) -> None:
         """The run is over: put what is still waiting, as far as it is known."""

@@ -400,6 +400,20 @@ def read_values(path: Path) -> dict[str, Any]:
     return values
 
 
+def nested(overrides: Mapping[str, object]) -> dict[str, Any]:
+    """Overrides that are not None as nested tables, of dotted keys."""
+    tables: dict[str, Any] = {}
+    for key, value in overrides.items():
+        if value is None:
+            continue
+        *sections, name = key.split(".")
+        table = tables
+        for section in sections:
+            table = table.setdefault(section, {})
+        table[name] = value
+    return tables
+
+
 def dump(config: Config) -> str:
     """The whole configuration as one line of JSON, for the record."""
     return json.dumps(config.model_dump(mode="json"), separators=(",", ":"), sort_keys=True)

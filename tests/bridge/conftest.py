@@ -10,7 +10,7 @@ import pytest
 from emulators.s3_jr3_cell import PaperCell
 from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.device_log import LogTo
-from hil_bridge.recording import CycleRecord, EventRecord
+from hil_bridge.recording import CycleRecord, EventRecord, StepRecord
 from hil_bridge.robots.seam import RobotLink
 from hil_bridge.runs.compose import make_cell, open_devices
 from hil_bridge.runs.cycle import Run, RunResult
@@ -56,6 +56,9 @@ class Bench:
     def cycle(self, record: CycleRecord) -> None:
         self.cycles.append(record)
         self.meddle(self, record)
+
+    def step(self, record: StepRecord) -> None:
+        pass
 
     def event(self, record: EventRecord) -> None:
         self.events.append(record)

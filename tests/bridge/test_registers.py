@@ -17,7 +17,7 @@ from hil_bridge.cli import cli
 from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.device_log import LogTo
 from hil_bridge.errors import BridgeError, ConfigError, DeviceError, TransportUnavailable
-from hil_bridge.recording import CycleRecord, EventRecord, Outcome
+from hil_bridge.recording import CycleRecord, EventRecord, Outcome, StepRecord
 from hil_bridge.runs.compose import Ports, emulated_cell, open_devices
 from hil_bridge.runs.cycle import Run
 from hil_bridge.sensors.jr3.registers import (
@@ -513,6 +513,9 @@ def closed_loop(**board: object) -> tuple[list[CycleRecord], list[str], list[Wre
     class Log:
         def cycle(self, record: CycleRecord) -> None:
             cycles.append(record)
+
+        def step(self, record: StepRecord) -> None:
+            pass
 
         def event(self, record: EventRecord) -> None:
             notices.append(record.text)

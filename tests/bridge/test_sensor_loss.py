@@ -10,7 +10,7 @@ import pytest
 from emulators.s3_jr3_cell import PaperCell
 from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.device_log import LogTo
-from hil_bridge.recording import CycleRecord, EventRecord, Outcome
+from hil_bridge.recording import CycleRecord, EventRecord, Outcome, StepRecord
 from hil_bridge.runs.compose import Ports, connect_robot, connect_sensor, emulated_cell, make_cell
 from hil_bridge.runs.cycle import Run, RunResult
 from hil_bridge.settings.configuration import Config
@@ -64,6 +64,9 @@ def run_until_lost(url: str, lose: Callable[[Any, float], None]) -> tuple[RunRes
                     tracked.append(record)
                     if len(tracked) == 10:
                         lose(cells[0], clock.now())
+
+            def step(self, record: StepRecord) -> None:
+                pass
 
             def event(self, record: EventRecord) -> None:
                 pass

@@ -1,15 +1,31 @@
 """What the record of a run tells of the emulated surface."""
 
+import dataclasses
 import math
+import re
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from hil_bridge.errors import ConfigError
-from hil_bridge.recording import Recording, TruthRecord, read
+from hil_bridge.recording import EventRecord, Recorder, Recording, TruthRecord, read
+from hil_bridge.recording.removed_map import (
+    BYTES_LIMIT,
+    CELLS_LIMIT,
+    REMOVED_NAME,
+    RemovedMap,
+    from_json,
+    packed,
+)
 from hil_bridge.recording.topics import TRUTH
+from hil_bridge.report.surface_plot import orientation_of
+from hil_bridge.report.surface_section import surface_section
 from hil_bridge.runs.outputs import Outputs
 from hil_bridge.runs.session import execute
 from hil_bridge.settings.configuration import load_config, read_config
@@ -67,5 +83,169 @@ def test_a_run_on_heights_that_are_not_there_is_refused_in_one_line(tmp_path: Pa
 def test_a_face_on_a_surface_with_memory_is_refused_in_one_line(tmp_path: Path) -> None:
     material = {"kind": "standard_linear_solid"}
     config = read_config({"cell": {"surface": {"material": material}, "tool": {"face_radius_mm": 5.0}}})
-    with pytest.raises(ConfigError, match=r"^cell: tool.face_radius_mm must be 0 on a surface with memory"):
+    with pytest.raises(ConfigError, match=r"^cell: tool.face_radius_mm must be 0 on a material with memory"):
         execute(config, True, Outputs(record=tmp_path / "run.mcap"), False)
+
+
+WEARS = {"kind": "sphere", "height_mm": 590.0, "origin_y_mm": -80.0, "removal": {"um_per_n_cm2_m": 50.0}}
+
+
+def test_the_map_of_what_was_removed_stands_in_the_record(tmp_path: Path) -> None:
+    recording = recorded(tmp_path, cell={"surface": WEARS, "tool": {"face_radius_mm": 8.0}})
+    found = recording.removed
+    assert found is not None
+    assert found.depths.max() > 0.05
+    assert not found.depths[[0, -1]].any()
+    assert not found.depths[:, [0, -1]].any()
+    # The tool touched above the path from -100 mm on, which is 20 mm before the crest.
+    touched = [truth.position for truth in recording.truths if truth.force[2] > 5.0]
+    first = np.array(touched[0][:2])
+    rows, columns = found.depths.shape
+    middle = np.array(found.origin_m) + 0.5e-3 * (rows - 1) * np.array(found.direction)
+    left = np.array([-found.direction[1], found.direction[0]])
+    assert middle + 0.5e-3 * (columns - 1) * left == pytest.approx(first, abs=0.012)
+    assert found.corner_m[0] == pytest.approx(found.origin_m[1] + 0.08)
+    assert found.corner_m[1] == pytest.approx(0.9 - found.origin_m[0])
+
+
+def test_two_runs_that_wear_are_the_same_to_the_last_byte(tmp_path: Path) -> None:
+    records = []
+    for name in ("one", "two"):
+        (tmp_path / name).mkdir()
+        recorded(tmp_path / name, cell={"surface": WEARS, "tool": {"face_radius_mm": 8.0}})
+        records.append((tmp_path / name / "run.mcap").read_bytes())
+    assert records[0] == records[1]
+
+
+def test_where_nothing_was_removed_there_is_no_map(tmp_path: Path) -> None:
+    assert recorded(tmp_path).removed is None
+
+
+def depths(rows: int, columns: int) -> np.ndarray:
+    found = np.zeros((rows, columns))
+    found[3:-4, 5:-2] = np.random.default_rng(1).uniform(1e-6, 2e-6, (rows - 7, columns - 7))
+    return found
+
+
+def test_a_map_is_cut_to_what_is_gone_and_stays_where_it_is() -> None:
+    found = packed((0.5, -0.2), (0.0, 1.0), (-0.1, -0.05), 0.002, depths(20, 30))
+    assert found.depths.shape == (15, 25)
+    # Rows follow each other along base y, columns along base -x.
+    assert found.origin_m == pytest.approx((0.5 - 4 * 0.002, -0.2 + 2 * 0.002))
+    assert found.corner_m == pytest.approx((-0.1 + 2 * 0.002, -0.05 + 4 * 0.002))
+    np.testing.assert_allclose(found.depths[1:-1, 1:-1], depths(20, 30)[3:-4, 5:-2] * 1e6, atol=5e-4)
+    assert from_json(found.as_json()) == found
+
+
+def test_a_large_map_is_made_coarser() -> None:
+    whole = depths(1001, 400)
+    found = packed((0.0, 0.0), (1.0, 0.0), (0.0, 0.0), 0.001, whole)
+    assert found.depths.size <= CELLS_LIMIT
+    assert found.spacing_m == 0.004
+    volume = found.depths.sum() * found.spacing_m**2
+    assert volume == pytest.approx(whole.sum() * 1e6 * 0.001**2, rel=0.01)
+    centre = (np.array(found.depths.shape) - 1) / 2 * found.spacing_m + found.origin_m
+    assert centre == pytest.approx([0.4995, 0.201], abs=0.003)
+
+
+GOOD = RemovedMap((0.0, 0.0), (0.0, 1.0), (0.0, 0.0), 0.001, ((0.0, 1.0), (2.0, 3.0)))
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        b"",
+        b"\xff",
+        b"[]",
+        b"{}",
+        b"[" * 100_000,
+        replace(GOOD, spacing_m=0.0).as_json(),
+        replace(GOOD, spacing_m=1e300).as_json(),
+        replace(GOOD, depths_um=()).as_json(),
+        replace(GOOD, depths_um=((), ())).as_json(),
+        replace(GOOD, depths_um=((1.0,), (1.0, 2.0))).as_json(),
+        replace(GOOD, depths_um=((-1.0,),)).as_json(),
+        replace(GOOD, depths_um=((1e12,),)).as_json(),
+        GOOD.as_json().replace(b"0.001", b"1e999"),
+        GOOD.as_json().replace(b"3.0", b"null"),
+        b" " * (BYTES_LIMIT + 1),
+    ],
+)
+def test_a_map_that_is_none_is_refused(bad: bytes) -> None:
+    with pytest.raises(ValueError, match=r"."):
+        from_json(bad)
+
+
+@given(st.binary(max_size=200) | st.text(max_size=200).map(str.encode))
+def test_whatever_an_attachment_holds_is_a_map_or_refused(data: bytes) -> None:
+    with suppress(ValueError):
+        from_json(data)
+
+
+def test_a_record_with_a_garbled_map_is_refused_in_one_line(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    recorder = Recorder(path, lambda at: round(at * 1e9), threaded=False, metadata={})
+    recorder.put(EventRecord(1.0, "phase", "tare"))
+    recorder.attach(REMOVED_NAME, "application/json", b"{}")
+    recorder.close()
+    with pytest.raises(
+        ConfigError, match=r"not a recording of this version: the attachment removed\.json"
+    ) as caught:
+        read(path)
+    assert "\n" not in str(caught.value)
+
+
+def told(recording: Recording) -> str:
+    page = surface_section(recording)
+    return page.partition('<img alt="')[0]
+
+
+def test_the_report_shows_the_map_and_the_angle(tmp_path: Path) -> None:
+    recording = recorded(tmp_path, cell={"surface": WEARS})
+    sentence = re.search(r"removed (\S+) mm³, at the deepest place (\S+) µm", told(recording))
+    assert sentence is not None
+    assert recording.removed is not None
+    volume, deepest = map(float, sentence.groups())
+    assert volume == pytest.approx(recording.removed.depths.sum() * 1e-3, rel=0.01)
+    assert deepest == pytest.approx(recording.removed.depths.max(), rel=0.01)
+    # The tool stays upright 20 mm beside the crest of a ball of 300 mm, and nears it.
+    angle = re.search(r"stood (\S+)° RMS from the normal, at most (\S+)°", told(recording))
+    assert angle is not None
+    rms, most = map(float, angle.groups())
+    assert most == pytest.approx(math.degrees(math.asin(20.0 / 300.0)), abs=0.1)
+    assert 0.5 * most < rms < most
+    assert surface_section(recording) == surface_section(recording)
+    with_map, without = (
+        surface_section(each) for each in (recording, dataclasses.replace(recording, removed=None))
+    )
+    assert len(with_map) > len(without) > 10_000
+    assert "mm³" not in without
+
+
+def test_a_record_without_normal_and_map_has_no_such_section(tmp_path: Path) -> None:
+    recording = recorded(tmp_path)
+    assert "0.00° RMS" in told(recording)
+    bare = tuple(replace(truth, normal=(math.nan,) * 3) for truth in recording.truths)
+    assert surface_section(dataclasses.replace(recording, truths=bare)) == ""
+    assert surface_section(dataclasses.replace(recording, truths=())) == ""
+
+
+def test_the_angle_is_that_between_the_axis_and_the_inward_normal() -> None:
+    half = math.radians(25.0) / 2.0
+    tilted = (math.sin(half), math.cos(half), 0.0, 0.0)
+    truths = [
+        TruthRecord(k, float(k), 0.0, 0.0, (0.0,) * 3, (0.0, 0.0, force), (0.0,) * 6, (), quaternion, normal)
+        for k, (force, quaternion, normal) in enumerate(
+            [
+                (9.0, (0.0, 1.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
+                (9.0, tilted, (0.0, 0.0, 1.0)),
+                (0.0, (0.0, 1.0, 0.0, 0.0), (0.0, 0.6, 0.8)),
+                (9.0, tilted, (math.nan,) * 3),
+            ]
+        )
+    ]
+    found = orientation_of(truths)
+    assert found is not None
+    expected = [0.0, 25.0, math.degrees(math.acos(0.8)), math.nan]
+    np.testing.assert_allclose(found.error_deg, expected, atol=1e-9)
+    assert found.touched_deg == pytest.approx([0.0, 25.0])

@@ -13,7 +13,7 @@ from hil_bridge.cli.decode import decode
 from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.device_log import LogTo
 from hil_bridge.errors import ConfigError, DeviceError, TransportUnavailable
-from hil_bridge.recording import CycleRecord, EventRecord, Outcome
+from hil_bridge.recording import CycleRecord, EventRecord, Outcome, StepRecord
 from hil_bridge.robots.seam import RobotLink
 from hil_bridge.runs.compose import Ports, connect_robot, connect_sensor, emulated_cell
 from hil_bridge.runs.cycle import Run
@@ -137,6 +137,9 @@ class Log:
 
     def cycle(self, record: CycleRecord) -> None:
         self.cycles.append(record)
+
+    def step(self, record: StepRecord) -> None:
+        pass
 
     def event(self, record: EventRecord) -> None:
         self.events.append(record)

@@ -4,12 +4,14 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from emulators.arm.waypoints import Waypoint
 from emulators.cell import ToolProfile
 from emulators.s3_jr3_cell import PaperCell, PaperCellProfile, s3_jr3_cell
 from emulators.surface.contact import SurfaceKind, SurfaceProfile
-from emulators.surface.face import Face, ring_points
+from emulators.surface.face import Face, ring_points, turning_of
 from emulators.surface.materials import MaterialKind, MaterialProfile
 
 T0 = 777.125
@@ -125,10 +127,14 @@ def test_the_wrench_of_a_face_does_not_depend_on_how_it_is_read() -> None:
         cell.robot.motion.enqueue(Waypoint((0.9, 0.1, 0.584), tilted(10.0), 0.05), T0 + 0.5)
         return cell
 
-    whole = moved().wrench(times)
+    whole, forces = moved().wrench(times), moved().contact_forces(times)
     cut = moved()
-    parts = [cut.wrench(part) for part in np.split(times, [1, 9, 700, 777, 1300])]
-    np.testing.assert_array_equal(np.concatenate(parts), whole)
+    parts = np.split(times, [1, 9, 700, 777, 1300])
+    # The product of matrices alone may differ in its last bit with the number of samples.
+    np.testing.assert_allclose(
+        np.concatenate([cut.wrench(part) for part in parts]), whole, rtol=0, atol=1e-14
+    )
+    np.testing.assert_array_equal(np.concatenate([cut.contact_forces(part) for part in parts]), forces)
     assert np.ptp(whole[:, 3]) > 0.02
 
 
@@ -143,5 +149,62 @@ def test_the_true_force_is_the_sum_over_the_face() -> None:
 
 def test_a_face_on_a_material_with_memory_is_refused() -> None:
     solid = SurfaceProfile(material=MaterialProfile(MaterialKind.STANDARD_LINEAR_SOLID))
-    with pytest.raises(ValueError, match="face_radius_mm must be 0 on a surface with memory"):
+    with pytest.raises(ValueError, match="face_radius_mm must be 0 on a material with memory"):
         cell_with(solid)
+
+
+def about(axis: tuple[float, float, float], angle: float) -> tuple[float, float, float, float]:
+    x, y, z = (math.sin(angle / 2.0) * part for part in axis)
+    return (math.cos(angle / 2.0), x, y, z)
+
+
+def product(p: tuple[float, ...], q: tuple[float, ...]) -> tuple[float, float, float, float]:
+    a, b, c, d = p
+    w, x, y, z = q
+    return (
+        a * w - b * x - c * y - d * z,
+        a * x + b * w + c * z - d * y,
+        a * y - b * z + c * w + d * x,
+        a * z + b * y - c * x + d * w,
+    )
+
+
+unit = st.floats(-1.0, 1.0).filter(lambda part: abs(part) > 1e-3)
+
+
+@given(
+    st.tuples(unit, unit, unit),
+    st.tuples(unit, unit, unit, unit),
+    st.floats(-3.0, 3.0),
+    st.sampled_from((1, -1)),
+)
+def test_the_turning_between_two_orientations_is_that_of_the_base_frame(
+    axis: tuple[float, ...], start: tuple[float, ...], angle: float, sign: int
+) -> None:
+    x, y, z = np.array(axis) / np.linalg.norm(axis)
+    w, a, b, c = np.array(start) / np.linalg.norm(start)
+    before = (w, a, b, c)
+    now = product(about((x, y, z), angle), before)
+    flipped = (sign * now[0], sign * now[1], sign * now[2], sign * now[3])
+    found = turning_of([(slice(0, 2), flipped)], [(slice(0, 2), before)], 0.5)
+    if found is None:
+        assert abs(angle) < 1e-9
+    else:
+        expected = np.array([[x, y, z]] * 2).T * angle / 0.5
+        np.testing.assert_allclose(found, expected, atol=1e-6)
+
+
+def test_a_tool_that_turns_about_its_axis_meets_torsional_friction() -> None:
+    surface = SurfaceProfile(friction=0.3, friction_smoothing_mm_s=1e-3)
+    cell = cell_with(surface)
+    cell.robot.motion.enqueue(Waypoint((0.9, 0.0, 0.588), DOWN, AT_ONCE), T0)
+    # 40° about base z: with tool z down, a negative turn about tool z
+    cell.robot.motion.enqueue(
+        Waypoint((0.9, 0.0, 0.588), product(about((0.0, 0.0, 1.0), math.radians(40.0)), DOWN), AT_ONCE),
+        T0 + 2.0,
+    )
+    times = T0 + np.array([1.5, 2.3, 6.0])
+    fx, fy, fz, mx, my, mz = cell.wrench(times).T
+    assert (fx, fy, mx, my) == pytest.approx((0.0,) * 4, abs=1e-3)
+    # Of a disc that presses evenly, two thirds of its radius are the arm of its friction.
+    assert mz == pytest.approx([0.0, 0.3 * -fz[1] * 2.0 / 3.0 * RADIUS, 0.0], rel=0.02, abs=1e-9)

@@ -89,7 +89,9 @@ def test_each_point_of_a_face_feels_the_wall() -> None:
     assert (fx[0], fy[0], fz[0]) == pytest.approx((0.0, 0.0, 0.0))
     # Tool y points along -y of the base, so the wall pushes towards +y of the tool, in the plane of its face.
     assert fy[1] > 1.0
-    assert (fx[1], fz[1], mz[1]) == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
+    assert (fx[1], fz[1]) == pytest.approx((0.0, 0.0), abs=1e-9)
+    # The points do not stand in mirrored rows, so the push is a little beside the middle.
+    assert abs(mz[1]) < 0.03 * fy[1] * radius
     assert mx[1] == pytest.approx(-0.2 * fy[1])
     # The middle of the tool is 5 mm before the wall.
     assert cell.true_state(T0 + 5.0).position[1] == pytest.approx(0.015, abs=1e-4)

@@ -13,7 +13,7 @@ from hil_bridge.clock import Clock, Timer, run_virtual
 from hil_bridge.device_log import LogTo
 from hil_bridge.errors import BridgeError, TransportClosed
 from hil_bridge.faults.schedule import FaultSchedule
-from hil_bridge.recording import CycleRecord, EventRecord, Outcome
+from hil_bridge.recording import CycleRecord, EventRecord, Outcome, StepRecord
 from hil_bridge.robots.s3.link import S3Link
 from hil_bridge.runs.compose import make_cell, open_devices
 from hil_bridge.runs.cycle import Run, RunResult
@@ -68,6 +68,9 @@ class Guarded:
         assert self.schedule is not None
         self.schedule.cycle(record)
         self.meddle(self, record)
+
+    def step(self, record: StepRecord) -> None:
+        pass
 
     def event(self, record: EventRecord) -> None:
         self.events.append(record)

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 
-from hil_bridge.control.course.supervisor import Cause
+from hil_bridge.control.course.verdict import Cause
 
 
 class When(StrEnum):

@@ -12,18 +12,18 @@ from msgspec.structs import replace
 
 from hil_bridge.control.course.contour import Contour, ContourState, normal_force
 from hil_bridge.control.course.oscillation import Advice, OscillationDetector, OscillationState
-from hil_bridge.control.course.supervisor import (
+from hil_bridge.control.course.supervisor import Supervisor
+from hil_bridge.control.course.task import Phase, Target, Task, TaskOutput, TaskState
+from hil_bridge.control.course.verdict import (
     LEAVES,
     Cause,
     Clamp,
     Observation,
     Request,
     Stop,
-    Supervisor,
     SupervisorState,
     Verdict,
 )
-from hil_bridge.control.course.task import Phase, Target, Task, TaskOutput, TaskState
 from hil_bridge.control.program.program import Program
 from hil_bridge.control.program.state import Felt
 from hil_bridge.control.program.turning import rotated

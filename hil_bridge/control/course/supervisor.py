@@ -10,173 +10,26 @@ the tool stands still.
 
 import math
 from dataclasses import dataclass
-from enum import StrEnum
-from typing import ClassVar, TypeAlias
 
-from msgspec import Struct
 from msgspec.structs import replace
 
 from hil_bridge.control.course import orientation
 from hil_bridge.control.course.limits import Limits
+from hil_bridge.control.course.verdict import (
+    LEAVES,
+    Allow,
+    Cause,
+    Clamp,
+    Observation,
+    Request,
+    Retreat,
+    Stop,
+    SupervisorState,
+    Verdict,
+)
 from hil_bridge.control.program.turning import apart, unit
-from hil_bridge.control.types import SAMPLE_MS
 from hil_bridge.errors import ConfigError
 from protocol.geometry import Quaternion, Vector
-
-
-class Cause(StrEnum):
-    """Why a run was stopped."""
-
-    NOT_A_NUMBER = "not-a-number"
-    DEVICE = "device"
-    FORCE = "force"
-    RESULTANT_FORCE = "resultant-force"
-    MOMENT = "moment"
-    SATURATED = "saturated"
-    STALE = "stale"
-    FROZEN = "frozen"
-    SEQUENCE = "sequence"
-    POSE = "pose"
-    DEADLINE = "deadline"
-    INCONSISTENT = "inconsistent"
-    CONTROLLER = "controller"
-    OSCILLATION = "oscillation"
-    RETRACTION = "retraction"
-
-
-class Observation(Struct, frozen=True):
-    """Facts about the cell in this cycle."""
-
-    now: float
-    """s on the run's clock."""
-    force: float
-    """Contact force along the approach direction, N, positive while pressing."""
-    resultant: float
-    """Length of the force vector, N."""
-    sensor_at: float
-    """When the newest sensor frame arrived, s on the run's clock."""
-    sensor_sequence: int
-    """Counter of the frame, unwrapped."""
-    unchanged: float = 0.0
-    """Time for which the newest frames have carried identical counts on all axes, s."""
-    saturated: bool = False
-    """True when an axis was at the end of its range, so that the force may be anything above."""
-    dead_axis: str = ""
-    """Which axis of the controlled force does not live, in words; empty while all do."""
-    pressing: bool = False
-    """Whether the tool is taken to be in contact."""
-    depth: float = 0.0
-    """Reported position along the approach direction from the start point, m."""
-    fault: str = ""
-    """Fault of a device, in words; empty while there is none."""
-    peak_force: float = 0.0
-    """Force along the approach direction farthest from 0 of all frames since the decision before, N, from the zero or
-    without it.
-    """
-    peak_resultant: float = 0.0
-    """Largest length of the force vector of these frames, N."""
-    peak_moment: float = 0.0
-    """Largest length of the moment vector of these frames, N·m."""
-    position: Vector | None = None
-    """Reported position, base frame, m; None where it is not to be judged."""
-    tilt: float = 0.0
-    """Turn of the reported orientation from the ordered one, rad."""
-    gap: float = 0.0
-    """Longest time for which the computer stood still since the decision before, or this one lasted, s."""
-    dt: float = SAMPLE_MS * 1e-3
-    """Time since the cycle before, as `Measurement.dt`, s."""
-    quaternion: Quaternion | None = None
-    """Reported orientation; None where it is not known."""
-
-
-class Request(Struct, frozen=True):
-    """Target that the task asks for."""
-
-    depth: float
-    """Along the approach direction from the start point, m."""
-    position: Vector
-    """The same target as a point in the base frame, m."""
-    direction: Vector
-    """Approach direction: unit vector into the surface, base frame."""
-    barrier: float = math.inf
-    """Depth at which the force limit less its margin is predicted, m."""
-    quaternion: Quaternion | None = None
-    """Orientation wanted; None leaves it as it is."""
-
-
-class Allow(Struct, frozen=True):
-    """Send the request as it is."""
-
-    kind: ClassVar[str] = "allow"
-    depth: float
-    """Depth of the command from the start point, m."""
-    position: Vector
-    """The same as a point in the base frame, m."""
-
-
-class Clamp(Struct, frozen=True):
-    """Send this instead of the request."""
-
-    kind: ClassVar[str] = "clamp"
-    depth: float
-    """Depth of the command from the start point, m."""
-    position: Vector
-    """The same as a point in the base frame, m."""
-    reasons: tuple[str, ...]
-
-
-class Stop(Struct, frozen=True):
-    """Send nothing more: end the motion."""
-
-    kind: ClassVar[str] = "stop"
-    cause: Cause
-    text: str
-
-
-LEAVES = "leaves the workspace"
-"""Reason of a clamp at the workspace's border."""
-
-Verdict: TypeAlias = Allow | Clamp | Stop
-
-
-class Retreat(Struct, frozen=True):
-    """Course of a retraction so far."""
-
-    began_at: float
-    """s on the run's clock."""
-    from_contact: bool
-    """The tool pressed when it began."""
-    lowest: float
-    """Resultant force that it has come down to, N; while it has not taken effect yet, the newest."""
-    depth: float
-    """Reported depth at which the force last came down, m."""
-    within: bool = False
-    """The retraction began within the force limit, so that nothing may carry the force beyond."""
-
-
-class SupervisorState(Struct, frozen=True):
-    """Place of the last allowed command, the reports of the devices, and the stop if there was one."""
-
-    depth: float
-    """Depth allowed last, m; at the beginning that of the reported position, so 0 at the start point."""
-    position: Vector
-    """Position allowed last, base frame, m; at the beginning the reported one."""
-    sensor_sequence: int | None = None
-    still: float = 0.0
-    """Time of the cycles without a new sensor frame, s."""
-    pressed: tuple[float, float] | None = None
-    """Contact force that has not changed since, N, and the reported depth when it was new, m; None without contact."""
-    stopped: Stop | None = None
-    reported: tuple[float, Vector] | None = None
-    """When a position was judged last, s, and that position, base frame, m; None before the first."""
-    retreat: Retreat | None = None
-    """None while the run goes on."""
-    quaternion: Quaternion | None = None
-    """Orientation allowed last; None for that of the start."""
-    home: Quaternion | None = None
-    """Orientation from which the tilt counts; None before the tool was turned."""
-    lag: float = 0.0
-    """Turn that the robot may not have followed yet, rad."""
 
 
 @dataclass(frozen=True, slots=True)

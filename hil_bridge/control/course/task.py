@@ -13,7 +13,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from hil_bridge.control.course.checks import require_above_zero, require_not_negative
-from hil_bridge.control.program.steps import Step
+from hil_bridge.control.program.steps import ResumePoint, Step
 from hil_bridge.control.types import POSITION_STEP_MM, SAMPLE_MS, Command, Controller, Measurement, as_command
 from protocol.geometry import Quaternion
 
@@ -100,6 +100,8 @@ class TaskParameters:
     """A program, a table [[task.step]] for each step; empty for one approach, one straight way and one retraction."""
     safe_height_mm: float = 0.0
     """Height over the start point, away from the surface, at which a program goes to another place."""
+    resume: ResumePoint | None = None
+    """Where a program goes on that was cut before; `run --resume` fills it in."""
     file: str = ""
     """File with the steps of a program, beside the configuration; empty for steps that stand here, or for none."""
 

@@ -4,7 +4,7 @@ from msgspec.structs import replace
 
 from hil_bridge.control.course.task import TaskState
 from hil_bridge.control.program.legs import Leg
-from hil_bridge.control.program.state import CourseState, Done, Felt, Tally
+from hil_bridge.control.program.state import CourseState, Done, Tally
 from hil_bridge.control.types import Measurement
 from protocol.geometry import Vector
 
@@ -44,8 +44,8 @@ def counted(
     return replace(course, tally=tally, this_pass=(deep, way))
 
 
-def done(course: CourseState, leg: Leg, state: TaskState, felt: Felt) -> Done:
-    """Outcome of a leg that has ended as it was meant to."""
+def done(course: CourseState, leg: Leg, now: float, at: Vector | None = None) -> Done:
+    """Outcome of a leg that has ended at this time, s on the run's clock, with the tool at this place."""
     tally, criterion = course.tally, getattr(leg.step, "criterion", None)
     share = tally.within / tally.total if tally.total and criterion is not None else None
     passed = criterion is None or (share is not None and share * 100 >= criterion.for_percent)
@@ -56,12 +56,12 @@ def done(course: CourseState, leg: Leg, state: TaskState, felt: Felt) -> Done:
     (x, y, z), count = course.found
     found = (x / count, y / count, z / count) if count else None
     if leg.step.do == "approach" and leg.step.name:
-        found = felt.position
+        found = at
     return Done(
         course.leg,
-        felt.now if course.began is None else course.began,
-        felt.now,
-        state.travel - course.base if leg.way is not None else 0.0,
+        now if course.began is None else course.began,
+        now,
+        course.local,
         tally.force / tally.total if tally.total else None,
         share,
         passed,
@@ -71,6 +71,6 @@ def done(course: CourseState, leg: Leg, state: TaskState, felt: Felt) -> Done:
     )
 
 
-def failed(state: TaskState, leg: Leg, felt: Felt) -> Done:
-    """Outcome of a leg that was cut."""
-    return replace(done(state.course, leg, state, felt), passed=False, text=state.cause, found=None)
+def cut(course: CourseState, leg: Leg, now: float, cause: str) -> Done:
+    """Outcome of a leg that was cut at this time, s on the run's clock."""
+    return replace(done(course, leg, now), passed=False, text=cause, found=None)

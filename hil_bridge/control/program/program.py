@@ -21,7 +21,7 @@ from hil_bridge.control.program.facing import Facing, Look, inward
 from hil_bridge.control.program.feed import STUCK_S, feed_of
 from hil_bridge.control.program.felt import Face, WorkFrame, lateral_of, skewed, zeroed
 from hil_bridge.control.program.legs import Leg, Row
-from hil_bridge.control.program.outcome import added, counted, failed
+from hil_bridge.control.program.outcome import added, counted, cut
 from hil_bridge.control.program.outcome import done as outcome_of
 from hil_bridge.control.program.paths import Place
 from hil_bridge.control.program.state import CourseState, Felt, Tally
@@ -209,7 +209,10 @@ class Program:
         if course.began is not None:
             leg = self.row.legs[course.leg]
             state = replace(
-                state, course=replace(course, done=(*course.done, failed(state, leg, felt)), began=None)
+                state,
+                course=replace(
+                    course, done=(*course.done, cut(course, leg, felt.now, state.cause)), began=None
+                ),
             )
         state, output = self.task.step(state, measurement)
         return state, self._output(state, output)
@@ -223,6 +226,7 @@ class Program:
             began=felt.now,
             origin=course.at,
             base=state.travel,
+            local=0.0,
             seen=0.0,
             aside=0.0,
             stage=0,
@@ -332,7 +336,13 @@ class Program:
             (x, y), (h, k) = way.at(local), way.headings[way.piece(local)]
             at = course.origin[0] + x - course.aside * k, course.origin[1] + y + course.aside * h
         raised = ground + _rise(fall, course.at, at)
-        course = counted(replace(course, at=at, ground=raised), leg, before, state, measurement)
+        course = counted(
+            replace(course, at=at, ground=raised, local=local if way else 0.0),
+            leg,
+            before,
+            state,
+            measurement,
+        )
         began = felt.now if course.began is None else course.began
         if isinstance(step, Hold) and felt.now - began >= step.for_s / 2:
             course = replace(course, found=added(course.found, felt.position))
@@ -409,7 +419,7 @@ class Program:
     def _next(self, state: TaskState, leg: Leg, felt: Felt) -> TaskState:
         """State behind a leg: its outcome, and where the row goes on."""
         course = state.course
-        done = outcome_of(course, leg, state, felt)
+        done = outcome_of(course, leg, felt.now, felt.position)
         number = course.leg + 1
         if leg.leave_to is not None:
             deep, way = course.this_pass

@@ -87,6 +87,8 @@ class CourseState(Struct, frozen=True):
     """Where the way of this step begins, from the start point, m."""
     base: float = 0.0
     """Way of the run at which this step begins, m."""
+    local: float = 0.0
+    """Commanded way along the path of this step, m."""
     seen: float = 0.0
     """Reported way along the path of this step, m."""
     ground: float = 0.0

@@ -13,6 +13,7 @@ from pydantic import Discriminator
 
 from hil_bridge.control.course.checks import FORBID_EXTRA, require_above_zero, require_not_negative
 from hil_bridge.control.program.paths import Path, Place
+from protocol.geometry import Quaternion, Vector
 
 Orientation: TypeAlias = Literal["fixed", "along-path", "normal"]
 """fixed: as at the start. along-path: turned about the approach so that it looks along the path as at its begin.
@@ -250,6 +251,26 @@ Step: TypeAlias = Annotated[
     Approach | Track | Hold | Seek | Retract | Move | Zero | Repeat, Discriminator("do")
 ]
 """A step of a program, by its word."""
+
+
+@dataclass(frozen=True, slots=True)
+class ResumePoint:
+    """Where a program goes on. `run --resume` fills it in."""
+
+    __pydantic_config__: ClassVar = FORBID_EXTRA
+
+    leg: int
+    """Step of the program, passes counted, from 0."""
+    way_mm: float
+    """Way along its path from which it goes on; 0 for a step without a path."""
+    place_mm: Place
+    """That place in the work frame."""
+    start_m: Vector
+    """Start point of the first run, base frame: the safe height, and paths without an origin, count from there."""
+    quaternion: Quaternion
+    """Orientation of that start."""
+    spent_s: float = 0.0
+    """Time that the step has had already."""
 
 
 def _above_zero(step: object, *names: str) -> None:

@@ -1,0 +1,43 @@
+"""Whether the paths of a program stay where the tool may be; before anything moves. Pure."""
+
+from collections.abc import Iterator
+
+from hil_bridge.control.course.limits import Limits
+from hil_bridge.control.program.felt import WorkFrame
+from hil_bridge.control.program.legs import Row
+from hil_bridge.control.program.steps import Move
+from hil_bridge.errors import ConfigError
+from protocol.geometry import Vector
+
+
+def corners(row: Row, frame: WorkFrame, start: Vector) -> Iterator[tuple[str, Vector]]:
+    """Corners of all paths at the depth of the start, base frame, m, with the label of their step.
+
+    Paths that begin where only the run knows are left out.
+    """
+    origin = frame.origin or start
+    deep = sum((s - o) * n for s, o, n in zip(start, origin, frame.approach, strict=True))
+    for leg, place in zip(row.legs, row.places, strict=True):
+        if isinstance(leg.step, Move):
+            places = [(leg.step.to_mm[0] * 1e-3, leg.step.to_mm[1] * 1e-3)]
+        elif leg.way is not None and place is not None:
+            places = [(place[0] * 1e-3 + x, place[1] * 1e-3 + y) for x, y in leg.way.points]
+        else:
+            continue
+        for x, y in places:
+            a, b, c = (
+                o + deep * n + x * t + y * s
+                for o, n, t, s in zip(origin, frame.approach, frame.x, frame.y, strict=True)
+            )
+            yield leg.label, (a, b, c)
+
+
+def check_workspace(row: Row, frame: WorkFrame, start: Vector, limits: Limits) -> None:
+    """Raise ConfigError for the first path that leaves the workspace; the tool stands at `start`, base frame, m."""
+    for label, (x, y, z) in corners(row, frame, start):
+        for value, low, high in zip((x, y, z), limits.workspace_min_m, limits.workspace_max_m, strict=True):
+            if not low <= value <= high:
+                raise ConfigError(
+                    f"task.step {label}: it leads to {x:.3f} {y:.3f} {z:.3f} m, outside the box of "
+                    "limits.workspace_…_m"
+                )

@@ -1,0 +1,36 @@
+"""The section of the page that tells what the emulated surface knows: nothing of it was measured."""
+
+import base64
+from html import escape
+
+import numpy as np
+
+from hil_bridge.recording.reader import Recording
+from hil_bridge.report.sections import start_time
+from hil_bridge.report.surface_plot import draw_surface, orientation_of
+
+
+def surface_section(recording: Recording) -> str:
+    """Empty for a real cell, and for a record that tells neither a normal nor a map."""
+    orientation, removed = orientation_of(recording.truths), recording.removed
+    if orientation is None and removed is None:
+        return ""
+    picture, (width, height) = draw_surface(orientation, removed, recording.truths, start_time(recording))
+    sentences = []
+    if removed is not None:
+        depths = removed.depths
+        volume_mm3 = float(depths.sum()) * 1e-3 * (removed.spacing_m * 1e3) ** 2
+        sentences.append(
+            f"The tool removed {volume_mm3:.3g} mm³, at the deepest place {float(depths.max()):.3g} µm."
+        )
+    if orientation is not None and len(touched := orientation.touched_deg):
+        rms = float(np.sqrt(np.mean(touched**2)))
+        sentences.append(
+            f"While it touched, its axis stood {rms:.2f}° RMS from the normal, at most {float(touched.max()):.2f}°."
+        )
+    told = f'<p class="verdict">{escape(" ".join(sentences))}</p>\n' if sentences else ""
+    return (
+        f"<h2>Emulated surface</h2>\n{told}"
+        '<img alt="What the tool removed, and its angle to the normal of the surface"'
+        f' width="{width}" height="{height}" src="data:image/png;base64,{base64.b64encode(picture).decode()}">\n'
+    )

@@ -1,0 +1,115 @@
+"""From the recording of a program that was cut: where it can go on. Never by itself: a person asks for it."""
+
+from dataclasses import replace
+from typing import Any
+
+from hil_bridge.control.program.legs import Leg
+from hil_bridge.control.program.program import Program
+from hil_bridge.control.program.resume import FIRST, OVERLAP_MM, good_until
+from hil_bridge.control.program.steps import ResumePoint
+from hil_bridge.control.program.turning import unit
+from hil_bridge.errors import ConfigError
+from hil_bridge.recording import CycleRecord, Recording
+from hil_bridge.runs.pace import control_loop
+from hil_bridge.runs.replay import recorded_config
+from hil_bridge.settings.configuration import Config
+
+_BAND_SHARE = 0.1
+"""Chosen: as far as the force may be off, of the wanted one, where a step has no criterion."""
+
+
+def resumed_config(recording: Recording, changes: dict[str, Any], overlap_mm: float = OVERLAP_MM) -> Config:
+    """The configuration of a recorded run with these changes, and the point where its program goes on.
+
+    Raises ConfigError for a run without a program, one that was not cut, and one whose program cannot be compiled.
+    """
+    config = recorded_config(recording, changes)
+    if not config.task.step:
+        raise ConfigError("the recorded run has no program (task.step): start it anew")
+    if recording.end.get("outcome") == "completed":
+        raise ConfigError("the recorded run completed: there is nothing to resume")
+    task = control_loop(config).task
+    assert isinstance(task, Program)
+    point = _point(task, recording, config, overlap_mm)
+    # a fault on purpose belonged to the first run
+    return config.model_copy(update={"task": replace(config.task, resume=point), "faults": ()})
+
+
+def _point(program: Program, recording: Recording, config: Config, overlap_mm: float) -> ResumePoint:
+    """The place where it was cut, and a little before."""
+    cycles, before = recording.cycles, config.task.resume
+    number = max(cycle.step for cycle in cycles) - 1
+    if number < 0:
+        raise ConfigError("the recording does not say which step was under way: start the program anew")
+    if before is not None and number < FIRST:
+        return before  # it never came back to the step
+    leg, own = program.row.legs[number], [cycle for cycle in cycles if cycle.step == number + 1]
+    cut = own[0]
+    number_first = cycles.index(cut)
+    origin = (0.0, 0.0) if not number_first else _place(cycles[number_first - 1])
+    way = _way_done(leg, own, origin, overlap_mm)
+    x, y = leg.way.at(way) if leg.way is not None else (0.0, 0.0)
+    start = before.start_m if before is not None else _start(recording)
+    if leg.step.do == "retract" and number + 1 < len(program.row.legs):
+        number, way = number + 1, 0.0  # the run has retracted the tool itself
+        x, y = (a - b for a, b in zip(_place(own[-1]), origin, strict=True))
+    first = _in_frame(program, cycles[0])
+    place = first[0] + origin[0] + x, first[1] + origin[1] + y
+    offset, done = (before.leg - FIRST, before.way_mm) if before is not None else (0, 0.0)
+    return ResumePoint(
+        number + offset,
+        way * 1e3 + (done if before is not None and number == FIRST else 0.0),
+        (place[0] * 1e3, place[1] * 1e3),
+        start,
+        before.quaternion if before is not None else _quaternion(recording),
+        own[-1].started_at - own[0].started_at,
+    )
+
+
+def _way_done(leg: Leg, own: list[CycleRecord], origin: tuple[float, float], overlap_mm: float) -> float:
+    """Way of a step from which it goes on, m."""
+    samples = [
+        (
+            (cycle.travel_commanded - origin[0], cycle.across_commanded - origin[1]),
+            cycle.force,
+            cycle.force_reference,
+        )
+        for cycle in own
+        if cycle.in_contact and cycle.phase == "track"
+    ]
+    return max(good_until(leg, samples, _BAND_SHARE) - overlap_mm * 1e-3, 0.0)
+
+
+def _in_frame(program: Program, cycle: CycleRecord) -> tuple[float, float]:
+    """The start point in the work frame, m."""
+    frame = program.frame
+    if frame.origin is None:
+        return 0.0, 0.0
+    x, y = (
+        sum((p - o) * n for p, o, n in zip(cycle.start, frame.origin, axis, strict=True))
+        for axis in (frame.x, frame.y)
+    )
+    return x, y
+
+
+def _place(cycle: CycleRecord) -> tuple[float, float]:
+    return cycle.travel_commanded, cycle.across_commanded
+
+
+def _start(recording: Recording) -> tuple[float, float, float]:
+    x, y, z = recording.cycles[0].start
+    return x, y, z
+
+
+def _quaternion(recording: Recording) -> tuple[float, float, float, float]:
+    return unit(recording.cycles[0].quaternion)
+
+
+def told_resume(config: Config) -> str:
+    """Where it goes on, in one line."""
+    task = control_loop(config).task
+    assert isinstance(task, Program)
+    point = config.task.resume
+    assert point is not None
+    label = task.row.legs[FIRST].label
+    return f"resuming step {label} {point.way_mm:.1f} mm along its path; before it a move, a zero and an approach"

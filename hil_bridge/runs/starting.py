@@ -1,0 +1,27 @@
+"""Whether a program can be carried out from where the robot stands; before anything moves."""
+
+import math
+
+from hil_bridge.control import ControlLoop
+from hil_bridge.control.program.program import Program
+from hil_bridge.control.program.reach import check_workspace
+from hil_bridge.control.program.turning import apart, unit
+from hil_bridge.errors import ConfigError
+from hil_bridge.robots.seam import RobotReport
+from hil_bridge.settings.configuration import Config
+
+
+def check_start(config: Config, loop: ControlLoop, start: RobotReport) -> None:
+    """Raise ConfigError for a path that leaves the workspace, and for a resumed run whose tool stands otherwise."""
+    if not isinstance(loop.task, Program):
+        return
+    check_workspace(loop.task.row, loop.task.frame, start.pose.position, config.limits)
+    point = config.task.resume
+    if point is None:
+        return
+    turned = math.degrees(apart(unit(start.pose.quaternion), point.quaternion))
+    if turned > config.limits.tilt_deg:
+        raise ConfigError(
+            f"the tool is turned by {turned:.1f}° from the start of the recorded run, allowed are "
+            f"{config.limits.tilt_deg:g}°: turn it back, then resume"
+        )

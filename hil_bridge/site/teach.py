@@ -1,0 +1,69 @@
+"""A work frame from three places that the tool touches under force control. Pure, but for the configuration's types."""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from hil_bridge.errors import ConfigError
+from protocol.geometry import Vector
+
+HOLD_S = 1.0
+"""Chosen: how long the tool presses at each place; the mean of the second half counts."""
+LEAST_MM = 5.0
+"""Chosen: least distance of the third place from the line through the others."""
+STEEPEST_DEG = 45.0
+"""Chosen: largest angle of the found surface to the one that was assumed."""
+
+
+def touches(places_mm: Sequence[tuple[float, float]], force_n: float) -> list[dict[str, Any]]:
+    """Steps of a program that touches these places, mm from where the tool stands, each with a force."""
+    steps: list[dict[str, Any]] = []
+    for number, place in enumerate(places_mm, 1):
+        steps += [
+            {"do": "move", "to_mm": place},
+            {"do": "approach"},
+            {"do": "hold", "for_s": HOLD_S, "force_n": force_n, "name": name_of(number)},
+            {"do": "retract"},
+        ]
+    return steps
+
+
+def name_of(number: int) -> str:
+    """Name of a touched place."""
+    return f"touch {number}"
+
+
+def frame_of(found: Mapping[str, Sequence[float]], approach: Vector) -> dict[str, list[float]]:
+    """Settings of `[frame]` for a plane through three places, base frame, m: x leads from the first to the second.
+
+    `approach` is the direction in which they were touched. Raises ConfigError for places on one line, and for a plane
+    that stands too steep to have been touched this way.
+    """
+    try:
+        first, second, third = (np.array(found[name_of(number)], dtype=float) for number in (1, 2, 3))
+    except KeyError as error:
+        raise ConfigError(f"{error.args[0]} was not found: the run ended before") from error
+    along, aside = second - first, third - first
+    length = float(np.linalg.norm(along))
+    normal = np.cross(along, aside)
+    size = float(np.linalg.norm(normal))
+    if length < LEAST_MM * 1e-3 or size / max(length, 1e-9) < LEAST_MM * 1e-3:
+        raise ConfigError(
+            f"the three places lie on one line, or nearer than {LEAST_MM:g} mm: touch places farther apart"
+        )
+    normal /= size
+    if normal @ approach < 0:
+        normal = -normal
+    angle = math.degrees(math.acos(min(float(normal @ approach), 1.0)))
+    if angle > STEEPEST_DEG:
+        raise ConfigError(
+            f"the plane stands at {angle:.0f}° to frame.approach, more than {STEEPEST_DEG:g}°: set frame.approach "
+            "nearer to its normal, then touch again"
+        )
+    return {
+        "approach": [round(float(value), 9) for value in normal],
+        "travel": [round(float(value), 9) for value in along / length],
+        "origin_mm": [round(float(value) * 1e3, 3) for value in first],
+    }
