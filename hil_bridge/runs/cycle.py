@@ -199,16 +199,20 @@ class Run:
             self._state = self._loop.initial(zero.start.pose.position)
             await self._cycles(motion)
         except BridgeError as error:
-            self._blame(str(error))
+            self._blame(self._in_step(str(error)))
             await self._retract(motion)
         except Exception as error:
             self._event(BUG_EVENT, traceback_of(error))
-            self._blame(f"a bug ended the run: {type(error).__name__}: {told(error)}")
+            self._blame(self._in_step(f"a bug ended the run: {type(error).__name__}: {told(error)}"))
             await self._retract(motion)
         except BaseException:
             self._blame("the run was cancelled")
             await self._retract(motion)
             raise
+
+    def _in_step(self, cause: str) -> str:
+        """Why the run stops, with the step of a program in which it does."""
+        return cause if self._state is None else self._steps.where(self._state.task.course, cause)
 
     async def _retract(self, motion: Motion) -> None:
         """Back to the depth of the start by orders alone."""
@@ -280,7 +284,7 @@ class Run:
                 track_ends = sample.now + self._config.run.duration_s
             if decision.output.failed:
                 stands = f"; {self._sensor.stands}" if self._sensor.stands else ""
-                self._blame(f"{decision.output.cause}{stands}")
+                self._blame(f"{self._steps.where(after.task.course, decision.output.cause)}{stands}")
             if decision.stands:
                 sent = await stand_still(motion)
             else:

@@ -159,7 +159,7 @@ class Program:
             look = Look(
                 measurement.dt,
                 measurement.travel,
-                measurement.position,
+                measurement.position - measurement.force_at_position / max(stiffness, 1.0),
                 felt.force,
                 heading if slides else (0.0, 0.0),
                 *skewed(self.frame, self.face, felt, per_angle),
