@@ -29,6 +29,13 @@ _BESIDE = Path("-")
 @click.option("--unchecked", is_flag=True, help="Run on a sensor whose tool is not known, unchecked.")
 @click.option("--controller", metavar="NAME", help=f"Force controller: {CONTROLLERS}, or a plug-in.")
 @click.option("--force-n", type=float, metavar="F", help="Desired contact force, N.")
+@click.option(
+    "--task",
+    "task_file",
+    type=FILE,
+    metavar="FILE.toml",
+    help="Program of the run: a file with [[step]] tables.",
+)
 @click.option("--duration", "duration_s", type=float, metavar="S", help="How long to track the surface, s.")
 @click.option("--virtual", is_flag=True, help="Virtual time: as fast as it computes, and exactly repeatable.")
 @click.option("--seed", type=int, metavar="N", help="Seed of every random draw in the emulated cell.")
@@ -70,6 +77,7 @@ def run(
     unchecked: bool,
     controller: str | None,
     force_n: float | None,
+    task_file: Path | None,
     duration_s: float | None,
     virtual: bool,
     seed: int | None,
@@ -109,14 +117,15 @@ def run(
         "tool.mass_kg": tool_mass_kg,
         "controller.name": controller,
         "task.force_n": force_n,
+        "task.file": None if task_file is None else str(task_file),
         "run.duration_s": duration_s,
         "run.seed": seed,
         "run.panel_url": panel,
     }
     if resume is None:
         config = load_config(config_file, overrides)
-    elif config_file is not None:
-        raise click.UsageError("--resume takes the configuration of the recording: leave CONFIG out")
+    elif config_file is not None or task_file is not None:
+        raise click.UsageError("--resume takes configuration and program of the recording: leave others out")
     else:
         config = resumed_config(read(resume), nested(overrides))
         click.echo(told_resume(config))

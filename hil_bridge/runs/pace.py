@@ -112,10 +112,14 @@ def program(config: Config, task: Task) -> Program:
     """
     frame, point = config.frame, config.task.resume
     origin = None if frame.origin_mm is None else metres(frame.origin_mm)
-    row = legs_of(
-        config.task.step, task, config.limits, frame.origin_mm is not None, config.robot.velocity_mm_s
-    )
-    seconds(row)
+    known = frame.origin_mm is not None
+    try:
+        row = legs_of(config.task.step, task, config.limits, known, config.robot.velocity_mm_s)
+        seconds(row)
+    except ConfigError as error:
+        if not config.task.file:
+            raise
+        raise ConfigError(f"{config.task.file}: {str(error).removeprefix('task.')}") from error
     if point is not None:
         row = resumed(row, point, task)
     turns = any(getattr(leg.step, "orientation", "fixed") == "normal" for leg in row.legs)

@@ -18,9 +18,10 @@ from hil_bridge.facts import RobotFacts
 from hil_bridge.recording import CycleRecord, Recording
 from hil_bridge.recording.device_facts import json_or_none
 from hil_bridge.runs.pace import control_loop, paced
-from hil_bridge.settings.configuration import Config, explain, read_config
+from hil_bridge.settings.configuration import Config, explain, read_config, read_values
 from hil_bridge.settings.earlier import FRAME_MS, RECORDED_CYCLE_S, is_counted, translated
-from hil_bridge.text_files import parse_json, read_toml
+from hil_bridge.settings.program import with_program
+from hil_bridge.text_files import parse_json
 from protocol.geometry import Vector
 
 
@@ -83,7 +84,8 @@ def changes_of(path: Path | None, controller: str | None) -> dict[str, Any]:
     """Changes to the recorded run from a TOML file and an option. Raises ConfigError."""
     changes: dict[str, Any] = {}
     if path is not None:
-        changes = read_toml(path)
+        changes = read_values(path)
+        with_program(changes, str(path))
     if controller is not None:
         wanted = changes.get("controller", {})
         changes["controller"] = {**wanted, "name": controller} if isinstance(wanted, dict) else wanted

@@ -1,7 +1,6 @@
 """The configuration: one TOML file, validated, every key with its unit in its name."""
 
 import dataclasses
-import difflib
 import json
 import math
 from collections.abc import Mapping, Sequence
@@ -30,6 +29,7 @@ from hil_bridge.faults.settings import FaultConfig
 from hil_bridge.kinds import ROBOTS, SENSORS, CellSection, emulated_sensor, faults_of
 from hil_bridge.settings.earlier import told_of
 from hil_bridge.settings.kinds import Chosen, cell_section, chosen_in, merged_section
+from hil_bridge.settings.program import count_problems, first_problem, instead_of, told_problem, with_program
 from hil_bridge.text_files import format_value, read_toml
 from protocol.geometry import Quaternion, Vector
 
@@ -46,6 +46,7 @@ OPTIONS = {
     "tool.mass_kg": "--tool-mass-kg",
     "controller.name": "--controller",
     "task.force_n": "--force-n",
+    "task.file": "--task",
 }
 """Command-line options by the key that they override."""
 
@@ -55,6 +56,7 @@ FILE_KEYS = (
     "cell.robot.program_folder",
     "cell.surface.height_map_file",
     "controller.parameters.rules_file",
+    "task.file",
 )
 """Keys that name a file; one that is not absolute is looked for beside the configuration that names it."""
 
@@ -372,8 +374,7 @@ def load_config(path: Path | None, overrides: Mapping[str, object]) -> Config:
     """
     values: dict[str, Any] = {}
     if path is not None:
-        values = read_toml(path)
-        _resolve_files(values, path.parent)
+        values = read_values(path)
     given = set()
     for key, value in overrides.items():
         if value is None:
@@ -385,10 +386,18 @@ def load_config(path: Path | None, overrides: Mapping[str, object]) -> Config:
         if isinstance(table, dict):
             table[name] = value
             given.add(key)
+    sources = with_program(values, str(path or "configuration"))
     try:
         return read_config(values)
     except ValidationError as error:
-        raise ConfigError(explain(error, path, given)) from error
+        raise ConfigError(explain(error, path, given, sources)) from error
+
+
+def read_values(path: Path) -> dict[str, Any]:
+    """The values of a TOML file, the files that it names relative to its own place. Raises ConfigError."""
+    values = read_toml(path)
+    _resolve_files(values, path.parent)
+    return values
 
 
 def nested(overrides: Mapping[str, object]) -> dict[str, Any]:
@@ -431,9 +440,20 @@ def items_of(section: object) -> list[tuple[str, Any]]:
     return [(field.name, getattr(section, field.name)) for field in dataclasses.fields(section)]  # type: ignore[arg-type]
 
 
-def explain(error: ValidationError, path: Path | None, given: set[str]) -> str:
-    """The first thing that is wrong as one line: where, what, what to do."""
-    first = error.errors()[0]
+def explain(
+    error: ValidationError, path: Path | None, given: set[str], sources: Mapping[str, Path] | None = None
+) -> str:
+    """The first thing that is wrong as one line: where, what, what to do. `sources` are files by the keys that came
+    from them.
+    """
+    errors = error.errors()
+    first, count = first_problem(errors), count_problems(errors)
+    source = str(path or "configuration")
+    more = f" (and {count - 1} more)" if count > 1 else ""
+    if (problem := told_problem(first)) is not None:
+        label, text = problem
+        program = (sources or {}).get("task.step")
+        return (f"{source}: task.step" if program is None else f"{program}: step") + label + text + more
     location, got = [str(part) for part in first["loc"]], f", got {format_value(first['input'])}"
     match first["type"]:
         case "extra_forbidden" | "unexpected_keyword_argument":
@@ -458,8 +478,8 @@ def explain(error: ValidationError, path: Path | None, given: set[str]) -> str:
         case _:
             text = f": {first['msg'].replace('Input should', 'must', 1)}{got}"
     key = ".".join(location)
-    where = OPTIONS[key] if key in given else f"{path or 'configuration'}: {key}"
-    more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
+    own = (sources or {}).get(".".join(location[:2]), source)
+    where = OPTIONS[key] if key in given else f"{own}: {key}"
     return where + text + more
 
 
@@ -472,16 +492,8 @@ def _at(location: Sequence[str]) -> object:
 
 
 def _instead(location: Sequence[str]) -> str:
-    """Names that a mistyped key may have meant; a wrong unit suffix is named as such."""
+    """Names that a mistyped key may have meant."""
     section = _at(location[:-1])
     if not is_section(section):
         return ""
-    names = [name for name, _ in items_of(section)]
-    wrong = location[-1]
-    stem = wrong.rsplit("_", 1)[0]
-    same_stem = [name for name in names if name.rsplit("_", 1)[0] == stem or name.startswith(f"{wrong}_")]
-    if same_stem:
-        return f"; the unit is part of the name: {' or '.join(same_stem)}"
-    if close := difflib.get_close_matches(wrong, names, 1):
-        return f"; did you mean {close[0]}?"
-    return f"; known here: {', '.join(names)}"
+    return instead_of([name for name, _ in items_of(section)], location[-1])

@@ -1,0 +1,167 @@
+"""The steps of a program as a person reads them: each one once, with its way, force, time and passes."""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from hil_bridge.control.program.legs import Leg, Row, seconds
+from hil_bridge.control.program.paths import Place
+from hil_bridge.control.program.steps import Repeat, Step
+
+HEAD = ("step", "word", "way mm", "force N", "orientation", "time s", "passes", "more")
+
+
+@dataclass(frozen=True, slots=True)
+class Shown:
+    """One step as it is in its first pass."""
+
+    number: str
+    """As a person counts; "4.2" for the second step of a repeat."""
+    leg: Leg
+    begin: Place | None
+    """Where it begins in the work frame, mm; None where that is known in the run alone."""
+    seconds: float
+    """Time of one pass, s; of the longest one where they differ."""
+    passes: int
+    """Passes, at most."""
+    ends: str = ""
+    """What ends a repeat before all passes, at its first step."""
+    again: Place | None = None
+    """Where it begins in the passes behind the first, mm; None where there are none, or where that is not known."""
+
+    @property
+    def word(self) -> str:
+        """What the step does."""
+        word: str = self.leg.step.do
+        return word
+
+    @property
+    def presses(self) -> bool:
+        """Whether the tool presses with the wanted force in the step."""
+        return self.leg.presses and self.word != "approach"
+
+
+def shown(steps: Sequence[Step], row: Row) -> list[Shown]:
+    """The steps of a program, those of a repeat once."""
+    times = seconds(row)
+
+    found, leg = [], 0
+    for number, step in enumerate(steps, 1):
+        if not isinstance(step, Repeat):
+            found.append(Shown(str(number), row.legs[leg], row.places[leg], times[leg], 1))
+            leg += 1
+            continue
+        removed = step.until_removed_mm
+        ends = "" if removed is None else f"until {removed:g} mm are removed"
+        inner = len(step.step)
+        behind = leg + step.times * inner
+        found += [
+            Shown(
+                f"{number}.{k - leg + 1}",
+                row.legs[k],
+                row.places[k],
+                max(times[k:behind:inner]),
+                step.times,
+                ends if k == leg else "",
+                row.places[k + inner] if step.times > 1 else None,
+            )
+            for k in range(leg, leg + inner)
+        ]
+        leg = behind
+    return found
+
+
+def table_lines(steps: Sequence[Shown]) -> Iterator[str]:
+    """The table of the steps in lines of text."""
+    rows = [HEAD, *(_cells(step) for step in steps)]
+    widths = [max(len(row[column]) for row in rows) for column in range(len(HEAD))]
+    rights = {2, 5}
+    for row in rows:
+        cells = (
+            cell.rjust(width) if column in rights else cell.ljust(width)
+            for column, (cell, width) in enumerate(zip(row, widths, strict=True))
+        )
+        yield "  ".join(cells).rstrip()
+
+
+def total_line(steps: Sequence[Shown], row: Row) -> str:
+    """The time of the whole program in words."""
+    most = " at most, with all passes" if any(step.passes > 1 for step in steps) else ""
+    return f"about {duration(sum(seconds(row)))}{most}"
+
+
+def duration(seconds: float) -> str:
+    """A time in words."""
+    if seconds < 120:
+        return f"{seconds:.0f} s"
+    minutes, rest = divmod(round(seconds), 60)
+    return f"{minutes} min {rest:02d} s"
+
+
+def way_mm(step: Shown) -> float | None:
+    """Length of the step's way across the approach, mm; None where it has none, or where it is not known."""
+    if step.leg.way is not None:
+        return step.leg.way.length * 1e3
+    if step.word == "move":
+        begins = [begin for begin in (step.begin, step.again) if begin is not None]
+        return max((math.dist(begin, step.leg.step.to_mm) for begin in begins), default=None)
+    return None
+
+
+def force_text(step: Shown) -> str:
+    """The wanted force in words; empty for a step that does not press."""
+    if not step.presses:
+        return ""
+    forces = [newton for _, newton in step.leg.profile]
+    low, high = min(forces), max(forces)
+    return f"{low:g}" if low == high else f"{low:g} … {high:g}"
+
+
+def _cells(step: Shown) -> tuple[str, ...]:
+    way = way_mm(step)
+    return (
+        step.number,
+        step.word,
+        "" if way is None else f"{way:.1f}",
+        force_text(step),
+        getattr(step.leg.step, "orientation", ""),
+        f"{step.seconds:.1f}",
+        "" if step.passes == 1 else f"{step.passes}",
+        ", ".join(_more(step)),
+    )
+
+
+def _more(step: Shown) -> Iterator[str]:
+    """What the other columns do not tell."""
+    own, task = step.leg.step, step.leg.stroke.parameters
+    match step.word:
+        case "approach":
+            yield f"{task.approach_depth_limit_mm:g} mm at most"
+            yield f"contact at {task.contact_threshold_n:g} N"
+        case "track":
+            yield f"{own.path.kind}, {task.speed_mm_s:g} mm/s"
+            yield from _feed(own)
+        case "seek":
+            yield f"{'the edge' if own.until == 'edge' else 'a force'} towards {own.direction_deg:g}°"
+        case "move":
+            yield f"to {own.to_mm[0]:g}, {own.to_mm[1]:g} mm"
+        case "retract":
+            yield f"{task.retract_mm:g} mm back"
+    if name := getattr(own, "name", ""):
+        yield f'named "{name}"'
+    if (criterion := getattr(own, "criterion", None)) is not None:
+        yield f"within ±{criterion.within_n:g} N for {criterion.for_percent:g} %"
+    own_limits = [key for key in own.limits.__slots__ if getattr(own.limits, key) is not None]
+    yield from (f"{key} {getattr(own.limits, key):g}" for key in own_limits)
+    if step.ends:
+        yield f"passes {step.ends}"
+
+
+def _feed(track: Any) -> Iterator[str]:
+    if track.lateral_limit_n is not None:
+        yield f"{'stops' if track.at_wall == 'stop' else 'slower'} up to {track.lateral_limit_n:g} N from the side"
+    if track.feed_error_n is not None:
+        yield f"slower up to {track.feed_error_n:g} N of error"
+    if track.across != "position":
+        yield f"{track.across} across"

@@ -1,0 +1,184 @@
+"""The program in a configuration: read from a file of its own, and what is wrong with a step in words."""
+
+import dataclasses
+import difflib
+from collections.abc import Collection, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from hil_bridge.control.program.paths import Arc, Line, Polyline, Raster, Spiral
+from hil_bridge.control.program.steps import (
+    Approach,
+    Criterion,
+    Hold,
+    Move,
+    Repeat,
+    Retract,
+    Seek,
+    StepLimits,
+    Track,
+    Zero,
+)
+from hil_bridge.errors import ConfigError
+from hil_bridge.text_files import format_path, format_value, read_toml
+
+
+def _by_tag(key: str, *sections: Any) -> Mapping[str, type]:
+    """Classes of settings by the value of the key that tells them apart."""
+    return {section.__dataclass_fields__[key].default: section for section in sections}
+
+
+STEPS = _by_tag("do", Approach, Track, Hold, Seek, Retract, Move, Zero, Repeat)
+"""Words of a program: the settings of each."""
+PATHS = _by_tag("kind", Line, Arc, Polyline, Raster, Spiral)
+"""Kinds of paths: the settings of each."""
+_SECTIONS: Mapping[str, type] = {"limits": StepLimits, "criterion": Criterion}
+_KEY = "task.step"
+
+
+def with_program(values: dict[str, Any], source: str) -> dict[str, Path]:
+    """Put the steps and the frame of the file that `task.file` names into the values of a configuration.
+
+    Answers with the file by the keys that came from it. Raises ConfigError for a file that cannot be read or holds
+    something else, and for steps that `source` has already.
+    """
+    task = values.get("task")
+    name = task.get("file") if isinstance(task, dict) else None
+    if not isinstance(task, dict) or not isinstance(name, str) or not name:
+        return {}
+    path = Path(name)
+    if task.get("step"):
+        raise ConfigError(
+            f"{source}: the steps [[task.step]] are given, and the file {format_path(path)} too: leave one of them out"
+        )
+    read = read_toml(path)
+    if unknown := [key for key in read if key not in ("step", "frame")]:
+        raise ConfigError(
+            f"{format_path(path)}: {unknown[0]} is no part of a program: its file holds [[step]] and [frame] alone"
+        )
+    if not read.get("step"):
+        raise ConfigError(f"{format_path(path)}: there is no step in it: give each one as a table [[step]]")
+    task["step"] = read["step"]
+    found = {_KEY: path}
+    frame = read.get("frame", {})
+    if not isinstance(frame, dict):
+        raise ConfigError(
+            f"{format_path(path)}: frame must be a table of settings, got {format_value(frame)}"
+        )
+    own = values.setdefault("frame", {})
+    if not isinstance(own, dict):  # the configuration's own mistake
+        return found
+    for key, value in frame.items():
+        if own.get(key, value) != value:
+            raise ConfigError(
+                f"{source}: frame.{key} is another one than in {format_path(path)}: leave one of them out"
+            )
+        own[key] = value
+        found[f"frame.{key}"] = path
+    return found
+
+
+def is_program(values: Mapping[str, Any]) -> bool:
+    """Whether these are the values of a file with the steps of a program alone."""
+    return "step" in values and "task" not in values
+
+
+def told_problem(error: Mapping[str, Any]) -> tuple[str, str] | None:
+    """What pydantic found wrong with a step: where, as "2 (track)", and what. None for what is not in a step."""
+    location = tuple(error["loc"])
+    if location[:2] != ("task", "step"):
+        return None
+    if len(location) == 2:
+        return "", f" must be tables [[{_KEY}]], got {format_value(error['input'])}"
+    number, rest = f"{location[2] + 1}", location[3:]
+    if rest[:2] == ("repeat", "step") and len(rest) > 2:
+        number, rest = f"{number}.{rest[2] + 1}", rest[3:]
+    word = rest[0] if rest else ""
+    label = f" {number} ({word})" if word else f" {number}"
+    keys, section = _keys(STEPS.get(word), rest[1:])
+    return label, _words(error, keys, section)
+
+
+def first_problem(errors: Sequence[Mapping[str, Any]]) -> Mapping[str, Any]:
+    """The problem to tell: a mistyped key rather than the one that is missing for it."""
+    first = errors[0]
+    beside = [error for error in errors if error["loc"][:-1] == first["loc"][:-1]]
+    mistyped = (error for error in beside if error["type"] == "unexpected_keyword_argument")
+    return next(mistyped, first) if first["type"] == "missing" else first
+
+
+def count_problems(errors: Sequence[Mapping[str, Any]]) -> int:
+    """How many settings are wrong: a force of a step that is neither a number nor a profile is told twice."""
+    return len({_place(error["loc"]) for error in errors})
+
+
+def instead_of(names: Collection[str], wrong: str) -> str:
+    """Names that a mistyped one may have meant; a wrong unit suffix is named as such."""
+    stem = wrong.rsplit("_", 1)[0]
+    same_stem = [name for name in names if name.rsplit("_", 1)[0] == stem or name.startswith(f"{wrong}_")]
+    if same_stem:
+        return f"; the unit is part of the name: {' or '.join(same_stem)}"
+    if close := difflib.get_close_matches(wrong, names, 1):
+        return f"; did you mean {close[0]}?"
+    return f"; known here: {', '.join(names)}"
+
+
+def _place(location: Sequence[str | int]) -> tuple[str | int, ...]:
+    if location[:2] == ("task", "step") and "force_n" in location:
+        return tuple(location[: location.index("force_n")])
+    return tuple(location)
+
+
+def _keys(section: type | None, rest: Sequence[str | int]) -> tuple[list[str], type | None]:
+    """The keys below a step as its file has them, and the section in which the last one stands."""
+    keys: list[str] = []
+    for part in rest:
+        if isinstance(part, int) or keys == ["force_n"]:  # within a value
+            break
+        if keys == ["path"] and part in PATHS and section is not PATHS.get(part):
+            section = PATHS[part]
+            continue
+        keys.append(part)
+        section = _SECTIONS.get(part, section)
+    return keys, section
+
+
+def _words(error: Mapping[str, Any], keys: Sequence[str], section: type | None) -> str:
+    """What is wrong, behind the step's label."""
+    key, got = ".".join(keys), f", got {format_value(error['input'])}"
+    begin = f": {key}" if key else ""
+    match error["type"]:
+        case "unexpected_keyword_argument":
+            return f"{begin} is no setting{instead_of(_names(section), keys[-1])}"
+        case "value_error":
+            cause = str(error["ctx"]["error"])
+            blamed = cause.partition(" ")[0] in _names(section)
+            return f"{begin}.{cause}" if begin and blamed else f"{begin}: {cause}"
+        case "missing" if isinstance(error["loc"][-1], str):
+            return f"{begin} is missing"
+        case "missing":
+            return f"{begin}: a value is missing{got}"
+        case "union_tag_invalid":
+            tag, known = _tags(keys)
+            known = [word for word in known if f"'{word}'" in error["ctx"]["expected_tags"]]
+            return f": {tag} must be one of {', '.join(known)}, got {format_value(error['ctx']['tag'])}"
+        case "union_tag_not_found":
+            tag, known = _tags(keys)
+            return f": {tag} is missing: one of {', '.join(known)}"
+        case kind if kind in ("model_attributes_type", "dataclass_type"):
+            return f"{begin} must be a table of settings{got}"
+        case _ if keys == ["force_n"]:
+            return f"{begin} must be a force in N, or pairs of way in mm and force in N{got}"
+        case "tuple_type":
+            return f"{begin} must be a list{got}"
+        case _:
+            return f"{begin} {error['msg'].replace('Input should', 'must', 1)}{got}"
+
+
+def _tags(keys: Sequence[str]) -> tuple[str, list[str]]:
+    """The key that tells a step's word or a path's kind, and what it may be."""
+    return ("path.kind", list(PATHS)) if keys else ("do", list(STEPS))
+
+
+def _names(section: type | None) -> list[str]:
+    return [] if section is None else [field.name for field in dataclasses.fields(section)]

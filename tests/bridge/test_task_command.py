@@ -1,0 +1,266 @@
+"""Programs as files and on the command line: the table, the picture, a file of its own, and what is wrong in words."""
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TypeAlias
+
+import pytest
+
+import hil_bridge.cli
+from hil_bridge.errors import ConfigError
+from hil_bridge.recording import read
+from hil_bridge.report.task_steps import duration, shown, total_line
+from hil_bridge.runs.pace import control_loop, paced
+from hil_bridge.runs.replay import changes_of, recorded_config
+from hil_bridge.settings.configuration import load_config
+
+Result: TypeAlias = tuple[int, str, str]
+Command: TypeAlias = Callable[..., Result]
+
+STEPS = """
+[[step]]
+do = "approach"
+name = "corner"
+at_most_mm = 12
+[[step]]
+do = "hold"
+for_s = 0.5
+[[step]]
+do = "retract"
+back_mm = 1
+[[step]]
+do = "repeat"
+times = 3
+until_removed_mm = 0.5
+[[step.step]]
+do = "move"
+to_mm = [0, 10]
+[[step.step]]
+do = "approach"
+[[step.step]]
+do = "track"
+path = { kind = "line", length_mm = 30 }
+force_n = [[0, 5], [10, 12], [30, 8]]
+speed_mm_s = 10
+lateral_limit_n = 9
+feed_error_n = 4
+criterion = { within_n = 2, for_percent = 80 }
+[[step.step]]
+do = "retract"
+limits = { travel_mm_s = 12 }
+"""
+WHOLE = "[task]\nsafe_height_mm = 3\n" + STEPS.replace("[[step", "[[task.step")
+SHORT = '[[step]]\ndo = "approach"\n[[step]]\ndo = "hold"\nfor_s = 0.5\n[[step]]\ndo = "retract"\n'
+
+
+@pytest.fixture
+def hil(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], tmp_path: Path) -> Command:
+    """Run `hil-bridge` with these arguments in an empty folder: exit code, standard output, standard error."""
+    monkeypatch.chdir(tmp_path)
+
+    def command(*arguments: str) -> Result:
+        monkeypatch.setattr(sys, "argv", ["hil-bridge", *arguments])
+        with pytest.raises(SystemExit) as ended:
+            hil_bridge.cli.main()
+        output, errors = capfd.readouterr()
+        return int(ended.value.code or 0), output, errors
+
+    return command
+
+
+def refused(result: Result) -> str:
+    """The one line that a refusal is."""
+    code, _, errors = result
+    assert code == 2, errors
+    assert errors.startswith("hil-bridge: ")
+    assert errors.count("\n") == 1
+    return errors.removeprefix("hil-bridge: ").rstrip()
+
+
+def test_every_step_stands_in_the_table_once(hil: Command) -> None:
+    Path("whole.toml").write_text(WHOLE)
+    code, output, errors = hil("task", "show", "whole.toml")
+    assert (code, errors) == (0, "")
+    head, *lines, total = output.splitlines()
+    assert head.split()[:2] == ["step", "word"]
+    assert [line.split()[:2] for line in lines] == [
+        ["1", "approach"],
+        ["2", "hold"],
+        ["3", "retract"],
+        ["4.1", "move"],
+        ["4.2", "approach"],
+        ["4.3", "track"],
+        ["4.4", "retract"],
+    ]
+    assert '12 mm at most, contact at 1 N, named "corner"' in lines[0]
+    assert "passes until 0.5 mm are removed" in lines[3]
+    assert lines[3].split()[2] == "30.0", (
+        "the way back from the end of the pass before, not that of the first pass"
+    )
+    assert lines[5].split()[2:8] == ["30.0", "5", "…", "12", "fixed", "3.0"]
+    assert "slower up to 9 N from the side, slower up to 4 N of error, within ±2 N for 80 %" in lines[5]
+    assert "travel_mm_s 12" in lines[6]
+    assert total.endswith("at most, with all passes")
+    assert not list(Path().glob("*.png"))
+
+
+def test_the_time_of_all_passes_is_told() -> None:
+    config = load_config(None, {"task.step": [{"do": "zero"}]})
+    row = control_loop(paced(config)).task.row  # type: ignore[union-attr]
+    assert total_line(shown(config.task.step, row), row) == "about 2 s"
+    assert (duration(119.4), duration(131.0)) == ("119 s", "2 min 11 s")
+
+
+def test_the_picture_is_drawn_the_same_again_and_never_over_a_file(hil: Command) -> None:
+    Path("whole.toml").write_text(WHOLE)
+    Path("steps.toml").write_text(STEPS)
+    assert hil("task", "show", "whole.toml", "--out", "one.png")[1].endswith("wrote one.png\n")
+    first = Path("one.png").read_bytes()
+    assert first.startswith(b"\x89PNG")
+    assert "--overwrite" in refused(hil("task", "show", "whole.toml", "--out", "one.png"))
+    assert hil("task", "show", "whole.toml", "--out", "one.png", "--overwrite")[0] == 0
+    assert Path("one.png").read_bytes() == first
+    assert hil("task", "show", "steps.toml", "--out", "two.png")[0] == 0
+
+
+def test_a_place_that_only_the_run_knows_is_drawn_too(hil: Command) -> None:
+    steps = (
+        "[frame]\norigin_mm = [900, 0, 600]\n"
+        '[[step]]\ndo = "seek"\ndirection_deg = 90\n'
+        '[[step]]\ndo = "approach"\n'
+        '[[step]]\ndo = "track"\npath = { kind = "line", length_mm = 3 }\n[[step]]\ndo = "retract"\n'
+    )
+    Path("steps.toml").write_text(steps)
+    assert hil("task", "show", "steps.toml", "--out", "picture.png")[0] == 0
+
+
+@pytest.mark.parametrize(
+    ("steps", "message"),
+    [
+        ('[[step]]\ndo = "hold"\nfor_s = 1\n', "step 1 (hold): the tool does not press here"),
+        (SHORT.replace("for_s = 0.5", ""), "step 2 (hold): for_s is missing"),
+        (
+            SHORT.replace("for_s", "for_ms"),
+            "step 2 (hold): for_ms is no setting; the unit is part of the name: for_s",
+        ),
+        (SHORT.replace("0.5", "-1"), "step 2 (hold): for_s must be a number above 0, got -1.0"),
+        (
+            SHORT.replace('"hold"', '"hodl"'),
+            "step 2: do must be one of approach, track, hold, seek, retract, move,",
+        ),
+        (SHORT.replace('do = "hold"', ""), "step 2: do is missing: one of approach, track,"),
+        (
+            SHORT.replace("for_s = 0.5", "for_s = 1\nlimits = 3"),
+            "step 2 (hold): limits must be a table of settings",
+        ),
+        ("step = [3]\n", "step 1 must be a table of settings, got 3"),
+        ("step = 3\n", "step must be tables [[task.step]], got 3"),
+        (
+            STEPS.replace("length_mm = 30", "length = 30"),
+            "step 4.3 (track): path.length is no setting; the unit",
+        ),
+        (
+            STEPS.replace('"line"', '"lime"'),
+            "step 4.3 (track): path.kind must be one of line, arc, polyline,",
+        ),
+        (STEPS.replace("[10, 12]", "[0, 12]"), "step 4.3 (track): force_n must ascend along the way"),
+        (
+            STEPS.replace("[10, 12]", "[10]"),
+            "step 4.3 (track): force_n must be a force in N, or pairs of way in mm",
+        ),
+        (
+            STEPS.replace("[30, 8]", "[20, 8]"),
+            "step 4.3 (track, pass 1): force_n ends at 20 mm, but the path is 30.0",
+        ),
+        (STEPS.replace("within_n = 2, ", ""), "step 4.3 (track): criterion.within_n is missing"),
+        (
+            STEPS.replace("for_percent = 80", "for_percent = 800"),
+            "step 4.3 (track): criterion.for_percent must be at",
+        ),
+        (STEPS.replace("[0, 10]", "[0]"), "step 4.1 (move): to_mm: a value is missing, got [0]"),
+        (STEPS.replace("times = 3", "times = 0"), "step 4 (repeat): times must be 1 … 1000, got 0"),
+        ("[limits]\n" + SHORT, "limits is no part of a program: its file holds [[step]] and [frame] alone"),
+        ("[frame]\nfollow = 3\n" + SHORT, "frame.follow is no setting"),
+        ("frame = 3\n" + SHORT, "frame must be a table of settings, got 3"),
+        ("step = []\n", "there is no step in it: give each one as a table [[step]]"),
+    ],
+)
+def test_a_wrong_program_is_told_in_one_line_with_file_and_step(
+    hil: Command, steps: str, message: str
+) -> None:
+    Path("steps.toml").write_text(steps)
+    for said in (
+        refused(hil("task", "show", "steps.toml")),
+        refused(hil("run", "--virtual", "--task", "steps.toml")),
+    ):
+        assert said.startswith(f"steps.toml: {message}"), said
+
+
+def test_steps_in_the_configuration_are_told_by_its_name(hil: Command) -> None:
+    Path("whole.toml").write_text(WHOLE.replace("times = 3", "times = 0"))
+    assert refused(hil("task", "show", "whole.toml")).startswith(
+        "whole.toml: task.step 4 (repeat): times must be"
+    )
+    Path("whole.toml").write_text(WHOLE.replace("[30, 8]", "[20, 8]"))
+    assert refused(hil("task", "show", "whole.toml")).startswith(
+        "whole.toml: task.step 4.3 (track, pass 1): force_n"
+    )
+    Path("none.toml").write_text("[run]\nseed = 3\n")
+    assert refused(hil("task", "show", "none.toml")).startswith("none.toml holds no program")
+
+
+def test_a_program_stands_in_one_place(hil: Command) -> None:
+    Path("steps.toml").write_text("[frame]\ntravel = [1, 0, 0]\n" + SHORT)
+    Path("both.toml").write_text(
+        '[task]\nfile = "steps.toml"\n' + WHOLE.removeprefix("[task]\nsafe_height_mm = 3\n")
+    )
+    message = (
+        "both.toml: the steps [[task.step]] are given, and the file steps.toml too: leave one of them out"
+    )
+    assert refused(hil("task", "show", "both.toml")) == message
+    Path("other.toml").write_text("[frame]\ntravel = [0, 1, 0]\n")
+    assert refused(hil("run", "other.toml", "--virtual", "--task", "steps.toml")) == (
+        "other.toml: frame.travel is another one than in steps.toml: leave one of them out"
+    )
+
+
+def test_a_file_is_looked_for_beside_the_configuration_that_names_it(tmp_path: Path) -> None:
+    folder = tmp_path / "site"
+    folder.mkdir()
+    (folder / "steps.toml").write_text("[frame]\norigin_mm = [900, 0, 600]\n" + STEPS)
+    (folder / "site.toml").write_text('[frame]\ntravel = [1, 0, 0]\n[task]\nfile = "steps.toml"\n')
+    config = load_config(folder / "site.toml", {})
+    assert [step.do for step in config.task.step] == ["approach", "hold", "retract", "repeat"]
+    assert config.frame.origin_mm == (900.0, 0.0, 600.0)
+    assert config.frame.travel == (1.0, 0.0, 0.0)
+    (folder / "none.toml").write_text('[task]\nfile = "gone.toml"\n')
+    with pytest.raises(ConfigError, match=r"cannot read .*gone.toml"):
+        load_config(folder / "none.toml", {})
+
+
+def test_the_record_holds_the_steps_of_a_file(hil: Command) -> None:
+    Path("steps.toml").write_text(SHORT)
+    code, _, errors = hil(
+        *(
+            "run",
+            "--virtual",
+            "--no-view",
+            "--task",
+            "steps.toml",
+            "--record",
+            "run.mcap",
+            "--summary",
+            "sum.json",
+        )
+    )
+    assert (code, errors) == (0, "")
+    Path("steps.toml").unlink()
+    record = read(Path("run.mcap"))
+    assert [step.do for step in recorded_config(record, {}).task.step] == ["approach", "hold", "retract"]
+    assert [step.label for step in record.steps] == ["1 (approach)", "2 (hold)", "3 (retract)"]
+    assert hil("replay", "run.mcap")[0] == 0
+    Path("steps.toml").write_text(SHORT.replace("0.5", "0.25"))
+    Path("change.toml").write_text('[task]\nfile = "steps.toml"\n')
+    changed = recorded_config(record, changes_of(Path("change.toml"), None))
+    assert changed.task.step[1].for_s == 0.25  # type: ignore[union-attr]
