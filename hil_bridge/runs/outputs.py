@@ -132,6 +132,9 @@ def figures(summary: Summary) -> list[str]:
                 f"{summary.force_mean_steady_n:.2f} N mean, {figures['steady_peak_to_peak_n']:.2f} N peak to peak",
             )
         )
+    elif (swing := figures["steady_peak_to_peak_n"]) is not None:
+        mean = figures["steady_mean_error_n"]
+        rows.append(("steady error", f"{mean:+.2f} N mean, {swing:.2f} N peak to peak"))
     rise = figures["rise_samples"]
     risen = "not reached" if rise is None else f"{rise:.0f} samples, {figures['rise_s']:.2f} s"
     if summary.strokes > 1:

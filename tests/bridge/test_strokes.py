@@ -136,6 +136,7 @@ def test_no_mean_force_is_told_of_a_profile() -> None:
     summary = summarise(Recording(tuple(ramp)), END)
     assert summary.force_mean_steady_n is None
     assert summary.figures["steady_peak_to_peak_n"] == 0.0
+    assert "  steady error   +0.00 N mean, 0.00 N peak to peak" in figures(summary)
 
 
 def test_a_retract_step_is_not_the_sample_that_stopped_the_tracking() -> None:
