@@ -256,14 +256,15 @@ class Program:
         phase = _PHASES[leg.step.do]
         if phase is Phase.SEEK and leg.step.until == "edge":
             phase = _TRACK
-        memory = state.controller
+        # a stroke begins elsewhere: what was learnt of places belongs to the one before
+        memory = None if phase is _APPROACH else state.controller
         if phase is _TRACK and memory is None:
             memory = self.controller.initial()
         if phase is _TRACK:
             return replace(
                 state, phase=phase, turn=None, lost_for=None, settled=False, controller=memory, course=course
             )
-        return replace(state, phase=phase, turn=None, lost_at=None, course=course)
+        return replace(state, phase=phase, turn=None, lost_at=None, controller=memory, course=course)
 
     def _over(self, state: TaskState, leg: Leg, measurement: Measurement, felt: Felt) -> bool:
         """Whether a leg is over before it has used this sample."""
