@@ -166,6 +166,7 @@ class Cell(Generic[Robot, Sensor]):
         self.robot = parts.robot(StartPose((x, y, z), profile.start_quaternion, length), now, seed)
         """Powered up with the cell."""
         self._path = path = self.robot.path
+        self._powered_at = now
         radius = profile.tool.face_radius_mm / 1000.0
         self._face = Face(radius, profile.tool.face_rings) if radius > 0.0 else None
         self._surface: Surface
@@ -299,11 +300,11 @@ class Cell(Generic[Robot, Sensor]):
     def _pushed(self, surface: Surface, times: Floats, count: bool = True) -> Pushed:
         """What surface and obstacles do to the tool at ascending `times` (n,), s.
 
-        A surface with memory is first shown the samples that were never read. So its force depends on the motion and
-        not on the reads. Where it cannot go back far enough, it answers as if the tip jumped there.
+        A surface with memory is first shown the samples since power-up that were never read. So its force depends on
+        the motion and not on the reads. Where it cannot go back far enough, it answers as if the tip jumped there.
         """
         if (shown := surface.remembered_until) is not None:
-            begin = max(shown, times[0] - _PAST_S) * _MEMORY_RATE_HZ
+            begin = max(shown, times[0] - _PAST_S, self._powered_at) * _MEMORY_RATE_HZ
             # Samples are numbered; a millionth keeps rounding from moving one across.
             missed = np.arange(math.floor(begin + 1e-6) + 1, math.ceil(times[0] * _MEMORY_RATE_HZ - 1e-6))
             if len(missed):

@@ -64,10 +64,11 @@ class Contact:
         self._material = profile.material.law(profile.stiffness_n_m, profile.damping_ns_m)
         if face is not None and self._material.has_memory:
             raise ValueError(ONE_POINT_REMEMBERED)
+        self._points = 1 if face is None else face.count
         self._removal: Removal | None = None
         if profile.removal.um_per_n_cm2_m > 0.0:
-            points, area = (1, None) if face is None else (face.count, face.area)
-            self._removal = Removal(profile.removal, points, area)
+            area = None if face is None else face.area
+            self._removal = Removal(profile.removal, self._points, area)
         self._memory = Memory()
         self._memories: deque[_Past] = deque(maxlen=_REMEMBERED)
         """States at the last times, oldest first."""
@@ -117,7 +118,7 @@ class Contact:
         _, normals = self.depth_and_normal(positions)
         along, *_ = self._places(positions.T)
         ended = (along < self._begin) | (along > self._end)
-        return np.where(ended[:, None], np.nan, normals)
+        return np.where(ended[:, None], np.nan, normals + 0.0)  # no minus zero
 
     def aside(self) -> "Contact":
         """A copy for questions: they change neither the memory nor the counts of this one."""
@@ -218,7 +219,8 @@ class Contact:
         if self._counts:
             touched = self._depth_and_normal(positions.T)[0] > 0.0
             touched |= self._depth_and_normal(seen.T)[0] > 0.0
-            self.faults.count(times, touched)
+            by_sample = np.logical_or.reduceat(touched, np.arange(0, len(times), self._points))
+            self.faults.count(times[:: self._points], by_sample)
         return seen, velocities - np.outer(speed, _UP)
 
     def _factor(self, positions: Floats) -> Floats:

@@ -11,6 +11,7 @@ import msgspec
 
 from hil_bridge.analysis.answers import answers_of
 from hil_bridge.analysis.latency import latency_of
+from hil_bridge.analysis.steps import StepOutcome, step_outcomes
 from hil_bridge.analysis.times import Times, times_of
 from hil_bridge.control.analysis.merit import STEADY_SAMPLES, FiguresOfMerit, figures_of_merit
 from hil_bridge.recording.device_facts import devices_of, json_or_none
@@ -85,6 +86,10 @@ class Summary:
     """Time of the answers to a robot that drives the cycle, ms; empty for one that is asked."""
     answers_sentence: str
     """The same in one line, with the number of those that came late."""
+    steps: tuple[StepOutcome, ...] = ()
+    """Steps of a program that have ended, oldest first."""
+    criteria_failed: tuple[str, ...] = ()
+    """Labels of the steps whose criterion was not met."""
 
     def as_json(self) -> str:
         """The same as JSON, strict and in the order of the fields."""
@@ -109,6 +114,7 @@ def summarise(recording: Recording, end: RunEnd | None = None) -> Summary:
     references = [cycle.force_reference for cycle in track or cycles]
     spans = phases(recording)
     latency, answers = latency_of(recording), answers_of(cycles, robot, end.link)
+    steps = step_outcomes(recording.steps)
     return Summary(
         outcome=end.outcome.value,
         cause=end.cause,
@@ -142,6 +148,8 @@ def summarise(recording: Recording, end: RunEnd | None = None) -> Summary:
         latency_sentence=latency.sentence if latency else "",
         answers=answers.times.as_ms() if answers else {},
         answers_sentence=answers.sentence if answers else "",
+        steps=steps,
+        criteria_failed=tuple(step.label for step in steps if step.criterion_failed),
     )
 
 

@@ -79,7 +79,7 @@ def cli(context: click.Context) -> None:
     """Force control of a position-controlled robot, over its real wires or the same wires emulated.
 
     Exit codes: 0 done, 1 a replay that differs, 2 configuration or input, 3 device, link or safety stop,
-    70 a bug, 130 interrupted.
+    4 a step of a program did not meet its criterion, 70 a bug, 130 interrupted.
     """
     if context.invoked_subcommand is None:
         click.echo(context.get_help())

@@ -96,6 +96,9 @@ def run(
     slcan adapter. With --virtual it uses in-memory wires. Ctrl-C retracts and ends with a whole record, and so do a
     closed terminal and the signals of `kill`.
 
+    A configuration with steps (`[[task.step]]`) runs these instead, and prints a line for each. When all are done and
+    one did not meet its criterion, the exit code is 4.
+
     A file that exists is overwritten only with --overwrite.
     """
     from hil_bridge.recording import read

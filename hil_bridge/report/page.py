@@ -14,6 +14,7 @@ from hil_bridge.report.latency_section import latency_section
 from hil_bridge.report.markup import pairs, rows, table
 from hil_bridge.report.plots import draw, size_px
 from hil_bridge.report.sections import controller_section, stability_section, start_time
+from hil_bridge.report.steps_section import criteria_paragraph, steps_section
 from hil_bridge.report.surface_section import surface_section
 from hil_bridge.text_files import parse_json
 
@@ -79,13 +80,14 @@ def page(recording: Recording, summary: Summary, picture: bytes) -> str:
 <html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>
 <meta name="viewport" content="width=device-width, initial-scale=1"><style>{_CSS}</style></head><body>
 <h1>Force control run: {escape(summary.controller or "no controller named")}</h1>
-<p><span class="outcome {escape(summary.outcome)}">{escape(summary.outcome)}</span>{cause}</p>{then}{left}{cut}
+<p><span class="outcome {escape(summary.outcome)}">{escape(summary.outcome)}</span>{cause}</p>
+{criteria_paragraph(summary)}{then}{left}{cut}
 <div class="columns"><section><h2>Figures of merit</h2>{rows(merit_rows(summary))}
 <h2>Phases</h2>{pairs((name, quantity(value, 1, ".2f", "s")) for name, value in summary.phases_s.items())}
 </section><section><h2>Run</h2>{rows(run_rows(summary))}</section></div>{before}
 <h2>Picture</h2><img alt="Force, depth, correction, stiffness and cycle time over time"
  width="{width}" height="{height}" src="data:image/png;base64,{data}">
-{surface_section(recording)}{latency_section(recording)}
+{steps_section(recording, summary)}{surface_section(recording)}{latency_section(recording)}
 {stability_section(recording, summary)}{controller_section(recording)}
 <h2>Link counters</h2>{pairs((name, f"{value:g}") for name, value in summary.link.items())}
 <h2>Events</h2>{_events(recording)}

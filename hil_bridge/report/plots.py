@@ -17,6 +17,7 @@ from hil_bridge.recording.reader import Recording
 from hil_bridge.recording.records import CycleRecord
 from hil_bridge.report.explanation import LEVELS
 from hil_bridge.report.figures import Row, merit_rows, run_rows
+from hil_bridge.report.step_marks import has_program, mark_steps
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -45,6 +46,8 @@ _PHASE_COLOURS = {
     "approach": "#fff3d6",
     "track": "#e3f3ec",
     "retract": "#e2f0fa",
+    "seek": "#fdeaf3",
+    "zero": "#e4e4ee",
 }
 STYLE: dict[Any, Any] = {
     "font.family": "DejaVu Sans",
@@ -90,7 +93,8 @@ def draw(recording: Recording, summary: Summary) -> bytes:
         driven = devices_of(recording).robot.cycle_s is not None
         _draw_cycle_time(axes[-1], time, cycle_times(cycles, driven), summary)
         for ax in axes:
-            _shade(ax, spans, zero, named=ax is force)
+            _shade(ax, spans, zero, named=ax is force and not recording.steps)
+            mark_steps(ax, recording.steps, zero, named=ax is force)
             _mark_stops(ax, recording, time, zero, named=ax is force)
             ax.tick_params(labelbottom=ax is axes[-1])
         axes[-1].set_xlabel("time since the run began, s")
@@ -144,6 +148,8 @@ def _draw_force(ax: "Axes", recording: Recording, time: Array, zero: float) -> N
             zorder=1.5,
         )
     reference = _column(cycles, "force_reference")
+    if has_program(cycles):  # a step that does not press wants no force
+        reference[[cycle.phase != TRACK for cycle in cycles]] = np.nan
     ax.step(time, reference, where="post", color="black", lw=1.2, ls="--", label="target", zorder=2.5)
     ax.plot(
         time, _column(cycles, "force"), color=_BLUE, lw=1.3, marker=".", ms=5, label="force, cycle samples"

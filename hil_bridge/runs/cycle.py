@@ -23,6 +23,7 @@ from hil_bridge.control import (
     numeric_explanation,
     turn_between,
 )
+from hil_bridge.control.program.program import Program
 from hil_bridge.control.program.turning import apart, unit
 from hil_bridge.errors import BridgeError
 from hil_bridge.recording import (
@@ -111,8 +112,10 @@ class Run:
         self._robot = robot
         self._sensor = sensor
         self._log = log
-        self._wrist = (known_wrist(config) if config.task.step else None) or wrist(config)
         self._loop = control_loop(config, robot.facts)
+        self._turns = isinstance(self._loop.task, Program) and self._loop.task.turns
+        """A program turns the tool."""
+        self._wrist = (known_wrist(config) if self._turns else None) or wrist(config)
         self._zeroing = Zeroing(config, clock, robot, sensor, lambda text: self._event(CHECK_EVENT, text))
         self._steps = StepTeller(self._loop.task, clock, log, self._event)
         self._way_out = WayOut(config, clock, robot, sensor, self._loop)
@@ -199,16 +202,20 @@ class Run:
             self._state = self._loop.initial(zero.start.pose.position)
             await self._cycles(motion)
         except BridgeError as error:
-            self._blame(str(error))
+            self._blame(self._in_step(str(error)))
             await self._retract(motion)
         except Exception as error:
             self._event(BUG_EVENT, traceback_of(error))
-            self._blame(f"a bug ended the run: {type(error).__name__}: {told(error)}")
+            self._blame(self._in_step(f"a bug ended the run: {type(error).__name__}: {told(error)}"))
             await self._retract(motion)
         except BaseException:
             self._blame("the run was cancelled")
             await self._retract(motion)
             raise
+
+    def _in_step(self, cause: str) -> str:
+        """Why the run stops, with the step of a program in which it does."""
+        return cause if self._state is None else self._steps.where(self._state.task.course, cause)
 
     async def _retract(self, motion: Motion) -> None:
         """Back to the depth of the start by orders alone."""
@@ -280,7 +287,7 @@ class Run:
                 track_ends = sample.now + self._config.run.duration_s
             if decision.output.failed:
                 stands = f"; {self._sensor.stands}" if self._sensor.stands else ""
-                self._blame(f"{decision.output.cause}{stands}")
+                self._blame(f"{self._steps.where(after.task.course, decision.output.cause)}{stands}")
             if decision.stands:
                 sent = await stand_still(motion)
             else:
@@ -398,13 +405,13 @@ class Run:
                 quaternion, self._quaternion_tare, frame.approach, frame.travel
             )
             self._turned_wrist = quaternion, wrist
-            if self._config.task.step and self._sensor.peaks is not None:
+            if self._turns and self._sensor.peaks is not None:
                 self._sensor.peaks.turn(wrist, self._sensor.facts.scales)
         return self._turned_wrist[1]
 
     def _is_another(self, known: Quaternion, quaternion: Quaternion) -> bool:
         """Whether the wrist is to be made again: while a program turns the tool, not for every hair."""
-        if not self._config.task.step:
+        if not self._turns:
             return known != quaternion
         return known != quaternion and apart(unit(known), unit(quaternion)) > TURNED_RAD
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from hil_bridge.analysis.steps import step_lines
 from hil_bridge.analysis.summary import Summary, summarise
 from hil_bridge.clock import wall_time
 from hil_bridge.errors import BridgeError, ConfigError
@@ -120,8 +121,9 @@ def write_outputs(outputs: Outputs, path: Path, end: "RunEnd") -> tuple[list[str
 def figures(summary: Summary) -> list[str]:
     """The figures that a person wants to see at once, a line each."""
     tracked, figures = summary.phases_s.get("track", 0.0), summary.figures
+    steps = step_lines(summary.steps)
     if summary.force_reference_n is None or not figures:
-        return []
+        return steps
     rows = [("tracked", f"{tracked:.1f} s at {summary.force_reference_n:g} N with {summary.controller}")]
     if summary.force_mean_steady_n is not None:
         rows.append(
@@ -144,7 +146,7 @@ def figures(summary: Summary) -> list[str]:
         rows.append(("answers", summary.answers_sentence))
     if summary.latency_sentence:
         rows.append(("latency", summary.latency_sentence))
-    return [f"  {name:<15}{text}" for name, text in rows]
+    return [*steps, *(f"  {name:<15}{text}" for name, text in rows)]
 
 
 def _report_files(outputs: Outputs) -> Sequence[Path]:

@@ -11,6 +11,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from hil_bridge.analysis.steps import failed_criteria, step_outcomes
 from hil_bridge.clock import Clock, run_real, run_virtual
 from hil_bridge.clock.realtime import collect_generation_1, gc_paused, real_time_thread, short_switch_interval
 from hil_bridge.console.debugging import told_bug
@@ -56,6 +57,8 @@ if TYPE_CHECKING:
 
 EXIT_CODES = {Outcome.COMPLETED: 0, Outcome.STOPPED: 3, Outcome.INTERRUPTED: 130}
 """130 is what a shell expects of a command that Ctrl-C ended."""
+EXIT_CRITERION = 4
+"""The run has completed, but a step of its program did not meet its criterion."""
 
 TELL_SECONDS = 5.0
 """Longest wait for a blocked output when a signal that comes from no keyboard ended the run. Chosen."""
@@ -111,6 +114,9 @@ def _end(session: "_Session", result: RunResult, outputs: Outputs, path: Path) -
     ended = f": {result.cause}" if result.cause and result.outcome is not Outcome.STOPPED else ""
     lines = [f"{result.outcome}{ended}", *(f"then: {text}" for text in result.followed)]
     errors = [f"stopped: {result.cause}"] if result.outcome is Outcome.STOPPED else []
+    if result.outcome is Outcome.COMPLETED and (unmet := failed_criteria(step_outcomes(session.steps))):
+        errors.append(unmet)
+        code = EXIT_CRITERION
     if session.record_error is not None:
         errors.append(str(session.record_error))
         code = code or session.record_error.exit_code

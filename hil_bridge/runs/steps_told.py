@@ -13,6 +13,7 @@ from hil_bridge.recording.records import StepRecord
 
 STEP_EVENT = "step"
 """Kind of the events that tell that a step has ended."""
+_IN_STEP = ", in step "
 
 
 class StepLog(Protocol):
@@ -46,6 +47,12 @@ class StepTeller:
         """Tell the step that was under way when the run could decide no more."""
         if course is not None and course.began is not None:
             self._tell(cut(course, self._legs[course.leg], self._clock.now(), cause))
+
+    def where(self, course: CourseState | None, cause: str) -> str:
+        """Why a run stops, with the step in which it does."""
+        if course is None or course.began is None or _IN_STEP in cause:
+            return cause
+        return f"{cause}{_IN_STEP}{self._legs[course.leg].label}"
 
     def _tell(self, done: Done) -> None:
         leg = self._legs[done.leg]

@@ -208,3 +208,14 @@ def test_a_tool_that_turns_about_its_axis_meets_torsional_friction() -> None:
     assert (fx, fy, mx, my) == pytest.approx((0.0,) * 4, abs=1e-3)
     # Of a disc that presses evenly, two thirds of its radius are the arm of its friction.
     assert mz == pytest.approx([0.0, 0.3 * -fz[1] * 2.0 / 3.0 * RADIUS, 0.0], rel=0.02, abs=1e-9)
+
+
+def test_a_fault_of_the_surface_counts_samples_and_not_points() -> None:
+    def struck(radius_mm: float) -> int:
+        cell = cell_with(SurfaceProfile(), radius_mm)
+        cell.robot.motion.enqueue(Waypoint((0.9, 0.0, 0.588), DOWN, AT_ONCE), T0)
+        fault = cell.inject("surface", "step", T0 + 3.0, mm=1.0)
+        cell.wrench(T0 + 4.0 + np.arange(500) / 8000.0)
+        return fault.struck
+
+    assert struck(20.0) == struck(0.0) == 500

@@ -67,6 +67,11 @@ class Program:
     def controller(self) -> Controller[Any]:
         return self.task.controller
 
+    @property
+    def turns(self) -> bool:
+        """Whether any step turns the tool."""
+        return any(getattr(leg.step, "orientation", "fixed") != "fixed" for leg in self.row.legs)
+
     def initial(self) -> TaskState:
         """State at the start point, away from the surface."""
         return TaskState(course=CourseState())
@@ -134,15 +139,16 @@ class Program:
     def _started(self, felt: Felt) -> CourseState:
         """State at the first sample."""
         frame = self.frame
-        away = frame.origin or felt.position
-        x, y = (
-            sum((p - o) * n for p, o, n in zip(felt.position, away, axis, strict=True))
-            for axis in (frame.x, frame.y)
-        )
+        x, y = 0.0, 0.0
+        if frame.origin is not None:
+            x, y = (
+                sum((p - o) * n for p, o, n in zip(felt.position, frame.origin, axis, strict=True)) - moved
+                for axis, moved in zip((frame.x, frame.y), felt.place, strict=True)
+            )
         plane = frame.plane or felt.position
         deep = sum((p - q) * n for p, q, n in zip(plane, felt.position, frame.approach, strict=True))
         home = None if felt.quaternion is None else unit(felt.quaternion)
-        return CourseState(start=(x, y), safe=min(deep - self.safe_height, 0.0), home=home, at=felt.place)
+        return CourseState(start=(x, y), safe=min(deep - self.safe_height, 0.0), home=home)
 
     def _follows(self, leg: Leg) -> bool:
         return self.follows or getattr(leg.step, "orientation", "") == "normal"
@@ -159,7 +165,7 @@ class Program:
             look = Look(
                 measurement.dt,
                 measurement.travel,
-                measurement.position,
+                measurement.position - measurement.force_at_position / max(stiffness, 1.0),
                 felt.force,
                 heading if slides else (0.0, 0.0),
                 *skewed(self.frame, self.face, felt, per_angle),

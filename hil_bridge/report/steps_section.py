@@ -1,0 +1,62 @@
+"""The section of the page that tells of a program: its steps, and where they led."""
+
+import base64
+from html import escape
+
+from hil_bridge.analysis.steps import StepOutcome, verdict_of
+from hil_bridge.analysis.summary import Summary
+from hil_bridge.recording.reader import Recording
+from hil_bridge.report.figures import quantity
+from hil_bridge.report.markup import cells
+from hil_bridge.report.program_plot import draw_program
+from hil_bridge.report.sections import start_time
+from hil_bridge.report.step_marks import has_program
+
+_TITLES = "step", "time", "way", "mean force", "within", "wanted", "outcome", "found"
+_OPEN = 40
+"""Chosen: a longer table scrolls."""
+
+
+def steps_section(recording: Recording, summary: Summary) -> str:
+    """Empty for a run without a program."""
+    if not has_program(recording.cycles):
+        return ""
+    steps = cells(_TITLES, (_line(step) for step in summary.steps), "wide")
+    if len(summary.steps) > _OPEN:
+        steps = f'<div class="scroll">{steps}</div>'
+    parts = [f"<h2>Steps</h2>\n{steps}"]
+    if (drawn := draw_program(recording, start_time(recording))) is not None:
+        picture, (width, height) = drawn
+        parts.append(
+            '<img alt="The path from above with the error of the force, the feed and the estimated normal"'
+            f' width="{width}" height="{height}" src="data:image/png;base64,'
+            f'{base64.b64encode(picture).decode()}">'
+        )
+    return "\n".join(parts) + "\n"
+
+
+def criteria_paragraph(summary: Summary) -> str:
+    """Which steps did not meet their criterion; empty where all did."""
+    failed = [step for step in summary.steps if step.criterion_failed]
+    if not failed:
+        return ""
+    named = ", ".join(step.label for step in failed)
+    return f"<p>criterion failed in step <strong>{escape(named)}</strong></p>"
+
+
+def _line(step: StepOutcome) -> tuple[str, ...]:
+    found = ""
+    if step.found_mm is not None:
+        found = f"{step.name}: " + " ".join(quantity(part, 1, ".2f", "") for part in step.found_mm) + " mm"
+    verdict = verdict_of(step)
+    text = step.text if verdict and step.text else step.text or "done"
+    return (
+        step.label,
+        quantity(step.seconds, 1, ".1f", "s"),
+        quantity(step.way_mm, 1, ".1f", "mm") if step.way_mm else "",
+        "" if step.force_mean_n is None else quantity(step.force_mean_n, 1, ".2f", "N"),
+        "" if step.within is None else quantity(step.within, 100, ".1f", "%"),
+        "" if step.wanted is None else quantity(step.wanted, 100, "g", "%"),
+        f"{verdict}: {text}" if verdict else text,
+        found,
+    )

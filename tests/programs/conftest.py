@@ -1,0 +1,248 @@
+"""Programs in the whole loop in virtual time, with the truth looked at from beside."""
+
+import json
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from emulators.cell import Cell, TrueState
+from hil_bridge.clock import Clock, Timer, run_virtual
+from hil_bridge.device_log import LogTo
+from hil_bridge.errors import BridgeError
+from hil_bridge.faults.schedule import FaultSchedule
+from hil_bridge.recording import CycleRecord, EventRecord, Outcome, Recording, StepRecord
+from hil_bridge.runs.compose import open_devices
+from hil_bridge.runs.cycle import Run, RunResult
+from hil_bridge.runs.pace import paced
+from hil_bridge.runs.replay import replay
+from hil_bridge.settings.configuration import Config, read_config
+
+Floats = NDArray[np.float64]
+WATCH_S = 0.25
+"""How often the truth is looked at, s."""
+FORCES = 50
+"""Forces in that time."""
+STATES = 5
+"""Whole states in that time."""
+
+
+@dataclass
+class Played:
+    """One run, and what was true meanwhile. Also the run's log."""
+
+    config: Config
+    meddle: Callable[["Played", CycleRecord], None] = lambda played, record: None
+    cycles: list[CycleRecord] = field(default_factory=list)
+    events: list[EventRecord] = field(default_factory=list)
+    steps: list[StepRecord] = field(default_factory=list)
+    states: list[tuple[float, TrueState]] = field(default_factory=list)
+    """Time, s, and the truth then."""
+    result: RunResult = field(default_factory=lambda: RunResult(Outcome.STOPPED))
+    error: BridgeError | None = None
+    """Condition that refused the run before it moved."""
+    clock: Clock = field(init=False)
+    cell: Cell[Any, Any] = field(init=False)
+    run: Run = field(init=False)
+    schedule: FaultSchedule | None = None
+    _times: list[Floats] = field(default_factory=list)
+    _forces: list[Floats] = field(default_factory=list)
+    _seen_until: float = 0.0
+
+    # --- as a log
+
+    def cycle(self, record: CycleRecord) -> None:
+        self.cycles.append(record)
+        if self.schedule is not None:
+            self.schedule.cycle(record)
+        self.meddle(self, record)
+
+    def event(self, record: EventRecord) -> None:
+        self.events.append(record)
+        if self.schedule is not None:
+            self.schedule.event(record)
+
+    def step(self, record: StepRecord) -> None:
+        self.steps.append(record)
+
+    def notice(self, kind: str, text: str) -> None:
+        self.event(EventRecord(self.clock.now(), kind, text))
+
+    # --- what a test asks
+
+    def inject(self, target: str, fault: str, **parameters: object) -> None:
+        """Let a fault happen from now on."""
+        self.cell.inject(target, fault, self.clock.now(), **parameters)
+
+    @cached_property
+    def times(self) -> Floats:
+        """Times of the true forces (n,), s."""
+        return np.concatenate(self._times)
+
+    @cached_property
+    def forces(self) -> Floats:
+        """True contact forces (n, 3) in the base frame, N."""
+        return np.concatenate(self._forces)
+
+    @property
+    def largest(self) -> float:
+        """The largest true contact force, N."""
+        return float(np.linalg.norm(self.forces, axis=1).max())
+
+    @property
+    def last(self) -> float:
+        """The true contact force at the end, N."""
+        return float(np.linalg.norm(self.forces[-1]))
+
+    @property
+    def cause(self) -> str:
+        """Cause of a run that was refused, stopped or interrupted."""
+        return str(self.error) if self.error is not None else self.result.cause
+
+    @property
+    def stopped(self) -> bool:
+        return self.result.outcome is Outcome.STOPPED
+
+    def of(self, number: int) -> list[CycleRecord]:
+        """Cycles of the step with this number, as the record counts."""
+        return [record for record in self.cycles if record.step == number]
+
+    def texts(self, kind: str) -> list[str]:
+        return [event.text for event in self.events if event.kind == kind]
+
+    def phases(self) -> list[str]:
+        """The phases in their order."""
+        return self.texts("phase")
+
+    def clamps(self) -> set[str]:
+        """What the guard shortened."""
+        return {reason for record in self.cycles if record.verdict == "clamp" for reason in record.reasons}
+
+    def rms(self, number: int, after_mm: float = 0.0) -> float:
+        """Root mean square of the error of the controlled force over a step, from this way on, N."""
+        errors = [
+            record.force - record.force_reference
+            for record in self.of(number)
+            if record.phase == "track" and self.way(record) >= after_mm * 1e-3
+        ]
+        return math.sqrt(sum(error**2 for error in errors) / len(errors))
+
+    def way(self, record: CycleRecord) -> float:
+        """Way along the surface from the begin of the record's step, m, as it was ordered."""
+        return self._ways[record.cycle]
+
+    @cached_property
+    def _ways(self) -> dict[int, float]:
+        ways, way, before = {}, 0.0, None
+        for record in self.cycles:
+            place = record.travel_commanded, record.across_commanded
+            way = way + math.dist(place, before[1]) if before and before[0] == record.step else 0.0
+            before = record.step, place
+            ways[record.cycle] = way
+        return ways
+
+    def skews(self, number: int) -> list[tuple[float, float, float]]:
+        """Time, s, way in the step, m, and the true angle between tool and surface, °."""
+        records = self.of(number)
+        starts = [record.started_at for record in records]
+        found = []
+        for at, state in self.states:
+            place = int(np.searchsorted(starts, at, side="right")) - 1
+            if place < 0 or at > records[-1].answered_at or state.normal is None:
+                continue
+            found.append((at, self.way(records[place]), skew_deg(state)))
+        return found
+
+    def differs(self) -> list[tuple[int, dict[str, Any]]]:
+        """Cycles that a replay decides differently."""
+        recording = Recording(
+            tuple(self.cycles), metadata={"config": json.dumps(self.config.model_dump(mode="json"))}
+        )
+        again = replay(recording, self.config, forced=False)
+        return [(one.record.cycle, one.differences) for one in again if one.differences]
+
+    # --- the run
+
+    async def main(self) -> "Played":
+        self.clock = clock = Clock.running()
+        timers: list[Timer] = []
+
+        def watch() -> None:
+            self._look(clock.now())
+            timers[:] = [clock.call_at(clock.now() + WATCH_S, watch)]
+
+        async with open_devices(self.config, clock, LogTo(notice=self.notice)) as devices:
+            assert devices.cell is not None
+            self.cell, self._seen_until = devices.cell, clock.now()
+            watch()
+            try:
+                self.run = Run(self.config, clock, devices.robot, devices.sensor, self)
+                self.schedule = FaultSchedule(
+                    self.config.faults, self.cell, clock, self.notice, self.run.stand_still
+                )
+                self.result = await self.run()
+            except BridgeError as error:
+                self.error = error
+            finally:
+                timers[0].cancel()
+                self._look(clock.now())
+                if self.schedule is not None:
+                    self.schedule.close()
+        return self
+
+    def _look(self, now: float) -> None:
+        """At the truth since it was looked at last."""
+        since, self._seen_until = self._seen_until, now
+        self._times.append(np.linspace(since, now, FORCES))
+        self._forces.append(self.cell.contact_forces(self._times[-1]))
+        at = np.linspace(since, now, STATES + 1)[1:].tolist()
+        self.states += zip(at, self.cell.true_states(at), strict=True)
+
+
+def skew_deg(state: TrueState) -> float:
+    """Angle between the tool's axis and the inward normal, °."""
+    assert state.normal is not None
+    w, x, y, z = state.quaternion
+    axis = 2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)
+    cosine = -sum(a * n for a, n in zip(axis, state.normal, strict=True))
+    return math.degrees(math.acos(min(max(cosine, -1.0), 1.0)))
+
+
+def merged(one: Mapping[str, Any], other: Mapping[str, Any]) -> dict[str, Any]:
+    """Nested dictionaries laid over each other."""
+    result = dict(one)
+    for key, value in other.items():
+        both = isinstance(value, dict) and isinstance(result.get(key), dict)
+        result[key] = merged(result[key], value) if both else value
+    return result
+
+
+Play = Callable[..., Played]
+
+
+@pytest.fixture(scope="session")
+def play() -> Play:
+    """Run steps on a robot with further settings laid over each other; `meddle` is called after every cycle."""
+
+    def run(
+        robot: str,
+        steps: Sequence[Mapping[str, Any]],
+        *more: Mapping[str, Any],
+        meddle: Callable[[Played, CycleRecord], None] | None = None,
+    ) -> Played:
+        values: dict[str, Any] = {"run": {"seed": 3}, "robot": {"emulated": robot}}
+        for settings in more:
+            values = merged(values, settings)
+        if steps:
+            values = merged(values, {"task": {"step": list(steps)}})
+        played = Played(paced(read_config(values)))
+        if meddle is not None:
+            played.meddle = meddle
+        return run_virtual(played.main)
+
+    return run
