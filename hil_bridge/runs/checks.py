@@ -5,12 +5,15 @@
 
 from collections.abc import Callable, Iterator, Mapping
 
+from emulators.seams import StartPose
 from hil_bridge.clock import VIRTUAL_EPOCH
 from hil_bridge.clock.realtime import real_time_thread
+from hil_bridge.control.program.program import Program
+from hil_bridge.control.program.reach import check_workspace, outermost
 from hil_bridge.errors import ConfigError
 from hil_bridge.kinds import ROBOTS, emulated_sensor
 from hil_bridge.runs.compose import check_panel, make_cell
-from hil_bridge.runs.pace import control_loop, paced
+from hil_bridge.runs.pace import control_loop, metres, paced
 from hil_bridge.runs.zeroing import known_wrist
 from hil_bridge.settings.configuration import Config
 from hil_bridge.settings.kinds import robot_kind, settings_of
@@ -70,6 +73,32 @@ def _cell(config: Config, virtual: bool) -> None:
         )
 
 
+def check_program(config: Config, virtual: bool = False) -> None:
+    """Raise ConfigError with the step's number for a program that cannot be carried out.
+
+    Where the robot is emulated, its start is known, and so whether it reaches the corners of each path.
+    """
+    program = control_loop(paced(config)).task
+    if not isinstance(program, Program) or config.robot.url:
+        return
+    cell, emulation = config.cell, ROBOTS.kind(config.robot.emulated).emulation
+    check_workspace(program.row, program.frame, metres(cell.start_position_mm), config.limits)
+    assert emulation is not None
+    make = emulation.make(settings_of(config, ROBOTS.kind(config.robot.emulated)))
+    for label, place in outermost(program.row, program.frame, metres(cell.start_position_mm)):
+        try:
+            make(
+                StartPose(place, cell.start_quaternion, cell.tool.length_mm * 1e-3),
+                VIRTUAL_EPOCH,
+                config.run.seed,
+            )
+        except ValueError as error:
+            x, y, z = (part * 1e3 for part in place)
+            raise ConfigError(
+                f"task.step {label}: the robot does not reach {x:.0f} {y:.0f} {z:.0f} mm, at the depth of the start"
+            ) from error
+
+
 def _thread(config: Config, virtual: bool) -> None:
     if not virtual:
         with real_time_thread(config.realtime):
@@ -82,6 +111,7 @@ CHECKS: Mapping[str, Callable[[Config, bool], None]] = {
     "panel": check_panel,
     "controller": _controller,
     "cell": _cell,
+    "program": check_program,
     "realtime": _thread,
     "tool": _tool,
 }

@@ -1,9 +1,21 @@
 """How fast the tool goes along its path: slower where the force is off, or where something pushes against it. Pure."""
 
+import math
+
+from msgspec.structs import replace
+
+from hil_bridge.control.program.state import CourseState
 from hil_bridge.control.program.steps import Track
+from protocol.geometry import Vector
 
 STUCK_S = 2.0
-"""Chosen: time for which the feed may stand still until the step fails."""
+"""Chosen: time without progress along the path until the step fails."""
+_PROGRESS = 0.05
+"""Chosen: share of the way that the step's speed makes in this time, that counts as progress."""
+_PUSHED_N = 5.0
+"""Chosen: lateral force that a tool yields to while it retracts; below it may be friction."""
+_YIELD_M = 10e-3
+"""Chosen: farthest that it goes aside, m."""
 _LEAST = 0.1
 """Chosen: share of the speed that the error of the force leaves, so that every path comes to its end."""
 _FROM = 0.5
@@ -30,3 +42,25 @@ def feed_of(step: Track, error: float, lateral: float, local: float) -> tuple[fl
         )
     left = (limit - lateral) / (limit * (1.0 - _FROM))
     return min(feed, max(left, _BACK)), ""
+
+
+def progress(course: CourseState, speed_mm_s: float, dt: float, local: float) -> CourseState:
+    """State that knows for how long the tool has not got along its path. `local` is the way so far, m."""
+    stuck = course.stuck + dt
+    if local - course.passed >= _PROGRESS * speed_mm_s * 1e-3 * STUCK_S:
+        return replace(course, stuck=0.0, passed=local)
+    return replace(course, stuck=stuck)
+
+
+def yielding(course: CourseState, force: Vector, way: float) -> CourseState:
+    """State of a tool that retracts, one step away from what pushes it from the side. `way` is that step, m.
+
+    Pulled straight back, a tool that presses against a wall would scrape along it.
+    """
+    x, y = force[1], force[2]
+    length = math.hypot(x, y)
+    if not length > _PUSHED_N or course.yielded >= _YIELD_M:
+        return course
+    step = min(way, _YIELD_M - course.yielded)
+    at = course.at[0] - step * x / length, course.at[1] - step * y / length
+    return replace(course, at=at, yielded=course.yielded + step)

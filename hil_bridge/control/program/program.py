@@ -18,7 +18,7 @@ from hil_bridge.control.course.task import Phase, Stride, Target, Task, TaskOutp
 from hil_bridge.control.program import free_steps
 from hil_bridge.control.program.across import beside
 from hil_bridge.control.program.facing import Facing, Look, inward
-from hil_bridge.control.program.feed import STUCK_S, feed_of
+from hil_bridge.control.program.feed import STUCK_S, feed_of, progress, yielding
 from hil_bridge.control.program.felt import Face, WorkFrame, lateral_of, skewed, zeroed
 from hil_bridge.control.program.legs import Leg, Row
 from hil_bridge.control.program.outcome import added, counted, cut
@@ -220,7 +220,10 @@ class Program:
                     course, done=(*course.done, cut(course, leg, felt.now, state.cause)), began=None
                 ),
             )
-        state, output = self.task.step(state, measurement)
+        course = yielding(
+            state.course, felt.force, self.way(self.parameters.retract_speed_mm_s, measurement.dt)
+        )
+        state, output = self.task.step(replace(state, course=course), measurement)
         return state, self._output(state, output)
 
     def _begun(self, state: TaskState, felt: Felt) -> TaskState:
@@ -238,6 +241,8 @@ class Program:
             stage=0,
             since=felt.now,
             stuck=0.0,
+            passed=0.0,
+            yielded=0.0,
             feed=1.0,
             memory=None,
             found=((0.0, 0.0, 0.0), 0),
@@ -251,14 +256,15 @@ class Program:
         phase = _PHASES[leg.step.do]
         if phase is Phase.SEEK and leg.step.until == "edge":
             phase = _TRACK
-        memory = state.controller
+        # a stroke begins elsewhere: what was learnt of places belongs to the one before
+        memory = None if phase is _APPROACH else state.controller
         if phase is _TRACK and memory is None:
             memory = self.controller.initial()
         if phase is _TRACK:
             return replace(
                 state, phase=phase, turn=None, lost_for=None, settled=False, controller=memory, course=course
             )
-        return replace(state, phase=phase, turn=None, lost_at=None, course=course)
+        return replace(state, phase=phase, turn=None, lost_at=None, controller=memory, course=course)
 
     def _over(self, state: TaskState, leg: Leg, measurement: Measurement, felt: Felt) -> bool:
         """Whether a leg is over before it has used this sample."""
@@ -308,14 +314,14 @@ class Program:
         if isinstance(step, Track):
             lateral = lateral_of(felt.force, course.facing.fall if self._follows(leg) else (0.0, 0.0))
             feed, trouble = feed_of(step, measurement.force - reference, lateral, local)
-            stuck = course.stuck + measurement.dt if feed < 0.05 else 0.0
-            if stuck > STUCK_S:
-                trouble = (
-                    f"a lateral force of {lateral:.1f} N holds the feed {local * 1e3:.1f} mm along the path: "
-                    "something stands in the way"
-                )
-            feed = max(feed, -local / 1e-3) if feed < 0.0 else feed
-            course = replace(course, feed=feed, stuck=stuck)
+            course = replace(course, feed=feed)
+            if step.lateral_limit_n is not None:
+                course = progress(course, leg.stroke.parameters.speed_mm_s, measurement.dt, local)
+                if course.stuck >= STUCK_S:
+                    trouble = trouble or (
+                        f"a lateral force of {lateral:.1f} N holds the feed {local * 1e3:.1f} mm along the path: "
+                        "something stands in the way"
+                    )
             state = replace(state, course=course)
         if trouble:
             state = self.fail(state, trouble)

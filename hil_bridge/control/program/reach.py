@@ -1,6 +1,7 @@
 """Whether the paths of a program stay where the tool may be; before anything moves. Pure."""
 
 from collections.abc import Iterator
+from operator import itemgetter
 
 from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.program.felt import WorkFrame
@@ -41,3 +42,16 @@ def check_workspace(row: Row, frame: WorkFrame, start: Vector, limits: Limits) -
                     f"task.step {label}: it leads to {x:.3f} {y:.3f} {z:.3f} m, outside the box of "
                     "limits.workspace_…_m"
                 )
+
+
+def outermost(row: Row, frame: WorkFrame, start: Vector) -> list[tuple[str, Vector]]:
+    """The corners that lie farthest out in each direction of the base frame, of each step; each place once."""
+    found: dict[Vector, str] = {}
+    by_step: dict[str, list[Vector]] = {}
+    for label, place in corners(row, frame, start):
+        by_step.setdefault(label, []).append(place)
+    for label, places in by_step.items():
+        for axis in range(3):
+            for choose in (min, max):
+                found.setdefault(choose(places, key=itemgetter(axis)), label)
+    return [(label, place) for place, label in found.items()]

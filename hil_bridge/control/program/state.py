@@ -102,7 +102,11 @@ class CourseState(Struct, frozen=True):
     since: float = 0.0
     """When this part began, s on the run's clock."""
     stuck: float = 0.0
-    """Time for which the feed has stood still, s."""
+    """Time since the tool was last seen to get along its path, s."""
+    passed: float = 0.0
+    """Way along the path at that time, m."""
+    yielded: float = 0.0
+    """Way that the tool has gone aside while it retracts, m."""
     feed: float = 1.0
     """Share of the speed at which the tool goes along its path."""
     memory: object = None

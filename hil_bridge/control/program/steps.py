@@ -243,6 +243,8 @@ class Repeat:
             raise ValueError(f"times must be 1 … 1000, got {self.times}")
         if not self.step:
             raise ValueError("step must hold at least one step")
+        if self.limits != StepLimits():
+            raise ValueError("limits must stand in the steps of the repeat")
         _above_zero(self, "until_removed_mm")
         if self.until_removed_mm is not None and not any(step.do == "track" for step in self.step):
             raise ValueError("until_removed_mm needs a track among the steps")
