@@ -11,6 +11,7 @@ from hil_bridge.control.program.facing import Facing, FacingState, Look, inward
 from hil_bridge.control.program.felt import Face, WorkFrame, lateral_of, skewed
 from hil_bridge.control.program.state import Felt
 from hil_bridge.control.program.turning import rotated, unit
+from protocol.geometry import Quaternion
 
 DT = 0.012
 FORCE = 10.0
@@ -174,7 +175,7 @@ RADIUS, STIFFNESS = 0.015, 20_000.0
 PER_ANGLE = STIFFNESS * RADIUS**2 / 4.0
 
 
-def tool_at(about_x: float, about_y: float) -> tuple[float, ...]:
+def tool_at(about_x: float, about_y: float) -> Quaternion:
     """Orientation of a tool that points down, tipped by these angles, °, about base x and y."""
     half_x, half_y = math.radians(about_x) / 2.0, math.radians(about_y) / 2.0
     turn = np.array([1.0, math.tan(half_x), math.tan(half_y), 0.0])
@@ -182,9 +183,7 @@ def tool_at(about_x: float, about_y: float) -> tuple[float, ...]:
     return unit((-x, w, z, -y))  # the turn after half a turn about x
 
 
-def disc_wrench(
-    quaternion: tuple[float, ...], centre: tuple[float, ...] = (0.0, 0.0, 0.0)
-) -> tuple[float, ...]:
+def disc_wrench(quaternion: Quaternion, centre: tuple[float, ...] = (0.0, 0.0, 0.0)) -> tuple[float, ...]:
     """Wrench on the tool of a flat surface below its disc, tool frame, summed over many points of the disc."""
     rings, points, spokes = 60, 6, 60
     radii = (np.arange(rings * points) + 0.5) / (rings * points) * RADIUS
@@ -193,14 +192,16 @@ def disc_wrench(
     x = np.outer(radii, np.cos(angles)).ravel()
     y = np.outer(radii, np.sin(angles)).ravel()
     arms = np.stack([x + centre[0], y + centre[1], np.full_like(x, centre[2])], axis=1)
-    down = np.array([-rotated(quaternion, axis)[2] for axis in np.eye(3)])  # base −z in the tool frame
+    down = np.array(
+        [-rotated(quaternion, axis)[2] for axis in np.eye(3).tolist()]
+    )  # base −z in the tool frame
     depths = FORCE / STIFFNESS + (arms - np.array(centre)) @ down
     assert depths.min() > 0.0, "the whole face must touch"
     forces = -(weights / weights.sum() * STIFFNESS * depths)[:, None] * down
     return (*forces.sum(axis=0), *np.cross(arms, forces).sum(axis=0))
 
 
-def felt_of(quaternion: tuple[float, ...], wrench: tuple[float, ...]) -> Felt:
+def felt_of(quaternion: Quaternion, wrench: tuple[float, ...]) -> Felt:
     return Felt(0.0, (0.0, 0.0), (0.9, 0.0, 0.6), quaternion, (FORCE, 0.0, 0.0), wrench, 1)
 
 
