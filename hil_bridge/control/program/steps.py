@@ -12,7 +12,7 @@ from typing import Annotated, ClassVar, Literal, TypeAlias
 from pydantic import Discriminator
 
 from hil_bridge.control.course.checks import FORBID_EXTRA, require_above_zero, require_not_negative
-from hil_bridge.control.program.paths import Path, Place
+from hil_bridge.control.program.paths import Path, Place, check_finite
 from protocol.geometry import Quaternion, Vector
 
 Orientation: TypeAlias = Literal["fixed", "along-path", "normal"]
@@ -197,6 +197,7 @@ class Move:
 
     def __post_init__(self) -> None:
         _above_zero(self, "speed_mm_s", "contact_n")
+        check_finite("to_mm", self.to_mm)
 
 
 @dataclass(frozen=True, slots=True)
