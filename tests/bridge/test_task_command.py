@@ -213,6 +213,18 @@ def test_steps_in_the_configuration_are_told_by_its_name(hil: Command) -> None:
     assert refused(hil("task", "show", "none.toml")).startswith("none.toml holds no program")
 
 
+@pytest.mark.parametrize("whole", [True, False])
+def test_a_path_that_the_robot_does_not_reach_is_told_before_anything_moves(
+    hil: Command, whole: bool
+) -> None:
+    far = (WHOLE if whole else STEPS).replace("[0, 10]", "[0, 2500]")
+    Path("far.toml").write_text(far)
+    said = refused(hil("task", "show", "far.toml"))
+    assert said.startswith(f"far.toml: {'task.' * whole}step 4.1 (move, pass 1): the robot does not reach"), (
+        said
+    )
+
+
 def test_a_program_stands_in_one_place(hil: Command) -> None:
     Path("steps.toml").write_text("[frame]\ntravel = [1, 0, 0]\n" + SHORT)
     Path("both.toml").write_text(
