@@ -279,3 +279,8 @@ def test_the_record_holds_the_steps_of_a_file(hil: Command) -> None:
     Path("change.toml").write_text('[task]\nfile = "steps.toml"\n')
     changed = recorded_config(record, changes_of(Path("change.toml"), None))
     assert changed.task.step[1].for_s == 0.25  # type: ignore[union-attr]
+
+
+def test_a_resumed_run_keeps_its_program(hil: Command) -> None:
+    said = refused(hil("run", "--virtual", "--resume", "run.mcap", "--task", "steps.toml"))
+    assert said.startswith("--resume takes configuration and program of the recording: leave others out")
