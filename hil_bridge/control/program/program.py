@@ -315,7 +315,7 @@ class Program:
             lateral = lateral_of(felt.force, course.facing.fall if self._follows(leg) else (0.0, 0.0))
             feed, trouble = feed_of(step, measurement.force - reference, lateral, local)
             course = replace(course, feed=feed)
-            if step.lateral_limit_n is not None:
+            if step.lateral_limit_n is not None and state.in_contact:
                 course = progress(course, leg.stroke.parameters.speed_mm_s, measurement.dt, local)
                 if course.stuck >= STUCK_S:
                     trouble = trouble or (
