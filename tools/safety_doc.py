@@ -19,7 +19,8 @@ from pathlib import Path
 from typing import Any
 
 from emulators.s3_jr3_cell import PaperCell
-from hil_bridge.analysis.summary import RETRACT, TRACK
+from hil_bridge.analysis.strokes import TRACK
+from hil_bridge.analysis.summary import RETRACT
 from hil_bridge.clock import Clock, Timer, run_virtual
 from hil_bridge.control.course.conditions import When
 from hil_bridge.device_log import LogTo

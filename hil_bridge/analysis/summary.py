@@ -12,8 +12,9 @@ import msgspec
 from hil_bridge.analysis.answers import answers_of
 from hil_bridge.analysis.latency import latency_of
 from hil_bridge.analysis.steps import StepOutcome, step_outcomes
+from hil_bridge.analysis.strokes import TRACK, merit_of, strokes_of
 from hil_bridge.analysis.times import Times, times_of
-from hil_bridge.control.analysis.merit import STEADY_SAMPLES, FiguresOfMerit, figures_of_merit
+from hil_bridge.control.analysis.merit import STEADY_SAMPLES
 from hil_bridge.recording.device_facts import devices_of, json_or_none
 from hil_bridge.recording.ending import CHECK_EVENT, PHASE_EVENT, Outcome, RunEnd
 from hil_bridge.recording.files import write_whole
@@ -22,8 +23,6 @@ from hil_bridge.recording.recorder import DROPPED_PREFIX
 from hil_bridge.recording.records import CycleRecord
 from hil_bridge.recording.topics import SENSOR, TOPICS
 
-TRACK = "track"
-"""The phase in which the force is controlled."""
 RETRACT = "retract"
 """The phase in which the tool is pulled back."""
 
@@ -54,11 +53,18 @@ class Summary:
     controller: str
     seed: str
     force_reference_n: float | None
+    """None where it varied."""
+    force_references_n: tuple[float, float] | None
+    """The least and the largest."""
     force_mean_steady_n: float | None
-    """Mean force over the last 40 samples of tracking; None when there are fewer since the rise."""
+    """Mean force over the last 40 samples of tracking; None when there are fewer since the rise, and where the wanted
+    force varied in them.
+    """
+    strokes: int
+    """Stretches of tracking, each from a touch until the tool is taken away."""
     figures: Mapping[str, float | None]
     """Figures of merit of the tracking phase, units in the names; the sample that stopped it counts for the largest
-    force and the overshoot.
+    force and the overshoot. Of several strokes: the slowest rise, the steady state of the last one, else over all.
     """
     phases_s: Mapping[str, float]
     """Duration by phase, in order of first appearance."""
@@ -104,14 +110,17 @@ def summarise(recording: Recording, end: RunEnd | None = None) -> Summary:
     """The figures of a run. `end` is taken from the record where it is not given."""
     end = end or end_of(recording)
     cycles = recording.cycles
-    track = [cycle for cycle in cycles if cycle.phase == TRACK and math.isfinite(cycle.force)]
+    strokes = strokes_of(recording)
     dropped = _dropped(recording)
     robot = devices_of(recording).robot
     figures = _figures(
-        track, _stopping(cycles) if end.outcome is Outcome.STOPPED else None, robot.position_step_m
+        strokes, _stopping(cycles) if end.outcome is Outcome.STOPPED else None, robot.position_step_m
     )
     steady = figures.get("steady_mean_error_n") is not None
-    references = [cycle.force_reference for cycle in track or cycles]
+    tracked = [cycle for stroke in strokes for cycle in stroke]
+    references = [cycle.force_reference for cycle in tracked or cycles]
+    tail = strokes[-1][-STEADY_SAMPLES:] if strokes else []
+    steady = steady and len({cycle.force_reference for cycle in tail}) == 1
     spans = phases(recording)
     latency, answers = latency_of(recording), answers_of(cycles, robot, end.link)
     steps = step_outcomes(recording.steps)
@@ -124,10 +133,10 @@ def summarise(recording: Recording, end: RunEnd | None = None) -> Summary:
         checks=tuple(event.text for event in recording.events if event.kind == CHECK_EVENT),
         controller=recording.metadata.get("controller", ""),
         seed=recording.metadata.get("seed", ""),
-        force_reference_n=statistics.mode(references) if references else None,
-        force_mean_steady_n=statistics.fmean(cycle.force for cycle in track[-STEADY_SAMPLES:])
-        if steady
-        else None,
+        force_reference_n=references[0] if len(set(references)) == 1 else None,
+        force_references_n=(min(references), max(references)) if references else None,
+        force_mean_steady_n=statistics.fmean(cycle.force for cycle in tail) if steady else None,
+        strokes=len(strokes),
         figures=figures,
         phases_s={
             name: sum(span.end - span.begin for span in spans if span.name == name)
@@ -151,6 +160,14 @@ def summarise(recording: Recording, end: RunEnd | None = None) -> Summary:
         steps=steps,
         criteria_failed=tuple(step.label for step in steps if step.criterion_failed),
     )
+
+
+def wanted_force(summary: Summary) -> str:
+    """The force that was wanted, in words; empty where there was none."""
+    if summary.force_references_n is None:
+        return ""
+    least, most = summary.force_references_n
+    return f"{least:g} N" if least == most else f"{least:.4g} … {most:.4g} N"
 
 
 def end_of(recording: Recording) -> RunEnd:
@@ -195,20 +212,22 @@ def _stopping(cycles: Sequence[CycleRecord]) -> CycleRecord | None:
     if last + 1 >= len(cycles):
         return None
     after = cycles[last + 1]
-    return after if after.phase == RETRACT and not after.asked and math.isfinite(after.force) else None
+    cut = after.phase == RETRACT and not after.asked and after.step == cycles[last].step
+    return after if cut and math.isfinite(after.force) else None
 
 
 def _figures(
-    track: Sequence[CycleRecord], stopping: CycleRecord | None, step_m: float | None
+    strokes: list[list[CycleRecord]], stopping: CycleRecord | None, step_m: float | None
 ) -> dict[str, float | None]:
     """Figures of merit by name with unit; empty when nothing was tracked. The largest force and the overshoot count
     the sample that stopped the run, the others what was tracked. `step_m` is the resolution of the position; no steps
     are counted where it is not known.
     """
-    if not track:
+    if not strokes:
         return {}
-    figures = _merit(track, step_m)
-    largest = figures if stopping is None else _merit([*track, stopping], step_m)
+    figures = merit_of(strokes, step_m)
+    ended = [*strokes[:-1], [*strokes[-1], stopping]] if stopping else strokes
+    largest = figures if stopping is None else merit_of(ended, step_m)
     return {
         "rise_samples": figures.rise_samples,
         "rise_s": figures.rise_seconds,
@@ -220,17 +239,6 @@ def _figures(
         "steps_per_s": figures.steps_per_second if step_m else None,
         "largest_force_n": largest.largest_force,
     }
-
-
-def _merit(cycles: Sequence[CycleRecord], step_m: float | None) -> FiguresOfMerit:
-    return figures_of_merit(
-        time=[cycle.controlled_at for cycle in cycles],
-        force=[cycle.force for cycle in cycles],
-        reference=[cycle.force_reference for cycle in cycles],
-        commanded=[cycle.depth_commanded for cycle in cycles],
-        in_contact=[cycle.in_contact for cycle in cycles],
-        resolution_mm=step_m * 1e3 if step_m else math.inf,
-    )
 
 
 def cycle_times(cycles: Sequence[CycleRecord], driven_by_robot: bool) -> list[float]:

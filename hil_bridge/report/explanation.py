@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeGuard
 
-from hil_bridge.analysis.summary import TRACK
+from hil_bridge.analysis.strokes import TRACK
 from hil_bridge.recording.reader import Recording
 from hil_bridge.recording.records import CycleRecord
 from hil_bridge.report.figures import quantity

@@ -47,13 +47,21 @@ _MERIT = (
     ),
     ("largest_force_n", "largest force", 1, ".1f", "N", "at any time while tracking"),
 )
+_OF_SEVERAL = {
+    "rise_samples": "first sample at 90 % of the target, slowest stroke",
+    "steady_mean_error_n": "mean of force minus target, end of the last stroke",
+    "steady_peak_to_peak_n": "spread of that, last 40 samples of the last stroke",
+    "contact_losses": "times that the tool left the surface in a stroke",
+}
+"""Explanations for a program of several strokes."""
 _UNKNOWN = "–"
 
 
 def merit_rows(summary: Summary) -> tuple[Row, ...]:
     """Figures of merit of the force control."""
+    several = _OF_SEVERAL if summary.strokes > 1 else {}
     return tuple(
-        Row(label, quantity(summary.figures.get(key), scale, form, unit), explanation)
+        Row(label, quantity(summary.figures.get(key), scale, form, unit), several.get(key, explanation))
         for key, label, scale, form, unit, explanation in _MERIT
     )
 
@@ -71,7 +79,7 @@ def run_rows(summary: Summary) -> tuple[Row, ...]:
     return (
         Row("controller", summary.controller or _UNKNOWN, "control law by its name in the configuration"),
         Row("seed", summary.seed or _UNKNOWN, "start of every random number of an emulated cell"),
-        Row("target force", quantity(summary.force_reference_n, 1, ".2f", "N"), "positive while pressing"),
+        _target(summary),
         Row("mean steady force", quantity(summary.force_mean_steady_n, 1, ".2f", "N"), "last 40 samples"),
         Row("cycles", f"{summary.cycles}", f"{summary.cycles_clamped} clamped, {summary.cycles_held} held"),
         Row("cycle rate", quantity(summary.cycle_rate_hz, 1, ".2f", "Hz"), "mean over the run"),
@@ -102,6 +110,13 @@ def run_rows(summary: Summary) -> tuple[Row, ...]:
         ),
         Row("records dropped", f"{dropped}", "by the recorder: disk too slow or full"),
     )
+
+
+def _target(summary: Summary) -> Row:
+    if summary.force_reference_n is None and summary.force_references_n is not None:
+        least, most = (quantity(force, 1, ".2f", "N") for force in summary.force_references_n)
+        return Row("target force", f"{least.removesuffix(' N')} … {most}", "positive while pressing")
+    return Row("target force", quantity(summary.force_reference_n, 1, ".2f", "N"), "positive while pressing")
 
 
 def quantity(value: float | None, scale: float, form: str, unit: str) -> str:

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_bridge.analysis.stream import stream_force
-from hil_bridge.analysis.summary import TRACK, PhaseSpan, Summary, cycle_times, phases
+from hil_bridge.analysis.strokes import TRACK
+from hil_bridge.analysis.summary import PhaseSpan, Summary, cycle_times, phases, wanted_force
 from hil_bridge.recording import STOP_EVENT
 from hil_bridge.recording.device_facts import devices_of
 from hil_bridge.recording.reader import Recording
@@ -118,9 +119,9 @@ def has_levels(cycles: Sequence[CycleRecord]) -> bool:
 
 
 def _title(summary: Summary) -> str:
-    target, what = summary.force_reference_n, summary.controller or "run"
-    if target is not None:
-        what += f" at {target:g} N"
+    target, what = wanted_force(summary), summary.controller or "run"
+    if target:
+        what += f" at {target}"
     return _short(f"{what} – {summary.outcome}" + (f": {summary.cause}" if summary.cause else ""))
 
 

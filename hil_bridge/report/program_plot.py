@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_bridge.analysis.summary import TRACK
+from hil_bridge.analysis.strokes import TRACK
 from hil_bridge.recording.reader import Recording
 from hil_bridge.recording.records import CycleRecord
 from hil_bridge.report.plots import STYLE

@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from hil_bridge.analysis.summary import TRACK, Summary
+from hil_bridge.analysis.strokes import TRACK
+from hil_bridge.analysis.summary import Summary
 from hil_bridge.control.analysis.merit import STEADY_SAMPLES
 from hil_bridge.control.analysis.stability import (
     LimitCycle,

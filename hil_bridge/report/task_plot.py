@@ -23,6 +23,8 @@ _FORCE_PX, _BESIDE_PX = 230, 220
 _ROOM = 0.08
 """Room around the paths, as a share of the larger side."""
 _LEAST_ROOM_MM = 4.0
+_LONG_PIECE, _ARROWS = 0.6, 24
+"""Pieces of a path with a larger share of the longest have an arrow; of more pieces the last one alone."""
 _LETTER = 0.0095
 """Width of a letter above the force, as a share of the axis."""
 
@@ -153,24 +155,32 @@ def _draw_line(ax: "Axes", line: _Line) -> None:
 
 
 def _arrow(ax: "Axes", places: Sequence[Place], colour: str) -> None:
-    """A head that tells the direction, in the middle of the longest piece of the way."""
-    (x, y), (u, v) = max(
-        pairwise(places),
-        key=lambda pair: round(math.dist(*pair), 6),
-        default=((0, 0),) * 2,
-    )
-    length = math.hypot(u - x, v - y)
-    if length < 1e-6:
+    """Heads that tell the direction: in the middle of each long piece of the way, of the longest one where there are
+    many.
+    """
+    pieces = [(math.dist(*pair), pair) for pair in pairwise(places)]
+    longest = max((length for length, _ in pieces), default=0.0)
+    if longest < 1e-6:
         return
-    middle, h, k = ((x + u) / 2, (y + v) / 2), (u - x) / length, (v - y) / length
-    reach = min(0.02 * length, 0.1)
-    ax.annotate(
-        "",
-        (middle[0] + reach * h, middle[1] + reach * k),
-        xytext=(middle[0] - reach * h, middle[1] - reach * k),
-        arrowprops={"arrowstyle": "-|>", "color": colour, "mutation_scale": 15, "shrinkA": 0, "shrinkB": 0},
-        zorder=4,
-    )
+    long = [pair for length, pair in pieces if length > _LONG_PIECE * longest]
+    if len(long) > _ARROWS:
+        long = [next(pair for length, pair in reversed(pieces) if length > 0.99 * longest)]
+    for (x, y), (u, v) in long:
+        length = math.dist((x, y), (u, v))
+        reach = min(0.02, 0.1 / length)
+        ax.annotate(
+            "",
+            ((x + u) / 2 + reach * (u - x), (y + v) / 2 + reach * (v - y)),
+            xytext=((x + u) / 2 - reach * (u - x), (y + v) / 2 - reach * (v - y)),
+            arrowprops={
+                "arrowstyle": "-|>",
+                "color": colour,
+                "mutation_scale": 14,
+                "shrinkA": 0,
+                "shrinkB": 0,
+            },
+            zorder=4,
+        )
 
 
 def _number(ax: "Axes", lines: Sequence[_Line]) -> None:
@@ -209,20 +219,23 @@ def _together(numbers: Sequence[str], order: Sequence[str]) -> str:
 
 def _name(ax: "Axes", lines: Sequence[_Line]) -> None:
     """The names of what is told, where it is found."""
+    here: dict[Place, list[str]] = {}
     for line in lines:
-        name = getattr(line.step.leg.step, "name", "")
-        if name and line.places:
-            ax.annotate(
-                name,
-                line.places[-1],
-                xytext=(6, -14),
-                textcoords="offset points",
-                fontsize=9,
-                fontstyle="italic",
-                color="#404040",
-                parse_math=False,
-                zorder=6,
-            )
+        if (name := getattr(line.step.leg.step, "name", "")) and line.places:
+            here.setdefault(line.places[-1], []).append(name)
+    for place, names in here.items():
+        ax.annotate(
+            "\n".join(names),
+            place,
+            xytext=(7, -5),
+            textcoords="offset points",
+            va="top",
+            fontsize=9,
+            fontstyle="italic",
+            color="#404040",
+            parse_math=False,
+            zorder=6,
+        )
 
 
 def _draw_force(ax: "Axes", steps: Sequence[Shown]) -> None:
@@ -263,6 +276,7 @@ def _draw_force(ax: "Axes", steps: Sequence[Shown]) -> None:
     )
     ax.set_xlim(0.0, max(at, 1e-3))
     ax.set_ylim(0.0, 1.12 * highest)
+    ax.locator_params(axis="y", steps=[1, 2, 5, 10], nbins=6)
     ax.set_xlabel("time, s, about; the passes of a repeat are drawn once")
     ax.set_ylabel("wanted force, N")
 

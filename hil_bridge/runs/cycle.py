@@ -138,6 +138,11 @@ class Run:
         self.moving = False
         """A movement sequence is under way: only `interrupt` may end it, not cancellation."""
 
+    @property
+    def step_labels(self) -> tuple[str, ...]:
+        """Labels of a program's steps; empty without one."""
+        return self._steps.labels
+
     def interrupt(self) -> None:
         """Retract from the next cycle on, and end."""
         self._interrupted = True

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from hil_bridge.analysis.steps import step_lines
-from hil_bridge.analysis.summary import Summary, summarise
+from hil_bridge.analysis.summary import Summary, summarise, wanted_force
 from hil_bridge.clock import wall_time
 from hil_bridge.errors import BridgeError, ConfigError
 from hil_bridge.recording import read
@@ -122,9 +122,9 @@ def figures(summary: Summary) -> list[str]:
     """The figures that a person wants to see at once, a line each."""
     tracked, figures = summary.phases_s.get("track", 0.0), summary.figures
     steps = step_lines(summary.steps)
-    if summary.force_reference_n is None or not figures:
+    if not figures:
         return steps
-    rows = [("tracked", f"{tracked:.1f} s at {summary.force_reference_n:g} N with {summary.controller}")]
+    rows = [("tracked", f"{tracked:.1f} s at {wanted_force(summary)} with {summary.controller}")]
     if summary.force_mean_steady_n is not None:
         rows.append(
             (
@@ -132,9 +132,15 @@ def figures(summary: Summary) -> list[str]:
                 f"{summary.force_mean_steady_n:.2f} N mean, {figures['steady_peak_to_peak_n']:.2f} N peak to peak",
             )
         )
+    elif (swing := figures["steady_peak_to_peak_n"]) is not None:
+        mean = figures["steady_mean_error_n"]
+        rows.append(("steady error", f"{mean:+.2f} N mean, {swing:.2f} N peak to peak"))
     rise = figures["rise_samples"]
+    risen = "not reached" if rise is None else f"{rise:.0f} samples, {figures['rise_s']:.2f} s"
+    if summary.strokes > 1:
+        risen += f" in the slowest of {summary.strokes} strokes"
     rows += [
-        ("rise to 90 %", "not reached" if rise is None else f"{rise:.0f} samples, {figures['rise_s']:.2f} s"),
+        ("rise to 90 %", risen),
         ("overshoot", f"{figures['overshoot_percent']:.1f} %"),
         ("RMS error", f"{figures['rms_error_n']:.2f} N"),
         ("contact losses", f"{figures['contact_losses']:.0f}"),

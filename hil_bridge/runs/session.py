@@ -396,7 +396,7 @@ class _Session:
             if devices.served is not None:
                 self._emulated(devices.served)
             run = self._run = Run(config, clock, robot, sensor, self)
-            async with self._live_view():
+            async with self._live_view(run.step_labels):
                 self._result = await run()
             return self._result
 
@@ -434,7 +434,7 @@ class _Session:
         return self._run is not None and self._run.moving
 
     @asynccontextmanager
-    async def _live_view(self) -> AsyncIterator[None]:
+    async def _live_view(self, steps: tuple[str, ...]) -> AsyncIterator[None]:
         """The live view, drawn by the screen's thread; in virtual time there is no person to watch.
 
         No part of it waits for the terminal: the loop goes on when that is paused or gone.
@@ -447,10 +447,11 @@ class _Session:
 
         config = self._config
         view = self._view = LiveView(
-            config.run.duration_s,
+            None if steps else config.run.duration_s,
             config.task.force_n,
             screen.stream,
             self._facts,
+            steps,
         )
         task = asyncio.create_task(self._refresh(view), name="view")
         try:

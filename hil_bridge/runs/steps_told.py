@@ -35,6 +35,11 @@ class StepTeller:
         self._count = 0
         """Steps that have been told."""
 
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Labels of all steps, passes counted."""
+        return tuple(leg.label for leg in self._legs)
+
     def ended(self, course: CourseState | None) -> None:
         """Tell the steps that have ended since the cycle before."""
         if course is None or len(course.done) == self._count:

@@ -23,8 +23,16 @@ class LiveView:
     terminal that goes away ends the view, not the run.
     """
 
-    def __init__(self, total_s: float | None, reference_n: float, stream: TextIO, robot: RobotFacts) -> None:
-        self._model = ViewModel(total_s, reference_n, robot)
+    def __init__(
+        self,
+        total_s: float | None,
+        reference_n: float,
+        stream: TextIO,
+        robot: RobotFacts,
+        steps: tuple[str, ...] = (),
+    ) -> None:
+        """`steps` are the labels of a program's steps."""
+        self._model = ViewModel(total_s, reference_n, robot, steps)
         self._stream = stream
         console = Console(file=stream, highlight=False)
         redrawable = console.is_terminal and not console.is_dumb_terminal
@@ -39,7 +47,7 @@ class LiveView:
                 redirect_stderr=False,
             )
         self._gone = False
-        self._line_phase: str | None = None
+        self._line_phase: tuple[str, int] | None = None
         self._line_due = -math.inf
 
     def update(self, record: CycleRecord) -> None:
@@ -63,7 +71,7 @@ class LiveView:
         self.show(self._model.snapshot(now, health))
 
     def show(self, snapshot: Snapshot) -> None:
-        """Draw a snapshot; as lines only once a second of the run and when the phase changes."""
+        """Draw a snapshot; as lines only once a second of the run and when the phase or step changes."""
         if self._gone:
             return
         try:
@@ -71,8 +79,8 @@ class LiveView:
                 self._live.start()
                 width = min(WIDTH, self._live.console.width)
                 self._live.update(panel(snapshot, width), refresh=True)
-            elif snapshot.phase != self._line_phase or snapshot.elapsed_s >= self._line_due:
-                self._line_phase = snapshot.phase
+            elif (snapshot.phase, snapshot.step) != self._line_phase or snapshot.elapsed_s >= self._line_due:
+                self._line_phase = snapshot.phase, snapshot.step
                 self._line_due = math.floor(snapshot.elapsed_s / LINE_SECONDS + 1) * LINE_SECONDS
                 print(line(snapshot), file=self._stream, flush=True)
         except (OSError, ValueError):  # ValueError: the stream has been closed
@@ -99,9 +107,12 @@ class LiveView:
 def line(snapshot: Snapshot) -> str:
     """A snapshot as one line, in ASCII for log files and pipes of any encoding."""
     parts = [f"{snapshot.elapsed_s:7.1f} s", f"{snapshot.phase:<8}"]
+    if snapshot.step:
+        parts.append(f"step {snapshot.step} of {len(snapshot.steps)}: {snapshot.step_label}")
     if snapshot.newest is not None:
         parts += [
-            f"force {snapshot.newest.force:z7.2f} N of {snapshot.reference_n:.2f} N",
+            f"force {snapshot.newest.force:z7.2f} N"
+            + (f" of {snapshot.reference_n:.2f} N" if snapshot.wants_force else ""),
             f"depth {snapshot.newest.depth * 1e3:8.3f} mm",
         ]
         if snapshot.newest.verdict != "allow":

@@ -59,6 +59,22 @@ class Snapshot:
     """Warning that a person should read at once, beside the run's own reactions."""
     period_s: float | None = None
     """Between the begins of the last two cycles."""
+    references_n: tuple[float, ...] = ()
+    """Forces that were wanted in the last cycles, oldest first."""
+    steps: tuple[str, ...] = ()
+    """Labels of a program's steps, passes counted; empty without a program."""
+    step: int = 0
+    """Number of the step under way, from 1; 0 before the first and without a program."""
+
+    @property
+    def wants_force(self) -> bool:
+        """Whether the force is to be controlled now; of a program, not while the tool is in free space."""
+        return not self.step or self.phase == "track"
+
+    @property
+    def step_label(self) -> str:
+        """Label of the step under way; empty where there is none."""
+        return self.steps[self.step - 1] if 0 < self.step <= len(self.steps) else ""
 
     @property
     def remaining_s(self) -> float | None:
@@ -84,8 +100,12 @@ class Snapshot:
 class ViewModel:
     """The newest of everything. `update` and `enter` only store, so that the control path may call them."""
 
-    def __init__(self, total_s: float | None, reference_n: float, robot: RobotFacts) -> None:
+    def __init__(
+        self, total_s: float | None, reference_n: float, robot: RobotFacts, steps: tuple[str, ...] = ()
+    ) -> None:
+        """`steps` are the labels of a program's steps."""
         self._total_s = total_s
+        self._steps = steps
         self._reference_n = reference_n
         self._robot = robot
         self._began: float | None = None
@@ -140,5 +160,8 @@ class ViewModel:
             link=health.link,
             warning=self._warning,
             check=self._check,
+            references_n=tuple(cycle.force_reference for cycle in cycles),
+            steps=self._steps,
+            step=newest.step if newest else 0,
             period_s=cycles[-1].started_at - cycles[-2].started_at if len(cycles) > 1 else None,
         )

@@ -44,7 +44,9 @@ def panel(snapshot: Snapshot, width: int = WIDTH) -> RenderableType:
             *_warning(snapshot),
             _progress(snapshot),
         ),
-        title=Text.assemble("hil-bridge  ", (snapshot.phase.upper(), f"bold {style}")),
+        title=Text.assemble(
+            "hil-bridge  ", (snapshot.phase.upper(), f"bold {style}"), _step(snapshot), overflow="ellipsis"
+        ),
         title_align="left",
         border_style=style,
         box=box.ROUNDED,
@@ -52,11 +54,18 @@ def panel(snapshot: Snapshot, width: int = WIDTH) -> RenderableType:
     )
 
 
+def _step(snapshot: Snapshot) -> str:
+    """The step of a program that is under way."""
+    return f"  step {snapshot.step_label}" if snapshot.step else ""
+
+
 def _force_line(snapshot: Snapshot) -> Text:
     reference = snapshot.reference_n
     if snapshot.newest is None or not math.isfinite(snapshot.newest.force):
         return Text(f"force      –        target {reference:6.2f} N", style="dim")
     force = snapshot.newest.force
+    if not snapshot.wants_force:
+        return Text.assemble(("force ", "dim"), (f"{force:z8.2f} N", "bold"), "   in free space")
     line = Text.assemble(("force ", "dim"), (f"{force:z8.2f} N", "bold"), f"   target {reference:6.2f} N")
     if snapshot.newest.in_contact:
         line.append(f"   off by {force - reference:+7.2f} N", _error_style(force, reference))
@@ -71,19 +80,19 @@ def _error_style(force: float, reference: float) -> str:
 
 
 def _chart(snapshot: Snapshot) -> list[Text]:
-    """The force of the last cycles as columns, with the target as a line behind them."""
+    """The force of the last cycles as columns, with the target of each as a line behind them."""
     forces = [force if math.isfinite(force) else 0.0 for force in snapshot.forces_n]
-    top = _round_up(max([1.25 * abs(snapshot.reference_n), *forces, 1e-3]))
-    target_row = min(CHART_ROWS - 1, math.floor(abs(snapshot.reference_n) / top * CHART_ROWS))
+    wanted = [*([snapshot.reference_n] * HISTORY_CYCLES), *snapshot.references_n][-HISTORY_CYCLES:]
+    top = _round_up(max([1.25 * abs(snapshot.reference_n), *map(abs, wanted), *forces, 1e-3]))
+    targets = [min(CHART_ROWS - 1, math.floor(abs(force) / top * CHART_ROWS)) for force in wanted]
     columns = [0.0] * (HISTORY_CYCLES - len(forces)) + forces
     rows = []
     for row in reversed(range(CHART_ROWS)):
-        label = {CHART_ROWS - 1: f"{top:g} N", target_row: "target", 0: "0 N"}.get(row, "")
+        label = {CHART_ROWS - 1: f"{top:g} N", targets[-1]: "target", 0: "0 N"}.get(row, "")
         line = Text(f"{label:>{_SCALE_WIDTH}} │", style="dim", no_wrap=True)
-        background = "┄" if row == target_row else " "
         cells = (
-            _cell(force / top * CHART_ROWS - row, force, snapshot.reference_n, background)
-            for force in columns
+            _cell(force / top * CHART_ROWS - row, force, reference, "┄" if row == target else " ")
+            for force, reference, target in zip(columns, wanted, targets, strict=True)
         )
         for style, run in itertools.groupby(cells, key=operator.itemgetter(1)):
             line.append("".join(character for character, _ in run), style)
@@ -207,12 +216,18 @@ def _progress(snapshot: Snapshot) -> RenderableType:
     cycle = "" if snapshot.newest is None else f"cycle {snapshot.newest.cycle}  "
     elapsed = f"{cycle}{snapshot.elapsed_s:.1f} s"
     remaining_s = snapshot.remaining_s
-    if snapshot.total_s is None or remaining_s is None:
+    if snapshot.steps:
+        count = len(snapshot.steps)
+        bar = ProgressBar(total=count, completed=max(snapshot.step - 1, 0))
+        left = f"step {snapshot.step} of {count}"
+    elif snapshot.total_s is not None and remaining_s is not None:
+        bar = ProgressBar(total=max(snapshot.total_s, 1e-9), completed=snapshot.tracked_s)
+        left = f"{remaining_s:.1f} s to track"
+    else:
         return Text(f"{elapsed} elapsed", style="dim")
     grid = Table.grid(padding=(0, 1), expand=True)
     grid.add_column(no_wrap=True)
     grid.add_column(ratio=1)
     grid.add_column(no_wrap=True)
-    bar = ProgressBar(total=max(snapshot.total_s, 1e-9), completed=snapshot.tracked_s)
-    grid.add_row(elapsed, bar, f"{remaining_s:.1f} s to track")
+    grid.add_row(elapsed, bar, left)
     return grid

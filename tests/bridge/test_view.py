@@ -97,6 +97,44 @@ def test_the_panel_says_what_the_cycle_and_the_wires_do() -> None:
     assert text.split("link errors")[1].split()[0] == "3"
 
 
+STEPS = ("1 (approach)", "2.1 (track, pass 1)", "2.1 (track, pass 2)", "3 (retract)")
+
+
+def program(*records: CycleRecord) -> Snapshot:
+    made = ViewModel(None, 50.0, ROBOT, STEPS)
+    made.snapshot(100.0, Health())
+    for record in records:
+        made.update(record)
+    return made.snapshot(110.2, Health())
+
+
+def test_the_view_of_a_program_tells_the_step_under_way_and_its_wanted_force() -> None:
+    snapshot = program(structs.replace(CYCLE, step=3, force_reference=12.5))
+    text = text_of(snapshot)
+    assert "TRACK  step 2.1 (track, pass 2)" in text
+    assert "target  12.50 N" in text
+    assert "step 3 of 4" in text
+    assert "to track" not in text
+    told = line(snapshot)
+    assert "step 3 of 4: 2.1 (track, pass 2)" in told
+    assert "of 12.50 N" in told
+
+
+def test_the_view_of_a_program_wants_no_force_in_free_space() -> None:
+    snapshot = program(structs.replace(CYCLE, step=4, phase="retract", force=0.03))
+    assert "target" not in text_of(snapshot).splitlines()[1]
+    assert "in free space" in text_of(snapshot)
+    assert "0.03 N of" not in line(snapshot)
+
+
+def test_the_chart_shows_the_force_that_each_cycle_wanted() -> None:
+    rising = [structs.replace(CYCLE, step=2, force=0.0, force_reference=5.0 + k) for k in range(60)]
+    chart = text_of(program(*rising)).splitlines()[2:10]
+    rows = {column: [k for k, one in enumerate(chart) if one[column] == "┄"] for column in (12, 40, 68)}
+    assert all(len(found) == 1 for found in rows.values()), chart
+    assert rows[12] > rows[40] > rows[68]
+
+
 def test_the_panel_names_what_went_wrong_on_the_link() -> None:
     counted = {
         "bid sent": 617,

@@ -25,11 +25,13 @@ class FiguresOfMerit:
     rise_seconds: float | None
     """The same in s."""
     overshoot_percent: float
-    """Largest force above the desired one, percent of it; 0 when it was never above."""
+    """Largest force above the desired one, percent of it; 0 when it was never above. Where the desired force drops by
+    more than a tenth at once, the force counts again when it has come down to within a tenth of it.
+    """
     steady_mean_error: float | None
     """Mean of force − desired force over the last 40 samples, N; None for fewer since the rise."""
     steady_peak_to_peak: float | None
-    """Largest less smallest force over the last 40 samples, N."""
+    """Largest less smallest force − desired force over the last 40 samples, N."""
     rms_error: float
     """Root of the mean square of force − desired force over all samples, the rise included, N."""
     contact_losses: int
@@ -60,19 +62,30 @@ def figures_of_merit(
     error = pressed - desired
     risen = np.flatnonzero(pressed >= RISE_FRACTION * desired)
     rise = int(risen[0]) if risen.size else None
+    above = np.where(_falling(pressed, desired), 0.0, 100.0 * error / desired)
     steady = pressed.size - (rise or 0) >= STEADY_SAMPLES  # else the rise itself would count as unsteadiness
     tail = slice(-STEADY_SAMPLES, None)
     return FiguresOfMerit(
         rise_samples=rise,
         rise_seconds=None if rise is None else float(at[rise] - at[0]),
-        overshoot_percent=float(max(0.0, np.max(100.0 * error / desired))),
+        overshoot_percent=float(max(0.0, np.max(above))),
         steady_mean_error=float(np.mean(error[tail])) if steady else None,
-        steady_peak_to_peak=float(np.ptp(pressed[tail])) if steady else None,
+        steady_peak_to_peak=float(np.ptp(error[tail])) if steady else None,
         rms_error=float(np.sqrt(np.mean(error**2))),
         contact_losses=int(np.count_nonzero(touching[:-1] & ~touching[1:])),
         steps_per_second=_steps_per_second(at[tail], depth[tail], resolution_mm) if steady else None,
         largest_force=float(np.max(pressed)),
     )
+
+
+def _falling(pressed: Array, desired: Array) -> NDArray[np.bool_]:
+    """Samples in which the force still comes down to a desired one that has dropped."""
+    falling = np.zeros(pressed.shape, dtype=bool)
+    drops = np.flatnonzero(desired[1:] < RISE_FRACTION * desired[:-1]) + 1
+    for begin in drops:
+        there = np.flatnonzero(pressed[begin:] <= (2.0 - RISE_FRACTION) * desired[begin:])
+        falling[begin : begin + int(there[0]) if there.size else None] = True
+    return falling
 
 
 def _steps_per_second(at: Array, depth: Array, resolution_mm: float) -> float | None:

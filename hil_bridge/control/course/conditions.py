@@ -111,7 +111,11 @@ STOPS: tuple[ConditionRow, ...] = (
         "robot.velocity_mm_s",
     ),
     _stop(Cause.POSE, "distance of the reported from the commanded position", "limits.following_error_mm"),
-    _stop(Cause.POSE, "turn of the reported orientation from that of the start", "limits.tilt_deg"),
+    _stop(
+        Cause.POSE,
+        "turn of the reported orientation from the ordered one, beside what a robot may not have followed yet",
+        "limits.tilt_deg",
+    ),
     _stop(
         Cause.POSE,
         "the reported position is outside the workspace by more than 1 mm",
@@ -163,6 +167,8 @@ CLAMPS: tuple[ConditionRow, ...] = (
     _clamp("total", "deeper than the start by more in all", "limits.correction_total_mm"),
     _clamp("across", "across the approach faster than allowed", "limits.travel_mm_s"),
     _clamp("workspace", "out of the workspace", "limits.workspace_min_m", "limits.workspace_max_m"),
+    _clamp("turn", "a program turns the tool faster than allowed", "limits.turn_deg_s"),
+    _clamp("tip", "a program tips the tool's axis farther than allowed", "limits.turn_total_deg"),
     _clamp(
         "gain",
         "the force swings for long: the controller's corrections are lowered",
@@ -190,6 +196,10 @@ ENDS: tuple[ConditionRow, ...] = (
         "surface-ended", "no contact found again after it was lost", ("task.search_depth_limit_mm",)
     ),
     ConditionRow("contact-lost", "contact was lost too often", ("task.loss_limit", "task.loss_ms")),
+    ConditionRow("touch", "a program's tool touches something on its way through free space", ("task.step",)),
+    ConditionRow("no-progress", "a lateral force holds the feed of a program's step", ("task.step",)),
+    ConditionRow("not-found", "a program's step finds nothing to touch, or no edge", ("task.step",)),
+    ConditionRow("drift", "more force would be taken for zero between a program's strokes", ("task.step",)),
     ConditionRow(
         "travelled", "the way along the surface is done", ("task.travel_limit_mm",), exit_code=COMPLETED
     ),

@@ -150,7 +150,13 @@ def _leg(label: str, step: Any, task: Task, limits: Limits, place: Place | None)
             f"force_n ends at {end:g} mm, but the path is {length:.1f} mm long: give the force of its end"
         )
     tight = _tightened(limits, step.limits)
-    for newton in (force for _, force in profile):
+    controls = isinstance(step, (Track, Hold)) or getattr(step, "until", "") == "edge"
+    for newton in (force for _, force in profile if controls):
+        if newton <= parameters.contact_threshold_n:
+            raise ValueError(
+                f"force_n of {newton:g} N must be above task.contact_threshold_n of "
+                f"{parameters.contact_threshold_n:g} N: with less the tool does not touch"
+            )
         if newton >= tight.force_limit_n:
             raise ValueError(
                 f"force_n of {newton:g} N must be below its force limit of {tight.force_limit_n:g} N"

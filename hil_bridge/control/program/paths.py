@@ -25,7 +25,8 @@ LONGEST_MM = 1e6
 """Chosen: no coordinate of a path may be larger, mm."""
 
 
-def _finite(where: str, *places: Place) -> None:
+def check_finite(where: str, *places: Place) -> None:
+    """Raise ValueError for a place, mm, that is no number or too far away."""
     for x, y in places:
         if not (abs(x) <= LONGEST_MM and abs(y) <= LONGEST_MM):
             raise ValueError(f"{where} must be finite places in mm, got {x:g}, {y:g}")
@@ -51,7 +52,9 @@ class Line:
         if self.length_mm is not None:
             require_above_zero(self, "length_mm")
         if self.to_mm is not None:
-            _finite("to_mm", self.to_mm)
+            check_finite("to_mm", self.to_mm)
+        if not math.isfinite(self.direction_deg):
+            raise ValueError("direction_deg must be a number")
 
     def corners(self, begin: Place | None) -> list[Place]:
         """Corners of the way in the work frame, mm; `begin` is where the tool is, None where that is not known."""
@@ -78,7 +81,7 @@ class Arc:
     """Angle to go, positive from x towards y; may be more than a whole turn."""
 
     def __post_init__(self) -> None:
-        _finite("centre_mm", self.centre_mm)
+        check_finite("centre_mm", self.centre_mm)
         if not (math.isfinite(self.angle_deg) and 0 < abs(self.angle_deg) <= 36000):
             raise ValueError(f"angle_deg must be a number up to ±36000 and not 0, got {self.angle_deg:g}")
 
@@ -115,7 +118,7 @@ class Polyline:
     def __post_init__(self) -> None:
         if len(self.points_mm) < 2:
             raise ValueError("points_mm must hold at least two places")
-        _finite("points_mm", *self.points_mm)
+        check_finite("points_mm", *self.points_mm)
 
     def corners(self, begin: Place | None) -> list[Place]:
         return list(self.points_mm)
@@ -141,7 +144,7 @@ class Raster:
 
     def __post_init__(self) -> None:
         require_above_zero(self, "spacing_mm")
-        _finite("corner_mm", self.corner_mm, self.size_mm, *self.polygon_mm)
+        check_finite("corner_mm", self.corner_mm, self.size_mm, *self.polygon_mm)
         if self.polygon_mm and len(self.polygon_mm) < 3:
             raise ValueError("polygon_mm must hold at least three places")
         if not self.polygon_mm and not min(self.size_mm) > 0:
@@ -187,7 +190,7 @@ class Spiral:
 
     def __post_init__(self) -> None:
         require_above_zero(self, "radius_mm", "spacing_mm")
-        _finite("centre_mm", self.centre_mm)
+        check_finite("centre_mm", self.centre_mm)
         if self.radius_mm / self.spacing_mm > 1000:
             raise ValueError("a spiral may have 1000 turns at most: change spacing_mm")
 

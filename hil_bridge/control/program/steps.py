@@ -12,7 +12,7 @@ from typing import Annotated, ClassVar, Literal, TypeAlias
 from pydantic import Discriminator
 
 from hil_bridge.control.course.checks import FORBID_EXTRA, require_above_zero, require_not_negative
-from hil_bridge.control.program.paths import Path, Place
+from hil_bridge.control.program.paths import Path, Place, check_finite
 from protocol.geometry import Quaternion, Vector
 
 Orientation: TypeAlias = Literal["fixed", "along-path", "normal"]
@@ -197,6 +197,7 @@ class Move:
 
     def __post_init__(self) -> None:
         _above_zero(self, "speed_mm_s", "contact_n")
+        check_finite("to_mm", self.to_mm)
 
 
 @dataclass(frozen=True, slots=True)
@@ -242,6 +243,8 @@ class Repeat:
             raise ValueError(f"times must be 1 … 1000, got {self.times}")
         if not self.step:
             raise ValueError("step must hold at least one step")
+        if self.limits != StepLimits():
+            raise ValueError("limits must stand in the steps of the repeat")
         _above_zero(self, "until_removed_mm")
         if self.until_removed_mm is not None and not any(step.do == "track" for step in self.step):
             raise ValueError("until_removed_mm needs a track among the steps")

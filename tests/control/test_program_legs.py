@@ -1,0 +1,390 @@
+"""A program made ready: the steps in one row, and what is refused of them, each with the step's number."""
+
+import math
+import re
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hil_bridge.control import FuzzyPi, Task, TaskParameters
+from hil_bridge.control.course.limits import Limits
+from hil_bridge.control.program.legs import LEGS_MAX, legs_of, seconds
+from hil_bridge.control.program.paths import Line, Polyline, Raster
+from hil_bridge.control.program.steps import (
+    Approach,
+    Criterion,
+    Hold,
+    Move,
+    Repeat,
+    Retract,
+    Seek,
+    StepLimits,
+    Track,
+    Zero,
+)
+from hil_bridge.errors import ConfigError
+
+LINE = Line(length_mm=10.0)
+ROBOT_MM_S = 50.0
+
+
+def row_of(*steps, origin_known=False, limits=None, **parameters):
+    limits = limits or Limits()
+    task = Task(TaskParameters(**parameters), FuzzyPi(), limits.force_limit_n, 0.125e-3)
+    return legs_of(steps, task, limits, origin_known, ROBOT_MM_S)
+
+
+def refused(*steps, **settings):
+    """The one line that a refusal is."""
+    with pytest.raises(ConfigError) as told:
+        row_of(*steps, **settings)
+    assert "\n" not in str(told.value)
+    return str(told.value)
+
+
+# --- the row
+
+
+def test_a_step_has_the_parameters_of_the_task_but_where_it_has_its_own():
+    row = row_of(
+        Approach(speed_mm_s=1.0, contact_n=2.0, at_most_mm=7.0),
+        Track(path=LINE, speed_mm_s=3.0, force_n=12.0),
+        Track(path=LINE),
+        Hold(for_s=2.0, force_n=4.0),
+        Retract(back_mm=6.0, speed_mm_s=4.0),
+    )
+    approach, track, plain, hold, retract = (leg.stroke.parameters for leg in row.legs)
+    assert (approach.approach_speed_mm_s, approach.contact_threshold_n) == (1.0, 2.0)
+    assert approach.approach_depth_limit_mm == 7.0
+    assert (track.speed_mm_s, track.force_n, track.travel_limit_mm) == (3.0, 12.0, 10.0)
+    assert (plain.speed_mm_s, plain.force_n) == (TaskParameters().speed_mm_s, TaskParameters().force_n)
+    assert (hold.speed_mm_s, hold.force_n) == (0.0, 4.0)
+    assert (retract.retract_mm, retract.retract_speed_mm_s) == (6.0, 4.0)
+
+
+def test_a_lower_contact_force_takes_the_loss_below_it():
+    row = row_of(Approach(contact_n=0.3), Retract())
+    assert row.legs[0].stroke.parameters.loss_threshold_n == 0.3
+
+
+def test_labels_count_as_a_person_does():
+    row = row_of(
+        Approach(),
+        Track(path=LINE),
+        Retract(),
+        Repeat(times=2, step=(Move(to_mm=(0.0, 0.0)), Zero())),
+        Retract(),
+    )
+    assert [leg.label for leg in row.legs] == [
+        "1 (approach)",
+        "2 (track)",
+        "3 (retract)",
+        "4.1 (move, pass 1)",
+        "4.2 (zero, pass 1)",
+        "4.1 (move, pass 2)",
+        "4.2 (zero, pass 2)",
+        "5 (retract)",
+    ]
+
+
+def test_the_last_step_of_each_pass_knows_where_the_repeat_ends():
+    stroke = (Approach(), Track(path=LINE), Retract(), Move(to_mm=(0.0, 0.0)))
+    row = row_of(Retract(), Repeat(times=3, step=stroke, until_removed_mm=0.2), Retract())
+    assert [leg.leave_to for leg in row.legs] == [None, *[None, None, None, 13] * 3, None]
+    assert [leg.first_of_repeat for leg in row.legs] == [False, True, *[False] * 12]
+    assert {leg.removed for leg in row.legs[1:13]} == {0.2e-3}
+
+
+def test_places_follow_the_paths():
+    row = row_of(
+        Approach(),
+        Track(path=Line(length_mm=10.0, direction_deg=90.0)),
+        Track(path=Line(to_mm=(5.0, 10.0))),
+        Retract(),
+        Move(to_mm=(1.0, 2.0)),
+        Seek(direction_deg=0.0),
+        Retract(),
+    )
+    assert row.places[:5] == (
+        (0.0, 0.0),
+        (0.0, 0.0),
+        pytest.approx((0.0, 10.0)),
+        pytest.approx((5.0, 10.0)),
+        pytest.approx((5.0, 10.0)),
+    )
+    assert row.places[5:] == ((1.0, 2.0), None)
+
+
+@pytest.mark.parametrize("track", [Track(path=LINE, for_s=1.0), Track(path=LINE, across="compliant")])
+def test_the_end_of_a_track_that_may_end_elsewhere_is_not_known(track):
+    row = row_of(Approach(), track, Retract())
+    assert row.places == ((0.0, 0.0), (0.0, 0.0), None)
+
+
+# --- profiles
+
+
+def test_a_profile_goes_straight_from_pair_to_pair():
+    row = row_of(Approach(), Track(path=LINE, force_n=((0.0, 4.0), (5.0, 14.0), (10.0, 9.0))), Retract())
+    track = row.legs[1]
+    wanted = [track.reference(mm * 1e-3) for mm in (-1.0, 0.0, 2.5, 5.0, 7.5, 10.0, 11.0)]
+    assert wanted == pytest.approx([4.0, 4.0, 9.0, 14.0, 11.5, 9.0, 9.0])
+    assert track.stroke.parameters.force_n == 14.0
+
+
+PAIRS = st.lists(
+    st.tuples(st.floats(0.1, 50.0), st.floats(2.0, 40.0)),
+    min_size=1,
+    max_size=6,
+    unique_by=lambda pair: pair[0],
+).map(lambda pairs: ((0.0, 10.0), *sorted(pairs)))
+
+
+@given(PAIRS, st.floats(0.0, 60.0))
+def test_no_force_of_a_profile_is_beyond_its_pairs(pairs, mm):
+    row = row_of(Approach(), Track(path=Line(length_mm=pairs[-1][0]), force_n=pairs), Retract())
+    forces = [force for _, force in pairs]
+    assert min(forces) - 1e-9 <= row.legs[1].reference(mm * 1e-3) <= max(forces) + 1e-9
+    for at, force in pairs:
+        assert row.legs[1].reference(at * 1e-3) == pytest.approx(force)
+
+
+def test_a_profile_that_ends_before_its_path_is_refused():
+    told = refused(Approach(), Track(path=LINE, force_n=((0.0, 5.0), (8.0, 9.0))), Retract())
+    assert told == (
+        "task.step 2 (track): force_n ends at 8 mm, but the path is 10.0 mm long: give the force of its end"
+    )
+
+
+@pytest.mark.parametrize(
+    ("force", "told"),
+    [
+        (((1.0, 5.0), (8.0, 9.0)), "force_n must begin at 0 mm of the way"),
+        ((), "force_n must begin at 0 mm of the way"),
+        (((0.0, 5.0), (8.0, 9.0), (8.0, 7.0)), "force_n must ascend along the way, but 8 mm follows 8 mm"),
+        (((0.0, 5.0), (8.0, 0.0)), "force_n must be above 0 N everywhere, got 0"),
+        (-3.0, "force_n must be above 0 N everywhere, got -3"),
+        (math.nan, "force_n must be above 0 N everywhere, got nan"),
+    ],
+)
+def test_a_profile_with_gaps_or_pulls_is_refused(force, told):
+    with pytest.raises(ValueError, match=re.escape(told)):
+        Track(path=LINE, force_n=force)
+
+
+def test_a_force_at_which_contact_counts_as_lost_is_refused():
+    told = refused(Approach(), Track(path=LINE, force_n=((0.0, 5.0), (10.0, 0.8))), Retract())
+    assert told == (
+        "task.step 2 (track): force_n of 0.8 N must be above task.contact_threshold_n of 1 N: "
+        "with less the tool does not touch"
+    )
+
+
+# --- limits
+
+
+def test_a_step_may_be_stricter_than_the_run():
+    own = StepLimits(force_limit_n=20.0, turn_deg_s=3.0)
+    row = row_of(Approach(limits=own), Retract())
+    assert (row.legs[0].limits.force_limit_n, row.legs[0].limits.turn_deg_s) == (20.0, 3.0)
+    assert row.legs[0].stroke.force_limit_n == 20.0
+    assert row.legs[1].limits == Limits()
+
+
+@pytest.mark.parametrize("name", [name for name in StepLimits.__slots__])
+def test_a_step_may_not_be_laxer_than_the_run(name):
+    most = getattr(Limits(), name)
+    told = refused(Approach(), Retract(limits=StepLimits(**{name: most + 1.0})))
+    assert told == (
+        f"task.step 2 (retract): limits.{name} of {most + 1:g} is wider than that of the run, {most:g}: "
+        "a step can only be stricter"
+    )
+
+
+@pytest.mark.parametrize("name", [name for name in StepLimits.__slots__])
+@pytest.mark.parametrize("value", [0.0, -1.0, math.nan])
+def test_limits_that_allow_nothing_are_refused(name, value):
+    with pytest.raises(ValueError, match=name):
+        StepLimits(**{name: value})
+
+
+def test_a_force_at_its_limit_is_refused():
+    told = refused(
+        Approach(), Track(path=LINE, force_n=30.0, limits=StepLimits(force_limit_n=30.0)), Retract()
+    )
+    assert told == "task.step 2 (track): force_n of 30 N must be below its force limit of 30 N"
+
+
+def test_a_step_in_free_space_may_have_a_limit_below_the_force_of_the_others():
+    tight = StepLimits(force_limit_n=5.0)
+    row = row_of(Zero(limits=tight), Move(to_mm=(1.0, 1.0), limits=tight), Retract(limits=tight))
+    assert [leg.limits.force_limit_n for leg in row.legs] == [5.0, 5.0, 5.0]
+
+
+def test_a_contact_force_that_is_not_below_the_wanted_one_is_refused():
+    told = refused(Approach(contact_n=10.0), Retract())
+    assert told == "task.step 1 (approach): contact_n of 10 N must be below task.force_n of 10 N"
+
+
+# --- what may follow what
+
+
+@pytest.mark.parametrize("step", [Track(path=LINE), Hold(for_s=1.0)])
+def test_a_step_that_presses_needs_an_approach(step):
+    told = refused(step, Retract())
+    assert told.startswith(f"task.step 1 ({step.do}): ")
+    assert told.endswith("the tool does not press here: let an approach come before")
+
+
+def test_an_edge_is_sought_while_pressing():
+    told = refused(Seek(direction_deg=0.0, until="edge"), Retract())
+    assert told == "task.step 1 (seek): an edge is sought while pressing: let an approach come before"
+
+
+@pytest.mark.parametrize(
+    "step", [Move(to_mm=(1.0, 1.0)), Zero(), Seek(direction_deg=0.0), Approach()], ids=lambda step: step.do
+)
+@pytest.mark.parametrize(
+    "before",
+    [(Approach(),), (Approach(), Hold(for_s=1.0)), (Approach(), Seek(direction_deg=0.0, until="edge"))],
+    ids=("approach", "hold", "edge"),
+)
+def test_a_step_in_free_space_needs_a_retract(before, step):
+    told = refused(*before, step, Retract())
+    number = len(before) + 1
+    assert told == f"task.step {number} ({step.do}): the tool presses here: let a retract come before"
+
+
+def test_the_number_of_a_step_in_a_repeat_tells_its_pass():
+    told = refused(Repeat(times=2, step=(Approach(), Track(path=LINE))), Retract())
+    assert told == "task.step 1.1 (approach, pass 2): the tool presses here: let a retract come before"
+
+
+@pytest.mark.parametrize("steps", [(), (Approach(),), (Approach(), Hold(for_s=1.0))])
+def test_a_program_that_ends_pressing_is_refused(steps):
+    assert refused(*steps) == ("task.step: the last step must be a retract, so that no program ends pressing")
+
+
+def test_a_path_that_begins_elsewhere_is_refused():
+    path = Polyline(points_mm=((1.0, 0.0), (5.0, 0.0)))
+    told = refused(Approach(), Track(path=path), Retract())
+    assert told == (
+        "task.step 2 (track): the path begins at 1, 0 mm, but the tool is at 0, 0 mm: let a move come before"
+    )
+
+
+@pytest.mark.parametrize("path", [Raster(size_mm=(5.0, 5.0)), Polyline(points_mm=((0.0, 0.0), (5.0, 0.0)))])
+def test_a_path_is_refused_where_the_place_of_the_tool_is_not_known(path):
+    told = refused(Approach(), Track(path=path), Retract(), origin_known=True)
+    assert told == (
+        "task.step 2 (track): the path begins at 0, 0 mm, but the tool's place is not known here: "
+        "let a move come before"
+    )
+    row_of(Move(to_mm=(0.0, 0.0)), Approach(), Track(path=path), Retract(), origin_known=True)
+
+
+def test_a_line_to_a_place_is_refused_where_the_place_of_the_tool_is_not_known():
+    told = refused(Approach(), Track(path=Line(to_mm=(1.0, 1.0))), Retract(), origin_known=True)
+    assert told.startswith("task.step 2 (track): where the path begins is not known")
+
+
+def test_a_program_of_too_many_steps_is_refused():
+    passes = Repeat(times=1000, step=(Zero(),) * 6)
+    assert refused(passes, Retract()) == (
+        f"task.step: more than {LEGS_MAX} steps, with the passes of a repeat"
+    )
+
+
+# --- speeds
+
+
+@pytest.mark.parametrize(
+    "step",
+    [Approach(speed_mm_s=51.0), Move(to_mm=(1.0, 1.0), speed_mm_s=51.0), Retract(speed_mm_s=51.0)],
+    ids=lambda step: step.do,
+)
+def test_a_speed_beyond_the_robots_is_refused(step):
+    assert refused(step, Retract()) == (
+        f"task.step 1 ({step.do}): speed_mm_s of 51 is faster than the robot's path velocity: lower it, or set "
+        "robot.velocity_mm_s, now 50"
+    )
+
+
+def test_a_speed_beyond_the_limit_of_travel_is_refused():
+    told = refused(Approach(), Track(path=LINE, speed_mm_s=30.0), Retract())
+    assert told == "task.step 2 (track): speed_mm_s of 30 is above limits.travel_mm_s of 27.5"
+    own = StepLimits(travel_mm_s=4.0)
+    told = refused(Move(to_mm=(1.0, 1.0), speed_mm_s=5.0, limits=own), Retract())
+    assert told == "task.step 1 (move): speed_mm_s of 5 is above limits.travel_mm_s of 4"
+
+
+def test_an_approach_beyond_the_limit_of_correction_is_refused():
+    told = refused(Approach(speed_mm_s=12.0), Retract())
+    assert told == "task.step 1 (approach): speed_mm_s of 12 is above limits.correction_mm_s"
+
+
+# --- settings of single steps
+
+
+@pytest.mark.parametrize(
+    ("step", "settings", "told"),
+    [
+        (Approach, {"speed_mm_s": 0.0}, "speed_mm_s"),
+        (Approach, {"contact_n": -1.0}, "contact_n"),
+        (Approach, {"at_most_mm": math.nan}, "at_most_mm"),
+        (Track, {"path": LINE, "speed_mm_s": 0.0}, "speed_mm_s"),
+        (Track, {"path": LINE, "for_s": 0.0}, "for_s"),
+        (Track, {"path": LINE, "lateral_limit_n": 0.0}, "lateral_limit_n"),
+        (Track, {"path": LINE, "feed_error_n": -2.0}, "feed_error_n"),
+        (Track, {"path": LINE, "across_mm": 0.0}, "across_mm"),
+        (Track, {"path": LINE, "across": "force"}, "across_n must be a force that is not 0"),
+        (Hold, {"for_s": 0.0}, "for_s"),
+        (Hold, {"for_s": 1.0, "force_n": -1.0}, "force_n"),
+        (Seek, {"direction_deg": math.nan}, "direction_deg must be a number"),
+        (Seek, {"direction_deg": 0.0, "at_most_mm": 0.0}, "at_most_mm"),
+        (Seek, {"direction_deg": 0.0, "back_off_mm": -1.0}, "back_off_mm"),
+        (Retract, {"back_mm": -1.0}, "back_mm"),
+        (Retract, {"speed_mm_s": 0.0}, "speed_mm_s"),
+        (Move, {"to_mm": (0.0, 0.0), "speed_mm_s": 0.0}, "speed_mm_s"),
+        (Move, {"to_mm": (math.nan, 0.0)}, "to_mm must be finite places in mm"),
+        (Zero, {"for_ms": 0.0}, "for_ms"),
+        (Zero, {"settle_ms": -1.0}, "settle_ms"),
+        (Zero, {"at_most_n": 0.0}, "at_most_n"),
+        (Criterion, {"within_n": 0.0}, "within_n"),
+        (Criterion, {"within_n": 1.0, "for_percent": 100.5}, "for_percent must be at most 100"),
+        (Repeat, {"times": 0, "step": (Zero(),)}, "times must be 1 … 1000, got 0"),
+        (Repeat, {"times": 1001, "step": (Zero(),)}, "times must be 1 … 1000, got 1001"),
+        (Repeat, {"times": 2, "step": ()}, "step must hold at least one step"),
+        (Repeat, {"times": 2, "step": (Zero(),), "until_removed_mm": 1.0}, "needs a track among the steps"),
+        (Repeat, {"times": 2, "step": (Track(path=LINE),), "until_removed_mm": 0.0}, "until_removed_mm"),
+    ],
+)
+def test_a_step_that_makes_no_sense_is_refused(step, settings, told):
+    with pytest.raises(ValueError, match=told):
+        step(**settings)
+
+
+# --- how long it takes
+
+
+def test_the_time_of_each_step_is_known_before():
+    row = row_of(
+        Move(to_mm=(3.0, 4.0), speed_mm_s=5.0),
+        Zero(settle_ms=1000.0, for_ms=500.0),
+        Approach(speed_mm_s=2.0, at_most_mm=16.0),
+        Track(path=LINE, speed_mm_s=4.0),
+        Track(path=LINE, speed_mm_s=4.0, for_s=1.0),
+        Hold(for_s=3.0),
+        Retract(back_mm=10.0, speed_mm_s=5.0),
+    )
+    assert seconds(row) == pytest.approx([1.0, 1.5, 2.0, 2.5, 1.0, 3.0, 2.0])
+
+
+def test_a_track_that_never_ends_is_refused():
+    row = row_of(Approach(), Track(path=LINE), Retract(), speed_mm_s=0.0)
+    with pytest.raises(
+        ConfigError, match=re.escape("task.step 2 (track): it never ends; give speed_mm_s above 0")
+    ):
+        seconds(row)
+    assert seconds(row_of(Approach(), Track(path=LINE, for_s=2.0), Retract(), speed_mm_s=0.0))[1] == 2.0
