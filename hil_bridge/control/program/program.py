@@ -224,6 +224,8 @@ class Program:
             state.course, felt.force, self.way(self.parameters.retract_speed_mm_s, measurement.dt)
         )
         state, output = self.task.step(replace(state, course=course), measurement)
+        if math.hypot(*felt.force) > self.parameters.contact_threshold_n:  # perhaps from the side
+            output = replace(output, in_contact=True)
         return state, self._output(state, output)
 
     def _begun(self, state: TaskState, felt: Felt) -> TaskState:
