@@ -224,6 +224,8 @@ class Program:
             state.course, felt.force, self.way(self.parameters.retract_speed_mm_s, measurement.dt)
         )
         state, output = self.task.step(replace(state, course=course), measurement)
+        if math.hypot(*felt.force) > self.parameters.contact_threshold_n:  # perhaps from the side
+            output = replace(output, in_contact=True)
         return state, self._output(state, output)
 
     def _begun(self, state: TaskState, felt: Felt) -> TaskState:
@@ -315,7 +317,7 @@ class Program:
             lateral = lateral_of(felt.force, course.facing.fall if self._follows(leg) else (0.0, 0.0))
             feed, trouble = feed_of(step, measurement.force - reference, lateral, local)
             course = replace(course, feed=feed)
-            if step.lateral_limit_n is not None:
+            if step.lateral_limit_n is not None and state.in_contact:
                 course = progress(course, leg.stroke.parameters.speed_mm_s, measurement.dt, local)
                 if course.stuck >= STUCK_S:
                     trouble = trouble or (
