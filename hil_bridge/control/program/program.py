@@ -17,7 +17,7 @@ from msgspec.structs import replace
 from hil_bridge.control.course.task import Phase, Stride, Target, Task, TaskOutput, TaskParameters, TaskState
 from hil_bridge.control.program import free_steps
 from hil_bridge.control.program.across import beside
-from hil_bridge.control.program.facing import Facing, Look, inward
+from hil_bridge.control.program.facing import Facing, Look, elsewhere, inward
 from hil_bridge.control.program.feed import STUCK_S, feed_of, progress, yielding
 from hil_bridge.control.program.felt import Face, WorkFrame, lateral_of, skewed, zeroed
 from hil_bridge.control.program.legs import Leg, Row
@@ -251,7 +251,7 @@ class Program:
             readings=((), 0, -1),
             tally=Tally(),
             ground=course.ground if presses else 0.0,
-            facing=course.facing if presses else replace(course.facing, points=()),
+            facing=course.facing if presses else elsewhere(course.facing),
         )
         if leg.first_of_repeat:
             course = replace(course, first_pass=None, this_pass=(0.0, 0.0))
