@@ -232,6 +232,9 @@ class Run:
     async def _left(self, start: RobotReport, commanded: Vector, answers: bool) -> str:
         """Where the tool was left, in words; a tool that is left pressing has not completed."""
         origin = (start if self._state is None else self._start).pose.position
+        course = None if self._state is None else self._state.task.course
+        if course is not None and course.zero and self._sensor.peaks is not None:
+            self._sensor.peaks.rezero(course.zero)
         depth, force = await self._way_out.rest(origin, commanded, answers)
         limits = self._config.limits
         away = depth <= ARRIVED_M

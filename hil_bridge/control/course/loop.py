@@ -432,11 +432,15 @@ def _cause(state: LoopState, output: TaskOutput, verdict: Verdict) -> str:
 
 
 def _observe(sample: Sample, proposal: Proposal, output: TaskOutput) -> Observation:
+    force, resultant, felt = sample.force, sample.resultant, proposal.felt
+    if felt is not None and proposal.task.course.zero:  # a zero of the program's own hides no force either
+        force = felt.force[0] if abs(felt.force[0]) > abs(force) else force
+        resultant = max(resultant, math.hypot(*felt.force))
     # by place, in the order of the fields: by name every one costs as much as to read it
     return Observation(
         sample.now,
-        sample.force,
-        sample.resultant,
+        force,
+        resultant,
         sample.sensor_at,
         sample.sensor_sequence,
         sample.unchanged,

@@ -12,7 +12,17 @@ class Peaks:
     Forces are judged twice: from the zero, and with what the zero took off, so that a zero hides no force.
     """
 
-    __slots__ = ("_direction", "_force", "_matrix", "_moment", "_offset", "_resultant", "_zero", "saturated")
+    __slots__ = (
+        "_direction",
+        "_force",
+        "_matrix",
+        "_moment",
+        "_offset",
+        "_own",
+        "_resultant",
+        "_zero",
+        "saturated",
+    )
 
     def __init__(
         self, wrist: WristAtOrientation, scales: Sequence[float], zero: Sequence[float] = NO_WRENCH
@@ -22,6 +32,7 @@ class Peaks:
         """
         self.turn(wrist, scales)
         self._zero = tuple(zero)
+        self._own: Sequence[float] = NO_WRENCH
         self._force = self._resultant = self._moment = 0.0
         self.saturated = False
         """An axis was at the end of its range in one of the frames since `take`."""
@@ -55,10 +66,16 @@ class Peaks:
         if square > self._moment:
             self._moment = square
 
+    def rezero(self, wrench: Sequence[float]) -> None:
+        """A program has taken this contact wrench for its own zero, N and N·m; `resultant` alone counts from there."""
+        self._own = tuple(wrench)
+
     def resultant(self, values: Sequence[float]) -> float:
-        """Length of the contact force of one frame from the zero, N."""
-        rows = zip(self._matrix[:3], self._offset[:3], strict=True)
-        return math.hypot(*(sum(m * n for m, n in zip(row, values, strict=True)) + o for row, o in rows))
+        """Length of the contact force of one frame from the newest zero, N."""
+        rows = zip(self._matrix[:3], self._offset[:3], self._own[:3], strict=True)
+        return math.hypot(
+            *(sum(m * n for m, n in zip(row, values, strict=True)) + o - p for row, o, p in rows)
+        )
 
     def take(self) -> tuple[float, float, float, bool]:
         """Force along the approach farthest from 0, N, largest resultant, N, and moment, N·m, of all frames since the

@@ -231,6 +231,11 @@ def _turned(state: FacingState, look: Look) -> FacingState:
     return replace(state, heading=look.heading, points=(), blind=_BLIND_S)
 
 
+def elsewhere(state: FacingState) -> FacingState:
+    """State for a stroke at another place: the friction is known, the surface is not."""
+    return FacingState(friction_angle=state.friction_angle, friction_variance=state.friction_variance)
+
+
 def inward(fall: Place) -> Vector:
     """Inward unit normal of a surface that falls away by these slopes, along a, t, b."""
     p, q = fall

@@ -17,7 +17,7 @@ from msgspec.structs import replace
 from hil_bridge.control.course.task import Phase, Stride, Target, Task, TaskOutput, TaskParameters, TaskState
 from hil_bridge.control.program import free_steps
 from hil_bridge.control.program.across import beside
-from hil_bridge.control.program.facing import Facing, Look, inward
+from hil_bridge.control.program.facing import Facing, Look, elsewhere, inward
 from hil_bridge.control.program.feed import STUCK_S, feed_of, progress, yielding
 from hil_bridge.control.program.felt import Face, WorkFrame, lateral_of, skewed, zeroed
 from hil_bridge.control.program.legs import Leg, Row
@@ -224,6 +224,8 @@ class Program:
             state.course, felt.force, self.way(self.parameters.retract_speed_mm_s, measurement.dt)
         )
         state, output = self.task.step(replace(state, course=course), measurement)
+        if math.hypot(*felt.force) > self.parameters.contact_threshold_n:  # perhaps from the side
+            output = replace(output, in_contact=True)
         return state, self._output(state, output)
 
     def _begun(self, state: TaskState, felt: Felt) -> TaskState:
@@ -249,7 +251,7 @@ class Program:
             readings=((), 0, -1),
             tally=Tally(),
             ground=course.ground if presses else 0.0,
-            facing=course.facing if presses else replace(course.facing, points=()),
+            facing=course.facing if presses else elsewhere(course.facing),
         )
         if leg.first_of_repeat:
             course = replace(course, first_pass=None, this_pass=(0.0, 0.0))
@@ -315,7 +317,7 @@ class Program:
             lateral = lateral_of(felt.force, course.facing.fall if self._follows(leg) else (0.0, 0.0))
             feed, trouble = feed_of(step, measurement.force - reference, lateral, local)
             course = replace(course, feed=feed)
-            if step.lateral_limit_n is not None:
+            if step.lateral_limit_n is not None and state.in_contact:
                 course = progress(course, leg.stroke.parameters.speed_mm_s, measurement.dt, local)
                 if course.stuck >= STUCK_S:
                     trouble = trouble or (

@@ -1,0 +1,88 @@
+"""Zeros between the strokes against a sensor that drifts: they hide no force from the guard."""
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+Played = Any
+Play = Callable[..., Played]
+LINE = {"kind": "line", "length_mm": 10}
+STROKE = [
+    {"do": "approach"},
+    {"do": "track", "path": LINE, "speed_mm_s": 5.0, "limits": {"force_limit_n": 16.0}},
+    {"do": "retract"},
+]
+ZERO = {"do": "zero", "settle_ms": 500.0, "for_ms": 300.0}
+CELL = {
+    "cell": {"start_position_mm": (900.0, -100.0, 591.0)},
+    "task": {"retract_mm": 4.0, "retract_speed_mm_s": 11.0},
+}
+ROBOTS = pytest.mark.parametrize("robot", ["s3", "egm"])
+LESS, MORE = -0.12, 0.12
+"""Drifts of Fz, N/s: it is negative while the tool presses, so that the first one tells too much force."""
+
+
+def drifting(per_s: float) -> Callable[[Played, Any], None]:
+    def meddle(run: Played, record: Any) -> None:
+        if not run.cell.faults:
+            run.inject("signal", "drift", axis="fz", per_s=per_s, for_s=600.0)
+
+    return meddle
+
+
+def true_force(run: Played, number: int) -> float:
+    """Mean true force along the approach over the second half of a step, N."""
+    records = run.of(number)
+    late = (run.times > records[len(records) // 2].started_at) & (run.times < records[-1].started_at)
+    return float(run.forces[late, 2].mean())
+
+
+@pytest.mark.parametrize(("robot", "per_s"), [("s3", LESS), ("s3", MORE), ("egm", LESS)])
+def test_a_zero_between_strokes_takes_the_drift_off(play: Play, robot: str, per_s: float) -> None:
+    with_zeros = play(robot, [*STROKE, ZERO, *STROKE, ZERO, *STROKE], CELL, meddle=drifting(per_s))
+    assert with_zeros.result.outcome == "completed"
+    assert with_zeros.result.left.startswith("retracted, ")
+    assert true_force(with_zeros, 10) == pytest.approx(10.0, abs=0.8)
+    assert with_zeros.differs() == []
+
+
+def test_without_zeros_it_presses_less_and_the_end_says_so(play: Play) -> None:
+    without = play("s3", [*STROKE, *STROKE, *STROKE], CELL, meddle=drifting(LESS))
+    assert true_force(without, 8) < 9.3
+    assert without.stopped
+    assert "or the sensor's zero has changed" in without.cause
+
+
+@ROBOTS
+def test_a_zero_is_refused_that_would_take_a_touch_away(play: Play, robot: str) -> None:
+    """Something presses on the tool while it stands, for the sensor jumps by 3 N."""
+
+    def jump(run: Played, record: Any) -> None:
+        if record.phase == "zero" and not run.cell.faults:
+            run.inject("signal", "offset", axis="fz", amount=-3.0)
+
+    run = play(robot, [*STROKE, ZERO, *STROKE], CELL, meddle=jump)
+    assert run.stopped
+    assert "would be taken for zero, allowed are 2 N" in run.cause
+    assert run.cause.endswith("in step 4 (zero)")
+    assert run.last == 0.0
+
+
+@pytest.mark.parametrize(("robot", "ramp_ms"), [("s3", 300.0), ("egm", 30.0)])
+def test_many_zeros_hide_no_force_from_the_guard(play: Play, robot: str, ramp_ms: float) -> None:
+    """Each takes less than 2 N off, and all together 6 N and more. Then the surface rises, and the tool presses beyond
+    the limit while the sensor tells less.
+    """
+
+    def meddle(run: Played, record: Any) -> None:
+        if not run.cell.faults:
+            run.inject("signal", "drift", axis="fz", per_s=1.0, for_s=600.0)
+        if record.step == 10 and record.travel_commanded > 3e-3 and len(run.cell.faults) == 1:
+            run.inject("surface", "step", mm=3.0, ramp_ms=ramp_ms)
+
+    run = play(robot, [*[ZERO] * 8, *STROKE], CELL, meddle=meddle)
+    assert "is beyond 16 N, in step 10 (track)" in run.cause
+    stop = next(record for record in run.cycles if record.verdict == "stop")
+    assert abs(stop.sample.force) < stop.sample.peak_force < 16.0 < stop.force
+    assert run.largest < 16.0 + 15.0, "the whole rise of 3 mm at 5 kN/m"
