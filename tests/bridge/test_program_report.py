@@ -84,7 +84,7 @@ def test_the_pictures_tell_path_feed_and_normal(recording: Recording, figures: l
     titles = [ax.get_title(loc="left") for ax in figures[-1].axes]
     assert list(filter(None, titles)) == [
         "path from above, and error of the force on it",
-        "speed along the path, of the step's own",
+        "feed: share of the step's own speed along its path",
         "estimated fall of the surface, ± 2 standard deviations",
         "uncertainty of the normal",
     ]
@@ -129,7 +129,7 @@ def test_the_borders_of_too_many_steps_are_left_out() -> None:
     assert not ax.lines
     mark_steps(ax, many[:10], 0.0, named=True)
     assert len(ax.lines) == 10
-    assert {text.get_text() for text in ax.texts} == {"1.1 zero"}
+    assert {text.get_text() for text in ax.texts} == {"1.1"}, "there is no room for more"
 
 
 @pytest.fixture
