@@ -14,7 +14,7 @@ from typing import Any, Literal, Union, get_args, get_origin
 
 from hil_bridge.control import Limits, TaskParameters
 from hil_bridge.control.program.facing import Facing
-from hil_bridge.control.program.steps import Criterion, StepLimits
+from hil_bridge.control.words.steps import Criterion, StepLimits
 from hil_bridge.field_docstrings import field_docstrings
 from hil_bridge.report.task_plot import draw_task
 from hil_bridge.report.task_steps import shown, total_line

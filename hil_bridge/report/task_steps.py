@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from hil_bridge.control.program.legs import Leg, Row, seconds
-from hil_bridge.control.program.paths import Place
-from hil_bridge.control.program.steps import Repeat, Step
+from hil_bridge.control.words.paths import Place
+from hil_bridge.control.words.steps import Repeat, Step
 
 HEAD = ("step", "word", "way mm", "force N", "orientation", "time s", "passes", "more")
 _RIGHT = {2, 5}

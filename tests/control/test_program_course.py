@@ -8,14 +8,14 @@ from msgspec.structs import replace
 
 from hil_bridge.control import Command, Measurement, Phase, Task, TaskParameters
 from hil_bridge.control.course.limits import Limits
+from hil_bridge.control.geometry.turning import apart, rotated
 from hil_bridge.control.program.facing import FacingState, inward
 from hil_bridge.control.program.felt import WorkFrame
 from hil_bridge.control.program.legs import legs_of
-from hil_bridge.control.program.paths import Line, Polyline
 from hil_bridge.control.program.program import Program
 from hil_bridge.control.program.state import Felt
-from hil_bridge.control.program.steps import Approach, Criterion, Hold, Move, Repeat, Retract, Seek, Track
-from hil_bridge.control.program.turning import apart, rotated
+from hil_bridge.control.words.paths import Line, Polyline
+from hil_bridge.control.words.steps import Approach, Criterion, Hold, Move, Repeat, Retract, Seek, Track
 
 DT = 0.1
 DOWN = 0.0, 1.0, 0.0, 0.0

@@ -7,10 +7,10 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from hil_bridge.control.geometry.turning import rotated, unit
 from hil_bridge.control.program.facing import Facing, FacingState, Look, inward
 from hil_bridge.control.program.felt import Face, WorkFrame, lateral_of, skewed
 from hil_bridge.control.program.state import Felt
-from hil_bridge.control.program.turning import rotated, unit
 from protocol.geometry import Quaternion
 
 DT = 0.012

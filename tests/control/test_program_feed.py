@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from hil_bridge.control import FuzzyPi, Measurement, Task, TaskParameters
 from hil_bridge.control.program.across import beside
 from hil_bridge.control.program.feed import STUCK_S, feed_of, progress, yielding
-from hil_bridge.control.program.paths import Line
 from hil_bridge.control.program.state import CourseState
-from hil_bridge.control.program.steps import Track
+from hil_bridge.control.words.paths import Line
+from hil_bridge.control.words.steps import Track
 
 LINE = Line(length_mm=50.0)
 DT = 0.02

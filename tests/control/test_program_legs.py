@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from hil_bridge.control import FuzzyPi, Task, TaskParameters
 from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.program.legs import LEGS_MAX, legs_of, seconds
-from hil_bridge.control.program.paths import Line, Polyline, Raster
-from hil_bridge.control.program.steps import (
+from hil_bridge.control.words.paths import Line, Polyline, Raster
+from hil_bridge.control.words.steps import (
     Approach,
     Criterion,
     Hold,

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.course.orientation import allowed, behind, tilt
-from hil_bridge.control.program.turning import apart, brought, moment_at, rotated, tipped, unit, yawed
+from hil_bridge.control.geometry.turning import apart, brought, moment_at, rotated, tipped, unit, yawed
 
 COMPONENT = st.floats(-1.0, 1.0)
 VECTORS = st.tuples(COMPONENT, COMPONENT, COMPONENT)

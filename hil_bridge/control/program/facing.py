@@ -18,9 +18,9 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from hil_bridge.control.course.checks import FORBID_EXTRA, require_above_zero
+from hil_bridge.control.checks import FORBID_EXTRA, require_above_zero
 from hil_bridge.control.course.contour import PACE_S
-from hil_bridge.control.program.paths import Place
+from hil_bridge.control.words.paths import Place
 from protocol.geometry import Vector
 
 _UNKNOWN = math.radians(5.0) ** 2

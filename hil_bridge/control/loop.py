@@ -24,9 +24,9 @@ from hil_bridge.control.course.verdict import (
     SupervisorState,
     Verdict,
 )
+from hil_bridge.control.geometry.turning import rotated
 from hil_bridge.control.program.program import Program
 from hil_bridge.control.program.state import Felt
-from hil_bridge.control.program.turning import rotated
 from hil_bridge.control.types import SAMPLE_MS, Measurement
 from protocol.geometry import Quaternion, Vector
 
@@ -276,7 +276,7 @@ class ControlLoop:
         # Held back at the border of the workspace, a retraction has come as far as it can.
         held = output.phase is _RETRACT and output.target.depth < before.depth <= depth
         if held and not output.cause:  # of a program, which has more to do
-            output = replace(output, cause="the workspace ends before the tool is retracted", failed=True)
+            output = replace(output, cause=_held(verdict, seen), failed=True)
         after = LoopState(state.start, task, supervisor, proposal.oscillation, proposal.contour, sample.now)
         return after, Decision(
             proposal.depth,
@@ -429,6 +429,13 @@ def _cause(state: LoopState, output: TaskOutput, verdict: Verdict) -> str:
             return f"the {output.phase} {LEAVES}"
         case _:
             return ""
+
+
+def _held(verdict: Verdict, seen: Observation) -> str:
+    """Why a retraction goes on no farther."""
+    if isinstance(verdict, Clamp) and LEAVES not in verdict.reasons:
+        return seen.fault or "the sensor tells no force to retract the tool by"
+    return "the workspace ends before the tool is retracted"
 
 
 def _observe(sample: Sample, proposal: Proposal, output: TaskOutput) -> Observation:
