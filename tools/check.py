@@ -117,7 +117,7 @@ STEPS: dict[str, Callable[[], int]] = {
         *("-m", "not live and not vcan and not driver", "--numprocesses", "auto"),
         *("--dist", "loadfile", "--no-loadscope-reorder"),
     ),
-    "live": tool("pytest", "-m", "live"),
+    "live": tool("pytest", "-m", "live", "--numprocesses", "2", "--dist", "loadgroup"),
     "kernel": tool("python", "tools/vcan_vm.py", "--driver"),
 }
 

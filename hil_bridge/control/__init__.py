@@ -7,7 +7,6 @@ from hil_bridge.control.analysis.tool_identification import ToolEstimate, ToolPo
 from hil_bridge.control.controllers import CONTROLLERS, controller_kind, controller_names, make_controller
 from hil_bridge.control.course.contour import Contour, ContourState, normal_force
 from hil_bridge.control.course.limits import Limits
-from hil_bridge.control.course.loop import ControlLoop, Decision, LoopState, Proposal, Sample, one_line
 from hil_bridge.control.course.oscillation import OscillationDetector, OscillationState
 from hil_bridge.control.course.peaks import Peaks
 from hil_bridge.control.course.supervisor import Supervisor
@@ -56,6 +55,7 @@ from hil_bridge.control.laws.linear import Admittance, AdmittanceState, Pi, PiSt
 from hil_bridge.control.laws.predictive import Predictive, PredictiveState
 from hil_bridge.control.laws.rules import PAPER_RULES, RuleBase, parse_rules, read_rules, rules_as_toml
 from hil_bridge.control.laws.stiffness import Pairing, Stiffness
+from hil_bridge.control.loop import ControlLoop, Decision, LoopState, Proposal, Sample, one_line
 from hil_bridge.control.types import Command, Controller, Measurement, numeric_explanation
 
 __all__ = [

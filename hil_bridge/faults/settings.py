@@ -60,7 +60,7 @@ class FaultConfig(BaseModel):
     """Target: `hil-bridge faults` lists them."""
     fault: str = ""
     """Name of the fault at that target."""
-    phase: Literal["", "connect", "tare", "approach", "track", "retract"] = ""
+    phase: Literal["", "connect", "tare", "approach", "track", "retract", "move", "seek", "zero"] = ""
     """Phase of the run at whose begin it comes, or in which `when` is looked at; empty: the first, or any."""
     after_s: float = Field(default=0.0, ge=0)
     """Delay after that."""

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_bridge.analysis.strokes import TRACK
+from hil_bridge.control.analysis.merit import RISE_FRACTION
 from hil_bridge.recording.reader import Recording
 from hil_bridge.recording.records import CycleRecord
 from hil_bridge.report.plots import STYLE
@@ -31,7 +32,7 @@ _LEAST_SPAN_MM = 4.0
 _ROOM = 0.06
 """Chosen: share of the path that is left free around it."""
 _SHOWN_PERCENT = 95.0
-"""Chosen: share of the samples whose error lies within the colours; the rise after a touch is beyond them."""
+"""Chosen: share of the samples whose error lies within the colours. The rise after a touch does not count."""
 _LEAST_ERROR = 0.05
 """Chosen: the colours reach at least so far, as a share of the wanted force."""
 _CUT_MM = 2.0
@@ -167,7 +168,9 @@ def _draw_path(
     places = np.stack((x, y), axis=1)
     joined = pressing[:-1] & pressing[1:] & (np.hypot(np.diff(x), np.diff(y)) < _CUT_MM)
     wanted = float(np.max(np.abs(_column(recording.cycles, "force_reference")[pressing])))
-    most = max(float(np.percentile(np.abs(error[pressing]), _SHOWN_PERCENT)), _LEAST_ERROR * wanted, 1e-3)
+    risen = np.abs(error[_risen(recording.cycles)])
+    shown = float(np.percentile(risen, _SHOWN_PERCENT)) if risen.size else 0.0
+    most = max(shown, _LEAST_ERROR * wanted, 1e-3)
     lines = LineCollection(
         list(np.stack((places[:-1], places[1:]), axis=1)[joined]),
         cmap="coolwarm",
@@ -194,13 +197,26 @@ def _draw_path(
     )
 
 
+def _risen(cycles: Sequence[CycleRecord]) -> NDArray[np.bool_]:
+    """Samples in which the force had come up to what was wanted since the touch."""
+    risen, found = False, []
+    for cycle in cycles:
+        risen = presses(cycle) and (risen or cycle.force >= RISE_FRACTION * cycle.force_reference)
+        found.append(risen)
+    return np.array(found, dtype=np.bool_)
+
+
 def _number_strokes(ax: "Axes", recording: Recording, x: Array, y: Array) -> None:
-    """A dot with the step's number where each stroke begins; of a repeat, at its first pass alone."""
+    """A dot with the step's number where each track begins, and at each hold; of a repeat, at its first pass alone."""
     seen: set[str] = set()
     first = {cycle.step: place for place, cycle in reversed(list(enumerate(recording.cycles)))}
     for step in recording.steps:
         number = step.label.split(" ", 1)[0]
-        if "(track" not in step.label or number in seen or step.step not in first:
+        if (
+            not any(word in step.label for word in ("(track", "(hold"))
+            or number in seen
+            or step.step not in first
+        ):
             continue
         seen.add(number)
         place = first[step.step]
@@ -221,7 +237,7 @@ def _draw_feed(ax: "Axes", time: Array, feeds: Array) -> None:
     ax.step(time, 100.0 * feeds, where="post", color=_PURPLE, lw=1.4)
     ax.set_ylim(min(0.0, 110.0 * float(np.nanmin(feeds))), 125.0)
     ax.set_ylabel("feed, %")
-    ax.set_title("speed along the path, of the step's own", loc="left", fontsize=10)
+    ax.set_title("feed: share of the step's own speed along its path", loc="left", fontsize=10)
 
 
 def _draw_normal(ax: "Axes", time: Array, cycles: Sequence[CycleRecord]) -> None:

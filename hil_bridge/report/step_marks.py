@@ -9,9 +9,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _NAMED_SHARE = 0.035
-"""Chosen: a step that is shorter than this share of the run gets no name in a picture."""
-_LETTER_SHARE = 0.0062
-"""Chosen: share of the width of a picture that a letter of a name takes."""
+"""Chosen: a step that is shorter than this share of the run gets no more than its number in a picture."""
+_LETTER_INCH = 0.085
+"""Chosen: width that a letter of a name takes in a picture, and a gap between two names."""
 _MARKED = 200
 """Chosen: with more steps than this their borders would cover the curves."""
 
@@ -28,6 +28,8 @@ def mark_steps(ax: "Axes", steps: Sequence[StepRecord], zero: float, named: bool
     if len(steps) > _MARKED or not steps:
         return
     whole = max(steps[-1].at - zero, 1e-9)
+    figure = ax.get_figure()
+    letter = _LETTER_INCH / float(figure.get_figure(root=True).get_size_inches()[0]) if figure else 0.0
     for step in steps:
         begin, end = step.began_at - zero, step.at - zero
         ax.axvline(begin, color="#909090", lw=0.7, ls=":", zorder=1.2)
@@ -35,9 +37,9 @@ def mark_steps(ax: "Axes", steps: Sequence[StepRecord], zero: float, named: bool
         number, word = step.label.split(" ", 1)
         word = word.strip("()").split(",")[0]
         name = f"{number} {word}"
-        if share < len(name) * _LETTER_SHARE:
+        if share < max((len(name) + 1) * letter, _NAMED_SHARE):
             name = number
-        if named and share >= max(_NAMED_SHARE if name != number else 0.0, len(name) * _LETTER_SHARE):
+        if named and share >= (len(name) + 1) * letter:
             ax.text(
                 (begin + end) / 2,
                 0.985,

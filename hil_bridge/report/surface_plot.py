@@ -113,9 +113,11 @@ def _draw_map(ax: "Axes", removed: RemovedMap, truths: Sequence[TruthRecord]) ->
         across + (columns - 0.5) * step,
     )
     image = ax.imshow(depths.T, origin="lower", extent=edges, cmap="viridis", vmin=0.0, aspect="equal")
-    touched = np.array([truth.position for truth in truths if math.hypot(*truth.force) > TOUCH_N])
-    if len(touched):
-        places = _on_map(touched, removed) * 1e3
+    touches = np.array([math.hypot(*truth.force) > TOUCH_N for truth in truths])
+    if touches.any():
+        places = _on_map(np.array([truth.position for truth in truths]), removed) * 1e3
+        places[:, ~touches] = math.nan  # what lies between two strokes is not drawn
+        places = places[:, int(touches.argmax()) :]
         ax.plot(*places, color=_PATH, lw=1.0, alpha=0.85, label="path of the tool while it touched")
         ax.plot(*places[:, :1], color=_PATH, marker="o", ms=4, ls="none")
         ax.legend(

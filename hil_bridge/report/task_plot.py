@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
-from hil_bridge.control.program.paths import Place
+from hil_bridge.control.words.paths import Place
 from hil_bridge.report.plots import STYLE
 from hil_bridge.report.task_steps import Shown
 

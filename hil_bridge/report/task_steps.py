@@ -1,15 +1,20 @@
 """The steps of a program as a person reads them: each one once, with its way, force, time and passes."""
 
 import math
+import textwrap
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from hil_bridge.control.program.legs import Leg, Row, seconds
-from hil_bridge.control.program.paths import Place
-from hil_bridge.control.program.steps import Repeat, Step
+from hil_bridge.control.words.paths import Place
+from hil_bridge.control.words.steps import Repeat, Step
 
 HEAD = ("step", "word", "way mm", "force N", "orientation", "time s", "passes", "more")
+_RIGHT = {2, 5}
+"""Columns of numbers."""
+_MORE_WIDTH = 56
+"""Chosen: letters of the last column in a line."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,16 +78,19 @@ def shown(steps: Sequence[Step], row: Row) -> list[Shown]:
 
 
 def table_lines(steps: Sequence[Shown]) -> Iterator[str]:
-    """The table of the steps in lines of text."""
+    """The table of the steps in lines of text; what is long in the last column goes on in the next line."""
     rows = [HEAD, *(_cells(step) for step in steps)]
-    widths = [max(len(row[column]) for row in rows) for column in range(len(HEAD))]
-    rights = {2, 5}
+    *widths, _ = [max(len(row[column]) for row in rows) for column in range(len(HEAD))]
     for row in rows:
-        cells = (
-            cell.rjust(width) if column in rights else cell.ljust(width)
-            for column, (cell, width) in enumerate(zip(row, widths, strict=True))
-        )
-        yield "  ".join(cells).rstrip()
+        *cells, more = row
+        cells = [
+            cell.rjust(width) if column in _RIGHT else cell.ljust(width)
+            for column, (cell, width) in enumerate(zip(cells, widths, strict=True))
+        ]
+        first, *others = textwrap.wrap(more, _MORE_WIDTH) or [""]
+        yield "  ".join([*cells, first]).rstrip()
+        for text in others:
+            yield "  ".join([*(" " * width for width in widths), text])
 
 
 def total_line(steps: Sequence[Shown], row: Row) -> str:

@@ -5,14 +5,13 @@
 
 from collections.abc import Callable, Iterator, Mapping
 
-from emulators.seams import StartPose
 from hil_bridge.clock import VIRTUAL_EPOCH
 from hil_bridge.clock.realtime import real_time_thread
 from hil_bridge.control.program.program import Program
 from hil_bridge.control.program.reach import check_workspace, outermost
 from hil_bridge.errors import ConfigError
 from hil_bridge.kinds import ROBOTS, emulated_sensor
-from hil_bridge.runs.compose import check_panel, make_cell
+from hil_bridge.runs.compose import check_panel, holds, make_cell
 from hil_bridge.runs.pace import control_loop, metres, paced
 from hil_bridge.runs.zeroing import known_wrist
 from hil_bridge.settings.configuration import Config
@@ -81,22 +80,14 @@ def check_program(config: Config, virtual: bool = False) -> None:
     program = control_loop(paced(config)).task
     if not isinstance(program, Program) or config.robot.url:
         return
-    cell, emulation = config.cell, ROBOTS.kind(config.robot.emulated).emulation
+    cell = config.cell
     check_workspace(program.row, program.frame, metres(cell.start_position_mm), config.limits)
-    assert emulation is not None
-    make = emulation.make(settings_of(config, ROBOTS.kind(config.robot.emulated)))
     for label, place in outermost(program.row, program.frame, metres(cell.start_position_mm)):
-        try:
-            make(
-                StartPose(place, cell.start_quaternion, cell.tool.length_mm * 1e-3),
-                VIRTUAL_EPOCH,
-                config.run.seed,
-            )
-        except ValueError as error:
+        if not holds(config, place):
             x, y, z = (part * 1e3 for part in place)
             raise ConfigError(
                 f"task.step {label}: the robot does not reach {x:.0f} {y:.0f} {z:.0f} mm, at the depth of the start"
-            ) from error
+            )
 
 
 def _thread(config: Config, virtual: bool) -> None:

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from emulators.cell import Cell, Parts
-from hil_bridge.clock import Clock, Timer, device_clock
+from emulators.seams import StartPose
+from hil_bridge.clock import VIRTUAL_EPOCH, Clock, Timer, device_clock
 from hil_bridge.device_log import DeviceLog
 from hil_bridge.errors import ConfigError
 from hil_bridge.faults.bus import BusFaults
@@ -30,6 +31,7 @@ from hil_bridge.settings.configuration import Config
 from hil_bridge.settings.kinds import field_name, sensor_kind, settings_of
 from hil_bridge.transports.can.memory import memory_can_bus
 from hil_bridge.wiring import Serving, Wiring, Wrap, unwrapped
+from protocol.geometry import Vector
 
 _MEMORY_CAN = "can+memory:"
 
@@ -108,6 +110,18 @@ def make_cell(config: Config, robot: RobotKind, sensor: SensorKind, now: float) 
         return Cell(config.cell, now, config.run.seed, parts)
     except ValueError as error:
         raise ConfigError(f"cell: {error}") from error
+
+
+def holds(config: Config, place: Vector) -> bool:
+    """Whether the emulated robot can hold its tool there in the orientation of the start; base frame, m."""
+    kind = ROBOTS.kind(config.robot.emulated)
+    make = _emulation(kind).make(settings_of(config, kind))
+    start = StartPose(place, config.cell.start_quaternion, config.cell.tool.length_mm * 1e-3)
+    try:
+        make(start, VIRTUAL_EPOCH, config.run.seed)
+    except ValueError:
+        return False
+    return True
 
 
 @asynccontextmanager

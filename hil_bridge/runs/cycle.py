@@ -23,8 +23,8 @@ from hil_bridge.control import (
     numeric_explanation,
     turn_between,
 )
+from hil_bridge.control.geometry.turning import apart, unit
 from hil_bridge.control.program.program import Program
-from hil_bridge.control.program.turning import apart, unit
 from hil_bridge.errors import BridgeError
 from hil_bridge.recording import (
     CHECK_EVENT,

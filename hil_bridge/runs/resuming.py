@@ -3,11 +3,11 @@
 from dataclasses import replace
 from typing import Any
 
+from hil_bridge.control.geometry.turning import unit
 from hil_bridge.control.program.legs import Leg
 from hil_bridge.control.program.program import Program
 from hil_bridge.control.program.resume import FIRST, OVERLAP_MM, good_until
-from hil_bridge.control.program.steps import ResumePoint
-from hil_bridge.control.program.turning import unit
+from hil_bridge.control.words.steps import ResumePoint
 from hil_bridge.errors import ConfigError
 from hil_bridge.recording import CycleRecord, Recording
 from hil_bridge.runs.pace import control_loop

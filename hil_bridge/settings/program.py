@@ -6,8 +6,8 @@ from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from hil_bridge.control.program.paths import Arc, Line, Polyline, Raster, Spiral
-from hil_bridge.control.program.steps import (
+from hil_bridge.control.words.paths import Arc, Line, Polyline, Raster, Spiral
+from hil_bridge.control.words.steps import (
     Approach,
     Criterion,
     Hold,

@@ -24,8 +24,8 @@ from mcap.reader import make_reader
 from msgspec import structs
 
 from hil_bridge.control import Predictive
-from hil_bridge.control.course.loop import Sample
 from hil_bridge.control.course.task import Phase
+from hil_bridge.control.loop import Sample
 from hil_bridge.errors import BridgeError, ConfigError
 from hil_bridge.experiments import run_emulated
 from hil_bridge.facts import ACCEPTED, Devices, RobotFacts, Sensor
@@ -218,6 +218,7 @@ def test_foreign_readers_find_topics_schemas_and_times(tmp_path: Path) -> None:
         "/wire",
         "/truth",
         "/event",
+        "/step",
     }
     assert all(schema.encoding == "jsonschema" for schema in summary.schemas.values())
     for schema in summary.schemas.values():
@@ -261,7 +262,15 @@ def test_a_full_queue_drops_the_newest_and_counts(tmp_path: Path, monkeypatch: p
     for k in range(15):
         recorder.put(SensorRecord(100.0 + k, k, (0,) * 6))
     recorder.put(cycle(1, 120.0))
-    assert recorder.dropped == {"/cycle": 1, "/sensor": 6, "/link": 0, "/wire": 0, "/truth": 0, "/event": 0}
+    assert recorder.dropped == {
+        "/cycle": 1,
+        "/sensor": 6,
+        "/link": 0,
+        "/wire": 0,
+        "/truth": 0,
+        "/event": 0,
+        "/step": 0,
+    }
     recorder.close()
     recording = read(tmp_path / "run.mcap")
     assert [sensor.sequence for sensor in recording.sensors] == list(range(9))
@@ -615,7 +624,9 @@ def as_foxglove_takes_it(schema: Any) -> bool:
 def recorded(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A recording of a run with each of our sensors."""
     path = tmp_path_factory.mktemp(request.param) / "run.mcap"
-    config = Config.model_validate({"run": {"duration_s": 4.0}, "sensor": {"emulated": request.param}})
+    line = {"kind": "line", "length_mm": 20.0}
+    steps = [{"do": "approach"}, {"do": "track", "path": line, "for_s": 4.0}, {"do": "retract"}]
+    config = Config.model_validate({"task": {"step": steps}, "sensor": {"emulated": request.param}})
     assert execute(config, True, Outputs(record=path), view=False) == 0
     return path
 

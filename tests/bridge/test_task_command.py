@@ -82,8 +82,10 @@ def test_every_step_stands_in_the_table_once(hil: Command) -> None:
     Path("whole.toml").write_text(WHOLE)
     code, output, errors = hil("task", "show", "whole.toml")
     assert (code, errors) == (0, "")
-    head, *lines, total = output.splitlines()
+    head, *all_lines, total = output.splitlines()
     assert head.split()[:2] == ["step", "word"]
+    lines = [line for line in all_lines if not line.startswith(" ")]
+    assert max(map(len, all_lines)) < 120
     assert [line.split()[:2] for line in lines] == [
         ["1", "approach"],
         ["2", "hold"],
@@ -99,7 +101,8 @@ def test_every_step_stands_in_the_table_once(hil: Command) -> None:
         "the way back from the end of the pass before, not that of the first pass"
     )
     assert lines[5].split()[2:8] == ["30.0", "5", "…", "12", "fixed", "3.0"]
-    assert "slower up to 9 N from the side, slower up to 4 N of error, within ±2 N for 80 %" in lines[5]
+    more = " ".join(" ".join(all_lines[all_lines.index(lines[5]) :]).split())
+    assert "slower up to 9 N from the side, slower up to 4 N of error, within ±2 N for 80 %" in more
     assert "travel_mm_s 12" in lines[6]
     assert total.endswith("at most, with all passes")
     assert not list(Path().glob("*.png"))
@@ -210,6 +213,18 @@ def test_steps_in_the_configuration_are_told_by_its_name(hil: Command) -> None:
     assert refused(hil("task", "show", "none.toml")).startswith("none.toml holds no program")
 
 
+@pytest.mark.parametrize("whole", [True, False])
+def test_a_path_that_the_robot_does_not_reach_is_told_before_anything_moves(
+    hil: Command, whole: bool
+) -> None:
+    far = (WHOLE if whole else STEPS).replace("[0, 10]", "[0, 2500]")
+    Path("far.toml").write_text(far)
+    said = refused(hil("task", "show", "far.toml"))
+    assert said.startswith(f"far.toml: {'task.' * whole}step 4.1 (move, pass 1): the robot does not reach"), (
+        said
+    )
+
+
 def test_a_program_stands_in_one_place(hil: Command) -> None:
     Path("steps.toml").write_text("[frame]\ntravel = [1, 0, 0]\n" + SHORT)
     Path("both.toml").write_text(
@@ -264,3 +279,8 @@ def test_the_record_holds_the_steps_of_a_file(hil: Command) -> None:
     Path("change.toml").write_text('[task]\nfile = "steps.toml"\n')
     changed = recorded_config(record, changes_of(Path("change.toml"), None))
     assert changed.task.step[1].for_s == 0.25  # type: ignore[union-attr]
+
+
+def test_a_resumed_run_keeps_its_program(hil: Command) -> None:
+    said = refused(hil("run", "--virtual", "--resume", "run.mcap", "--task", "steps.toml"))
+    assert said.startswith("--resume takes configuration and program of the recording: leave others out")

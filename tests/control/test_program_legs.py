@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from hil_bridge.control import FuzzyPi, Task, TaskParameters
 from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.program.legs import LEGS_MAX, legs_of, seconds
-from hil_bridge.control.program.paths import Line, Polyline, Raster
-from hil_bridge.control.program.steps import (
+from hil_bridge.control.words.paths import Line, Polyline, Raster
+from hil_bridge.control.words.steps import (
     Approach,
     Criterion,
     Hold,
@@ -192,7 +192,7 @@ def test_a_step_may_be_stricter_than_the_run():
     assert row.legs[1].limits == Limits()
 
 
-@pytest.mark.parametrize("name", [name for name in StepLimits.__slots__])
+@pytest.mark.parametrize("name", list(StepLimits.__slots__))
 def test_a_step_may_not_be_laxer_than_the_run(name):
     most = getattr(Limits(), name)
     told = refused(Approach(), Retract(limits=StepLimits(**{name: most + 1.0})))
@@ -202,7 +202,7 @@ def test_a_step_may_not_be_laxer_than_the_run(name):
     )
 
 
-@pytest.mark.parametrize("name", [name for name in StepLimits.__slots__])
+@pytest.mark.parametrize("name", list(StepLimits.__slots__))
 @pytest.mark.parametrize("value", [0.0, -1.0, math.nan])
 def test_limits_that_allow_nothing_are_refused(name, value):
     with pytest.raises(ValueError, match=name):

@@ -26,7 +26,7 @@ from hil_bridge.control import (
     make_controller,
 )
 from hil_bridge.control.controllers import check_period, sample_time
-from hil_bridge.control.course.loop import LONGEST_SAMPLES
+from hil_bridge.control.loop import LONGEST_SAMPLES
 from hil_bridge.control.types import SAMPLE_MS
 from hil_bridge.errors import ConfigError
 

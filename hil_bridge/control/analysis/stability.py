@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
-from hil_bridge.control.course.checks import require_above_zero, require_not_negative
+from hil_bridge.control.checks import require_above_zero, require_not_negative
 
 Floats: TypeAlias = NDArray[np.float64]
 Complexes: TypeAlias = NDArray[np.complex128]

@@ -19,7 +19,7 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from hil_bridge.control.course.checks import require_above_zero
+from hil_bridge.control.checks import require_above_zero
 
 
 class ContourState(Struct, frozen=True):

@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 from typing import ClassVar
 
-from hil_bridge.control.course.checks import require_above_zero, require_not_negative
+from hil_bridge.control.checks import require_above_zero, require_not_negative
 from protocol.geometry import Vector
 
 

@@ -3,7 +3,7 @@
 import math
 
 from hil_bridge.control.course.limits import Limits
-from hil_bridge.control.program.turning import apart, brought, rotated
+from hil_bridge.control.geometry.turning import apart, brought, rotated
 from protocol.geometry import Quaternion
 
 _FOLLOWS_S = 0.5

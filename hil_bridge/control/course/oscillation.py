@@ -22,7 +22,7 @@ from typing import ClassVar
 
 from msgspec import Struct
 
-from hil_bridge.control.course.checks import require_above_zero, require_not_negative
+from hil_bridge.control.checks import require_above_zero, require_not_negative
 from hil_bridge.control.types import POSITION_STEP_MM
 
 

@@ -27,7 +27,7 @@ from hil_bridge.control.course.verdict import (
     SupervisorState,
     Verdict,
 )
-from hil_bridge.control.program.turning import apart, unit
+from hil_bridge.control.geometry.turning import apart, unit
 from hil_bridge.errors import ConfigError
 from protocol.geometry import Quaternion, Vector
 

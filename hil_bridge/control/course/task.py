@@ -12,9 +12,9 @@ from typing import Any, ClassVar, NamedTuple
 from msgspec import Struct
 from msgspec.structs import replace
 
-from hil_bridge.control.course.checks import require_above_zero, require_not_negative
-from hil_bridge.control.program.steps import ResumePoint, Step
+from hil_bridge.control.checks import require_above_zero, require_not_negative
 from hil_bridge.control.types import POSITION_STEP_MM, SAMPLE_MS, Command, Controller, Measurement, as_command
+from hil_bridge.control.words.steps import ResumePoint, Step
 from protocol.geometry import Quaternion
 
 

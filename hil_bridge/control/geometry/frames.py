@@ -85,7 +85,7 @@ def transform_wrench(rotation: Array, origin: ArrayLike, wrench: ArrayLike) -> A
     """
     wrench = np.asarray(wrench, dtype=float)
     force = rotation @ wrench[:3]
-    return np.concatenate([force, rotation @ wrench[3:] + np.cross(np.asarray(origin, dtype=float), force)])
+    return np.concatenate([force, rotation @ wrench[3:] + _cross(np.asarray(origin, dtype=float), force)])
 
 
 def tool_gravity_wrench(quaternion: Sequence[float], mass_kg: float, centre_of_gravity: ArrayLike) -> Array:
@@ -94,7 +94,7 @@ def tool_gravity_wrench(quaternion: Sequence[float], mass_kg: float, centre_of_g
     The centre of gravity is given from the sensor's origin in the tool frame, m.
     """
     force = rotation_matrix(quaternion).T @ (mass_kg * GRAVITY_BASE)
-    return np.concatenate([force, np.cross(np.asarray(centre_of_gravity, dtype=float), force)])
+    return np.concatenate([force, _cross(np.asarray(centre_of_gravity, dtype=float), force)])
 
 
 def force_along(direction_base: ArrayLike, quaternion: Sequence[float], wrench_tool: ArrayLike) -> float:
@@ -104,3 +104,9 @@ def force_along(direction_base: ArrayLike, quaternion: Sequence[float], wrench_t
     """
     force_base = rotate(quaternion, np.asarray(wrench_tool, dtype=float)[:3])
     return -float(force_base @ np.asarray(direction_base, dtype=float))
+
+
+def _cross(a: Array, b: Array) -> Array:
+    """The cross product of two vectors; numpy's own takes ten times as long for single ones."""
+    (x, y, z), (u, v, w) = a.tolist(), b.tolist()
+    return np.array([y * w - z * v, z * u - x * w, x * v - y * u])

@@ -10,7 +10,7 @@ from typing import ClassVar
 
 from msgspec import Struct
 
-from hil_bridge.control.course.checks import (
+from hil_bridge.control.checks import (
     FORBID_EXTRA,
     check_reference,
     require_above_zero,

@@ -16,7 +16,7 @@ from typing import ClassVar
 from msgspec import Struct
 from msgspec.structs import replace
 
-from hil_bridge.control.course.checks import require_above_zero
+from hil_bridge.control.checks import require_above_zero
 from hil_bridge.control.types import POSITION_STEP_MM, Measurement
 
 _SLOPE_GAIN = 0.3

@@ -4,8 +4,8 @@ from msgspec.structs import replace
 
 from hil_bridge.control.course.task import Task
 from hil_bridge.control.program.state import CourseState
-from hil_bridge.control.program.steps import Track
 from hil_bridge.control.types import Measurement
+from hil_bridge.control.words.steps import Track
 
 _YIELD_S = 0.3
 """Chosen: time constant with which the tool yields."""

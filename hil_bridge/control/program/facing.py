@@ -18,9 +18,9 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from hil_bridge.control.course.checks import FORBID_EXTRA, require_above_zero
+from hil_bridge.control.checks import FORBID_EXTRA, require_above_zero
 from hil_bridge.control.course.contour import PACE_S
-from hil_bridge.control.program.paths import Place
+from hil_bridge.control.words.paths import Place
 from protocol.geometry import Vector
 
 _UNKNOWN = math.radians(5.0) ** 2
@@ -229,6 +229,11 @@ def _turned(state: FacingState, look: Look) -> FacingState:
     if x * u + y * v >= _SAME_HEADING:
         return replace(state, heading=look.heading)
     return replace(state, heading=look.heading, points=(), blind=_BLIND_S)
+
+
+def elsewhere(state: FacingState) -> FacingState:
+    """State for a stroke at another place: the friction is known, the surface is not."""
+    return FacingState(friction_angle=state.friction_angle, friction_variance=state.friction_variance)
 
 
 def inward(fall: Place) -> Vector:

@@ -5,7 +5,7 @@ import math
 from msgspec.structs import replace
 
 from hil_bridge.control.program.state import CourseState
-from hil_bridge.control.program.steps import Track
+from hil_bridge.control.words.steps import Track
 from protocol.geometry import Vector
 
 STUCK_S = 2.0

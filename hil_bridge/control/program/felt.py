@@ -3,10 +3,10 @@
 import math
 from typing import NamedTuple
 
+from hil_bridge.control.geometry.turning import moment_at, rotated, unit
 from hil_bridge.control.program.facing import inward
-from hil_bridge.control.program.paths import Place
 from hil_bridge.control.program.state import CourseState, Felt
-from hil_bridge.control.program.turning import moment_at, rotated, unit
+from hil_bridge.control.words.paths import Place
 from protocol.geometry import Vector
 
 

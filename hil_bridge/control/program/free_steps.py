@@ -4,17 +4,15 @@ Each takes one sample. It answers with the state, the depth wanted, whether the 
 """
 
 import math
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TypeAlias
 
 from msgspec.structs import replace
 
 from hil_bridge.control.course.task import TaskState
+from hil_bridge.control.geometry.turning import apart
+from hil_bridge.control.program.legs import Leg
 from hil_bridge.control.program.state import CourseState, Felt
-from hil_bridge.control.program.turning import apart
 from hil_bridge.control.types import Measurement
-
-if TYPE_CHECKING:
-    from hil_bridge.control.program.program import Program
 
 Taken: TypeAlias = tuple[TaskState, float, bool, str]
 
@@ -26,9 +24,9 @@ _AS_AT_HOME = math.radians(0.5)
 """Chosen: turn from the orientation of the start at which the tool counts as turned back."""
 
 
-def move(program: "Program", state: TaskState, measurement: Measurement, felt: Felt) -> Taken:
+def move(leg: Leg, state: TaskState, measurement: Measurement, felt: Felt) -> Taken:
     """Up to the safe height, across, and wait there until the tool has come."""
-    course, leg = state.course, program.leg(state)
+    course = state.course
     step, task = leg.step, leg.stroke
     touch = step.contact_n or task.parameters.contact_threshold_n
     depth, force = measurement.commanded, math.hypot(*felt.force)
@@ -46,9 +44,9 @@ def move(program: "Program", state: TaskState, measurement: Measurement, felt: F
     return replace(state, course=course), depth, there and turned, ""
 
 
-def seek(program: "Program", state: TaskState, measurement: Measurement, felt: Felt) -> Taken:
+def seek(leg: Leg, state: TaskState, measurement: Measurement, felt: Felt) -> Taken:
     """Along one direction until something pushes back, then a little way back."""
-    course, leg = state.course, program.leg(state)
+    course = state.course
     step, task, depth = leg.step, leg.stroke, measurement.commanded
     assert leg.way is not None
     (h, k) = leg.way.headings[0]
@@ -78,9 +76,9 @@ def seek(program: "Program", state: TaskState, measurement: Measurement, felt: F
     return replace(state, course=course), depth, there, ""
 
 
-def zero(program: "Program", state: TaskState, measurement: Measurement, felt: Felt) -> Taken:
+def zero(leg: Leg, state: TaskState, measurement: Measurement, felt: Felt) -> Taken:
     """Stand still, then average what the sensor reads."""
-    course, step = state.course, program.leg(state).step
+    course, step = state.course, leg.step
     depth, passed = measurement.commanded, felt.now - course.since
     if passed < step.settle_ms * 1e-3:
         return state, depth, False, ""

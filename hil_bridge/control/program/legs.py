@@ -8,8 +8,8 @@ from typing import Any
 
 from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.course.task import Task, TaskParameters
-from hil_bridge.control.program.paths import Line, Place, Way, way_of
-from hil_bridge.control.program.steps import (
+from hil_bridge.control.words.paths import Line, Place, Way, way_of
+from hil_bridge.control.words.steps import (
     Approach,
     ForceProfile,
     Hold,

@@ -51,7 +51,11 @@ def done(course: CourseState, leg: Leg, now: float, at: Vector | None = None) ->
     passed = criterion is None or (share is not None and share * 100 >= criterion.for_percent)
     text = ""
     if criterion is not None:
-        kept = "never in contact" if share is None else f"{share:.1%} of the {'time' if leg.way is None else 'way'}"
+        kept = (
+            "never in contact"
+            if share is None
+            else f"{share:.1%} of the {'time' if leg.way is None else 'way'}"
+        )
         text = f"force within ±{criterion.within_n:g} N: {kept}, wanted {criterion.for_percent:g} %"
     (x, y, z), count = course.found
     found = (x / count, y / count, z / count) if count else None

@@ -15,20 +15,20 @@ from typing import Any
 from msgspec.structs import replace
 
 from hil_bridge.control.course.task import Phase, Stride, Target, Task, TaskOutput, TaskParameters, TaskState
+from hil_bridge.control.geometry.turning import unit
 from hil_bridge.control.program import free_steps
 from hil_bridge.control.program.across import beside
-from hil_bridge.control.program.facing import Facing, Look, inward
+from hil_bridge.control.program.facing import Facing, Look, elsewhere, inward
 from hil_bridge.control.program.feed import STUCK_S, feed_of, progress, yielding
 from hil_bridge.control.program.felt import Face, WorkFrame, lateral_of, skewed, zeroed
 from hil_bridge.control.program.legs import Leg, Row
+from hil_bridge.control.program.orienting import heading_of, turned
 from hil_bridge.control.program.outcome import added, counted, cut
 from hil_bridge.control.program.outcome import done as outcome_of
-from hil_bridge.control.program.paths import Place
 from hil_bridge.control.program.state import CourseState, Felt, Tally
-from hil_bridge.control.program.steps import Hold, Move, Seek, Track, Zero
-from hil_bridge.control.program.turning import brought, tipped, unit, yawed
 from hil_bridge.control.types import Controller, Measurement
-from protocol.geometry import Quaternion
+from hil_bridge.control.words.paths import Place
+from hil_bridge.control.words.steps import Hold, Move, Seek, Track, Zero
 
 _TRACK, _RETRACT, _END, _APPROACH = Phase.TRACK, Phase.RETRACT, Phase.END, Phase.APPROACH
 _ROUNDING = 1e-9
@@ -157,7 +157,7 @@ class Program:
         self, state: TaskState, leg: Leg, measurement: Measurement, felt: Felt
     ) -> tuple[TaskState, Measurement]:
         """The estimate after this sample, and the force along the normal."""
-        course, heading = state.course, _heading(leg, state)
+        course, heading = state.course, heading_of(leg, state.course)
         if state.in_contact:
             stiffness = state.stiffness or self.parameters.expected_stiffness_n_m
             per_angle = max(stiffness, 1.0) * self.face.radius**2 / 4.0
@@ -202,7 +202,9 @@ class Program:
                 state = self._next(state, leg, felt)
                 continue
             state, output, done = self._taken(state, leg, measurement, felt)
-            state = self._turned(state, leg, measurement.dt)
+            if not state.cause:
+                course = turned(state.course, leg, self.frame, self.facing, measurement.dt)
+                state = replace(state, course=course)
             output = self._output(state, output)
             if state.cause:
                 return replace(state, turn=None), output
@@ -251,7 +253,7 @@ class Program:
             readings=((), 0, -1),
             tally=Tally(),
             ground=course.ground if presses else 0.0,
-            facing=course.facing if presses else replace(course.facing, points=()),
+            facing=course.facing if presses else elsewhere(course.facing),
         )
         if leg.first_of_repeat:
             course = replace(course, first_pass=None, this_pass=(0.0, 0.0))
@@ -285,11 +287,11 @@ class Program:
             return self._pressed(state, leg, measurement, felt)
         match step:
             case Move():
-                taken = free_steps.move(self, state, measurement, felt)
+                taken = free_steps.move(leg, state, measurement, felt)
             case Seek():
-                taken = free_steps.seek(self, state, measurement, felt)
+                taken = free_steps.seek(leg, state, measurement, felt)
             case Zero():
-                taken = free_steps.zero(self, state, measurement, felt)
+                taken = free_steps.zero(leg, state, measurement, felt)
             case _:
                 state, output = leg.stroke.step(state, measurement)
                 if state.failed:
@@ -404,32 +406,6 @@ class Program:
         """The task's failure with the step's number."""
         return replace(state, cause=f"{state.cause}, in step {leg.label}")
 
-    def _turned(self, state: TaskState, leg: Leg, dt: float) -> TaskState:
-        """State with the orientation that the leg wants, as far as it may be turned in one sample."""
-        course, step = state.course, leg.step
-        if course.home is None or state.cause:
-            return state
-        wanted: Quaternion | None = None
-        if isinstance(step, Move):
-            wanted = course.home if course.turned is not None else None
-        elif getattr(step, "orientation", "fixed") == "along-path" and leg.way is not None:
-            wanted = yawed(course.home, self.frame.approach, leg.way.headings[0], _heading(leg, state))
-        elif (
-            getattr(step, "orientation", "fixed") == "normal"
-            and math.degrees(course.facing.sigma) <= self.facing.uncertain_deg
-        ):
-            a, t, b = inward(course.facing.fall)
-            x, y, z = (
-                a * i + t * j + b * k
-                for i, j, k in zip(self.frame.approach, self.frame.x, self.frame.y, strict=True)
-            )
-            wanted = tipped(course.home, (x, y, z))
-        if wanted is None:
-            return state
-        rate = math.radians(leg.limits.turn_deg_s) * _BELOW
-        turned = brought(course.turned or course.home, wanted, rate * dt)
-        return replace(state, course=replace(course, turned=turned))
-
     def _next(self, state: TaskState, leg: Leg, felt: Felt) -> TaskState:
         """State behind a leg: its outcome, and where the row goes on."""
         course = state.course
@@ -477,8 +453,6 @@ class Program:
         )
 
 
-_BELOW = 0.999
-"""Share of the turning speed that is used: rounding must not make the guard clamp."""
 _PHASES = {
     "approach": Phase.APPROACH,
     "track": Phase.TRACK,
@@ -496,19 +470,11 @@ def _rise(fall: Place, before: Place, after: Place) -> float:
     return fall[0] * (after[0] - before[0]) + fall[1] * (after[1] - before[1])
 
 
-def _heading(leg: Leg, state: TaskState) -> Place:
-    """Direction of the path at the commanded place."""
-    if leg.way is None:
-        heading: Place = state.course.facing.heading
-        return heading
-    return leg.way.headings[leg.way.piece(state.travel - state.course.base)]
-
-
 def _leftwards(leg: Leg, state: TaskState, felt: Felt) -> tuple[float, float]:
     """Force to the left of the path, N, and the reported way to the left of it, m."""
     assert leg.way is not None
     course, local = state.course, state.travel - state.course.base
-    (h, k), (x, y) = _heading(leg, state), leg.way.at(local)
+    (h, k), (x, y) = heading_of(leg, state.course), leg.way.at(local)
     dx, dy = felt.place[0] - course.origin[0] - x, felt.place[1] - course.origin[1] - y
     return h * felt.force[2] - k * felt.force[1], h * dy - k * dx
 

@@ -6,7 +6,7 @@ from operator import itemgetter
 from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.program.felt import WorkFrame
 from hil_bridge.control.program.legs import Row
-from hil_bridge.control.program.steps import Move
+from hil_bridge.control.words.steps import Move
 from hil_bridge.errors import ConfigError
 from protocol.geometry import Vector
 

@@ -5,8 +5,8 @@ from dataclasses import replace
 
 from hil_bridge.control.course.task import Task
 from hil_bridge.control.program.legs import Leg, Row
-from hil_bridge.control.program.paths import Place, Way
-from hil_bridge.control.program.steps import Approach, Move, ResumePoint, Track, Zero
+from hil_bridge.control.words.paths import Place, Way
+from hil_bridge.control.words.steps import Approach, Move, ResumePoint, Track, Zero
 from hil_bridge.errors import ConfigError
 
 OVERLAP_MM = 2.0

@@ -5,7 +5,7 @@ from typing import NamedTuple
 from msgspec import Struct
 
 from hil_bridge.control.program.facing import FacingState
-from hil_bridge.control.program.paths import Place
+from hil_bridge.control.words.paths import Place
 from protocol.geometry import Quaternion, Vector
 
 

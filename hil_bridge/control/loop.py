@@ -24,9 +24,9 @@ from hil_bridge.control.course.verdict import (
     SupervisorState,
     Verdict,
 )
+from hil_bridge.control.geometry.turning import rotated
 from hil_bridge.control.program.program import Program
 from hil_bridge.control.program.state import Felt
-from hil_bridge.control.program.turning import rotated
 from hil_bridge.control.types import SAMPLE_MS, Measurement
 from protocol.geometry import Quaternion, Vector
 

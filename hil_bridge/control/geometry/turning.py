@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 
 from hil_bridge.control.geometry.frames import quaternion_product
-from hil_bridge.control.program.paths import Place
+from hil_bridge.control.words.paths import Place
 from protocol.geometry import Pose, Quaternion, Vector, towards
 
 _NOWHERE: Vector = (0.0, 0.0, 0.0)

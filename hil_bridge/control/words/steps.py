@@ -11,8 +11,8 @@ from typing import Annotated, ClassVar, Literal, TypeAlias
 
 from pydantic import Discriminator
 
-from hil_bridge.control.course.checks import FORBID_EXTRA, require_above_zero, require_not_negative
-from hil_bridge.control.program.paths import Path, Place, check_finite
+from hil_bridge.control.checks import FORBID_EXTRA, require_above_zero, require_not_negative
+from hil_bridge.control.words.paths import Path, Place, check_finite
 from protocol.geometry import Quaternion, Vector
 
 Orientation: TypeAlias = Literal["fixed", "along-path", "normal"]

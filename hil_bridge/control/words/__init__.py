@@ -1,0 +1,1 @@
+"""The words of a program as settings: steps, and the paths that they follow."""

@@ -1,0 +1,182 @@
+"""A program that was cut goes on where its force was last held, and presses nowhere on the way there."""
+
+import dataclasses
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from hil_bridge.cli import cli
+from hil_bridge.errors import BridgeError
+from hil_bridge.faults.settings import FaultConfig
+from hil_bridge.recording import Recording, read
+from hil_bridge.runs import resuming
+from hil_bridge.runs.replay import recorded_config, replay
+
+STROKES = 5
+LENGTH_MM, GAP_MM = 8.0, 4.0
+"""Strokes lie one behind the other along x."""
+OVERLAP_MM = 2.0
+CYCLE_MM = 1.5
+"""Way of one cycle of the slowest robot here, and its tail, mm."""
+PROGRAM = """
+[run]
+seed = 5
+[cell]
+start_position_mm = [900.0, -30.0, 593.0]
+[task]
+speed_mm_s = 5.5
+retract_mm = 4.0
+safe_height_mm = 2.0
+""" + "".join(
+    f"""
+[[task.step]]
+do = "move"
+to_mm = [{number * (LENGTH_MM + GAP_MM)}, 0.0]
+[[task.step]]
+do = "approach"
+[[task.step]]
+do = "track"
+path = {{ kind = "line", length_mm = {LENGTH_MM} }}
+[[task.step]]
+do = "retract"
+"""
+    for number in range(STROKES)
+)
+THIRD_TRACK = 11
+"""Number of the third stroke's track among the steps."""
+STOPS = {"s3": "emergency-stop", "egm": "motors-off"}
+
+
+def ran(*arguments: str | Path) -> tuple[int, str]:
+    told = CliRunner().invoke(cli, ["run", *map(str, arguments), "--virtual", "--no-view", "--overwrite"])
+    if isinstance(told.exception, BridgeError):
+        return told.exception.exit_code, str(told.exception)
+    return told.exit_code, told.output
+
+
+def cut_by(robot: str, folder: Path, depth: str = "travel_mm > 27") -> tuple[Path, str]:
+    """A run that is cut in the third stroke, and what it printed."""
+    config, record = folder / "program.toml", folder / "cut.mcap"
+    fault = f'\n[[faults]]\non = "robot"\nfault = "{STOPS[robot]}"\nphase = "track"\nwhen = "{depth}"\n'
+    config.write_text(PROGRAM + fault, encoding="utf-8")
+    code, told = ran(config, "--robot", robot, "--record", record)
+    assert code == 3, told
+    return record, told
+
+
+def covered(recording: Recording) -> set[int]:
+    """Millimetres of the x axis over which the tool went while it pressed on its path."""
+    found: set[int] = set()
+    before = None
+    for cycle in recording.cycles:
+        at = cycle.travel_commanded * 1e3
+        if cycle.phase == "track" and cycle.in_contact and before is not None:
+            found |= set(range(math.floor(before + 1e-6), math.ceil(at - 1e-6)))
+        before = at
+    return found
+
+
+@pytest.fixture(scope="module", params=sorted(STOPS))
+def pair(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> tuple[Recording, Recording, Any]:
+    """A run that was cut, the one that resumed it, and what was printed."""
+    folder = tmp_path_factory.mktemp(request.param)
+    record, _ = cut_by(request.param, folder)
+    code, told = ran("--resume", record, "--record", folder / "rest.mcap")
+    assert code == 0, told
+    return read(record), read(folder / "rest.mcap"), told
+
+
+def test_the_cut_step_is_told_with_its_cause(pair: tuple[Recording, Recording, Any]) -> None:
+    cut, _, told = pair
+    assert cut.steps[-1].step == THIRD_TRACK
+    assert not cut.steps[-1].passed
+    assert "resuming step 11 (track)" in told
+
+
+def test_every_place_is_covered_once_or_within_the_overlap(pair: tuple[Recording, Recording, Any]) -> None:
+    first, second = map(covered, pair[:2])
+    for number in range(STROKES):
+        begin = number * (LENGTH_MM + GAP_MM)
+        assert set(range(math.ceil(begin), math.floor(begin + LENGTH_MM))) <= first | second
+    # what robot and sensor had not told yet comes to the overlap
+    assert len(first & second) <= OVERLAP_MM + 3 * CYCLE_MM + 1
+
+
+def test_nothing_is_pressed_on_the_way_over(pair: tuple[Recording, Recording, Any]) -> None:
+    recording = pair[1]
+    free = {cycle.cycle for cycle in recording.cycles if cycle.phase in ("move", "zero")}
+    assert free
+    forces = [np.linalg.norm(truth.force) for truth in recording.truths if truth.cycle in free]
+    assert max(forces) == 0.0
+
+
+def test_a_resumed_run_replays_identically(pair: tuple[Recording, Recording, Any]) -> None:
+    for recording in pair[:2]:
+        assert not any(cycle.differences for cycle in replay(recording, recorded_config(recording, {}), True))
+
+
+def test_a_resumed_run_that_is_cut_is_resumed_again(tmp_path: Path) -> None:
+    record, _ = cut_by("s3", tmp_path)
+    middle = tmp_path / "middle.mcap"
+    changed = resuming.resumed_config(read(record), {"faults": ()})
+    assert changed.task.resume is not None
+    assert changed.task.resume.leg == THIRD_TRACK - 1
+    # the second cut comes before the step has been reached: in the move over
+    code, told = resumed_with_fault(record, middle)
+    assert code == 3, told
+    again = resuming.resumed_config(read(middle), {})
+    assert again.task.resume == changed.task.resume
+    code, told = ran("--resume", middle, "--record", tmp_path / "end.mcap")
+    assert code == 0, told
+
+
+def resumed_with_fault(record: Path, target: Path) -> tuple[int, str]:
+    """Resume, and press the emergency stop on the way over."""
+    whole = resuming.resumed_config
+
+    def with_fault(*arguments: Any) -> Any:
+        fault = FaultConfig(on="robot", fault="emergency-stop", phase="move", after_s=1.0)
+        return whole(*arguments).model_copy(update={"faults": (fault,)})
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(resuming, "resumed_config", with_fault)
+        return ran("--resume", record, "--record", target)
+
+
+def test_a_run_that_completed_is_not_resumed(tmp_path: Path) -> None:
+    config, record = tmp_path / "whole.toml", tmp_path / "whole.mcap"
+    config.write_text(PROGRAM, encoding="utf-8")
+    assert ran(config, "--record", record)[0] == 0
+    code, told = ran("--resume", record, "--record", tmp_path / "x.mcap")
+    assert code == 2
+    assert "completed: there is nothing to resume" in told
+
+
+def test_a_run_without_a_program_is_not_resumed(tmp_path: Path) -> None:
+    record = tmp_path / "plain.mcap"
+    assert ran("--duration", "1", "--record", record)[0] == 0
+    code, told = ran("--resume", record, "--record", tmp_path / "x.mcap")
+    assert code == 2
+    assert "no program" in told
+
+
+def test_a_tool_that_stands_otherwise_is_refused(tmp_path: Path) -> None:
+    record, _ = cut_by("s3", tmp_path)
+    whole = resuming.resumed_config
+
+    def turned(*arguments: Any) -> Any:
+        config = whole(*arguments)
+        cell = dataclasses.replace(config.cell, start_quaternion=(0.0, 0.99619, 0.08716, 0.0))
+        return config.model_copy(update={"cell": cell})
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(resuming, "resumed_config", turned)
+        code, told = ran("--resume", record, "--record", tmp_path / "x.mcap")
+    assert code == 2
+    assert "turned by 10.0° from the start of the recorded run" in told

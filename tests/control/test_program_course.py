@@ -1,0 +1,266 @@
+"""The course of a program, sample by sample, on a synthetic surface that a tool follows at once."""
+
+import itertools
+import math
+
+import pytest
+from msgspec.structs import replace
+
+from hil_bridge.control import Command, Measurement, Phase, Task, TaskParameters
+from hil_bridge.control.course.limits import Limits
+from hil_bridge.control.geometry.turning import apart, rotated
+from hil_bridge.control.program.facing import FacingState, inward
+from hil_bridge.control.program.felt import WorkFrame
+from hil_bridge.control.program.legs import legs_of
+from hil_bridge.control.program.program import Program
+from hil_bridge.control.program.state import Felt
+from hil_bridge.control.words.paths import Line, Polyline
+from hil_bridge.control.words.steps import Approach, Criterion, Hold, Move, Repeat, Retract, Seek, Track
+
+DT = 0.1
+DOWN = 0.0, 1.0, 0.0, 0.0
+FRAME = WorkFrame(approach=(0.0, 0.0, -1.0), x=(1.0, 0.0, 0.0), y=(0.0, 1.0, 0.0))
+LINE = Line(length_mm=20.0)
+STIFFNESS = 5000.0
+
+
+class Presses:
+    """A controller that goes by nearly the whole error at once, for the stiffness is known."""
+
+    name = "presses"
+
+    def initial(self):
+        return 0
+
+    def step(self, state, measurement, reference):
+        correction = 0.9 * (reference - measurement.force) / STIFFNESS
+        return state, Command(measurement.commanded + correction, correction, stiffness=STIFFNESS)
+
+
+def program_of(*steps, safe_height=0.0):
+    task = Task(TaskParameters(), Presses(), 50.0, 1e-6)
+    row = legs_of(steps, task, Limits(), False, 50.0)
+    return Program(row, task, FRAME, safe_height=safe_height)
+
+
+def flat(x, y):
+    return 2e-3
+
+
+def drive(program, surface=flat, push=lambda depth, x, y: (0.0, 0.0)):
+    """Every sample's state and output until the end. `push` gives the forces along x and y."""
+    state, depth, (x, y), orientation, told = program.initial(), 0.0, (0.0, 0.0), DOWN, []
+    for k in range(2000):
+        force = STIFFNESS * max(depth - surface(x, y), 0.0)
+        felt = Felt(k * DT, (x, y), (x, y, -depth), orientation, (force, *push(depth, x, y)), (0.0,) * 6, k)
+        measurement = Measurement(k * DT, force, depth, depth, dt=DT)
+        state, measurement, felt = program.sense(state, measurement, felt)
+        state, output = program.step(state, measurement, felt)
+        depth, x, y = output.target.depth, output.target.travel, output.target.across
+        orientation = output.turned or orientation
+        told.append((state, output, force))
+        if state.phase is Phase.END:
+            return told
+    raise AssertionError("the program never ended")
+
+
+def done(told):
+    return told[-1][0].course.done
+
+
+# --- the row of steps
+
+
+def test_a_program_goes_through_its_steps_and_tells_each():
+    program = program_of(Approach(name="touch"), Track(path=LINE), Hold(for_s=2.0, name="place"), Retract())
+    told = drive(program)
+    approach, track, hold, retract = done(told)
+    assert all(step.passed for step in (approach, track, hold, retract))
+    assert [step.leg for step in done(told)] == [0, 1, 2, 3]
+    assert approach.ended == track.began
+    assert track.way == pytest.approx(20e-3, abs=0.6e-3)
+    assert track.force_mean == pytest.approx(10.0, abs=0.5)
+    assert hold.ended - hold.began == pytest.approx(2.0, abs=2 * DT)
+    assert approach.found[2] == pytest.approx(-2e-3, abs=0.5e-3)
+    assert hold.found == pytest.approx((20e-3, 0.0, -2e-3 - 10.0 / STIFFNESS), abs=0.6e-3)
+    assert told[-1][1].target.depth <= 0.0
+    assert {output.phase for _, output, _ in told} >= {Phase.APPROACH, Phase.TRACK, Phase.RETRACT}
+
+
+def test_the_tool_goes_along_its_path_and_no_faster_than_told():
+    corners = ((0.0, 0.0), (10.0, 0.0), (10.0, 5.0))
+    program = program_of(Approach(), Track(path=Polyline(points_mm=corners), speed_mm_s=4.0), Retract())
+    places = [
+        (output.target.travel, output.target.across)
+        for _, output, _ in drive(program)
+        if output.phase is Phase.TRACK
+    ]
+    assert max(math.dist(a, b) for a, b in itertools.pairwise(places)) <= 4e-3 * DT + 1e-9
+    for x, y in places:  # on one of the two pieces
+        assert (abs(y) < 1e-9 and x <= 10e-3 + 1e-9) or (abs(x - 10e-3) < 1e-9 and y < 5.5e-3)
+
+
+def test_the_force_follows_its_profile():
+    profile = ((0.0, 5.0), (10.0, 15.0), (20.0, 5.0))
+    program = program_of(
+        Approach(),
+        Track(
+            path=LINE, speed_mm_s=2.0, force_n=profile, criterion=Criterion(within_n=0.5, for_percent=80.0)
+        ),
+        Retract(),
+    )
+    told = drive(program)
+    track = done(told)[1]
+    assert track.passed
+    assert track.within > 0.8
+    assert track.force_mean == pytest.approx(10.0, abs=0.3)
+    wanted = [output.reference for state, output, _ in told if output.reference is not None]
+    assert max(wanted) == pytest.approx(15.0, abs=0.3)
+    assert wanted[-1] == pytest.approx(5.0, abs=0.3)
+
+
+def test_a_criterion_that_is_not_met_fails_the_step_and_not_the_run():
+    program = program_of(
+        Approach(), Track(path=LINE, criterion=Criterion(within_n=1e-3, for_percent=100.0)), Retract()
+    )
+    told = drive(program)
+    state = told[-1][0]
+    assert (state.cause, state.failed) == ("", False)
+    assert not done(told)[1].passed
+    assert "wanted 100 %" in done(told)[1].text
+    assert len(done(told)) == 3
+
+
+def test_a_repeat_is_left_when_enough_is_removed():
+    passes = []
+
+    def worn(x, y):
+        return 2e-3 + 0.1e-3 * len(passes)
+
+    program = program_of(
+        Repeat(
+            times=10,
+            until_removed_mm=0.25,
+            step=(Approach(), Track(path=LINE), Retract(), Move(to_mm=(0.0, 0.0))),
+        ),
+        Retract(),
+    )
+    state, depth, place = program.initial(), 0.0, (0.0, 0.0)
+    for k in range(5000):
+        passes[:] = [step for step in state.course.done if step.leg % 4 == 1]
+        force = STIFFNESS * max(depth - worn(*place), 0.0)
+        felt = Felt(k * DT, place, (*place, -depth), DOWN, (force, 0.0, 0.0), (0.0,) * 6, k)
+        sensed = program.sense(state, Measurement(k * DT, force, depth, depth, dt=DT), felt)
+        state, output = program.step(*sensed)
+        depth, place = output.target.depth, (output.target.travel, output.target.across)
+        if state.phase is Phase.END:
+            break
+    assert state.phase is Phase.END
+    assert len(passes) == 4, "0.1 mm a pass: the fourth lies 0.3 mm deeper than the first"
+    told = state.course.done[-2].text
+    assert float(told.removesuffix(" mm removed")) == pytest.approx(0.3, abs=0.01)
+
+
+# --- what ends it
+
+
+def test_a_touch_in_free_space_ends_the_run_with_the_step():
+    program = program_of(Move(to_mm=(20.0, 0.0)), Retract(), safe_height=1e-3)
+    told = drive(program, push=lambda depth, x, y: (5.0 if x > 10e-3 else 0.0, 0.0))
+    state, output, _ = told[-1]
+    assert state.cause == "the tool touches something in free space, with 5.0 N, in step 1 (move)"
+    assert not done(told)[0].passed
+    assert done(told)[0].text == state.cause
+    assert output.target.travel <= 12e-3 + 1e-9, "20 mm/s, and so 2 mm a sample"
+
+
+def test_a_wall_in_the_way_ends_the_step_and_nothing_is_pressed_further():
+    program = program_of(Approach(), Track(path=LINE, lateral_limit_n=8.0), Retract())
+    told = drive(program, push=lambda depth, x, y: (max(x - 10e-3, 0.0) * 20e3, 0.0))
+    state = told[-1][0]
+    assert state.failed
+    assert state.cause.endswith("something stands in the way, in step 2 (track)")
+    assert max(output.target.travel for _, output, _ in told) <= 10e-3 + 8.0 / 20e3 + 5.5e-3 * DT
+
+
+def test_an_edge_is_found_where_the_surface_ends():
+    program = program_of(
+        Approach(), Seek(direction_deg=0.0, until="edge", name="edge", speed_mm_s=2.0), Retract()
+    )
+    told = drive(program, surface=lambda x, y: 2e-3 if x < 12e-3 else 1.0)
+    assert not told[-1][0].failed
+    assert done(told)[1].found[0] == pytest.approx(12e-3, abs=0.5e-3)
+
+
+def test_an_edge_that_is_not_there_is_told_with_the_step():
+    program = program_of(
+        Approach(), Seek(direction_deg=0.0, until="edge", at_most_mm=10.0, speed_mm_s=2.0), Retract()
+    )
+    assert drive(program)[-1][0].cause == "no edge within 10 mm, in step 2 (seek)"
+
+
+def test_something_to_touch_is_found_in_free_space():
+    program = program_of(Seek(direction_deg=90.0, name="fence", speed_mm_s=2.0, back_off_mm=2.0), Retract())
+    told = drive(program, push=lambda depth, x, y: (0.0, max(y - 5e-3, 0.0) * 5e3))
+    assert done(told)[0].found[1] == pytest.approx(5.2e-3, abs=0.3e-3)
+    assert told[-1][1].target.across == pytest.approx(3.2e-3, abs=0.3e-3)
+
+
+# --- the normal
+
+
+def normal_program(**track):
+    return program_of(Approach(), Track(path=LINE, orientation="normal", speed_mm_s=5.0, **track), Retract())
+
+
+def sloped(slope, friction=0.0):
+    """A surface that falls along x, and what it pushes along x."""
+
+    def push(depth, x, y):
+        force = STIFFNESS * max(depth - 2e-3 - slope * x, 0.0)
+        return force * (friction - slope) / (1.0 + friction * slope), 0.0
+
+    return (lambda x, y: 2e-3 + slope * x), push
+
+
+@pytest.mark.parametrize("slope", [0.0, 0.1, -0.15])
+@pytest.mark.parametrize("friction", [0.0, 0.3])
+def test_the_tool_turns_until_it_is_perpendicular_to_a_slope(slope, friction):
+    surface, push = sloped(slope, friction)
+    told = drive(normal_program(), surface, push=push)
+    turned = [output.turned for _, output, _ in told if output.phase is Phase.TRACK][-1] or DOWN
+    x, _, z = rotated(turned, (0.0, 0.0, 1.0))
+    assert math.degrees(math.atan2(-x, -z)) == pytest.approx(math.degrees(math.atan(slope)), abs=1.0)
+
+
+def test_it_turns_no_faster_than_its_limit():
+    surface, push = sloped(0.2)
+    told = drive(normal_program(), surface, push=push)
+    ordered = [output.turned or DOWN for _, output, _ in told]
+    most = max(apart(a, b) for a, b in itertools.pairwise(ordered))
+    assert 0.0 < most <= math.radians(10.0) * DT
+
+
+def test_a_force_that_grows_on_a_flat_surface_is_no_slope():
+    program = normal_program(force_n=((0.0, 5.0), (20.0, 25.0)))
+    told = drive(program)
+    state = told[-1][0]
+    assert math.degrees(math.atan(state.course.facing.fall[0])) == pytest.approx(0.0, abs=0.5)
+
+
+@pytest.mark.parametrize(("sigma_deg", "turns"), [(1.0, True), (3.0, False), (math.inf, False)])
+def test_an_uncertain_normal_turns_no_tool(sigma_deg, turns):
+    program = program_of(Approach(), Hold(for_s=3.0, orientation="normal"), Retract())
+    told = drive(program)
+    state = next(state for state, output, _ in told if output.phase is Phase.TRACK)
+    facing = FacingState(fall=(0.2, 0.0), sigma=math.radians(sigma_deg))
+    state = replace(state, course=replace(state.course, facing=facing, turned=None))
+    leg = program.leg(state)
+    assert leg.step.do == "hold"
+    after = program._turned(state, leg, DT)
+    assert (after.course.turned is not None) == turns
+    if turns:
+        found = rotated(after.course.turned, (0.0, 0.0, 1.0))
+        wanted = inward((0.2, 0.0))
+        assert found[0] < 0.0
+        assert abs(found[0]) < abs(wanted[1])

@@ -1,0 +1,166 @@
+"""Speed along the path, and the axis across it, of a program's step."""
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hil_bridge.control import FuzzyPi, Measurement, Task, TaskParameters
+from hil_bridge.control.program.across import beside
+from hil_bridge.control.program.feed import STUCK_S, feed_of, progress, yielding
+from hil_bridge.control.program.state import CourseState
+from hil_bridge.control.words.paths import Line
+from hil_bridge.control.words.steps import Track
+
+LINE = Line(length_mm=50.0)
+DT = 0.02
+
+# --- feed
+
+
+def test_without_limits_the_feed_is_whole():
+    assert feed_of(Track(path=LINE), 100.0, 100.0, 0.0) == (1.0, "")
+
+
+@pytest.mark.parametrize(
+    ("error", "feed"), [(0.0, 1.0), (2.0, 0.55), (-2.0, 0.55), (4.0, 0.1), (-4.0, 0.1), (40.0, 0.1)]
+)
+def test_the_feed_falls_with_the_error_to_a_tenth(error, feed):
+    found, trouble = feed_of(Track(path=LINE, feed_error_n=4.0), error, 0.0, 0.0)
+    assert (found, trouble) == (pytest.approx(feed), "")
+
+
+@pytest.mark.parametrize(
+    ("lateral", "feed"),
+    [(0.0, 1.0), (5.0, 1.0), (7.5, 0.5), (10.0, 0.0), (12.5, -0.5), (100.0, -0.5)],
+)
+def test_the_feed_falls_towards_the_lateral_limit_and_backs_away_beyond_it(lateral, feed):
+    found, trouble = feed_of(Track(path=LINE, lateral_limit_n=10.0), 0.0, lateral, 0.0)
+    assert (found, trouble) == (pytest.approx(feed), "")
+
+
+def test_the_slower_of_both_counts():
+    step = Track(path=LINE, lateral_limit_n=10.0, feed_error_n=4.0)
+    assert feed_of(step, 2.0, 6.0, 0.0)[0] == pytest.approx(0.55)
+    assert feed_of(step, 2.0, 9.0, 0.0)[0] == pytest.approx(0.2)
+
+
+def test_a_step_that_stops_at_a_wall_fails_at_its_limit():
+    step = Track(path=LINE, lateral_limit_n=10.0, at_wall="stop")
+    assert feed_of(step, 0.0, 9.9, 0.0)[1] == ""
+    assert feed_of(step, 0.0, 10.04, 0.0125) == (
+        0.0,
+        "the lateral force of 10.0 N is beyond 10 N, 12.5 mm along the path: something stands in the way",
+    )
+
+
+@given(
+    error=st.floats(-1e3, 1e3),
+    lateral=st.floats(0.0, 1e3),
+    feed_error=st.none() | st.floats(0.1, 100.0),
+    limit=st.none() | st.floats(0.1, 100.0),
+)
+def test_the_feed_is_never_faster_than_the_step_nor_more_than_half_of_it_backwards(
+    error, lateral, feed_error, limit
+):
+    step = Track(path=LINE, feed_error_n=feed_error, lateral_limit_n=limit)
+    feed, trouble = feed_of(step, error, lateral, 0.0)
+    assert -0.5 <= feed <= 1.0
+    assert trouble == ""
+    if limit is not None and lateral > limit:
+        assert feed <= 0.0
+    elif limit is None or lateral < limit / 2:
+        assert feed >= 0.1 - 1e-12
+
+
+def test_a_tool_that_gets_along_is_not_stuck():
+    course, local = CourseState(), 0.0
+    for _ in range(round(20.0 / DT)):
+        local += 0.1 * 5e-3 * DT
+        course = progress(course, 5.0, DT, local)
+        assert course.stuck < STUCK_S
+
+
+def test_a_tool_that_goes_to_and_fro_before_a_wall_is_stuck():
+    course = CourseState()
+    for k in range(round(STUCK_S / DT) + 1):
+        course = progress(course, 5.0, DT, 0.2e-3 * math.sin(k))
+    assert course.stuck >= STUCK_S
+
+
+# --- out of the way of what pushes from the side
+
+
+def test_a_tool_that_retracts_yields_to_a_force_from_the_side():
+    course = yielding(CourseState(at=(1e-3, 2e-3)), (4.0, 6.0, 8.0), 1e-4)
+    assert course.at == pytest.approx((1e-3 - 0.6e-4, 2e-3 - 0.8e-4))
+    assert course.yielded == pytest.approx(1e-4)
+
+
+def test_friction_pushes_no_tool_aside():
+    course = CourseState(at=(1e-3, 2e-3))
+    assert yielding(course, (20.0, 3.0, 4.0), 1e-4) == course
+
+
+@given(st.lists(st.tuples(st.floats(-100.0, 100.0), st.floats(-100.0, 100.0)), max_size=40))
+def test_it_never_goes_aside_by_more_than_10_mm(forces):
+    course = CourseState()
+    for x, y in forces:
+        course = yielding(course, (0.0, x, y), 1e-3)
+    assert math.hypot(*course.at) <= 10e-3 + 1e-9
+    assert course.yielded <= 10e-3 + 1e-9
+
+
+# --- across
+
+
+def stroke_of():
+    return Task(TaskParameters(approach_speed_mm_s=5.0), FuzzyPi(), 50.0, 0.01e-3)
+
+
+def across(step, force_of, seconds=10.0):
+    """Way to the left, m, at each sample of a tool that follows at once; the force is a function of that way."""
+    stroke, course, ways = stroke_of(), CourseState(), []
+    for k in range(round(seconds / DT)):
+        seen = Measurement(k * DT, 10.0, 0.0, 0.0, dt=DT)
+        course = beside(stroke, step, course, seen, (force_of(course.aside), course.aside))
+        ways.append(course.aside)
+    return ways
+
+
+@pytest.mark.parametrize("force", [4.0, -4.0])
+def test_a_compliant_tool_yields_by_a_millimetre_for_each_force(force):
+    ways = across(Track(path=LINE, across="compliant", across_n_mm=2.0), lambda way: force)
+    assert ways[-1] == pytest.approx(-force / 2.0 * 1e-3, rel=1e-3)
+    assert max(abs(b - a) for a, b in zip([0.0, *ways], ways, strict=False)) <= 5e-3 * DT + 1e-12
+
+
+def test_a_compliant_tool_comes_back_when_nothing_pushes():
+    step = Track(path=LINE, across="compliant", across_n_mm=1.0)
+    ways = across(step, lambda way: 0.0)
+    assert ways[-1] == 0.0
+    spring = across(step, lambda way: 3.0 if way > -1e-3 else 0.0)
+    assert spring[-1] == pytest.approx(-1e-3, abs=0.1e-3)
+
+
+@pytest.mark.parametrize("mode", [{"across": "compliant"}, {"across": "force", "across_n": 5.0}])
+def test_no_tool_goes_farther_aside_than_allowed(mode):
+    ways = across(
+        Track(path=LINE, across_mm=2.0, **mode), lambda way: -50.0 if "across_n" not in mode else 0.0
+    )
+    assert max(map(abs, ways)) == pytest.approx(2e-3)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_tool_presses_sideways_against_a_wall(side):
+    wall, stiffness = 1.5e-3, 5000.0
+    step = Track(path=LINE, across="force", across_n=side * 5.0)
+
+    def force(way):
+        return side * stiffness * max(side * way - wall, 0.0)
+
+    ways = across(step, force, seconds=20.0)
+    # the controller rests once the force is within one word of the S3, 0.125 mm
+    assert force(ways[-1]) == pytest.approx(side * 5.0, abs=0.125e-3 * stiffness)
+    assert max(abs(force(way)) for way in ways) < 10.0

@@ -1,0 +1,56 @@
+"""A program in real time: the robot's own cycle, its real wires, a tool that follows the surface."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+pytestmark = pytest.mark.live
+
+HIL = (sys.executable, "-c", "from hil_bridge.cli import main; main()")
+PATIENCE_S = 90.0
+PROGRAM = """
+[cell]
+start_position_mm = [900.0, -12.0, 592.0]
+[cell.surface]
+kind = "sphere"
+radius_mm = 300.0
+[task]
+retract_mm = 3.0
+[[task.step]]
+do = "approach"
+[[task.step]]
+do = "track"
+path = { kind = "polyline", points_mm = [[0, 0], [15, 0], [15, 8]] }
+speed_mm_s = 5.0
+orientation = "normal"
+criterion = { within_n = 3.0, for_percent = 80 }
+[[task.step]]
+do = "hold"
+for_s = 0.5
+name = "end"
+[[task.step]]
+do = "retract"
+"""
+
+
+@pytest.mark.parametrize("devices", [("s3", "gateway"), ("egm", "netft")], ids=" ".join)
+def test_a_program_follows_a_curved_surface_in_real_time(devices: tuple[str, str], tmp_path: Path) -> None:
+    config, record, summary = (tmp_path / name for name in ("program.toml", "run.mcap", "summary.json"))
+    config.write_text(PROGRAM, encoding="utf-8")
+    robot, sensor = devices
+    command = (*HIL, "run", config, "--robot", robot, "--sensor", sensor, "--no-view")
+    outputs = ("--record", record, "--summary", summary)
+    done = subprocess.run(
+        (*command, *outputs), capture_output=True, text=True, timeout=PATIENCE_S, check=False
+    )
+    assert done.returncode == 0, done.stderr + done.stdout
+    told = json.loads(summary.read_text(encoding="utf-8"))
+    assert told["figures"]["contact_losses"] == 0
+    assert told["left"].startswith("retracted")
+    again = subprocess.run(
+        (*HIL, "replay", record), capture_output=True, text=True, timeout=PATIENCE_S, check=False
+    )
+    assert again.returncode == 0, again.stdout + again.stderr

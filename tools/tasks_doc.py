@@ -1,0 +1,189 @@
+"""Write the tables of docs/tasks.md: the words of a program and its paths with all their settings, from the code.
+
+The prose between the tables is left as it is. With --pictures the pictures of the examples are drawn anew, too. With
+--check nothing is written; the exit code is 1 when the document is not up to date.
+"""
+
+import dataclasses
+import inspect
+import sys
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from types import UnionType
+from typing import Any, Literal, Union, get_args, get_origin
+
+from hil_bridge.control import Limits, TaskParameters
+from hil_bridge.control.program.facing import Facing
+from hil_bridge.control.words.steps import Criterion, StepLimits
+from hil_bridge.field_docstrings import field_docstrings
+from hil_bridge.report.task_plot import draw_task
+from hil_bridge.report.task_steps import shown, total_line
+from hil_bridge.runs.pace import control_loop, paced
+from hil_bridge.settings.configuration import FrameConfig, load_config
+from hil_bridge.settings.program import PATHS, STEPS
+from tools.pages import parser, placed, table, write
+
+ROOT = Path(__file__).resolve().parent.parent
+DOCS, EXAMPLES = ROOT / "docs", ROOT / "examples" / "tasks"
+DOCUMENT = DOCS / "tasks.md"
+
+OF_THE_TASK: Mapping[tuple[str, str], str] = {
+    ("approach", "speed_mm_s"): "approach_speed_mm_s",
+    ("approach", "contact_n"): "contact_threshold_n",
+    ("approach", "at_most_mm"): "approach_depth_limit_mm",
+    ("track", "speed_mm_s"): "speed_mm_s",
+    ("track", "force_n"): "force_n",
+    ("hold", "force_n"): "force_n",
+    ("seek", "speed_mm_s"): "approach_speed_mm_s",
+    ("seek", "contact_n"): "contact_threshold_n",
+    ("retract", "back_mm"): "retract_mm",
+    ("retract", "speed_mm_s"): "retract_speed_mm_s",
+    ("move", "contact_n"): "contact_threshold_n",
+}
+"""Settings of the task that stand for a setting of a step that is not given, by the step's word and setting."""
+MEANINGS: Mapping[str, str] = {
+    "path": "Where the tool goes; see the paths below.",
+    "orientation": "`fixed`: as at the start. `along-path`: turned about the approach so that it looks along the path. "
+    "`normal`: perpendicular to the surface.",
+    "criterion": "How good the step must have been; see below.",
+    "limits": "Limits of this step; see below.",
+    "speed_mm_s": "Speed.",
+    "step": "The steps, a table `[[task.step.step]]` each; no `repeat` among them.",
+    "track.force_n": "Wanted force, or pairs of way in mm and force in N with straight ramps between.",
+    "hold.force_n": "Wanted force.",
+    "hold.for_s": "How long it presses.",
+    "approach.contact_n": "Force that counts as contact.",
+    "approach.at_most_mm": "How deep it goes at most; the run ends where it finds nothing.",
+    "seek.at_most_mm": "How far it goes at most; the run ends where it finds nothing.",
+    "seek.speed_mm_s": "Speed.",
+}
+"""Meaning of settings that have no text at their own place, by setting, or by word and setting."""
+HIDDEN = ("do", "kind"), ("repeat.limits",)
+"""Settings that are told otherwise, and such as may not be given."""
+TASK_SETTINGS = ("file", "safe_height_mm", "force_n", "expected_stiffness_n_m")
+FRAME_SETTINGS = ("approach", "travel", "origin_mm", "follow_normal")
+
+
+def main() -> int:
+    """Write the document, or check it; draw the pictures where that is wanted."""
+    options = parser(__doc__)
+    options.add_argument("--pictures", action="store_true", help="draw the pictures of the examples anew")
+    wanted = options.parse_args()
+    if wanted.pictures:
+        for path in sorted(EXAMPLES.glob("*.toml")):
+            (DOCS / f"task-{path.stem}.png").write_bytes(picture(path))
+    return write(DOCUMENT, renewed, wanted.check)
+
+
+def renewed(text: str) -> str:
+    """The document with every table as the code has it now. Raises ValueError for one without its place."""
+    tables = {word: section_table(word, step) for word, step in STEPS.items()}
+    tables |= {f"path {kind}": section_table(kind, path) for kind, path in PATHS.items()}
+    tables["criterion"] = section_table("criterion", Criterion)
+    tables["limits"] = limits_table()
+    tables["task"] = rows_table(_fields("task", TaskParameters, TASK_SETTINGS))
+    tables["frame"] = frame_table()
+    tables["facing"] = section_table("facing", Facing)
+    return placed(text, tables)
+
+
+def picture(path: Path) -> bytes:
+    """The picture of an example."""
+    config = load_config(path, {})
+    row: Any = control_loop(paced(config)).task.row  # type: ignore[union-attr]
+    steps = shown(config.task.step, row)
+    return draw_task(steps, f"{path.stem}: {total_line(steps, row)}")
+
+
+# --- tables
+
+
+def section_table(word: str, section: Any) -> str:
+    """What a word, a path or another section means, and its settings."""
+    meaning = "" if section in (Criterion, Facing) else f"{_one_line(inspect.getdoc(section) or '')}\n\n"
+    return meaning + rows_table(_fields(word, section))
+
+
+def limits_table() -> str:
+    """The limits that a step can have of its own, with those of the run that they tighten."""
+    meanings, run = field_docstrings(Limits), Limits()
+    rows = (
+        (
+            f"`{field.name}`",
+            f"`limits.{field.name}`, {_value(getattr(run, field.name))}",
+            meanings[field.name],
+        )
+        for field in dataclasses.fields(StepLimits)
+    )
+    return rows_table(rows)
+
+
+def frame_table() -> str:
+    """The settings of the frame that a program uses."""
+    meanings, frame = field_docstrings(FrameConfig), FrameConfig()
+    return rows_table((f"`{name}`", _value(getattr(frame, name)), meanings[name]) for name in FRAME_SETTINGS)
+
+
+def rows_table(rows: Any) -> str:
+    return table(["setting", "default", "meaning"], rows)
+
+
+def _fields(word: str, section: Any, names: tuple[str, ...] = ()) -> Iterator[tuple[str, str, str]]:
+    """Name, default and meaning of each setting. Raises ValueError for one without a meaning."""
+    meanings, types = field_docstrings(section), inspect.get_annotations(section, eval_str=True)
+    for field in dataclasses.fields(section):
+        if (
+            field.name in HIDDEN[0]
+            or f"{word}.{field.name}" in HIDDEN[1]
+            or (names and field.name not in names)
+        ):
+            continue
+        own = MEANINGS.get(f"{word}.{field.name}") or meanings.get(field.name)
+        meaning = own or MEANINGS.get(field.name, "")
+        if not meaning:
+            raise ValueError(f"the page cannot tell what {word}.{field.name} means: give it a docstring")
+        choices = _choices(types[field.name])
+        if choices and f"`{choices[0]}`" not in meaning:
+            meaning = f"{' or '.join(f'`{choice}`' for choice in choices)}. {meaning}"
+        yield f"`{field.name}`", _default(word, field), meaning
+
+
+def _default(word: str, field: Any) -> str:
+    """The default in words."""
+    if (stands := OF_THE_TASK.get((word, field.name))) is not None:
+        return f"`task.{stands}`, {_value(getattr(TaskParameters(), stands))}"
+    if field.default is dataclasses.MISSING:
+        return "must be given"
+    return _value(field.default)
+
+
+def _value(value: object) -> str:
+    """A default as a file would have it."""
+    match value:
+        case None | "" | () | StepLimits():
+            return "none"
+        case bool():
+            return str(value).lower()
+        case str():
+            return f'`"{value}"`'
+        case tuple():
+            return f"`[{', '.join(f'{part:g}' for part in value)}]`"
+        case _:
+            return f"{value:g}"
+
+
+def _choices(annotation: Any) -> tuple[str, ...]:
+    """The words that a setting may have; empty for one that is no word of a few."""
+    if get_origin(annotation) is Literal:
+        return get_args(annotation)
+    if get_origin(annotation) in (Union, UnionType):
+        return next((found for part in get_args(annotation) if (found := _choices(part))), ())
+    return ()
+
+
+def _one_line(text: str) -> str:
+    return " ".join(text.split())
+
+
+if __name__ == "__main__":
+    sys.exit(main())
