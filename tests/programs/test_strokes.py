@@ -20,7 +20,7 @@ START = {
     "task": {"retract_mm": 4.0, "retract_speed_mm_s": 11.0},
 }
 APPROACH, RETRACT = {"do": "approach"}, {"do": "retract", "back_mm": 8.0}
-LINE = {"kind": "line", "length_mm": 30}
+LINE = {"kind": "line", "length_mm": 24}
 ROBOTS = pytest.mark.parametrize("robot", ["s3", "egm"])
 
 
@@ -37,7 +37,7 @@ def late(run: Played, share: float) -> Any:
 
 @pytest.mark.parametrize(("robot", "speed", "off"), [("s3", 2.0, 1.5), ("egm", 5.0, 0.6)])
 def test_a_force_profile_is_followed(play: Play, robot: str, speed: float, off: float) -> None:
-    profile = [[0, 5], [8, 5], [16, 13], [22, 13], [30, 7]]
+    profile = [[0, 5], [8, 5], [16, 13], [20, 13], [24, 9]]
     run = play(
         robot,
         stroke(force_n=profile, speed_mm_s=speed, criterion={"within_n": off, "for_percent": 80}),
@@ -64,7 +64,7 @@ WALL = {"cell": {"surface": {"wall_at_mm": 3.0, "path_deg": 0.0, "wall_height_mm
 @ROBOTS
 def test_a_compliant_side_yields_to_a_wall(play: Play, robot: str) -> None:
     """The path leads 1.2 mm into the wall: on the path the tool would push with 60 N."""
-    path = {**LINE, "direction_deg": -8.0}
+    path = {**LINE, "direction_deg": -10.0}
     run = play(robot, stroke(path=path, across="compliant", across_n_mm=5.0), START, WALL)
     assert (run.result.outcome, run.result.left) == ("completed", "retracted, 0.0 N")
     aside = late(run, 0.2)[:, 0]
@@ -159,7 +159,6 @@ def test_a_step_stops_at_its_own_tighter_limit(play: Play, robot: str) -> None:
     assert run.cause.startswith("moment 0.2")
     assert run.cause.endswith("N·m is beyond 0.2 N·m, in step 2 (track)")
     assert run.result.left == "retracted, 0.0 N"
-    assert play(robot, stroke(), START).result.outcome == "completed"
 
 
 PROGRAM = """
