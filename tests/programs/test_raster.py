@@ -11,11 +11,11 @@ Played = Any
 Play = Callable[..., Played]
 RUNS = {
     "s3, 5 kN/m": ("s3", 5.0, 5e3, 60, 1.5),
-    "s3, 50 kN/m": ("s3", 5.0, 5e4, 60, 9.0),
+    "s3, 50 kN/m": ("s3", 5.0, 5e4, 30, 9.0),
     "egm, 5 kN/m": ("egm", 20.0, 5e3, 60, 0.8),
-    "egm, 50 kN/m": ("egm", 20.0, 5e4, 60, 2.5),
-    "rtde, 5 kN/m": ("rtde", 20.0, 5e3, 30, 0.8),
-    "rsi, 5 kN/m": ("rsi", 20.0, 5e3, 30, 0.8),
+    "egm, 50 kN/m": ("egm", 20.0, 5e4, 30, 2.5),
+    "rtde, 5 kN/m": ("rtde", 20.0, 5e3, 15, 0.8),
+    "rsi, 5 kN/m": ("rsi", 20.0, 5e3, 15, 0.8),
 }
 """Robot, speed along the surface in mm/s, stiffness in N/m, width of the raster in mm, and the largest error of the
 true force in N. The raster's lines are 60 mm long. One step of the S3's position is 3 N on the hard surface.
@@ -57,7 +57,7 @@ def runs(request: pytest.FixtureRequest, play: Play) -> tuple[Played, Played, fl
 def test_the_tool_stays_perpendicular(runs: tuple[Played, Played, float]) -> None:
     raster, _, _ = runs
     skews = [skew for _, way, skew in raster.skews(2) if way > 0.02]
-    assert len(skews) > 150
+    assert len(skews) > 100
     assert math.sqrt(sum(skew**2 for skew in skews) / len(skews)) <= 2.0
 
 
