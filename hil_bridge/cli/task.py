@@ -65,18 +65,15 @@ def _row(config: "Config", file: Path) -> "Row":
     from hil_bridge.errors import ConfigError
     from hil_bridge.runs.checks import check_program
     from hil_bridge.runs.pace import control_loop, paced
+    from hil_bridge.settings.program import in_file
 
     if not config.task.step:
         raise ConfigError(f"{file} holds no program: give its steps as tables [[task.step]]")
     config = config.model_copy(update={"task": replace(config.task, resume=None)})
-    source = config.task.file
     try:
         program = control_loop(paced(config)).task
         check_program(config)
     except ConfigError as error:
-        text = str(error)
-        if source and not text.startswith(source):
-            text = f"{source}: {text.removeprefix('task.')}"
-        raise ConfigError(text if source else f"{file}: {text}") from error
+        raise in_file(error, str(file), config.task.file) from error
     assert isinstance(program, Program)
     return program.row

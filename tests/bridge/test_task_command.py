@@ -284,3 +284,61 @@ def test_the_record_holds_the_steps_of_a_file(hil: Command) -> None:
 def test_a_resumed_run_keeps_its_program(hil: Command) -> None:
     said = refused(hil("run", "--virtual", "--resume", "run.mcap", "--task", "steps.toml"))
     assert said.startswith("--resume takes configuration and program of the recording: leave others out")
+
+
+WRONG = {
+    "path of a move": (
+        "to_mm = [0, 10]",
+        "to_mm = [0, 10, 5]",
+        "step 4.1 (move): to_mm must be x and y, two numbers",
+    ),
+    "whole passes": ("times = 3", "times = 2.5", "step 4 (repeat): times must be a whole number, got 2.5"),
+    "idle setting": (
+        "lateral_limit_n = 9",
+        "across_n = 5",
+        'step 4.3 (track): across_n needs across = "force", now "position"',
+    ),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_a_wrong_value_is_told_in_words_of_the_program(hil: Command, name: str) -> None:
+    right, wrong, message = WRONG[name]
+    assert STEPS.count(right) == 1
+    Path("steps.toml").write_text(STEPS.replace(right, wrong))
+    assert refused(hil("task", "show", "steps.toml")).startswith(f"steps.toml: {message}")
+
+
+def test_a_repeat_without_steps_says_how_its_steps_are_written(hil: Command) -> None:
+    Path("steps.toml").write_text('[[step]]\ndo = "repeat"\ntimes = 2\n' + SHORT)
+    assert "step 1 (repeat): step is missing: its steps are tables" in refused(
+        hil("task", "show", "steps.toml")
+    )
+
+
+def test_a_run_names_the_file_of_a_step_that_cannot_follow(hil: Command) -> None:
+    twice = '[[step]]\ndo = "approach"\n' + SHORT
+    Path("steps.toml").write_text(twice)
+    Path("whole.toml").write_text(twice.replace("[[step", "[[task.step"))
+    told = "step 2 (approach): the tool presses here"
+    run = "run", "--virtual", "--no-record"
+    assert refused(hil(*run, "--task", "steps.toml")).startswith(f"steps.toml: {told}")
+    assert refused(hil(*run, "whole.toml")).startswith(f"whole.toml: task.{told}")
+
+
+def test_steps_that_stand_alone_are_no_configuration(hil: Command) -> None:
+    Path("steps.toml").write_text(SHORT)
+    told = refused(hil("run", "--virtual", "--no-record", "steps.toml"))
+    assert "steps in a configuration are [[task.step]]" in told
+    assert "--task" in told
+
+
+@pytest.mark.parametrize(
+    ("height_mm", "message"),
+    [(2500, "it leads to 0.900 -0.100 3.100 m"), (1500, "the robot does not reach 900 -100 2100 mm")],
+)
+def test_a_safe_height_out_of_reach_is_refused(hil: Command, height_mm: int, message: str) -> None:
+    whole = WHOLE.replace("safe_height_mm = 3", f"safe_height_mm = {height_mm}")
+    Path("high.toml").write_text('[robot]\nemulated = "egm"\n' + whole)
+    told = refused(hil("run", "--virtual", "--no-record", "high.toml"))
+    assert told.startswith(f"high.toml: task.step 4.1 (move, pass 1): {message}")
