@@ -1,1 +1,55 @@
-"""Force control of a position-controlled robot over its real wires, or over the same wires emulated."""
+"""Force control of a position-controlled robot over its real wires, or over the same wires emulated.
+
+Every name of `hil_bridge.api` is here too. It is imported when it is used first, so that `import hil_bridge` is quick.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from hil_bridge.api import *  # noqa: F403
+
+_NAMES = frozenset(
+    [
+        "BridgeError",
+        "Command",
+        "Config",
+        "ConfigError",
+        "Configuration",
+        "Controller",
+        "CycleRecord",
+        "DeviceError",
+        "Measurement",
+        "OpenDevices",
+        "OrderRefused",
+        "Outcome",
+        "Recording",
+        "Result",
+        "SafetyStop",
+        "Simulation",
+        "TransportBroken",
+        "TransportClosed",
+        "TransportEnded",
+        "TransportError",
+        "TransportUnavailable",
+        "load",
+        "open_devices",
+        "read",
+        "run_real",
+        "run_virtual",
+        "simulate",
+        "simulation",
+    ]
+)
+"""Those of `hil_bridge.api.__all__`."""
+
+
+def __getattr__(name: str) -> Any:
+    """A name of `hil_bridge.api`. Raises AttributeError for another."""
+    if name in _NAMES:
+        return getattr(import_module("hil_bridge.api"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_NAMES})

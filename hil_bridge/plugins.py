@@ -44,6 +44,12 @@ def plugin_names(group: str) -> list[str]:
     return sorted({point.name for point in _offered(tuple(sys.path)).select(group=group)})
 
 
+def offers(group: str) -> list[tuple[str, str, str]]:
+    """What other packages offer in an entry point group: name, package with version, and place in it, sorted."""
+    points = _offered(tuple(sys.path)).select(group=group)
+    return sorted({(point.name, _distribution(point), point.value) for point in points})
+
+
 def find_plugin(group: str, thing: str, name: str, built_in: Collection[str] = ()) -> Found | None:
     """Extension that another package offers under a name, or None. `thing` is the word for it in an error.
 

@@ -20,6 +20,7 @@ from hil_bridge.cli.identify_tool import identify_tool
 from hil_bridge.cli.latency import latency
 from hil_bridge.cli.monitor import monitor
 from hil_bridge.cli.panel import panel
+from hil_bridge.cli.plugins import controllers, plugins
 from hil_bridge.cli.probe import probe
 from hil_bridge.cli.replay import replay
 from hil_bridge.cli.run import run
@@ -107,6 +108,8 @@ for command in (
     faults,
     supervisor,
     task,
+    controllers,
+    plugins,
 ):
     cli.add_command(command)
 

@@ -4,6 +4,7 @@ import asyncio
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from datetime import datetime
 from typing import Protocol
 
@@ -25,6 +26,20 @@ class Timer(Protocol):
         """Never call it. Harmless when it was called or cancelled before."""
 
 
+@dataclass(frozen=True, slots=True)
+class WallTime:
+    """UNIX time of a clock's times, anchored once, so that differences are those of the clock."""
+
+    anchor: float
+    """A time of the clock, s."""
+    anchor_ns: int
+    """UNIX time of the same moment, ns."""
+
+    def __call__(self, when: float) -> int:
+        """UNIX time of `when`, ns."""
+        return self.anchor_ns + round((when - self.anchor) * 1e9)
+
+
 class Clock:
     """Time of one event loop: precise in real time on Linux, exact in virtual time."""
 
@@ -44,9 +59,10 @@ class Clock:
         self._close: Callable[[], None] | None = None
         if isinstance(loop, VirtualLoop):
             self.call_at, self.call_soon = loop.timer, loop.soon
-            self._anchor, self._anchor_wall_ns = VIRTUAL_EPOCH, VIRTUAL_WALL_NS
+            self.wall_ns = WallTime(VIRTUAL_EPOCH, VIRTUAL_WALL_NS)
+            """UNIX time of a time of this clock, ns. It needs no loop any more."""
             return
-        self._anchor, self._anchor_wall_ns = self.now(), time.time_ns()
+        self.wall_ns = WallTime(self.now(), time.time_ns())
         if sys.platform == "linux":
             timers = PreciseTimers(loop)
             self.call_at, self._close = timers.call_at, timers.close
@@ -67,10 +83,6 @@ class Clock:
             await woken
         finally:
             timer.cancel()
-
-    def wall_ns(self, when: float) -> int:
-        """UNIX time of `when`, ns. Anchored once, so that differences are those of this clock."""
-        return self._anchor_wall_ns + round((when - self._anchor) * 1e9)
 
     def at_wall(self, wall: float) -> float:
         """This clock's time of a UNIX time stamp, s, that a kernel or device made moments ago.

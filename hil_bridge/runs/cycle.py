@@ -132,6 +132,8 @@ class Run:
         self._phase = ""
         self._outcome, self._cause = Outcome.COMPLETED, ""
         self._followed: list[str] = []
+        self._stopped_at: float | None = None
+        """When the run stopped, s on the run's clock; None while it has not."""
         self._pause = 0.0
         self._log_error: Exception | None = None
         """Error that the log raised for an event."""
@@ -181,7 +183,7 @@ class Run:
             self.moving = False
         left = await self._left(start, commanded, answers) if moved else ""
         if self._state is not None and self._outcome is not Outcome.COMPLETED:
-            self._steps.cut(self._state.task.course, self._cause)
+            self._steps.cut(self._state.task.course, self._cause, self._stopped_at)
         self._enter("end")
         return RunResult(self._outcome, self._cause, left, tuple(self._followed))
 
@@ -472,6 +474,7 @@ class Run:
         """Stop for this cause, or note what followed the first one."""
         if self._outcome is not Outcome.STOPPED:
             self._outcome, self._cause = Outcome.STOPPED, cause
+            self._stopped_at = self._clock.now()
             self._event(STOP_EVENT, cause)
         elif len(self._followed) < FOLLOWED_MAX and kind_of(cause) not in map(
             kind_of, (self._cause, *self._followed)

@@ -15,10 +15,11 @@ from hil_bridge.control.program.felt import Face, WorkFrame
 from hil_bridge.control.program.legs import legs_of, seconds
 from hil_bridge.control.program.program import Program
 from hil_bridge.control.program.resume import resumed
-from hil_bridge.control.types import Tuning
+from hil_bridge.control.types import Controller, Tuning
 from hil_bridge.errors import ConfigError
 from hil_bridge.facts import RobotFacts
 from hil_bridge.settings.configuration import Config
+from hil_bridge.settings.given import GivenController
 from hil_bridge.settings.kinds import facts_of, sensor_kind, settings_of
 from protocol.geometry import Vector
 
@@ -37,10 +38,15 @@ def paced(config: Config) -> Config:
     sensor = sensor_kind(config)
     frame_ms = (sensor.period(settings_of(config, sensor)) or 0.0) * 1e3
     shortest_ms = math.ceil(frame_ms / cycle_ms - 1e-6) * cycle_ms
-    kind: Any = controller_kind(config.controller.name)
+    given = _given(config)
+    kind: Any = controller_kind(config.controller.name) if given is None else given
     made_for = Tuning(sample_time(kind) * 1e3, {})
     period_ms = config.run.period_ms or max(cycle_ms, shortest_ms)
-    fits = [tuning for tuning in (made_for, *_tunings(kind)) if _off(tuning, period_ms) <= PERIOD_FACTOR]
+    fits = [
+        tuning
+        for tuning in (made_for, *(_tunings(kind) if given is None else ()))
+        if _off(tuning, period_ms) <= PERIOD_FACTOR
+    ]
     if fits:
         tuning = min(fits, key=lambda tuning: _off(tuning, period_ms))
     elif config.run.period_ms or made_for.sample_ms < cycle_ms:
@@ -57,6 +63,11 @@ def paced(config: Config) -> Config:
         }
     )
     return config.model_copy(update={"controller": controller})
+
+
+def _given(config: Config) -> Controller[Any] | None:
+    """The controller that a program gave as an object; its parameters stay as they are."""
+    return config.controller.controller if isinstance(config.controller, GivenController) else None
 
 
 def _tunings(kind: Any) -> tuple[Tuning, ...]:
@@ -80,7 +91,9 @@ def control_loop(
     that is tuned for another control period.
     """
     robot = facts_of(config) if robot is None else robot
-    controller = make_controller(config.controller.name, **config.controller.parameters)
+    controller = _given(config)
+    if controller is None:
+        controller = make_controller(config.controller.name, **config.controller.parameters)
     tuned = sample_time(controller, config.controller.sample_ms)
     detector, samples = config.oscillation, 2 * config.oscillation.peaks
     if fixed_dt is None and detector.window_ms * 1e-3 < samples * tuned:

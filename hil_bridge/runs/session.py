@@ -2,14 +2,12 @@
 
 import asyncio
 import signal
-import time
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager, contextmanager, suppress
 from dataclasses import replace
 from functools import partial
-from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from hil_bridge.analysis.steps import failed_criteria, step_outcomes
 from hil_bridge.clock import Clock, run_real, run_virtual
@@ -17,8 +15,7 @@ from hil_bridge.clock.realtime import collect_generation_1, gc_paused, real_time
 from hil_bridge.console.debugging import told_bug
 from hil_bridge.console.screen import LEAVE_SECONDS, Terminal
 from hil_bridge.errors import BridgeError
-from hil_bridge.facts import Devices, Pacing, Sensor
-from hil_bridge.faults.schedule import FAULT_EVENT, FaultSchedule
+from hil_bridge.faults.schedule import FAULT_EVENT
 from hil_bridge.recording import (
     CHECK_EVENT,
     CHUNKS,
@@ -26,31 +23,19 @@ from hil_bridge.recording import (
     VIRTUAL_CHUNKS,
     CycleRecord,
     EventRecord,
-    LinkLog,
-    LinkRecord,
     Outcome,
     Recorder,
     RunEnd,
-    SensorRecord,
     StepRecord,
-    WireRecord,
 )
-from hil_bridge.recording.removed_map import MEDIA_TYPE, REMOVED_NAME
-from hil_bridge.recording.topics import Record
-from hil_bridge.robots.seam import RobotLink
 from hil_bridge.runs.checks import check
-from hil_bridge.runs.compose import ServedCell, open_devices
 from hil_bridge.runs.cycle import BUG_EVENT, Run, RunResult
 from hil_bridge.runs.outputs import Outputs, record_path, settled, write_outputs
 from hil_bridge.runs.pace import paced
+from hil_bridge.runs.run_log import RunLog, metadata_of
 from hil_bridge.runs.signals import Signals, unless_hung_up
-from hil_bridge.runs.truth import GroundTruth
-from hil_bridge.sensors.stream import ForceSensor
-from hil_bridge.settings.configuration import Config, dump
-from hil_bridge.settings.kinds import facts_of, recorded_facts, sensor_kind
-from hil_bridge.transports import Direction
+from hil_bridge.settings.configuration import Config
 from hil_bridge.view import REFRESH_SECONDS, Health
-from protocol.wrench import WrenchFrame
 
 if TYPE_CHECKING:
     from hil_bridge.view.live import LiveView
@@ -67,8 +52,6 @@ _DRAWING_S = 0.015
 _UNDER_WAY_S = 0.005
 """Chosen: after the end of a cycle; a status order takes ten times as long on a 9600-baud line."""
 
-_READY_PHASE = "tare"
-"""The phase that begins once robot and sensor are ready."""
 _COLLECT_EVERY = 64
 """Cycles between two collections. Chosen: only what is still in use costs one time, and that is as much however
 rarely it comes.
@@ -147,7 +130,7 @@ def _end(session: "_Session", result: RunResult, outputs: Outputs, path: Path) -
 
 
 class _Session:
-    """Everything around one `Run`, inside its event loop. Also its log."""
+    """Everything around one `Run`, inside its event loop. It watches the log of the run."""
 
     def __init__(
         self, config: Config, outputs: Outputs, view: bool, terminal: Terminal, signals: Signals
@@ -160,20 +143,12 @@ class _Session:
         self._view_wanted = view
         self.terminal = terminal
         self.signals = signals
-        self._facts = facts_of(config)
-        """Facts of the robot; with the line of its URL once it is connected."""
         self._clock: Clock
         self._recorder: Recorder
-        self._logs: dict[str, LinkLog]
-        """Logs of the devices' wires, by device."""
-        self._truths: GroundTruth | None = None
-        self._faults: FaultSchedule | None = None
+        self._log: RunLog
         self.faults: list[str] = []
         """Outcome of each injected fault, in words."""
         self._view: LiveView | None = None
-        self._robot: RobotLink | None = None
-        self._sensor: ForceSensor | None = None
-        self._run: Run | None = None
         self._result: RunResult | None = None
         self._moved = False
         """The movement has begun, and may have ended."""
@@ -189,26 +164,16 @@ class _Session:
         """Why the record is incomplete."""
         self.bugs: list[str] = []
         """Tracebacks that the run told."""
-        self.steps: list[StepRecord] = []
-        """Steps of a program that have ended."""
         self.hurried = False
         """A further signal came when the movement had ended already: the process shall end at once."""
 
-    verbose = True
-    """Setting of a `DeviceLog`: the record holds every event of a link."""
-
-    # --- records and notices of the run and the devices
+    # --- told after the record
 
     def cycle(self, record: CycleRecord) -> None:
         """A cycle has ended."""
         self.cycles += 1
-        self._put(record.answered_at, record)
         if self._recorder.trouble and not self._trouble_told:
             self._tell_trouble(self._recorder.trouble)
-        if self._truths is not None:
-            self._truths.cycle(record)
-        if self._faults is not None:
-            self._faults.cycle(record)
         if self._view is not None:
             self._view.update(record)
         if self.cycles % _COLLECT_EVERY:
@@ -221,38 +186,20 @@ class _Session:
 
     def event(self, record: EventRecord) -> None:
         """Something happened beside the cycles."""
-        self._put(record.at, record)
         self._moved = self._moved or self._moving
         if record.kind == BUG_EVENT:
             self.bugs.append(record.text)
-        if record.kind == PHASE_EVENT:
-            if self._view is not None:
-                self._view.enter(record.text)
-            if record.text == _READY_PHASE:
-                self._recorder.devices(self._devices().as_metadata())
+        if record.kind == PHASE_EVENT and self._view is not None:
+            self._view.enter(record.text)
         if record.kind == CHECK_EVENT and not self._clock.is_virtual:
             self._tell_check(record.text)
-        if self._faults is not None:
-            self._faults.event(record)
         if record.kind == FAULT_EVENT and (" struck " in record.text or " never came" in record.text):
             self.faults.append(record.text)
 
-    def step(self, record: StepRecord) -> None:
-        """A step of a program has ended."""
-        self._put(record.at, record)
-        self.steps.append(record)
-
-    def _devices(self) -> Devices:
-        """Facts of robot and sensor, both being ready."""
-        assert self._sensor is not None
-        return Devices(self._facts, Sensor(sensor_kind(self._config).name, self._sensor.facts))
-
-    def _pause(self, seconds: float) -> None:
-        """A fault of the computer: it stands still."""
-        if self._run is not None and self._clock.is_virtual:
-            self._run.stand_still(seconds)
-        else:
-            time.sleep(seconds)
+    def pause(self, seconds: float) -> None:
+        """A block is on the robot's line."""
+        if seconds >= _DRAWING_S:
+            self._may_draw.set()
 
     def _tell_check(self, text: str) -> None:
         """Findings about the sensor, while a person can still intervene."""
@@ -266,47 +213,10 @@ class _Session:
     def _tell_trouble(self, text: str) -> None:
         """Tell trouble of the recorder at once. The run goes on, since nothing in it depends on its record."""
         self._trouble_told = True
-        self.notice("recorder", text)
+        self._log.notice("recorder", text)
         self.terminal.err.say(f"hil-bridge: {text}; the run goes on")
         if self._view is not None:  # where a line is short
             self._view.warn(text.replace(f" {self._record_path}", ""))
-
-    def frame(self, frame: WrenchFrame) -> None:
-        """A complete frame of the sensor has arrived."""
-        self._logs["robot"].age(frame.at)  # while the robot is silent, frames alone come
-        self._recorder.put(SensorRecord(frame.at, frame.sequence, frame.values))
-
-    def notice(self, kind: str, text: str) -> None:
-        """A device tells something that is worth a line in the record."""
-        self.event(EventRecord(self._clock.now(), kind, text))
-
-    def _put(self, at: float, record: Record) -> None:
-        """Record something of this time, and before it what the devices' logs hold for too long by then."""
-        for log in self._logs.values():
-            log.age(at)
-        self._recorder.put(record)
-
-    def traffic(self, device: str, direction: Direction, data: Any) -> None:
-        """Data have just gone over a device's wire."""
-        self._logs[device].take(self._clock.now(), direction, data)
-        if device == "robot" and direction is Direction.SENT and len(data) > 1:
-            # a block is on the line, and nothing can answer it before its last character
-            seconds = len(data) * (self._facts.byte_time_s or 0.0)
-            self._recorder.pause(seconds)
-            if seconds >= _DRAWING_S:
-                self._may_draw.set()
-
-    def link_event(self, device: str, text: str) -> None:
-        """Something happened on a device's link."""
-        self._logs[device].note(self._clock.now(), text)
-
-    def _emulated(self, served: ServedCell) -> None:
-        cell = served.cell
-        if served.panel is not None:
-            self.terminal.out.say(f"panel: {served.panel}")
-        streamed = facts_of(self._config).pacing is Pacing.STREAMED
-        self._truths = GroundTruth(cell, not self._config.sensor.url, self._recorder.put, streamed)
-        self._faults = FaultSchedule(self._config.faults, cell, self._clock, self.notice, self._pause)
 
     # --- the run
 
@@ -320,17 +230,9 @@ class _Session:
             threaded=not clock.is_virtual,
             chunks=VIRTUAL_CHUNKS if clock.is_virtual else CHUNKS,
             overwrite=self._overwrite,
-            metadata={
-                "config": dump(config),
-                "controller": config.controller.name,
-                "seed": str(config.run.seed),
-                "version": version("hil-bridge"),
-            },
+            metadata=metadata_of(config),
         )
-        self._logs = {
-            "robot": LinkLog(lambda at, pieces: self._put(at, LinkRecord(at, pieces))),
-            "sensor": LinkLog(lambda at, pieces: self._put(at, WireRecord(at, "sensor", pieces))),
-        }
+        self._log = RunLog(config, clock, self._recorder, self)
         try:
             if self._recorder.error is not None:
                 raise self._recorder.error
@@ -339,11 +241,11 @@ class _Session:
                     result = await self._with_devices()
                 except asyncio.CancelledError:  # by a signal: everything has been closed on the way here
                     result = self._result or RunResult(Outcome.INTERRUPTED, "before the movement began")
-                self.end = self._end(result)
+                self.end = self._log.end(result)
                 self._close_record()
             return result
         except BridgeError as error:
-            self.end = self._end(RunResult(Outcome.STOPPED, str(error)))
+            self.end = self._log.end(RunResult(Outcome.STOPPED, str(error)))
             raise
         finally:
             self._close_record()
@@ -351,16 +253,8 @@ class _Session:
 
     def _close_record(self) -> None:
         """Finish the record. Harmless when called again."""
-        for log in self._logs.values():
-            log.flush()
-        if self._faults is not None:
-            self._faults.close()
-        if self._truths is not None:
-            self._truths.close()
-            if (removed := self._truths.removed_map()) is not None:
-                self._recorder.attach(REMOVED_NAME, MEDIA_TYPE, removed.as_json())
         try:
-            self._recorder.close(self.end.as_metadata())
+            self._log.close(self.end)
         except BridgeError as error:
             self.record_error = error
 
@@ -376,29 +270,23 @@ class _Session:
                     asyncio.get_running_loop().set_default_executor(executor)
                 yield
 
-    def _end(self, result: RunResult) -> RunEnd:
-        return RunEnd(
-            result.outcome,
-            result.cause,
-            self._facts.line_floor_s,
-            dict(self._robot.counters) if self._robot else {},
-            self._sensor.lost if self._sensor else None,
-            self._sensor.delay if self._sensor and self._sensor.is_ready else None,
-            result.left,
-            result.followed,
-        )
-
     async def _with_devices(self) -> RunResult:
-        config, clock = self._config, self._clock
-        async with open_devices(config, clock, self) as devices:
-            robot, sensor = self._robot, self._sensor = devices.robot, devices.sensor
-            self._facts = recorded_facts(config, robot.facts)
-            if devices.served is not None:
-                self._emulated(devices.served)
-            run = self._run = Run(config, clock, robot, sensor, self)
-            async with self._live_view(run.step_labels):
-                self._result = await run()
+        async with self._log.opened() as devices:
+            if devices.served is not None and devices.served.panel is not None:
+                self.terminal.out.say(f"panel: {devices.served.panel}")
+            assert self._run is not None
+            async with self._live_view(self._run.step_labels):
+                self._result = await self._run()
             return self._result
+
+    @property
+    def _run(self) -> Run | None:
+        return self._log.run
+
+    @property
+    def steps(self) -> list[StepRecord]:
+        """Steps of a program that have ended."""
+        return self._log.steps
 
     @contextmanager
     def _interruptible(self) -> Iterator[None]:
@@ -423,7 +311,7 @@ class _Session:
             if self._run is not None and self._moving:
                 self._moved = True
                 self._run.interrupt()
-            loop.call_soon_threadsafe(self.notice, "signal", number.name)
+            loop.call_soon_threadsafe(self._log.notice, "signal", number.name)
             loop.call_soon_threadsafe(ended)
 
         with self.signals.leading_to(interrupted):
@@ -450,7 +338,7 @@ class _Session:
             None if steps else config.run.duration_s,
             config.task.force_n,
             screen.stream,
-            self._facts,
+            self._log.facts,
             steps,
         )
         task = asyncio.create_task(self._refresh(view), name="view")
@@ -475,12 +363,13 @@ class _Session:
                     await self._may_draw.wait()
 
     def _health(self) -> Health:
-        assert self._robot is not None
-        assert self._sensor is not None
-        counters, newest = self._robot.counters, self._sensor.newest
+        robot, sensor = self._log.robot, self._log.sensor
+        assert robot is not None
+        assert sensor is not None
+        counters, newest = robot.counters, sensor.newest
         return Health(
-            link_errors=sum(counters.get(name, 0) for name in self._facts.errors),
-            frames_lost=self._sensor.lost,
+            link_errors=sum(counters.get(name, 0) for name in self._log.facts.errors),
+            frames_lost=sensor.lost,
             sensor_at=None if newest is None else newest.at,
             link=dict(counters),
         )

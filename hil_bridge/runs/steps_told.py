@@ -48,10 +48,11 @@ class StepTeller:
             self._tell(done)
         self._count = len(course.done)
 
-    def cut(self, course: CourseState | None, cause: str) -> None:
-        """Tell the step that was under way when the run could decide no more."""
+    def cut(self, course: CourseState | None, cause: str, at: float | None = None) -> None:
+        """Tell the step that was under way when the run could decide no more, at this time, s; None for now."""
         if course is not None and course.began is not None:
-            self._tell(cut(course, self._legs[course.leg], self._clock.now(), cause))
+            now = self._clock.now() if at is None else at
+            self._tell(cut(course, self._legs[course.leg], now, cause))
 
     def where(self, course: CourseState | None, cause: str) -> str:
         """Why a run stops, with the step in which it does."""

@@ -259,3 +259,38 @@ def test_the_checks_before_a_run_know_its_pace(robot: str) -> None:
     """`doctor` refuses no configuration that a run takes."""
     config = read_config({"robot": {"emulated": robot}, "sensor": {"emulated": "netft"}})
     assert not list(problems(config, virtual=True))
+
+
+def test_plugins_are_listed_with_package_and_meaning(toys: None) -> None:
+    told = run("plugins")
+    assert [line.split()[:4] for line in told.splitlines()] == [
+        ["robot", "toyarm", "toydevices", "1.0"],
+        ["sensor", "toyload", "toydevices", "1.0"],
+        ["surface", "toyspring", "toydevices", "1.0"],
+    ]
+    rows = json.loads(run("plugins", "--json", "--all"))
+    assert {row["name"] for row in rows if row["package"] == "hil-bridge"} >= {
+        "s3",
+        "egm",
+        "netft",
+        "predictive",
+    }
+    assert {row["state"] for row in rows} == {"ok"}
+
+
+def test_a_broken_plugin_is_listed_with_its_fault(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    installed(tmp_path, "[hil_bridge.robots]\nlost = toydevices.nowhere:ROBOT\n", monkeypatch)
+    result = CliRunner().invoke(cli, ["plugins"], catch_exceptions=False)
+    assert result.exit_code == 2
+    assert "WRONG: robot 'lost' of toydevices 1.0 cannot be loaded: ModuleNotFoundError" in result.output
+
+
+def test_controllers_tell_their_parameters() -> None:
+    told = run("controllers", "predictive")
+    assert told.startswith("predictive: ")
+    assert "  made for a sample every 180 ms; hil-bridge" in told
+    assert "  at 4 ms: " in told
+    everything = json.loads(run("controllers", "--json"))
+    assert {one["name"] for one in everything} >= {"fuzzy", "pi", "admittance"}
+    assert all(parameter["meaning"] for one in everything for parameter in one["parameters"])
+    assert "there is no controller 'nothing'" in refusal("controllers", "nothing")

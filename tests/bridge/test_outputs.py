@@ -292,7 +292,7 @@ def test_what_fails_in_mid_run_is_said_while_it_runs(hil: Command, monkeypatch: 
 
 def test_a_full_disk_is_told_before_the_movement(hil: Command, monkeypatch: pytest.MonkeyPatch) -> None:
     fill(monkeypatch, 100)
-    monkeypatch.setattr("hil_bridge.runs.session.open_devices", lambda *_: pytest.fail("a device was opened"))
+    monkeypatch.setattr("hil_bridge.runs.compose.open_devices", lambda *_: pytest.fail("a device was opened"))
     code, output, errors = hil(*VIRTUAL)
     assert (code, output, errors.count("\n")) == (3, "", 1)
     assert "is incomplete: No space left on device" in errors

@@ -156,6 +156,9 @@ def test_a_run_that_an_error_stops_says_in_which_step(
     stopped = next(line for line in errors.splitlines() if line.startswith("hil-bridge: stopped: "))
     assert stopped.count(", in step 2 (track)") == 1
     assert "  step 2 (track)     " in output
-    (_, cut) = summarise(read(file)).steps
+    recording = read(file)
+    (_, cut) = summarise(recording).steps
+    (stop,) = (event.at for event in recording.events if event.kind == "stop")
+    assert recording.steps[1].at == pytest.approx(stop, abs=1e-6), "without the time of the way out"
     assert (cut.label, cut.passed) == ("2 (track)", False)
     assert ", in step 2 (track)" in cut.text

@@ -295,7 +295,7 @@ def broken(*_: object) -> None:
 
 
 def test_a_bug_outside_the_movement_is_one_line(hil: Command, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hil_bridge.runs.session.open_devices", broken)
+    monkeypatch.setattr("hil_bridge.runs.compose.open_devices", broken)
     code, output, errors = hil(*VIRTUAL)
     assert (code, output) == (70, "")
     assert errors == (

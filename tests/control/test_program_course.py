@@ -12,6 +12,7 @@ from hil_bridge.control.geometry.turning import apart, rotated
 from hil_bridge.control.program.facing import FacingState, inward
 from hil_bridge.control.program.felt import WorkFrame
 from hil_bridge.control.program.legs import legs_of
+from hil_bridge.control.program.orienting import turned
 from hil_bridge.control.program.program import Program
 from hil_bridge.control.program.state import Felt
 from hil_bridge.control.words.paths import Line, Polyline
@@ -254,13 +255,13 @@ def test_an_uncertain_normal_turns_no_tool(sigma_deg, turns):
     told = drive(program)
     state = next(state for state, output, _ in told if output.phase is Phase.TRACK)
     facing = FacingState(fall=(0.2, 0.0), sigma=math.radians(sigma_deg))
-    state = replace(state, course=replace(state.course, facing=facing, turned=None))
-    leg = program.leg(state)
+    course = replace(state.course, facing=facing, turned=None)
+    leg = program.row.legs[course.leg]
     assert leg.step.do == "hold"
-    after = program._turned(state, leg, DT)
-    assert (after.course.turned is not None) == turns
+    after = turned(course, leg, program.frame, program.facing, DT)
+    assert (after.turned is not None) == turns
     if turns:
-        found = rotated(after.course.turned, (0.0, 0.0, 1.0))
+        found = rotated(after.turned, (0.0, 0.0, 1.0))
         wanted = inward((0.2, 0.0))
         assert found[0] < 0.0
         assert abs(found[0]) < abs(wanted[1])

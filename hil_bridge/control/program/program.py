@@ -99,11 +99,6 @@ class Program:
         """The answer that changes nothing."""
         return self._output(state, self.task.hold(state, measurement))
 
-    def leg(self, state: TaskState) -> Leg:
-        """The leg under way."""
-        course: CourseState = state.course
-        return self.row.legs[course.leg]
-
     # --- what is felt
 
     def sense(

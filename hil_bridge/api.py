@@ -1,0 +1,163 @@
+"""The Python interface: runs and devices for programs, notebooks and tests of your own.
+
+    from hil_bridge import simulate
+
+    stop = {"on": "robot", "fault": "emergency-stop", "phase": "track"}
+    result = simulate({"run": {"duration_s": 3.0}}, faults=[stop])
+    assert result.outcome == "stopped"
+
+The names of `__all__` are stable: they are changed with a note in the release only. Every other name is private.
+Lengths are m, times s, forces N, moments N·m, angles rad, unless a name ends in another unit. Poses are those of the
+tool in the robot's base frame, wrenches those on the tool in the tool frame.
+
+Every error that a person is meant to read is a `BridgeError`; its text is one line that says what to do.
+"""
+
+import asyncio
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import AbstractAsyncContextManager
+from pathlib import Path
+from typing import Any, TypeAlias
+
+from hil_bridge.clock import run_real, run_virtual
+from hil_bridge.control.types import Command, Controller, Measurement
+from hil_bridge.errors import (
+    BridgeError,
+    ConfigError,
+    DeviceError,
+    OrderRefused,
+    SafetyStop,
+    TransportBroken,
+    TransportClosed,
+    TransportEnded,
+    TransportError,
+    TransportUnavailable,
+)
+from hil_bridge.recording import CycleRecord, Outcome, Recording, read
+from hil_bridge.runs.simulation import OpenDevices, Result, Simulation, opened_devices, opened_simulation
+from hil_bridge.settings.configuration import Config
+from hil_bridge.settings.given import config_of
+
+__all__ = [
+    "BridgeError",
+    "Command",
+    "Config",
+    "ConfigError",
+    "Configuration",
+    "Controller",
+    "CycleRecord",
+    "DeviceError",
+    "Measurement",
+    "OpenDevices",
+    "OrderRefused",
+    "Outcome",
+    "Recording",
+    "Result",
+    "SafetyStop",
+    "Simulation",
+    "TransportBroken",
+    "TransportClosed",
+    "TransportEnded",
+    "TransportError",
+    "TransportUnavailable",
+    "load",
+    "open_devices",
+    "read",
+    "run_real",
+    "run_virtual",
+    "simulate",
+    "simulation",
+]
+
+Configuration: TypeAlias = Config | Mapping[str, Any] | Path | str | None
+"""The path of a TOML file, its tables as nested mappings, a `Config`, or None for the defaults."""
+Faults: TypeAlias = Sequence[Mapping[str, Any]]
+"""Tables as in [[faults]]: `on`, `fault`, and when it comes."""
+GivenController: TypeAlias = Controller[Any] | str | None
+"""A controller object, the name of one, or None for that of the configuration."""
+Observe: TypeAlias = Callable[[CycleRecord], object] | None
+"""Called after each cycle with its record."""
+
+
+def load(
+    config: Configuration = None,
+    *,
+    faults: Faults = (),
+    controller: GivenController = None,
+    seed: int | None = None,
+) -> Config:
+    """The checked configuration of a run; the other functions here take it, and make it themselves where they are
+    given something else.
+
+    `faults` come after those of the configuration. `seed` is that of every random draw in the emulated cell. Files
+    that a TOML file names are looked for beside it, those of a mapping in the working directory. Raises ConfigError
+    with the key that is wrong.
+    """
+    return config_of(config, faults, controller, seed)
+
+
+def simulate(
+    config: Configuration = None,
+    *,
+    faults: Faults = (),
+    controller: GivenController = None,
+    observe: Observe = None,
+    seed: int | None = None,
+) -> Result:
+    """One run against the emulated cell in virtual time: as fast as it computes, and the same with the same seed.
+
+    A `controller` object satisfies `Controller`: a pure law, so that the same object may run again. `observe` is told
+    each cycle; an error that it raises ends the run, the tool is retracted, and the error is raised here. No file is
+    written; `Result.save` writes the recording.
+
+    A run that the guard stops is a `Result` too. Raises ConfigError for a configuration that cannot be run, and for
+    one that names a real device; other BridgeErrors when a device fails before the movement has begun.
+    """
+    checked = load(config, faults=faults, controller=controller, seed=seed)
+
+    async def main() -> Simulation:
+        async with opened_simulation(checked, observe) as running:
+            await running.finished()
+        return running
+
+    return _alone(lambda: run_virtual(main)).result
+
+
+def simulation(
+    config: Configuration = None,
+    *,
+    faults: Faults = (),
+    controller: GivenController = None,
+    observe: Observe = None,
+    seed: int | None = None,
+) -> AbstractAsyncContextManager[Simulation]:
+    """A run with its robot, sensor, clock, truth and panel at hand while it goes, for `async with`.
+
+    The run is a task of its own: `Simulation.start`, `reached` or `finished` begins it. A run that still goes when the
+    context is left retracts first, also when the context is left by an error. Then `Simulation.result` is there.
+
+    Under `run_virtual` it is in virtual time, under `run_real` or any other event loop in real time. There, a
+    configuration may name real devices; the record is kept in memory. Arguments and errors are those of `simulate`.
+    """
+    return opened_simulation(load(config, faults=faults, controller=controller, seed=seed), observe)
+
+
+def open_devices(config: Configuration = None) -> AbstractAsyncContextManager[OpenDevices]:
+    """Robot and sensor alone, started, for a script that drives a cell itself, for `async with`.
+
+    What has no URL is emulated. No guard watches such a script: the robot does what it is told, within its own limits.
+    Both are closed when the context is left. Raises ConfigError for a URL and for planned faults, TransportUnavailable
+    for a wire.
+    """
+    return opened_devices(load(config))
+
+
+def _alone(run: Callable[[], Simulation]) -> Simulation:
+    """Run in this thread, or in another where this one has an event loop that runs, as in a notebook."""
+    try:
+        asyncio.get_running_loop()
+    except RuntimeError:
+        return run()
+    with ThreadPoolExecutor(1, "simulate") as executor:
+        return executor.submit(run).result()

@@ -1,0 +1,144 @@
+"""`hil-bridge plugins` and `hil-bridge controllers`: what can be chosen by name, and from which package it is."""
+
+import sys
+from typing import Any
+
+import click
+
+from hil_bridge.cli.options import tell
+
+OWN = "hil-bridge"
+"""Package of our own."""
+
+
+@click.command(short_help="List what other packages add, and what is wrong with it.")
+@click.option("--all", "with_own", is_flag=True, help="List our own kinds too.")
+@click.option("--json", "as_json", is_flag=True, help="Print the list as JSON.")
+def plugins(with_own: bool, as_json: bool) -> None:
+    """List controllers, robots, sensors and surfaces of other packages, with package, place in it, and state.
+
+    Each is imported, as it is when a configuration chooses it. The exit code is 2 where one cannot be used.
+    """
+    import json
+
+    rows = _rows(with_own)
+    if as_json:
+        tell([json.dumps(rows, ensure_ascii=False, indent=2)])
+    elif not rows:
+        tell(["no other package offers anything; docs/devices.md tells how one does"])
+    else:
+        widths = [max(len(row[key]) for row in rows) for key in ("thing", "name", "package")]
+        for row in rows:
+            columns = zip((row["thing"], row["name"], row["package"]), widths, strict=True)
+            tell(["  ".join((*(f"{text:{width}}" for text, width in columns), row["told"] or row["source"]))])
+    sys.exit(2 if any(row["state"] != "ok" for row in rows) else 0)
+
+
+@click.command(short_help="List the controllers, and their parameters with units and defaults.")
+@click.argument("name", metavar="[NAME]", required=False)
+@click.option("--json", "as_json", is_flag=True, help="Print the list as JSON.")
+def controllers(name: str | None, as_json: bool) -> None:
+    """List the force controllers; with NAME one of them, with its parameters.
+
+    Units are part of the names: _n is N, _mm is mm. A tuning holds for a sample time: other defaults then.
+    """
+    import json
+
+    from hil_bridge.control.controllers import controller_names
+
+    told = [_controller(each) for each in ([name] if name else controller_names())]
+    if as_json:
+        tell([json.dumps(told, ensure_ascii=False, indent=2)])
+        return
+    for number, one in enumerate(told):
+        lines = [""] if number else []
+        lines.append(f"{one['name']}: {one['meaning']}")
+        lines.append(f"  made for a sample every {one['sample_ms']:g} ms; {one['package']}")
+        for tuning in one["tunings"]:
+            others = ", ".join(f"{key} = {value:g}" for key, value in tuning["parameters"].items())
+            lines.append(f"  at {tuning['sample_ms']:g} ms: {others or 'the same'}")
+        for parameter in one["parameters"]:
+            lines.append(f"    {parameter['name']} = {parameter['default']}")
+            if parameter["meaning"]:
+                lines.append(f"        {parameter['meaning']}")
+        tell(lines)
+
+
+def _rows(with_own: bool) -> list[dict[str, str]]:
+    """What can be chosen, by thing and name."""
+    from hil_bridge.control.controllers import CONTROLLERS, GROUP, controller_kind
+    from hil_bridge.errors import ConfigError
+    from hil_bridge.kinds import ROBOTS, SENSORS, SURFACES
+    from hil_bridge.plugins import offers
+
+    found: list[tuple[str, Any, str, list[str]]] = [("controller", controller_kind, GROUP, list(CONTROLLERS))]
+    found += [(one.thing, one.kind, one.group, list(one.built_in)) for one in (ROBOTS, SENSORS, SURFACES)]
+    rows = []
+    for thing, choose, group, own in found:
+        mine = [(name, OWN, "") for name in own] if with_own else []
+        for name, package, source in (*mine, *offers(group)):
+            try:
+                chosen = choose(name)
+                state, told = "ok", _summary(chosen)
+            except ConfigError as error:
+                state, told = "wrong", f"WRONG: {error}"
+            row = {
+                "thing": thing,
+                "name": name,
+                "package": package,
+                "source": source,
+                "state": state,
+                "told": told,
+            }
+            rows.append(row)
+    return rows
+
+
+def _summary(chosen: Any) -> str:
+    """One line on a kind or a controller, by its author."""
+    return str(getattr(chosen, "summary", "") or _first_line(chosen))
+
+
+def _first_line(thing: Any) -> str:
+    text = " ".join((thing.__doc__ or "").split("\n\n")[0].split())
+    return "" if text.startswith(f"{getattr(thing, '__name__', '')}(") else text
+
+
+def _controller(name: str) -> dict[str, Any]:
+    """A controller with its parameters. Raises ConfigError for an unknown name and a broken package."""
+    import dataclasses
+
+    from hil_bridge.control.controllers import CONTROLLERS, GROUP, controller_kind, sample_time
+    from hil_bridge.control.types import Tuning
+    from hil_bridge.field_docstrings import field_docstrings
+    from hil_bridge.plugins import offers
+
+    kind: Any = controller_kind(name)
+    texts = field_docstrings(kind)
+    package = OWN if name in CONTROLLERS else {one: owner for one, owner, _ in offers(GROUP)}[name]
+    tunings = [tuning for tuning in getattr(kind, "tunings", ()) if isinstance(tuning, Tuning)]
+    return {
+        "name": name,
+        "package": package,
+        "meaning": _first_line(kind),
+        "sample_ms": sample_time(kind) * 1e3,
+        "tunings": [{"sample_ms": one.sample_ms, "parameters": dict(one.parameters)} for one in tunings],
+        "parameters": [
+            {"name": field.name, "default": _default(field), "meaning": texts.get(field.name, "")}
+            for field in dataclasses.fields(kind)
+            if field.init
+        ],
+    }
+
+
+def _default(field: Any) -> str:
+    """The default of a parameter as a file would hold it, or that there is none."""
+    import dataclasses
+
+    from hil_bridge.text_files import format_value
+
+    if field.default is not dataclasses.MISSING:
+        return format_value(field.default)
+    if field.default_factory is not dataclasses.MISSING:
+        return format_value(field.default_factory())
+    return "(must be given)"

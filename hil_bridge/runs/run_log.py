@@ -1,0 +1,216 @@
+"""Everything that a run and its devices tell, on its way into the record: cycles, events, frames, wires, the truth."""
+
+import time
+from collections.abc import AsyncIterator, Mapping
+from contextlib import asynccontextmanager
+from importlib.metadata import version
+from typing import Any, Protocol
+
+from hil_bridge.clock import Clock
+from hil_bridge.facts import Devices, Pacing, Sensor
+from hil_bridge.faults.schedule import FaultSchedule
+from hil_bridge.recording import (
+    PHASE_EVENT,
+    CycleRecord,
+    EventRecord,
+    LinkLog,
+    LinkRecord,
+    RunEnd,
+    SensorRecord,
+    StepRecord,
+    WireRecord,
+)
+from hil_bridge.recording.removed_map import MEDIA_TYPE, REMOVED_NAME
+from hil_bridge.recording.topics import Record
+from hil_bridge.robots.seam import RobotLink
+from hil_bridge.runs import compose
+from hil_bridge.runs.cycle import Run, RunResult
+from hil_bridge.runs.truth import GroundTruth
+from hil_bridge.sensors.stream import ForceSensor
+from hil_bridge.settings.configuration import Config, dump
+from hil_bridge.settings.kinds import facts_of, recorded_facts, sensor_kind
+from hil_bridge.transports import Direction
+from protocol.wrench import WrenchFrame
+
+_READY_PHASE = "tare"
+"""The phase that begins once robot and sensor are ready."""
+
+
+class Keeper(Protocol):
+    """Takes the records of a run in order, as `recording.Recorder` does."""
+
+    def put(self, record: Record) -> None:
+        """Take a record."""
+
+    def devices(self, facts: Mapping[str, str]) -> None:
+        """Take the facts of the devices, JSON by name."""
+
+    def attach(self, name: str, media_type: str, data: bytes) -> None:
+        """Take an attachment."""
+
+    def pause(self, seconds: float) -> None:
+        """The run awaits nothing for so long, s."""
+
+    def close(self, end: Mapping[str, str]) -> None:
+        """Take the end. Harmless when called again. Raises BridgeError for records that could not be kept."""
+
+
+class Watcher(Protocol):
+    """Told of a run after its record; must not block."""
+
+    def cycle(self, record: CycleRecord) -> None:
+        """A cycle has ended."""
+
+    def event(self, record: EventRecord) -> None:
+        """Something happened beside the cycles."""
+
+    def pause(self, seconds: float) -> None:
+        """A block is on the robot's line, and nothing can answer it before its last character, s."""
+
+
+def metadata_of(config: Config) -> dict[str, str]:
+    """What is known before the run, for its record."""
+    return {
+        "config": dump(config),
+        "controller": config.controller.name,
+        "seed": str(config.run.seed),
+        "version": version("hil-bridge"),
+    }
+
+
+class RunLog:
+    """The log of one run and of its devices. It opens the devices, since their facts and the truth belong to it."""
+
+    verbose = True
+    """Setting of a `DeviceLog`: the record holds every event of a link."""
+
+    def __init__(self, config: Config, clock: Clock, keeper: Keeper, watcher: Watcher) -> None:
+        self._config = config
+        self._clock = clock
+        self._keeper = keeper
+        self._watcher = watcher
+        self._logs = {
+            "robot": LinkLog(lambda at, pieces: self._put(at, LinkRecord(at, pieces))),
+            "sensor": LinkLog(lambda at, pieces: self._put(at, WireRecord(at, "sensor", pieces))),
+        }
+        """Logs of the devices' wires, by device."""
+        self._truths: GroundTruth | None = None
+        self._faults: FaultSchedule | None = None
+        self.facts = facts_of(config)
+        """Facts of the robot; with the line of its URL once it is connected."""
+        self.robot: RobotLink | None = None
+        self.sensor: ForceSensor | None = None
+        self.run: Run | None = None
+        """The run over the devices, once they are open."""
+        self.steps: list[StepRecord] = []
+        """Steps of a program that have ended."""
+
+    # --- records and notices of the run and the devices
+
+    def cycle(self, record: CycleRecord) -> None:
+        """A cycle has ended."""
+        self._put(record.answered_at, record)
+        if self._truths is not None:
+            self._truths.cycle(record)
+        if self._faults is not None:
+            self._faults.cycle(record)
+        self._watcher.cycle(record)
+
+    def event(self, record: EventRecord) -> None:
+        """Something happened beside the cycles."""
+        self._put(record.at, record)
+        if record.kind == PHASE_EVENT and record.text == _READY_PHASE:
+            self._keeper.devices(self._devices().as_metadata())
+        self._watcher.event(record)
+        if self._faults is not None:
+            self._faults.event(record)
+
+    def step(self, record: StepRecord) -> None:
+        """A step of a program has ended."""
+        self._put(record.at, record)
+        self.steps.append(record)
+
+    def frame(self, frame: WrenchFrame) -> None:
+        """A complete frame of the sensor has arrived."""
+        self._logs["robot"].age(frame.at)  # while the robot is silent, frames alone come
+        self._keeper.put(SensorRecord(frame.at, frame.sequence, frame.values))
+
+    def notice(self, kind: str, text: str) -> None:
+        """A device tells something that is worth a line in the record."""
+        self.event(EventRecord(self._clock.now(), kind, text))
+
+    def traffic(self, device: str, direction: Direction, data: Any) -> None:
+        """Data have just gone over a device's wire."""
+        self._logs[device].take(self._clock.now(), direction, data)
+        if device == "robot" and direction is Direction.SENT and len(data) > 1:
+            seconds = len(data) * (self.facts.byte_time_s or 0.0)
+            self._keeper.pause(seconds)
+            self._watcher.pause(seconds)
+
+    def link_event(self, device: str, text: str) -> None:
+        """Something happened on a device's link."""
+        self._logs[device].note(self._clock.now(), text)
+
+    def _put(self, at: float, record: Record) -> None:
+        """Record something of this time, and before it what the devices' logs hold for too long by then."""
+        for log in self._logs.values():
+            log.age(at)
+        self._keeper.put(record)
+
+    def _devices(self) -> Devices:
+        """Facts of robot and sensor, both being ready."""
+        assert self.sensor is not None
+        return Devices(self.facts, Sensor(sensor_kind(self._config).name, self.sensor.facts))
+
+    # --- begin and end
+
+    @asynccontextmanager
+    async def opened(self) -> AsyncIterator[compose.Devices]:
+        """The devices, started, and `run` over them. Raises as `compose.open_devices`."""
+        config, clock = self._config, self._clock
+        async with compose.open_devices(config, clock, self) as devices:
+            self.robot, self.sensor = devices.robot, devices.sensor
+            self.facts = recorded_facts(config, devices.robot.facts)
+            if devices.served is not None:
+                self._emulated(devices.served)
+            self.run = Run(config, clock, devices.robot, devices.sensor, self)
+            yield devices
+
+    def _emulated(self, served: compose.ServedCell) -> None:
+        cell = served.cell
+        streamed = facts_of(self._config).pacing is Pacing.STREAMED
+        self._truths = GroundTruth(cell, not self._config.sensor.url, self._keeper.put, streamed)
+        self._faults = FaultSchedule(self._config.faults, cell, self._clock, self.notice, self._pause)
+
+    def _pause(self, seconds: float) -> None:
+        """A fault of the computer: it stands still."""
+        if self.run is not None and self._clock.is_virtual:
+            self.run.stand_still(seconds)
+        else:
+            time.sleep(seconds)
+
+    def end(self, result: RunResult) -> RunEnd:
+        """The end of the run, for the record."""
+        sensor = self.sensor
+        return RunEnd(
+            result.outcome,
+            result.cause,
+            self.facts.line_floor_s,
+            dict(self.robot.counters) if self.robot else {},
+            sensor.lost if sensor else None,
+            sensor.delay if sensor and sensor.is_ready else None,
+            result.left,
+            result.followed,
+        )
+
+    def close(self, end: RunEnd) -> None:
+        """Hand over what waits, then the end. Harmless when called again. Raises as `Keeper.close`."""
+        for log in self._logs.values():
+            log.flush()
+        if self._faults is not None:
+            self._faults.close()
+        if self._truths is not None:
+            self._truths.close()
+            if (removed := self._truths.removed_map()) is not None:
+                self._keeper.attach(REMOVED_NAME, MEDIA_TYPE, removed.as_json())
+        self._keeper.close(end.as_metadata())

@@ -1,0 +1,326 @@
+"""A run inside a program of a user's own: what it leaves, and what can be done while it goes."""
+
+import asyncio
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from emulators.cell import Cell, TrueState
+from hil_bridge.analysis.columns import Columns
+from hil_bridge.analysis.summary import Summary, summarise
+from hil_bridge.clock import Clock
+from hil_bridge.device_log import Silence
+from hil_bridge.errors import ConfigError
+from hil_bridge.faults.panel import FaultPanel
+from hil_bridge.faults.settings import refuse_faults
+from hil_bridge.recording import (
+    PHASE_EVENT,
+    CycleRecord,
+    EventRecord,
+    Outcome,
+    RawTraffic,
+    Recording,
+    SensorRecord,
+    StepRecord,
+    TruthRecord,
+)
+from hil_bridge.recording.kept import KeptRecords
+from hil_bridge.robots.seam import RobotLink
+from hil_bridge.runs import compose
+from hil_bridge.runs.checks import check, check_wires
+from hil_bridge.runs.cycle import Run, RunResult
+from hil_bridge.runs.pace import paced
+from hil_bridge.runs.run_log import RunLog, metadata_of
+from hil_bridge.sensors.stream import ForceSensor
+from hil_bridge.settings.configuration import Config
+
+Observe = Callable[[CycleRecord], object]
+
+
+class Arrays(Columns):
+    """The control cycles of a run as arrays, by the names of `CycleRecord`; beside them those of its other records."""
+
+    def __init__(self, recording: Recording) -> None:
+        super().__init__(recording.cycles, CycleRecord)
+        self.truths = Columns(recording.truths, TruthRecord)
+        """Ground truth of the cycles."""
+        self.sensors = Columns(recording.sensors, SensorRecord)
+        """Frames of the sensor, as the device counts."""
+        self.events = Columns(recording.events, EventRecord)
+        self.steps = Columns(recording.steps, StepRecord)
+
+
+class Result:
+    """What a run leaves. Times are seconds on the run's clock, all else is in SI units."""
+
+    def __init__(self, result: RunResult, records: KeptRecords) -> None:
+        self.outcome: Outcome = result.outcome
+        """completed, stopped or interrupted."""
+        self.cause: str = result.cause
+        """Why it was stopped, in words: the first cause; empty where it completed as it was meant to."""
+        self.left: str = result.left
+        """Where the tool was left, in words; empty where it never moved."""
+        self.followed: tuple[str, ...] = result.followed
+        """What followed the first cause."""
+        self._records = records
+
+    def __repr__(self) -> str:
+        return f"<Result: {self.outcome}{self.cause and f', {self.cause}'}; {len(self.cycles)} cycles>"
+
+    @cached_property
+    def recording(self) -> Recording:
+        """The recording, the same as `hil-bridge run --record` writes and `recording.read` reads."""
+        return self._records.recording()
+
+    @property
+    def cycles(self) -> tuple[CycleRecord, ...]:
+        """The control cycles, oldest first."""
+        return self.recording.cycles
+
+    @property
+    def events(self) -> tuple[EventRecord, ...]:
+        """What happened beside the cycles: phases, checks, faults, the stop."""
+        return self.recording.events
+
+    @property
+    def truths(self) -> tuple[TruthRecord, ...]:
+        """Ground truth of each cycle in an emulated cell; none with real devices."""
+        return self.recording.truths
+
+    @property
+    def steps(self) -> tuple[StepRecord, ...]:
+        """Steps of a program that have ended."""
+        return self.recording.steps
+
+    @property
+    def traffic(self) -> RawTraffic:
+        """Data that went over the wires of robot and sensor."""
+        return self._records.traffic
+
+    @cached_property
+    def arrays(self) -> Arrays:
+        """The cycles as arrays by field: `arrays.force` is (n,), `arrays.position` (n, 3); NaN for what is not known.
+
+        `arrays.truths`, `.sensors`, `.events` and `.steps` are the same of the other records.
+        """
+        return Arrays(self.recording)
+
+    @cached_property
+    def figures(self) -> Summary:
+        """Figures of merit, durations, counters, latency. Raises ConfigError for a run without any cycle."""
+        if not self.cycles:
+            raise ConfigError("the run ended before its first control cycle: it has no figures")
+        return summarise(self.recording)
+
+    def save(self, path: Path | str, *, overwrite: bool = False) -> Path:
+        """Write the recording as MCAP; returns its path.
+
+        Raises ConfigError where it cannot be written or, without `overwrite`, is there already.
+        """
+        self._records.save(Path(path), overwrite)
+        return Path(path)
+
+
+class OpenDevices:
+    """Started robot and sensor of a configuration."""
+
+    def __init__(self, robot: RobotLink, sensor: ForceSensor, clock: Clock, cell: Cell[Any, Any] | None):
+        self.robot = robot
+        """Reports poses (m, base frame) and takes orders, see `RobotLink`."""
+        self.sensor = sensor
+        """Its newest frame, and the wrench of it in N and N·m, see `ForceSensor`."""
+        self.clock = clock
+        """Time of the loop, s; waiting on it takes no time in virtual time."""
+        self.cell = cell
+        """The emulated cell, which knows the truth; None where both devices are real."""
+        self.panel = FaultPanel(cell, clock)
+        """Injects faults into the emulated cell."""
+
+    def truth(self) -> TrueState:
+        """What is true in the emulated cell now: pose (m, base frame), contact force (N), joints (rad).
+
+        Raises ConfigError where both devices are real.
+        """
+        if self.cell is None:
+            raise ConfigError("the truth is known of an emulated cell alone, but both devices are real")
+        return self.cell.true_state(self.cell.truth_available_from(self.clock.now()))
+
+
+class Simulation(OpenDevices):
+    """A run in its own task, and the devices that it uses."""
+
+    def __init__(
+        self, config: Config, devices: compose.Devices, clock: Clock, run: Run, reached: "_Reached"
+    ) -> None:
+        super().__init__(devices.robot, devices.sensor, clock, devices.cell)
+        self.config = config
+        """The configuration as it is run: period and tuning written out."""
+        self._run = run
+        self._reached = reached
+        self._task: asyncio.Task[RunResult] | None = None
+        self._result: Result | None = None
+
+    def start(self) -> asyncio.Task[RunResult]:
+        """Begin the run; its task, the same when called again. To end it early, use `interrupt`."""
+        if self._task is None:
+            self._task = asyncio.get_running_loop().create_task(self._run(), name="run")
+            self._task.add_done_callback(self._reached.over)
+        return self._task
+
+    async def reached(self, phase: str) -> None:
+        """Return when the run has entered a phase: connect, tare, approach, track, retract or end.
+
+        It begins the run where that has not begun. Raises ConfigError when the run ends without it, and what ended it.
+        """
+        task = self.start()
+        await self._reached.wait(phase)
+        if phase not in self._reached.phases:
+            result = await task
+            raise ConfigError(f"the run ended before the phase {phase!r}: {result.cause or result.outcome}")
+
+    async def finished(self) -> RunResult:
+        """Wait for the end of the run, which begins now where it has not; how it ended.
+
+        Raises BridgeError when a device fails before the movement has begun.
+        """
+        return await asyncio.shield(self.start())
+
+    def interrupt(self) -> None:
+        """Let the run retract from the next cycle on, and end; at once where nothing has moved yet."""
+        if self._task is not None and not (self._reached.moved or self._run.moving):
+            self._task.cancel()
+        self._run.interrupt()
+
+    @property
+    def result(self) -> Result:
+        """All that the run left, once the context has been left. Raises ConfigError before that."""
+        if self._result is None:
+            raise ConfigError("the result is there when the context of the simulation has been left")
+        return self._result
+
+
+class _Reached:
+    """The phases that a run has entered, and the tasks that wait for one."""
+
+    def __init__(self) -> None:
+        self.phases: list[str] = []
+        self.moved = False
+        """The movement has begun, and may have ended."""
+        self._changed = asyncio.Event()
+        self._over = False
+
+    async def wait(self, phase: str) -> None:
+        while phase not in self.phases and not self._over:
+            self._changed.clear()
+            await self._changed.wait()
+
+    def enter(self, phase: str) -> None:
+        self.phases.append(phase)
+        self._changed.set()
+
+    def over(self, task: Any) -> None:
+        self._over = True
+        self._changed.set()
+
+
+class _Watcher:
+    """Tells a program of the cycles. An error of the program ends the run, and then the simulation."""
+
+    def __init__(self, observe: Observe | None) -> None:
+        self._observe = observe
+        self.reached = _Reached()
+        self.is_moving: Callable[[], bool] = lambda: False
+        """Whether the run moves the robot now."""
+        self.error: Exception | None = None
+
+    def cycle(self, record: CycleRecord) -> None:
+        if self._observe is None or self.error is not None:
+            return
+        try:
+            self._observe(record)
+        except Exception as error:
+            self.error = error
+            raise
+
+    def event(self, record: EventRecord) -> None:
+        self.reached.moved |= self.is_moving()
+        if record.kind == PHASE_EVENT:
+            self.reached.enter(record.text)
+
+    def pause(self, seconds: float) -> None:
+        """Nothing waits for that."""
+
+
+@asynccontextmanager
+async def opened_simulation(config: Config, observe: Observe | None) -> AsyncIterator[Simulation]:
+    """A run that is under way while inside. See `api.simulation`."""
+    clock = Clock.running()
+    try:
+        config = paced(config)
+        check(config, clock.is_virtual)
+        keeper, watcher = KeptRecords(clock.wall_ns, metadata_of(config)), _Watcher(observe)
+        log = RunLog(config, clock, keeper, watcher)
+        simulation: Simulation | None = None
+        try:
+            async with log.opened() as devices:
+                run = log.run
+                assert run is not None
+                watcher.is_moving = lambda: run.moving
+                simulation = Simulation(config, devices, clock, run, watcher.reached)
+                try:
+                    yield simulation
+                finally:
+                    await _end(simulation)
+        finally:
+            result = _how_ended(simulation)
+            log.close(log.end(result))
+            if simulation is not None:
+                simulation._result = Result(result, keeper)
+        if simulation._task is not None and simulation._task.done() and not simulation._task.cancelled():
+            simulation._task.result()  # raises what kept the run from moving
+    finally:
+        clock.close()
+    if watcher.error is not None:
+        raise watcher.error
+
+
+async def _end(simulation: Simulation) -> None:
+    """Wait for the run, and first let it retract where it has not ended; what cancels this task waits for that."""
+    task, cancelled = simulation._task, False
+    if task is None or task.done():
+        return
+    simulation.interrupt()
+    while not task.done():
+        try:
+            await asyncio.wait([task])
+        except asyncio.CancelledError:
+            cancelled = True
+    if cancelled:
+        raise asyncio.CancelledError
+
+
+def _how_ended(simulation: Simulation | None) -> RunResult:
+    """The result of a run that has ended, or never began."""
+    task = None if simulation is None else simulation._task
+    if task is None or task.cancelled():
+        return RunResult(Outcome.INTERRUPTED, "before the movement began")
+    failure = task.exception()
+    return task.result() if failure is None else RunResult(Outcome.STOPPED, str(failure))
+
+
+@asynccontextmanager
+async def opened_devices(config: Config) -> AsyncIterator[OpenDevices]:
+    """Started robot and sensor while inside. See `api.open_devices`."""
+    try:
+        refuse_faults(config.faults, "open_devices")
+    except ValueError as error:
+        raise ConfigError(str(error)) from error
+    clock = Clock.running()
+    try:
+        check_wires(config, clock.is_virtual)
+        async with compose.open_devices(config, clock, Silence()) as devices:
+            yield OpenDevices(devices.robot, devices.sensor, clock, devices.cell)
+    finally:
+        clock.close()

@@ -1,0 +1,107 @@
+"""A configuration that a program gives: a file, tables or a configuration, and what is laid over it."""
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from copy import deepcopy
+from pathlib import Path
+from typing import Any, TypeAlias
+
+from pydantic import PrivateAttr, ValidationError
+
+from hil_bridge.control.types import Controller
+from hil_bridge.errors import ConfigError
+from hil_bridge.settings.configuration import Config, ControllerConfig, explain, read_config, read_values
+from hil_bridge.settings.program import with_program
+
+Source: TypeAlias = Config | Mapping[str, Any] | Path | str | None
+"""A configuration, its tables, the path of its file, or nothing for the defaults."""
+_PLAIN = (bool, int, float, str)
+"""Types of parameters that a record can tell."""
+
+
+class GivenController(ControllerConfig):
+    """A controller that a program gave as an object. The record tells its name and its plain parameters."""
+
+    _controller: Controller[Any] = PrivateAttr()
+
+    @property
+    def controller(self) -> Controller[Any]:
+        """The object."""
+        return self._controller
+
+
+def config_of(
+    source: Source,
+    faults: Sequence[Mapping[str, Any]] = (),
+    controller: Controller[Any] | str | None = None,
+    seed: int | None = None,
+) -> Config:
+    """The configuration of a run.
+
+    `faults` are tables as in [[faults]], and come after those of the source. Raises ConfigError with the key and what
+    to do.
+    """
+    path = Path(source) if isinstance(source, (str, Path)) else None
+    name = controller if isinstance(controller, str) else None
+    if isinstance(source, Config) and not faults and name is None and seed is None:
+        config = source
+    else:
+        values = _values(source, path)
+        if faults:
+            values["faults"] = [*values.get("faults", ()), *map(dict, faults)]
+        if name is not None:
+            _table(values, "controller")["name"] = name
+        if seed is not None:
+            _table(values, "run")["seed"] = seed
+        whole = isinstance(source, Config)  # and has the steps of its program already
+        sources = {} if whole else with_program(values, str(path or "configuration"))
+        try:
+            config = read_config(values)
+        except ValidationError as error:
+            raise ConfigError(explain(error, path, set(), sources)) from error
+    if controller is None or name is not None:
+        return config
+    return config.model_copy(update={"controller": _given(config, controller)})
+
+
+def _values(source: Source, path: Path | None) -> dict[str, Any]:
+    if path is not None:
+        return read_values(path)
+    match source:
+        case Config():
+            return source.model_dump(mode="json")
+        case Mapping():
+            return deepcopy(dict(source))
+        case _:
+            return {}
+
+
+def _table(values: dict[str, Any], name: str) -> dict[str, Any]:
+    """A table of the values, which a mistaken one stands in for."""
+    table = values.setdefault(name, {})
+    return table if isinstance(table, dict) else {}
+
+
+def _given(config: Config, controller: Any) -> GivenController:
+    """The section with an object in it. Raises ConfigError for one that is no controller."""
+    for method in ("initial", "step"):
+        if not callable(getattr(controller, method, None)):
+            raise ConfigError(f"controller: {controller!r} has no method {method}")
+    name = getattr(controller, "name", None)
+    if not isinstance(name, str) or not name:
+        raise ConfigError(f"controller: {controller!r} has no name")
+    given = GivenController.model_construct(
+        name=name, parameters=_parameters(controller), sample_ms=config.controller.sample_ms
+    )
+    given._controller = controller
+    return given
+
+
+def _parameters(controller: Any) -> dict[str, Any]:
+    """The plain parameters of a controller that is a dataclass, for the record."""
+    if not dataclasses.is_dataclass(controller):
+        return {}
+    values = {
+        field.name: getattr(controller, field.name) for field in dataclasses.fields(controller) if field.init
+    }
+    return {name: value for name, value in values.items() if isinstance(value, _PLAIN)}

@@ -1,0 +1,18 @@
+"""A test as a user writes it: the emergency stop is pressed while the tool presses."""
+
+import time
+
+import hil_bridge
+
+STOP = {"on": "robot", "fault": "emergency-stop", "phase": "track", "after_s": 0.5}
+hil_bridge.load()  # what is imported once takes its time here
+
+
+def test_emergency_stop_ends_the_run_and_says_so():
+    began = time.perf_counter()
+    result = hil_bridge.simulate({"run": {"duration_s": 3.0}}, faults=[STOP], seed=7)
+    assert result.outcome == "stopped"
+    assert "emergency stop" in result.cause
+    assert max(result.arrays.force) < 15.0
+    assert result.arrays.truths.force[:, 2].max() < 15.0
+    assert time.perf_counter() - began < 1.0

@@ -1,0 +1,22 @@
+"""A study as a user writes it: a hundred runs in one process, whose memory does not grow."""
+
+from pathlib import Path
+
+import hil_bridge
+
+SHORT = {"run": {"duration_s": 0.5}, "task": {"approach_speed_mm_s": 20.0}}
+
+
+def resident_bytes() -> int:
+    return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1]) * 4096
+
+
+def test_a_hundred_runs_leave_no_memory_behind() -> None:
+    largest, resident = [], []
+    for seed in range(100):
+        result = hil_bridge.simulate(SHORT, seed=seed)
+        assert result.outcome == "completed"
+        largest.append(result.arrays.force.max())
+        resident.append(resident_bytes())
+    assert max(largest) < 20.0
+    assert max(resident[50:]) - max(resident[10:50]) < 20_000_000, resident
