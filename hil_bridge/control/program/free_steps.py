@@ -34,7 +34,10 @@ def move(leg: Leg, state: TaskState, measurement: Measurement, felt: Felt) -> Ta
         return state, depth, False, f"the tool touches something in free space, with {force:.1f} N"
     speed = min(step.speed_mm_s, task.parameters.retract_speed_mm_s)
     if depth > course.safe + _ROUNDING:
-        return state, max(depth - task.way(speed, measurement.dt), course.safe), False, ""
+        way = task.way(speed, measurement.dt)
+        if depth <= _ROUNDING:  # above the start something may be in the way
+            way = min(way, task.careful_step(measurement.position - depth, measurement.dt))
+        return state, max(depth - way, course.safe), False, ""
     x, y = (place * 1e-3 - start for place, start in zip(step.to_mm, course.start, strict=True))
     course, arrived = _towards(course, (x, y), task.way(step.speed_mm_s, measurement.dt))
     there = (

@@ -221,7 +221,8 @@ class Program:
             state.course, felt.force, self.way(self.parameters.retract_speed_mm_s, measurement.dt)
         )
         state, output = self.task.step(replace(state, course=course), measurement)
-        if math.hypot(*felt.force) > self.parameters.contact_threshold_n:  # perhaps from the side
+        aside = math.hypot(felt.force[1], felt.force[2])
+        if aside > max(self.parameters.contact_threshold_n, -felt.force[0]):  # not by what hangs above
             output = replace(output, in_contact=True)
         return state, self._output(state, output)
 
