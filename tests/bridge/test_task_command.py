@@ -335,7 +335,7 @@ def test_steps_that_stand_alone_are_no_configuration(hil: Command) -> None:
 
 @pytest.mark.parametrize(
     ("height_mm", "message"),
-    [(2500, "it leads to 0.900 -0.100 3.100 m"), (1500, "the robot does not reach 900 -100 2100 mm")],
+    [(2500, "it leads to 0.900 -0.100 3.100 m"), (1500, "the robot does not reach 890 -100 2100 mm")],
 )
 def test_a_safe_height_out_of_reach_is_refused(hil: Command, height_mm: int, message: str) -> None:
     whole = WHOLE.replace("safe_height_mm = 3", f"safe_height_mm = {height_mm}")
