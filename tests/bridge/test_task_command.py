@@ -1,6 +1,8 @@
 """Programs as files and on the command line: the table, the picture, a file of its own, and what is wrong in words."""
 
+import math
 import sys
+import tomllib
 from collections.abc import Callable
 from pathlib import Path
 from typing import TypeAlias
@@ -342,3 +344,60 @@ def test_a_safe_height_out_of_reach_is_refused(hil: Command, height_mm: int, mes
     Path("high.toml").write_text('[robot]\nemulated = "egm"\n' + whole)
     told = refused(hil("run", "--virtual", "--no-record", "high.toml"))
     assert told.startswith(f"high.toml: task.step 4.1 (move, pass 1): {message}")
+
+
+SLOPE = """
+[frame]
+travel = [1, 0, 0]
+[cell]
+start_position_mm = [900, 0, 596]
+[cell.surface]
+kind = "sloped"
+slope_deg = 6
+path_deg = 0
+"""
+PLACES = "--place", "0", "0", "--place", "40", "0", "--place", "0", "30"
+
+
+@pytest.mark.parametrize("robot", ["s3", "egm"])
+def test_the_frame_of_a_slope_is_found_and_a_program_in_it_runs(hil: Command, robot: str) -> None:
+    Path("slope.toml").write_text(SLOPE)
+    command = (
+        "task",
+        "teach-frame",
+        "slope.toml",
+        *PLACES,
+        "--virtual",
+        "--robot",
+        robot,
+        "--out",
+        "frame.toml",
+    )
+    code, output, errors = hil(*command)
+    assert (code, errors) == (0, "")
+    frame = Path("frame.toml").read_text()
+    assert f"{frame}wrote frame.toml\n" in output
+    found = tomllib.loads(frame)["frame"]
+    slope = math.radians(6)
+    assert found["approach"] == pytest.approx([math.sin(slope), 0, -math.cos(slope)], abs=math.radians(0.5))
+    assert found["travel"] == pytest.approx([math.cos(slope), 0, math.sin(slope)], abs=math.radians(0.5))
+    assert found["origin_mm"] == pytest.approx([900, 0, 589.4], abs=0.2)
+    Path("whole.toml").write_text(
+        SHORT.replace("[[step", "[[task.step") + SLOPE.replace("[frame]\ntravel = [1, 0, 0]\n", frame)
+    )
+    assert hil("run", "whole.toml", "--virtual", "--robot", robot, "--no-record")[0] == 0
+
+
+def test_a_program_of_the_configuration_does_not_keep_from_teaching(hil: Command) -> None:
+    Path("steps.toml").write_text(SHORT)
+    Path("slope.toml").write_text('[task]\nfile = "steps.toml"\n' + SLOPE)
+    code, output, _ = hil("task", "teach-frame", "slope.toml", *PLACES, "--virtual")
+    assert code == 0
+    assert "touch 3 at" in output
+
+
+@pytest.mark.parametrize("third", [("80", "0"), ("20", "4"), ("nan", "3")])
+def test_places_on_one_line_are_refused_before_the_touch(hil: Command, third: tuple[str, str]) -> None:
+    told = refused(hil("task", "teach-frame", *PLACES[:6], "--place", *third, "--virtual"))
+    assert "lie on one line" in told
+    assert not Path("runs").exists()
