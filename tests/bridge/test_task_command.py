@@ -335,6 +335,13 @@ def test_steps_that_stand_alone_are_no_configuration(hil: Command) -> None:
     assert "--task" in told
 
 
+@pytest.mark.parametrize("robot", ["s3", "egm", "rtde"])
+def test_a_retract_out_of_reach_is_refused(hil: Command, robot: str) -> None:
+    Path("steps.toml").write_text(f"{SHORT}back_mm = 2000\n")
+    told = refused(hil("run", "--virtual", "--no-record", "--robot", robot, "--task", "steps.toml"))
+    assert told.startswith("steps.toml: step 3 (retract): the robot does not reach 900 -100 2550 mm")
+
+
 @pytest.mark.parametrize(
     ("height_mm", "message"),
     [(2500, "it leads to 0.900 -0.100 3.100 m"), (1500, "the robot does not reach 890 -100 2100 mm")],

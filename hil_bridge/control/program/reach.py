@@ -6,25 +6,31 @@ from operator import itemgetter
 from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.program.felt import WorkFrame
 from hil_bridge.control.program.legs import Row
-from hil_bridge.control.words.steps import Move
+from hil_bridge.control.words.steps import Approach, Move, Retract
 from hil_bridge.errors import ConfigError
 from protocol.geometry import Vector
 
 
 def corners(row: Row, frame: WorkFrame, start: Vector) -> Iterator[tuple[str, Vector]]:
     """Corners of all paths at the depth of the start, base frame, m, with the label of their step. Those of a move lie
-    at the safe height.
+    at the safe height, and a retract ends where it would after the deepest approach.
 
     Paths that begin where only the run knows are left out.
     """
     origin = frame.origin or start
     depth = sum((s - o) * n for s, o, n in zip(start, origin, frame.approach, strict=True))
+    touched = 0.0
     for leg, place in zip(row.legs, row.places, strict=True):
         deep = depth
+        if isinstance(leg.step, Approach):
+            touched = leg.stroke.parameters.approach_depth_limit_mm * 1e-3
         if isinstance(leg.step, Move):
             deep -= leg.stroke.parameters.safe_height_mm * 1e-3
             ends = [leg.step.to_mm] if place is None else [place, leg.step.to_mm]
             places = [(x * 1e-3, y * 1e-3) for x, y in ends]
+        elif isinstance(leg.step, Retract) and place is not None:
+            deep += min(touched - leg.stroke.parameters.retract_mm * 1e-3, 0.0)
+            places = [(place[0] * 1e-3, place[1] * 1e-3)]
         elif leg.way is not None and place is not None:
             places = [(place[0] * 1e-3 + x, place[1] * 1e-3 + y) for x, y in leg.way.points]
         else:
