@@ -289,7 +289,7 @@ class Cell(Generic[Robot, Sensor]):
 
     @property
     def removed(self) -> Removed | None:
-        """What the tool has removed from the surface so far; None where the surface does not wear."""
+        """Depths that the tool has removed from the surface so far; None where the surface does not wear."""
         return self._surface.removed if isinstance(self._surface, Contact) else None
 
     @property
@@ -298,7 +298,7 @@ class Cell(Generic[Robot, Sensor]):
         return self._surface.remembered_until is not None
 
     def _pushed(self, surface: Surface, times: Floats, count: bool = True) -> Pushed:
-        """What surface and obstacles do to the tool at ascending `times` (n,), s.
+        """Force and moment of surface and obstacles on the tool at ascending `times` (n,), s.
 
         A surface with memory is first shown the samples since power-up that were never read. So its force depends on
         the motion and not on the reads. Where it cannot go back far enough, it answers as if the tip jumped there.
@@ -317,7 +317,7 @@ class Cell(Generic[Robot, Sensor]):
         return Pushed(force, moment)
 
     def _touched(self, surface: Surface, times: Floats, positions: Floats, velocities: Floats) -> Pushed:
-        """What the surface alone does to the tool with these positions and velocities (n, 3) of its centre point."""
+        """Force and moment of the surface alone on a tool with these positions and velocities (n, 3) of its centre."""
         if self._face is None:
             return Pushed(surface.force(positions, velocities, times), None)
         parts = []

@@ -176,7 +176,7 @@ class Surface(Protocol):
 
 @runtime_checkable
 class ShapedSurface(Protocol):
-    """What a contact model may tell beside its forces."""
+    """Facts that a contact model may tell beside its forces."""
 
     def normals(self, positions: Floats, times: Floats) -> Floats:
         """Outward unit normals (n, 3) of the surface below positions (n, 3), m, base frame; NaN where there is none.

@@ -34,7 +34,8 @@ from hil_bridge.errors import (
     TransportError,
     TransportUnavailable,
 )
-from hil_bridge.recording import CycleRecord, Outcome, Recording, read
+from hil_bridge.recording import CycleRecord, Outcome, Recording
+from hil_bridge.recording import read as _read
 from hil_bridge.runs.simulation import OpenDevices, Result, Simulation, opened_devices, opened_simulation
 from hil_bridge.settings.configuration import Config
 from hil_bridge.settings.given import config_of
@@ -151,6 +152,14 @@ def open_devices(config: Configuration = None) -> AbstractAsyncContextManager[Op
     for a wire.
     """
     return opened_devices(load(config))
+
+
+def read(path: Path | str) -> Recording:
+    """The recording in an MCAP file of a run, as far as it can be read.
+
+    Raises ConfigError when there is no such file, when it is no recording of a run, or holds no cycle.
+    """
+    return _read(Path(path))
 
 
 def _alone(run: Callable[[], Simulation]) -> Simulation:

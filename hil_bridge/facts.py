@@ -135,7 +135,7 @@ class RobotFacts(Struct, frozen=True):
     """Counters of trouble that a view adds up."""
     traffic: tuple[Traffic, ...] = ()
     late: str = ""
-    """What a robot that streams does about answers that come late, in words."""
+    """Reaction of a robot that streams to answers that come late, in words."""
 
 
 class Sensor(Struct, frozen=True, omit_defaults=True):

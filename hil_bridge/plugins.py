@@ -45,7 +45,7 @@ def plugin_names(group: str) -> list[str]:
 
 
 def offers(group: str) -> list[tuple[str, str, str]]:
-    """What other packages offer in an entry point group: name, package with version, and place in it, sorted."""
+    """Offers of other packages in an entry point group: name, package with version, and place in it, sorted."""
     points = _offered(tuple(sys.path)).select(group=group)
     return sorted({(point.name, _distribution(point), point.value) for point in points})
 

@@ -39,7 +39,7 @@ def _unread(time: float) -> None:
 
 
 class _Past(NamedTuple):
-    """What a surface with a memory goes back to."""
+    """State to which a surface with a memory goes back."""
 
     memory: Memory
     removal: State | None
@@ -150,7 +150,7 @@ class Contact:
 
     @property
     def removed(self) -> Removed | None:
-        """What has been removed so far; None for a surface that does not wear."""
+        """Depths removed so far; None for a surface that does not wear."""
         if self._removal is None:
             return None
         depths, spacing = self._removal.removed(), self._removal.spacing

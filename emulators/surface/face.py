@@ -20,7 +20,7 @@ ONE_POINT_REMEMBERED = (
 
 
 class Pushed(NamedTuple):
-    """What acts on the tool at each moment, base frame."""
+    """Force and moment on the tool at each moment, base frame."""
 
     force: Floats
     """(n, 3), N."""
@@ -29,7 +29,7 @@ class Pushed(NamedTuple):
 
 
 def joined(parts: Sequence[Pushed]) -> Pushed:
-    """What acts at the moments of all parts, one after the other; at least one."""
+    """Force and moment at the moments of all parts, one after the other; at least one."""
     moments = [part.moment for part in parts if part.moment is not None]
     return Pushed(
         np.concatenate([part.force for part in parts]), np.concatenate(moments) if moments else None

@@ -101,7 +101,7 @@ class Removed(NamedTuple):
 
 
 class Worn(NamedTuple):
-    """What happened at some contact points, each array (n,)."""
+    """Forces and ways at some contact points, each array (n,)."""
 
     along: Floats
     """m"""
@@ -156,7 +156,7 @@ class Removal:
         self._time = -math.inf
         self._step = -math.inf
         self._waiting: tuple[Worn, ...] = ()
-        """What the present step has removed so far."""
+        """Depths that the present step has removed so far."""
         self._changes: deque[_Change] = deque()
         self._forgotten = 0
         """Changes that were made and cannot be undone any more."""
@@ -211,7 +211,7 @@ class Removal:
             yield slice(begin, end)
 
     def depth(self, along: Floats, across: Floats) -> Floats:
-        """What is gone at places (n,), m; nothing beyond the map."""
+        """Removed depth at places (n,), m; nothing beyond the map."""
         rows, columns = self._depths.shape
         row, row_share, in_rows = _cell_of(along / self.spacing, rows)
         column, column_share, in_columns = _cell_of(across / self.spacing, columns)

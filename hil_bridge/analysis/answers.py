@@ -19,7 +19,7 @@ class Answers:
     late: int
     packets: int
     consequence: str
-    """What the robot does about late answers, in words."""
+    """Reaction of the robot to late answers, in words."""
 
     @property
     def sentence(self) -> str:

@@ -115,7 +115,7 @@ def step_text(step: StepOutcome) -> str:
 
 
 def verdict_of(step: StepOutcome) -> str:
-    """What became of a step; empty for one that ended as it was meant to and has no criterion."""
+    """Result of a step; empty for one that ended as it was meant to and has no criterion."""
     if step.passed:
         return "criterion passed" if step.wanted is not None else ""
     return "criterion FAILED" if step.criterion_failed else CUT

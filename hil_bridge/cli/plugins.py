@@ -65,7 +65,7 @@ def controllers(name: str | None, as_json: bool) -> None:
 
 
 def _rows(with_own: bool) -> list[dict[str, str]]:
-    """What can be chosen, by thing and name."""
+    """Everything that can be chosen, by thing and name."""
     from hil_bridge.control.controllers import CONTROLLERS, GROUP, controller_kind
     from hil_bridge.errors import ConfigError
     from hil_bridge.kinds import ROBOTS, SENSORS, SURFACES

@@ -31,7 +31,7 @@ class _Attachment(NamedTuple):
 
 
 _Step: TypeAlias = Record | _Attachment | Mapping[str, str]
-"""What a recorder was given; a mapping is the facts of the devices."""
+"""Everything that a recorder was given; a mapping is the facts of the devices."""
 
 
 class KeptRecords:

@@ -66,7 +66,7 @@ class Recording:
     steps: tuple[StepRecord, ...] = ()
     """Steps of a program that have ended."""
     removed: RemovedMap | None = None
-    """What the tool removed from an emulated surface; None where it removed nothing."""
+    """Depths that the tool removed from an emulated surface; None where it removed nothing."""
 
 
 @dataclass(frozen=True, slots=True)

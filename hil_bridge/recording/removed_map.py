@@ -35,7 +35,7 @@ class RemovedMap(Struct, frozen=True):
     spacing_m: float
     """From one row or number to the next."""
     depths_um: tuple[tuple[float, ...], ...]
-    """What is gone, µm."""
+    """Removed depths, µm."""
 
     def as_json(self) -> bytes:
         """For an attachment."""

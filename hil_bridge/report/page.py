@@ -6,6 +6,7 @@ from html import escape
 from pathlib import Path
 
 from hil_bridge.analysis.summary import Summary
+from hil_bridge.analysis.why import why
 from hil_bridge.errors import ConfigError
 from hil_bridge.recording.files import check_place, write_whole
 from hil_bridge.recording.reader import Recording
@@ -81,7 +82,7 @@ def page(recording: Recording, summary: Summary, picture: bytes) -> str:
 <meta name="viewport" content="width=device-width, initial-scale=1"><style>{_CSS}</style></head><body>
 <h1>Force control run: {escape(summary.controller or "no controller named")}</h1>
 <p><span class="outcome {escape(summary.outcome)}">{escape(summary.outcome)}</span>{cause}</p>
-{criteria_paragraph(summary)}{then}{left}{cut}
+{criteria_paragraph(summary)}{then}{left}{cut}<p>{escape(why(recording))}</p>
 <div class="columns"><section><h2>Figures of merit</h2>{rows(merit_rows(summary))}
 <h2>Phases</h2>{pairs((name, quantity(value, 1, ".2f", "s")) for name, value in summary.phases_s.items())}
 </section><section><h2>Run</h2>{rows(run_rows(summary))}</section></div>{before}

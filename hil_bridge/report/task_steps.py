@@ -31,13 +31,13 @@ class Shown:
     passes: int
     """Passes, at most."""
     ends: str = ""
-    """What ends a repeat before all passes, at its first step."""
+    """Condition that ends a repeat before all passes, at its first step."""
     again: Place | None = None
     """Where it begins in the passes behind the first, mm; None where there are none, or where that is not known."""
 
     @property
     def word(self) -> str:
-        """What the step does."""
+        """Word of the step."""
         word: str = self.leg.step.do
         return word
 
@@ -141,7 +141,7 @@ def _cells(step: Shown) -> tuple[str, ...]:
 
 
 def _more(step: Shown) -> Iterator[str]:
-    """What the other columns do not tell."""
+    """Further settings, for which there is no column."""
     own, task = step.leg.step, step.leg.stroke.parameters
     match step.word:
         case "approach":

@@ -69,7 +69,7 @@ class Watcher(Protocol):
 
 
 def metadata_of(config: Config) -> dict[str, str]:
-    """What is known before the run, for its record."""
+    """Facts that are known before the run, for its record."""
     return {
         "config": dump(config),
         "controller": config.controller.name,

@@ -53,7 +53,7 @@ class Arrays(Columns):
 
 
 class Result:
-    """What a run leaves. Times are seconds on the run's clock, all else is in SI units."""
+    """Results of a run. Times are seconds on the run's clock, all else is in SI units."""
 
     def __init__(self, result: RunResult, records: KeptRecords) -> None:
         self.outcome: Outcome = result.outcome
@@ -63,7 +63,7 @@ class Result:
         self.left: str = result.left
         """Where the tool was left, in words; empty where it never moved."""
         self.followed: tuple[str, ...] = result.followed
-        """What followed the first cause."""
+        """Events after the first cause."""
         self._records = records
 
     def __repr__(self) -> str:
@@ -81,7 +81,7 @@ class Result:
 
     @property
     def events(self) -> tuple[EventRecord, ...]:
-        """What happened beside the cycles: phases, checks, faults, the stop."""
+        """Events beside the cycles: phases, checks, faults, the stop."""
         return self.recording.events
 
     @property
@@ -139,7 +139,7 @@ class OpenDevices:
         """Injects faults into the emulated cell."""
 
     def truth(self) -> TrueState:
-        """What is true in the emulated cell now: pose (m, base frame), contact force (N), joints (rad).
+        """Truth of the emulated cell now: pose (m, base frame), contact force (N), joints (rad).
 
         Raises ConfigError where both devices are real.
         """

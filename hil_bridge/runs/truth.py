@@ -75,7 +75,7 @@ class GroundTruth:
             self._tell()
 
     def removed_map(self) -> RemovedMap | None:
-        """What the tool has removed from the surface; None where it has removed nothing."""
+        """Depths that the tool has removed from the surface; None where it has removed nothing."""
         removed = self._cell.removed
         if removed is None or not removed.depths.any():
             return None

@@ -84,7 +84,7 @@ def is_program(values: Mapping[str, Any]) -> bool:
 
 
 def told_problem(error: Mapping[str, Any]) -> tuple[str, str] | None:
-    """What pydantic found wrong with a step: where, as "2 (track)", and what. None for what is not in a step."""
+    """Fault that pydantic found in a step: its place, as "2 (track)", and its text. None for what is not in a step."""
     location = tuple(error["loc"])
     if location[:2] != ("task", "step"):
         return None
@@ -144,7 +144,7 @@ def _keys(section: type | None, rest: Sequence[str | int]) -> tuple[list[str], t
 
 
 def _words(error: Mapping[str, Any], keys: Sequence[str], section: type | None) -> str:
-    """What is wrong, behind the step's label."""
+    """The fault in words, behind the step's label."""
     key, got = ".".join(keys), f", got {format_value(error['input'])}"
     begin = f": {key}" if key else ""
     match error["type"]:

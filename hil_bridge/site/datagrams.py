@@ -1,4 +1,4 @@
-"""What `hil-bridge doctor` finds about a wire of datagrams: its port, its room in the kernel, what may filter it."""
+"""Findings of `hil-bridge doctor` about a wire of datagrams: its port, its room in the kernel, what may filter it."""
 
 import errno
 import ipaddress
@@ -26,7 +26,7 @@ _REFUSING = re.compile(r"\b(?:drop|reject)\b")
 
 
 class Rules(NamedTuple):
-    """What a firewall told of itself."""
+    """Answer of a firewall about itself."""
 
     text: str = ""
     """All its rules; "" where none can be seen."""
@@ -109,7 +109,7 @@ def _number(path: Path) -> int | None:
 
 
 def in_real_time(realtime: RealTime) -> Fact:
-    """What [realtime] does for datagrams: the loop's own thread takes them off the socket, as it reads every wire."""
+    """Effect of [realtime] on datagrams: the loop's own thread takes them off the socket, as it reads every wire."""
     asked = [
         text
         for text, wanted in (

@@ -180,7 +180,7 @@ def encode_robot(message: RobotMessage, version: RobotWare) -> bytes:
 
 
 def decode_robot(data: bytes) -> RobotMessage:
-    """What a robot of any version tells. Raises RemoteProtocolError for a datagram that is none of a robot.
+    """Message of a robot of any version. Raises RemoteProtocolError for a datagram that is none of a robot.
 
     Numbers are as sent, also NaN: whose pose it is, its user looks at.
     """
@@ -251,7 +251,7 @@ def encode_answer(message: Answer) -> bytes:
 
 
 def decode_answer(data: bytes) -> Answer:
-    """What a robot is answered, by the type in the header: an `EgmSensorPathCorr` would be read as an `EgmSensor` with
+    """Answer to a robot, by the type in the header: an `EgmSensorPathCorr` would be read as an `EgmSensor` with
     a joint [D]. Raises RemoteProtocolError for a datagram that no robot may use: damaged, incomplete, of another type,
     with a number that is none, or with more numbers than there are places.
     """

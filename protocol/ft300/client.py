@@ -67,7 +67,7 @@ class Ft300Client:
         self._out = bytearray(STOP)
         self._due: float | None = now + profile.rest_s
         self._step: int | None = None
-        """What was asked, or None before the first question and in the stream."""
+        """The question under way, or None before the first question and in the stream."""
         self._next = _VERSION
         self._tries = 0
         self._answer = b""

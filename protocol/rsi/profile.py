@@ -8,7 +8,7 @@ from protocol.marks import Mark, check_settings, setting
 
 @dataclass(frozen=True, slots=True)
 class RsiLink:
-    """What both ends have to agree upon, and the bounds that the client keeps."""
+    """Settings that both ends have to agree upon, and the bounds that the client keeps."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
 

@@ -28,7 +28,7 @@ WATCHED = f"input_int_register_{COMMAND}"
 
 
 class Command(IntEnum):
-    """What the program is to do."""
+    """Orders to the program."""
 
     IDLE = 0
     SERVO = 1
@@ -37,7 +37,7 @@ class Command(IntEnum):
 
 
 class State(IntEnum):
-    """What the program tells."""
+    """Reports of the program."""
 
     READY = 1
     SERVOING = 2

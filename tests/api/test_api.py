@@ -1,5 +1,6 @@
 """The Python interface: stable names, the same run as the command's, arrays, controllers, observers, a run by hand."""
 
+import asyncio
 import inspect
 import math
 import pickle
@@ -18,16 +19,16 @@ from hil_bridge.recording.topics import TOPICS, Record
 
 SHORT: dict[str, Any] = {"run": {"duration_s": 0.5}}
 STOP = {"on": "robot", "fault": "emergency-stop", "phase": "track"}
-RUN = "config: Configuration = None, *, faults: Faults = (), controller: GivenController = None"
 SIGNATURES = {
-    "load": f"({RUN}, seed: int | None = None) -> Config",
-    "simulate": f"({RUN}, observe: Observe = None, seed: int | None = None) -> Result",
-    "simulation": f"({RUN}, observe: Observe = None, seed: int | None = None) -> Simulation",
-    "open_devices": "(config: Configuration = None) -> OpenDevices",
-    "read": "(path: Path) -> Recording",
-    "run_virtual": "(main: Main[T]) -> T",
-    "run_real": "(main: Main[T], busy_poll_s: float = 0.0) -> T",
+    "load": "(config=None, *, faults=(), controller=None, seed=None) -> Config",
+    "simulate": "(config=None, *, faults=(), controller=None, observe=None, seed=None) -> Result",
+    "simulation": "(config=None, *, faults=(), controller=None, observe=None, seed=None) -> Simulation",
+    "open_devices": "(config=None) -> OpenDevices",
+    "read": "(path) -> Recording",
+    "run_virtual": "(main) -> T",
+    "run_real": "(main, busy_poll_s=0.0) -> T",
 }
+"""Of every function; what an asynchronous context manager gives stands for it."""
 MEMBERS = {
     "Result": "arrays cause cycles events figures followed left outcome recording save steps traffic truths",
     "OpenDevices": "cell clock panel robot sensor truth",
@@ -82,16 +83,25 @@ def test_stable_names_are_these() -> None:
 
 
 def test_stable_signatures_are_these() -> None:
-    for name, signature in SIGNATURES.items():
-        parameters = SIGNATURES[name].rpartition(" -> ")[0]
-        told = str(inspect.signature(getattr(api, name))).rpartition(" -> ")[0]
-        assert len(told.split(",")) >= len(parameters.split(","))
-        wanted = [part.split(":")[0].strip() for part in signature.strip("(").split(", ") if ":" in part]
-        assert list(inspect.signature(getattr(api, name)).parameters) == wanted
-    for name, members in MEMBERS.items():
-        kind = getattr(api, name)
-        public = {member for member in dir(kind) if not member.startswith("_")}
-        assert public <= set(members.split()), name
+    for name, wanted in SIGNATURES.items():
+        signature = inspect.signature(getattr(api, name))
+        bare = [each.replace(annotation=each.empty) for each in signature.parameters.values()]
+        given = getattr(signature.return_annotation, "__args__", (signature.return_annotation,))[0]
+        told = str(inspect.Signature(bare))
+        assert f"{told} -> {given.__name__}" == wanted, name
+
+
+def test_stable_members_are_these(result: api.Result) -> None:
+    async def main() -> list[Any]:
+        async with api.open_devices(SHORT) as devices:
+            found: list[Any] = [result, devices]
+        async with api.simulation(SHORT) as running:
+            found.append(running)
+        return found
+
+    for thing, (name, members) in zip(api.run_virtual(main), MEMBERS.items(), strict=True):
+        assert type(thing) is getattr(api, name)
+        assert [member for member in dir(thing) if not member.startswith("_")] == members.split()
 
 
 def test_import_of_the_package_alone_is_light() -> None:
@@ -271,6 +281,71 @@ def test_leaving_a_run_that_goes_retracts_first() -> None:
     assert result.outcome == "interrupted"
     assert result.left.startswith("retracted")
     assert len(result.cycles) < 60
+
+
+def test_a_cancelled_program_leaves_the_tool_off_the_surface() -> None:
+    kept: list[api.Simulation] = []
+
+    async def watch() -> None:
+        async with api.simulation({"run": {"duration_s": 100.0}}) as running:
+            kept.append(running)
+            await running.finished()
+
+    async def main() -> None:
+        task = asyncio.create_task(watch())
+        await asyncio.sleep(15.0)
+        task.cancel()
+        await asyncio.sleep(0.5)
+        task.cancel()  # a second time, while the tool retracts
+        with pytest.raises(asyncio.CancelledError):
+            await task
+
+    api.run_virtual(main)
+    result = kept[0].result
+    assert result.outcome == "interrupted"
+    assert result.left.startswith("retracted")
+    assert result.cycles[-1].phase == "retract"
+
+
+def test_a_run_that_never_began_says_so() -> None:
+    async def main() -> api.Simulation:
+        async with api.simulation(SHORT) as running:
+            pass
+        return running
+
+    result = api.run_virtual(main).result
+    assert (result.outcome, result.cycles) == ("interrupted", ())
+    with pytest.raises(api.ConfigError, match="before its first control cycle"):
+        _ = result.figures
+
+
+def test_a_device_that_fails_before_the_movement_raises_and_leaves_a_recording() -> None:
+    kept: list[api.Simulation] = []
+
+    async def main() -> None:
+        fault = {"on": "scales", "fault": "wrong", "phase": "connect"}
+        async with api.simulation(SHORT, faults=[fault]) as running:
+            kept.append(running)
+            await running.finished()
+
+    with pytest.raises(api.BridgeError, match="force sensor") as error:
+        api.run_virtual(main)
+    result = kept[0].result
+    assert (result.outcome, result.cause) == ("stopped", str(error.value))
+    assert result.recording.end["cause"] == result.cause
+
+
+def test_a_controller_that_fails_is_blamed() -> None:
+    class Failing(Proportional):
+        def step(
+            self, state: None, measurement: api.Measurement, reference: float
+        ) -> tuple[None, api.Command]:
+            raise ZeroDivisionError("no gain")
+
+    failed = api.simulate(SHORT, controller=Failing())
+    assert failed.outcome == "stopped"
+    assert "no gain" in failed.cause
+    assert failed.left.startswith("retracted")
 
 
 def test_a_phase_that_never_comes_is_told() -> None:

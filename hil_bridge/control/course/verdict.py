@@ -1,4 +1,4 @@
-"""What the supervisor is shown, asked for, and answers: plain values."""
+"""Observations, requests and verdicts of the supervisor: plain values."""
 
 import math
 from enum import StrEnum

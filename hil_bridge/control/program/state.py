@@ -1,4 +1,4 @@
-"""What a program knows from one sample to the next, and what it knows beside a measurement."""
+"""The state of a program from one sample to the next, and its input beside a measurement."""
 
 from typing import NamedTuple
 

@@ -11,7 +11,7 @@ from protocol.rtde.profile import ClientProfile
 _DELAY_CYCLES = 2.0
 """From an input package to the arm. Derived of measurements: two to three cycles there and back."""
 _LATE = "its program goes to the last target, brakes after hold_cycles without a new one, and goes on with the next"
-"""What the program does about a late target."""
+"""Reaction of the program to a late target."""
 
 
 def robot_facts(client: ClientProfile, emulated: RtdeProfile) -> RobotFacts:

@@ -1,0 +1,21 @@
+"""`hil-bridge why`: how a recorded run ended."""
+
+from pathlib import Path
+
+import click
+
+from hil_bridge.cli.paths import FILE
+
+
+@click.command(short_help="Tell in a paragraph how a recorded run ended.")
+@click.argument("recording", type=FILE)
+def why(recording: Path) -> None:
+    """Tell how a recorded run ended: last good cycle, first symptom, cause, what followed, and what to look at.
+
+    Everything comes from the recording. A run that failed before its first control cycle has a cause, too.
+    """
+    from hil_bridge.analysis.why import why
+    from hil_bridge.recording import read_with_traffic
+
+    record, _ = read_with_traffic(recording)
+    click.echo(why(record).replace("monitor FILE`", f"monitor {recording}`"))

@@ -1,0 +1,168 @@
+"""The paragraph on how a run ended: for every fault of the S3 and the JR3, and samples of the other devices."""
+
+import subprocess
+import sys
+from html import unescape
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pytest
+
+from hil_bridge import api
+from hil_bridge.analysis.why import why
+from hil_bridge.recording import Recording
+from tools.faults_doc import CELL, GIVEN, faults_of_device
+
+BLAMED = {
+    **dict.fromkeys(("robot", "pose", "link", "connection", "packets", "answers"), "robot"),
+    **dict.fromkeys(("signal", "scales", "frames", "sensor", "bus"), "force sensor"),
+    "surface": "surface",
+    "obstacle": "what the tool touches",
+    "computer": "computer",
+}
+"""What the text names where a fault of this target ended the run."""
+ASKED: dict[str, Any] = {"run": {"duration_s": 1.2}}
+STREAMED: dict[str, Any] = {
+    "robot": {"emulated": "egm"},
+    "sensor": {"emulated": "ft300"},
+    "run": {"period_ms": 20.0, "duration_s": 1.0},
+    "controller": {"sample_ms": 20.0},
+}
+PARAMETERS = {**GIVEN, ("pose", "encoder-offset"): {"z_mm": 20.0}, ("computer", "pause"): {"seconds": 5.0}}
+
+
+class Job(NamedTuple):
+    """A run of a device with a fault."""
+
+    device: str
+    on: str
+    fault: str
+
+
+OURS = [
+    Job(device, on, fault)
+    for device in ("s3", "jr3")
+    for on, faults in faults_of_device(device).items()
+    for fault in faults
+]
+SAMPLES = [
+    Job("egm", "robot", "motors-off"),
+    Job("egm", "link", "off"),
+    Job("rtde", "robot", "slider"),
+    Job("rtde", "connection", "dropped"),
+    Job("rtde", "pose", "nan"),
+    Job("rsi", "packets", "late"),
+    Job("netft", "sensor", "saturated"),
+    Job("netft", "scales", "wrong"),
+    Job("ati-can", "sensor", "other-host"),
+    Job("ati-can", "bus", "off"),
+    Job("ft300", "frames", "unplugged"),
+    Job(CELL, "surface", "hole"),
+    Job(CELL, "surface", "hard"),
+    Job(CELL, "obstacle", "above"),
+    Job(CELL, "computer", "pause"),
+]
+
+
+def settings(job: Job) -> dict[str, Any]:
+    if job in OURS:
+        return ASKED
+    if job.device in ("rtde", "rsi"):
+        return {**STREAMED, "robot": {"emulated": job.device}}
+    if job.device in ("netft", "ati-can"):
+        return {**STREAMED, "sensor": {"emulated": job.device}}
+    return STREAMED
+
+
+def recorded(job: Job) -> Recording:
+    """The recording of the run, whether it came to move or not."""
+    when = {"phase": "connect"} if job.on == "scales" else {"phase": "track", "after_s": 0.3}
+    fault = {"on": job.on, "fault": job.fault, "with": PARAMETERS.get((job.on, job.fault), {}), **when}
+    kept = []
+
+    async def main() -> None:
+        async with api.simulation(settings(job), faults=[fault], seed=7) as running:
+            kept.append(running)
+            await running.finished()
+
+    try:
+        api.run_virtual(main)
+    except api.BridgeError:
+        assert job.on == "scales"  # found before the tool moves
+    return kept[0].result.recording
+
+
+@pytest.mark.parametrize("job", [*OURS, *SAMPLES], ids=lambda job: "-".join(job))
+def test_the_struck_part_is_named(job: Job) -> None:
+    recording = recorded(job)
+    text = why(recording)
+    assert "\n" not in text
+    assert "{" not in text
+    if recording.end["outcome"] == "completed":
+        assert job in OURS, "a sample that goes on says nothing about the sentence"
+        assert text.startswith("The run completed after ")
+        assert text.count(". ") == 0
+        return
+    cause = recording.end["cause"].partition(";")[0]
+    before, _, rest = text.partition(" A fault had been injected on purpose ")
+    assert f"{job.on}: {job.fault}" in rest.partition(". ")[0]
+    ended = before[before.index("What ended it") :]
+    assert cause in ended
+    blamed = ended.partition(cause)[0]
+    assert BLAMED[job.on] in blamed, text
+    assert "Look at: " in rest
+    if recording.cycles:
+        assert "The last good cycle was number " in before
+        assert "The tool was left " in rest
+        assert ("hil-bridge free" in rest) == ("NOT retracted" in recording.end["left"])
+    else:
+        assert "The tool had not been moved." in rest
+
+
+@pytest.fixture(scope="module")
+def unplugged(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    fault = {"on": "frames", "fault": "off", "phase": "track", "after_s": 0.3}
+    result = api.simulate(ASKED, faults=[fault], seed=7)
+    return result.save(tmp_path_factory.mktemp("why") / "run.mcap")
+
+
+def told(*arguments: str) -> str:
+    command = [sys.executable, "-m", "hil_bridge", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, check=True).stdout
+
+
+def test_the_command_and_the_report_say_the_same(unplugged: Path, tmp_path: Path) -> None:
+    text = why(api.read(unplugged))
+    assert told("why", str(unplugged)) == text + "\n"
+    told("report", str(unplugged), "--out", str(tmp_path))
+    assert text.partition("`")[0] in unescape((tmp_path / "report.html").read_text(encoding="utf-8"))
+
+
+def test_silence_is_the_first_symptom(unplugged: Path) -> None:
+    recording = api.read(unplugged)
+    stop = next(event.at for event in recording.events if event.kind == "stop")
+    last = max(frame.at for frame in recording.sensors if frame.at <= stop)
+    expected = f"The first symptom came {stop - last:.2f} s before that: the last frame of the force sensor."
+    assert expected in why(recording)
+
+
+def test_a_recording_that_was_cut_says_so(unplugged: Path, tmp_path: Path) -> None:
+    cut = tmp_path / "cut.mcap"
+    data = unplugged.read_bytes()
+    cut.write_bytes(data[: len(data) * 2 // 3])
+    text = told("why", str(cut))
+    assert text.startswith("The recording ends ")
+    assert "the process was killed, or the file is cut" in text
+
+
+def test_an_interrupted_run_was_not_stopped_by_a_device() -> None:
+    async def main() -> api.Simulation:
+        async with api.simulation(ASKED) as running:
+            await running.reached("track")
+            running.interrupt()
+        return running
+
+    text = why(api.run_virtual(main).result.recording)
+    assert text.startswith("The run was interrupted ")
+    assert "What ended it" not in text
+    assert "The tool was left retracted" in text

@@ -1,0 +1,46 @@
+"""The Python interface in real time, over loopback."""
+
+from typing import Any
+
+import pytest
+
+import hil_bridge
+
+pytestmark = pytest.mark.live
+
+CELL: dict[str, Any] = {
+    "robot": {"emulated": "egm"},
+    "sensor": {"emulated": "ft300"},
+    "run": {"period_ms": 20.0, "duration_s": 30.0},
+    "controller": {"sample_ms": 20.0},
+    "task": {"approach_speed_mm_s": 5.0, "retract_speed_mm_s": 20.0, "retract_mm": 5.0},
+    "cell": {"start_position_mm": [900.0, -100.0, 593.0]},
+}
+
+
+def test_a_run_by_hand_in_real_time() -> None:
+    async def main() -> hil_bridge.Result:
+        async with hil_bridge.simulation(CELL) as running:
+            await running.reached("track")
+            await running.clock.sleep_until(running.clock.now() + 0.5)
+            assert running.truth().contact_force[2] > 1.0
+            running.panel.inject("robot", "motors-off")
+            ended = await running.finished()
+            assert ended.outcome == "stopped"
+        return running.result
+
+    result = hil_bridge.run_real(main)
+    assert "motors are off" in result.cause
+    assert len(result.arrays.truths.force) == len(result.cycles)
+
+
+def test_devices_alone_in_real_time() -> None:
+    async def main() -> None:
+        async with hil_bridge.open_devices(CELL) as cell:
+            report = await cell.robot.ready()
+            await cell.sensor.ready()
+            frame = await cell.sensor.frame()
+            assert len(cell.sensor.wrench(frame)) == 6
+            assert report.pose.position == pytest.approx(cell.truth().position, abs=1e-3)
+
+    hil_bridge.run_real(main)
