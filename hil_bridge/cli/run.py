@@ -101,11 +101,13 @@ def run(
 
     A file that exists is overwritten only with --overwrite.
     """
+    from hil_bridge.errors import ConfigError
     from hil_bridge.recording import read
     from hil_bridge.runs.outputs import Outputs
     from hil_bridge.runs.resuming import resumed_config, told_resume
     from hil_bridge.runs.session import execute
     from hil_bridge.settings.configuration import load_config, nested
+    from hil_bridge.settings.program import in_file
 
     if record is not None and no_record:
         raise click.UsageError("--record and --no-record exclude each other", click.get_current_context())
@@ -138,4 +140,8 @@ def run(
         own_folder=record is None and not no_record,
         report_beside=beside,
     )
-    sys.exit(execute(config, virtual, outputs, not no_view, config_file))
+    try:
+        code = execute(config, virtual, outputs, not no_view, config_file or resume)
+    except ConfigError as error:
+        raise in_file(error, str(config_file or resume or ""), config.task.file) from error
+    sys.exit(code)

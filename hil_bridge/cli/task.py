@@ -1,12 +1,15 @@
 """`hil-bridge task`: commands around the program of a run."""
 
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
+from hil_bridge.cli.devices import device_options, device_settings
 from hil_bridge.cli.options import overwrite_option, tell
 from hil_bridge.cli.paths import FILE
+from hil_bridge.console.debugging import debug_option
 
 if TYPE_CHECKING:
     from hil_bridge.control.program.legs import Row
@@ -65,18 +68,86 @@ def _row(config: "Config", file: Path) -> "Row":
     from hil_bridge.errors import ConfigError
     from hil_bridge.runs.checks import check_program
     from hil_bridge.runs.pace import control_loop, paced
+    from hil_bridge.settings.program import in_file
 
     if not config.task.step:
         raise ConfigError(f"{file} holds no program: give its steps as tables [[task.step]]")
     config = config.model_copy(update={"task": replace(config.task, resume=None)})
-    source = config.task.file
     try:
         program = control_loop(paced(config)).task
         check_program(config)
     except ConfigError as error:
-        text = str(error)
-        if source and not text.startswith(source):
-            text = f"{source}: {text.removeprefix('task.')}"
-        raise ConfigError(text if source else f"{file}: {text}") from error
+        raise in_file(error, str(file), config.task.file) from error
     assert isinstance(program, Program)
     return program.row
+
+
+@task.command("teach-frame", short_help="Touch three places and tell the work frame that they make.")
+@click.argument("config_file", metavar="[CONFIG.toml]", required=False, type=FILE)
+@click.option(
+    "--place",
+    "places",
+    type=(float, float),
+    multiple=True,
+    metavar="X Y",
+    help="A place in the work frame that is set now, mm; give three: new origin, a place on the new x axis, any third.",
+)
+@click.option("--force-n", type=float, default=3.0, show_default=True, help="Force of each touch, N.")
+@device_options
+@click.option("--tool-mass-kg", type=click.FloatRange(min=0.0), metavar="M", help="Mass below the sensor.")
+@click.option("--virtual", is_flag=True, help="Virtual time, with the emulated cell.")
+@click.option(
+    "--record", type=FILE, metavar="FILE", help="Record the run there.  [default: a new folder under runs/]"
+)
+@click.option("--out", type=FILE, metavar="FRAME.toml", help="Write the frame as a table [frame] there.")
+@overwrite_option
+@debug_option
+def teach_frame(
+    config_file: Path | None,
+    places: tuple[tuple[float, float], ...],
+    force_n: float,
+    robot: str | None,
+    sensor: str | None,
+    surface: str | None,
+    tool_mass_kg: float | None,
+    virtual: bool,
+    record: Path | None,
+    out: Path | None,
+    overwrite: bool,
+) -> None:
+    """Touch three places of a plane under force control, and tell the work frame that they make.
+
+    The first place is its origin, the second lies on its x axis, the third anywhere beside. Places count from where the
+    tool stands, or from frame.origin_mm where that is set. The robot goes over at the height where it stands. A program
+    of the configuration is not carried out.
+    """
+    from hil_bridge.recording import read
+    from hil_bridge.recording.files import check_place, write_whole
+    from hil_bridge.runs.outputs import Outputs, settled
+    from hil_bridge.runs.session import execute
+    from hil_bridge.settings.configuration import load_config
+    from hil_bridge.site.teach import frame_of, touches
+    from hil_bridge.text_files import toml_pair
+
+    if len(places) != 3:
+        raise click.UsageError("give --place three times: origin, a place on the x axis, a third one")
+    if out is not None:
+        check_place(out, overwrite)
+    overrides = {
+        **device_settings(robot, sensor, surface),
+        "tool.mass_kg": tool_mass_kg,
+        "task.file": "",
+        "task.step": touches(places, force_n),
+    }
+    config = load_config(config_file, overrides)
+    outputs = settled(Outputs(record, overwrite=overwrite, own_folder=record is None), config_file)
+    assert outputs.record is not None
+    if code := execute(config, virtual, outputs, False, config_file):
+        sys.exit(code)
+    found = {step.name: step.found for step in read(outputs.record).steps if step.found}
+    frame = frame_of(found, config.frame.approach)
+    lines = ["[frame]", *(toml_pair(name, value) for name, value in frame.items())]
+    if out is not None:
+        write_whole(out, ("\n".join(lines) + "\n").encode(), overwrite)
+        lines.append(f"wrote {out}")
+    tell(lines)

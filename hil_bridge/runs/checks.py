@@ -86,7 +86,8 @@ def check_program(config: Config, virtual: bool = False) -> None:
         if not holds(config, place):
             x, y, z = (part * 1e3 for part in place)
             raise ConfigError(
-                f"task.step {label}: the robot does not reach {x:.0f} {y:.0f} {z:.0f} mm, at the depth of the start"
+                f"task.step {label}: the robot does not reach {x:.0f} {y:.0f} {z:.0f} mm in its base frame, "
+                "at the depth of the start or at the safe height"
             )
 
 

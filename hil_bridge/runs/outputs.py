@@ -1,6 +1,7 @@
 """Outputs of a run: their place, whether they can go there, and the part that is printed at the end."""
 
 import os
+import re
 import shutil
 import tempfile
 from collections.abc import Iterator, Sequence
@@ -27,6 +28,8 @@ UNNAMED = "default"
 """Stands in a folder's name for the configuration when there is none."""
 FREE_BYTES_MIN = 50_000_000
 """Free space without which no recording is begun. Chosen: half an hour of a 1 kHz sensor takes as much."""
+_STAMP = re.compile(r"^\d{4}-\d\d-\d\d-\d{4}-\d\d-")
+"""Date and time before the name of such a folder."""
 _NAME_LENGTH = 80
 """Characters of a configuration's name that a folder is named by. Chosen: file systems take 255 in all."""
 
@@ -50,8 +53,8 @@ class Outputs:
 def settled(outputs: Outputs, config_file: Path | None) -> Outputs:
     """The same with every place named and its folder made, before the robot moves.
 
-    Raises ConfigError for what cannot be written afterwards, and for what is there already. `config_file` is never
-    written over, and no two outputs go into one file.
+    Raises ConfigError for what cannot be written afterwards, and for what is there already. `config_file`, or the
+    recording that is resumed, is never written over, and no two outputs go into one file.
     """
     beside = None if outputs.record is None else outputs.record.parent
     if outputs.report_beside and beside is None and not outputs.own_folder:
@@ -68,7 +71,7 @@ def settled(outputs: Outputs, config_file: Path | None) -> Outputs:
         if file is not None:
             check_place(file, outputs.overwrite)
     if outputs.record is None and outputs.own_folder:
-        folder = _own_folder(UNNAMED if config_file is None else config_file.stem)
+        folder = _own_folder(_name(config_file))
         return replace(
             outputs,
             record=folder / RECORD,
@@ -179,8 +182,8 @@ def _make(folder: Path) -> None:
 
 
 def _check_apart(outputs: Outputs, config_file: Path | None) -> None:
-    """Raise ConfigError where an output would be written over another, or over the configuration."""
-    taken = {} if config_file is None else {config_file.resolve(): "the configuration"}
+    """Raise ConfigError where an output would be written over another, or over the file that the run comes from."""
+    taken = {} if config_file is None else {config_file.resolve(): _kind(config_file)}
     wanted = [("--record", outputs.record), ("--summary", outputs.summary)]
     wanted += [("--report", file) for file in _report_files(outputs)]
     for option, file in wanted:
@@ -190,6 +193,17 @@ def _check_apart(outputs: Outputs, config_file: Path | None) -> None:
         if place in taken:
             raise ConfigError(f"{option} {file} would overwrite {taken[place]}; name another file")
         taken[place] = option
+
+
+def _name(source: Path | None) -> str:
+    """What a folder is named by: the configuration, or the folder of the recording that is resumed."""
+    if source is None:
+        return UNNAMED
+    return _STAMP.sub("", source.resolve().parent.name) if source.name == RECORD else source.stem
+
+
+def _kind(source: Path) -> str:
+    return "the recording that is resumed" if source.suffix == ".mcap" else "the configuration"
 
 
 def _own_folder(name: str) -> Path:

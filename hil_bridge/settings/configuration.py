@@ -29,7 +29,14 @@ from hil_bridge.faults.settings import FaultConfig
 from hil_bridge.kinds import ROBOTS, SENSORS, CellSection, emulated_sensor, faults_of
 from hil_bridge.settings.earlier import told_of
 from hil_bridge.settings.kinds import Chosen, cell_section, chosen_in, merged_section
-from hil_bridge.settings.program import count_problems, first_problem, instead_of, told_problem, with_program
+from hil_bridge.settings.program import (
+    STEPS_HINT,
+    count_problems,
+    first_problem,
+    instead_of,
+    told_problem,
+    with_program,
+)
 from hil_bridge.text_files import format_value, read_toml
 from protocol.geometry import Quaternion, Vector
 
@@ -458,7 +465,7 @@ def explain(
     match first["type"]:
         case "extra_forbidden" | "unexpected_keyword_argument":
             old = told_of(".".join(location), first["input"])
-            text = old or f" is no setting{_instead(location)}"
+            text = old or f" is no setting{STEPS_HINT if location == ['step'] else _instead(location)}"
         case "value_error":
             cause = str(first["ctx"]["error"])
             if location == ["faults"]:  # which of them, comes first

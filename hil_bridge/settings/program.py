@@ -34,6 +34,8 @@ PATHS = _by_tag("kind", Line, Arc, Polyline, Raster, Spiral)
 """Kinds of paths: the settings of each."""
 _SECTIONS: Mapping[str, type] = {"limits": StepLimits, "criterion": Criterion}
 _KEY = "task.step"
+STEPS_HINT = f"; steps in a configuration are [[{_KEY}]], and a file of [[step]] alone is given with --task"
+"""What to do about steps that stand in the wrong place."""
 
 
 def with_program(values: dict[str, Any], source: str) -> dict[str, Path]:
@@ -76,6 +78,14 @@ def with_program(values: dict[str, Any], source: str) -> dict[str, Path]:
         own[key] = value
         found[f"frame.{key}"] = path
     return found
+
+
+def in_file(error: ConfigError, source: str, program: str) -> ConfigError:
+    """The same with the file that a wrong step stands in: `source`, or `program` where the steps have their own."""
+    text = str(error)
+    if program and text.startswith("task.step"):
+        return ConfigError(f"{program}: {text.removeprefix('task.')}")
+    return ConfigError(f"{source}: {text}") if source and text.startswith("task.step") else error
 
 
 def is_program(values: Mapping[str, Any]) -> bool:
@@ -154,6 +164,8 @@ def _words(error: Mapping[str, Any], keys: Sequence[str], section: type | None) 
             cause = str(error["ctx"]["error"])
             blamed = cause.partition(" ")[0] in _names(section)
             return f"{begin}.{cause}" if begin and blamed else f"{begin}: {cause}"
+        case "missing" if error["loc"][-1] == "step":
+            return f"{begin} is missing: its steps are tables [[task.step.step]], in a file of its own [[step.step]]"
         case "missing" if isinstance(error["loc"][-1], str):
             return f"{begin} is missing"
         case "missing":
@@ -171,6 +183,10 @@ def _words(error: Mapping[str, Any], keys: Sequence[str], section: type | None) 
             return f"{begin} must be a force in N, or pairs of way in mm and force in N{got}"
         case "tuple_type":
             return f"{begin} must be a list{got}"
+        case "too_long":
+            return f"{begin} must be x and y, two numbers in mm{got}"
+        case "int_from_float":
+            return f"{begin} must be a whole number{got}"
         case _:
             return f"{begin} {error['msg'].replace('Input should', 'must', 1)}{got}"
 

@@ -18,7 +18,13 @@ STEEPEST_DEG = 45.0
 
 
 def touches(places_mm: Sequence[tuple[float, float]], force_n: float) -> list[dict[str, Any]]:
-    """Steps of a program that touches these places, mm from where the tool stands, each with a force."""
+    """Steps of a program that touches these places, mm in the work frame, each with a force.
+
+    Raises ConfigError for places that make no plane, before anything moves.
+    """
+    (x, y), (p, q), (u, v) = places_mm
+    length = math.hypot(p - x, q - y)
+    _check_apart(length, abs((p - x) * (v - y) - (q - y) * (u - x)) / max(length, 1e-6))
     steps: list[dict[str, Any]] = []
     for number, place in enumerate(places_mm, 1):
         steps += [
@@ -49,10 +55,7 @@ def frame_of(found: Mapping[str, Sequence[float]], approach: Vector) -> dict[str
     length = float(np.linalg.norm(along))
     normal = np.cross(along, aside)
     size = float(np.linalg.norm(normal))
-    if length < LEAST_MM * 1e-3 or size / max(length, 1e-9) < LEAST_MM * 1e-3:
-        raise ConfigError(
-            f"the three places lie on one line, or nearer than {LEAST_MM:g} mm: touch places farther apart"
-        )
+    _check_apart(length * 1e3, size / max(length, 1e-9) * 1e3)
     normal /= size
     if normal @ approach < 0:
         normal = -normal
@@ -67,3 +70,11 @@ def frame_of(found: Mapping[str, Sequence[float]], approach: Vector) -> dict[str
         "travel": [round(float(value), 9) for value in along / length],
         "origin_mm": [round(float(value) * 1e3, 3) for value in first],
     }
+
+
+def _check_apart(length_mm: float, beside_mm: float) -> None:
+    """Raise ConfigError for two places too near to each other, or a third one too near to the line through them."""
+    if not (length_mm >= LEAST_MM and beside_mm >= LEAST_MM):
+        raise ConfigError(
+            f"the three places lie on one line, or nearer than {LEAST_MM:g} mm: touch places farther apart"
+        )

@@ -180,3 +180,22 @@ def test_a_tool_that_stands_otherwise_is_refused(tmp_path: Path) -> None:
         code, told = ran("--resume", record, "--record", tmp_path / "x.mcap")
     assert code == 2
     assert "turned by 10.0° from the start of the recorded run" in told
+
+
+def test_the_resumed_recording_is_never_written_over_and_names_the_next(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    record, _ = cut_by("s3", tmp_path)
+    before = record.read_bytes()
+    code, told = ran("--resume", record, "--record", record)
+    assert code == 2
+    assert "would overwrite the recording that is resumed" in told
+    assert record.read_bytes() == before
+    folder = tmp_path / "runs" / "2026-11-22-1415-03-polish"
+    folder.mkdir(parents=True)
+    kept = record.rename(folder / "run.mcap")
+    assert ran("--resume", kept)[0] == 0
+    (new,) = (place for place in (tmp_path / "runs").iterdir() if place != folder)
+    assert new.name.endswith("-polish")
+    assert new.name.count("-") == folder.name.count("-")

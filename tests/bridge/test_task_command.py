@@ -1,6 +1,8 @@
 """Programs as files and on the command line: the table, the picture, a file of its own, and what is wrong in words."""
 
+import math
 import sys
+import tomllib
 from collections.abc import Callable
 from pathlib import Path
 from typing import TypeAlias
@@ -284,3 +286,118 @@ def test_the_record_holds_the_steps_of_a_file(hil: Command) -> None:
 def test_a_resumed_run_keeps_its_program(hil: Command) -> None:
     said = refused(hil("run", "--virtual", "--resume", "run.mcap", "--task", "steps.toml"))
     assert said.startswith("--resume takes configuration and program of the recording: leave others out")
+
+
+WRONG = {
+    "path of a move": (
+        "to_mm = [0, 10]",
+        "to_mm = [0, 10, 5]",
+        "step 4.1 (move): to_mm must be x and y, two numbers",
+    ),
+    "whole passes": ("times = 3", "times = 2.5", "step 4 (repeat): times must be a whole number, got 2.5"),
+    "idle setting": (
+        "lateral_limit_n = 9",
+        "across_n = 5",
+        'step 4.3 (track): across_n needs across = "force", now "position"',
+    ),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_a_wrong_value_is_told_in_words_of_the_program(hil: Command, name: str) -> None:
+    right, wrong, message = WRONG[name]
+    assert STEPS.count(right) == 1
+    Path("steps.toml").write_text(STEPS.replace(right, wrong))
+    assert refused(hil("task", "show", "steps.toml")).startswith(f"steps.toml: {message}")
+
+
+def test_a_repeat_without_steps_says_how_its_steps_are_written(hil: Command) -> None:
+    Path("steps.toml").write_text('[[step]]\ndo = "repeat"\ntimes = 2\n' + SHORT)
+    assert "step 1 (repeat): step is missing: its steps are tables" in refused(
+        hil("task", "show", "steps.toml")
+    )
+
+
+def test_a_run_names_the_file_of_a_step_that_cannot_follow(hil: Command) -> None:
+    twice = '[[step]]\ndo = "approach"\n' + SHORT
+    Path("steps.toml").write_text(twice)
+    Path("whole.toml").write_text(twice.replace("[[step", "[[task.step"))
+    told = "step 2 (approach): the tool presses here"
+    run = "run", "--virtual", "--no-record"
+    assert refused(hil(*run, "--task", "steps.toml")).startswith(f"steps.toml: {told}")
+    assert refused(hil(*run, "whole.toml")).startswith(f"whole.toml: task.{told}")
+
+
+def test_steps_that_stand_alone_are_no_configuration(hil: Command) -> None:
+    Path("steps.toml").write_text(SHORT)
+    told = refused(hil("run", "--virtual", "--no-record", "steps.toml"))
+    assert "steps in a configuration are [[task.step]]" in told
+    assert "--task" in told
+
+
+@pytest.mark.parametrize(
+    ("height_mm", "message"),
+    [(2500, "it leads to 0.900 -0.100 3.100 m"), (1500, "the robot does not reach 890 -100 2100 mm")],
+)
+def test_a_safe_height_out_of_reach_is_refused(hil: Command, height_mm: int, message: str) -> None:
+    whole = WHOLE.replace("safe_height_mm = 3", f"safe_height_mm = {height_mm}")
+    Path("high.toml").write_text('[robot]\nemulated = "egm"\n' + whole)
+    told = refused(hil("run", "--virtual", "--no-record", "high.toml"))
+    assert told.startswith(f"high.toml: task.step 4.1 (move, pass 1): {message}")
+
+
+SLOPE = """
+[frame]
+travel = [1, 0, 0]
+[cell]
+start_position_mm = [900, 0, 596]
+[cell.surface]
+kind = "sloped"
+slope_deg = 6
+path_deg = 0
+"""
+PLACES = "--place", "0", "0", "--place", "40", "0", "--place", "0", "30"
+
+
+@pytest.mark.parametrize("robot", ["s3", "egm"])
+def test_the_frame_of_a_slope_is_found_and_a_program_in_it_runs(hil: Command, robot: str) -> None:
+    Path("slope.toml").write_text(SLOPE)
+    command = (
+        "task",
+        "teach-frame",
+        "slope.toml",
+        *PLACES,
+        "--virtual",
+        "--robot",
+        robot,
+        "--out",
+        "frame.toml",
+    )
+    code, output, errors = hil(*command)
+    assert (code, errors) == (0, "")
+    frame = Path("frame.toml").read_text()
+    assert f"{frame}wrote frame.toml\n" in output
+    found = tomllib.loads(frame)["frame"]
+    slope = math.radians(6)
+    assert found["approach"] == pytest.approx([math.sin(slope), 0, -math.cos(slope)], abs=math.radians(0.5))
+    assert found["travel"] == pytest.approx([math.cos(slope), 0, math.sin(slope)], abs=math.radians(0.5))
+    assert found["origin_mm"] == pytest.approx([900, 0, 589.4], abs=0.2)
+    Path("whole.toml").write_text(
+        SHORT.replace("[[step", "[[task.step") + SLOPE.replace("[frame]\ntravel = [1, 0, 0]\n", frame)
+    )
+    assert hil("run", "whole.toml", "--virtual", "--robot", robot, "--no-record")[0] == 0
+
+
+def test_a_program_of_the_configuration_does_not_keep_from_teaching(hil: Command) -> None:
+    Path("steps.toml").write_text(SHORT)
+    Path("slope.toml").write_text('[task]\nfile = "steps.toml"\n' + SLOPE)
+    code, output, _ = hil("task", "teach-frame", "slope.toml", *PLACES, "--virtual")
+    assert code == 0
+    assert "touch 3 at" in output
+
+
+@pytest.mark.parametrize("third", [("80", "0"), ("20", "4"), ("nan", "3")])
+def test_places_on_one_line_are_refused_before_the_touch(hil: Command, third: tuple[str, str]) -> None:
+    told = refused(hil("task", "teach-frame", *PLACES[:6], "--place", *third, "--virtual"))
+    assert "lie on one line" in told
+    assert not Path("runs").exists()

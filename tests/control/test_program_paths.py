@@ -195,7 +195,9 @@ def test_every_place_of_a_raster_lies_in_its_triangle(corners):
 
 def test_a_polygon_that_a_line_crosses_twice_is_refused():
     hollow = ((0.0, 0.0), (20.0, 0.0), (20.0, 10.0), (10.0, 2.0), (0.0, 10.0))
-    with pytest.raises(ValueError, match="the polygon is crossed 4 times at 5 mm: every line must cross it"):
+    with pytest.raises(
+        ValueError, match="the polygon is crossed 4 times by the line at y = 5 mm: every line must"
+    ):
         Raster(polygon_mm=hollow, spacing_mm=5.0).corners(None)
 
 

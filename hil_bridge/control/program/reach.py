@@ -12,15 +12,19 @@ from protocol.geometry import Vector
 
 
 def corners(row: Row, frame: WorkFrame, start: Vector) -> Iterator[tuple[str, Vector]]:
-    """Corners of all paths at the depth of the start, base frame, m, with the label of their step.
+    """Corners of all paths at the depth of the start, base frame, m, with the label of their step. Those of a move lie
+    at the safe height.
 
     Paths that begin where only the run knows are left out.
     """
     origin = frame.origin or start
-    deep = sum((s - o) * n for s, o, n in zip(start, origin, frame.approach, strict=True))
+    depth = sum((s - o) * n for s, o, n in zip(start, origin, frame.approach, strict=True))
     for leg, place in zip(row.legs, row.places, strict=True):
+        deep = depth
         if isinstance(leg.step, Move):
-            places = [(leg.step.to_mm[0] * 1e-3, leg.step.to_mm[1] * 1e-3)]
+            deep -= leg.stroke.parameters.safe_height_mm * 1e-3
+            ends = [leg.step.to_mm] if place is None else [place, leg.step.to_mm]
+            places = [(x * 1e-3, y * 1e-3) for x, y in ends]
         elif leg.way is not None and place is not None:
             places = [(place[0] * 1e-3 + x, place[1] * 1e-3 + y) for x, y in leg.way.points]
         else:
@@ -36,11 +40,13 @@ def corners(row: Row, frame: WorkFrame, start: Vector) -> Iterator[tuple[str, Ve
 def check_workspace(row: Row, frame: WorkFrame, start: Vector, limits: Limits) -> None:
     """Raise ConfigError for the first path that leaves the workspace; the tool stands at `start`, base frame, m."""
     for label, (x, y, z) in corners(row, frame, start):
-        for value, low, high in zip((x, y, z), limits.workspace_min_m, limits.workspace_max_m, strict=True):
+        for axis, value, low, high in zip(
+            "xyz", (x, y, z), limits.workspace_min_m, limits.workspace_max_m, strict=True
+        ):
             if not low <= value <= high:
                 raise ConfigError(
-                    f"task.step {label}: it leads to {x:.3f} {y:.3f} {z:.3f} m, outside the box of "
-                    "limits.workspace_…_m"
+                    f"task.step {label}: it leads to {x:.3f} {y:.3f} {z:.3f} m in the base frame, outside the box of "
+                    f"limits.workspace_…_m: {axis} may be {low:g} … {high:g}"
                 )
 
 

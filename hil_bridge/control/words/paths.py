@@ -165,7 +165,14 @@ class Raster:
         for k in range(count + 1):
             # a hair inside, where a polygon's side or corner lies on the line
             level = low + (high - low) * k / count
-            left, right = _crossing(outline, min(max(level, low + 1e-6), high - 1e-6))
+            try:
+                left, right = _crossing(outline, min(max(level, low + 1e-6), high - 1e-6))
+            except ValueError as error:
+                across = "x" if self.along == "y" else "y"
+                raise ValueError(
+                    f"the polygon is {error} by the line at {across} = {level:g} mm: every line must cross it in one "
+                    "piece; try the other along, or several tracks"
+                ) from None
             ends = [(left, level), (right, level)]
             places += ends if k % 2 == 0 else ends[::-1]
         distinct = [place for place, before in zip(places, [None, *places], strict=False) if place != before]
@@ -224,15 +231,15 @@ def _known(begin: Place | None) -> Place:
 
 
 def _crossing(outline: Sequence[Place], level: float) -> Place:
-    """Where a line at this y crosses a polygon: the smallest and the largest x."""
+    """Where a line at this y crosses a polygon: the smallest and the largest x. Raises ValueError for more or fewer
+    than two crossings.
+    """
     crossings = []
     for (x, y), (u, v) in zip(outline, [*outline[1:], outline[0]], strict=True):
         if (y <= level < v) or (v <= level < y):
             crossings.append(x + (level - y) / (v - y) * (u - x))
     if len(crossings) != 2:
-        raise ValueError(
-            f"the polygon is crossed {len(crossings)} times at {level:.3g} mm: every line must cross it in one piece"
-        )
+        raise ValueError(f"crossed {len(crossings)} times")
     return min(crossings), max(crossings)
 
 

@@ -113,6 +113,8 @@ class Track:
         check_profile(self.force_n)
         if self.across == "force" and not (math.isfinite(self.across_n) and self.across_n):
             raise ValueError('across_n must be a force that is not 0 for across = "force"')
+        if self.across_n and self.across != "force":
+            raise ValueError(f'across_n needs across = "force", now "{self.across}"')
 
 
 @dataclass(frozen=True, slots=True)
