@@ -22,9 +22,9 @@ SILENT_FRAMES = 20
 """Frames that did not come, or did not change, before a sensor counts as silent or as stuck. Chosen: one or two are
 lost on a wire now and then.
 """
-_FAULT_EVENT, _SIGNAL_EVENT, _BUG_EVENT, _THEN_EVENT = "fault", "signal", "bug", "then"
+_FAULT_EVENT, _SIGNAL_EVENT, _BUG_EVENT, _THEN_EVENT, _STEP_EVENT = "fault", "signal", "bug", "then", "step"
 _NO_SYMPTOMS = frozenset(
-    (PHASE_EVENT, CHECK_EVENT, STOP_EVENT, _THEN_EVENT, _FAULT_EVENT, _SIGNAL_EVENT, _BUG_EVENT)
+    (PHASE_EVENT, CHECK_EVENT, STOP_EVENT, _THEN_EVENT, _FAULT_EVENT, _SIGNAL_EVENT, _BUG_EVENT, _STEP_EVENT)
 )
 """Kinds of events that tell of the course or of the end, not of trouble before it."""
 _BEGUN = (" begins", " happens")
@@ -111,7 +111,8 @@ def _completed(recording: Recording, end: RunEnd) -> str:
     text = f"The run completed after {seconds:.1f} s and {len(recording.cycles)} cycles"
     text += f", ended by its task: {end.cause}" if end.cause else ", as it was meant to"
     unmet = failed_criteria(step_outcomes(recording.steps))
-    return f"{text}; the tool was left {end.left or 'where it was'}{unmet and f'; but {unmet}'}."
+    left = f"; the tool was left {end.left}" if end.left else ""
+    return f"{text}{left}{unmet and f'; but {unmet}'}."
 
 
 class _Ending:

@@ -11,7 +11,7 @@ OWN = "hil-bridge"
 """Package of our own."""
 
 
-@click.command(short_help="List what other packages add, and what is wrong with it.")
+@click.command(short_help="List what other packages add, and their faults.")
 @click.option("--all", "with_own", is_flag=True, help="List our own kinds too.")
 @click.option("--json", "as_json", is_flag=True, help="Print the list as JSON.")
 def plugins(with_own: bool, as_json: bool) -> None:
@@ -34,7 +34,7 @@ def plugins(with_own: bool, as_json: bool) -> None:
     sys.exit(2 if any(row["state"] != "ok" for row in rows) else 0)
 
 
-@click.command(short_help="List the controllers, and their parameters with units and defaults.")
+@click.command(short_help="List the controllers and their parameters.")
 @click.argument("name", metavar="[NAME]", required=False)
 @click.option("--json", "as_json", is_flag=True, help="Print the list as JSON.")
 def controllers(name: str | None, as_json: bool) -> None:

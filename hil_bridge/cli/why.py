@@ -7,7 +7,7 @@ import click
 from hil_bridge.cli.paths import FILE
 
 
-@click.command(short_help="Tell in a paragraph how a recorded run ended.")
+@click.command(short_help="Tell how a recorded run ended.")
 @click.argument("recording", type=FILE)
 def why(recording: Path) -> None:
     """Tell how a recorded run ended: last good cycle, first symptom, cause, what followed, and what to look at.

@@ -166,3 +166,12 @@ def test_an_interrupted_run_was_not_stopped_by_a_device() -> None:
     assert text.startswith("The run was interrupted ")
     assert "What ended it" not in text
     assert "The tool was left retracted" in text
+
+
+def test_the_step_of_a_program_is_told_and_is_no_symptom() -> None:
+    path = {"kind": "line", "to_mm": [20.0, 0.0]}
+    steps = [{"do": "approach"}, {"do": "track", "path": path, "speed_mm_s": 10.0}, {"do": "retract"}]
+    off = {"on": "frames", "fault": "off", "phase": "track", "after_s": 0.3}
+    text = why(api.simulate({"task": {"step": steps}}, faults=[off], seed=3).recording)
+    assert "the last frame of the force sensor" in text
+    assert "in step 2 (track)" in text

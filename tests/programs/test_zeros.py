@@ -18,7 +18,6 @@ CELL = {
     "cell": {"start_position_mm": (900.0, -100.0, 591.0)},
     "task": {"retract_mm": 4.0, "retract_speed_mm_s": 11.0},
 }
-ROBOTS = pytest.mark.parametrize("robot", ["s3", "egm"])
 LESS, MORE = -0.12, 0.12
 """Drifts of Fz, N/s: it is negative while the tool presses, so that the first one tells too much force."""
 
@@ -54,15 +53,14 @@ def test_without_zeros_it_presses_less_and_the_end_says_so(play: Play) -> None:
     assert "or the sensor's zero has changed" in without.cause
 
 
-@ROBOTS
-def test_a_zero_is_refused_that_would_take_a_touch_away(play: Play, robot: str) -> None:
+def test_a_zero_is_refused_that_would_take_a_touch_away(play: Play) -> None:
     """Something presses on the tool while it stands, for the sensor jumps by 3 N."""
 
     def jump(run: Played, record: Any) -> None:
         if record.phase == "zero" and not run.cell.faults:
             run.inject("signal", "offset", axis="fz", amount=-3.0)
 
-    run = play(robot, [*STROKE, ZERO, *STROKE], CELL, meddle=jump)
+    run = play("s3", [*STROKE, ZERO, *STROKE], CELL, meddle=jump)
     assert run.stopped
     assert "would be taken for zero, allowed are 2 N" in run.cause
     assert run.cause.endswith("in step 4 (zero)")

@@ -289,6 +289,9 @@ class Program:
             case Zero():
                 taken = free_steps.zero(leg, state, measurement, felt)
             case _:
+                if state.phase is _RETRACT:
+                    way = self.way(leg.stroke.parameters.retract_speed_mm_s, measurement.dt)
+                    state = replace(state, course=yielding(state.course, felt.force, way))
                 state, output = leg.stroke.step(state, measurement)
                 if state.failed:
                     state = self._told(state, leg)

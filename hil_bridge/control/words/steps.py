@@ -192,7 +192,8 @@ class Move:
     to_mm: Place
     """Place in the work frame."""
     do: Literal["move"] = "move"
-    speed_mm_s: float = 20.0
+    speed_mm_s: float = 10.0
+    """Speed of the way across; an obstacle is met with it. Chosen."""
     contact_n: float | None = None
     """Force that counts as a touch; nothing: that of the task's contact."""
     limits: StepLimits = StepLimits()
