@@ -39,6 +39,7 @@ _BOUNDS: Mapping[str, Callable[[float, float], bool]] = {
     "at_least": operator.ge,
 }
 _ONLY = "outcomes"
+_IS = "is"
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +59,8 @@ class Criterion:
             case dict() as bounds:
                 if _ONLY in bounds and figures.get("outcome") not in bounds[_ONLY]:
                     return None
+                if _IS in bounds:
+                    return bool(value == bounds[_IS])
                 assert isinstance(value, (int, float))
                 return all(_BOUNDS[name](value, limit) for name, limit in bounds.items() if name != _ONLY)
             case list() as allowed:
@@ -71,6 +74,7 @@ class Criterion:
         match self.wanted:
             case dict() as bounds:
                 parts = [f"{name.replace('_', ' ')} {bounds[name]:g}" for name in _BOUNDS if name in bounds]
+                parts += [str(bounds[_IS]).lower()] if _IS in bounds else []
                 only = f" where {' or '.join(bounds[_ONLY])}" if _ONLY in bounds else ""
                 return f"{self.figure} {', '.join(parts)}{only}"
             case list() as allowed:
@@ -97,7 +101,9 @@ def problem_of(figure: str, wanted: object) -> str | None:
             return f"must be one or a list of {', '.join(OUTCOMES)}"
         return None
     if figure == "retracted":
-        return None if isinstance(wanted, bool) else "must be true or false"
+        if isinstance(wanted, dict) and isinstance(wanted.get(_IS), bool) and set(wanted) <= {_IS, _ONLY}:
+            return _problem_of_outcomes(wanted)
+        return None if isinstance(wanted, bool) else f"must be true or false, or a table with {_IS}, {_ONLY}"
     if not isinstance(wanted, dict):
         return None if _is_number(wanted) else f"must be a number or a table with {', '.join(_BOUNDS)}"
     return _problem_of_bounds(wanted)
@@ -110,6 +116,10 @@ def _problem_of_bounds(wanted: Mapping[str, Any]) -> str | None:
         return f"needs one of {', '.join(_BOUNDS)}"
     if wrong := [name for name in _BOUNDS if name in wanted and not _is_number(wanted[name])]:
         return f"{wrong[0]} must be a number"
+    return _problem_of_outcomes(wanted)
+
+
+def _problem_of_outcomes(wanted: Mapping[str, Any]) -> str | None:
     only = wanted.get(_ONLY, [OUTCOMES[0]])
     if not isinstance(only, list) or not only or any(word not in OUTCOMES for word in only):
         return f"{_ONLY} must be a list of {', '.join(OUTCOMES)}"

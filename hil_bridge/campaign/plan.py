@@ -10,7 +10,7 @@ from functools import cache
 from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from hil_bridge.campaign.criteria import Criterion, problem_of
 from hil_bridge.errors import BridgeError, ConfigError
@@ -35,6 +35,14 @@ class PlanErrors(ConfigError):
     def __init__(self, problems: Sequence[str]) -> None:
         super().__init__(problems[0] + (f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""))
         self.problems = tuple(problems)
+
+
+class _Cell(NamedTuple):
+    """A cell of the matrix, or one value of an axis."""
+
+    label: str
+    values: Mapping[str, Any]
+    """By dotted key."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -200,12 +208,12 @@ class _Reading:
             _put(values, key, value)
         return values
 
-    def _cells(self, given: object) -> list[dict[str, Any]]:
-        """Every combination of the axes: values by dotted key, in the order of the file."""
+    def _cells(self, given: object) -> list[_Cell]:
+        """Every combination of the axes, in the order of the file."""
         if not isinstance(given, dict):
             self._wrong("campaign.matrix", "must be a table of lists")
             return []
-        axes: list[list[dict[str, Any]]] = []
+        axes: list[list[_Cell]] = []
         for key, values in _leaves(given):
             where = f"campaign.matrix.{key}"
             if not isinstance(values, list) or not values:
@@ -215,13 +223,15 @@ class _Reading:
             if any(tables) and not all(tables):
                 self._wrong(where, "holds tables and plain values; use either")
                 continue
-            axis = [dict(_leaves(value)) if isinstance(value, dict) else {key: value} for value in values]
-            if len({json.dumps(one, sort_keys=True, default=str) for one in axis}) < len(axis):
+            axis = [_value(key, value) for value in values]
+            if len({json.dumps(one.values, sort_keys=True, default=str) for one in axis}) < len(axis):
                 self._wrong(where, "holds a value twice")
-            if any(one.startswith(("faults", "run.seed")) for place in axis for one in place):
+            if len({one.label for one in axis}) < len(axis):
+                self._wrong(where, "holds a label twice")
+            if any(name == "run.seed" or name.startswith("faults") for one in axis for name in one.values):
                 self._wrong(where, "cannot be an axis: faults and seeds have their own settings")
             axes.append(axis)
-        return [{k: v for part in parts for k, v in part.items()} for parts in itertools.product(*axes)]
+        return [_joined(parts) for parts in itertools.product(*axes)]
 
     def _faults(self, campaign: Mapping[str, Any]) -> list[dict[str, Any]]:
         """Tables as in [[faults]], one for each phase; the empty one is the case without a fault."""
@@ -245,19 +255,17 @@ class _Reading:
             self._wrong("campaign.fault", "is missing, and without_fault is false: there is nothing to run")
         return found
 
-    def _cases(
-        self, base: dict[str, Any], cells: list[dict[str, Any]], faults: list[dict[str, Any]]
-    ) -> list[Case]:
+    def _cases(self, base: dict[str, Any], cells: list[_Cell], faults: list[dict[str, Any]]) -> list[Case]:
         cases: list[Case] = []
         refusals: dict[int, list[str]] = {number: [] for number, table in enumerate(faults) if table}
         told: dict[str, list[str]] = {}
-        for cell in cells:
+        for label, given in cells:
             values = deepcopy(base)
-            for key, value in cell.items():
+            for key, value in given.items():
                 _put(values, key, value)
-            label = ", ".join(f"{key} {value}" for key, value in cell.items()) or "the configuration"
             try:
                 config = config_of(values, seed=0)
+                _check_emulated(config)
                 check(paced(config), True)
             except BridgeError as error:
                 told.setdefault(_plain(error), []).append(label)
@@ -276,6 +284,20 @@ class _Reading:
             if texts and len(texts) == len(cells) - sum(map(len, told.values())):
                 self._problems.append(f"{self._source}: campaign.fault.{number}: {texts[0]}")
         return cases
+
+
+def _value(key: str, value: object) -> _Cell:
+    """One value of an axis; a table may tell its own label."""
+    if not isinstance(value, dict):
+        return _Cell(f"{key} {value}", {key: value})
+    values = dict(_leaves(value))
+    label = values.pop("label", None) or ", ".join(f"{name} {one}" for name, one in values.items())
+    return _Cell(f"{key} {label}", values)
+
+
+def _joined(parts: Sequence[_Cell]) -> _Cell:
+    label = ", ".join(part.label for part in parts) or "the configuration"
+    return _Cell(label, {key: value for part in parts for key, value in part.values.items()})
 
 
 def fault_label(table: Mapping[str, Any]) -> str:
@@ -301,6 +323,12 @@ def _refusal(config: Config, table: Mapping[str, Any]) -> str:
     except ConfigError as error:
         return _plain(error).removeprefix("faults.0").removeprefix(": ").removeprefix(".")
     return ""
+
+
+def _check_emulated(config: Config) -> None:
+    for key, url in (("robot.url", config.robot.url), ("sensor.url", config.sensor.url)):
+        if url:
+            raise ConfigError(f"{key}: a campaign runs against the emulated cell alone; leave the URL empty")
 
 
 def _plain(error: BridgeError) -> str:
