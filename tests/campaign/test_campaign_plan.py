@@ -9,6 +9,7 @@ from hil_bridge.campaign.criteria import Criterion, failed
 from hil_bridge.campaign.plan import PlanErrors, code_version, read_plan
 from hil_bridge.errors import ConfigError
 
+EXAMPLES = Path(__file__).parents[2] / "examples" / "campaigns"
 HEAD = '[campaign]\nseeds = [1, 2]\n[campaign.criteria]\noutcome = "completed"\n'
 STOP = '[[campaign.fault]]\non = "robot"\nfault = "emergency-stop"\nphase = ["approach", "track"]\n'
 
@@ -95,6 +96,13 @@ def test_everything_that_is_wrong_is_told_before_the_first_run(
         assert line in problem
         assert problem.startswith(str(tmp_path / "study.toml"))
         assert "\n" not in problem
+
+
+@pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.toml")), ids=lambda path: path.stem)
+def test_examples_are_plans(path: Path) -> None:
+    plan = read_plan(path)
+    assert plan.count >= 100
+    assert not [case for case in plan.cases if case.impossible and case.fault == "none"]
 
 
 def test_file_that_is_no_toml_is_told(tmp_path: Path) -> None:
