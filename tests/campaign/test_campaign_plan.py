@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from hil_bridge.campaign.criteria import Criterion, failed
+from hil_bridge.campaign.criteria import FIGURES, Criterion, failed
 from hil_bridge.campaign.plan import PlanErrors, code_version, read_plan
 from hil_bridge.errors import ConfigError
 
@@ -103,6 +103,16 @@ def test_examples_are_plans(path: Path) -> None:
     plan = read_plan(path)
     assert plan.count >= 100
     assert not [case for case in plan.cases if case.impossible and case.fault == "none"]
+
+
+def test_plan_of_the_document_is_one(tmp_path: Path) -> None:
+    text = (EXAMPLES.parents[1] / "docs" / "campaigns.md").read_text(encoding="utf-8")
+    (tmp_path / "cell.toml").write_text("[task]\nspeed_mm_s = 4.0\n")
+    plan = read_plan(written(tmp_path, text.partition("```toml\n")[2].partition("```")[0]))
+    assert plan.name == "two forces"
+    assert (len(plan.cases), len(plan.possible), len(plan.seeds)) == (12, 8, 50)
+    for name, meaning in FIGURES.items():
+        assert f"| `{name}` | {meaning} |" in text
 
 
 def test_file_that_is_no_toml_is_told(tmp_path: Path) -> None:

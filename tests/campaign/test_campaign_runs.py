@@ -179,6 +179,16 @@ def test_rerun_gives_the_same_figures_and_the_recording(results: Path, tmp_path:
         CliRunner().invoke(campaign, ["rerun", str(results), "nothing"], catch_exceptions=False)
 
 
+def test_rerun_of_a_seed_repeats_every_case(results: Path, tmp_path: Path) -> None:
+    told = CliRunner().invoke(campaign, ["rerun", str(results), "--seed", "2", "--out", str(tmp_path)])
+    assert told.exit_code == 0, told.output
+    assert len(list(tmp_path.glob("*.mcap"))) == 4
+    with pytest.raises(ConfigError, match="no run with seed 9"):
+        CliRunner().invoke(campaign, ["rerun", str(results), "--seed", "9"], catch_exceptions=False)
+    with pytest.raises(ConfigError, match="either the KEY of a run or --seed"):
+        CliRunner().invoke(campaign, ["rerun", str(results)], catch_exceptions=False)
+
+
 def test_rerun_tells_figures_that_differ(results: Path, tmp_path: Path) -> None:
     copy = tmp_path / "copy.sqlite"
     with sqlite3.connect(results) as source, sqlite3.connect(copy) as target:
