@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
+from hil_bridge.api import simulate
 from hil_bridge.campaign.judging import Job, configured, run
 from hil_bridge.campaign.page import page
 from hil_bridge.campaign.plan import Plan, read_plan
@@ -79,6 +80,18 @@ def test_failing_runs_leave_their_recordings_and_the_others_their_figures(result
         for one in runs:
             assert 5.0 < float(one.figures["force_true_max_n"] or 0.0) < 20.0 or not one.passed
             assert one.figures.get("struck", 0) == (0 if one.passed else 1)
+
+
+@pytest.mark.parametrize("fault", [0, 1])
+def test_looking_at_the_truth_does_not_change_a_run(results: Path, fault: int) -> None:
+    with Store.open(results) as store:
+        case = store.plan().cases[fault]
+    config = configured(Job("", fault, case.config, case.table, 1))
+    watched, plain = run(config).result, simulate(config)
+    assert watched is not None
+    assert len(plain.cycles) > 10
+    assert repr(watched.cycles) == repr(plain.cycles)
+    assert repr(watched.recording.sensors) == repr(plain.recording.sensors)
 
 
 def test_key_is_kept_once_and_a_second_start_finds_nothing_to_do(results: Path) -> None:
