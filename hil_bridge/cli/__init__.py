@@ -7,6 +7,7 @@ from typing import Any
 
 import click
 
+from hil_bridge.cli.campaign import campaign
 from hil_bridge.cli.decode import decode
 from hil_bridge.cli.doctor import doctor
 from hil_bridge.cli.emulate import emulate
@@ -95,6 +96,7 @@ for command in (
     force_source,
     identify_tool,
     experiment,
+    campaign,
     decode,
     replay,
     why,

@@ -1,0 +1,130 @@
+"""Figures of a run in a campaign, and the criteria that it has to meet."""
+
+import operator
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+Figure: TypeAlias = float | bool | str | None
+"""A number in the unit of its name, an answer, or a word; None where the run did not show it."""
+Figures: TypeAlias = Mapping[str, Figure]
+
+OUTCOMES = ("completed", "stopped", "interrupted", "refused", "error")
+"""Outcomes of a run: those of a recording, a run that a device refused before it moved, and a bug."""
+FIGURES: Mapping[str, str] = {
+    "outcome": f"{', '.join(OUTCOMES[:-1])} or {OUTCOMES[-1]}",
+    "retracted": "the tool was taken off the surface at the end, or never moved",
+    "force_true_max_n": "largest true contact force, looked at every 10 ms, N",
+    "force_true_end_n": "true contact force at the end, N",
+    "duration_s": "duration of the run, s of its own time",
+    "cycles": "control cycles",
+    "struck": "times that faults had an effect",
+    "steps_failed": "steps of a program that did not meet their criterion",
+    "rise_samples": "samples until the force has risen",
+    "rise_s": "time until the force has risen, s",
+    "overshoot_percent": "overshoot, % of the wanted force",
+    "steady_mean_error_n": "mean error in the steady state, N",
+    "steady_peak_to_peak_n": "peak to peak in the steady state, N",
+    "rms_error_n": "root of the mean square of the error, N",
+    "contact_losses": "times that contact was lost",
+    "steps_per_s": "steps of the position resolution a second",
+    "largest_force_n": "largest measured force while tracking, N",
+}
+"""Names that a criterion may use, and their meaning."""
+_NUMBERS = tuple(name for name in FIGURES if name not in ("outcome", "retracted"))
+_BOUNDS: Mapping[str, Callable[[float, float], bool]] = {
+    "below": operator.lt,
+    "above": operator.gt,
+    "at_most": operator.le,
+    "at_least": operator.ge,
+}
+_ONLY = "outcomes"
+_IS = "is"
+
+
+@dataclass(frozen=True, slots=True)
+class Criterion:
+    """What one figure has to be."""
+
+    figure: str
+    wanted: Any
+    """A value, a list of values, or a table of bounds as in the file."""
+
+    def judge(self, figures: Figures) -> bool | None:
+        """Whether it is met; None where it does not concern the run, or the run has no such figure."""
+        value = figures.get(self.figure)
+        if value is None:
+            return None
+        match self.wanted:
+            case dict() as bounds:
+                if _ONLY in bounds and figures.get("outcome") not in bounds[_ONLY]:
+                    return None
+                if _IS in bounds:
+                    return bool(value == bounds[_IS])
+                assert isinstance(value, (int, float))
+                return all(_BOUNDS[name](value, limit) for name, limit in bounds.items() if name != _ONLY)
+            case list() as allowed:
+                return value in allowed
+            case other:
+                return bool(value == other)
+
+    @property
+    def text(self) -> str:
+        """In words."""
+        match self.wanted:
+            case dict() as bounds:
+                parts = [f"{name.replace('_', ' ')} {bounds[name]:g}" for name in _BOUNDS if name in bounds]
+                parts += [str(bounds[_IS]).lower()] if _IS in bounds else []
+                only = f" where {' or '.join(bounds[_ONLY])}" if _ONLY in bounds else ""
+                return f"{self.figure} {', '.join(parts)}{only}"
+            case list() as allowed:
+                return f"{self.figure} {' or '.join(map(str, allowed))}"
+            case bool() as wanted:
+                return f"{self.figure} {str(wanted).lower()}"
+            case other:
+                return f"{self.figure} {other}"
+
+
+def failed(criteria: Sequence[Criterion], figures: Figures) -> list[str]:
+    """Criteria that a run did not meet, in words. A bug fails every run."""
+    broken = ["no bug"] if figures.get("outcome") == "error" else []
+    return broken + [criterion.text for criterion in criteria if criterion.judge(figures) is False]
+
+
+def problem_of(figure: str, wanted: object) -> str | None:
+    """What is wrong with a criterion of a file, in words; None where nothing is."""
+    if figure not in FIGURES:
+        return f"is no figure; choose from {', '.join(FIGURES)}"
+    if figure == "outcome":
+        asked = wanted if isinstance(wanted, list) else [wanted]
+        if not asked or any(word not in OUTCOMES for word in asked):
+            return f"must be one or a list of {', '.join(OUTCOMES)}"
+        return None
+    if figure == "retracted":
+        if isinstance(wanted, dict) and isinstance(wanted.get(_IS), bool) and set(wanted) <= {_IS, _ONLY}:
+            return _problem_of_outcomes(wanted)
+        return None if isinstance(wanted, bool) else f"must be true or false, or a table with {_IS}, {_ONLY}"
+    if not isinstance(wanted, dict):
+        return None if _is_number(wanted) else f"must be a number or a table with {', '.join(_BOUNDS)}"
+    return _problem_of_bounds(wanted)
+
+
+def _problem_of_bounds(wanted: Mapping[str, Any]) -> str | None:
+    if unknown := [name for name in wanted if name not in _BOUNDS and name != _ONLY]:
+        return f"has no {unknown[0]!r}, only {', '.join(_BOUNDS)}, {_ONLY}"
+    if not any(name in _BOUNDS for name in wanted):
+        return f"needs one of {', '.join(_BOUNDS)}"
+    if wrong := [name for name in _BOUNDS if name in wanted and not _is_number(wanted[name])]:
+        return f"{wrong[0]} must be a number"
+    return _problem_of_outcomes(wanted)
+
+
+def _problem_of_outcomes(wanted: Mapping[str, Any]) -> str | None:
+    only = wanted.get(_ONLY, [OUTCOMES[0]])
+    if not isinstance(only, list) or not only or any(word not in OUTCOMES for word in only):
+        return f"{_ONLY} must be a list of {', '.join(OUTCOMES)}"
+    return None
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and value == value

@@ -1,0 +1,153 @@
+"""One run of a campaign: simulated, measured, judged."""
+
+import asyncio
+import json
+import time
+from contextlib import suppress
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hil_bridge.analysis.summary import summarise
+from hil_bridge.api import BridgeError, Config, Result, Simulation, run_virtual, simulation
+from hil_bridge.campaign.criteria import Criterion, Figure, failed
+from hil_bridge.campaign.store import Done
+from hil_bridge.settings.configuration import read_config
+from hil_bridge.settings.given import config_of
+
+WATCH_S = 0.01
+"""Chosen: the true force is looked at so often."""
+WATCH_AT_ONCE = 20
+"""Chosen: moments looked at together; many at once cost little more than one."""
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """A run that is to be done."""
+
+    key: str
+    number: int
+    """Number of its case."""
+    config: str
+    table: str
+    seed: int
+
+
+@dataclass
+class _Seen:
+    """What was seen of a run while it went."""
+
+    simulation: Simulation | None = None
+    error: BridgeError | None = None
+    largest_n: float | None = None
+    last_n: float | None = None
+
+    def look(self, end: float, moments: int) -> None:
+        """Look at the true force at moments up to `end`, s."""
+        cell = None if self.simulation is None else self.simulation.cell
+        if cell is None:
+            return
+        if cell.has_memory:  # it knows nothing of the past
+            times = np.array([cell.truth_available_from(end)])
+        else:
+            times = end - WATCH_S * np.arange(moments - 1, -1, -1)
+        forces = np.linalg.norm(cell.contact_forces(times), axis=1)
+        self.last_n = float(forces[-1])
+        self.largest_n = max(self.largest_n or 0.0, float(forces.max()))
+
+
+@dataclass(frozen=True, slots=True)
+class Ran:
+    """A run that has ended: its figures, and its records where it had any."""
+
+    figures: dict[str, Figure]
+    cause: str
+    result: Result | None = field(repr=False, default=None)
+
+
+def carry_out(job: Job, criteria: tuple[Criterion, ...], folder: Path | None) -> Done:
+    """Do a run and judge it. A failing one leaves its recording in `folder`, if there is one."""
+    began = time.perf_counter()
+    try:
+        ran = run(configured(job))
+    except Exception as error:  # a bug is a result too, and no reason to lose the other runs
+        lines = str(error).splitlines() or [""]
+        ran = Ran({"outcome": "error"}, f"{type(error).__name__}: {lines[0]}")
+    broken = failed(criteria, ran.figures)
+    name = ""
+    if broken and folder is not None and ran.result is not None:
+        name = f"{job.key}.mcap"
+        folder.mkdir(parents=True, exist_ok=True)
+        ran.result.save(folder / name, overwrite=True)  # only the same run can have left it
+    wall_s = time.perf_counter() - began
+    outcome = str(ran.figures["outcome"])
+    return Done(job.key, job.number, job.seed, outcome, ran.cause, tuple(broken), ran.figures, wall_s, name)
+
+
+def configured(job: Job) -> Config:
+    """The configuration of a run, with its fault and its seed."""
+    table: dict[str, Any] = json.loads(job.table)
+    return config_of(_config(job.config), [table] if table else [], seed=job.seed)
+
+
+@lru_cache(maxsize=256)
+def _config(text: str) -> Config:
+    return read_config(json.loads(text))
+
+
+def run(config: Config) -> Ran:
+    """One run in virtual time, whose true force is watched. Raises ConfigError for what cannot be run."""
+    seen = _Seen()
+
+    async def main() -> None:
+        try:
+            async with simulation(config) as running:
+                seen.simulation = running
+                watching = asyncio.get_running_loop().create_task(_watch(running, seen))
+                try:
+                    await running.finished()
+                finally:
+                    watching.cancel()
+                    with suppress(asyncio.CancelledError):
+                        await watching
+                    seen.look(running.clock.now(), WATCH_AT_ONCE)
+        except BridgeError as error:  # a device refused before the movement began
+            seen.error = error
+
+    run_virtual(main)
+    if seen.simulation is None:
+        assert seen.error is not None
+        return Ran({"outcome": "refused", "retracted": True}, str(seen.error))
+    return _measured(seen, seen.simulation)
+
+
+async def _watch(running: Simulation, seen: _Seen) -> None:
+    clock = running.clock
+    moments = WATCH_AT_ONCE if running.cell is None or not running.cell.has_memory else 1
+    while True:
+        await clock.sleep_until(clock.now() + moments * WATCH_S)
+        seen.look(clock.now(), moments)
+
+
+def _measured(seen: _Seen, running: Simulation) -> Ran:
+    result = running.result
+    refused = seen.error is not None
+    figures: dict[str, Figure] = {
+        "outcome": "refused" if refused else result.outcome.value,
+        "retracted": not result.left.startswith("NOT"),
+        "force_true_max_n": seen.largest_n,
+        "force_true_end_n": seen.last_n,
+        "cycles": len(result.cycles),
+    }
+    if running.cell is not None and running.config.faults:
+        figures["struck"] = sum(injection.struck for injection in running.cell.faults)
+    if result.events:
+        figures["duration_s"] = result.events[-1].at - result.events[0].at
+    if result.cycles:
+        summary = summarise(result.recording)
+        figures |= {name: None if v is None or v != v else v for name, v in summary.figures.items()}
+        figures["steps_failed"] = len(summary.criteria_failed)
+    return Ran(figures, str(seen.error) if refused else result.cause, result)

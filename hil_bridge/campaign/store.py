@@ -1,0 +1,233 @@
+"""The results of a campaign: one SQLite file, which may be read while it is written."""
+
+import json
+import sqlite3
+import time
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+from hil_bridge.campaign.criteria import Criterion, Figures
+from hil_bridge.campaign.plan import Case, Plan, code_version
+from hil_bridge.errors import ConfigError
+
+FORMAT = "hil-bridge campaign 1"
+"""What is in the file, for a later version that reads it."""
+BUSY_S = 30.0
+"""Chosen: how long is waited for another process that writes."""
+FAILED_SUFFIX = "-failed"
+"""Recordings of failing runs lie in a folder of the file's name with this."""
+
+_SCHEMA = """
+CREATE TABLE facts (name TEXT PRIMARY KEY, value TEXT NOT NULL);
+CREATE TABLE cases (
+    number INTEGER PRIMARY KEY, cell TEXT NOT NULL, fault TEXT NOT NULL, phase TEXT NOT NULL,
+    config TEXT NOT NULL, fault_table TEXT NOT NULL, impossible TEXT NOT NULL);
+CREATE TABLE runs (
+    key TEXT PRIMARY KEY, number INTEGER NOT NULL REFERENCES cases (number),
+    config_hash TEXT NOT NULL, code TEXT NOT NULL, fault TEXT NOT NULL, phase TEXT NOT NULL, seed INTEGER NOT NULL,
+    outcome TEXT NOT NULL, cause TEXT NOT NULL, passed INTEGER NOT NULL, failed TEXT NOT NULL,
+    figures TEXT NOT NULL, wall_s REAL NOT NULL, recording TEXT NOT NULL,
+    UNIQUE (config_hash, code, fault, phase, seed));
+CREATE TABLE sittings (began TEXT NOT NULL, wall_s REAL NOT NULL, runs INTEGER NOT NULL, workers INTEGER NOT NULL);
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class Done:
+    """A run that has ended."""
+
+    key: str
+    number: int
+    """Number of its case."""
+    seed: int
+    outcome: str
+    cause: str
+    failed: tuple[str, ...]
+    """Criteria that it did not meet."""
+    figures: Figures
+    wall_s: float
+    """Time that it took on its core, s."""
+    recording: str
+    """File name of its recording; empty where none was left."""
+
+    @property
+    def passed(self) -> bool:
+        """It met every criterion that concerns it."""
+        return not self.failed
+
+
+@dataclass(frozen=True, slots=True)
+class Sitting:
+    """One start of the campaign, until it ended or was interrupted."""
+
+    began: str
+    wall_s: float
+    runs: int
+    workers: int
+
+
+class Store:
+    """The file of a campaign. Use it as a context."""
+
+    def __init__(self, path: Path, connection: sqlite3.Connection) -> None:
+        self.path = path
+        self._connection = connection
+
+    @classmethod
+    def begin(cls, path: Path, plan: Plan) -> Self:
+        """The file of this plan: a new one, or one that was begun. Raises ConfigError for every other file."""
+        connection = _connect(path, "rwc")
+        store = cls(path, connection)
+        try:
+            if connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]:
+                store._check(plan)
+            else:
+                store._create(plan)
+            connection.execute("UPDATE facts SET value = ? WHERE name = 'seeds'", (json.dumps(plan.seeds),))
+            connection.commit()
+        except sqlite3.Error as error:
+            connection.close()
+            raise ConfigError(
+                f"cannot keep results in {path}: {error}; name another file with --out"
+            ) from error
+        except BaseException:
+            connection.close()
+            raise
+        return store
+
+    @classmethod
+    def open(cls, path: Path) -> Self:
+        """A file that is there, to be read. Raises ConfigError."""
+        if not path.is_file():
+            raise ConfigError(f"there is no file {path}; `hil-bridge campaign FILE.toml` makes one")
+        store = cls(path, _connect(path, "rw"))
+        try:
+            store._check_format()
+        except BaseException:
+            store.close()
+            raise
+        return store
+
+    def _create(self, plan: Plan) -> None:
+        self._connection.execute("PRAGMA journal_mode = WAL")
+        facts = {
+            "format": FORMAT,
+            "name": plan.name,
+            "identity": plan.identity,
+            "code": code_version(),
+            "seeds": json.dumps(plan.seeds),
+            "criteria": json.dumps([[item.figure, item.wanted] for item in plan.criteria]),
+        }
+        rows = [
+            (number, case.cell, case.fault, case.phase, case.config, case.table, case.impossible)
+            for number, case in enumerate(plan.cases)
+        ]
+        # One transaction: a process that is killed here leaves an empty file, not half a plan.
+        self._connection.executescript("BEGIN IMMEDIATE;" + _SCHEMA)
+        self._connection.executemany("INSERT INTO facts VALUES (?, ?)", facts.items())
+        self._connection.executemany("INSERT INTO cases VALUES (?, ?, ?, ?, ?, ?, ?)", rows)
+        self._connection.commit()
+
+    def _check_format(self) -> None:
+        try:
+            told = self.fact("format")
+        except sqlite3.Error:
+            told = ""
+        if told != FORMAT:
+            raise ConfigError(f"{self.path} holds no results of a campaign; name another file")
+
+    def _check(self, plan: Plan) -> None:
+        self._check_format()
+        for name, mine, what in (
+            ("identity", plan.identity, "another plan: its matrix, faults, settings or criteria differ"),
+            ("code", code_version(), "results of another version of the code"),
+        ):
+            if self.fact(name) != mine:
+                raise ConfigError(f"{self.path} holds {what}; name a new file with --out")
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the file. Harmless when called again."""
+        self._connection.close()
+
+    @property
+    def folder(self) -> Path:
+        """Recordings of failing runs."""
+        return self.path.with_name(self.path.stem + FAILED_SUFFIX)
+
+    def fact(self, name: str) -> str:
+        """A fact of the campaign; empty where it is not told."""
+        row = self._connection.execute("SELECT value FROM facts WHERE name = ?", (name,)).fetchone()
+        return str(row[0]) if row else ""
+
+    def put(self, done: Sequence[Done], cases: Sequence[Case]) -> None:
+        """Keep runs, all or none of them; one that is kept already stays as it is."""
+        code = code_version()
+        rows = [
+            (
+                run.key, run.number, cases[run.number].config_hash, code, cases[run.number].table,
+                cases[run.number].phase, run.seed, run.outcome, run.cause, run.passed,
+                json.dumps(run.failed), json.dumps(run.figures), run.wall_s, run.recording,
+            )
+            for run in done
+        ]  # fmt: skip
+        marks = ", ".join("?" * 14)
+        with self._connection:
+            self._connection.executemany(f"INSERT OR IGNORE INTO runs VALUES ({marks})", rows)
+
+    def sat(self, began: str, wall_s: float, runs: int, workers: int) -> None:
+        """Keep how long this start took."""
+        with self._connection:
+            self._connection.execute(
+                "INSERT INTO sittings VALUES (?, ?, ?, ?)", (began, wall_s, runs, workers)
+            )
+
+    def keys(self) -> set[str]:
+        """Keys of all runs that are kept."""
+        return {key for (key,) in self._connection.execute("SELECT key FROM runs")}
+
+    def plan(self) -> Plan:
+        """The campaign as it was checked."""
+        rows = self._connection.execute(
+            "SELECT cell, fault, phase, config, fault_table, impossible FROM cases ORDER BY number"
+        )
+        criteria = tuple(Criterion(figure, wanted) for figure, wanted in json.loads(self.fact("criteria")))
+        seeds = tuple(json.loads(self.fact("seeds")))
+        return Plan(self.fact("name"), seeds, tuple(Case(*row) for row in rows), criteria)
+
+    def runs(self, where: str = "1", values: Iterable[object] = ()) -> Iterator[Done]:
+        """Runs that are kept, by case and seed."""
+        query = (
+            "SELECT key, number, seed, outcome, cause, failed, figures, wall_s, recording FROM runs "
+            f"WHERE {where} ORDER BY number, seed"
+        )
+        for row in self._connection.execute(query, tuple(values)):
+            key, number, seed, outcome, cause, failed, figures, wall_s, recording = row
+            told: Any = json.loads(figures)
+            yield Done(key, number, seed, outcome, cause, tuple(json.loads(failed)), told, wall_s, recording)
+
+    def sittings(self) -> list[Sitting]:
+        """Every start so far that came to its end, or was interrupted."""
+        return [Sitting(*row) for row in self._connection.execute("SELECT * FROM sittings ORDER BY began")]
+
+
+def now() -> str:
+    """The present time for people, UTC."""
+    return time.strftime("%Y-%m-%d %H:%M:%S", time.gmtime())
+
+
+def _connect(path: Path, mode: str) -> sqlite3.Connection:
+    try:
+        return sqlite3.connect(f"{path.resolve().as_uri()}?mode={mode}", timeout=BUSY_S, uri=True)
+    except sqlite3.Error as error:
+        raise ConfigError(f"cannot open {path}: {error}") from error

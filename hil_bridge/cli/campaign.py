@@ -1,0 +1,203 @@
+"""`hil-bridge campaign`: a matrix of configurations, faults and seeds in virtual time, judged by criteria."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from hil_bridge.cli.options import overwrite_option, tell
+from hil_bridge.cli.paths import FILE
+from hil_bridge.errors import ConfigError
+
+if TYPE_CHECKING:
+    from hil_bridge.campaign.store import Done
+
+DIFFERS = 1
+"""Exit code when runs or campaigns differ."""
+FAILED = 4
+"""Exit code when a run did not meet a criterion."""
+
+
+class _Campaign(click.Group):
+    """`campaign FILE` is `campaign run FILE`."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        if args and args[0] not in self.commands and args[0] not in ("-h", "--help"):
+            args = ["run", *args]
+        return super().parse_args(ctx, args)
+
+
+@click.group(
+    cls=_Campaign,
+    no_args_is_help=False,
+    short_help="Run a matrix of configurations, faults and seeds.",
+    subcommand_metavar="FILE.toml | COMMAND [ARGS]…",
+)
+def campaign() -> None:
+    """Run a matrix of configurations, faults and seeds in virtual time, and judge each run by criteria.
+
+    `hil-bridge campaign FILE.toml` runs what its results file lacks; the same command goes on after Ctrl-C.
+    """
+
+
+@campaign.command()
+@click.argument("file", type=FILE)
+@click.option(
+    "--out", type=FILE, metavar="FILE.sqlite", help="Results.  [default: FILE.sqlite in this folder]"
+)
+@click.option(
+    "--workers", type=click.IntRange(min=1), metavar="N", help="Processes.  [default: one for each core]"
+)
+@click.option(
+    "--check", "only_check", is_flag=True, help="Check the file and tell the number of runs, no more."
+)
+def run(file: Path, out: Path | None, workers: int | None, only_check: bool) -> None:
+    """Run what is missing of a campaign. Exit code 4 when a run does not meet a criterion."""
+    import os
+
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    from hil_bridge.campaign.plan import PlanErrors, read_plan
+    from hil_bridge.campaign.store import Store
+    from hil_bridge.campaign.working import missing, work
+    from hil_bridge.runs.signals import as_ctrl_c
+
+    try:
+        plan = read_plan(file)
+    except PlanErrors as error:
+        for problem in error.problems[:-1]:
+            click.echo(f"hil-bridge: {problem}", err=True)
+        raise ConfigError(error.problems[-1]) from error
+    impossible = len(plan.cases) - len(plan.possible)
+    without = f"; {impossible} more cannot be, see the report" if impossible else ""
+    click.echo(
+        f"{plan.name}: {len(plan.possible)} cases × {len(plan.seeds)} seeds = {plan.count} runs{without}"
+    )
+    if only_check:
+        return
+    place = out or Path(f"{file.stem}.sqlite")
+    console = Console(stderr=True)
+    with Store.begin(place, plan) as store:
+        jobs = missing(plan, store)
+        if len(jobs) < plan.count:
+            click.echo(f"{place} has {plan.count - len(jobs)} of them already")
+        with Progress(
+            TextColumn("runs"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TextColumn("{task.fields[rate]}"),
+            TextColumn("{task.fields[failed]} failed"),
+            TimeRemainingColumn(),
+            console=console,
+            disable=not console.is_terminal,
+        ) as progress:
+            bar = progress.add_task("runs", total=len(jobs), rate="", failed=0)
+            task = progress.tasks[0]
+            failures = 0
+
+            def advance(count: int, failed: int) -> None:
+                nonlocal failures
+                failures += failed
+                seconds = task.elapsed or 0.0
+                rate = f"{(task.completed + count) / seconds:.1f} runs/s" if seconds else ""
+                progress.update(bar, advance=count, rate=rate, failed=failures)
+
+            try:
+                with as_ctrl_c():
+                    work(plan, store, jobs, workers or os.cpu_count() or 1, advance)
+            except KeyboardInterrupt:
+                kept = len(store.keys())
+                click.echo(f"interrupted: {kept} runs are kept; the same command goes on", err=True)
+                raise
+        failed = sum(not done.passed for done in store.runs("passed = 0"))
+        sittings = store.sittings()
+        if sittings and jobs:
+            last = sittings[-1]
+            click.echo(
+                f"{last.runs} runs in {last.wall_s:.1f} s: {last.runs / last.wall_s:.2f} runs/s on "
+                f"{last.workers} processes"
+            )
+    click.echo(f"{plan.count - failed} passed, {failed} failed; hil-bridge campaign report {place}")
+    if failed:
+        click.get_current_context().exit(FAILED)
+
+
+@campaign.command()
+@click.argument("results", type=FILE, metavar="FILE.sqlite")
+@click.option("--out", type=FILE, metavar="PAGE.html", help="The page.  [default: beside the results]")
+@overwrite_option
+def report(results: Path, out: Path | None, overwrite: bool) -> None:
+    """Make one page of the results, which needs nothing beside itself."""
+    from hil_bridge.campaign.page import page
+    from hil_bridge.campaign.store import Store
+    from hil_bridge.recording.files import write_whole
+
+    place = out or results.with_suffix(".html")
+    with Store.open(results) as store:
+        write_whole(place, page(store).encode(), overwrite)
+    click.echo(place)
+
+
+@campaign.command()
+@click.argument("results", type=FILE, metavar="FILE.sqlite")
+@click.argument("key", required=False)
+@click.option("--seed", type=click.IntRange(min=0), metavar="N", help="All runs of this seed.")
+@click.option("--out", type=FILE, metavar="DIR", help="Where the recordings go.  [default: this folder]")
+@overwrite_option
+def rerun(results: Path, key: str | None, seed: int | None, out: Path | None, overwrite: bool) -> None:
+    """Repeat a run by its KEY, or those of a seed, and leave the recordings.
+
+    Exit code 1 when its figures are not those of the campaign.
+    """
+    from hil_bridge.campaign.comparison import differences
+    from hil_bridge.campaign.judging import Job, configured
+    from hil_bridge.campaign.judging import run as run_one
+    from hil_bridge.campaign.plan import code_version
+    from hil_bridge.campaign.store import Store
+    from hil_bridge.recording.files import check_record_place
+
+    if (key is None) == (seed is None):
+        raise ConfigError("name either the KEY of a run or --seed N")
+    folder, differing = out or Path(), 0
+    with Store.open(results) as store:
+        plan = store.plan()
+        where, value = ("key = ?", key) if seed is None else ("seed = ?", seed)
+        found: list[Done] = list(store.runs(where, [value]))
+        if not found:
+            raise ConfigError(f"{results} has no run with {'the key ' + str(key) if key else f'seed {seed}'}")
+        if store.fact("code") != code_version():
+            click.echo("the results are of another version of the code, so that figures may differ", err=True)
+        for done in found:
+            check_record_place(folder / f"{done.key}.mcap", overwrite)
+        for done in found:
+            case = plan.cases[done.number]
+            ran = run_one(configured(Job(done.key, done.number, case.config, case.table, done.seed)))
+            click.echo(f"{done.key}: seed {done.seed}, {case.cell}, fault {case.fault} {case.phase}".rstrip())
+            outcome = ran.figures["outcome"]
+            click.echo(f"  {outcome}{ran.cause and f', {ran.cause}'}")
+            other = list(differences(done.figures, ran.figures))
+            tell(f"  differs: {text}" for text in other)
+            differing += bool(other)
+            if ran.result is not None:
+                click.echo(f"  {ran.result.save(folder / f'{done.key}.mcap', overwrite=overwrite)}")
+    if differing:
+        click.get_current_context().exit(DIFFERS)
+
+
+@campaign.command()
+@click.argument("before", type=FILE, metavar="A.sqlite")
+@click.argument("after", type=FILE, metavar="B.sqlite")
+def compare(before: Path, after: Path) -> None:
+    """Tell what differs between two campaigns, for runs of the same cell, fault, phase and seed.
+
+    Exit code 1 when anything differs.
+    """
+    from hil_bridge.campaign.comparison import compared
+    from hil_bridge.campaign.store import Store
+
+    with Store.open(before) as first, Store.open(after) as second:
+        found = compared(first, second)
+    tell(found.lines)
+    if found.differing:
+        click.get_current_context().exit(DIFFERS)

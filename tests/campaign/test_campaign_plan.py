@@ -1,0 +1,149 @@
+"""The file of a campaign: what it makes, and one line for everything that is wrong with it."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hil_bridge.campaign.criteria import FIGURES, Criterion, failed
+from hil_bridge.campaign.plan import PlanErrors, code_version, read_plan
+from hil_bridge.errors import ConfigError
+
+EXAMPLES = Path(__file__).parents[2] / "examples" / "campaigns"
+HEAD = '[campaign]\nseeds = [1, 2]\n[campaign.criteria]\noutcome = "completed"\n'
+STOP = '[[campaign.fault]]\non = "robot"\nfault = "emergency-stop"\nphase = ["approach", "track"]\n'
+
+
+def written(tmp_path: Path, text: str) -> Path:
+    path = tmp_path / "study.toml"
+    path.write_text(text)
+    return path
+
+
+def test_matrix_faults_and_seeds_make_every_combination(tmp_path: Path) -> None:
+    matrix = '[campaign.matrix]\ntask.force_n = [8.0, 10.0]\n"robot.emulated" = ["s3", "rtde"]\n'
+    plan = read_plan(written(tmp_path, HEAD + matrix + STOP))
+    assert plan.name == "study"
+    assert [(case.cell, case.fault, case.phase) for case in plan.cases][:3] == [
+        ("task.force_n 8.0, robot.emulated s3", "none", ""),
+        ("task.force_n 8.0, robot.emulated s3", "robot: emergency-stop", "approach"),
+        ("task.force_n 8.0, robot.emulated s3", "robot: emergency-stop", "track"),
+    ]
+    assert len(plan.cases) == 4 * 3
+    assert plan.count == 24
+    code = code_version()
+    assert len({case.key(code, seed) for case, seed in plan.runs()}) == 24
+
+
+def test_axis_of_tables_sets_several_settings(tmp_path: Path) -> None:
+    matrix = '[campaign.matrix]\nforce = [{ label = "soft", task.force_n = 5.0, run.duration_s = 2.0 }]\n'
+    (case,) = read_plan(written(tmp_path, HEAD + matrix)).cases
+    assert case.cell == "force soft"
+    assert '"force_n":5.0' in case.config
+    assert '"duration_s":2.0' in case.config
+
+
+def test_configuration_of_a_file_and_of_the_plan_itself(tmp_path: Path) -> None:
+    (tmp_path / "cell.toml").write_text("[task]\nforce_n = 7.0\nspeed_mm_s = 4.0\n")
+    text = HEAD.replace("seeds", 'config = "cell.toml"\nseeds') + "[config.task]\nforce_n = 6.0\n"
+    (case,) = read_plan(written(tmp_path, text)).cases
+    assert '"force_n":6.0' in case.config
+    assert '"speed_mm_s":4.0' in case.config
+
+
+def test_fault_that_some_cells_cannot_have_is_kept_as_impossible(tmp_path: Path) -> None:
+    matrix = '[campaign.matrix]\n"robot.emulated" = ["s3", "rtde"]\n'
+    drop = '[[campaign.fault]]\non = "link"\nfault = "drop-ack"\n'
+    plan = read_plan(written(tmp_path, HEAD + matrix + drop))
+    assert [bool(case.impossible) for case in plan.cases] == [False, False, False, True]
+    assert len(plan.possible) == 3
+
+
+@pytest.mark.parametrize(
+    ("text", "lines"),
+    [
+        ("", ["there must be a table [campaign]"]),
+        (HEAD + "[more]\n", ["more is no table of a campaign, only campaign, config"]),
+        (HEAD.replace("seeds", "seed"), ["campaign.seed is no setting", "campaign.seeds must be a list"]),
+        (HEAD.replace("[1, 2]", "[1, 1]"), ["campaign.seeds holds a seed twice"]),
+        (HEAD.replace("[1, 2]", "{ from = 3, to = 2 }"), ["campaign.seeds must be a list"]),
+        (
+            HEAD.replace("outcome", "outcomes"),
+            ["campaign.criteria.outcomes is no figure; choose from outcome"],
+        ),
+        (HEAD.replace('"completed"', '"done"'), ["campaign.criteria.outcome must be one or a list of"]),
+        (HEAD + "rise_s = { under = 1 }\n", ["campaign.criteria.rise_s has no 'under', only below, above"]),
+        (HEAD + "retracted = 1\n", ["campaign.criteria.retracted must be true or false"]),
+        (HEAD + '[campaign.matrix]\n"task.force" = [1.0]\n', ["task.force is no setting"]),
+        (HEAD + '[campaign.matrix]\n"task.force_n" = 1.0\n', ["campaign.matrix.task.force_n must be a list"]),
+        (HEAD + '[campaign.matrix]\n"run.seed" = [1]\n', ["campaign.matrix.run.seed cannot be an axis"]),
+        (HEAD + '[config.robot]\nurl = "tcp://host:1"\n', ["robot.url: a campaign runs against"]),
+        (
+            HEAD + STOP.replace("emergency-stop", "hiccup"),
+            ["campaign.fault.1: ", "campaign.fault.2: "],
+        ),
+        (HEAD.replace("seeds", 'config = "nowhere.toml"\nseeds'), ["campaign.config: cannot read"]),
+    ],
+)
+def test_everything_that_is_wrong_is_told_before_the_first_run(
+    tmp_path: Path, text: str, lines: list[str]
+) -> None:
+    with pytest.raises(PlanErrors) as raised:
+        read_plan(written(tmp_path, text))
+    problems = raised.value.problems
+    assert len(problems) == len(lines)
+    for problem, line in zip(problems, lines, strict=True):
+        assert line in problem
+        assert problem.startswith(str(tmp_path / "study.toml"))
+        assert "\n" not in problem
+
+
+@pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.toml")), ids=lambda path: path.stem)
+def test_examples_are_plans(path: Path) -> None:
+    plan = read_plan(path)
+    assert plan.count >= 100
+    assert not [case for case in plan.cases if case.impossible and case.fault == "none"]
+
+
+def test_plan_of_the_document_is_one(tmp_path: Path) -> None:
+    text = (EXAMPLES.parents[1] / "docs" / "campaigns.md").read_text(encoding="utf-8")
+    (tmp_path / "cell.toml").write_text("[task]\nspeed_mm_s = 4.0\n")
+    plan = read_plan(written(tmp_path, text.partition("```toml\n")[2].partition("```")[0]))
+    assert plan.name == "two forces"
+    assert (len(plan.cases), len(plan.possible), len(plan.seeds)) == (12, 8, 50)
+    for name, meaning in FIGURES.items():
+        assert f"| `{name}` | {meaning} |" in text
+
+
+def test_file_that_is_no_toml_is_told(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="is no TOML"):
+        read_plan(written(tmp_path, "[campaign"))
+
+
+@pytest.mark.parametrize(
+    ("figure", "wanted", "figures", "met"),
+    [
+        ("outcome", ["completed", "stopped"], {"outcome": "stopped"}, True),
+        ("outcome", "completed", {"outcome": "stopped"}, False),
+        ("rise_s", {"below": 1.0}, {"rise_s": 1.0}, False),
+        ("rise_s", {"at_most": 1.0}, {"rise_s": 1.0}, True),
+        ("rise_s", {"above": 0.0, "below": 1.0}, {"rise_s": -1.0}, False),
+        ("rise_s", {"below": 1.0}, {"rise_s": None}, None),
+        ("rise_s", {"below": 1.0, "outcomes": ["completed"]}, {"rise_s": 2.0, "outcome": "stopped"}, None),
+        ("retracted", True, {"retracted": False}, False),
+        (
+            "retracted",
+            {"is": True, "outcomes": ["completed"]},
+            {"retracted": False, "outcome": "stopped"},
+            None,
+        ),
+        ("retracted", {"is": True}, {"retracted": False}, False),
+        ("struck", 0, {"struck": 0}, True),
+    ],
+)
+def test_criterion_judges(figure: str, wanted: Any, figures: Any, met: bool | None) -> None:
+    assert Criterion(figure, wanted).judge(figures) is met
+
+
+def test_bug_fails_every_run() -> None:
+    assert failed([], {"outcome": "error"}) == ["no bug"]

@@ -1,0 +1,277 @@
+"""Campaigns that run: each key once, also after a kill; rerun, compare and the page."""
+
+import os
+import re
+import signal
+import sqlite3
+import subprocess
+import sys
+import time
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from hil_bridge.api import simulate
+from hil_bridge.campaign.judging import Job, configured, run
+from hil_bridge.campaign.page import page
+from hil_bridge.campaign.plan import Plan, read_plan
+from hil_bridge.campaign.store import Store
+from hil_bridge.campaign.working import missing, work
+from hil_bridge.cli.campaign import campaign
+from hil_bridge.errors import BridgeError, ConfigError
+from hil_bridge.recording import read
+
+STUDY = """
+[campaign]
+name = "study"
+seeds = { from = 1, to = SEEDS }
+[campaign.matrix]
+task.force_n = [8.0, 10.0]
+[[campaign.fault]]
+on = "robot"
+fault = "emergency-stop"
+phase = "track"
+[campaign.criteria]
+outcome = "completed"
+force_true_max_n = { below = 60 }
+overshoot_percent = { below = 1000, outcomes = ["interrupted"] }
+[config.run]
+duration_s = 0.3
+[config.sensor]
+emulated = "ft300"
+[config.task]
+retract_mm = 2.0
+[config.cell]
+start_position_mm = [900.0, -100.0, 601.0]
+"""
+
+
+def study(folder: Path, seeds: int = 2, text: str = STUDY) -> Path:
+    path = folder / "study.toml"
+    path.write_text(text.replace("SEEDS", str(seeds)))
+    return path
+
+
+def done(plan: Plan, place: Path) -> None:
+    with Store.begin(place, plan) as store:
+        work(plan, store, missing(plan, store), workers=1)
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("campaign")
+    done(read_plan(study(folder)), folder / "study.sqlite")
+    return folder / "study.sqlite"
+
+
+def test_failing_runs_leave_their_recordings_and_the_others_their_figures(results: Path) -> None:
+    with Store.open(results) as store:
+        runs = list(store.runs())
+        assert len(runs) == 8
+        stopped = [one for one in runs if not one.passed]
+        assert {one.outcome for one in stopped} == {"stopped"}
+        assert len(stopped) == 4
+        assert sorted(path.name for path in store.folder.iterdir()) == sorted(
+            one.recording for one in stopped
+        )
+        assert read(store.folder / stopped[0].recording).end["outcome"] == "stopped"
+        for one in runs:
+            assert 5.0 < float(one.figures["force_true_max_n"] or 0.0) < 20.0 or not one.passed
+            assert one.figures.get("struck", 0) == (0 if one.passed else 1)
+
+
+@pytest.mark.parametrize("fault", [0, 1])
+def test_looking_at_the_truth_does_not_change_a_run(results: Path, fault: int) -> None:
+    with Store.open(results) as store:
+        case = store.plan().cases[fault]
+    config = configured(Job("", fault, case.config, case.table, 1))
+    watched, plain = run(config).result, simulate(config)
+    assert watched is not None
+    assert len(plain.cycles) > 10
+    assert repr(watched.cycles) == repr(plain.cycles)
+    assert repr(watched.recording.sensors) == repr(plain.recording.sensors)
+
+
+def test_key_is_kept_once_and_a_second_start_finds_nothing_to_do(results: Path) -> None:
+    with Store.open(results) as store:
+        plan, runs = store.plan(), list(store.runs())
+        store.put(runs, plan.cases)
+        assert len(list(store.runs())) == len(runs)
+        assert missing(plan, store) == []
+    with sqlite3.connect(results) as connection, pytest.raises(sqlite3.IntegrityError, match="UNIQUE"):
+        connection.execute(
+            "INSERT INTO runs SELECT 'another', number, config_hash, code, fault, phase, seed, outcome, cause, "
+            "passed, failed, figures, wall_s, recording FROM runs LIMIT 1"
+        )
+    connection.close()
+
+
+def test_results_of_another_plan_are_not_touched(results: Path, tmp_path: Path) -> None:
+    other = read_plan(study(tmp_path, text=STUDY.replace("60", "50")))
+    with pytest.raises(ConfigError, match="another plan"):
+        Store.begin(results, other)
+    text = tmp_path / "notes.sqlite"
+    text.write_text("no database, but long enough to be taken for one " * 100)
+    with pytest.raises(ConfigError, match="cannot keep results"):
+        Store.begin(text, other)
+    assert text.read_text().startswith("no database")
+
+
+def test_more_seeds_go_on_in_the_same_file(tmp_path: Path) -> None:
+    text = STUDY.replace("[8.0, 10.0]", "[8.0]")
+    done(read_plan(study(tmp_path, 1, text)), tmp_path / "a.sqlite")
+    plan = read_plan(study(tmp_path, 2, text))
+    with Store.begin(tmp_path / "a.sqlite", plan) as store:
+        assert sorted(job.seed for job in missing(plan, store)) == [2, 2]
+
+
+@pytest.mark.live
+@pytest.mark.skipif(os.name != "posix", reason="SIGKILL")
+def test_kill_in_the_middle_loses_nothing_and_doubles_nothing(tmp_path: Path) -> None:
+    path, place, seeds = study(tmp_path, 5), tmp_path / "out.sqlite", 5
+    command = [
+        sys.executable,
+        "-m",
+        "hil_bridge",
+        "campaign",
+        str(path),
+        "--out",
+        str(place),
+        "--workers",
+        "2",
+    ]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+    deadline, kept = time.monotonic() + 60.0, 0
+    while kept == 0 and time.monotonic() < deadline:
+        assert process.poll() is None
+        time.sleep(0.05)
+        kept = _kept(place)
+    process.send_signal(signal.SIGKILL)
+    process.communicate()
+    kept = _kept(place)
+    assert 0 < kept < 4 * seeds
+    again = subprocess.run(command, capture_output=True, text=True, timeout=90, check=False)
+    assert again.returncode == 4, again.stderr
+    assert f"has {kept} of them already" in again.stdout
+    plan = read_plan(path)
+    with Store.open(place) as store:
+        runs = list(store.runs())
+        assert len(runs) == 4 * seeds
+        assert {(one.number, one.seed) for one in runs} == {
+            (number, seed) for number in range(4) for seed in range(1, seeds + 1)
+        }
+        assert missing(plan, store) == []
+        # two processes and a kill between them change no figure
+        for one in runs[:2]:
+            case = plan.cases[one.number]
+            job = Job(one.key, one.number, case.config, case.table, one.seed)
+            assert run(configured(job)).figures == one.figures
+
+
+def _kept(place: Path) -> int:
+    try:
+        with Store.open(place) as store:
+            return len(store.keys())
+    except (BridgeError, sqlite3.Error):
+        return 0
+
+
+def test_rerun_gives_the_same_figures_and_the_recording(results: Path, tmp_path: Path) -> None:
+    with Store.open(results) as store:
+        key = next(store.runs("passed = 0")).key
+    arguments = ["rerun", str(results), key, "--out", str(tmp_path)]
+    told = CliRunner().invoke(campaign, arguments, catch_exceptions=False)
+    assert told.exit_code == 0, told.output
+    assert "differs" not in told.output
+    assert read(tmp_path / f"{key}.mcap").end["outcome"] == "stopped"
+    with pytest.raises(ConfigError, match="there already"):
+        CliRunner().invoke(campaign, arguments, catch_exceptions=False)
+    with pytest.raises(ConfigError, match="no run with the key nothing"):
+        CliRunner().invoke(campaign, ["rerun", str(results), "nothing"], catch_exceptions=False)
+
+
+def test_rerun_of_a_seed_repeats_every_case(results: Path, tmp_path: Path) -> None:
+    told = CliRunner().invoke(campaign, ["rerun", str(results), "--seed", "2", "--out", str(tmp_path)])
+    assert told.exit_code == 0, told.output
+    assert len(list(tmp_path.glob("*.mcap"))) == 4
+    with pytest.raises(ConfigError, match="no run with seed 9"):
+        CliRunner().invoke(campaign, ["rerun", str(results), "--seed", "9"], catch_exceptions=False)
+    with pytest.raises(ConfigError, match="either the KEY of a run or --seed"):
+        CliRunner().invoke(campaign, ["rerun", str(results)], catch_exceptions=False)
+
+
+def test_rerun_tells_figures_that_differ(results: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "copy.sqlite"
+    with sqlite3.connect(results) as source, sqlite3.connect(copy) as target:
+        source.backup(target)
+        target.execute("UPDATE runs SET figures = json_set(figures, '$.cycles', -1)")
+        (key,) = target.execute("SELECT key FROM runs WHERE passed").fetchone()
+    source.close()
+    target.commit()
+    target.close()
+    told = CliRunner().invoke(campaign, ["rerun", str(copy), key, "--out", str(tmp_path)])
+    assert told.exit_code == 1
+    assert "differs: cycles -1 →" in told.output
+
+
+def test_compare_tells_what_differs_for_equal_runs(results: Path, tmp_path: Path) -> None:
+    same = CliRunner().invoke(campaign, ["compare", str(results), str(results)])
+    assert same.exit_code == 0
+    assert "8 runs in both, 0 of them differ" in same.output
+    done(read_plan(study(tmp_path, 1, STUDY.replace("0.3", "0.4"))), tmp_path / "other.sqlite")
+    other = CliRunner().invoke(campaign, ["compare", str(results), str(tmp_path / "other.sqlite")])
+    assert other.exit_code == 1
+    assert "4 runs in both, 2 of them differ" in other.output
+    assert re.search(r"task.force_n 8.0 \| none  \| seed 1: .*duration_s", other.output)
+
+
+class _Tags(HTMLParser):
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.links: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.links += [value or "" for name, value in attrs if name in ("src", "href")]
+        if tag not in ("meta", "br"):
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+
+def test_page_tells_cells_worst_runs_and_what_was_never_exercised(results: Path, tmp_path: Path) -> None:
+    with Store.open(results) as store:
+        text, worst = page(store), next(store.runs("passed = 0")).key
+    tags = _Tags()
+    tags.feed(text)
+    assert tags.open == []
+    assert tags.links == []
+    assert "8 of 8 runs done: 4 passed, 4 failed" in text
+    assert '<td class="count pass">2/2</td>' in text
+    assert '<td class="count fail">0/2</td>' in text
+    assert f"hil-bridge campaign rerun study.sqlite {worst}" in text
+    assert "this criterion concerned no run" in text
+    out = tmp_path / "page.html"
+    assert CliRunner().invoke(campaign, ["report", str(results), "--out", str(out)]).exit_code == 0
+    with pytest.raises(ConfigError, match="there already"):
+        CliRunner().invoke(campaign, ["report", str(results), "--out", str(out)], catch_exceptions=False)
+
+
+def test_page_of_a_campaign_that_has_not_begun_names_every_cell(tmp_path: Path) -> None:
+    text = STUDY.replace("emergency-stop", "late-answer")
+    plan = read_plan(study(tmp_path, 1, text))
+    with Store.begin(tmp_path / "a.sqlite", plan) as store:
+        assert page(store).count("no run yet") == 4
+        work(plan, store, missing(plan, store)[:1], workers=1)
+        assert page(store).count("no run yet") == 3
+
+
+def test_command_tells_every_mistake_of_a_plan(tmp_path: Path) -> None:
+    path = study(tmp_path, text=STUDY.replace("below", "under").replace("[8.0, 10.0]", "8"))
+    told = CliRunner().invoke(campaign, [str(path)])
+    assert isinstance(told.exception, ConfigError)
+    assert told.output.count("hil-bridge: ") == 2
+    assert not (tmp_path / "study.sqlite").exists()
