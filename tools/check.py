@@ -31,6 +31,23 @@ def both(*steps: Callable[[], int]) -> Callable[[], int]:
     return lambda: next(filter(None, [step() for step in steps]), 0)
 
 
+def at_once(first: tuple[str, ...], second: tuple[str, ...]) -> Callable[[], int]:
+    """A step of two commands of the environment at a time; the second one's output is shown when both have ended."""
+
+    def step() -> int:
+        command = [BIN / second[0], *second[1:]]
+        with subprocess.Popen(
+            command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+        ) as other:
+            with ThreadPoolExecutor(1) as reader:
+                output = reader.submit(lambda: other.communicate()[0])
+                code = tool(*first)()
+                print(output.result(), flush=True)
+        return code or other.returncode
+
+    return step
+
+
 TOYS = ROOT / "tests" / "plugins" / "toydevices"
 """A package of devices that another author could have written."""
 TOY_RUN = (
@@ -94,6 +111,12 @@ def wheel_elsewhere() -> int:
     return 0
 
 
+QUICK = (
+    "tests/clients",
+    *(f"tests/live/test_{name}_live.py" for name in ("bench", "cell", "clock", "egm", "program", "rtde")),
+)
+"""Tests in real time whose devices speak every few milliseconds: one at a time. Beside each one that waits for a line."""
+
 STEPS: dict[str, Callable[[], int]] = {
     "format": tool("ruff", "format", "--check", "."),
     "lint": tool("ruff", "check", "."),
@@ -117,7 +140,9 @@ STEPS: dict[str, Callable[[], int]] = {
         *("-m", "not live and not vcan and not driver", "--numprocesses", "auto"),
         *("--dist", "loadfile", "--no-loadscope-reorder"),
     ),
-    "live": tool("pytest", "-m", "live", "--numprocesses", "2", "--dist", "loadgroup"),
+    "live": at_once(
+        ("pytest", "-m", "live", *QUICK), ("pytest", "-m", "live", *(f"--ignore={path}" for path in QUICK))
+    ),
     "kernel": tool("python", "tools/vcan_vm.py", "--driver"),
 }
 
