@@ -36,13 +36,15 @@ def at_once(first: tuple[str, ...], second: tuple[str, ...]) -> Callable[[], int
 
     def step() -> int:
         command = [BIN / second[0], *second[1:]]
-        with subprocess.Popen(
-            command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
-        ) as other:
-            with ThreadPoolExecutor(1) as reader:
-                output = reader.submit(lambda: other.communicate()[0])
-                code = tool(*first)()
-                print(output.result(), flush=True)
+        with (
+            subprocess.Popen(
+                command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+            ) as other,
+            ThreadPoolExecutor(1) as reader,
+        ):
+            output = reader.submit(lambda: other.communicate()[0])
+            code = tool(*first)()
+            print(output.result(), flush=True)
         return code or other.returncode
 
     return step
@@ -115,7 +117,7 @@ QUICK = (
     "tests/clients",
     *(f"tests/live/test_{name}_live.py" for name in ("bench", "cell", "clock", "egm", "program", "rtde")),
 )
-"""Tests in real time whose devices speak every few milliseconds: one at a time. Beside each one that waits for a line."""
+"""Tests in real time of devices that speak every few milliseconds: one at a time, and beside it one of a slow line."""
 
 STEPS: dict[str, Callable[[], int]] = {
     "format": tool("ruff", "format", "--check", "."),
