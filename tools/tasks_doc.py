@@ -99,7 +99,7 @@ def picture(path: Path) -> bytes:
 
 
 def section_table(word: str, section: Any) -> str:
-    """What a word, a path or another section means, and its settings."""
+    """Meaning of a word, a path or another section, and its settings."""
     meaning = "" if section in (Criterion, Facing) else f"{_one_line(inspect.getdoc(section) or '')}\n\n"
     return meaning + rows_table(_fields(word, section))
 

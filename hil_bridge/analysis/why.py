@@ -15,7 +15,7 @@ from hil_bridge.recording.reader import Recording
 from hil_bridge.recording.records import CycleRecord, EventRecord, SensorRecord
 
 CALM_S = 3.0
-"""What was told before the last good cycle, and before so long a calm, belongs to no trouble of the end, s. Chosen: a
+"""Events before the last good cycle, and before so long a calm, belong to no trouble of the end, s. Chosen: a
 line of 9600 baud waits 2 s for an answer before it tells that none came.
 """
 SILENT_FRAMES = 20
@@ -28,7 +28,7 @@ _NO_SYMPTOMS = frozenset(
 )
 """Kinds of events that tell of the course or of the end, not of trouble before it."""
 _BEGUN = (" begins", " happens")
-"""What the event of an injected fault says when the fault comes."""
+"""Words of the event that tells of an injected fault."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""What differs between two campaigns."""
+"""Differences between two campaigns."""
 
 import math
 import statistics

@@ -44,7 +44,7 @@ _IS = "is"
 
 @dataclass(frozen=True, slots=True)
 class Criterion:
-    """What one figure has to be."""
+    """Bounds of one figure."""
 
     figure: str
     wanted: Any
@@ -92,7 +92,7 @@ def failed(criteria: Sequence[Criterion], figures: Figures) -> list[str]:
 
 
 def problem_of(figure: str, wanted: object) -> str | None:
-    """What is wrong with a criterion of a file, in words; None where nothing is."""
+    """Fault of a criterion of a file, in words; None where it has none."""
     if figure not in FIGURES:
         return f"is no figure; choose from {', '.join(FIGURES)}"
     if figure == "outcome":

@@ -38,7 +38,7 @@ class Job:
 
 @dataclass
 class _Seen:
-    """What was seen of a run while it went."""
+    """Observations of a run while it went."""
 
     simulation: Simulation | None = None
     error: BridgeError | None = None

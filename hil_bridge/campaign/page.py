@@ -172,7 +172,7 @@ def _bars(values: Sequence[float]) -> str:
 
 
 def _never(plan: Plan, runs: Sequence[Done]) -> str:
-    """What the results say nothing about."""
+    """Parts of the plan of which there are no results."""
     done, struck = Counter(run.number for run in runs), Counter[int]()
     for run in runs:
         if run.figures.get("struck"):

@@ -14,7 +14,7 @@ from hil_bridge.campaign.plan import Case, Plan, code_version
 from hil_bridge.errors import ConfigError
 
 FORMAT = "hil-bridge campaign 1"
-"""What is in the file, for a later version that reads it."""
+"""Format of the file, for a later version that reads it."""
 BUSY_S = 30.0
 """Chosen: how long is waited for another process that writes."""
 FAILED_SUFFIX = "-failed"

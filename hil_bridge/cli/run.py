@@ -106,7 +106,7 @@ def run(
     from hil_bridge.runs.outputs import Outputs
     from hil_bridge.runs.resuming import resumed_config, told_resume
     from hil_bridge.runs.session import execute
-    from hil_bridge.settings.configuration import load_config, nested
+    from hil_bridge.settings.configuration import lay_over, load_config
     from hil_bridge.settings.program import in_file
 
     if record is not None and no_record:
@@ -129,7 +129,9 @@ def run(
     elif config_file is not None or task_file is not None:
         raise click.UsageError("--resume takes configuration and program of the recording: leave others out")
     else:
-        config = resumed_config(read(resume), nested(overrides))
+        changes: dict[str, object] = {}
+        lay_over(changes, overrides)
+        config = resumed_config(read(resume), changes)
         click.echo(told_resume(config))
     beside = report == _BESIDE
     outputs = Outputs(

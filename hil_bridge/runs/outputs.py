@@ -196,7 +196,7 @@ def _check_apart(outputs: Outputs, config_file: Path | None) -> None:
 
 
 def _name(source: Path | None) -> str:
-    """What a folder is named by: the configuration, or the folder of the recording that is resumed."""
+    """Name of a folder: that of the configuration, or the folder of the recording that is resumed."""
     if source is None:
         return UNNAMED
     return _STAMP.sub("", source.resolve().parent.name) if source.name == RECORD else source.stem

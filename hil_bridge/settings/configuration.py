@@ -382,17 +382,7 @@ def load_config(path: Path | None, overrides: Mapping[str, object]) -> Config:
     values: dict[str, Any] = {}
     if path is not None:
         values = read_values(path)
-    given = set()
-    for key, value in overrides.items():
-        if value is None:
-            continue
-        *sections, name = key.split(".")
-        table: Any = values
-        for section in sections:
-            table = table.setdefault(section, {}) if isinstance(table, dict) else None
-        if isinstance(table, dict):
-            table[name] = value
-            given.add(key)
+    given = lay_over(values, overrides)
     sources = with_program(values, str(path or "configuration"))
     try:
         return read_config(values)
@@ -407,18 +397,20 @@ def read_values(path: Path) -> dict[str, Any]:
     return values
 
 
-def nested(overrides: Mapping[str, object]) -> dict[str, Any]:
-    """Overrides that are not None as nested tables, of dotted keys."""
-    tables: dict[str, Any] = {}
+def lay_over(values: dict[str, Any], overrides: Mapping[str, object]) -> set[str]:
+    """Put overrides that are not None into nested tables, by dotted key; the keys that found their table."""
+    given = set()
     for key, value in overrides.items():
         if value is None:
             continue
         *sections, name = key.split(".")
-        table = tables
+        table: Any = values
         for section in sections:
-            table = table.setdefault(section, {})
-        table[name] = value
-    return tables
+            table = table.setdefault(section, {}) if isinstance(table, dict) else None
+        if isinstance(table, dict):
+            table[name] = value
+            given.add(key)
+    return given
 
 
 def dump(config: Config) -> str:

@@ -35,7 +35,7 @@ PATHS = _by_tag("kind", Line, Arc, Polyline, Raster, Spiral)
 _SECTIONS: Mapping[str, type] = {"limits": StepLimits, "criterion": Criterion}
 _KEY = "task.step"
 STEPS_HINT = f"; steps in a configuration are [[{_KEY}]], and a file of [[step]] alone is given with --task"
-"""What to do about steps that stand in the wrong place."""
+"""Advice on steps that stand in the wrong place."""
 
 
 def with_program(values: dict[str, Any], source: str) -> dict[str, Path]:

@@ -8,13 +8,15 @@ from msgspec.structs import replace
 
 from hil_bridge.control import Command, Measurement, Phase, Task, TaskParameters
 from hil_bridge.control.course.limits import Limits
+from hil_bridge.control.course.task import TaskState
 from hil_bridge.control.geometry.turning import apart, rotated
+from hil_bridge.control.program import free_steps
 from hil_bridge.control.program.facing import FacingState, inward
 from hil_bridge.control.program.felt import WorkFrame
 from hil_bridge.control.program.legs import legs_of
 from hil_bridge.control.program.orienting import turned
 from hil_bridge.control.program.program import Program
-from hil_bridge.control.program.state import Felt
+from hil_bridge.control.program.state import CourseState, Felt
 from hil_bridge.control.words.paths import Line, Polyline
 from hil_bridge.control.words.steps import Approach, Criterion, Hold, Move, Repeat, Retract, Seek, Track
 
@@ -265,3 +267,16 @@ def test_an_uncertain_normal_turns_no_tool(sigma_deg, turns):
         wanted = inward((0.2, 0.0))
         assert found[0] < 0.0
         assert abs(found[0]) < abs(wanted[1])
+
+
+def test_a_move_whose_tool_never_comes_ends_the_run():
+    course = CourseState(start=(0.0, 0.0), home=DOWN, began=0.0)
+    leg = program_of(Move(to_mm=(3.0, 0.0)), Retract()).row.legs[0]
+    state, trouble, at = TaskState(phase=Phase.MOVE, course=course), "", 0.0
+    while not trouble and at < 60.0:
+        at += DT
+        felt = Felt(at, (0.0, 0.0), (0.0, 0.0, 0.0), DOWN, (0.0, 0.0, 0.0), (0.0,) * 6, 1)
+        state, _, done, trouble = free_steps.move(leg, state, Measurement(at, 0.0, 0.0, 0.0, dt=DT), felt)
+        assert not done
+    assert "does not come to its place" in trouble
+    assert 5.0 < at < 6.0

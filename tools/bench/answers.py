@@ -226,7 +226,7 @@ def beside(way: Way, run: Tracked, turns: Turns, how: str) -> Iterator[Figure]:
 
 
 def inside(way: Way, run: Tracked, how: str) -> Iterator[Figure]:
-    """What the bridge stamped itself over the whole run, its recording, and the robot's rate as it was."""
+    """Stamps of the bridge itself over the whole run, its recording, and the robot's rate as it was."""
     answers, link = run.summary["answers"], run.summary["link"]
     for name, key in (("p50", "p50_ms"), ("p99", "p99_ms"), ("largest", "max_ms")):
         yield Figure(f"{way.title}, inside the bridge, {name}{how}", answers[key] * 1e3, "µs")

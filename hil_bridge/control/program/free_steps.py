@@ -20,6 +20,8 @@ _ROUNDING = 1e-9
 """Slack for sums of steps, m."""
 _THERE = 0.5e-3
 """Chosen: distance from the place at which the tool counts as arrived, m."""
+_PATIENCE_S = 5.0
+"""Chosen: time after the last order within which the tool must come to its place."""
 _AS_AT_HOME = math.radians(0.5)
 """Chosen: turn from the orientation of the start at which the tool counts as turned back."""
 
@@ -37,14 +39,17 @@ def move(leg: Leg, state: TaskState, measurement: Measurement, felt: Felt) -> Ta
         way = task.way(speed, measurement.dt)
         if depth <= _ROUNDING:  # above the start something may be in the way
             way = min(way, task.careful_step(measurement.position - depth, measurement.dt))
-        return state, max(depth - way, course.safe), False, ""
+        lifted = replace(state, course=replace(course, since=felt.now))
+        return lifted, max(depth - way, course.safe), False, ""
     x, y = (place * 1e-3 - start for place, start in zip(step.to_mm, course.start, strict=True))
     course, arrived = _towards(course, (x, y), task.way(step.speed_mm_s, measurement.dt))
     there = (
         arrived and math.dist(felt.place, course.at) <= _THERE and abs(measurement.position - depth) <= _THERE
     )
     turned = course.home is None or course.turned is None or apart(course.turned, course.home) < _AS_AT_HOME
-    return replace(state, course=course), depth, there and turned, ""
+    if not (arrived and turned):
+        course = replace(course, since=felt.now)
+    return replace(state, course=course), depth, there and turned, _absent(course, felt)
 
 
 def seek(leg: Leg, state: TaskState, measurement: Measurement, felt: Felt) -> Taken:
@@ -60,7 +65,7 @@ def seek(leg: Leg, state: TaskState, measurement: Measurement, felt: Felt) -> Ta
         force = felt.force[1] * h + felt.force[2] * k
         if force > task.parameters.contact_threshold_n:
             back = max(reported - step.back_off_mm * 1e-3, 0.0)
-            course = replace(course, stage=1, stage_at=back, found=(felt.position, 1))
+            course = replace(course, stage=1, stage_at=back, since=felt.now, found=(felt.position, 1))
         elif local >= leg.way.length - _ROUNDING:
             return state, depth, False, f"nothing found within {step.at_most_mm:g} mm"
         else:
@@ -76,7 +81,9 @@ def seek(leg: Leg, state: TaskState, measurement: Measurement, felt: Felt) -> Ta
         course, (x + goal * h, y + goal * k), task.way(task.parameters.retract_speed_mm_s, measurement.dt)
     )
     there = arrived and math.dist(felt.place, course.at) <= _THERE
-    return replace(state, course=course), depth, there, ""
+    if not arrived:
+        course = replace(course, since=felt.now)
+    return replace(state, course=course), depth, there, _absent(course, felt)
 
 
 def zero(leg: Leg, state: TaskState, measurement: Measurement, felt: Felt) -> Taken:
@@ -109,6 +116,13 @@ def zero(leg: Leg, state: TaskState, measurement: Measurement, felt: Felt) -> Ta
             ),
         )
     return replace(state, course=replace(course, zero=mean)), depth, True, ""
+
+
+def _absent(course: CourseState, felt: Felt) -> str:
+    """Why the run must end although the tool was ordered to its place, in words; empty while it may still come."""
+    if felt.now - course.since <= _PATIENCE_S:
+        return ""
+    return "the tool does not come to its place: look at the position that the robot reports"
 
 
 def _towards(course: CourseState, place: tuple[float, float], way: float) -> tuple[CourseState, bool]:
