@@ -38,7 +38,7 @@ class Pump(Generic[Data, Event]):
         transport: Transport[Data],
         clock: Clock,
         on_event: Callable[[Event], object],
-        on_end: Callable[[Exception], object],
+        on_end: Callable[[BaseException], object],
     ) -> None:
         self._endpoint = endpoint
         self._transport = transport
@@ -65,7 +65,7 @@ class Pump(Generic[Data, Event]):
         self._turning = True
         try:
             self._turn()
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             self._end(error)
         finally:
             self._turning = False
@@ -100,7 +100,7 @@ class Pump(Generic[Data, Event]):
             return
         try:
             self._endpoint.receive(data, self._clock.now())
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             self._end(error)
             return
         self.kick()
@@ -115,12 +115,12 @@ class Pump(Generic[Data, Event]):
         try:
             # a timer may come a rounding step early
             self._endpoint.handle_deadline(max(deadline, self._clock.now()))
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             self._end(error)
             return
         self.kick()
 
-    def _end(self, cause: Exception) -> None:
+    def _end(self, cause: BaseException) -> None:
         if self._ended:
             return
         self._ended = True
