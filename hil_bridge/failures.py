@@ -17,6 +17,8 @@ from hil_bridge.offers import packages_of_modules
 
 TRACEBACK_EVENT = "traceback"
 """Kind of the event whose text is the traceback of such a failure."""
+RAISED = (Exception, SystemExit, KeyboardInterrupt)
+"""Exceptions that other packages' code may raise where it should return; see `raise_if_asked`."""
 FAILED_EVENT = "failed"
 """Kind of the event that tells that an emulated device has failed, in one line."""
 OWN = frozenset(("hil_bridge", "emulators", "protocol"))
@@ -57,13 +59,25 @@ def failure(error: BaseException, otherwise: str = "") -> str:
     if blamed := getattr(error, "blamed", None):
         otherwise = place_of_method(*blamed)
     place = otherwise if blamed else plugin_place(error) or _foreign_place(error) or otherwise
-    return f"{type(error).__name__}: {told(error)}{place and f' ({place})'}"
+    said = ": ".join(filter(None, (type(error).__name__, told(error))))
+    return f"{said}{place and f' ({place})'}"
 
 
 def tell_failure(what: str, cause: BaseException, notice: Callable[[str, str], object]) -> None:
     """Tell a failure beside the bridge's own devices: its traceback, then that the thing has failed."""
     notice(TRACEBACK_EVENT, traceback_of(cause))
     notice(FAILED_EVENT, f"{what} failed: {failure(cause)}")
+
+
+def raise_if_asked(error: BaseException) -> None:
+    """Raise a KeyboardInterrupt again, unless a plug-in itself has raised it: a person's goes on its way.
+
+    The event loop takes a person's Ctrl-C by a handler of its own, so that none is raised in the midst of other code.
+    """
+    if isinstance(error, KeyboardInterrupt):
+        module = list(_frames(error))[-1][0]
+        if module.partition(".")[0] not in packages_of_modules():
+            raise error
 
 
 def of_others(error: BaseException) -> bool:

@@ -29,6 +29,7 @@ from hil_bridge.control.geometry.turning import rotated
 from hil_bridge.control.program.program import Program
 from hil_bridge.control.program.state import Felt
 from hil_bridge.control.types import SAMPLE_MS, Measurement
+from hil_bridge.failures import RAISED, raise_if_asked
 from protocol.geometry import Quaternion, Vector
 
 # Asked for in every cycle, by names of this module: until Python 3.12 an enum's own name costs ten times that.
@@ -369,7 +370,8 @@ class ControlLoop:
             if command is None or (math.isfinite(command.position) and math.isfinite(command.correction)):
                 return task, output, None
             failed = failed_to_answer(self.task.controller, command)
-        except (Exception, SystemExit) as error:
+        except RAISED as error:
+            raise_if_asked(error)
             failed = failed_by(self.task.controller, error)
         return state, self.task.hold(state, measurement), failed
 

@@ -232,8 +232,14 @@ class Run:
                 cause = f"a bug ended the run: {type(error).__name__}: {told(error)}"
             self._blame(self._in_step(cause))
             await self._retract(motion)
-        except BaseException:
-            self._blame("the run was cancelled")
+        except BaseException as error:
+            if by_others := of_others(error):  # a KeyboardInterrupt that a person did not ask for
+                self._event(TRACEBACK_EVENT, traceback_of(error))
+            self._blame(
+                f"code of another package ended the run: {failure(error)}"
+                if by_others
+                else "the run was cancelled"
+            )
             await self._retract(motion)
             raise
 

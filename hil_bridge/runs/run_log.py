@@ -8,7 +8,7 @@ from typing import Any, Protocol
 
 from hil_bridge.clock import Clock
 from hil_bridge.facts import Devices, Pacing, Sensor
-from hil_bridge.failures import FAILED_EVENT, of_others, tell_failure
+from hil_bridge.failures import FAILED_EVENT, RAISED, of_others, raise_if_asked, tell_failure
 from hil_bridge.faults.schedule import FaultSchedule
 from hil_bridge.recording import (
     PHASE_EVENT,
@@ -132,7 +132,8 @@ class RunLog:
         """Ask for the truth, in which code of another package may have a part; no more once that has failed."""
         try:
             ask(truths)
-        except (Exception, SystemExit) as error:
+        except RAISED as error:
+            raise_if_asked(error)
             if not of_others(error):
                 raise
             self._truths = None

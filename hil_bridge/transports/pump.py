@@ -4,6 +4,7 @@ from collections.abc import Callable, Sized
 from typing import Generic, TypeVar
 
 from hil_bridge.clock import Clock, Timer
+from hil_bridge.failures import RAISED, raise_if_asked
 from hil_bridge.transports.base import Transport
 from protocol.endpoint import Endpoint
 
@@ -65,7 +66,8 @@ class Pump(Generic[Data, Event]):
         self._turning = True
         try:
             self._turn()
-        except (Exception, SystemExit) as error:
+        except RAISED as error:
+            raise_if_asked(error)
             self._end(error)
         finally:
             self._turning = False
@@ -100,7 +102,8 @@ class Pump(Generic[Data, Event]):
             return
         try:
             self._endpoint.receive(data, self._clock.now())
-        except (Exception, SystemExit) as error:
+        except RAISED as error:
+            raise_if_asked(error)
             self._end(error)
             return
         self.kick()
@@ -115,7 +118,8 @@ class Pump(Generic[Data, Event]):
         try:
             # a timer may come a rounding step early
             self._endpoint.handle_deadline(max(deadline, self._clock.now()))
-        except (Exception, SystemExit) as error:
+        except RAISED as error:
+            raise_if_asked(error)
             self._end(error)
             return
         self.kick()

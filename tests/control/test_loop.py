@@ -151,7 +151,9 @@ def test_the_text_of_a_failure_is_one_line_of_whole_characters():
         raise ValueError("half \udc80\nand more")
 
     state, _ = drive(Broken(act))
-    assert state.task.cause.startswith("controller broken failed: ValueError: half \\udc80 (tests/control/test_loop.py:")
+    assert state.task.cause.startswith(
+        "controller broken failed: ValueError: half \\udc80 (tests/control/test_loop.py:"
+    )
     assert "\n" not in state.task.cause
 
 
