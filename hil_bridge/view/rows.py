@@ -1,6 +1,7 @@
 """Rows of the panel: each is one line of text, or a few, from a snapshot."""
 
 import math
+import textwrap
 from collections.abc import Sequence
 
 from rich.text import Text
@@ -17,6 +18,7 @@ _NARROW = 66
 """Columns below which a bar is short."""
 _NEAR, _CLOSE = 0.5, 0.8
 """Shares of a limit from which a bar is yellow and red. Chosen."""
+_ALARM_ROWS = 4
 _HOPS_SHOWN = 4
 """Hops with the largest medians, that fit a line."""
 _STALE_SENSOR_S = 0.1
@@ -61,7 +63,7 @@ def _margin(label: str, value: float, limit: float, unit: str, bar: int) -> Text
     if not math.isfinite(value):
         return _row(label, ("─" * bar, "dim"), f"  – of {limit:g} {unit}")
     share = value / limit if limit else math.inf
-    filled = min(bar, math.ceil(share * bar))
+    filled = min(bar, round(share * bar))
     style = "bold red" if share >= _CLOSE else "yellow" if share >= _NEAR else "green"
     room = f"{limit - value:.1f} {unit} left" if value < limit else "BEYOND"
     return _row(
@@ -168,17 +170,21 @@ def link(snapshot: Snapshot) -> list[Text]:
     ]
 
 
-def told(snapshot: Snapshot) -> list[Text]:
+def told(snapshot: Snapshot, width: int) -> list[Text]:
     """Texts that a person should read at once: why the run stops, a warning, the check of the sensor."""
-    rows = []
-    if snapshot.cause:
-        rows.append(_row("STOPPED", (snapshot.cause, "bold red")))
+    rows = _wrapped("STOPPED", snapshot.cause, width) if snapshot.cause else []
     if snapshot.warning:
         rows.append(_row("warning", (snapshot.warning, "bold red")))
-    if snapshot.check:
+    if snapshot.check and not snapshot.cause:
         rows.append(_row("sensor", snapshot.check))
-    for row in rows:
-        row.stylize("bold red" if row.plain.startswith("STOPPED") else "", 0, _LABEL)
+    return rows
+
+
+def _wrapped(label: str, text: str, width: int) -> list[Text]:
+    """An alarm in as many rows as it needs, up to `_ALARM_ROWS`."""
+    parts = textwrap.wrap(text, max(20, width - _LABEL - 1), max_lines=_ALARM_ROWS, placeholder=" …")
+    rows = [_row(label if k == 0 else "", (part, "bold red")) for k, part in enumerate(parts)]
+    rows[0].stylize("bold red not dim", 0, _LABEL)
     return rows
 
 
