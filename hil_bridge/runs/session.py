@@ -55,7 +55,7 @@ _DRAWING_S = 0.015
 _UNDER_WAY_S = 0.005
 """Chosen: after the end of a cycle; a status order takes ten times as long on a 9600-baud line."""
 
-_ENDING_KEYS, _MARK_KEY = "rq", "m"
+_ENDING_KEYS, _HOLD_KEY, _MARK_KEY = "rq", "p", "m"
 
 _COLLECT_EVERY = 64
 """Cycles between two collections. Chosen: only what is still in use costs one time, and that is as much however
@@ -369,10 +369,13 @@ class _Session:
         )
 
     def _key(self, key: str) -> None:
-        """A key of the terminal: the end in the same way as by Ctrl-C, or a mark in the record."""
+        """A key of the terminal: the end in the same way as by Ctrl-C, a hold, or a mark in the record."""
         if key in _ENDING_KEYS:
             self._log.notice("operator", f"asked for the end with the key {key}")
             os.kill(os.getpid(), signal.SIGINT)
+        elif key == _HOLD_KEY and self._run is not None:
+            told = "holds the tool in its place" if self._run.hold() else "lets the tool go on"
+            self._log.notice("operator", told)
         elif key == _MARK_KEY:
             self._marks += 1
             self._log.notice("mark", f"mark {self._marks}")

@@ -119,6 +119,11 @@ class Snapshot:
         return next((told.text for told in self.events if told.kind == STOP_EVENT), "")
 
     @property
+    def held(self) -> bool:
+        """A person holds the tool in its place on the surface."""
+        return self.newest is not None and self.newest.sample is not None and self.newest.sample.held
+
+    @property
     def lateral_n(self) -> float | None:
         """Length of the contact force across the approach, N."""
         if self.newest is None or not math.isfinite(self.newest.force):

@@ -57,6 +57,7 @@ def _title(snapshot: Snapshot, style: str) -> Text:
         " ",
         (snapshot.phase.upper(), f"bold {style}"),
         f"  step {snapshot.step_label}" if snapshot.step else "",
+        *(("  HELD", "bold yellow"),) * snapshot.held,
         *(("  STOPPED", "bold red"),) * bool(snapshot.cause),
         overflow="ellipsis",
     )

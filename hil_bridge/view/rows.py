@@ -223,7 +223,6 @@ def foot(snapshot: Snapshot) -> list[Text]:
     record = [_row("recording", scene.record or ("none", "yellow"))]
     if not scene.keys:
         return record
-    keys = _row(
-        "keys", ("r", "bold"), " or ", ("q", "bold"), " retract and end   ", ("m", "bold"), " mark an event"
-    )
+    keys = _row("keys", ("r", "bold"), " or ", ("q", "bold"), " retract and end   ")
+    keys.append("p", "bold").append(" hold   ").append("m", "bold").append(" mark")
     return [*record, keys]
