@@ -21,6 +21,9 @@ class Meddled:
         self.cut = False
         """Nothing passes in either direction; neither side is told."""
         self.alter: Alter | None = None
+        """Changes what comes from the device."""
+        self.alter_sent: Alter | None = None
+        """Changes what goes to it."""
         self.arrivals: list[Any] = []
         """Everything that came, as it came."""
         self.deliver: Callable[[Any], None] = lambda data: None
@@ -31,8 +34,11 @@ class Meddled:
         self._inner.start(self._arrived, on_end)
 
     def send(self, data: Any) -> None:
-        if not self.cut:
-            self._inner.send(data)
+        if self.cut:
+            return
+        for part in (data,) if self.alter_sent is None else self.alter_sent(data):
+            if len(part):
+                self._inner.send(part)
 
     async def aclose(self) -> None:
         self.closed = True
@@ -63,6 +69,14 @@ def shortened(data: Any) -> Any:
     if isinstance(data, (bytes, bytearray)):
         return bytes(data[:-1])
     return [one[:-1] if isinstance(one, bytes) else one for one in data]
+
+
+def garbage(data: Any) -> Any:
+    """Bytes, or a datagram, without any sense; nothing for CAN frames."""
+    noise = bytes(range(7, 250, 9))
+    if isinstance(data, (bytes, bytearray)):
+        return noise
+    return [noise] if len(data) and isinstance(data[0], bytes) else data[:0]
 
 
 def lengthened(data: Any) -> Any:

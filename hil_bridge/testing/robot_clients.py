@@ -25,7 +25,7 @@ from hil_bridge.errors import BridgeError
 from hil_bridge.testing.cancelling import MOST, cancelled_at
 from hil_bridge.testing.cases import RobotCase, declared
 from hil_bridge.testing.live import check_live_robot
-from hil_bridge.testing.meddling import flipped, lengthened, shortened
+from hil_bridge.testing.meddling import flipped, garbage, lengthened, shortened
 from hil_bridge.testing.naming import Finding
 from hil_bridge.testing.robot_model import check_any_order
 from hil_bridge.testing.robot_rig import LIMITS, SPEED_M_S, RobotRig, run_robot
@@ -34,9 +34,7 @@ from protocol.geometry import Pose
 
 __all__ = [
     "test_any_sequence_of_orders_holds_and_stops",
-    "test_cancelled_at_any_await_it_leaves_nothing_behind",
     "test_damaged_answers_are_not_believed",
-    "test_every_fault_in_every_phase",
     "test_leaving_a_movement_ends_it",
     "test_live_robot_reports",
     "test_nothing_is_ordered_after_a_halt",
@@ -44,6 +42,8 @@ __all__ = [
     "test_pieces_of_answers_are_put_together",
     "test_report_during_a_movement_is_of_the_robot_and_not_of_the_order",
     "test_reports_tell_where_the_robot_is",
+    "test_robot_client_cancelled_at_any_await_leaves_nothing",
+    "test_robot_client_stands_every_fault_in_every_phase",
     "test_silent_robot_is_told",
     "test_speed_of_a_movement_is_kept",
     "test_stale_packet_is_no_new_report",
@@ -291,7 +291,7 @@ def test_damaged_answers_are_not_believed(robot_client: RobotCase, damage: str) 
         "shortened": lambda data, count: (shortened(data),),
         "lengthened": lambda data, count: (lengthened(data),),
         "doubled": lambda data, count: (data, data),
-        "garbage": lambda data, count: (_garbage(data), data),
+        "garbage": lambda data, count: (garbage(data), data),
     }[damage]
 
     async def check(rig: RobotRig) -> None:
@@ -316,11 +316,6 @@ def test_damaged_answers_are_not_believed(robot_client: RobotCase, damage: str) 
     run_robot(robot_client, check)
 
 
-def _garbage(data: object) -> object:
-    noise = bytes(range(7, 250, 9))
-    return noise if isinstance(data, (bytes, bytearray)) else [noise]
-
-
 def test_pieces_of_answers_are_put_together(robot_client: RobotCase) -> None:
     """A byte wire cuts anywhere: each byte comes alone, then all of 30 ms together."""
 
@@ -341,7 +336,7 @@ def test_pieces_of_answers_are_put_together(robot_client: RobotCase) -> None:
     run_robot(robot_client, check)
 
 
-def test_cancelled_at_any_await_it_leaves_nothing_behind(robot_client: RobotCase) -> None:
+def test_robot_client_cancelled_at_any_await_leaves_nothing(robot_client: RobotCase) -> None:
     """A whole session is cancelled where it waits for the first time, the second time, and so on to its end. Then its
     wires are closed, no task is left, and the robot stands.
     """
@@ -379,7 +374,7 @@ def test_cancelled_at_any_await_it_leaves_nothing_behind(robot_client: RobotCase
 
 
 @pytest.mark.parametrize("phase", ["idle", "moving"])
-def test_every_fault_in_every_phase(robot_client: RobotCase, phase: str) -> None:
+def test_robot_client_stands_every_fault_in_every_phase(robot_client: RobotCase, phase: str) -> None:
     """Each fault of the emulator: nothing but a BridgeError is raised, no call waits for ever, and the robot stands."""
     assert robot_client.kind.emulation is not None
     faults = [(on, name) for on, table in robot_client.kind.emulation.faults.items() for name in table]

@@ -43,7 +43,8 @@ class RobotRig:
             self.ledger.attach(target, handlers)
         self.wires: list[Meddled] = []
         """Wires of the clients, in the order in which they were opened."""
-        self.arrived: Callable[[Meddled], None] = lambda wire: None
+        self.over = False
+        """The check has ended."""
 
     async def connect(self) -> RobotLink:
         """A client for the robot, not started yet."""
@@ -183,7 +184,10 @@ def run_robot(case: RobotCase, check: Callable[[RobotRig], Awaitable[None]]) -> 
 
     async def main() -> None:
         async with robot_rig(case, Clock.running()) as rig:
-            await check(rig)
+            try:
+                await check(rig)
+            finally:
+                rig.over = True
 
     run_virtual(main)
 

@@ -27,7 +27,7 @@ from hil_bridge.sensors.stream import ForceSensor
 from hil_bridge.testing.cancelling import MOST, cancelled_at
 from hil_bridge.testing.cases import SensorCase, declared
 from hil_bridge.testing.live import check_live_sensor
-from hil_bridge.testing.meddling import flipped, lengthened, shortened
+from hil_bridge.testing.meddling import flipped, garbage, lengthened, shortened
 from hil_bridge.testing.naming import Finding, wrench_mistake
 from hil_bridge.testing.sensor_model import check_any_push
 from hil_bridge.testing.sensor_rig import NOTHING, SensorRig, full_scales, run_sensor
@@ -35,9 +35,7 @@ from protocol.wrench import AXES, WrenchFrame
 
 __all__ = [
     "test_any_sequence_of_pushes_and_zeros",
-    "test_cancelled_at_any_await_it_leaves_nothing_behind",
     "test_damaged_frames_are_not_believed",
-    "test_every_fault_in_every_phase",
     "test_every_frame_is_told_once",
     "test_frames_tell_the_wrench_in_the_right_frame_sign_and_unit",
     "test_frames_that_come_again_are_not_told_again",
@@ -45,6 +43,8 @@ __all__ = [
     "test_nothing_is_told_while_the_sensor_is_silent",
     "test_overload_is_told_axis_by_axis",
     "test_pieces_of_frames_are_put_together",
+    "test_sensor_client_cancelled_at_any_await_leaves_nothing",
+    "test_sensor_client_stands_every_fault_in_every_phase",
     "test_zero_is_taken_off_in_the_unit_of_the_frame",
 ]
 
@@ -255,7 +255,7 @@ def test_damaged_frames_are_not_believed(sensor_client: SensorCase, damage: str)
         "flipped": lambda data: (data,),
         "shortened": lambda data: (shortened(data),),
         "lengthened": lambda data: (lengthened(data),),
-        "garbage": lambda data: (_garbage(data), data),
+        "garbage": lambda data: (garbage(data), data),
     }[damage]
 
     def every_third(data: Any, count: int) -> Sequence[Any]:
@@ -270,13 +270,6 @@ def test_damaged_frames_are_not_believed(sensor_client: SensorCase, damage: str)
         raise Finding(
             f"a damaged frame ({damage}) is accepted, its check was not heeded: it tells {false[0]}"
         )
-
-
-def _garbage(data: Any) -> Any:
-    noise = bytes(range(7, 250, 9))
-    if isinstance(data, (bytes, bytearray)):
-        return noise
-    return [noise] if len(data) and isinstance(data[0], bytes) else data[:0]
 
 
 def test_pieces_of_frames_are_put_together(sensor_client: SensorCase) -> None:
@@ -318,7 +311,7 @@ def _check_byte_wire(case: SensorCase) -> None:
     run_sensor(case, check)
 
 
-def test_cancelled_at_any_await_it_leaves_nothing_behind(sensor_client: SensorCase) -> None:
+def test_sensor_client_cancelled_at_any_await_leaves_nothing(sensor_client: SensorCase) -> None:
     """A session is cancelled where it waits for the first time, the second time, and so on to its end. Then its wire is
     closed and no task is left.
     """
@@ -351,7 +344,7 @@ def test_cancelled_at_any_await_it_leaves_nothing_behind(sensor_client: SensorCa
 
 
 @pytest.mark.parametrize("phase", ["start", "stream"])
-def test_every_fault_in_every_phase(sensor_client: SensorCase, phase: str) -> None:
+def test_sensor_client_stands_every_fault_in_every_phase(sensor_client: SensorCase, phase: str) -> None:
     """Each fault of the emulator: nothing but a BridgeError is raised, no call waits for ever, frames are numbers."""
     assert sensor_client.kind.emulation is not None
     faults = [(on, name) for on, table in sensor_client.kind.emulation.faults.items() for name in table]

@@ -5,6 +5,7 @@ import pytest
 from hil_bridge.kinds import ROBOTS
 from hil_bridge.testing import RobotCase
 from hil_bridge.testing.robot_clients import *  # noqa: F403
+from hil_bridge.testing.robot_emulators import *  # noqa: F403
 
 CASES = {
     "s3": RobotCase(ROBOTS.kind("s3"), stop=("robot", "emergency-stop"), checked=True),
@@ -16,4 +17,9 @@ CASES = {
 
 @pytest.fixture(params=CASES.values(), ids=CASES)
 def robot_client(request):
+    return request.param
+
+
+@pytest.fixture(params=CASES.values(), ids=CASES)
+def robot_emulator(request):
     return request.param

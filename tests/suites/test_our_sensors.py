@@ -5,6 +5,7 @@ import pytest
 from hil_bridge.kinds import SENSORS
 from hil_bridge.testing import SensorCase
 from hil_bridge.testing.sensor_clients import *  # noqa: F403
+from hil_bridge.testing.sensor_emulators import *  # noqa: F403
 
 CASES = {
     "jr3": SensorCase(SENSORS.kind("jr3"), numbered=True),
@@ -20,4 +21,9 @@ CASES = {
 
 @pytest.fixture(params=CASES.values(), ids=CASES)
 def sensor_client(request):
+    return request.param
+
+
+@pytest.fixture(params=CASES.values(), ids=CASES)
+def sensor_emulator(request):
     return request.param

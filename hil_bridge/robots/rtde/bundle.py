@@ -34,8 +34,10 @@ class Bundle:
             self._closing = True
             with suppress(TransportError):
                 self.send(self._farewell())
-        async with AsyncExitStack() as stack:  # all of them, also when one cannot be closed or the wait is cancelled
-            for wire in reversed(self._wires.values()):
+        async with (
+            AsyncExitStack() as stack
+        ):  # all of them, also when one cannot be closed or the wait is cancelled
+            for wire in reversed([*self._wires.values()]):
                 stack.push_async_callback(wire.aclose)
 
 
