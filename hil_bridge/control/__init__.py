@@ -25,6 +25,7 @@ from hil_bridge.control.course.zero import Reading, lift_fault, reading, weight_
 from hil_bridge.control.geometry.frames import (
     force_along,
     quaternion_about,
+    quaternion_of,
     quaternion_product,
     rotate,
     rotation_matrix,
@@ -130,6 +131,7 @@ __all__ = [
     "parse_rules",
     "quantise",
     "quaternion_about",
+    "quaternion_of",
     "quaternion_product",
     "read_rules",
     "reading",

@@ -1,4 +1,4 @@
-"""A package of toys that fail on purpose: `FAILS` says which part, how, and from which call on. Copied into a test's path."""
+"""A package of toys that fail on purpose: `FAILS` says which part, how, and from which call on."""
 
 import dataclasses
 import math
