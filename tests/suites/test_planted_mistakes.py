@@ -1,8 +1,11 @@
 """Naive implementations pass the suites, and each mistake that is planted in one is found and named."""
 
+from importlib import import_module
 from pathlib import Path
 
 import pytest
+
+from hil_bridge.testing.plugin import SUITES
 
 pytest_plugins = "pytester"
 
@@ -59,6 +62,9 @@ NAMED = {
         "overload": "an overload is not told",
     },
 }
+PLUGIN = ("-p", "hil_bridge.testing.plugin", "-p", "no:xdist", "-p", "no:asyncio", "-q")
+for name in SUITES:  # pytester forgets what a run inside it has imported, and NumPy cannot be imported again
+    import_module(name)
 LONG = "not any_sequence and not every_fault"
 
 
@@ -70,7 +76,7 @@ def test_each_mistake_is_found_and_named(
     named = NAMED[kind]
     head = f"import pytest\nMISTAKES = {list(named)}\n"
     pytester.makepyfile(head + MODULES[kind])
-    result = pytester.inline_run("-p", "hil_bridge.testing.plugin", "-p", "no:xdist", "-q", "-k", LONG)
+    result = pytester.inline_run(*PLUGIN, "-k", LONG)
     told = dict.fromkeys(named, "")
     for report in result.getreports("pytest_runtest_logreport"):
         if report.failed:
@@ -86,7 +92,7 @@ def test_without_a_mistake_it_passes(
 ) -> None:
     monkeypatch.syspath_prepend(str(Path(__file__).parent))
     pytester.makepyfile("import pytest\nMISTAKES = ['']\n" + MODULES[kind])
-    result = pytester.inline_run("-p", "hil_bridge.testing.plugin", "-p", "no:xdist", "-q")
+    result = pytester.inline_run(*PLUGIN)
     failed = [
         report.longreprtext for report in result.getreports("pytest_runtest_logreport") if report.failed
     ]
