@@ -39,7 +39,7 @@ NOTHING_FOUND = 4
     "--force-limit", type=float, metavar="N", help="Largest true force.  [default: limits.force_limit_n]"
 )
 @click.option("--duration", type=float, metavar="S", help="Duration of each run, s of its own time.")
-@click.option("--budget", type=click.IntRange(min=1), default=400, show_default=True, help="Most runs.")
+@click.option("--budget", type=click.IntRange(min=1), default=300, show_default=True, help="Most runs.")
 @click.option(
     "--seeds", type=click.IntRange(min=2), default=3, show_default=True, help="Seeds of each point."
 )
