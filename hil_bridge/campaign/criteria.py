@@ -19,6 +19,7 @@ FIGURES: Mapping[str, str] = {
     "duration_s": "duration of the run, s of its own time",
     "cycles": "control cycles",
     "struck": "times that faults had an effect",
+    "recovery_s": "time from the end of the last fault until the true force stays within 20 % of the wanted one, s",
     "steps_failed": "steps of a program that did not meet their criterion",
     "rise_samples": "samples until the force has risen",
     "rise_s": "time until the force has risen, s",

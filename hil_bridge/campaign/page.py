@@ -55,6 +55,17 @@ def page(store: Store) -> str:
 def _facts(store: Store, plan: Plan, runs: Sequence[Done]) -> Iterator[tuple[str, str]]:
     yield "Code", store.fact("code")
     yield "Cases × seeds", f"{len(plan.possible)} × {len(plan.seeds)}"
+    if plan.cases_per_seed:
+        turns = Counter(case for case, _ in plan.runs())
+        least, most = min(turns[case] for case in plan.possible), max(turns.values())
+        told = (
+            f"{least}"
+            if least == most
+            else f"{least} or {most}"
+            if most == least + 1
+            else f"{least} … {most}"
+        )
+        yield "Cases for each seed", f"{plan.cases_per_seed} in turn, so that each case has {told} seeds"
     sittings = store.sittings()
     count, wall_s = sum(one.runs for one in sittings), sum(one.wall_s for one in sittings)
     if wall_s > 0:

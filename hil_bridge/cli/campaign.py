@@ -27,6 +27,15 @@ class _Campaign(click.Group):
         return super().parse_args(ctx, args)
 
 
+def _seeds(text: str | None) -> tuple[int, ...]:
+    from hil_bridge.campaign.plan import seeds_of
+
+    try:
+        return seeds_of(text) if text else ()
+    except ValueError as error:
+        raise click.BadParameter(f"must be FROM:TO, such as 1:20, got {text!r}") from error
+
+
 @click.group(
     cls=_Campaign,
     no_args_is_help=False,
@@ -49,9 +58,15 @@ def campaign() -> None:
     "--workers", type=click.IntRange(min=1), metavar="N", help="Processes.  [default: one for each core]"
 )
 @click.option(
+    "--seeds",
+    metavar="FROM:TO",
+    callback=lambda *told: _seeds(told[2]),
+    help="Seeds in place of those of FILE.",
+)
+@click.option(
     "--check", "only_check", is_flag=True, help="Check the file and tell the number of runs, no more."
 )
-def run(file: Path, out: Path | None, workers: int | None, only_check: bool) -> None:
+def run(file: Path, out: Path | None, workers: int | None, seeds: tuple[int, ...], only_check: bool) -> None:
     """Run what is missing of a campaign. Exit code 4 when a run does not meet a criterion."""
     import os
 
@@ -64,15 +79,16 @@ def run(file: Path, out: Path | None, workers: int | None, only_check: bool) -> 
     from hil_bridge.runs.signals import as_ctrl_c
 
     try:
-        plan = read_plan(file)
+        plan = read_plan(file, seeds)
     except PlanErrors as error:
         for problem in error.problems[:-1]:
             click.echo(f"hil-bridge: {problem}", err=True)
         raise ConfigError(error.problems[-1]) from error
     impossible = len(plan.cases) - len(plan.possible)
     without = f"; {impossible} more cannot be, see the report" if impossible else ""
+    share = f", {plan.cases_per_seed} of them for each seed" if plan.cases_per_seed else ""
     click.echo(
-        f"{plan.name}: {len(plan.possible)} cases × {len(plan.seeds)} seeds = {plan.count} runs{without}"
+        f"{plan.name}: {len(plan.possible)} cases{share} × {len(plan.seeds)} seeds = {plan.count} runs{without}"
     )
     if only_check:
         return
@@ -110,7 +126,7 @@ def run(file: Path, out: Path | None, workers: int | None, only_check: bool) -> 
                 kept = len(store.keys())
                 click.echo(f"interrupted: {kept} runs are kept; the same command goes on", err=True)
                 raise
-        failed = sum(not done.passed for done in store.runs("passed = 0"))
+        kept, failed = len(store.keys()), sum(1 for _ in store.runs("passed = 0"))
         sittings = store.sittings()
         if sittings and jobs:
             last = sittings[-1]
@@ -118,7 +134,7 @@ def run(file: Path, out: Path | None, workers: int | None, only_check: bool) -> 
                 f"{last.runs} runs in {last.wall_s:.1f} s: {last.runs / last.wall_s:.2f} runs/s on "
                 f"{last.workers} processes"
             )
-    click.echo(f"{plan.count - failed} passed, {failed} failed; hil-bridge campaign report {place}")
+    click.echo(f"{kept - failed} passed, {failed} failed; hil-bridge campaign report {place}")
     if failed:
         click.get_current_context().exit(FAILED)
 
