@@ -20,7 +20,9 @@ class Finding(StrEnum):
     ALIKE = "no difference that these seeds can tell"
     FAILS = "fails"
     SAVES = "works where the defaults fail"
-    NEITHER = "both fail"
+    MORE = "both fail, the tuned ones in more runs"
+    LESS = "both fail, the tuned ones in fewer runs"
+    NEITHER = "both fail, in as many runs"
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,10 +36,11 @@ class Comparison:
     @property
     def finding(self) -> Finding:
         """By the scores, pair by pair of the same seed."""
-        if not self.tuned.feasible:
-            return Finding.FAILS if self.defaults.feasible else Finding.NEITHER
-        if not self.defaults.feasible:
-            return Finding.SAVES
+        ours, theirs = len(self.tuned.failures), len(self.defaults.failures)
+        if ours and theirs:
+            return Finding.MORE if ours > theirs else Finding.LESS if ours < theirs else Finding.NEITHER
+        if ours or theirs:
+            return Finding.FAILS if ours else Finding.SAVES
         return _by_pairs(_differences(self.tuned.scores, self.defaults.scores))
 
 
@@ -75,8 +78,10 @@ def _figure(side: Worth, name: str) -> str:
 def sentence(comparisons: Sequence[Comparison]) -> str:
     """One line on all: in how many cells the tuned parameters are better, and whether they beat the defaults."""
     better = [one for one in comparisons if one.finding in (Finding.BETTER, Finding.SAVES)]
-    worse = [one for one in comparisons if one.finding in (Finding.WORSE, Finding.FAILS)]
+    worse = [one for one in comparisons if one.finding in (Finding.WORSE, Finding.FAILS, Finding.MORE)]
+    both = sum(bool(one.tuned.failures and one.defaults.failures) for one in comparisons)
     count = len(comparisons)
     beats = "beat the defaults" if len(better) == count else "do NOT beat the defaults everywhere"
     names = f" (worse: {', '.join(one.name for one in worse)})" if worse else ""
-    return f"the tuned parameters {beats}: better in {len(better)} of {count} cells, worse in {len(worse)}{names}"
+    fail = f"; in {both} both fail a constraint" if both else ""
+    return f"the tuned parameters {beats}: better in {len(better)} of {count} cells, worse in {len(worse)}{names}{fail}"

@@ -64,6 +64,7 @@ def picture(
             [one.mean(second) or 0.0 for one in edge],
             "o-",
             color="C0",
+            zorder=4,
             label="front",
         )
         _dots(plot, [defaults], axes, "C3", "s", "defaults")
@@ -89,5 +90,7 @@ def _dots(plot, points, axes, colour, marker, label) -> None:  # type: ignore[no
             fmt=marker,
             color=colour,
             elinewidth=0.5,
+            markersize=12.0 if marker == "*" else 6.0,
+            zorder=2 if marker == "o" else 6,
             label=label,
         )

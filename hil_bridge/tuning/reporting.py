@@ -18,6 +18,9 @@ def fresh_comparison(state: Search) -> Comparison | None:
 
 def chosen(state: Search) -> Iterator[str]:
     """The parameters that were found, beside the defaults."""
+    if not state.tried:
+        yield "interrupted before the first generation of points was done"
+        return
     best, wanted = state.best, state.wanted
     failed = sum(not one.feasible for one in state.tried)
     yield f"{len(state.tried)} points tried with {len(wanted.seeds)} seeds each; {failed} failed a constraint"

@@ -23,7 +23,7 @@ def conform(*arguments: str) -> "tuple[int, str]":
     ("arguments", "words"),
     [
         (("rtde",), "name the client's command behind --"),
-        (("nope", "--", "true"), "robot.emulated"),
+        (("nope", "--", "true"), "there is no robot 'nope'; choose one of s3, egm, rsi, rtde"),
         (("rtde", "--only", "fire", "--", "true"), "no scenario 'fire' for rtde; there are nominal, late"),
         (("rtde", "--set", "fire=1", "--", "true"), "write NAME=VALUE"),
         (("rtde", "--junit", "/nowhere/x.xml", "--", "true"), "there is no such folder"),

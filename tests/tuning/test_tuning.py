@@ -217,6 +217,8 @@ def test_the_front_holds_the_points_that_nothing_beats() -> None:
         ([1.0, None, 1.0], [2.0, 2.0, 2.0], Finding.FAILS),
         ([1.0, 1.0, 1.0], [None, 2.0, 2.0], Finding.SAVES),
         ([None, 1.0, 1.0], [None, 2.0, 2.0], Finding.NEITHER),
+        ([None, None, 1.0], [None, 2.0, 2.0], Finding.MORE),
+        ([None, 1.0, 1.0], [None, None, 2.0], Finding.LESS),
     ],
 )
 def test_a_difference_counts_where_the_seeds_can_tell(
