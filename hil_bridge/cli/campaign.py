@@ -235,3 +235,40 @@ def compare(before: Path, after: Path) -> None:
     tell(found.lines)
     if found.differing:
         click.get_current_context().exit(DIFFERS)
+
+
+@campaign.command()
+@click.argument("results", type=FILE, metavar="FILE.sqlite")
+@click.option(
+    "--to",
+    "formats",
+    type=click.Choice(["csv", "parquet"]),
+    multiple=True,
+    default=["parquet"],
+    help="May be given twice.  [default: parquet]",
+)
+@click.option("--out", type=FILE, metavar="DIR", help="Where the files go.  [default: beside the results]")
+@overwrite_option
+def export(results: Path, formats: tuple[str, ...], out: Path | None, overwrite: bool) -> None:
+    """Write the runs as a table, a row a run, for pandas and the like.
+
+    Parquet needs `pip install "hil-bridge[parquet]"`.
+    """
+    from hil_bridge.campaign.store import Store
+    from hil_bridge.campaign.table import FORMATS, run_table
+    from hil_bridge.recording.files import check_place, write_whole
+
+    folder = results.parent if out is None else out
+    places = {folder / f"{results.stem}.{name}": FORMATS[name] for name in dict.fromkeys(formats)}
+    with Store.open(results) as store:
+        table = run_table(store)
+    made = {place: encode(table) for place, encode in places.items()}
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigError(f"cannot make the folder {folder}: {error.strerror}; name another place") from error
+    for place in made:
+        check_place(place, overwrite)
+    for place, data in made.items():
+        write_whole(place, data, overwrite)
+        click.echo(f"{place}: {len(table.rows)} runs")
