@@ -76,6 +76,14 @@ def _not_known(settings: KindSettings) -> float | None:
     return None
 
 
+class Mishap(NamedTuple):
+    """A fault by which a client of an emulated robot is tried."""
+
+    on: str
+    fault: str
+    parameters: Mapping[str, object] = {}
+
+
 @dataclass(frozen=True, slots=True)
 class RobotEmulation:
     """The emulated robot of a kind."""
@@ -96,6 +104,10 @@ class RobotEmulation:
     """The panel of the emulated controller, for people; None for a kind without one."""
     check_panel: Callable[[str], object] | None = None
     """Raises ConfigError for a URL at which no panel can listen."""
+    mishaps: Mapping[str, Sequence[Mishap]] = field(default_factory=dict)
+    """What `hil-bridge conform` does to it, by scenario: late, refused, stopped, emergency, cut. Those of `cut` are
+    given their duration.
+    """
 
 
 @dataclass(frozen=True, slots=True)

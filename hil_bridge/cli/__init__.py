@@ -8,6 +8,7 @@ from typing import Any
 import click
 
 from hil_bridge.cli.campaign import campaign
+from hil_bridge.cli.conform import conform
 from hil_bridge.cli.decode import decode
 from hil_bridge.cli.doctor import doctor
 from hil_bridge.cli.emulate import emulate
@@ -97,6 +98,7 @@ for command in (
     identify_tool,
     experiment,
     campaign,
+    conform,
     decode,
     replay,
     why,

@@ -25,6 +25,7 @@ from hil_bridge.control.course.zero import Reading, lift_fault, reading, weight_
 from hil_bridge.control.geometry.frames import (
     force_along,
     quaternion_about,
+    quaternion_of,
     quaternion_product,
     rotate,
     rotation_matrix,
@@ -131,6 +132,7 @@ __all__ = [
     "parse_rules",
     "quantise",
     "quaternion_about",
+    "quaternion_of",
     "quaternion_product",
     "read_rules",
     "reading",

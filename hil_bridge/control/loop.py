@@ -84,6 +84,8 @@ class Sample(Struct, frozen=True):
     """Time for which the newest frames have carried identical counts, s."""
     quaternion: Annotated[tuple[float, ...], Meta(max_length=4)] = ()
     """Reported orientation, tool in base, w x y z; empty in recordings of earlier versions."""
+    held: bool = False
+    """A person holds the tool in its place on the surface: the force is controlled, the way does not go on."""
 
 
 class LoopState(Struct, frozen=True):
@@ -230,6 +232,8 @@ class ControlLoop:
             )
         else:
             contour, measurement = self._face(state, measurement, sample)
+        if sample.held:
+            measurement = replace(measurement, advance=0.0)
         task, output, failure = self._decide(before, measurement, felt)
         oscillation, advice = self._watch(state.oscillation, measurement, output)
         if advice is not None and advice.factor < 1.0:
@@ -338,6 +342,7 @@ class ControlLoop:
             (sample.force, sample.force_travel, across),
             sample.wrench,
             sample.sensor_sequence,
+            held=sample.held,
         )
 
     def _decide(

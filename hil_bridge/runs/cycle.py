@@ -68,7 +68,6 @@ TIME_IS_UP = "time is up"
 """Why a run ends that went as it was meant to."""
 MAIN_SHARE = 0.5
 """Share of the approach direction on a sensor's axis from which that axis matters. Chosen: tilted by less than 60°."""
-
 TURNED_RAD = math.radians(0.05)
 """Chosen: turn of a tool that a program turns, below which its wrist counts as the same: 0.01 N of 10 N."""
 
@@ -128,7 +127,7 @@ class Run:
         self._state: LoopState | None = None
         """After the last order that the robot took; None before the first cycle."""
         self._turned_wrist: tuple[Quaternion, WristAtOrientation] | None = None
-        self._interrupted = False
+        self._interrupted = self._held = False
         self._phase = ""
         self._outcome, self._cause = Outcome.COMPLETED, ""
         self._followed: list[str] = []
@@ -148,6 +147,11 @@ class Run:
     def interrupt(self) -> None:
         """Retract from the next cycle on, and end."""
         self._interrupted = True
+
+    def hold(self) -> bool:
+        """Hold the tool in its place on the surface under control of the force, or let it go on; whether it is held."""
+        self._held = not self._held
+        return self._held
 
     def stand_still(self, seconds: float) -> None:
         """Let the next decision last so much longer, s: a computer that stands still, in virtual time."""
@@ -385,6 +389,7 @@ class Run:
             tilt,
             unchanged=frame.at - sensor.unchanged_since,
             quaternion=quaternion,
+            held=self._held,
         )
 
     def _frame(self) -> WrenchFrame:
@@ -398,14 +403,12 @@ class Run:
         if not self._sensor.dead:
             return ""
         shares = self._wrist.seen_by_sensor(self._config.frame.approach, quaternion).tolist()
-        dead = [
-            AXES[k] for k, share in enumerate(shares) if k in self._sensor.dead and abs(share) >= MAIN_SHARE
-        ]
-        if not dead:
-            return ""
-        return (
+        main = {k for k, share in enumerate(shares) if abs(share) >= MAIN_SHARE}
+        dead = [AXES[k] for k in sorted(main & set(self._sensor.dead))]
+        text = (
             f"{' and '.join(dead)} of the force sensor did not change since the zero while other axes moved"
         )
+        return text if dead else ""
 
     def _wrist_at(self, quaternion: Quaternion) -> WristAtOrientation:
         """The wrist at this orientation, made again only when the tool has turned."""
@@ -492,5 +495,5 @@ class Run:
             self._log.event(EventRecord(self._clock.now(), kind, text))
         except (
             Exception
-        ) as error:  # told by the next cycle, for nothing may come between a failure and its retraction
+        ) as error:  # the next cycle tells it: nothing comes between a failure and its retraction
             self._log_error = error

@@ -199,13 +199,15 @@ class ForceSensor:
 
         A device that does not hear the first stop gets the time for its repetition.
         """
-        if self._failure is None:
-            self._client.stop()
-            self._pump.kick()
-            with suppress(BridgeError, TimeoutError):
-                async with asyncio.timeout(self._client.stop_patience):
-                    await self._until(SensorStopped)
-        await self._transport.aclose()
+        try:
+            if self._failure is None:
+                self._client.stop()
+                self._pump.kick()
+                with suppress(BridgeError, TimeoutError):
+                    async with asyncio.timeout(self._client.stop_patience):
+                        await self._until(SensorStopped)
+        finally:  # also when the wait is cancelled
+            await self._transport.aclose()
 
     async def _until(self, event: type) -> None:
         self.check()

@@ -1,14 +1,49 @@
-"""Suites of tests for what others write: controllers and wires. A test module imports one and gives it a fixture.
+"""Suites of tests for what others write, and a plug-in of pytest. A test module imports a suite and gives it a fixture.
 
-They need pytest: `pip install 'hil-bridge[testing]'`.
+    import pytest
+    from hil_bridge.testing import RobotCase
+    from hil_bridge.testing.robot_clients import *
+    from my_package.room import ROBOT
+
+    @pytest.fixture
+    def robot_client():
+        return RobotCase(ROBOT)
+
+Suites are `controllers`, `robot_clients`, `robot_emulators`, `sensor_clients`, `sensor_emulators`, `surfaces`,
+`streams` and `datagrams`; `transports` has the last two. Names of `__all__` here and of a suite's are stable. They need
+pytest and hypothesis: `pip install 'hil-bridge[testing]'`.
 """
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
 try:
     import pytest
 except ImportError as error:
     raise ImportError("hil_bridge.testing needs pytest; install hil-bridge[testing]") from error
 
+from hil_bridge.testing.plugin import SUITE_VERSION, SUITES
+
+if TYPE_CHECKING:
+    from hil_bridge.testing.cases import RobotCase, SensorCase, SurfaceCase
+    from hil_bridge.testing.ends import DatagramCase, StreamCase
+
+__all__ = ["SUITE_VERSION", "DatagramCase", "RobotCase", "SensorCase", "StreamCase", "SurfaceCase"]
+
 # an assertion that fails then shows its values, as in a test module
-pytest.register_assert_rewrite(
-    *(f"{__name__}.{name}" for name in ("controllers", "datagrams", "ends", "streams"))
-)
+pytest.register_assert_rewrite(*SUITES, f"{__name__}.ends")
+
+_WHERE = {
+    "DatagramCase": "ends",
+    "RobotCase": "cases",
+    "SensorCase": "cases",
+    "StreamCase": "ends",
+    "SurfaceCase": "cases",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """A case, imported when it is used. Raises AttributeError for another name."""
+    if name in _WHERE:
+        return getattr(import_module(f"{__name__}.{_WHERE[name]}"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -18,7 +18,7 @@ from hil_bridge.control.checks import (
     require_above_zero,
     require_not_negative,
 )
-from hil_bridge.control.geometry.frames import Array
+from hil_bridge.control.exponential import exponential
 from hil_bridge.control.laws.stiffness import Pairing, Stiffness, observe
 from hil_bridge.control.types import (
     POSITION_STEP_MM,
@@ -187,7 +187,6 @@ class Admittance:
         )
         require_not_negative(self, "spring_n_m")
         _pairing(self)
-        _expm(np.zeros((3, 3)))  # its import takes 0.1 s: here, not in the first cycle
 
     def initial(self) -> AdmittanceState:
         """State before the first sample in contact."""
@@ -237,16 +236,8 @@ class Admittance:
                 [0.0, 0.0, 0.0],
             ]
         )
-        after = _expm(system * cycle) @ np.array([offset, velocity, force])
+        after = exponential(system * cycle) @ np.array([offset, velocity, force])
         return float(after[0]), float(after[1])
-
-
-def _expm(matrix: Array) -> Array:
-    """Matrix exponential. SciPy is imported here, so that only controllers that use it load it."""
-    from scipy.linalg import expm
-
-    result: Array = expm(matrix)
-    return result
 
 
 def _pairing(model: Pi | Admittance) -> Pairing:

@@ -1,7 +1,7 @@
 """The wires of one controller as one transport of pieces."""
 
 from collections.abc import Callable, Mapping
-from contextlib import suppress
+from contextlib import AsyncExitStack, suppress
 from functools import partial
 
 from hil_bridge.errors import TransportError
@@ -34,8 +34,11 @@ class Bundle:
             self._closing = True
             with suppress(TransportError):
                 self.send(self._farewell())
-        for wire in self._wires.values():
-            await wire.aclose()
+        async with (
+            AsyncExitStack() as stack
+        ):  # all of them, also when one cannot be closed or the wait is cancelled
+            for wire in reversed([*self._wires.values()]):
+                stack.push_async_callback(wire.aclose)
 
 
 def _hand_on(on_data: Callable[[Pieces], None], port: Port, data: bytes) -> None:

@@ -312,8 +312,9 @@ class S3Link:
     @asynccontextmanager
     async def motion(self, limits: MotionLimits) -> AsyncIterator[S3Motion]:
         """A movement sequence, at the speed of the limits; the others are for robots that are streamed."""
-        motion = S3Motion(self, limits.speed)
-        self._fit = self._status
+        self._fit = status = self._status
+        stands = None if status is None else Pose(status.position, status.quaternion)
+        motion = S3Motion(self, limits.speed, stands)
         try:
             await self.exchange(motion.telegram(MoveKind.START))
         except OrderRefused as refused:

@@ -5,11 +5,12 @@ from typing import Protocol
 from hil_bridge.errors import OrderRefused
 from hil_bridge.robots.seam import Sent
 from protocol.geometry import Pose, Quaternion, Vector
+from protocol.robot import pose_fault
 from protocol.s3.arap import Move, MoveKind, Telegram, stop_program
 
 _POINT = MoveKind.POINT
 _ZEROS: Vector = (0.0, 0.0, 0.0)
-"""Coordinates that a start carries, and an end without any point before it."""
+"""Coordinates that a start carries."""
 
 
 class Orders(Protocol):
@@ -32,8 +33,10 @@ class S3Motion:
     The controller has the whole way with each point, so `settled` returns at once and `hold` has nothing to take back.
     """
 
-    def __init__(self, link: Orders, speed: float) -> None:
+    def __init__(self, link: Orders, speed: float, stands: Pose | None = None) -> None:
+        """`stands` is where the robot was reported last: an end without any point before it is ordered there."""
         self._link = link
+        self._stands = stands
         self.speed = speed
         """Along the path for the orders to come, m/s."""
         self._last: Pose | None = None
@@ -55,9 +58,14 @@ class S3Motion:
         return self._link.encoded(Move(kind, position, quaternion, self.speed))
 
     async def to(self, target: Pose, *, soon: bool = False) -> Sent:
+        if self.halted or self.abandoned:
+            raise OrderRefused("the robot was halted: nothing more is ordered in this movement")
+        if wrong := pose_fault(target):
+            raise OrderRefused(f"the robot is not sent to {wrong}")
+        order = self.telegram(_POINT, *target)
         before, self._last = self._last, target
         try:
-            await self._link.exchange(self.telegram(_POINT, *target), soon=soon)
+            await self._link.exchange(order, soon=soon)
         except OrderRefused:
             self._last = before
             raise
@@ -80,4 +88,4 @@ class S3Motion:
     async def end(self) -> None:
         """End the sequence at the last point ordered, unless it was halted or abandoned."""
         if not (self.halted or self.abandoned):
-            await self._link.exchange(self.telegram(MoveKind.END, *(self._last or ())))
+            await self._link.exchange(self.telegram(MoveKind.END, *(self._last or self._stands or ())))

@@ -1,0 +1,34 @@
+"""The load cell in closed loop, and its client without a wire."""
+
+from toy_sensor.wire import SAMPLE, LoadClient
+
+import hil_bridge
+from protocol.wrench import SensorReady, WrenchFrame
+
+NEAR = {"start_position_mm": [900.0, -100.0, 593.0]}  # just above the surface
+
+
+def test_the_loop_closes_over_the_load_cell() -> None:
+    result = hil_bridge.simulate(
+        {
+            "robot": {"emulated": "egm"},
+            "sensor": {"emulated": "toyload"},
+            "run": {"duration_s": 1.0},
+            "cell": NEAR,
+        },
+        seed=7,
+    )
+    assert result.outcome == "completed", result.cause
+    assert abs(result.figures.force_mean_steady_n - 10.0) < 0.5
+
+
+def test_a_sample_becomes_a_frame_and_a_repeated_one_does_not() -> None:
+    client = LoadClient(0.0)
+    sample = SAMPLE.pack(b"LS", 5, 0, 0, -10_000, 0, 0, 0, 0)
+    client.receive([sample, sample, b"LS"], 0.0)
+    ready, frame = client.next_event(), client.next_event()
+    assert isinstance(ready, SensorReady)
+    assert isinstance(frame, WrenchFrame)
+    assert frame.values[2] * ready.facts.scales[2] == -10.0
+    assert client.next_event() is None
+    assert (client.statistics.repeated, client.statistics.malformed) == (1, 1)

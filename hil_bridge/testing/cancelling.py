@@ -1,0 +1,55 @@
+"""Cancellation at every await: a coroutine is run again and again, and cancelled at its n-th suspension."""
+
+import asyncio
+import types
+from collections.abc import Callable, Coroutine, Generator
+from typing import Any
+
+MOST = 200
+"""Chosen: suspensions of one coroutine at which it is cancelled, at most."""
+
+
+@types.coroutine
+def _counted(
+    coroutine: Coroutine[Any, Any, Any], on_suspension: Callable[[], object]
+) -> Generator[Any, Any, Any]:
+    """Drive a coroutine, and tell each time that it waits."""
+    given: Any = None
+    raised: BaseException | None = None
+    while True:
+        try:
+            waits_for = coroutine.send(given) if raised is None else coroutine.throw(raised)
+        except StopIteration as ended:
+            return ended.value
+        on_suspension()
+        given, raised = None, None
+        try:
+            given = yield waits_for
+        except BaseException as error:
+            raised = error
+
+
+async def cancelled_at(number: int, make: Callable[[], Coroutine[Any, Any, Any]]) -> bool:
+    """Run a coroutine and cancel it when it waits for the time `number`, counted from 0.
+
+    Gives False where it ended before it had waited so often. Errors of it are raised.
+    """
+    waits = -1
+    task: asyncio.Task[Any]
+
+    def suspended() -> None:
+        nonlocal waits
+        waits += 1
+        if waits == number:
+            asyncio.get_running_loop().call_soon(task.cancel)
+
+    async def main() -> Any:
+        return await _counted(make(), suspended)
+
+    task = asyncio.create_task(main(), name=f"cancelled at await {number}")
+    try:
+        await task
+    except asyncio.CancelledError:
+        if not task.cancelled():
+            raise
+    return waits >= number

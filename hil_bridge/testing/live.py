@@ -1,0 +1,129 @@
+"""The harmless part of the suites on a real device, or on one that another process emulates: nothing is ordered."""
+
+import asyncio
+import itertools
+import math
+from collections.abc import Sequence
+from contextlib import suppress
+from typing import Any
+
+import pytest
+
+from hil_bridge.clock import Clock, run_real
+from hil_bridge.device_log import LogTo, Silence
+from hil_bridge.errors import BridgeError
+from hil_bridge.kinds import ROBOTS, SENSORS, Registry, RobotKind, SensorKind, robot_of, sensor_of
+from hil_bridge.robots.seam import RobotLink
+from hil_bridge.sensors.stream import ForceSensor
+from hil_bridge.testing.cases import RobotCase, SensorCase
+from hil_bridge.testing.naming import Finding, angle_between
+from hil_bridge.wiring import Wiring
+from protocol.wrench import AXES, WrenchFrame
+
+WATCHED_S = 2.0
+"""Chosen: for so long reports and frames are read."""
+PATIENCE_S = 30.0
+"""Chosen: longest wait for the first one."""
+STANDING_M = 1e-3
+"""Chosen: a robot that reports a smaller way has stood."""
+RATE_PART = 0.2
+"""Chosen: part by which the rate may differ from the one that the device tells."""
+
+
+def _wire(kind: RobotKind | SensorKind, urls: Sequence[str], registry: Registry[Any]) -> str:
+    """The wire's URL of the one that is meant for this kind. Skips the test where there is none."""
+    for url in urls:
+        if url.startswith(f"{kind.name}+"):
+            return url.removeprefix(f"{kind.name}+")
+    for url in urls:
+        if kind.directly and not registry.split(url)[0]:
+            with suppress(BridgeError):
+                found, wire = robot_of(url) if isinstance(kind, RobotKind) else sensor_of(url)
+                if found.name == kind.name:
+                    return wire
+    pytest.skip(f"no real device is given; --hil-live {kind.name}+URL names one")
+
+
+def check_live_robot(case: RobotCase, urls: Sequence[str]) -> None:
+    """Reports come at the robot's pace, are numbers, rise in number, and tell that it stands."""
+    url = _wire(case.kind, urls, ROBOTS)
+
+    async def main() -> None:
+        clock = Clock.running()
+        wiring = Wiring("robot", clock, Silence())
+        link: RobotLink = await case.kind.connect(url, case.given, wiring)
+        try:
+            link.start()
+            async with asyncio.timeout(PATIENCE_S):
+                reports = [await link.report()]
+            ends = clock.now() + WATCHED_S
+            while clock.now() < ends:
+                reports.append(await link.report())
+        finally:
+            await link.aclose()
+            clock.close()
+        first, last = reports[0], reports[-1]
+        if any(b.sequence <= a.sequence for a, b in itertools.pairwise(reports)):
+            raise Finding("the number of a report does not rise")
+        for report in reports:
+            if not all(map(math.isfinite, (*report.pose.position, *report.pose.quaternion))):
+                raise Finding(f"a report tells {report.pose}, which is none")
+        moved = math.dist(first.pose.position, last.pose.position)
+        turned = angle_between(first.pose.quaternion, last.pose.quaternion)
+        if moved > STANDING_M or turned > 0.01:
+            raise Finding(f"the robot was ordered nothing and moved {moved * 1e3:.1f} mm")
+        cycle = link.facts.cycle_s
+        if cycle:
+            told = (last.received_at - first.received_at) / (last.sequence - first.sequence)
+            _check_rate("the robot's packets", told, cycle)
+
+    run_real(main)
+
+
+def check_live_sensor(case: SensorCase, urls: Sequence[str]) -> None:
+    """Frames come at the rate that the sensor tells, are numbers, and are about 0 after a zero."""
+    url = _wire(case.kind, urls, SENSORS)
+
+    async def main() -> None:
+        clock = Clock.running()
+        frames: list[WrenchFrame] = []
+        wiring = Wiring("sensor", clock, Silence())
+        wire, client = await case.kind.connect(url, case.given, wiring)
+        sensor = ForceSensor(wire, client, clock, LogTo(frame=frames.append))
+        try:
+            sensor.start()
+            async with asyncio.timeout(PATIENCE_S):
+                facts = await sensor.ready()
+                await sensor.frame()
+            frames.clear()
+            await asyncio.sleep(WATCHED_S)
+            sensor.check()
+            seen = list(frames)
+            async with asyncio.timeout(PATIENCE_S):
+                await sensor.tare()
+            frames.clear()
+            await asyncio.sleep(WATCHED_S / 4.0)
+            zeroed = list(frames)
+        finally:
+            await sensor.aclose()
+            clock.close()
+        if len(seen) < 2 or not zeroed:
+            raise Finding(f"{len(seen)} frames came within {WATCHED_S:g} s, {len(zeroed)} after the zero")
+        if any(b.sequence <= a.sequence for a, b in itertools.pairwise(seen)):
+            raise Finding("the number of a frame does not rise")
+        if facts.period is not None:
+            _check_rate("frames", (seen[-1].at - seen[0].at) / (len(seen) - 1), facts.period)
+        mean = [
+            math.fsum(frame.values[k] for frame in zeroed) / len(zeroed) * facts.scales[k] for k in range(6)
+        ]
+        for axis, value in enumerate(mean):
+            full = (facts.full_scales or facts.range or (math.inf,) * 6)[axis]
+            if not abs(value) <= 4.0 * case.noise * full:
+                raise Finding(f"after a zero {AXES[axis]} is {value:.3g}, and nothing has touched the sensor")
+
+    run_real(main)
+
+
+def _check_rate(what: str, told: float, expected: float) -> None:
+    if abs(told - expected) > RATE_PART * expected:
+        raise Finding(f"{what} come every {told * 1e3:.2f} ms, the client tells {expected * 1e3:.2f} ms")

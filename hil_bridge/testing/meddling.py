@@ -1,0 +1,86 @@
+"""A wire with a suite's hands on it: it can be cut, it can damage what arrives, and it knows whether it was closed."""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from hil_bridge.errors import TransportError
+from hil_bridge.transports import Transport
+
+Alter = Callable[[Any], Sequence[Any]]
+"""From one arrival to those that are handed over instead: none, another, several."""
+
+
+class Meddled:
+    """A wire between a client and its device."""
+
+    def __init__(self, inner: Transport[Any]) -> None:
+        self._inner = inner
+        self.name = inner.name
+        self.closed = False
+        """Its user has closed it."""
+        self.cut = False
+        """Nothing passes in either direction; neither side is told."""
+        self.alter: Alter | None = None
+        """Changes what comes from the device."""
+        self.alter_sent: Alter | None = None
+        """Changes what goes to it."""
+        self.arrivals: list[Any] = []
+        """Everything that came, as it came."""
+        self.deliver: Callable[[Any], None] = lambda data: None
+        """Hands something to the client as if it had come."""
+
+    def start(self, on_data: Callable[[Any], None], on_end: Callable[[TransportError], None]) -> None:
+        self.deliver = on_data
+        self._inner.start(self._arrived, on_end)
+
+    def send(self, data: Any) -> None:
+        if self.cut:
+            return
+        for part in (data,) if self.alter_sent is None else self.alter_sent(data):
+            if len(part):
+                self._inner.send(part)
+
+    async def aclose(self) -> None:
+        self.closed = True
+        await self._inner.aclose()
+
+    def _arrived(self, data: Any) -> None:
+        if self.cut:
+            return
+        self.arrivals.append(data)
+        for part in (data,) if self.alter is None else self.alter(data):
+            if len(part) and not self.closed:
+                self.deliver(part)
+
+
+def flipped(data: Any, bit: int) -> Any:
+    """The same bytes, or the first datagram of several, with one bit turned over; CAN frames as they are."""
+    if isinstance(data, (bytes, bytearray)):
+        changed = bytearray(data)
+        changed[bit // 8 % len(changed)] ^= 1 << bit % 8
+        return bytes(changed)
+    if len(data) and isinstance(data[0], bytes) and data[0]:
+        return [flipped(data[0], bit), *data[1:]]
+    return data
+
+
+def shortened(data: Any) -> Any:
+    """Without the last byte."""
+    if isinstance(data, (bytes, bytearray)):
+        return bytes(data[:-1])
+    return [one[:-1] if isinstance(one, bytes) else one for one in data]
+
+
+def garbage(data: Any) -> Any:
+    """Bytes, or a datagram, without any sense; nothing for CAN frames."""
+    noise = bytes(range(7, 250, 9))
+    if isinstance(data, (bytes, bytearray)):
+        return noise
+    return [noise] if len(data) and isinstance(data[0], bytes) else data[:0]
+
+
+def lengthened(data: Any) -> Any:
+    """With one byte more."""
+    if isinstance(data, (bytes, bytearray)):
+        return bytes(data) + b"\0"
+    return [bytes(one) + b"\0" if isinstance(one, bytes) else one for one in data]

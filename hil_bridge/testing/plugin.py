@@ -1,0 +1,193 @@
+"""The plug-in of pytest: fixtures for tests of a user's own, `--hil-live`, and a summary of what the suites ran.
+
+pytest loads it at each start where hil-bridge is installed. So it imports nothing of hil-bridge before a fixture is
+used, and does nothing for tests that are not those of a suite.
+"""
+
+from collections import Counter
+from collections.abc import Callable, Generator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pytest
+
+SUITE_VERSION = "1"
+"""Version of the suites; `hil_suite = "1"` in pytest's settings pins it. The next number comes with a test, or a limit,
+that an implementation may fail that has passed before. New words of a message keep the number.
+"""
+
+_PROPERTY = "hil_suite"
+"""Property of a test's report: the suite and its version. JUnit files have it too."""
+_MISSING = object()
+"""Given to a test whose fixture is missing."""
+
+
+class Suite(NamedTuple):
+    """One suite, as people read of it."""
+
+    title: str
+    needs: str
+    """Name of the fixture that its tests need."""
+    example: tuple[str, str, str]
+    """Three lines with which a test module gives it."""
+
+
+def _example(name: str, given: str) -> tuple[str, str, str]:
+    return "@pytest.fixture", f"def {name}():", f"    return {given}"
+
+
+SUITES = {
+    f"hil_bridge.testing.{module}": Suite(title, needs, _example(needs, given))
+    for module, title, needs, given in (
+        ("controllers", "controller", "controller", "MyController()"),
+        ("robot_clients", "robot client", "robot_client", "RobotCase(ROBOT)"),
+        ("robot_emulators", "robot emulator", "robot_emulator", "RobotCase(ROBOT)"),
+        ("sensor_clients", "sensor client", "sensor_client", "SensorCase(SENSOR)"),
+        ("sensor_emulators", "sensor emulator", "sensor_emulator", "SensorCase(SENSOR)"),
+        ("surfaces", "surface", "surface", "SurfaceCase(SURFACE)"),
+        ("streams", "transport of streams", "stream_case", 'StreamCase("mine", open_two_ends)'),
+        ("datagrams", "transport of datagrams", "datagram_case", 'DatagramCase("mine", open_two_ends)'),
+    )
+}
+"""The suites, by module."""
+
+
+def _suite_of(function: Any) -> Suite | None:
+    return SUITES.get(getattr(function, "__module__", None) or "")
+
+
+# --- settings
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    group = parser.getgroup("hil-bridge", "suites of hil_bridge.testing")
+    group.addoption(
+        "--hil-live",
+        action="append",
+        default=[],
+        metavar="URL",
+        help="a real robot or sensor, KIND+WIRE, for the harmless part of its client's suite: reports and frames are "
+        "read, a sensor is zeroed, nothing moves; may be given again",
+    )
+    parser.addini(
+        "hil_suite", "version of the suites of hil_bridge.testing that this project was tested by", default=""
+    )
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    wanted = config.getini("hil_suite")
+    if wanted and wanted != SUITE_VERSION:
+        raise pytest.UsageError(
+            f"hil_suite is {wanted}, and the installed hil-bridge has version {SUITE_VERSION} of its suites: install "
+            "the release that has yours, or set hil_suite anew once the tests pass"
+        )
+
+
+# --- tests of a suite
+
+
+def pytest_itemcollected(item: pytest.Item) -> None:
+    if suite := _suite_of(getattr(item, "function", None)):
+        item.user_properties.append((_PROPERTY, f"{suite.title}, suite version {SUITE_VERSION}"))
+
+
+def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
+    """Give a test whose fixture is missing something, so that it is run and fails."""
+    suite = _suite_of(metafunc.function)
+    if suite and suite.needs in metafunc.fixturenames and suite.needs not in metafunc._arg2fixturedefs:
+        metafunc.parametrize(suite.needs, [pytest.param(_MISSING, id="missing")])
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> None:
+    suite = _suite_of(pyfuncitem.function)
+    if suite and pyfuncitem.funcargs.get(suite.needs) is _MISSING:
+        lines = "\n".join(f"    {line}" for line in suite.example)
+        pytest.fail(
+            f"the suite for a {suite.title} needs the fixture {suite.needs!r}; give it in {pyfuncitem.path}:\n{lines}",
+            pytrace=False,
+        )
+
+
+def pytest_terminal_summary(terminalreporter: Any) -> None:
+    """One line for each suite, and one for each reason for which something was not run."""
+    ran: dict[str, Counter[str]] = {}
+    skipped: dict[str, Counter[str]] = {}
+    for outcome in ("passed", "failed", "error", "skipped", "xfailed", "xpassed"):
+        for report in terminalreporter.stats.get(outcome, ()):
+            suite = dict(getattr(report, "user_properties", ())).get(_PROPERTY)
+            if not suite:
+                continue
+            reasons = skipped.setdefault(suite, Counter())
+            outcomes = ran.setdefault(suite, Counter())
+            if outcome == "skipped":
+                told = report.longrepr[2] if isinstance(report.longrepr, tuple) else str(report.longrepr)
+                reasons[told.removeprefix("Skipped: ")] += 1
+            else:
+                outcomes[outcome] += 1
+    if not ran:
+        return
+    terminalreporter.write_sep("=", "hil-bridge suites")
+    for suite, outcomes in sorted(ran.items()):
+        parts = ", ".join(f"{count} {outcome}" for outcome, count in outcomes.items())
+        left = sum(skipped[suite].values())
+        text = f"{suite}: {sum(outcomes.values())} run{f' ({parts})' if parts else ''}, {left} skipped"
+        terminalreporter.write_line(text)
+        for reason, count in sorted(skipped[suite].items()):
+            terminalreporter.write_line(f"  {count} skipped: {reason}")
+
+
+# --- fixtures for tests of a user's own
+
+_RUNS: pytest.StashKey[list[tuple[Any, Path]]] = pytest.StashKey()
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, Any, Any]:
+    report = yield
+    if report.when == "call" and report.failed and (runs := item.stash.get(_RUNS, [])):
+        lines = []
+        for number, (result, folder) in enumerate(runs):
+            path = folder / f"run-{number}.mcap"
+            result.save(path)
+            why = f": {result.cause}" if result.cause else ""
+            lines.append(f"run {number}: {result.outcome}{why}\n    hil-bridge why {path}")
+        report.sections.append(("hil_simulate", "\n".join(lines)))
+    return report
+
+
+@pytest.fixture
+def hil_simulate(request: pytest.FixtureRequest, tmp_path: Path) -> Callable[..., Any]:
+    """`hil_bridge.simulate`; where the test fails, its runs are saved, and the report says how each ended."""
+    import hil_bridge
+
+    runs = request.node.stash.setdefault(_RUNS, [])
+
+    def simulate(config: Any = None, **more: Any) -> Any:
+        result = hil_bridge.simulate(config, **more)
+        runs.append((result, tmp_path))
+        return result
+
+    return simulate
+
+
+@pytest.fixture
+def hil_cell() -> Callable[..., Any]:
+    """Runs `async def script(cell)` with the devices of a configuration in virtual time, and gives its result."""
+    import hil_bridge
+
+    def run(script: Callable[[Any], Any], config: Any = None) -> Any:
+        async def main() -> Any:
+            async with hil_bridge.open_devices(config) as cell:
+                return await script(cell)
+
+        return hil_bridge.run_virtual(main)
+
+    return run
+
+
+@pytest.fixture
+def hil_live(request: pytest.FixtureRequest) -> list[str]:
+    """URLs given by `--hil-live`."""
+    urls: list[str] = request.config.getoption("--hil-live")
+    return urls

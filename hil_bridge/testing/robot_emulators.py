@@ -1,0 +1,250 @@
+"""Tests that every emulated robot has to pass, for the test module of its author.
+
+    import pytest
+    from hil_bridge.testing import RobotCase
+    from hil_bridge.testing.robot_emulators import *
+    from my_package.room import ROBOT
+
+    @pytest.fixture
+    def robot_emulator():
+        return RobotCase(ROBOT)
+
+They know it by `emulators.seams.EmulatedRobot`, and order it about through the client of the same kind.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hil_bridge.errors import BridgeError
+from hil_bridge.testing.cases import RobotCase
+from hil_bridge.testing.meddling import flipped, garbage, lengthened, shortened
+from hil_bridge.testing.naming import Finding, angle_between
+from hil_bridge.testing.robot_rig import LIMITS, RobotRig, run_robot
+
+__all__ = [
+    "test_committed_path_never_changes",
+    "test_every_fault_of_the_robot_can_begin",
+    "test_hostile_bytes_neither_break_nor_move_it",
+    "test_it_is_powered_up_where_it_is_told",
+    "test_path_is_one_of_an_arm",
+    "test_reading_changes_nothing",
+    "test_same_seed_does_the_same",
+    "test_targets_are_counted_and_begin_after_their_order",
+    "test_without_orders_it_stands",
+]
+
+_FASTEST_M_S = 3.0
+"""Chosen: no arm of the size that this is for goes faster."""
+
+
+async def _moved(rig: RobotRig) -> None:
+    """A short movement, there and back."""
+    async with rig.started() as link, link.motion(LIMITS) as motion:
+        await rig.within(motion.to(rig.place(6.0, 3.0, 0.0)), "to")
+        await rig.within(motion.settled(), "settled")
+        await rig.within(motion.to(rig.place(0.0, 0.0, 2.0)), "to")
+        await rig.within(motion.settled(), "settled")
+    await rig.wait(1.0)
+
+
+def _path(rig: RobotRig, since: float) -> np.ndarray[Any, Any]:
+    times = np.arange(since, rig.clock.now(), 0.002)
+    positions: np.ndarray[Any, Any] = rig.robot.path.trajectory(times)[0]
+    return positions
+
+
+def test_it_is_powered_up_where_it_is_told(robot_emulator: RobotCase) -> None:
+    async def check(rig: RobotRig) -> None:
+        true, start = rig.true_pose(), rig.case.start
+        if math.dist(true.position, start.position) > 1e-6:
+            raise Finding(f"the robot is powered up at {true.position}, told was {start.position}")
+        if angle_between(true.quaternion, start.quaternion) > 1e-6:
+            raise Finding(f"the robot is powered up as {true.quaternion}, told was {start.quaternion}")
+        if abs(math.hypot(*true.quaternion) - 1.0) > 1e-6:
+            raise Finding(f"an orientation of the path is no unit quaternion: {true.quaternion}")
+
+    run_robot(robot_emulator, check)
+
+
+def test_without_orders_it_stands(robot_emulator: RobotCase) -> None:
+    async def check(rig: RobotRig) -> None:
+        async with rig.started() as link:
+            await rig.wait(1.0)
+            await rig.within(link.report(), "report")
+            await rig.check_stands("nothing was ordered, and")
+
+    run_robot(robot_emulator, check)
+
+
+def test_path_is_one_of_an_arm(robot_emulator: RobotCase) -> None:
+    """No jump, and the velocities are those of the positions."""
+
+    async def check(rig: RobotRig) -> None:
+        begin = rig.clock.now()
+        await _moved(rig)
+        times = np.arange(begin, rig.clock.now(), 0.001)
+        positions, velocities = rig.robot.path.trajectory(times)
+        if not (np.isfinite(positions).all() and np.isfinite(velocities).all()):
+            raise Finding("the path is no number somewhere")
+        steps = np.diff(positions, axis=0) / 0.001
+        fastest = float(np.linalg.norm(steps, axis=1).max())
+        if fastest > _FASTEST_M_S:
+            raise Finding(f"the path jumps: {fastest:.1f} m/s from one millisecond to the next")
+        between = (velocities[1:] + velocities[:-1]) / 2.0
+        if float(np.abs(between - steps).mean()) > 0.05 * float(np.abs(steps).max()) + 1e-4:
+            raise Finding("the velocities of the path are not those of its positions")
+
+    run_robot(robot_emulator, check)
+
+
+def test_committed_path_never_changes(robot_emulator: RobotCase) -> None:
+    """Read as far as it is committed, then order something else: what was read stays."""
+
+    async def check(rig: RobotRig) -> None:
+        path, now = rig.robot.path, rig.clock.now
+        async with rig.started() as link, link.motion(LIMITS) as motion:
+            for x in (5.0, -5.0, 3.0, 0.0):
+                await rig.within(motion.to(rig.place(x, 0.0, 0.0)), "to")
+                await rig.wait(0.07)
+                until = path.committed_until(now())
+                if until < now():
+                    raise Finding(f"the path is committed up to {until:g} s, and now is {now():g} s")
+                times = np.linspace(now() - 0.05, until, 50, endpoint=False)
+                before = path.trajectory(times)[0].copy()
+                await rig.within(motion.to(rig.place(-x, 2.0, 0.0)), "to")
+                await rig.wait(0.05)
+                if np.abs(path.trajectory(times)[0] - before).max() > 1e-9:
+                    raise Finding("an order has changed the path where it was committed")
+
+    run_robot(robot_emulator, check)
+
+
+def _run_once(case: RobotCase, meddle: Callable[[RobotRig], None] = lambda rig: None) -> np.ndarray[Any, Any]:
+    paths: list[np.ndarray[Any, Any]] = []
+
+    async def check(rig: RobotRig) -> None:
+        begin = rig.clock.now()
+        meddle(rig)
+        await _moved(rig)
+        paths.append(_path(rig, begin))
+
+    run_robot(case, check)
+    return paths[0]
+
+
+def test_same_seed_does_the_same(robot_emulator: RobotCase) -> None:
+    first, again = _run_once(robot_emulator), _run_once(robot_emulator)
+    if first.shape != again.shape or not np.array_equal(first, again):
+        raise Finding("two robots of one seed that were ordered the same went different ways")
+
+
+def test_reading_changes_nothing(robot_emulator: RobotCase) -> None:
+    """A robot whose path is read again and again goes as one that is not."""
+
+    def read_often(rig: RobotRig) -> None:
+        def read() -> None:
+            path, now = rig.robot.path, rig.clock.now()
+            path.trajectory(np.linspace(now, path.predicted_until(now), 5))
+            path.orientations(np.array([now]))
+            rig.robot.begun_at(1)
+            rig.robot.joints_holding(rig.true_pose(), now)
+            if not rig.over:
+                rig.clock.call_at(now + 0.013, read)
+
+        rig.clock.call_soon(read)
+
+    quiet, read = _run_once(robot_emulator), _run_once(robot_emulator, read_often)
+    if quiet.shape != read.shape or np.abs(quiet - read).max() > 1e-9:
+        raise Finding("a robot whose path was read in between went another way")
+
+
+def test_targets_are_counted_and_begin_after_their_order(robot_emulator: RobotCase) -> None:
+    async def check(rig: RobotRig) -> None:
+        robot = rig.robot
+        async with rig.started() as link, link.motion(LIMITS) as motion:
+            before, ordered_at = robot.accepted, rig.clock.now()
+            await rig.within(motion.to(rig.place(6.0, 0.0, 0.0)), "to")
+            await rig.within(motion.settled(), "settled")
+            await rig.wait(1.0)
+            robot.path.advance(rig.clock.now())
+            if robot.accepted <= before:
+                raise Finding(f"an order was taken, and `accepted` stays at {robot.accepted}")
+            begun = [robot.begun_at(number) for number in range(before + 1, robot.accepted + 1)]
+            known = [at for at in begun if at is not None and not math.isnan(at)]
+            if not known:
+                raise Finding(f"the robot has moved, and no target of {robot.accepted} has begun")
+            if min(known) < ordered_at or known != sorted(known):
+                raise Finding(
+                    "a target has begun before it was ordered, or before the one that was ordered earlier"
+                )
+            if robot.begun_at(robot.accepted + 1000) is not None:
+                raise Finding("a target that was never ordered has begun")
+
+    run_robot(robot_emulator, check)
+
+
+@pytest.mark.parametrize("damage", ["flipped", "shortened", "lengthened", "garbage"])
+def test_hostile_bytes_neither_break_nor_move_it(robot_emulator: RobotCase, damage: str) -> None:
+    """What the client sends is damaged. The emulator raises nothing, goes nowhere far, and stands in the end."""
+    alter: Callable[[Any, int], Sequence[Any]] = {
+        "flipped": lambda data, count: (flipped(data, 11 * count),),
+        "shortened": lambda data, count: (shortened(data),),
+        "lengthened": lambda data, count: (lengthened(data),),
+        "garbage": lambda data, count: (garbage(data), data),
+    }[damage]
+
+    async def check(rig: RobotRig) -> None:
+        count = 0
+
+        def meddle(data: Any) -> Sequence[Any]:
+            nonlocal count
+            count += 1
+            return alter(data, count) if count % 3 == 0 else (data,)
+
+        with suppress(BridgeError):
+            link = await rig.connect()
+            try:
+                for wire in rig.wires:
+                    wire.alter_sent = meddle
+                link.start()
+                await rig.within(link.ready(), "ready")
+                for _ in range(5):
+                    with suppress(BridgeError):
+                        await rig.within(link.report(), "report")
+            finally:
+                await link.aclose()
+        await rig.wait(1.0)
+        await rig.check_stands("damaged orders came, then none, and")
+        if not all(map(math.isfinite, rig.true_pose().position)):
+            raise Finding("the robot is nowhere: its position is no number")
+
+    run_robot(robot_emulator, check)
+
+
+def test_every_fault_of_the_robot_can_begin(robot_emulator: RobotCase) -> None:
+    async def check(rig: RobotRig) -> None:
+        emulation = rig.case.kind.emulation
+        assert emulation is not None
+        told = {(on, name) for on, table in emulation.faults.items() for name in table}
+        handled = {(on, name) for on, table in rig.robot.handlers.items() for name in table}
+        if extra := handled - told:
+            raise Finding(
+                f"the robot handles {sorted(extra)[0]}, which the table of its faults does not tell"
+            )
+        async with rig.started():
+            begun = 0
+            for on, name in sorted(told):
+                begun += rig.inject(on, name)
+                await rig.wait(0.05)
+            if told and not begun:
+                raise Finding("none of the faults can begin with its defaults")
+            rig.mend()
+            await rig.wait(0.1)
+
+    with suppress(BridgeError):
+        run_robot(robot_emulator, check)

@@ -1,0 +1,228 @@
+"""A model of a robot, and any sequence of orders against it: the client must tell the same."""
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from contextlib import AsyncExitStack, suppress
+from typing import Any
+
+from hypothesis import HealthCheck, settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, precondition, rule, run_state_machine_as_test
+
+from hil_bridge.clock import Clock, VirtualLoop
+from hil_bridge.errors import BridgeError
+from hil_bridge.robots.seam import Motion, RobotLink
+from hil_bridge.testing.cases import RobotCase
+from hil_bridge.testing.naming import Finding
+from hil_bridge.testing.robot_rig import LIMITS, SPEED_M_S, RobotRig, robot_rig
+
+EXAMPLES = 5
+"""Chosen: sequences that are tried; the same in each run."""
+STEPS = 10
+"""Chosen: most orders of one."""
+_BOX_MM = 15
+_offsets = st.tuples(*[st.integers(-_BOX_MM, _BOX_MM)] * 3)
+
+
+class _Model(RuleBasedStateMachine):
+    """The model is small: where the tool may be is the box of all orders, and it stands unless one is under way."""
+
+    case: RobotCase
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._runner = asyncio.Runner(loop_factory=VirtualLoop)
+        self._unhandled: list[dict[str, Any]] = []
+        self._runner.get_loop().set_exception_handler(lambda _, context: self._unhandled.append(context))
+        self._stack, self._moving = AsyncExitStack(), AsyncExitStack()
+        self.motion: Motion | None = None
+        self.ended = False
+        """The movement has been halted or abandoned."""
+        self.stopped = self.troubled = False
+        """A stop holds; there was one, or the wire was cut, in this session."""
+        self.low: tuple[float, ...] = (0.0, 0.0, 0.0)
+        self.high: tuple[float, ...] = (0.0, 0.0, 0.0)
+        self.run(self._begin())
+
+    def run(self, act: Awaitable[Any]) -> Any:
+        async def main() -> Any:
+            return await act
+
+        result = self._runner.run(main())
+        for context in self._unhandled:
+            raise Finding(f"a callback of the client has failed: {context.get('exception')!r}")
+        return result
+
+    async def _begin(self) -> None:
+        self.rig: RobotRig = await self._stack.enter_async_context(robot_rig(self.case, Clock.running()))
+        await self._open()
+
+    async def _open(self) -> None:
+        self.link: RobotLink = await self.rig.connect()
+        self.link.start()
+        await self.rig.within(self.link.ready(), "ready")
+        self.troubled = False
+
+    async def _tried(self, name: str, act: Callable[[], Awaitable[Any]], expected: bool) -> Any:
+        """What an act gives. A BridgeError is expected where something is wrong, and only there."""
+        try:
+            return await self.rig.within(act(), name)
+        except BridgeError as error:
+            if not (expected or self.troubled):
+                raise Finding(f"`{name}` fails though nothing is wrong: {error}") from error
+            return None
+
+    # --- orders
+
+    @precondition(lambda self: self.motion is None)
+    @rule()
+    def begin(self) -> None:
+        self._moving, self.ended = AsyncExitStack(), False
+        entering = self.link.motion(LIMITS)
+        motion = self.run(
+            self._tried("motion", lambda: self._moving.enter_async_context(entering), self.stopped)
+        )
+        self.motion = motion
+
+    @precondition(lambda self: self.motion is not None)
+    @rule(offset=_offsets, turn=st.integers(-4, 4))
+    def order(self, offset: tuple[int, int, int], turn: int) -> None:
+        motion = self.motion
+        assert motion is not None
+        pose = self.rig.place(*offset, (float(turn), 0.0, 0.0))
+        refused = self.ended or self.stopped
+        sent = self.run(self._tried("to", lambda: motion.to(pose), refused))
+        if sent is not None:
+            if refused:
+                why = "after a halt" if self.ended else "while the robot reports a stop"
+                raise Finding(f"an order is taken {why}; it must be refused")
+            self.low = tuple(map(min, self.low, offset))
+            self.high = tuple(map(max, self.high, offset))
+        self._check()
+
+    @precondition(lambda self: self.motion is not None)
+    @rule()
+    def hold(self) -> None:
+        assert self.motion is not None
+        self.motion.hold()
+        self._check()
+
+    @precondition(lambda self: self.motion is not None and not self.ended)
+    @rule()
+    def halt(self) -> None:
+        motion = self.motion
+        assert motion is not None
+        self.ended = True
+        self.run(self._tried("halt", motion.halt, self.stopped))
+        self.run(self.rig.wait(0.5))
+        self.run(self.rig.check_stands("a robot that was halted goes on"))
+
+    @precondition(lambda self: self.motion is not None)
+    @rule()
+    def leave(self) -> None:
+        leaving = self._moving
+        self.motion = None
+        self.run(self._tried("leaving the movement", leaving.aclose, self.stopped))
+        self.run(self.rig.wait(1.0))
+        self.run(self.rig.check_stands("a movement that was left goes on"))
+        self._check()
+
+    # --- the world
+
+    @rule(seconds=st.sampled_from([0.05, 0.3]))
+    def wait(self, seconds: float) -> None:
+        self.run(self.rig.wait(seconds))
+        self._check()
+
+    @precondition(lambda self: self.case.stop is not None and not self.stopped)
+    @rule()
+    def stop(self) -> None:
+        assert self.case.stop is not None
+        self.stopped = self.troubled = self.rig.inject(*self.case.stop) or self.troubled
+        self.run(self.rig.wait(0.5))
+        self.run(self.rig.check_stands("a stop holds, and"))
+
+    @precondition(lambda self: self.stopped)
+    @rule()
+    def lift(self) -> None:
+        self.rig.mend()
+        self.stopped = False
+        self.run(self.rig.wait(0.5))
+        self.run(self.rig.check_stands("orders were sent on after a protective stop; it was lifted, and"))
+
+    @rule()
+    def cut(self) -> None:
+        """The cable is pulled for a while; then the session begins anew, as a run has to."""
+        for wire in self.rig.wires:
+            wire.cut = True
+        self.troubled = True
+        self.run(self.rig.wait(1.5))
+        if self.motion is not None:
+            self.motion.abandon()
+            leaving, self.motion = self._moving, None
+            self.run(self._tried("leaving the movement", leaving.aclose, True))
+        for wire in self.rig.wires:
+            wire.cut = False
+        self.run(self.rig.wait(0.5))
+        self.run(self.rig.check_stands("the cable was pulled and is in again, no movement is under way, and"))
+        self.run(self._anew())
+
+    async def _anew(self) -> None:
+        self.rig.mend()
+        self.stopped = False
+        await self.link.aclose()
+        await self.rig.wait(1.5)
+        with suppress(BridgeError):
+            await self._open()
+            return
+        await self.link.aclose()
+        await self.rig.wait(5.0)
+        await self._open()
+
+    # --- what must hold
+
+    def _check(self) -> None:
+        """The report tells the truth, and the tool is where orders have sent it."""
+        report = self.run(self._tried("report", self.link.report, self.stopped))
+        if report is not None:
+            self.rig.check_report(report, SPEED_M_S)
+        start = self.rig.case.start.position
+        place = self.rig.true_pose().position
+        beyond = [
+            max(low * 1e-3 - (p - s), (p - s) - high * 1e-3)
+            for low, high, p, s in zip(self.low, self.high, place, start, strict=True)
+        ]
+        if max(beyond) > 2e-3:
+            raise Finding(
+                f"the robot is {max(beyond) * 1e3:.1f} mm beyond all that was ever ordered: {place}"
+            )
+
+    def teardown(self) -> None:
+        async def end() -> None:
+            if self.motion is not None:
+                self.motion.abandon()
+            with suppress(BridgeError):
+                await self._moving.aclose()
+            await self.link.aclose()
+            await self._stack.aclose()
+
+        try:
+            self._runner.run(end())
+        finally:
+            self._runner.close()
+
+
+def check_any_order(case: RobotCase) -> None:
+    """Try sequences of orders. The one that fails is told, as short as it can be made."""
+    machine = type("RobotModel", (_Model,), {"case": case})
+    run_state_machine_as_test(
+        machine,
+        settings=settings(
+            max_examples=EXAMPLES,
+            stateful_step_count=STEPS,
+            deadline=None,
+            derandomize=True,
+            database=None,
+            suppress_health_check=list(HealthCheck),
+        ),
+    )

@@ -1,0 +1,381 @@
+"""Tests that the client of every force sensor has to pass, for the test module of its author.
+
+    import pytest
+    from hil_bridge.testing import SensorCase
+    from hil_bridge.testing.sensor_clients import *
+    from my_package.room import SENSOR
+
+    @pytest.fixture
+    def sensor_client():
+        return SensorCase(SENSOR, numbered=True)
+
+The client is the one that `SENSOR.connect` makes. It reads the emulated sensor of the same kind, in virtual time, on
+which the tests push. `--hil-live KIND+URL` runs `test_live_sensor_frames` on a real one.
+"""
+
+import asyncio
+import itertools
+import math
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from typing import Any
+
+import pytest
+
+from hil_bridge.errors import BridgeError
+from hil_bridge.sensors.stream import ForceSensor
+from hil_bridge.testing.cancelling import MOST, cancelled_at
+from hil_bridge.testing.cases import SensorCase, declared
+from hil_bridge.testing.live import check_live_sensor
+from hil_bridge.testing.meddling import flipped, garbage, lengthened, shortened
+from hil_bridge.testing.naming import Finding, wrench_mistake
+from hil_bridge.testing.sensor_model import check_any_push
+from hil_bridge.testing.sensor_rig import NOTHING, SensorRig, full_scales, run_sensor
+from protocol.wrench import AXES, WrenchFrame
+
+__all__ = [
+    "test_any_sequence_of_pushes_and_zeros",
+    "test_damaged_frames_are_not_believed",
+    "test_every_frame_is_told_once",
+    "test_frames_tell_the_wrench_in_the_right_frame_sign_and_unit",
+    "test_frames_that_come_again_are_not_told_again",
+    "test_live_sensor_frames",
+    "test_nothing_is_told_while_the_sensor_is_silent",
+    "test_overload_is_told_axis_by_axis",
+    "test_pieces_of_frames_are_put_together",
+    "test_sensor_client_cancelled_at_any_await_leaves_nothing",
+    "test_sensor_client_stands_every_fault_in_every_phase",
+    "test_zero_is_taken_off_in_the_unit_of_the_frame",
+]
+
+_SHARES = (0.05, -0.08, 0.11, 0.06, -0.09, 0.12)
+"""Parts of each axis' range, different from axis to axis."""
+
+
+def _allowed(rig: SensorRig, sensor: ForceSensor) -> list[float]:
+    return [rig.case.noise * full for full in full_scales(rig.case, sensor.facts)]
+
+
+async def _pushed(rig: SensorRig, sensor: ForceSensor, wrench: Sequence[float]) -> list[float]:
+    rig.push(wrench)
+    return await rig.settled(sensor)
+
+
+def test_frames_tell_the_wrench_in_the_right_frame_sign_and_unit(sensor_client: SensorCase) -> None:
+    """A push along +x is told as +fx, a turn about +x as +mx, and so on, each alone and by the right amount."""
+
+    async def check(rig: SensorRig) -> None:
+        async with rig.started() as sensor:
+            allowed, full = _allowed(rig, sensor), full_scales(rig.case, sensor.facts)
+            before = await rig.settled(sensor)
+            for axis in range(6):
+                wrench = [0.0] * 6
+                wrench[axis] = 0.3 * full[axis]
+                told = await _pushed(rig, sensor, wrench)
+                change = [a - b for a, b in zip(told, before, strict=True)]
+                if words := wrench_mistake(change, wrench, [2.0 * one for one in allowed]):
+                    raise Finding(words)
+
+    run_sensor(sensor_client, check)
+
+
+def test_zero_is_taken_off_in_the_unit_of_the_frame(sensor_client: SensorCase) -> None:
+    async def check(rig: SensorRig) -> None:
+        async with rig.started() as sensor:
+            allowed, full = _allowed(rig, sensor), full_scales(rig.case, sensor.facts)
+            first = [share * one for share, one in zip(_SHARES, full, strict=True)]
+            raw = await _pushed(rig, sensor, first)
+            await rig.within(sensor.tare(), "zero")
+            told = await rig.settled(sensor)
+            _check_zero(told, raw, allowed)
+            after = await _pushed(rig, sensor, [1.5 * one for one in first])
+            expected = [0.5 * one for one in first]
+            if words := wrench_mistake(after, expected, [2.0 * one for one in allowed]):
+                raise Finding(f"after a zero, {words}")
+            await rig.within(sensor.tare(), "zero")
+            _check_zero(await rig.settled(sensor), after, allowed)
+
+    run_sensor(sensor_client, check)
+
+
+def _check_zero(told: Sequence[float], before: Sequence[float], allowed: Sequence[float]) -> None:
+    """Fail where a steady wrench is not 0 after a zero; name the unit where it was taken off by another factor."""
+    wrong = [k for k in range(6) if abs(told[k]) > 2.0 * allowed[k]]
+    if not wrong:
+        return
+    k = wrong[0]
+    words = f"the zero is wrong: {AXES[k]} was {before[k]:.4g}, and is {told[k]:.4g} after it"
+    if abs(told[k] - before[k]) <= 2.0 * allowed[k] and abs(before[k]) > 4.0 * allowed[k]:
+        raise Finding(f"{words}: it is not taken off, or not in the unit of the frame")
+    factor = (before[k] - told[k]) / before[k]
+    raise Finding(f"{words}: {factor:.4g} times of it was taken off, not in the unit of the frame")
+
+
+def test_every_frame_is_told_once(sensor_client: SensorCase) -> None:
+    """As many frames as the sensor sends in a time, each later than the one before; numbers rise evenly."""
+
+    async def check(rig: SensorRig) -> None:
+        async with rig.started() as sensor:
+            await rig.within(sensor.frame(), "frame")
+            await rig.wait(0.2)
+            rig.frames.clear()
+            began = rig.clock.now()
+            await rig.wait(1.0)
+            frames = list(rig.frames)
+            if not frames:
+                raise Finding("the sensor sends, and no frame is told")
+            _check_rising(frames)
+            steps = {b.sequence - a.sequence for a, b in itertools.pairwise(frames)}
+            if max(steps) > 1.5 * min(steps) and sensor.facts.period is not None:
+                raise Finding(f"frames are missing: their numbers rise by {sorted(steps)}")
+            period = sensor.facts.period
+            if period is not None and abs(len(frames) * period - 1.0) > 0.1:
+                raise Finding(f"{len(frames)} frames were told in 1 s, the sensor sends {1.0 / period:.0f}")
+            if any(not began <= frame.at <= rig.clock.now() for frame in frames):
+                raise Finding("a frame tells a time at which it was not complete")
+            if sensor.lost:
+                raise Finding(f"{sensor.lost} frames are told as lost, and none was")
+
+    run_sensor(sensor_client, check)
+
+
+def _check_rising(frames: Sequence[WrenchFrame]) -> None:
+    for a, b in itertools.pairwise(frames):
+        if b.sequence <= a.sequence:
+            raise Finding(f"an old frame is told as a new one: number {b.sequence} after {a.sequence}")
+        if b.at < a.at:
+            raise Finding(f"a frame is older than the one before: {b.at:.6f} s after {a.at:.6f} s")
+
+
+def test_nothing_is_told_while_the_sensor_is_silent(sensor_client: SensorCase) -> None:
+    async def check(rig: SensorRig) -> None:
+        with suppress(BridgeError):
+            async with rig.started() as sensor:
+                await rig.within(sensor.frame(), "frame")
+                for wire in rig.wires:
+                    wire.cut = True
+                await rig.wait(0.05)
+                rig.frames.clear()
+                await rig.wait(1.0)
+                told = len(rig.frames)
+                for wire in rig.wires:
+                    wire.cut = False
+                if told:
+                    raise Finding(
+                        f"an old frame is told as a new one: {told} frames while the sensor was silent"
+                    )
+
+    run_sensor(sensor_client, check)
+
+
+def test_frames_that_come_again_are_not_told_again(sensor_client: SensorCase) -> None:
+    """Each arrival is followed by a copy of one that came 20 before."""
+    declared(sensor_client.numbered, "frames with a counter (SensorCase.numbered)")
+
+    async def check(rig: SensorRig) -> None:
+        with suppress(BridgeError):
+            async with rig.started() as sensor:
+                await rig.wait(0.5)
+                wire = rig.wires[0]
+                wire.alter = lambda data: (data, wire.arrivals[-20 if len(wire.arrivals) > 20 else 0])
+                rig.frames.clear()
+                await rig.wait(0.5)
+                _check_rising(rig.frames)
+                wire.alter = None
+                sensor.check()
+
+    run_sensor(sensor_client, check)
+
+
+def test_overload_is_told_axis_by_axis(sensor_client: SensorCase) -> None:
+    declared(sensor_client.overload, "an overload that can be told (SensorCase.overload)")
+
+    async def check(rig: SensorRig) -> None:
+        async with rig.started() as sensor:
+            full = full_scales(rig.case, sensor.facts)
+            ends = sensor.facts.range or full
+            await rig.settled(sensor)
+            for axis in range(6):
+                for sign in (1.0, -1.0):
+                    wrench = list(NOTHING)
+                    wrench[axis] = sign * rig.case.overload * max(full[axis], ends[axis])
+                    await _pushed(rig, sensor, wrench)
+                    if not all(frame.saturated >> axis & 1 for frame in rig.frames[-5:]):
+                        raise Finding(
+                            f"an overload is not told: {AXES[axis]} is {wrench[axis]:.4g}, beyond its range of "
+                            f"{full[axis]:.4g}, and `saturated` has no bit for it"
+                        )
+            await _pushed(rig, sensor, NOTHING)
+            if rig.frames[-1].saturated:
+                raise Finding(f"an overload is told where there is none: {rig.frames[-1].saturated:06b}")
+
+    run_sensor(sensor_client, check)
+
+
+def _told_with(
+    case: SensorCase, alter: Callable[[Any, int], Sequence[Any]] | None
+) -> list[tuple[float, ...]]:
+    """Values of the frames of half a second while arrivals are altered, N and N·m without a zero."""
+    told: list[tuple[float, ...]] = []
+
+    async def check(rig: SensorRig) -> None:
+        count = 0
+
+        def meddle(data: Any) -> Sequence[Any]:
+            nonlocal count
+            count += 1
+            return alter(data, count) if alter is not None else (data,)
+
+        with suppress(BridgeError):
+            async with rig.started() as sensor:
+                await rig.within(sensor.frame(), "frame")
+                rig.push([0.3 * full for full in full_scales(rig.case, sensor.facts)])
+                await rig.wait(rig.case.settle_s)
+                rig.frames.clear()
+                for wire in rig.wires:
+                    wire.alter = meddle
+                with suppress(BridgeError):
+                    await rig.wait(0.5)
+                    sensor.check()
+                _check_rising(rig.frames)
+                told.extend(frame.values for frame in rig.frames)
+                for wire in rig.wires:
+                    wire.alter = None
+
+    run_sensor(case, check)
+    return told
+
+
+@pytest.mark.parametrize("damage", ["flipped", "shortened", "lengthened", "garbage"])
+def test_damaged_frames_are_not_believed(sensor_client: SensorCase, damage: str) -> None:
+    """Every third arrival is damaged. Frames may be missing; none may tell what no undamaged one has told."""
+    if damage == "flipped":
+        declared(sensor_client.checked, "frames with a check (SensorCase.checked)")
+    alter: Callable[[Any], Sequence[Any]] = {
+        "flipped": lambda data: (data,),
+        "shortened": lambda data: (shortened(data),),
+        "lengthened": lambda data: (lengthened(data),),
+        "garbage": lambda data: (garbage(data), data),
+    }[damage]
+
+    def every_third(data: Any, count: int) -> Sequence[Any]:
+        if count % 3:
+            return (data,)
+        return (flipped(data, 13 * count),) if damage == "flipped" else alter(data)
+
+    good = set(_told_with(sensor_client, None))
+    told = _told_with(sensor_client, every_third)
+    false = [values for values in told if values not in good]
+    if false:
+        raise Finding(
+            f"a damaged frame ({damage}) is accepted, its check was not heeded: it tells {false[0]}"
+        )
+
+
+def test_pieces_of_frames_are_put_together(sensor_client: SensorCase) -> None:
+    """A byte wire cuts anywhere: bytes come one by one, in threes, and 50 together."""
+    kept = b""
+
+    _check_byte_wire(sensor_client)
+
+    def pieces(size: int) -> Callable[[Any, int], Sequence[Any]]:
+        def cut(data: Any, count: int) -> Sequence[Any]:
+            nonlocal kept
+            kept += data
+            ready = len(kept) - len(kept) % size
+            whole, kept = kept[:ready], kept[ready:]
+            return [whole[k : k + size] for k in range(0, len(whole), size)]
+
+        return cut
+
+    good = _told_with(sensor_client, None)
+    for size in (1, 3, 7, 50):
+        kept = b""
+        told = _told_with(sensor_client, pieces(size))
+        # the last pieces may still be kept, and a client that asks may be answered later
+        if any(values not in good for values in told) or len(told) < 0.8 * len(good):
+            raise Finding(
+                f"a frame that came in pieces of {size} bytes is put together wrongly: {len(told)} of {len(good)} "
+                f"frames were told, {sum(values not in good for values in told)} of them false"
+            )
+
+
+def _check_byte_wire(case: SensorCase) -> None:
+    """Skip the test where the first arrival is not of bytes."""
+
+    async def check(rig: SensorRig) -> None:
+        async with rig.started():
+            if not isinstance(rig.wires[0].arrivals[0], (bytes, bytearray)):
+                pytest.skip("not a byte wire: what is sent as one arrives as one")
+
+    run_sensor(case, check)
+
+
+def test_sensor_client_cancelled_at_any_await_leaves_nothing(sensor_client: SensorCase) -> None:
+    """A session is cancelled where it waits for the first time, the second time, and so on to its end. Then its wire is
+    closed and no task is left.
+    """
+
+    async def check(rig: SensorRig) -> None:
+        async def session() -> None:
+            sensor = await rig.connect()
+            try:
+                sensor.start()
+                await sensor.ready()
+                await sensor.tare()
+                await sensor.frame()
+            finally:
+                await sensor.aclose()
+
+        before = asyncio.all_tasks()
+        for number in range(MOST):
+            rig.wires.clear()
+            went_on = await cancelled_at(number, session)
+            where = f"cancelled at its await number {number}"
+            if left := [wire.name for wire in rig.wires if not wire.closed]:
+                raise Finding(f"{where}, the client leaks a wire: {left[0]} is not closed")
+            await rig.wait(0.3)
+            if tasks := asyncio.all_tasks() - before:
+                raise Finding(f"{where}, the client leaves a task behind: {tasks.pop().get_name()}")
+            if not went_on:
+                return
+
+    run_sensor(sensor_client, check)
+
+
+@pytest.mark.parametrize("phase", ["start", "stream"])
+def test_sensor_client_stands_every_fault_in_every_phase(sensor_client: SensorCase, phase: str) -> None:
+    """Each fault of the emulator: nothing but a BridgeError is raised, no call waits for ever, frames are numbers."""
+    assert sensor_client.kind.emulation is not None
+    faults = [(on, name) for on, table in sensor_client.kind.emulation.faults.items() for name in table]
+    if not faults:
+        pytest.skip(f"the emulator of {sensor_client.kind.name} has no faults")
+    for target, fault in faults:
+
+        async def check(rig: SensorRig, target: str = target, fault: str = fault) -> None:
+            if phase == "start":
+                rig.inject(target, fault)
+            with suppress(BridgeError):
+                async with rig.started() as sensor:
+                    rig.inject(target, fault)
+                    await rig.wait(0.3)
+                    for frame in rig.frames:
+                        if not all(map(math.isfinite, frame.values)):
+                            raise Finding(f"a frame tells {frame.values}, which is no number")
+                    sensor.check()
+
+        try:
+            run_sensor(sensor_client, check)
+        except BaseException as error:
+            error.add_note(f"the fault was {target}: {fault}, phase {phase}")
+            raise
+
+
+def test_any_sequence_of_pushes_and_zeros(sensor_client: SensorCase) -> None:
+    """Pushes, zeros, cuts and pauses in any order, against a model of the sensor."""
+    check_any_push(sensor_client)
+
+
+def test_live_sensor_frames(sensor_client: SensorCase, hil_live: list[str]) -> None:
+    """A real sensor: frames come at its rate and are numbers; after a zero they are about 0."""
+    check_live_sensor(sensor_client, hil_live)

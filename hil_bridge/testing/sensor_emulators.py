@@ -1,0 +1,208 @@
+"""Tests that every emulated force sensor has to pass, for the test module of its author.
+
+    import pytest
+    from hil_bridge.testing import SensorCase
+    from hil_bridge.testing.sensor_emulators import *
+    from my_package.room import SENSOR
+
+    @pytest.fixture
+    def sensor_emulator():
+        return SensorCase(SENSOR)
+
+They know it by `emulators.seams.EmulatedSensor`, and read it through the client of the same kind.
+"""
+
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from typing import Any
+
+import pytest
+
+from hil_bridge.errors import BridgeError
+from hil_bridge.testing.cases import SensorCase
+from hil_bridge.testing.meddling import flipped, garbage, lengthened, shortened
+from hil_bridge.testing.naming import Finding, wrench_mistake
+from hil_bridge.testing.sensor_rig import NOTHING, SensorRig, full_scales, run_sensor
+from protocol.wrench import AXES, wrench_of
+
+__all__ = [
+    "test_change_that_was_read_ahead_is_heeded",
+    "test_every_fault_of_the_sensor_can_begin",
+    "test_hostile_bytes_do_not_break_it",
+    "test_overload_stays_at_the_end_of_the_range",
+    "test_same_seed_tells_the_same",
+    "test_sample_has_a_time",
+    "test_wrench_is_not_told_before_it_is_felt",
+]
+
+
+def _told(case: SensorCase) -> list[tuple[float, ...]]:
+    told: list[tuple[float, ...]] = []
+
+    async def check(rig: SensorRig) -> None:
+        async with rig.started() as sensor:
+            await rig.within(sensor.frame(), "frame")
+            rig.push([0.1 * one for one in full_scales(case, sensor.facts)])
+            await rig.wait(0.3)
+            told.extend(frame.values for frame in rig.frames)
+
+    run_sensor(case, check)
+    return told
+
+
+def test_same_seed_tells_the_same(sensor_emulator: SensorCase) -> None:
+    first, again = _told(sensor_emulator), _told(sensor_emulator)
+    if first != again:
+        raise Finding("two sensors of one seed that felt the same have told different values")
+
+
+def test_sample_has_a_time(sensor_emulator: SensorCase) -> None:
+    """`sampled_at` of what a frame tells is before it came, not long before, and grows."""
+
+    async def check(rig: SensorRig) -> None:
+        async with rig.started() as sensor:
+            await rig.within(sensor.frame(), "frame")
+            newest = -1.0
+            for _ in range(20):
+                await rig.wait(0.02)
+                frame = rig.frames[-1]
+                at = rig.sensor.sampled_at(frame.counter)
+                if at is None:
+                    raise Finding(
+                        f"the sensor does not know when it measured the sample {frame.counter} that it told"
+                    )
+                if not frame.at - 1.0 < at <= frame.at + 1e-6:
+                    raise Finding(
+                        f"sample {frame.counter} came at {frame.at:.4f} s, measured is told as {at:.4f} s"
+                    )
+                if at < newest:
+                    raise Finding("a later sample was measured earlier")
+                newest = at
+
+    run_sensor(sensor_emulator, check)
+
+
+def test_wrench_is_not_told_before_it_is_felt(sensor_emulator: SensorCase) -> None:
+    """Up to a step of the wrench every sample tells what was before it."""
+
+    async def check(rig: SensorRig) -> None:
+        async with rig.started() as sensor:
+            before, full = await rig.settled(sensor), full_scales(rig.case, sensor.facts)
+            await rig.wait(0.0137)
+            stepped_at = rig.clock.now()
+            rig.push([0.3 * one for one in full])
+            rig.frames.clear()
+            await rig.wait(0.5)
+            early = [
+                frame
+                for frame in rig.frames
+                if (rig.sensor.sampled_at(frame.counter) or stepped_at) < stepped_at
+            ]
+            allowed = [0.1 * one for one in full]
+            for frame in early:
+                told = wrench_of(frame.values, sensor.facts.scales)
+                if words := wrench_mistake(told, before, allowed):
+                    raise Finding(f"a sample from before a step tells it: {words}")
+
+    run_sensor(sensor_emulator, check)
+
+
+def test_change_that_was_read_ahead_is_heeded(sensor_emulator: SensorCase) -> None:
+    """The wrench may be read ahead; then it turns out otherwise, and the sensor is told since when."""
+
+    async def check(rig: SensorRig) -> None:
+        rig.source.predicted_until = lambda now: now + 0.05
+        async with rig.started() as sensor:
+            before, full = await rig.settled(sensor), full_scales(rig.case, sensor.facts)
+            for share in (0.2, -0.2, 0.1):
+                wrench = [share * one for one in full]
+                rig.push(wrench)
+                told = await rig.settled(sensor)
+                change = [a - b for a, b in zip(told, before, strict=True)]
+                allowed = [2.0 * rig.case.noise * one for one in full]
+                if words := wrench_mistake(change, wrench, allowed):
+                    raise Finding(f"a change of the wrench was not heeded: {words}")
+
+    run_sensor(sensor_emulator, check)
+
+
+def test_overload_stays_at_the_end_of_the_range(sensor_emulator: SensorCase) -> None:
+    """Far beyond its range an axis tells its end; it does not turn over, and comes back."""
+
+    async def check(rig: SensorRig) -> None:
+        async with rig.started() as sensor:
+            before, full = await rig.settled(sensor), full_scales(rig.case, sensor.facts)
+            for axis in range(6):
+                for sign in (1.0, -1.0):
+                    wrench = list(NOTHING)
+                    wrench[axis] = sign * 50.0 * full[axis]
+                    rig.push(wrench)
+                    told = (await rig.settled(sensor))[axis] - before[axis]
+                    if told * sign < 0.5 * full[axis]:
+                        raise Finding(
+                            f"{AXES[axis]} is pushed far beyond its range of {full[axis]:g} and told as {told:.4g}: it "
+                            "must stay at its end"
+                        )
+            rig.push(NOTHING)
+            allowed = [2.0 * rig.case.noise * one for one in full]
+            if words := wrench_mistake(await rig.settled(sensor), before, allowed):
+                raise Finding(f"after an overload, {words}")
+
+    run_sensor(sensor_emulator, check)
+
+
+@pytest.mark.parametrize("damage", ["flipped", "shortened", "lengthened", "garbage"])
+def test_hostile_bytes_do_not_break_it(sensor_emulator: SensorCase, damage: str) -> None:
+    """Each second thing that the client sends is damaged. The emulator raises nothing."""
+    alter: Callable[[Any, int], Sequence[Any]] = {
+        "flipped": lambda data, count: (flipped(data, 11 * count),),
+        "shortened": lambda data, count: (shortened(data),),
+        "lengthened": lambda data, count: (lengthened(data),),
+        "garbage": lambda data, count: (garbage(data), data),
+    }[damage]
+
+    async def check(rig: SensorRig) -> None:
+        count = 0
+
+        def meddle(data: Any) -> Sequence[Any]:
+            nonlocal count
+            count += 1
+            return alter(data, count) if count % 2 else (data,)
+
+        with suppress(BridgeError):
+            sensor = await rig.connect()
+            try:
+                for wire in rig.wires:
+                    wire.alter_sent = meddle
+                sensor.start()
+                with suppress(BridgeError):
+                    await rig.within(sensor.ready(), "ready")
+                await rig.wait(0.3)
+            finally:
+                await sensor.aclose()
+
+    run_sensor(sensor_emulator, check)
+
+
+def test_every_fault_of_the_sensor_can_begin(sensor_emulator: SensorCase) -> None:
+    async def check(rig: SensorRig) -> None:
+        emulation = rig.case.kind.emulation
+        assert emulation is not None
+        told = {(on, name) for on, table in emulation.faults.items() for name in table}
+        handled = {(on, name) for on, table in rig.sensor.handlers.items() for name in table}
+        if extra := handled - told:
+            raise Finding(
+                f"the sensor handles {sorted(extra)[0]}, which the table of its faults does not tell"
+            )
+        async with rig.started():
+            begun = 0
+            for on, name in sorted(told):
+                begun += rig.inject(on, name)
+                await rig.wait(0.05)
+            if told and not begun:
+                raise Finding("none of the faults can begin with its defaults")
+            rig.ledger.mend(rig.clock.now())
+            await rig.wait(0.1)
+
+    with suppress(BridgeError):
+        run_sensor(sensor_emulator, check)

@@ -1,0 +1,105 @@
+"""A model of a force sensor, and any sequence of pushes and zeros against it: the client must tell the same."""
+
+import asyncio
+from collections.abc import Awaitable
+from contextlib import AsyncExitStack
+from typing import Any
+
+from hypothesis import HealthCheck, settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, rule, run_state_machine_as_test
+
+from hil_bridge.clock import Clock, VirtualLoop
+from hil_bridge.testing.cases import SensorCase
+from hil_bridge.testing.naming import Finding, wrench_mistake
+from hil_bridge.testing.sensor_rig import NOTHING, SensorRig, full_scales, sensor_rig
+
+EXAMPLES = 4
+"""Chosen: sequences that are tried; the same in each run."""
+STEPS = 8
+"""Chosen: most steps of one."""
+_shares = st.tuples(*[st.integers(-30, 30)] * 6)
+"""Percent of each axis' range."""
+
+
+class _Model(RuleBasedStateMachine):
+    """The model: frames tell what is pushed now, less what was pushed when the zero was taken."""
+
+    case: SensorCase
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._runner = asyncio.Runner(loop_factory=VirtualLoop)
+        self._unhandled: list[dict[str, Any]] = []
+        self._runner.get_loop().set_exception_handler(lambda _, context: self._unhandled.append(context))
+        self._stack = AsyncExitStack()
+        self.pushed: tuple[float, ...] = NOTHING
+        self.run(self._begin())
+
+    def run(self, act: Awaitable[Any]) -> Any:
+        async def main() -> Any:
+            return await act
+
+        result = self._runner.run(main())
+        for context in self._unhandled:
+            raise Finding(f"a callback of the client has failed: {context.get('exception')!r}")
+        return result
+
+    async def _begin(self) -> None:
+        self.rig: SensorRig = await self._stack.enter_async_context(sensor_rig(self.case, Clock.running()))
+        self.sensor = await self._stack.enter_async_context(self.rig.started())
+        facts = self.sensor.facts
+        self.full = full_scales(self.case, facts)
+        self.allowed = [2.0 * self.case.noise * one for one in self.full]
+        told = await self.rig.settled(self.sensor)
+        self.zero = tuple(-one for one in told)
+
+    @rule(shares=_shares)
+    def push(self, shares: tuple[int, ...]) -> None:
+        self.pushed = tuple(0.01 * share * one for share, one in zip(shares, self.full, strict=True))
+        self.rig.push(self.pushed)
+        self._check()
+
+    @rule()
+    def take_zero(self) -> None:
+        self.run(self.rig.wait(self.case.settle_s))
+        self.run(self.rig.within(self.sensor.tare(), "zero"))
+        self.zero = self.pushed
+        self._check()
+
+    @rule()
+    def pull_the_cable_for_a_moment(self) -> None:
+        for wire in self.rig.wires:
+            wire.cut = True
+        self.run(self.rig.wait(0.03))
+        for wire in self.rig.wires:
+            wire.cut = False
+        self._check()
+
+    def _check(self) -> None:
+        told = self.run(self.rig.settled(self.sensor))
+        expected = [a - b for a, b in zip(self.pushed, self.zero, strict=True)]
+        if words := wrench_mistake(told, expected, self.allowed):
+            raise Finding(words)
+
+    def teardown(self) -> None:
+        try:
+            self._runner.run(self._stack.aclose())
+        finally:
+            self._runner.close()
+
+
+def check_any_push(case: SensorCase) -> None:
+    """Try sequences of pushes. The one that fails is told, as short as it can be made."""
+    machine = type("SensorModel", (_Model,), {"case": case})
+    run_state_machine_as_test(
+        machine,
+        settings=settings(
+            max_examples=EXAMPLES,
+            stateful_step_count=STEPS,
+            deadline=None,
+            derandomize=True,
+            database=None,
+            suppress_health_check=list(HealthCheck),
+        ),
+    )

@@ -1,0 +1,172 @@
+"""An emulated force sensor behind its wire in virtual time, on which a suite pushes, with its client."""
+
+import asyncio
+import bisect
+import math
+from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
+from contextlib import AsyncExitStack, asynccontextmanager
+from typing import Any
+
+import numpy as np
+
+from emulators.faults import Ledger
+from emulators.seams import Floats
+from emulators.sensing import KnownWrench
+from hil_bridge.clock import Clock, run_virtual
+from hil_bridge.device_log import LogTo
+from hil_bridge.errors import BridgeError
+from hil_bridge.kinds import SensorKind
+from hil_bridge.sensors.stream import ForceSensor
+from hil_bridge.testing.cases import SensorCase
+from hil_bridge.testing.meddling import Meddled
+from hil_bridge.testing.naming import Finding
+from hil_bridge.transports import Transport
+from hil_bridge.wiring import Serving, Wiring
+from protocol.geometry import Wrench
+from protocol.wrench import SensorFacts, WrenchFrame, wrench_of
+
+PATIENCE_S = 90.0
+"""Chosen: longer than any sensor takes to come up, or its client to give up."""
+MEAN_OF = 20
+"""Chosen: frames of which the mean is compared."""
+NOTHING: Wrench = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+class SensorRig:
+    """One emulated sensor. Its client is made by `connect`, as often as wanted."""
+
+    def __init__(self, case: SensorCase, clock: Clock) -> None:
+        self.case, self.clock = case, clock
+        self._times: list[float] = [-math.inf]
+        self._wrenches: list[Wrench] = [NOTHING]
+        self.source = KnownWrench(self._felt)
+        self.wires: list[Meddled] = []
+        """Wires of the clients, in the order in which they were opened."""
+        self.frames: list[WrenchFrame] = []
+        """Frames that the clients have told, oldest first."""
+        self.sensor: Any = None
+        self.ledger = Ledger(case.kind.emulation.faults if case.kind.emulation else {})
+        self.url = ""
+
+    def _felt(self, times: Floats) -> Floats:
+        return np.array([self._wrenches[bisect.bisect_right(self._times, at) - 1] for at in times.tolist()])
+
+    def push(self, wrench: Sequence[float]) -> None:
+        """From now on the sensor feels this wrench, N and N·m, in its own frame."""
+        a, b, c, d, e, f = wrench
+        now = self.clock.now()
+        self._times.append(now)
+        self._wrenches.append((a, b, c, d, e, f))
+        self.source.on_change(now)
+
+    async def connect(self) -> ForceSensor:
+        """A client for the sensor as a run has it, not started yet."""
+        log = LogTo(frame=self.frames.append)
+        wiring = Wiring("sensor", self.clock, log, self._wrap)
+        wire, client = await self.case.kind.connect(self.url, self.case.given, wiring)
+        return ForceSensor(wire, client, self.clock, log)
+
+    @asynccontextmanager
+    async def started(self) -> AsyncIterator[ForceSensor]:
+        """A client that is ready, closed when the context is left."""
+        sensor = await self.connect()
+        try:
+            sensor.start()
+            await self.within(sensor.ready(), "ready")
+            yield sensor
+        finally:
+            await self.within(sensor.aclose(), "stop")
+
+    def _wrap(self, device: str, wire: Transport[Any]) -> Transport[Any]:
+        meddled = Meddled(wire)
+        self.wires.append(meddled)
+        return meddled
+
+    async def within(self, answer: Awaitable[Any], name: str) -> Any:
+        """The answer, which must come, or fail, some time."""
+        try:
+            async with asyncio.timeout(PATIENCE_S):
+                return await answer
+        except TimeoutError:
+            raise Finding(
+                f"`{name}` waits for ever: no answer and no error within {PATIENCE_S:g} s"
+            ) from None
+
+    async def wait(self, seconds: float) -> None:
+        """Let time pass; faults end at their times."""
+        ends = self.clock.now() + seconds
+        while (due := self.ledger.next_deadline()) is not None and due < ends:
+            await self.clock.sleep_until(due)
+            self.ledger.handle_deadline(due)
+        await self.clock.sleep_until(ends)
+
+    # --- frames
+
+    async def settled(self, sensor: ForceSensor) -> list[float]:
+        """The mean wrench of the newest frames, N and N·m, once they show what is felt now."""
+        await self.wait(self.case.settle_s)
+        period = sensor.facts.period or 0.02
+        self.frames.clear()
+        for _ in range(100):
+            await self.wait(MEAN_OF * period)
+            sensor.check()
+            if len(self.frames) >= MEAN_OF:
+                break
+        else:
+            raise Finding(f"{len(self.frames)} frames came within {100 * MEAN_OF * period:g} s")
+        newest = self.frames[-MEAN_OF:]
+        wrenches = [wrench_of(frame.values, sensor.facts.scales) for frame in newest]
+        return [math.fsum(one[k] for one in wrenches) / MEAN_OF for k in range(6)]
+
+    def inject(self, target: str, fault: str) -> bool:
+        """Let a fault happen, with its defaults; False for one that this sensor cannot have now."""
+        found = self.ledger.table[target][fault]
+        amounts: dict[str, object] = {
+            name: max(found.parameters[name].maximum / 100.0, 1e-3) for name in found.amounts[:1]
+        }
+        try:
+            self.ledger.inject(target, fault, self.clock.now(), amounts)
+        except ValueError:
+            return False
+        return True
+
+
+def full_scales(case: SensorCase, facts: SensorFacts) -> Wrench:
+    """The range of each axis, N and N·m, of the case, or the one that the device tells; else a usual one."""
+    return case.full or facts.full_scales or facts.range or (200.0, 200.0, 200.0, 20.0, 20.0, 20.0)
+
+
+@asynccontextmanager
+async def sensor_rig(case: SensorCase, clock: Clock) -> AsyncIterator[SensorRig]:
+    """The emulated sensor of a case, listening in memory."""
+    given = case.given
+    emulation = case.kind.emulation
+    assert emulation is not None
+    failed: list[BaseException] = []
+    async with AsyncExitStack() as stack:
+        serving = Serving(clock, stack, failed.append, lambda text: None)
+        rig = SensorRig(case, clock)
+        rig.sensor = emulation.make(given)(rig.source, clock.now(), 1)
+        for target, handlers in rig.sensor.handlers.items():
+            rig.ledger.attach(target, handlers)
+        wire = _wire_of(case.kind, emulation.usual(given, True))
+        rig.url = _wire_of(case.kind, await emulation.serve(wire, rig.sensor, given, serving))
+        rig.ledger.on_change.append(serving.wake)
+        yield rig
+        if failed and not isinstance(failed[0], BridgeError):
+            raise failed[0]
+
+
+def _wire_of(kind: SensorKind, url: str) -> str:
+    """The wire's URL of one that may name its kind in an older form."""
+    return kind.older_form(url) or url
+
+
+def run_sensor(case: SensorCase, check: Callable[[SensorRig], Awaitable[None]]) -> None:
+    """Run a check in virtual time; nothing may be left behind."""
+
+    async def main() -> None:
+        async with sensor_rig(case, Clock.running()) as rig:
+            await check(rig)
+
+    run_virtual(main)

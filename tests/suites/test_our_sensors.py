@@ -1,0 +1,29 @@
+"""Our own sensors pass the suites for sensors of others."""
+
+import pytest
+
+from hil_bridge.kinds import SENSORS
+from hil_bridge.testing import SensorCase
+from hil_bridge.testing.sensor_clients import *  # noqa: F403
+from hil_bridge.testing.sensor_emulators import *  # noqa: F403
+
+CASES = {
+    "jr3": SensorCase(SENSORS.kind("jr3"), numbered=True),
+    "jr3-uart": SensorCase(SENSORS.kind("jr3-uart"), numbered=True),
+    "jr3-board": SensorCase(SENSORS.kind("jr3-board"), settle_s=0.3),
+    "netft": SensorCase(SENSORS.kind("netft"), numbered=True, overload=6.0, settle_s=0.1),
+    "ft300": SensorCase(SENSORS.kind("ft300"), checked=True),
+    "ati-can": SensorCase(
+        SENSORS.kind("ati-can"), full=(40.0, 40.0, 120.0, 2.0, 2.0, 2.0), overload=6.0, settle_s=0.1
+    ),
+}
+
+
+@pytest.fixture(params=CASES.values(), ids=CASES)
+def sensor_client(request):
+    return request.param
+
+
+@pytest.fixture(params=CASES.values(), ids=CASES)
+def sensor_emulator(request):
+    return request.param

@@ -1,0 +1,29 @@
+"""Our own surfaces pass the suite for surfaces of others."""
+
+import pytest
+
+from emulators.surface.contact import Contact, SurfaceProfile
+from emulators.surface.faults import SURFACE_FAULTS
+from emulators.surface.materials import MaterialProfile
+from hil_bridge.kinds import SurfaceKind
+from hil_bridge.testing import SurfaceCase
+from hil_bridge.testing.surfaces import *  # noqa: F403
+
+OURS = SurfaceKind(
+    "ours",
+    "surface of the emulated cell",
+    SurfaceProfile,
+    lambda profile: lambda changed: Contact(profile, changed),
+    SURFACE_FAULTS,
+)
+PROFILES = {
+    "flat": SurfaceProfile(),
+    "sloped": SurfaceProfile(kind="sloped", slope_deg=0.5),
+    "rubber": SurfaceProfile(material=MaterialProfile(kind="hunt_crossley")),
+    "foam": SurfaceProfile(material=MaterialProfile(kind="standard_linear_solid")),
+}
+
+
+@pytest.fixture(params=PROFILES.values(), ids=PROFILES)
+def surface(request):
+    return SurfaceCase(OURS, settings=request.param, friction=request.param.friction)
