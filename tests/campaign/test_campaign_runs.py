@@ -1,6 +1,7 @@
 """Campaigns that run: each key once, also after a kill; rerun, compare and the page."""
 
 import csv
+import math
 import os
 import re
 import signal
@@ -8,6 +9,7 @@ import sqlite3
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -272,16 +274,21 @@ def test_page_without_the_recordings_tells_the_cause(results: Path, tmp_path: Pa
     copy = tmp_path / "alone.sqlite"
     with sqlite3.connect(results) as source, sqlite3.connect(copy) as target:
         source.backup(target)
-        target.execute(
-            "UPDATE runs SET figures = json_set(figures, '$.rise_s', 1e999) WHERE seed = 1 AND passed"
-        )
+        target.execute("DELETE FROM runs WHERE seed = 1 AND passed")
     source.close()
     target.close()
+    with Store.open(results) as store:
+        again = [
+            replace(run, figures={**run.figures, "rise_s": math.inf})
+            for run in store.runs("seed = 1 AND passed")
+        ]
     with Store.open(copy) as store:
+        store.put(again, store.plan().cases)
+        assert [run.figures["rise_s"] for run in store.runs("seed = 1 AND passed")] == [math.inf, math.inf]
         text = page(store)
     assert "The run was stopped" not in text
     assert "<p>stopped: robot on memory:robot" in text
-    assert "2 runs, and 2 without an end" in text
+    assert ", and 2 without an end: " in text
 
 
 def test_runs_as_a_table(results: Path, tmp_path: Path) -> None:
