@@ -64,7 +64,7 @@ def distributions(criteria: Sequence[Criterion], runs: Sequence[Done]) -> str:
     for name in PLOTTED:
         found = [float(value) for run in runs if isinstance(value := run.figures.get(name), (int, float))]
         values = sorted(filter(math.isfinite, found))
-        if values:
+        if found:
             parts.append(_distribution(name, values, len(found) - len(values), _bounds(wanted.get(name))))
     return f'<div class="figures">{"".join(parts)}</div>' if parts else "<p>none</p>"
 
@@ -76,12 +76,15 @@ def _bounds(wanted: object) -> Mapping[str, float]:
 
 
 def _distribution(name: str, values: Sequence[float], endless: int, bounds: Mapping[str, float]) -> str:
+    title = f"<strong>{name}</strong><br>{escape(FIGURES[name])}"
+    if not values:
+        return f"<figure><figcaption>{title}<br>{endless} runs, all without an end</figcaption></figure>"
     low, high = values[0], values[-1]
     median, late = statistics.median(values), values[math.ceil(0.99 * len(values)) - 1]
     counts = f"{len(values)} runs" + (f", and {endless} without an end" if endless else "")
     numbers = f"median {median:.4g}, 99 % ≤ {late:.4g}, least {low:.4g}, largest {high:.4g}"
     return (
-        f"<figure><figcaption><strong>{name}</strong><br>{escape(FIGURES[name])}</figcaption>"
+        f"<figure><figcaption>{title}</figcaption>"
         f"{_bars(name, values, bounds)}<figcaption>{counts}: {numbers}</figcaption></figure>"
     )
 
