@@ -46,8 +46,8 @@ def own_processes(count: int) -> Iterator[Workers]:
         try:
             yield Workers(pool, lambda: count)
         except BaseException as error:
-            pool.shutdown(wait=False, cancel_futures=True)
-            # else leaving the pool waits for their present jobs
+            # Else leaving the pool waits for their present jobs. The pool sees them go and drops what is waiting; to
+            # shut it down without waiting here would let its thread meet the end of the interpreter.
             for worker in multiprocessing.active_children():
                 worker.terminate()
             if isinstance(error, BrokenProcessPool):

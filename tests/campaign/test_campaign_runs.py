@@ -173,6 +173,39 @@ def test_kill_in_the_middle_loses_nothing_and_doubles_nothing(tmp_path: Path) ->
             assert run(configured(job)).figures == one.figures
 
 
+@pytest.mark.live
+@pytest.mark.skipif(os.name != "posix", reason="Ctrl-C as a signal")
+def test_ctrl_c_ends_every_process_with_one_line(tmp_path: Path) -> None:
+    path, place = study(tmp_path, 50), tmp_path / "out.sqlite"
+    command = [
+        sys.executable,
+        "-m",
+        "hil_bridge",
+        "campaign",
+        str(path),
+        "--out",
+        str(place),
+        "--workers",
+        "2",
+    ]
+    process = subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+    deadline = time.monotonic() + 60.0
+    while _kept(place) == 0 and time.monotonic() < deadline:
+        assert process.poll() is None
+        time.sleep(0.05)
+    os.killpg(process.pid, signal.SIGINT)  # a terminal tells all its processes
+    _, errors = process.communicate(timeout=30)
+    assert process.returncode == 130
+    assert errors.strip() == f"interrupted: {_kept(place)} runs are kept; the same command goes on"
+    deadline = time.monotonic() + 20.0
+    with pytest.raises(ProcessLookupError):
+        while time.monotonic() < deadline:
+            os.killpg(process.pid, 0)  # asks whether any is left
+            time.sleep(0.05)
+
+
 def _kept(place: Path) -> int:
     try:
         with Store.open(place) as store:
