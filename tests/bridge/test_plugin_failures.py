@@ -54,7 +54,7 @@ def fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[dict[str,
     monkeypatch.chdir(tmp_path)
     for place in (*(EXAMPLES / toy for toy in TOYS), tmp_path):
         monkeypatch.syspath_prepend(str(place))
-    import failing_toys  # type: ignore[import-not-found]
+    import failing_toys
 
     yield failing_toys.FAILS
     modules = {"failing_toys", *(toy.replace("-", "_") for toy in TOYS)}
