@@ -59,7 +59,7 @@ def upgrade(old: Path, new: Path, overwrite: bool) -> None:
     write_whole(new, text.encode(), overwrite)
     for change in changes or ["no setting has another name"]:
         click.echo(change)
-    load_config(new)
+    load_config(new, {})
     click.echo(f"wrote {new}")
 
 
