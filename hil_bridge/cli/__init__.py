@@ -29,6 +29,7 @@ from hil_bridge.cli.run import run
 from hil_bridge.cli.serve_jr3 import serve_jr3
 from hil_bridge.cli.supervisor import supervisor
 from hil_bridge.cli.task import task
+from hil_bridge.cli.tune import tune
 from hil_bridge.cli.why import why
 from hil_bridge.console.debugging import debug_option, debug_wanted, told_bug
 from hil_bridge.console.screen import leave
@@ -113,6 +114,7 @@ for command in (
     identify_tool,
     experiment,
     campaign,
+    tune,
     conform,
     decode,
     replay,

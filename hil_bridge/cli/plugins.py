@@ -59,7 +59,8 @@ def controllers(name: str | None, as_json: bool) -> None:
             others = ", ".join(f"{key} = {value:g}" for key, value in tuning["parameters"].items())
             lines.append(f"  at {tuning['sample_ms']:g} ms: {others or 'the same'}")
         for parameter in one["parameters"]:
-            lines.append(f"    {parameter['name']} = {parameter['default']}")
+            among = "" if parameter["range"] is None else "   tune: {:g} … {:g}".format(*parameter["range"])
+            lines.append(f"    {parameter['name']} = {parameter['default']}{among}")
             if parameter["meaning"]:
                 lines.append(f"        {parameter['meaning']}")
         tell(lines)
@@ -127,11 +128,24 @@ def _controller(name: str) -> dict[str, Any]:
         "sample_ms": sample_time(kind) * 1e3,
         "tunings": [{"sample_ms": one.sample_ms, "parameters": dict(one.parameters)} for one in tunings],
         "parameters": [
-            {"name": field.name, "default": _default(field), "meaning": texts.get(field.name, "")}
+            {
+                "name": field.name,
+                "default": _default(field),
+                "meaning": texts.get(field.name, ""),
+                "range": _range(kind, field.name),
+            }
             for field in dataclasses.fields(kind)
             if field.init
         ],
     }
+
+
+def _range(kind: Any, name: str) -> list[float] | None:
+    """Ends of the values among which it is tuned; None where its controller declares none."""
+    from hil_bridge.control.types import Range
+
+    found = getattr(kind, "ranges", {}).get(name)
+    return [found.low, found.high] if isinstance(found, Range) else None
 
 
 def _default(field: Any) -> str:
