@@ -68,26 +68,17 @@ def ran(place: Path, *command: str | Path) -> str:
 
 
 def installed(elsewhere: Elsewhere) -> None:
-    """Build all wheels, and install them by one call of pip."""
-    place = elsewhere.place
-    ran(place, sys.executable, "-m", "build", "--wheel", "--outdir", place / "wheels", ROOT)
-    (own,) = (place / "wheels").glob("*.whl")
+    """Build all wheels by one call of pip, and install them by another."""
+    folder = elsewhere.place / "wheels"
     elsewhere.install("hatchling>=1.25")  # one for all that are built, instead of one each
-    build = (
-        "-m",
-        "pip",
-        "wheel",
-        "--quiet",
-        "--no-deps",
-        "--no-build-isolation",
-        "--wheel-dir",
-        place / "others",
-    )
-    elsewhere.run("python", *build, *EXAMPLES)
-    others = sorted((place / "others").glob("*.whl"))
-    if len(others) != len(EXAMPLES):
-        raise RuntimeError(f"{len(EXAMPLES)} examples made {len(others)} wheels")
-    elsewhere.install(f"{own}[testing]", *others)
+    build = ("-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation", "--wheel-dir", folder)
+    elsewhere.run("python", *build, ROOT, *EXAMPLES)
+    wheels = sorted(folder.glob("*.whl"))
+    if len(wheels) != 1 + len(EXAMPLES):
+        raise RuntimeError(f"hil-bridge and {len(EXAMPLES)} examples made {len(wheels)} wheels")
+    (own,) = (wheel for wheel in wheels if wheel.name.startswith("hil_bridge-"))
+    wheels.remove(own)
+    elsewhere.install(f"{own}[testing]", *wheels)  # ours first, for the others depend on it
 
 
 def run_alone(elsewhere: Elsewhere) -> None:
