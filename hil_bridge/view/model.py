@@ -19,7 +19,7 @@ HISTORY_CYCLES = 240
 LATENCY_CYCLES = 60
 """Newest cycles whose latency is told."""
 EVENTS_KEPT = 60
-_ALARMS = (STOP_EVENT, "then", "bug", "recorder")
+_ALARMS = (STOP_EVENT, "then", "bug", "failed", "traceback", "recorder")
 _CAUTIONS = ("fault", "gap", "signal", "operator")
 
 

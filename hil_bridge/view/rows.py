@@ -196,7 +196,8 @@ def events(snapshot: Snapshot, count: int) -> list[Text]:
 
 def _event(one: Told) -> Text:
     style = "red" if one.alarm else "yellow" if one.caution else ""
-    return _row(f"{one.elapsed_s:8.1f} s", (f"{one.kind}: {one.text}", style))
+    last = one.text.strip().rpartition("\n")[2]  # of a traceback
+    return _row(f"{one.elapsed_s:8.1f} s", (f"{one.kind}: {last}", style))
 
 
 def progress(snapshot: Snapshot, width: int) -> Text:
