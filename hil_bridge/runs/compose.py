@@ -26,6 +26,7 @@ from hil_bridge.kinds import (
     robot_of,
     sensor_of,
 )
+from hil_bridge.robots.of_others import LinkOfOthers
 from hil_bridge.robots.seam import RobotLink
 from hil_bridge.sensors.stream import ForceSensor
 from hil_bridge.settings.configuration import Config
@@ -173,7 +174,10 @@ async def connect_robot(config: Config, url: str, wiring: Wiring) -> RobotLink:
     """
     kind, wire = robot_of(url)
     robot: RobotLink = await kind.connect(wire, settings_of(config, kind), wiring)
-    return robot
+    if kind.name in ROBOTS.built_in:
+        return robot
+    guarded: Any = LinkOfOthers(robot)
+    return guarded  # type: ignore[no-any-return]
 
 
 async def connect_sensor(config: Config, url: str, wiring: Wiring) -> ForceSensor:

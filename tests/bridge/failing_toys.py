@@ -60,6 +60,12 @@ class FailingArmClient(ArmClient):
         super().receive(data, now)
 
 
+class FailingLink(StreamedLink[Any]):
+    async def report(self, *, soon: bool = False) -> Any:
+        how("link")
+        return await super().report(soon=soon)
+
+
 class FailingArm(Arm):
     def handle_deadline(self, now: float) -> None:
         how("arm")
@@ -88,7 +94,7 @@ class FailingSpring(Spring):
 async def connect_arm(url: str, settings: Any, wiring: Any) -> Any:
     how("connect")
     wire = await wiring.datagrams(url)
-    return StreamedLink(wire, FailingArmClient(wiring.clock.now()), FACTS, wiring.clock, wiring.log)
+    return FailingLink(wire, FailingArmClient(wiring.clock.now()), FACTS, wiring.clock, wiring.log)
 
 
 async def connect_load(url: str, settings: Any, wiring: Any) -> Any:
