@@ -63,6 +63,7 @@ def conform(
     from hil_bridge.conform.rules import read_rules, told_rules
     from hil_bridge.conform.stage import Trial, chosen
     from hil_bridge.conform.trying import play_all, usual_port
+    from hil_bridge.kinds import ROBOTS
     from hil_bridge.recording.files import check_place, write_whole
     from hil_bridge.runs.signals import as_ctrl_c
     from hil_bridge.settings.configuration import load_config
@@ -76,6 +77,7 @@ def conform(
     for place in (junit, json_file):
         if place is not None:
             check_place(place, overwrite)
+    ROBOTS.kind(kind)  # refuses an unknown one in words of this command
     config = load_config(config_file, {"robot.emulated": kind})
     port = usual_port(config, listen, command)
     trial = Trial(config, port, rules, partial(ProcessClient, command))

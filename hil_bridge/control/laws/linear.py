@@ -6,6 +6,7 @@ the estimated stiffness.
 """
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -26,6 +27,7 @@ from hil_bridge.control.types import (
     STREAM_SAMPLES_MS,
     Command,
     Measurement,
+    Range,
     Tuning,
 )
 
@@ -70,6 +72,12 @@ class Pi:
         )
         for sample_ms in STREAM_SAMPLES_MS
     )
+
+    ranges: ClassVar[Mapping[str, Range]] = {
+        "proportional": Range(0.0, 1.0),
+        "integral": Range(0.005, 1.5, by_factor=True),
+    }
+    """Chosen: from hardly any answer to one that swings at the stiffness tuned at."""
 
     proportional: float = 0.2
     """K_p: share of a change of the error that is answered in a sample."""
@@ -155,6 +163,12 @@ class Admittance:
         )
         for sample_ms in STREAM_SAMPLES_MS
     )
+
+    ranges: ClassVar[Mapping[str, Range]] = {
+        "mass_kg": Range(1.0, 500.0, by_factor=True),
+        "damping_ns_m": Range(100.0, 20_000.0, by_factor=True),
+    }
+    """Chosen: about a tenth to ten times of the defaults for all sample times."""
 
     mass_kg: float = 66.0
     """M. Chosen: with the damper a time constant of 30 ms, a fraction of the cycle."""
