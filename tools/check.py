@@ -1,21 +1,19 @@
-"""The one check: format, lint, types, import contracts, tests with coverage, SocketCAN, and the built wheel elsewhere.
+"""The one check: format, lint, types, import contracts, tests with coverage, SocketCAN, and the built wheels elsewhere.
 
 Run it with the environment's Python (`make test` does). Every step runs even when an earlier one failed; the
 exit code is 0 only when none failed. `--only NAME` runs one step.
 """
 
 import argparse
-import json
 import subprocess
 import sys
-import tempfile
 import time
-import venv
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from kernel_machine import SKIPPED
+from wheels import check_wheels
 
 ROOT = Path(__file__).resolve().parent.parent
 BIN = Path(sys.executable).parent
@@ -48,69 +46,6 @@ def at_once(first: tuple[str, ...], second: tuple[str, ...]) -> Callable[[], int
         return code or other.returncode
 
     return step
-
-
-TOYS = ROOT / "tests" / "plugins" / "toydevices"
-"""A package of devices that another author could have written."""
-TOY_RUN = (
-    "run",
-    "--duration",
-    "3",
-    "--no-view",
-    "--robot",
-    "toyarm",
-    "--sensor",
-    "toyload",
-    "--surface",
-    "toyspring",
-)
-STEADY_N = 10.0, 0.5
-"""Force that a run with the toys comes to, and how far it may be off, N."""
-
-
-def wheel_elsewhere() -> int:
-    """Build the wheel, install it into a fresh environment outside the checkout, and run it there.
-
-    Then the same with the toys' wheel: a loop over UDP that knows its devices by their names alone, in virtual time and
-    in real time.
-    """
-    with tempfile.TemporaryDirectory(prefix="hil-bridge-wheel-") as name:
-        place = Path(name)
-
-        def run(*command: str | Path) -> None:
-            done = subprocess.run(command, cwd=place, capture_output=True, text=True, check=False)
-            if done.returncode:
-                raise RuntimeError(
-                    f"{' '.join(map(str, command))} ended with {done.returncode}\n{done.stdout}{done.stderr}"
-                )
-
-        try:
-            run(sys.executable, "-m", "build", "--wheel", "--outdir", place, ROOT)
-            (wheel,) = place.glob("*.whl")
-            venv.create(place / "env", with_pip=True)
-            scripts = place / "env" / BIN.name
-            run(scripts / "python", "-m", "pip", "install", "--quiet", "--disable-pip-version-check", wheel)
-            bridge = scripts / "hil-bridge"
-            run(bridge, "--version")
-            run(bridge, "run", "--virtual", "--duration", "5", "--no-view", "--summary", place / "s.json")
-            if not (place / "s.json").stat().st_size:
-                raise RuntimeError("the short run wrote an empty summary")
-            run(sys.executable, "-m", "build", "--wheel", "--outdir", place / "toys", TOYS)
-            (toys,) = (place / "toys").glob("*.whl")
-            run(scripts / "python", "-m", "pip", "install", "--quiet", "--disable-pip-version-check", toys)
-            for time_of in (["--virtual"], []):
-                record, summary = place / f"toys{len(time_of)}.mcap", place / f"toys{len(time_of)}.json"
-                run(bridge, *TOY_RUN, *time_of, "--record", record, "--summary", summary)
-                force = json.loads(summary.read_text(encoding="utf-8"))["force_mean_steady_n"]
-                if abs(force - STEADY_N[0]) > STEADY_N[1]:
-                    raise RuntimeError(f"the toys came to {force} N")
-                for command in ("latency", "replay"):
-                    run(bridge, command, record)
-                run(bridge, "report", record, "--out", record.with_suffix(""))
-        except (RuntimeError, OSError, ValueError) as error:
-            print(error)
-            return 1
-    return 0
 
 
 QUICK = (
@@ -153,7 +88,7 @@ VERDICTS = {0: "ok     ", SKIPPED: "skipped"}
 
 
 def main() -> int:
-    """Run the steps, the wheel beside the others since it mostly waits for downloads."""
+    """Run the steps, the wheels beside the others since they mostly wait for downloads."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--only", choices=[*STEPS, "wheel"])
     only = parser.parse_args().only
@@ -166,13 +101,13 @@ def main() -> int:
         results[name] = code, time.monotonic() - began
 
     with ThreadPoolExecutor(1) as beside:
-        wheel = beside.submit(timed, "wheel", wheel_elsewhere) if only in (None, "wheel") else None
+        wheel = beside.submit(timed, "wheel", check_wheels) if only in (None, "wheel") else None
         for name, step in STEPS.items():
             if only in (None, name):
                 print(f"── {name}", flush=True)
                 timed(name, step)
         if wheel is not None:
-            print("── wheel, installed into a fresh environment", flush=True)
+            print("── wheels, installed into a fresh environment", flush=True)
             wheel.result()
 
     for name, (code, seconds) in results.items():

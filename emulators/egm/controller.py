@@ -20,6 +20,7 @@ from emulators.egm.guided import OUT_OF_BOUNDS, ArmJoints, GuidedMotion
 from emulators.egm.profile import EgmProfile
 from emulators.faults.ledger import Handler, Injection
 from emulators.faults.own import OwnFaults
+from emulators.orders import Act, HeardOrder, Hindrance, Orders
 from emulators.seams import ArmPath, Handlers, Joints, StartPose
 from protocol.egm import (
     Answer,
@@ -33,6 +34,7 @@ from protocol.egm import (
     SensorMessage,
     decode_answer,
     encode_robot,
+    from_wire,
     to_wire,
 )
 from protocol.endpoint import RemoteProtocolError
@@ -87,6 +89,7 @@ class EgmController:
         """The pose that was measured last, and the joints that hold it."""
         self.path: ArmPath = self._arm.path
         self.endpoint = self
+        self.orders = Orders()
         self.state = State.SET_UP
         self.error = ""
         """Words of the last error, with the number of its event where that is known."""
@@ -147,6 +150,12 @@ class EgmController:
     def joints_holding(self, pose: Pose, at: float) -> Joints | None:
         return self._kinematics.holding(pose, self.motion.joints)
 
+    def hindrance(self, now: float) -> Hindrance | None:
+        if self.state in (State.SET_UP, State.GUIDING):
+            return None
+        words = self.state.name.lower().replace("_", " ")
+        return Hindrance(f"{words}: {self.error}" if self.error else words, self.error == OUT_OF_BOUNDS)
+
     # --- as an endpoint
 
     def receive(self, data: Sequence[bytes], now: float) -> None:
@@ -177,6 +186,8 @@ class EgmController:
     # --- messages from the PC
 
     def _receive(self, datagram: bytes, now: float) -> None:
+        if self.orders.listener is not None:
+            self.orders.tell(self._heard(datagram, now))
         if self.state in _OVER:
             self.counters["not expected"] += 1
             return
@@ -204,6 +215,25 @@ class EgmController:
             return
         self._queue.append(message)
         self._taken += 1
+
+    def _heard(self, datagram: bytes, now: float) -> HeardOrder:
+        """A message as an order, whatever the state makes of it."""
+        try:
+            message = decode_answer(datagram)
+            self._check(message)
+        except RemoteProtocolError as error:
+            return HeardOrder(now, Act.UNREADABLE, str(error), False)
+        taken = self.state in (State.SET_UP, State.GUIDING)
+        if isinstance(message, PathCorrection):
+            return HeardOrder(now, Act.MOTION, "path correction", taken, moves=any(message.offset_mm))
+        speed = any(message.speed) or any(message.joint_speed_deg_s)
+        if message.pose is not None and not speed:
+            return HeardOrder(now, Act.MOTION, "pose", taken, from_wire(message.pose).position)
+        if message.joints_deg and not speed:
+            a, b, c, d, e, f = map(math.radians, message.joints_deg)
+            place = self._kinematics.pose((a, b, c, d, e, f)).position
+            return HeardOrder(now, Act.MOTION, "joints", taken, place)
+        return HeardOrder(now, Act.MOTION, "speed", taken, moves=speed)
 
     def _check(self, message: Answer) -> None:
         """Raise RemoteProtocolError for a message that this mode has no use for."""

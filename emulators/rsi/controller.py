@@ -15,15 +15,17 @@ from enum import Enum, auto
 
 from emulators.arm.followed import FollowedArm
 from emulators.faults import Handler, Injection
+from emulators.orders import Act, HeardOrder, Hindrance, Orders
 from emulators.rsi.bad_pose import BadPose
-from emulators.rsi.correction import TOO_FAR, TOO_FAST, Correction
+from emulators.rsi.correction import NOTHING, TOO_FAR, TOO_FAST, Correction
 from emulators.rsi.ethernet import Ethernet
 from emulators.rsi.faults import RSI_FAULTS
 from emulators.rsi.profile import RsiProfile
 from emulators.rsi.spoiling import Injected, Line
 from emulators.seams import ArmPath, Handlers, Joints, StartPose
+from protocol.endpoint import RemoteProtocolError
 from protocol.geometry import Pose
-from protocol.rsi import ROBOT, Telegram, encode, fixed, pose_tags
+from protocol.rsi import ROBOT, Telegram, decode, encode, fixed, number, pose_tags
 from protocol.rsi.angles import values_of
 from protocol.rsi.telegram import LARGEST_IPOC
 
@@ -83,6 +85,7 @@ class RsiController:
         self._bad_pose = BadPose(RSI_FAULTS["pose"])
         self._line = Line(self._injected, RSI_FAULTS["packets"])
         self._restart_at = math.inf
+        self._stopped_by_fault = False
         self.error = ""
         """The error that has ended RSI; empty without."""
         self.discarded: Counter[str] = Counter()
@@ -90,6 +93,9 @@ class RsiController:
         self._taken = 0
         """Answers that were looked at in this cycle."""
         self.endpoint = self
+        self.orders = Orders()
+        self._ordered = NOTHING
+        """Sum of the relative corrections that were ordered, taken or not."""
         self.path: ArmPath = self._arm.path
         self.handlers: Handlers = self._handlers()
         self.state = State.ON
@@ -105,6 +111,15 @@ class RsiController:
     def joints_holding(self, pose: Pose, at: float) -> Joints | None:
         return None
 
+    def hindrance(self, now: float) -> Hindrance | None:
+        if self.error:
+            return Hindrance(self.error, self.error in (TOO_FAR, TOO_FAST) and not self._stopped_by_fault)
+        if not self._sending:
+            return Hindrance("RSI is off", False)
+        if self._session.standing or self._injected.holds("robot", "emergency-stop", now):
+            return Hindrance("the motion is stopped, telegrams go on", False)
+        return None
+
     @property
     def correction(self) -> tuple[float, ...]:
         """The total correction, mm and degrees."""
@@ -118,6 +133,9 @@ class RsiController:
     # --- as an endpoint
 
     def receive(self, data: Sequence[bytes], now: float) -> None:
+        if self.orders.listener is not None:
+            for datagram in data:
+                self.orders.tell(self._heard(datagram, now))
         if not self._sending:
             return
         for datagram in data:
@@ -130,6 +148,24 @@ class RsiController:
             why = "a fault" if refused else self._session.ethernet.take(datagram, self._ipoc)
             if why:
                 self.discarded[why if len(self.discarded) < _ANSWERS_A_CYCLE else "others"] += 1
+
+    def _heard(self, raw: bytes, now: float) -> HeardOrder:
+        """An answer as an order, whatever the state makes of it."""
+        try:
+            telegram = decode(raw)
+            found = [number(telegram.values.get(tag, "0")) for tag in pose_tags(self.profile.correction_tag)]
+        except RemoteProtocolError as error:
+            return HeardOrder(now, Act.UNREADABLE, str(error), False)
+        if self.profile.mode == "relative":
+            found = [before + more for before, more in zip(self._ordered, found, strict=True)]
+            self._ordered = tuple(found)
+        taken = self.state is State.MOVECORR and self.hindrance(now) is None
+        x, y, z = (
+            start + by * 1e-3
+            for start, by in zip(self._session.correction.programmed.position, found[:3], strict=True)
+        )
+        words, reach_m = f"{self.profile.mode} correction", self._session.correction.step_mm * 1e-3
+        return HeardOrder(now, Act.MOTION, words, taken, (x, y, z), reach_m=reach_m)
 
     def next_event(self) -> None:
         return None
@@ -215,6 +251,7 @@ class RsiController:
     def _begin(self, now: float) -> None:
         """The program is reset and begun anew, up to RSI_ON."""
         self.state, self.error = State.ON, ""
+        self._stopped_by_fault = False
         self._restart_at = math.inf
         self._session = self._begun(now)
         if self.profile.ipoc_restart == "anew":
@@ -314,6 +351,7 @@ class RsiController:
 
     def _stop_by(self, injection: Injection, error: str) -> None:
         self._fail(error, injection.injected_at)
+        self._stopped_by_fault = True
         _over(injection)
 
     def _jump(self, injection: Injection) -> None:

@@ -32,7 +32,8 @@ class Correction:
         """The last value was cut at POSCORR's limit."""
         self._margin_mm, self._margin_at = math.inf, NOTHING
         steps = profile.cycle_ms / _REFERENCE_MS
-        self._step_mm, self._step_deg = profile.max_step_mm * steps, profile.max_step_deg * steps
+        self.step_mm, self._step_deg = profile.max_step_mm * steps, profile.max_step_deg * steps
+        """Largest change of the correction in a cycle, mm; the same of its turn, degrees."""
 
     def take(self, value: tuple[float, ...]) -> str:
         """Take the value of a cycle; the error that it makes, empty without. With one, the total stays as it was."""
@@ -41,7 +42,7 @@ class Correction:
         error = self._monitored(after)
         way = [there - here for there, here in zip(after, before, strict=True)]
         if not error and (
-            math.hypot(*way[:3]) > self._step_mm + _ROUNDING or _angle(way[3:]) > self._step_deg + _ROUNDING
+            math.hypot(*way[:3]) > self.step_mm + _ROUNDING or _angle(way[3:]) > self._step_deg + _ROUNDING
         ):
             error = TOO_FAST
         if not error:

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable
 
+from emulators.orders import Act
 from emulators.rtde.controller import Controller
 from emulators.rtde.disturbance import Disturbance
 from emulators.rtde.state import Snapshot, getter
@@ -135,6 +136,7 @@ class Connection:
     def _complain(self, words: str, level: Level) -> None:
         """Say it to a client that takes data. One that waits for an answer would take this for it."""
         self._controller.counts["bad packets"] += 1
+        self._controller.told(Act.UNREADABLE, words, False)
         if self._started:
             self._out.append(packets.text(Text(words, _SOURCE, level)))
 
@@ -186,6 +188,7 @@ class Connection:
         recipe = self._inputs.get(payload[0]) if payload else None
         if recipe is None or len(payload) != recipe.size:
             self._controller.counts["bad inputs"] += 1
+            self._controller.told(Act.UNREADABLE, "an input package that fits no recipe", False)
             self.closing = self._controller.profile.bad_input == "close"
             return
         try:

@@ -12,6 +12,7 @@ from typing import Protocol
 
 from emulators.arm.cycled import CycledPath
 from emulators.arm.quaternions import angle_between, normalised, product
+from emulators.orders import Act, HeardOrder, Hindrance, Orders
 from emulators.rtde.arm import ZERO, Brake, Hold, JointArm, Order, Place, Servo
 from emulators.rtde.kinematics import (
     ARMS,
@@ -34,6 +35,8 @@ from protocol.rtde.states import RobotMode, Runtime, SafetyMode
 
 _LEVEL: Pose = Pose((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
 _NO_FORCE: Wrench = (0.0,) * 6
+BY_FAULT = "as a fault"
+"""Reason of a protective stop that no client has caused."""
 _STOPPED = (
     SafetyMode.PROTECTIVE_STOP,
     SafetyMode.SAFEGUARD_STOP,
@@ -114,6 +117,12 @@ class Controller:
         self._powered = 0
         """How often the power has gone."""
         self._wanted = joints
+        self.orders = Orders()
+        """Orders of its clients, for a judge of them."""
+        self.intent: Callable[[tuple[str, ...]], HeardOrder | None] = lambda names: None
+        """What a package of these inputs orders by the program that came last; None for nothing that moves."""
+        self.stop_reason = ""
+        """Words of the last protective stop."""
         self.counts: Counter[str] = Counter()
         """Refusals and stops, by name, for tests and people."""
         self.now = now
@@ -222,6 +231,8 @@ class Controller:
             self.protective_stop("an external force that is no number")
             return
         self.inputs = {**self.inputs, **values}
+        if self.orders.listener is not None and (order := self.intent(names)) is not None:
+            self.orders.tell(order)
         for watchdog in self.watchdogs:
             if watchdog.name in names:
                 watchdog.last = self.now
@@ -242,6 +253,28 @@ class Controller:
         """A program writes a register."""
         if self.outputs.get(name, 0) != value:
             self.outputs = {**self.outputs, name: value}
+
+    # --- for a judge of a client
+
+    def hindrance(self, now: float) -> Hindrance | None:
+        """Why the arm may not move."""
+        if self.safety in _STOPPED:
+            protective = self.safety == SafetyMode.PROTECTIVE_STOP
+            name = self.safety.name.lower().replace("_", " ")
+            words = f"{name}: {self.stop_reason}" if protective else name
+            return Hindrance(words, protective and self.stop_reason != BY_FAULT)
+        if self.mode != RobotMode.RUNNING:
+            return Hindrance(f"robot mode {self.mode.name}", False)
+        return None
+
+    @property
+    def plays(self) -> bool:
+        """Whether a program plays on an arm that may move."""
+        return self.runtime == Runtime.PLAYING and self.hindrance(self.now) is None
+
+    def told(self, act: Act, words: str, taken: bool, moves: bool = True) -> None:
+        """An order that tells no place came."""
+        self.orders.tell(HeardOrder(self.now, act, words, taken, moves=moves))
 
     # --- programs
 
@@ -376,6 +409,7 @@ class Controller:
         if self.safety in _STOPPED:
             return
         self.counts[f"protective stop: {why}"] += 1
+        self.stop_reason = why
         self.safety, self.stopped_at = SafetyMode.PROTECTIVE_STOP, self.now
         if self.profile.on_protective_stop == "stopped" or not self.pause():
             self.stop_program()

@@ -5,6 +5,7 @@ Source: ur_rtde 1.6.5, Universal Robots' C++ client library, and a user's extrac
 
 from collections.abc import Callable, Mapping
 
+from emulators.orders import Act
 from emulators.rtde.controller import Controller
 from protocol.rtde.dashboard import GREETING, Lines
 from protocol.rtde.states import Runtime, SafetyMode
@@ -32,6 +33,8 @@ _ACTS = (
     "load",
 )
 """Begins of commands that local control refuses."""
+_RELEASES = ("play", "unlock protective stop", "power on", "brake release", "restart safety")
+"""Commands that let a robot move again."""
 _E_SERIES = 5
 """Major version of the first e-Series."""
 _OF_E_SERIES = ("is in remote control",)
@@ -126,6 +129,8 @@ class Dashboard:
             return "Disconnected"
         if command.startswith("popup "):
             return "showing popup"
+        if command in _RELEASES:
+            self._controller.told(Act.RELEASE, f"dashboard: {command}", self._controller.remote)
         if (self._local or not self._controller.remote) and command.startswith(_ACTS):
             return _LOCAL
         cb3 = self._controller.version.major < _E_SERIES

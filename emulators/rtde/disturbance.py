@@ -6,7 +6,7 @@ from typing import Protocol
 
 from emulators.faults.ledger import Handler, Injection
 from emulators.faults.own import OwnFaults
-from emulators.rtde.controller import Controller
+from emulators.rtde.controller import BY_FAULT, Controller
 from emulators.rtde.faults import CONNECTION_FAULTS, POSE_FAULTS
 from emulators.rtde.state import Snapshot
 from emulators.seams import Handlers
@@ -36,7 +36,7 @@ class Disturbance:
         self._frozen: Pose | None = None
         """Pose that is told while it stays as it is."""
         acts = {
-            "protective-stop": lambda: controller.protective_stop("as a fault"),
+            "protective-stop": lambda: controller.protective_stop(BY_FAULT),
             "program-stopped": controller.stop_program,
             "program-paused": controller.pause,
             "power-off": controller.power_off,

@@ -8,6 +8,7 @@ import re
 from collections.abc import Callable, Generator, Iterator
 from typing import TypeAlias
 
+from emulators.orders import Act, HeardOrder
 from emulators.rtde.arm import Brake, Servo
 from emulators.rtde.controller import Controller
 from emulators.rtde.ur_rtde import UrRtde, register_offset
@@ -56,6 +57,29 @@ class Turning:
             return next(self._turns, _END) is not _END
         except (ArithmeticError, ValueError):
             return False
+
+
+def is_known(name: str) -> bool:
+    """Whether a program of this name is followed, and not only played without effect."""
+    return name in (NAME, "rtde_control", FORCE_NAME)
+
+
+def intent(controller: Controller, name: str, text: bytes) -> Callable[[tuple[str, ...]], HeardOrder | None]:
+    """What inputs order by a program of this text, whether it plays or not; None for nothing that moves."""
+    if name == "rtde_control":
+        return UrRtde(controller, register_offset(text)).intent
+    if name == NAME:
+        return lambda names: _our_intent(controller, names)
+    return lambda names: None
+
+
+def _our_intent(controller: Controller, names: tuple[str, ...]) -> HeardOrder | None:
+    read = controller.number
+    if f"input_int_register_{COMMAND}" not in names or read(f"input_int_register_{COMMAND}") != Command.SERVO:
+        return None
+    x, y, z = (read(f"input_double_register_{number}") for number in range(POSE, POSE + 3))
+    words, reach_m = "servo to a pose", controller.profile.max_target_step_mm * 1e-3
+    return HeardOrder(controller.now, Act.MOTION, words, controller.plays, (x, y, z), reach_m=reach_m)
 
 
 def program(controller: Controller, name: str, text: bytes) -> Callable[[], Turning]:

@@ -2,6 +2,7 @@
 
 from typing import TypeAlias
 
+from emulators.orders import Act, HeardOrder
 from emulators.rtde.connection import Connection
 from emulators.rtde.controller import Controller
 from emulators.rtde.dashboard import Dashboard
@@ -30,6 +31,7 @@ class RtdeRobot:
         self.path: ArmPath = controller.path
         self.handlers: Handlers = self._disturbance.handlers
         self.begun_at = controller.begun_at
+        self.orders, self.hindrance = controller.orders, controller.hindrance
         self._open = dict.fromkeys(Port, 0)
 
     @property
@@ -51,6 +53,7 @@ class RtdeRobot:
             self.controller.counts["clients refused"] += 1
             return None
         self._open[port] += 1
+        self.orders.tell(HeardOrder(now, Act.CONTACT, f"connection to {port}", True))
         match port:
             case Port.RTDE:
                 return Connection(self.controller, self._disturbance, now)

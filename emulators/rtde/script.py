@@ -6,8 +6,9 @@ Rule, laxer than the script manual because ur_rtde's text breaks it: a program b
 
 import re
 
+from emulators.orders import Act
 from emulators.rtde.controller import Controller
-from emulators.rtde.programs import program
+from emulators.rtde.programs import intent, is_known, program
 
 _BEGIN = re.compile(rb"^(def|sec)\s+(\w{1,64})\s*\(")
 TEXT_MAX = 1 << 20
@@ -50,6 +51,9 @@ class ScriptPort:
             if self._secondary:  # runs beside a program and cannot move the arm
                 controller.counts["secondary programs"] += 1
             else:
+                known = is_known(self._name)
+                controller.told(Act.PROGRAM, f"program {self._name}", controller.takes_programs, not known)
+                controller.intent = intent(controller, self._name, text)
                 controller.start_program(program(controller, self._name, text))
             self._name, self._lines = "", []
 

@@ -9,6 +9,7 @@ import math
 import re
 from collections.abc import Callable, Iterator, Mapping
 
+from emulators.orders import Act, HeardOrder
 from emulators.rtde.arm import Brake, Servo, Speed
 from emulators.rtde.controller import Controller
 from emulators.rtde.kinematics import Joints, compose
@@ -70,6 +71,23 @@ class UrRtde:
         self._operations = (self._operations + (value == 0)) % 128
         running = (1 << 15) + value if value >= 0 else 0
         self._say(2, (self._operations << 24) + (self._writes << 16) + running)
+
+    # --- for a judge of its client
+
+    def intent(self, names: tuple[str, ...]) -> HeardOrder | None:
+        """What the registers order after a package of these inputs; None for nothing that moves."""
+        words = _MOTIONS.get(self._i(0)) if f"input_int_register_{self._offset}" in names else None
+        if words is None:
+            return None
+        six, controller = self._d(0), self._controller
+        finite = all(map(math.isfinite, six))
+        place = None
+        if finite and words.endswith("joints"):
+            place = controller.forward(six_joints(six)).position
+        elif finite and words.endswith("pose"):
+            place = pose_of(six).position
+        reach_m = controller.profile.max_target_step_mm * 1e-3 if words.startswith("servo") else math.inf
+        return HeardOrder(controller.now, Act.MOTION, words, controller.plays, place, any(six), reach_m)
 
     # --- turns
 
@@ -330,6 +348,18 @@ _AT_ONCE: Mapping[int, Callable[[UrRtde], None]] = {
     58: UrRtde.tell_flange,
 }
 """Commands that are done in each cycle, by number; the others of `_REAL_TIME` are ready without effect."""
+
+_MOTIONS: Mapping[int, str] = {
+    1: "moveJ to joints",
+    2: "moveJ to a pose",
+    3: "moveL to a pose",
+    4: "moveL to joints",
+    9: "speedJ",
+    10: "speedL",
+    11: "servoJ to joints",
+    24: "servoL to a pose",
+}
+"""Commands that move the arm, by number, as far as their effect is known."""
 
 _ONCE: Mapping[int, Callable[[UrRtde], Turns | None]] = {
     1: UrRtde.move_joints,

@@ -13,6 +13,7 @@ from typing import Self
 from emulators.arm.kinematics import Joints
 from emulators.faults.ledger import Handler, Injection, Ledger
 from emulators.faults.wire import BYTES, FaultyWire
+from emulators.orders import Act, HeardOrder, Hindrance, Orders
 from emulators.quantiles import draw
 from emulators.s3.executive import Executive, Order
 from emulators.s3.faults import S3_FAULTS, target_of
@@ -27,6 +28,7 @@ from protocol.geometry import Pose
 from protocol.s3.adlp import MessageReceived
 from protocol.s3.arap import (
     FunctionCode,
+    MoveKind,
     Refusal,
     Spontaneous,
     SpontaneousKind,
@@ -71,6 +73,8 @@ class S3Controller:
         self._executive = Executive(profiles, start, powered_at, site)
         self.motion = self._executive.motion
         """True and reported place of the tool centre point."""
+        self.orders = Orders()
+        """Orders of motion as they are answered, for a judge of the client."""
         self.tally = Tally()
         """Counts of the orders so far."""
         self._max_telegram = profiles.link.max_telegram
@@ -151,6 +155,19 @@ class S3Controller:
     def joints_holding(self, pose: Pose, at: float) -> Joints:
         """Axes 1 to 6 for a true tool pose of the time `at`, s, that is known already, rad."""
         return self._executive.joints_holding(pose, at)
+
+    def hindrance(self, now: float) -> Hindrance | None:
+        """Why it takes no points now."""
+        state = self.state
+        held = {
+            "the emergency stop is pressed": state.emergency_stop,
+            "the work stop is on": state.work_stop,
+            "the key is at MANUAL": not state.key_auto,
+            "the link has no control": not state.link_control,
+            "it is in standby": not state.operation,
+        }
+        words = next((text for text, holds in held.items() if holds), "")
+        return Hindrance(words, False) if words else None
 
     # --- endpoint
 
@@ -414,12 +431,27 @@ class S3Controller:
         for frozen in self._frozen:
             frozen.struck += frozen.holds(now) and order.function == FunctionCode.MOVE
         self.tally.answered += 1
+        if self.orders.listener is not None:
+            self._heard(order, answer, now)
         if isinstance(answer, Telegram):
             return answer
         refusal = Refusal(answer)
         self.tally.refused += 1
         self.tally.last_refusal = f"{function_text(order.function)}: {answer:d} {refusal.text}"
         return refusal.to_telegram(order.telegram or Telegram(order.function, TelegramType.ORDER))
+
+    def _heard(self, order: Order, answer: Telegram | int, now: float) -> None:
+        """Tell an order of motion to a judge, with its answer."""
+        taken = isinstance(answer, Telegram)
+        if order.telegram is None:
+            self.orders.tell(HeardOrder(now, Act.UNREADABLE, function_text(order.function), taken))
+        elif order.function == FunctionCode.START_PROGRAM:
+            self.orders.tell(HeardOrder(now, Act.PROGRAM, "start program", taken))
+        elif order.function == FunctionCode.MOVE and order.telegram.suffix != MoveKind.START:
+            place = self._executive.place_of(order.telegram)
+            self.orders.tell(HeardOrder(now, Act.MOTION, "move", taken, place, place is not None))
+        else:
+            self.orders.tell(HeardOrder(now, Act.CONTACT, function_text(order.function), taken))
 
     def _say(self, telegram: Telegram) -> None:
         if self.state.starting:

@@ -242,6 +242,13 @@ class Executive:
             return RefusalCode.NO_SUCH_PROGRAM
         return ProgramAnswer(number, self._site.programs[number]).to_telegram()
 
+    def place_of(self, telegram: Telegram) -> Vector | None:
+        """Where a move leads the tool, base frame, m; None for one that cannot be read."""
+        try:
+            return Move.from_telegram(telegram, self._move_lengths).position
+        except RemoteProtocolError:
+            return None
+
     def _move(self, order: Order, telegram: Telegram, now: float) -> Answer:
         if not order.accepted:
             try:

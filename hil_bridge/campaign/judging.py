@@ -9,19 +9,13 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from hil_bridge.analysis.summary import summarise
 from hil_bridge.api import BridgeError, Config, Result, Simulation, run_virtual, simulation
 from hil_bridge.campaign.criteria import Criterion, Figure, failed
 from hil_bridge.campaign.store import Done
+from hil_bridge.campaign.watching import Watch, recovery_s
 from hil_bridge.settings.configuration import read_config
 from hil_bridge.settings.given import config_of
-
-WATCH_S = 0.01
-"""Chosen: the true force is looked at so often."""
-WATCH_AT_ONCE = 20
-"""Chosen: moments looked at together; many at once cost little more than one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,25 +32,11 @@ class Job:
 
 @dataclass
 class _Seen:
-    """Observations of a run while it went."""
+    """What is left of a run."""
 
     simulation: Simulation | None = None
+    watch: Watch | None = None
     error: BridgeError | None = None
-    largest_n: float | None = None
-    last_n: float | None = None
-
-    def look(self, end: float, moments: int) -> None:
-        """Look at the true force at moments up to `end`, s."""
-        cell = None if self.simulation is None else self.simulation.cell
-        if cell is None:
-            return
-        if cell.has_memory:  # it knows nothing of the past
-            times = np.array([cell.truth_available_from(end)])
-        else:
-            times = end - WATCH_S * np.arange(moments - 1, -1, -1)
-        forces = np.linalg.norm(cell.contact_forces(times), axis=1)
-        self.last_n = float(forces[-1])
-        self.largest_n = max(self.largest_n or 0.0, float(forces.max()))
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,14 +86,15 @@ def run(config: Config) -> Ran:
         try:
             async with simulation(config) as running:
                 seen.simulation = running
-                watching = asyncio.get_running_loop().create_task(_watch(running, seen))
+                watch = seen.watch = Watch(running)
+                watching = asyncio.get_running_loop().create_task(watch.watch())
                 try:
                     await running.finished()
                 finally:
                     watching.cancel()
                     with suppress(asyncio.CancelledError):
                         await watching
-                    seen.look(running.clock.now(), WATCH_AT_ONCE)
+                    watch.look()
         except BridgeError as error:  # a device refused before the movement began
             seen.error = error
 
@@ -124,26 +105,21 @@ def run(config: Config) -> Ran:
     return _measured(seen, seen.simulation)
 
 
-async def _watch(running: Simulation, seen: _Seen) -> None:
-    clock = running.clock
-    moments = WATCH_AT_ONCE if running.cell is None or not running.cell.has_memory else 1
-    while True:
-        await clock.sleep_until(clock.now() + moments * WATCH_S)
-        seen.look(clock.now(), moments)
-
-
 def _measured(seen: _Seen, running: Simulation) -> Ran:
     result = running.result
     refused = seen.error is not None
     figures: dict[str, Figure] = {
         "outcome": "refused" if refused else result.outcome.value,
         "retracted": not result.left.startswith("NOT"),
-        "force_true_max_n": seen.largest_n,
-        "force_true_end_n": seen.last_n,
         "cycles": len(result.cycles),
     }
-    if running.cell is not None and running.config.faults:
-        figures["struck"] = sum(injection.struck for injection in running.cell.faults)
+    if seen.watch is not None and running.cell is not None:
+        times, forces = seen.watch.truth()
+        figures |= {"force_true_max_n": float(forces.max()), "force_true_end_n": float(forces[-1])}
+        if faults := running.cell.faults:
+            figures["struck"] = sum(fault.struck for fault in faults)
+            if figures["outcome"] == "completed":
+                figures["recovery_s"] = recovery_s(result.recording, seen.watch.fault_ends(), times, forces)
     if result.events:
         figures["duration_s"] = result.events[-1].at - result.events[0].at
     if result.cycles:

@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
@@ -26,7 +26,7 @@ CASES_LIMIT = 100_000
 """Most cells of the matrix times faults. Chosen: all are checked first, a few milliseconds each."""
 NO_FAULT = "none"
 _SECTIONS = ("campaign", "config")
-_KEYS = ("name", "seeds", "config", "without_fault", "matrix", "fault", "criteria")
+_KEYS = ("name", "seeds", "cases_per_seed", "config", "without_fault", "matrix", "fault", "criteria")
 
 
 class PlanErrors(ConfigError):
@@ -72,7 +72,7 @@ class Case:
         return _short(json.dumps([self.config, code, self.table, self.phase, seed]))
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Plan:
     """A campaign that has been checked."""
 
@@ -80,8 +80,10 @@ class Plan:
     seeds: tuple[int, ...]
     cases: tuple[Case, ...]
     criteria: tuple[Criterion, ...]
+    cases_per_seed: int = 0
+    """Cases that each seed takes, in turn; 0 for all."""
 
-    @property
+    @cached_property
     def possible(self) -> tuple[Case, ...]:
         """Cases that can be run."""
         return tuple(case for case in self.cases if not case.impossible)
@@ -89,17 +91,27 @@ class Plan:
     @property
     def count(self) -> int:
         """Number of runs."""
-        return len(self.possible) * len(self.seeds)
+        return (self.cases_per_seed or len(self.possible)) * len(self.seeds)
 
     @property
     def identity(self) -> str:
         """Hash of all but the seeds: a results file belongs to one of these."""
         rows = [[case.config, case.table, case.phase] for case in self.cases]
-        return _short(json.dumps([rows, [[item.figure, item.wanted] for item in self.criteria]]))
+        all_but_seeds: list[object] = [rows, [[item.figure, item.wanted] for item in self.criteria]]
+        if self.cases_per_seed:
+            all_but_seeds.append(self.cases_per_seed)
+        return _short(json.dumps(all_but_seeds))
+
+    def cases_of(self, seed: int) -> Sequence[Case]:
+        """Cases that a seed takes: the seeds go round the possible ones, so that each has its turn equally often."""
+        cases, share = self.possible, self.cases_per_seed
+        if not share:
+            return cases
+        return [cases[(seed * share + place) % len(cases)] for place in range(share)]
 
     def runs(self) -> Iterator[tuple[Case, int]]:
         """Every run, seed by seed, so that the first ones go over the whole matrix."""
-        return ((case, seed) for seed in self.seeds for case in self.possible)
+        return ((case, seed) for seed in self.seeds for case in self.cases_of(seed))
 
 
 def _short(text: str) -> str:
@@ -118,16 +130,29 @@ def code_version() -> str:
     return f"{version('hil-bridge')}+{digest.hexdigest()[:12]}"
 
 
-def read_plan(path: Path) -> Plan:
-    """The campaign of a file. Raises PlanErrors with everything that is wrong, ConfigError for what is no TOML."""
-    return _Reading(path, read_toml(path)).plan()
+def read_plan(path: Path, seeds: tuple[int, ...] = ()) -> Plan:
+    """The campaign of a file, with these seeds in place of its own where there are any.
+
+    Raises PlanErrors with everything that is wrong, ConfigError for what is no TOML.
+    """
+    return _Reading(path, read_toml(path), seeds).plan()
+
+
+def seeds_of(text: str) -> tuple[int, ...]:
+    """Seeds from text: FROM:TO with both ends included, or a single one. Raises ValueError."""
+    first, _, last = text.partition(":")
+    found = range(int(first), int(last or first) + 1)
+    if not 0 < len(found) <= RUNS_LIMIT or found[0] < 0:
+        raise ValueError(f"no seeds from {text!r}")
+    return tuple(found)
 
 
 class _Reading:
     """A file on its way to a plan."""
 
-    def __init__(self, path: Path, values: dict[str, Any]) -> None:
+    def __init__(self, path: Path, values: dict[str, Any], instead: tuple[int, ...]) -> None:
         self._path = path
+        self._instead = instead
         self._source = format_path(path)
         self._values = values
         self._problems: list[str] = []
@@ -145,7 +170,10 @@ class _Reading:
         name = campaign.get("name", self._path.stem)
         if not isinstance(name, str) or not name.strip() or not name.isprintable():
             self._wrong("campaign.name", f"must be a text, got {format_value(name)}")
-        seeds = self._seeds(campaign.get("seeds"))
+        seeds = self._instead or self._seeds(campaign.get("seeds"))
+        share = campaign.get("cases_per_seed", 0)
+        if type(share) is not int or share < 0:
+            self._wrong("campaign.cases_per_seed", f"must be a whole number, got {format_value(share)}")
         criteria = self._criteria(campaign.get("criteria", {}))
         base = self._base(campaign.get("config"))
         cells = self._cells(campaign.get("matrix", {}))
@@ -153,11 +181,16 @@ class _Reading:
         if not self._problems and len(cells) * len(faults) > CASES_LIMIT:
             self._wrong("campaign.matrix", f"makes more than {CASES_LIMIT} cells with the faults")
         cases = [] if self._problems else self._cases(base, cells, faults)
-        if len(cases) * len(seeds) > RUNS_LIMIT:
+        if self._problems:
+            raise PlanErrors(self._problems)
+        plan = Plan(name, seeds, tuple(cases), criteria, share)
+        if share > len(plan.possible):
+            self._wrong("campaign.cases_per_seed", f"is more than the {len(plan.possible)} cases there are")
+        if plan.count > RUNS_LIMIT:
             self._wrong("campaign", f"makes more than {RUNS_LIMIT} runs")
         if self._problems:
             raise PlanErrors(self._problems)
-        return Plan(name, seeds, tuple(cases), criteria)
+        return plan
 
     def _wrong(self, key: str, text: str) -> None:
         self._problems.append(f"{self._source}: {key} {text}")
@@ -318,8 +351,12 @@ def _refusal(config: Config, table: Mapping[str, Any]) -> str:
     """Why a cell cannot have a fault; empty where it can."""
     if not table:
         return ""
-    try:
-        config_of(config, [table])
+    robot, sensor = config.robot.emulated, config.sensor.emulated
+    alike = {"robot": {"emulated": robot}, "sensor": {"emulated": sensor}}
+    if surface := getattr(config.cell, "surface_kind", ""):
+        alike["cell"] = {"surface_kind": surface}
+    try:  # with the same devices and no more: a thousand whole configurations take seconds
+        config_of(alike, [table])
     except ConfigError as error:
         return _plain(error).removeprefix("faults.0").removeprefix(": ").removeprefix(".")
     return ""

@@ -86,7 +86,9 @@ class Store:
                 store._check(plan)
             else:
                 store._create(plan)
-            connection.execute("UPDATE facts SET value = ? WHERE name = 'seeds'", (json.dumps(plan.seeds),))
+            # Seeds that were run before stay: fewer of them this time take nothing away.
+            seeds = dict.fromkeys((*json.loads(store.fact("seeds")), *plan.seeds))
+            connection.execute("UPDATE facts SET value = ? WHERE name = 'seeds'", (json.dumps([*seeds]),))
             connection.commit()
         except sqlite3.Error as error:
             connection.close()
@@ -119,6 +121,7 @@ class Store:
             "identity": plan.identity,
             "code": code_version(),
             "seeds": json.dumps(plan.seeds),
+            "cases_per_seed": str(plan.cases_per_seed),
             "criteria": json.dumps([[item.figure, item.wanted] for item in plan.criteria]),
         }
         rows = [
@@ -177,7 +180,7 @@ class Store:
             (
                 run.key, run.number, cases[run.number].config_hash, code, cases[run.number].table,
                 cases[run.number].phase, run.seed, run.outcome, run.cause, run.passed,
-                json.dumps(run.failed), json.dumps(run.figures), run.wall_s, run.recording,
+                json.dumps(run.failed), _json(run.figures), run.wall_s, run.recording,
             )
             for run in done
         ]  # fmt: skip
@@ -203,7 +206,8 @@ class Store:
         )
         criteria = tuple(Criterion(figure, wanted) for figure, wanted in json.loads(self.fact("criteria")))
         seeds = tuple(json.loads(self.fact("seeds")))
-        return Plan(self.fact("name"), seeds, tuple(Case(*row) for row in rows), criteria)
+        share = int(self.fact("cases_per_seed") or 0)
+        return Plan(self.fact("name"), seeds, tuple(Case(*row) for row in rows), criteria, share)
 
     def runs(self, where: str = "1", values: Iterable[object] = ()) -> Iterator[Done]:
         """Runs that are kept, by case and seed."""
@@ -219,6 +223,11 @@ class Store:
     def sittings(self) -> list[Sitting]:
         """Every start so far that came to its end, or was interrupted."""
         return [Sitting(*row) for row in self._connection.execute("SELECT * FROM sittings ORDER BY began")]
+
+
+def _json(figures: Figures) -> str:
+    """JSON has no infinity, but a number that is read as one."""
+    return json.dumps(figures).replace("Infinity", "1e999")
 
 
 def now() -> str:

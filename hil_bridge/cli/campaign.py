@@ -27,6 +27,15 @@ class _Campaign(click.Group):
         return super().parse_args(ctx, args)
 
 
+def _seeds(text: str | None) -> tuple[int, ...]:
+    from hil_bridge.campaign.plan import seeds_of
+
+    try:
+        return seeds_of(text) if text else ()
+    except ValueError as error:
+        raise click.BadParameter(f"must be FROM:TO, such as 1:20, got {text!r}") from error
+
+
 @click.group(
     cls=_Campaign,
     no_args_is_help=False,
@@ -49,9 +58,27 @@ def campaign() -> None:
     "--workers", type=click.IntRange(min=1), metavar="N", help="Processes.  [default: one for each core]"
 )
 @click.option(
+    "--scheduler",
+    metavar="URL",
+    help="Workers of a Dask scheduler, tcp://host:8786, in place of own processes.",
+)
+@click.option(
+    "--seeds",
+    metavar="FROM:TO",
+    callback=lambda *told: _seeds(told[2]),
+    help="Seeds in place of those of FILE.",
+)
+@click.option(
     "--check", "only_check", is_flag=True, help="Check the file and tell the number of runs, no more."
 )
-def run(file: Path, out: Path | None, workers: int | None, only_check: bool) -> None:
+def run(
+    file: Path,
+    out: Path | None,
+    workers: int | None,
+    scheduler: str | None,
+    seeds: tuple[int, ...],
+    only_check: bool,
+) -> None:
     """Run what is missing of a campaign. Exit code 4 when a run does not meet a criterion."""
     import os
 
@@ -59,23 +86,30 @@ def run(file: Path, out: Path | None, workers: int | None, only_check: bool) -> 
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     from hil_bridge.campaign.plan import PlanErrors, read_plan
+    from hil_bridge.campaign.scheduler import dask_workers
     from hil_bridge.campaign.store import Store
     from hil_bridge.campaign.working import missing, work
     from hil_bridge.runs.signals import as_ctrl_c
 
     try:
-        plan = read_plan(file)
+        plan = read_plan(file, seeds)
     except PlanErrors as error:
         for problem in error.problems[:-1]:
             click.echo(f"hil-bridge: {problem}", err=True)
         raise ConfigError(error.problems[-1]) from error
     impossible = len(plan.cases) - len(plan.possible)
     without = f"; {impossible} more cannot be, see the report" if impossible else ""
+    share = f", {plan.cases_per_seed} of them for each seed" if plan.cases_per_seed else ""
     click.echo(
-        f"{plan.name}: {len(plan.possible)} cases × {len(plan.seeds)} seeds = {plan.count} runs{without}"
+        f"{plan.name}: {len(plan.possible)} cases{share} × {len(plan.seeds)} seeds = {plan.count} runs{without}"
     )
     if only_check:
         return
+    if scheduler is not None and workers is not None:
+        raise ConfigError(
+            "--workers is for this machine; a scheduler has the workers that were started for it"
+        )
+    where = dask_workers(scheduler) if scheduler is not None else workers or os.cpu_count() or 1
     place = out or Path(f"{file.stem}.sqlite")
     console = Console(stderr=True)
     with Store.begin(place, plan) as store:
@@ -105,12 +139,12 @@ def run(file: Path, out: Path | None, workers: int | None, only_check: bool) -> 
 
             try:
                 with as_ctrl_c():
-                    work(plan, store, jobs, workers or os.cpu_count() or 1, advance)
+                    work(plan, store, jobs, where, advance)
             except KeyboardInterrupt:
                 kept = len(store.keys())
                 click.echo(f"interrupted: {kept} runs are kept; the same command goes on", err=True)
                 raise
-        failed = sum(not done.passed for done in store.runs("passed = 0"))
+        kept, failed = len(store.keys()), sum(1 for _ in store.runs("passed = 0"))
         sittings = store.sittings()
         if sittings and jobs:
             last = sittings[-1]
@@ -118,7 +152,7 @@ def run(file: Path, out: Path | None, workers: int | None, only_check: bool) -> 
                 f"{last.runs} runs in {last.wall_s:.1f} s: {last.runs / last.wall_s:.2f} runs/s on "
                 f"{last.workers} processes"
             )
-    click.echo(f"{plan.count - failed} passed, {failed} failed; hil-bridge campaign report {place}")
+    click.echo(f"{kept - failed} passed, {failed} failed; hil-bridge campaign report {place}")
     if failed:
         click.get_current_context().exit(FAILED)
 
@@ -201,3 +235,40 @@ def compare(before: Path, after: Path) -> None:
     tell(found.lines)
     if found.differing:
         click.get_current_context().exit(DIFFERS)
+
+
+@campaign.command()
+@click.argument("results", type=FILE, metavar="FILE.sqlite")
+@click.option(
+    "--to",
+    "formats",
+    type=click.Choice(["csv", "parquet"]),
+    multiple=True,
+    default=["parquet"],
+    help="May be given twice.  [default: parquet]",
+)
+@click.option("--out", type=FILE, metavar="DIR", help="Where the files go.  [default: beside the results]")
+@overwrite_option
+def export(results: Path, formats: tuple[str, ...], out: Path | None, overwrite: bool) -> None:
+    """Write the runs as a table, a row a run, for pandas and the like.
+
+    Parquet needs `pip install "hil-bridge[parquet]"`.
+    """
+    from hil_bridge.campaign.store import Store
+    from hil_bridge.campaign.table import FORMATS, run_table
+    from hil_bridge.recording.files import check_place, write_whole
+
+    folder = results.parent if out is None else out
+    places = {folder / f"{results.stem}.{name}": FORMATS[name] for name in dict.fromkeys(formats)}
+    with Store.open(results) as store:
+        table = run_table(store)
+    made = {place: encode(table) for place, encode in places.items()}
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigError(f"cannot make the folder {folder}: {error.strerror}; name another place") from error
+    for place in made:
+        check_place(place, overwrite)
+    for place, data in made.items():
+        write_whole(place, data, overwrite)
+        click.echo(f"{place}: {len(table.rows)} runs")

@@ -10,21 +10,13 @@ from hil_bridge.cli.paths import FILE
 FORMAT_NAMES = ("candump", "blf", "asc", "bytes", "csv", "parquet")
 
 
-class _Formats(click.ParamType[tuple[str, ...]]):
+def _formats(_context: click.Context, _parameter: click.Parameter, given: str) -> tuple[str, ...]:
     """Names of formats with commas between them."""
-
-    name = "formats"
-
-    def convert(
-        self, value: object, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[str, ...]:
-        if isinstance(value, tuple):
-            return value
-        names = tuple(name.strip() for name in str(value).split(","))
-        for name in names:
-            if name not in FORMAT_NAMES:
-                self.fail(f"{name!r} is no format; choose from {','.join(FORMAT_NAMES)}", param, ctx)
-        return names
+    names = tuple(name.strip() for name in given.split(",")) if given else ()
+    for name in names:
+        if name not in FORMAT_NAMES:
+            raise click.BadParameter(f"{name!r} is no format; choose from {','.join(FORMAT_NAMES)}")
+    return names
 
 
 @click.command(short_help="Write a recording as CAN logs, text and tables.")
@@ -32,8 +24,8 @@ class _Formats(click.ParamType[tuple[str, ...]]):
 @click.option(
     "--to",
     "formats",
-    type=_Formats(),
-    default=(),
+    callback=_formats,
+    default="",
     metavar="FORMAT,…",
     help=f"{', '.join(FORMAT_NAMES)}.  [default: all but parquet that the recording has something for]",
 )

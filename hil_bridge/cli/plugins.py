@@ -17,7 +17,8 @@ OWN = "hil-bridge"
 def plugins(with_own: bool, as_json: bool) -> None:
     """List controllers, robots, sensors and surfaces of other packages, with package, place in it, and state.
 
-    Each is imported, as it is when a configuration chooses it. The exit code is 2 where one cannot be used.
+    Each is imported, as it is when a configuration chooses it; a controller is given one sample. The exit code is 2
+    where one cannot be used.
     """
     import json
 
@@ -58,7 +59,8 @@ def controllers(name: str | None, as_json: bool) -> None:
             others = ", ".join(f"{key} = {value:g}" for key, value in tuning["parameters"].items())
             lines.append(f"  at {tuning['sample_ms']:g} ms: {others or 'the same'}")
         for parameter in one["parameters"]:
-            lines.append(f"    {parameter['name']} = {parameter['default']}")
+            among = "" if parameter["range"] is None else "   tune: {:g} … {:g}".format(*parameter["range"])
+            lines.append(f"    {parameter['name']} = {parameter['default']}{among}")
             if parameter["meaning"]:
                 lines.append(f"        {parameter['meaning']}")
         tell(lines)
@@ -66,7 +68,7 @@ def controllers(name: str | None, as_json: bool) -> None:
 
 def _rows(with_own: bool) -> list[dict[str, str]]:
     """Everything that can be chosen, by thing and name."""
-    from hil_bridge.control.controllers import CONTROLLERS, GROUP, controller_kind
+    from hil_bridge.control.controllers import CONTROLLERS, GROUP, controller_kind, trial
     from hil_bridge.errors import ConfigError
     from hil_bridge.kinds import ROBOTS, SENSORS, SURFACES
     from hil_bridge.plugins import offers
@@ -80,6 +82,8 @@ def _rows(with_own: bool) -> list[dict[str, str]]:
             try:
                 chosen = choose(name)
                 state, told = "ok", _summary(chosen)
+                if thing == "controller" and package != OWN and (fault := trial(name)):
+                    state, told = "wrong", f"WRONG: controller {name!r} of {package}: {fault}"
             except ConfigError as error:
                 state, told = "wrong", f"WRONG: {error}"
             row = {
@@ -124,11 +128,24 @@ def _controller(name: str) -> dict[str, Any]:
         "sample_ms": sample_time(kind) * 1e3,
         "tunings": [{"sample_ms": one.sample_ms, "parameters": dict(one.parameters)} for one in tunings],
         "parameters": [
-            {"name": field.name, "default": _default(field), "meaning": texts.get(field.name, "")}
+            {
+                "name": field.name,
+                "default": _default(field),
+                "meaning": texts.get(field.name, ""),
+                "range": _range(kind, field.name),
+            }
             for field in dataclasses.fields(kind)
             if field.init
         ],
     }
+
+
+def _range(kind: Any, name: str) -> list[float] | None:
+    """Ends of the values among which it is tuned; None where its controller declares none."""
+    from hil_bridge.control.types import Range
+
+    found = getattr(kind, "ranges", {}).get(name)
+    return [found.low, found.high] if isinstance(found, Range) else None
 
 
 def _default(field: Any) -> str:

@@ -25,6 +25,7 @@ from hil_bridge.control.course.zero import Reading, lift_fault, reading, weight_
 from hil_bridge.control.geometry.frames import (
     force_along,
     quaternion_about,
+    quaternion_of,
     quaternion_product,
     rotate,
     rotation_matrix,
@@ -55,7 +56,7 @@ from hil_bridge.control.laws.linear import Admittance, AdmittanceState, Pi, PiSt
 from hil_bridge.control.laws.predictive import Predictive, PredictiveState
 from hil_bridge.control.laws.rules import PAPER_RULES, RuleBase, parse_rules, read_rules, rules_as_toml
 from hil_bridge.control.laws.stiffness import Pairing, Stiffness
-from hil_bridge.control.loop import ControlLoop, Decision, LoopState, Proposal, Sample, one_line
+from hil_bridge.control.loop import ControlLoop, Decision, LoopState, Proposal, Sample
 from hil_bridge.control.types import Command, Controller, Measurement, numeric_explanation
 
 __all__ = [
@@ -127,10 +128,10 @@ __all__ = [
     "make_controller",
     "normal_force",
     "numeric_explanation",
-    "one_line",
     "parse_rules",
     "quantise",
     "quaternion_about",
+    "quaternion_of",
     "quaternion_product",
     "read_rules",
     "reading",

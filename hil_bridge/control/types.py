@@ -34,6 +34,15 @@ class Tuning(NamedTuple):
     """Those that differ from the defaults, by name."""
 
 
+class Range(NamedTuple):
+    """Values of a parameter among which `hil-bridge tune` searches, both ends included; in the parameter's unit."""
+
+    low: float
+    high: float
+    by_factor: bool = False
+    """A factor is a step, as for gains: both ends are above 0."""
+
+
 class Measurement(Struct, frozen=True):
     """One sample of the force-controlled direction."""
 

@@ -48,6 +48,8 @@ class Outputs:
     """A run without a named record goes into a new folder under `RUNS`, and its summary too unless it is named."""
     report_beside: bool = False
     """The report goes beside the record."""
+    temporary: bool = False
+    """The record goes when the run has ended."""
 
 
 def settled(outputs: Outputs, config_file: Path | None) -> Outputs:

@@ -1,6 +1,7 @@
 """One run from the outside: event loop, wires, recorder, view, signals, and how it ended."""
 
 import asyncio
+import os
 import signal
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager, contextmanager, suppress
@@ -12,14 +13,15 @@ from typing import TYPE_CHECKING
 from hil_bridge.analysis.steps import failed_criteria, step_outcomes
 from hil_bridge.clock import Clock, run_real, run_virtual
 from hil_bridge.clock.realtime import collect_generation_1, gc_paused, real_time_thread, short_switch_interval
-from hil_bridge.console.debugging import told_bug
+from hil_bridge.console import keys
+from hil_bridge.console.debugging import debug_wanted, told_bug
 from hil_bridge.console.screen import LEAVE_SECONDS, Terminal
 from hil_bridge.errors import BridgeError
+from hil_bridge.failures import TRACEBACK_EVENT
 from hil_bridge.faults.schedule import FAULT_EVENT
 from hil_bridge.recording import (
     CHECK_EVENT,
     CHUNKS,
-    PHASE_EVENT,
     VIRTUAL_CHUNKS,
     CycleRecord,
     EventRecord,
@@ -35,7 +37,9 @@ from hil_bridge.runs.pace import paced
 from hil_bridge.runs.run_log import RunLog, metadata_of
 from hil_bridge.runs.signals import Signals, unless_hung_up
 from hil_bridge.settings.configuration import Config
-from hil_bridge.view import REFRESH_SECONDS, Health
+from hil_bridge.settings.kinds import cell_in_words
+from hil_bridge.text_files import format_path
+from hil_bridge.view import REFRESH_SECONDS, Health, Scene
 
 if TYPE_CHECKING:
     from hil_bridge.view.live import LiveView
@@ -51,6 +55,8 @@ _DRAWING_S = 0.015
 """Time to draw the view: 8 ms as a rule, 12 ms at most in a run of 20 s. Chosen."""
 _UNDER_WAY_S = 0.005
 """Chosen: after the end of a cycle; a status order takes ten times as long on a 9600-baud line."""
+
+_ENDING_KEYS, _HOLD_KEY, _MARK_KEY = "rq", "p", "m"
 
 _COLLECT_EVERY = 64
 """Cycles between two collections. Chosen: only what is still in use costs one time, and that is as much however
@@ -73,7 +79,8 @@ def execute(
         with record_path(outputs) as path, Terminal() as terminal:
             if outputs.own_folder and not virtual:
                 terminal.out.say(f"recording into {path.parent}")
-            session = _Session(config, replace(outputs, record=path), view, terminal, signals)
+            kept = replace(outputs, record=path, temporary=outputs.record is None)
+            session = _Session(config, kept, view, terminal, signals)
             awake_s = config.realtime.busy_poll_ms * 1e-3
             try:
                 result = run_virtual(session.main) if virtual else run_real(session.main, awake_s)
@@ -124,6 +131,9 @@ def _end(session: "_Session", result: RunResult, outputs: Outputs, path: Path) -
     lines += [f"fault: {text}" for text in session.faults]
     if result.left:
         lines.append(f"left: {result.left}")
+    if result.outcome is Outcome.STOPPED and session.traces:
+        errors[0] += "" if debug_wanted() else "; --debug shows the traceback"
+        errors = [*(text.rstrip() for text in session.traces if debug_wanted()), *errors]
     bugs = [told_bug("; ".join([text.strip().rpartition("\n")[2], *record]), text) for text in session.bugs]
     terminal.say_last([*bugs, *(f"hil-bridge: {text}" for text in errors)], lines, patience)
     return code
@@ -135,8 +145,9 @@ class _Session:
     def __init__(
         self, config: Config, outputs: Outputs, view: bool, terminal: Terminal, signals: Signals
     ) -> None:
-        """`outputs` names a record, wanted or not."""
+        """`outputs` names a record, kept or temporary."""
         assert outputs.record is not None
+        self._kept = not outputs.temporary
         self._config = config
         self._record_path = outputs.record
         self._overwrite = outputs.overwrite
@@ -154,6 +165,7 @@ class _Session:
         """The movement has begun, and may have ended."""
         self._cancelled = False
         self._trouble_told = False
+        self._marks = 0
         self._may_draw = asyncio.Event()
         """Set when a pause of the loop is long enough for it."""
         self.cycles = 0
@@ -164,6 +176,8 @@ class _Session:
         """Why the record is incomplete."""
         self.bugs: list[str] = []
         """Tracebacks that the run told."""
+        self.traces: list[str] = []
+        """Tracebacks of failures of other packages' code."""
         self.hurried = False
         """A further signal came when the movement had ended already: the process shall end at once."""
 
@@ -189,8 +203,10 @@ class _Session:
         self._moved = self._moved or self._moving
         if record.kind == BUG_EVENT:
             self.bugs.append(record.text)
-        if record.kind == PHASE_EVENT and self._view is not None:
-            self._view.enter(record.text)
+        if record.kind == TRACEBACK_EVENT:
+            self.traces.append(record.text)
+        if self._view is not None:
+            self._view.event(record)
         if record.kind == CHECK_EVENT and not self._clock.is_virtual:
             self._tell_check(record.text)
         if record.kind == FAULT_EVENT and (" struck " in record.text or " never came" in record.text):
@@ -333,22 +349,44 @@ class _Session:
             return
         from hil_bridge.view.live import LiveView
 
-        config = self._config
-        view = self._view = LiveView(
-            None if steps else config.run.duration_s,
-            config.task.force_n,
-            screen.stream,
-            self._log.facts,
-            steps,
-        )
+        view = self._view = LiveView(self._scene(steps), screen.stream)
         task = asyncio.create_task(self._refresh(view), name="view")
+        loop = asyncio.get_running_loop()
         try:
-            yield
+            with keys.heard(lambda key: loop.call_soon_threadsafe(self._key, key)):
+                yield
         finally:
             task.cancel()
             with suppress(asyncio.CancelledError):
                 await task
             screen.do(view.close)
+
+    def _scene(self, steps: tuple[str, ...]) -> Scene:
+        config = self._config
+        real, cell = cell_in_words(config)
+        return Scene(
+            reference_n=config.task.force_n,
+            robot=self._log.facts,
+            total_s=None if steps else config.run.duration_s,
+            steps=steps,
+            cell=cell,
+            real=real,
+            limits=config.limits,
+            record=format_path(self._record_path) if self._kept else "",
+            keys=keys.can_be_heard(),
+        )
+
+    def _key(self, key: str) -> None:
+        """A key of the terminal: the end in the same way as by Ctrl-C, a hold, or a mark in the record."""
+        if key in _ENDING_KEYS:
+            self._log.notice("operator", f"asked for the end with the key {key}")
+            os.kill(os.getpid(), signal.SIGINT)
+        elif key == _HOLD_KEY and self._run is not None:
+            told = "holds the tool in its place" if self._run.hold() else "lets the tool go on"
+            self._log.notice("operator", told)
+        elif key == _MARK_KEY:
+            self._marks += 1
+            self._log.notice("mark", f"mark {self._marks}")
 
     async def _refresh(self, view: "LiveView") -> None:
         """Draw now and then, in a pause of the loop where one comes: a thread that draws holds it up."""

@@ -427,6 +427,12 @@ def _resolve_files(values: dict[str, Any], folder: Path) -> None:
             table = table.get(section) if isinstance(table, dict) else None
         if isinstance(table, dict) and isinstance(table.get(name), str) and table[name]:
             table[name] = str(folder / table[name])
+    for section in ("robot", "sensor", "cell"):  # a kind of another package names its files by `…_file`
+        inner = values.get(section)
+        for kind, table in inner.items() if isinstance(inner, dict) else ():
+            for name, value in table.items() if isinstance(table, dict) else ():
+                if name.endswith("_file") and f"{section}.{kind}.{name}" not in FILE_KEYS and value:
+                    table[name] = str(folder / value) if isinstance(value, str) else value
 
 
 def is_section(value: object) -> bool:

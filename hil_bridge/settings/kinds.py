@@ -108,6 +108,18 @@ def sensor_kind(config: Any) -> SensorKind:
     return sensor_of(config.sensor.url)[0] if config.sensor.url else emulated_sensor(config.sensor.emulated)
 
 
+def cell_in_words(config: Any) -> tuple[bool, str]:
+    """Whether a robot that is not ours may move, and which cell it is; a URL may lead to an emulator elsewhere."""
+    robot, sensor = robot_kind(config).name, sensor_kind(config).name
+    if not config.robot.url and not config.sensor.url:
+        return False, f"EMULATED  {robot}, {sensor}"
+    if not config.robot.url:
+        return False, f"EMULATED ROBOT {robot}, REAL SENSOR {sensor}"
+    if not config.sensor.url:
+        return True, f"REAL ROBOT {robot}, EMULATED SENSOR {sensor}"
+    return True, f"REAL  {robot}, {sensor}"
+
+
 def facts_of(config: Any) -> RobotFacts:
     """Facts of a run's robot before a wire is opened. Raises ConfigError for its URL."""
     url = config.robot.url

@@ -25,7 +25,7 @@ from hil_bridge.site import datagrams, facts
 from hil_bridge.site.facts import Fact, Level, fail, ok, warn
 from hil_bridge.transports.urls import WireUrl
 
-PACKAGES = ("hil-bridge", "pyserial", "python-can", "numpy", "scipy", "pydantic", "mcap")
+PACKAGES = ("hil-bridge", "pyserial", "python-can", "numpy", "pydantic", "mcap", "msgspec")
 PERIOD_S, CYCLES = 1e-3, 1000
 """How wake-ups are measured: at the rate of the fastest sensor stream, for a second."""
 LATE_S = 1e-3

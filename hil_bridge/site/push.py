@@ -9,9 +9,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from hil_bridge.control import Wrist
+from hil_bridge.control import Wrist, quaternion_of
 from protocol.geometry import Quaternion
 from protocol.wrench import AXES
 
@@ -130,5 +129,4 @@ def mounting_of(pushes: Mapping[int, Answer]) -> Mounting | None:
     if angle_deg(turned[:, 2], (0.0, 0.0, 1.0)) <= RIGHT_ANGLE_DEG:
         about_z = math.degrees(math.atan2(turned[1, 0], turned[0, 0]))
         return Mounting(flip, round(about_z) + 0.0, (1.0, 0.0, 0.0, 0.0), off)
-    x, y, z, w = Rotation.from_matrix(turned).as_quat().tolist()
-    return Mounting(flip, 0.0, (w, x, y, z), off)
+    return Mounting(flip, 0.0, quaternion_of(turned), off)

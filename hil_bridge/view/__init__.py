@@ -2,6 +2,6 @@
 imports take long.
 """
 
-from hil_bridge.view.model import REFRESH_SECONDS, Health, Snapshot, ViewModel
+from hil_bridge.view.model import REFRESH_SECONDS, Health, Scene, Snapshot, Told, ViewModel
 
-__all__ = ["REFRESH_SECONDS", "Health", "Snapshot", "ViewModel"]
+__all__ = ["REFRESH_SECONDS", "Health", "Scene", "Snapshot", "Told", "ViewModel"]

@@ -4,13 +4,12 @@ import math
 from types import TracebackType
 from typing import Self, TextIO
 
-from rich.console import Console
+from rich.console import Console, ConsoleDimensions
 from rich.live import Live
 
-from hil_bridge.facts import RobotFacts
-from hil_bridge.recording.records import CycleRecord
-from hil_bridge.view.model import Health, Snapshot, ViewModel
-from hil_bridge.view.panel import WIDTH, panel
+from hil_bridge.recording.records import CycleRecord, EventRecord
+from hil_bridge.view.model import Health, Scene, Snapshot, ViewModel
+from hil_bridge.view.panel import panel
 
 LINE_SECONDS = 1.0
 
@@ -18,34 +17,19 @@ LINE_SECONDS = 1.0
 class LiveView:
     """Shows a run while it goes on.
 
-    `update` and `enter` only store and belong to the control path. `refresh` draws, which takes milliseconds and waits
+    `update` and `event` only store and belong to the control path. `refresh` draws, which takes milliseconds and waits
     for a slow terminal, for ever for one that is paused. Call it, and `close`, in a thread of the view's own. A
     terminal that goes away ends the view, not the run.
     """
 
-    def __init__(
-        self,
-        total_s: float | None,
-        reference_n: float,
-        stream: TextIO,
-        robot: RobotFacts,
-        steps: tuple[str, ...] = (),
-    ) -> None:
-        """`steps` are the labels of a program's steps."""
-        self._model = ViewModel(total_s, reference_n, robot, steps)
+    def __init__(self, scene: Scene, stream: TextIO) -> None:
+        self._model = ViewModel(scene)
         self._stream = stream
         console = Console(file=stream, highlight=False)
         redrawable = console.is_terminal and not console.is_dumb_terminal
+        self._console = console if redrawable and console.encoding.startswith("utf") else None
         self._live: Live | None = None
-        if redrawable and console.encoding.startswith("utf"):
-            # not redirected: a program that writes to a stream elsewhere would wait for the thread that draws
-            self._live = Live(
-                console=console,
-                auto_refresh=False,
-                transient=False,
-                redirect_stdout=False,
-                redirect_stderr=False,
-            )
+        self._size: ConsoleDimensions | None = None
         self._gone = False
         self._line_phase: tuple[str, int] | None = None
         self._line_due = -math.inf
@@ -54,9 +38,9 @@ class LiveView:
         """A cycle has ended."""
         self._model.update(record)
 
-    def enter(self, phase: str) -> None:
-        """A phase begins."""
-        self._model.enter(phase)
+    def event(self, record: EventRecord) -> None:
+        """Something happened beside the cycles."""
+        self._model.event(record)
 
     def warn(self, text: str) -> None:
         """Show a line until the end."""
@@ -75,16 +59,34 @@ class LiveView:
         if self._gone:
             return
         try:
-            if self._live is not None:
-                self._live.start()
-                width = min(WIDTH, self._live.console.width)
-                self._live.update(panel(snapshot, width), refresh=True)
+            if self._console is not None:
+                self._draw(self._console, snapshot)
             elif (snapshot.phase, snapshot.step) != self._line_phase or snapshot.elapsed_s >= self._line_due:
                 self._line_phase = snapshot.phase, snapshot.step
                 self._line_due = math.floor(snapshot.elapsed_s / LINE_SECONDS + 1) * LINE_SECONDS
                 print(line(snapshot), file=self._stream, flush=True)
         except (OSError, ValueError):  # ValueError: the stream has been closed
             self._gone = True
+
+    def _draw(self, console: Console, snapshot: Snapshot) -> None:
+        """Draw over the picture before; on a cleared screen when the terminal has another size than then."""
+        size = console.size
+        if self._live is None or size != self._size:
+            if self._live is not None:
+                self._live.stop()
+                console.clear()
+            self._size = size
+            # not redirected: a program that writes to a stream elsewhere would wait for the thread that draws
+            self._live = Live(
+                console=console,
+                auto_refresh=False,
+                transient=False,
+                redirect_stdout=False,
+                redirect_stderr=False,
+            )
+            self._live.start()
+        # the last line stays free, for there the terminal would scroll
+        self._live.update(panel(snapshot, size.width, size.height - 1), refresh=True)
 
     def close(self) -> None:
         """Give the terminal back; the last panel stays. Harmless when called again."""
@@ -108,7 +110,7 @@ def line(snapshot: Snapshot) -> str:
     """A snapshot as one line, in ASCII for log files and pipes of any encoding."""
     parts = [f"{snapshot.elapsed_s:7.1f} s", f"{snapshot.phase:<8}"]
     if snapshot.step:
-        parts.append(f"step {snapshot.step} of {len(snapshot.steps)}: {snapshot.step_label}")
+        parts.append(f"step {snapshot.step} of {len(snapshot.scene.steps)}: {snapshot.step_label}")
     if snapshot.newest is not None:
         parts += [
             f"force {snapshot.newest.force:z7.2f} N"
@@ -126,6 +128,8 @@ def line(snapshot: Snapshot) -> str:
         parts.append(f"{snapshot.remaining_s:.0f} s to track")
     if snapshot.newest is None and snapshot.check:
         parts.append(snapshot.check.replace("·", " ").encode("ascii", "backslashreplace").decode())
+    if snapshot.cause:
+        parts.append(f"STOPPED: {snapshot.cause}".encode("ascii", "backslashreplace").decode())
     if snapshot.warning:
         parts.append(f"WARNING: {snapshot.warning}".encode("ascii", "backslashreplace").decode())
     return "  ".join(parts)

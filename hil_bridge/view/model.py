@@ -4,14 +4,23 @@ import math
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from hil_bridge.analysis.latency import Latency, latency_budget
+from hil_bridge.control.course.limits import Limits
 from hil_bridge.facts import RobotFacts
-from hil_bridge.recording.records import CycleRecord
+from hil_bridge.recording.ending import PHASE_EVENT, STOP_EVENT
+from hil_bridge.recording.records import CycleRecord, EventRecord
 
 REFRESH_SECONDS = 0.2
 """Shortest time between two drawings of the view."""
-HISTORY_CYCLES = 60
+HISTORY_CYCLES = 240
+"""Cycles that the chart can show on the widest terminal."""
+LATENCY_CYCLES = 60
+"""Newest cycles whose latency is told."""
+EVENTS_KEPT = 60
+_ALARMS = (STOP_EVENT, "then", "bug", "recorder")
+_CAUTIONS = ("fault", "gap", "signal", "operator")
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,18 +38,58 @@ class Health:
 
 
 @dataclass(frozen=True, slots=True)
+class Scene:
+    """Facts about a run that stay the same."""
+
+    reference_n: float
+    """Force that is wanted at first, N."""
+    robot: RobotFacts
+    """Which counters of the robot link tell of what."""
+    total_s: float | None = None
+    """How long the surface is to be tracked, s, where that is known."""
+    steps: tuple[str, ...] = ()
+    """Labels of a program's steps, passes counted; empty without a program."""
+    cell: str = ""
+    """EMULATED or REAL, and the devices, in words."""
+    real: bool = False
+    """A real robot may move."""
+    limits: Limits = field(default_factory=Limits)
+    record: str = ""
+    """Where the run is recorded; empty where it is not."""
+    keys: bool = False
+    """Keys of the terminal are heard."""
+
+
+class Told(NamedTuple):
+    """An event, for people."""
+
+    elapsed_s: float
+    kind: str
+    text: str
+    """Its first line."""
+
+    @property
+    def alarm(self) -> bool:
+        """It tells why the run stops."""
+        return self.kind in _ALARMS
+
+    @property
+    def caution(self) -> bool:
+        """It tells of a disturbance, or of a person."""
+        return self.kind in _CAUTIONS
+
+
+@dataclass(frozen=True, slots=True)
 class Snapshot:
     """One picture of a run."""
+
+    scene: Scene
 
     phase: str
     elapsed_s: float
     tracked_s: float
     """Time for which the surface has been tracked."""
-    total_s: float | None
-    """How long it is to be tracked, where that is known."""
     reference_n: float
-    line_floor_s: float | None
-    """Time of one cycle's characters on the line."""
     newest: CycleRecord | None
     forces_n: tuple[float, ...]
     """Forces of the last cycles, oldest first."""
@@ -49,8 +98,6 @@ class Snapshot:
     sensor_age_s: float | None
     link_errors: int
     frames_lost: int
-    robot: RobotFacts
-    """Which counters of the robot link tell of what."""
     link: Mapping[str, int]
     """Counters of the robot link by name."""
     check: str = ""
@@ -61,10 +108,37 @@ class Snapshot:
     """Between the begins of the last two cycles."""
     references_n: tuple[float, ...] = ()
     """Forces that were wanted in the last cycles, oldest first."""
-    steps: tuple[str, ...] = ()
-    """Labels of a program's steps, passes counted; empty without a program."""
     step: int = 0
     """Number of the step under way, from 1; 0 before the first and without a program."""
+    events: tuple[Told, ...] = ()
+    """What happened beside the cycles, oldest first."""
+
+    @property
+    def cause(self) -> str:
+        """Why the run stops; empty where it does not."""
+        return next((told.text for told in self.events if told.kind == STOP_EVENT), "")
+
+    @property
+    def held(self) -> bool:
+        """A person holds the tool in its place on the surface."""
+        return self.newest is not None and self.newest.sample is not None and self.newest.sample.held
+
+    @property
+    def lateral_n(self) -> float | None:
+        """Length of the contact force across the approach, N."""
+        if self.newest is None or not math.isfinite(self.newest.force):
+            return None
+        return math.sqrt(max(0.0, self.resultant_n**2 - self.newest.force**2))
+
+    @property
+    def resultant_n(self) -> float:
+        """Length of the contact force, N; not a number before the first cycle."""
+        return math.nan if self.newest is None else math.hypot(*self.newest.wrench[:3])
+
+    @property
+    def moment_nm(self) -> float:
+        """Length of the contact moment about the tool frame's origin, N·m; not a number before the first cycle."""
+        return math.nan if self.newest is None else math.hypot(*self.newest.wrench[3:])
 
     @property
     def wants_force(self) -> bool:
@@ -74,23 +148,25 @@ class Snapshot:
     @property
     def step_label(self) -> str:
         """Label of the step under way; empty where there is none."""
-        return self.steps[self.step - 1] if 0 < self.step <= len(self.steps) else ""
+        steps = self.scene.steps
+        return steps[self.step - 1] if 0 < self.step <= len(steps) else ""
 
     @property
     def remaining_s(self) -> float | None:
-        return None if self.total_s is None else max(0.0, self.total_s - self.tracked_s)
+        total_s = self.scene.total_s
+        return None if total_s is None else max(0.0, total_s - self.tracked_s)
 
     @property
     def link_troubles(self) -> dict[str, int]:
         """Counters of the robot link that are not 0 and would be in an undisturbed run, the largest first."""
-        routine = self.robot.routine
+        routine = self.scene.robot.routine
         counts = {name: count for name, count in self.link.items() if count and name not in routine}
         return dict(sorted(counts.items(), key=lambda item: -item[1]))
 
     @property
     def cycle_time_s(self) -> float | None:
         """Time of the newest cycle from begin to answer; to the next begin for a robot that drives the cycle."""
-        if self.robot.cycle_s is not None:
+        if self.scene.robot.cycle_s is not None:
             return self.period_s
         if self.newest is None or not math.isfinite(self.newest.answered_at):
             return None
@@ -100,14 +176,8 @@ class Snapshot:
 class ViewModel:
     """The newest of everything. `update` and `enter` only store, so that the control path may call them."""
 
-    def __init__(
-        self, total_s: float | None, reference_n: float, robot: RobotFacts, steps: tuple[str, ...] = ()
-    ) -> None:
-        """`steps` are the labels of a program's steps."""
-        self._total_s = total_s
-        self._steps = steps
-        self._reference_n = reference_n
-        self._robot = robot
+    def __init__(self, scene: Scene) -> None:
+        self._scene = scene
         self._began: float | None = None
         self._track_since: float | None = None
         self._track_until: float | None = None
@@ -116,6 +186,8 @@ class ViewModel:
         self._check = ""
         self._newest: CycleRecord | None = None
         self._cycles: deque[CycleRecord] = deque(maxlen=HISTORY_CYCLES)
+        self._events: deque[EventRecord] = deque(maxlen=EVENTS_KEPT)
+        self._stop: EventRecord | None = None
 
     def update(self, record: CycleRecord) -> None:
         """A cycle has ended."""
@@ -126,9 +198,14 @@ class ViewModel:
             self._track_until = record.answered_at
         self._cycles.append(record)
 
-    def enter(self, phase: str) -> None:
-        """A phase begins; some phases have no cycles."""
-        self._phase = phase
+    def event(self, record: EventRecord) -> None:
+        """Something happened beside the cycles; a phase begins, perhaps one without cycles."""
+        if record.kind == PHASE_EVENT:
+            self._phase = record.text
+        elif record.kind == STOP_EVENT and self._stop is None:
+            self._stop = record
+        else:
+            self._events.append(record)
 
     def check(self, text: str) -> None:
         """Show what was found of the sensor, the newest at a time."""
@@ -142,26 +219,29 @@ class ViewModel:
         """The state at `now` (s on the run's clock). The first call begins the elapsed time."""
         if self._began is None:
             self._began = now
-        newest, cycles = self._newest, tuple(self._cycles.copy())
+        newest, cycles, robot = self._newest, tuple(self._cycles.copy()), self._scene.robot
+        told = [*([] if self._stop is None else [self._stop]), *self._events.copy()]
+        young = cycles[-LATENCY_CYCLES:]
         return Snapshot(
+            scene=self._scene,
             phase=self._phase,
             elapsed_s=now - self._began,
             tracked_s=(self._track_until or 0.0) - (self._track_since or 0.0),
-            total_s=self._total_s,
-            reference_n=newest.force_reference if newest else self._reference_n,
-            line_floor_s=self._robot.line_floor_s,
+            reference_n=newest.force_reference if newest else self._scene.reference_n,
             newest=newest,
             forces_n=tuple(cycle.force for cycle in cycles),
-            latency=latency_budget(cycles, self._robot.hops) if cycles and self._robot.hops else None,
+            latency=latency_budget(young, robot.hops) if young and robot.hops else None,
             sensor_age_s=None if health.sensor_at is None else max(0.0, now - health.sensor_at),
             link_errors=health.link_errors,
             frames_lost=health.frames_lost,
-            robot=self._robot,
             link=health.link,
             warning=self._warning,
             check=self._check,
             references_n=tuple(cycle.force_reference for cycle in cycles),
-            steps=self._steps,
             step=newest.step if newest else 0,
             period_s=cycles[-1].started_at - cycles[-2].started_at if len(cycles) > 1 else None,
+            events=tuple(
+                Told(record.at - self._began, record.kind, record.text.partition("\n")[0])
+                for record in sorted(told, key=lambda record: record.at)
+            ),
         )

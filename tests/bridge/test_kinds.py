@@ -19,33 +19,36 @@ from hil_bridge.runs.pace import control_loop, paced
 from hil_bridge.settings.configuration import Config, load_config, read_config
 from hil_bridge.settings.kinds import settings_of
 
-TOYS = Path(__file__).parents[1] / "plugins" / "toydevices"
+EXAMPLES = Path(__file__).parents[2] / "examples"
+TOYS = {"toy-robot": "toy_robot", "toy-sensor": "toy_sensor", "toy-surface": "toy_surface"}
+"""Packages among the examples, and their modules."""
 POINTS = """
 [hil_bridge.robots]
-toyarm = toydevices.room:ROBOT
+toyarm = toy_robot.room:ROBOT
 [hil_bridge.sensors]
-toyload = toydevices.room:SENSOR
+toyload = toy_sensor.room:SENSOR
 [hil_bridge.surfaces]
-toyspring = toydevices.room:SURFACE
+toyspring = toy_surface.surface:SURFACE
 """
 NAMES = ("--robot", "toyarm", "--sensor", "toyload", "--surface", "toyspring")
 
 
 def installed(place: Path, points: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    info = place / "toydevices-1.0.dist-info"
+    info = place / "toys-1.0.dist-info"
     info.mkdir()
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: toydevices\nVersion: 1.0\n")
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: toys\nVersion: 1.0\n")
     (info / "entry_points.txt").write_text(points)
     monkeypatch.syspath_prepend(str(place))
-    monkeypatch.syspath_prepend(str(TOYS))
+    for folder in TOYS:
+        monkeypatch.syspath_prepend(str(EXAMPLES / folder))
 
 
 @pytest.fixture
 def toys(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """The package of toys, as it is found when its wheel is installed."""
+    """The toys as one package, as it is found when its wheel is installed."""
     installed(tmp_path, POINTS, monkeypatch)
     yield
-    for name in [name for name in sys.modules if name.startswith("toydevices")]:
+    for name in [name for name in sys.modules if name.split(".")[0] in TOYS.values()]:
         del sys.modules[name]
 
 
@@ -232,9 +235,9 @@ def test_an_option_without_a_colon_is_the_name_of_a_kind() -> None:
 @pytest.mark.parametrize(
     ("point", "words"),
     [
-        ("toydevices.room:SENSOR", "toydevices.room:SENSOR must be a RobotKind of that name"),
-        ("toydevices.room:NOTHING", "cannot be loaded: AttributeError"),
-        ("toydevices.nowhere:ROBOT", "cannot be loaded: ModuleNotFoundError"),
+        ("toy_sensor.room:SENSOR", "toy_sensor.room:SENSOR must be a RobotKind of that name"),
+        ("toy_robot.room:NOTHING", "cannot be loaded: AttributeError"),
+        ("toy_robot.nowhere:ROBOT", "cannot be loaded: ModuleNotFoundError"),
     ],
 )
 def test_a_broken_package_is_blamed_by_name_when_its_kind_is_chosen(
@@ -244,7 +247,7 @@ def test_a_broken_package_is_blamed_by_name_when_its_kind_is_chosen(
     assert "toyarm" in ROBOTS.names
     load_config(None, {})  # a package that is not chosen disturbs nothing
     told = refusal("run", "--virtual", "--robot", "toyarm")
-    assert "robot 'toyarm' of toydevices 1.0" in told
+    assert "robot 'toyarm' of toys 1.0" in told
     assert words in told
 
 
@@ -264,9 +267,9 @@ def test_the_checks_before_a_run_know_its_pace(robot: str) -> None:
 def test_plugins_are_listed_with_package_and_meaning(toys: None) -> None:
     told = run("plugins")
     assert [line.split()[:4] for line in told.splitlines()] == [
-        ["robot", "toyarm", "toydevices", "1.0"],
-        ["sensor", "toyload", "toydevices", "1.0"],
-        ["surface", "toyspring", "toydevices", "1.0"],
+        ["robot", "toyarm", "toys", "1.0"],
+        ["sensor", "toyload", "toys", "1.0"],
+        ["surface", "toyspring", "toys", "1.0"],
     ]
     rows = json.loads(run("plugins", "--json", "--all"))
     assert {row["name"] for row in rows if row["package"] == "hil-bridge"} >= {
@@ -279,10 +282,10 @@ def test_plugins_are_listed_with_package_and_meaning(toys: None) -> None:
 
 
 def test_a_broken_plugin_is_listed_with_its_fault(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    installed(tmp_path, "[hil_bridge.robots]\nlost = toydevices.nowhere:ROBOT\n", monkeypatch)
+    installed(tmp_path, "[hil_bridge.robots]\nlost = toy_robot.nowhere:ROBOT\n", monkeypatch)
     result = CliRunner().invoke(cli, ["plugins"], catch_exceptions=False)
     assert result.exit_code == 2
-    assert "WRONG: robot 'lost' of toydevices 1.0 cannot be loaded: ModuleNotFoundError" in result.output
+    assert "WRONG: robot 'lost' of toys 1.0 cannot be loaded: ModuleNotFoundError" in result.output
 
 
 def test_controllers_tell_their_parameters() -> None:

@@ -12,13 +12,14 @@ from rich.console import Console
 from hil_bridge.clock import Clock
 from hil_bridge.console import screen
 from hil_bridge.facts import RobotFacts
-from hil_bridge.recording import CycleRecord
+from hil_bridge.recording import PHASE_EVENT, STOP_EVENT, CycleRecord, EventRecord
 from hil_bridge.robots.s3.facts import robot_facts
 from hil_bridge.runs.outputs import Outputs
 from hil_bridge.runs.session import _Session
 from hil_bridge.runs.signals import Signals
 from hil_bridge.settings.configuration import Config
-from hil_bridge.view import Health, Snapshot, ViewModel
+from hil_bridge.view import Health, Scene, Snapshot, ViewModel
+from hil_bridge.view.chart import SCALE_WIDTH, chart
 from hil_bridge.view.live import LiveView, line
 from hil_bridge.view.panel import panel
 from protocol.s3.adlp import Count, LinkProfile, NoticeKind
@@ -60,14 +61,14 @@ class Terminal(io.StringIO):
         return True
 
 
-def text_of(snapshot: Snapshot, width: int = 80) -> str:
-    console = Console(width=width, height=24, record=True, file=io.StringIO(), color_system="truecolor")
-    console.print(panel(snapshot, width))
+def text_of(snapshot: Snapshot, width: int = 80, height: int = 32) -> str:
+    console = Console(width=width, height=height, record=True, file=io.StringIO(), color_system="truecolor")
+    console.print(panel(snapshot, width, height))
     return console.export_text()
 
 
 def model(*records: CycleRecord, total_s: float | None = 30.0) -> ViewModel:
-    made = ViewModel(total_s, 50.0, ROBOT)
+    made = ViewModel(Scene(50.0, ROBOT, total_s))
     made.snapshot(100.0, Health())
     for record in records:
         made.update(record)
@@ -84,7 +85,7 @@ def test_the_panel_says_what_the_cycle_and_the_wires_do() -> None:
         "2.625 mm",
         "2.750 mm",
         "-0.125 mm ×0.5",
-        "20.10 N/mm",
+        "20100 N/m",
         "161.0 ms",
         "155.8 ms",
         "0.7 ms",
@@ -101,7 +102,7 @@ STEPS = ("1 (approach)", "2.1 (track, pass 1)", "2.1 (track, pass 2)", "3 (retra
 
 
 def program(*records: CycleRecord) -> Snapshot:
-    made = ViewModel(None, 50.0, ROBOT, STEPS)
+    made = ViewModel(Scene(50.0, ROBOT, steps=STEPS))
     made.snapshot(100.0, Health())
     for record in records:
         made.update(record)
@@ -129,9 +130,9 @@ def test_the_view_of_a_program_wants_no_force_in_free_space() -> None:
 
 def test_the_chart_shows_the_force_that_each_cycle_wanted() -> None:
     rising = [structs.replace(CYCLE, step=2, force=0.0, force_reference=5.0 + k) for k in range(60)]
-    chart = text_of(program(*rising)).splitlines()[2:10]
-    rows = {column: [k for k, one in enumerate(chart) if one[column] == "┄"] for column in (12, 40, 68)}
-    assert all(len(found) == 1 for found in rows.values()), chart
+    drawn = [line.plain for line in chart(program(*rising), 60 + SCALE_WIDTH, 8)]
+    rows = {column: [k for k, one in enumerate(drawn) if one[column] == "┄"] for column in (12, 40, 68)}
+    assert all(len(found) == 1 for found in rows.values()), drawn
     assert rows[12] > rows[40] > rows[68]
 
 
@@ -150,7 +151,8 @@ def test_the_panel_names_what_went_wrong_on_the_link() -> None:
         110.2, Health(link={**counted, "time-out": 3, "missing EOT": 21, "bad checksum": 1})
     )
     lines = text_of(troubled).splitlines()
-    assert "missing EOT 21, time-out 3, bad checksum 1 " in lines[-3]
+    (told,) = (line for line in lines if " link  " in line)
+    assert "missing EOT 21, time-out 3, bad checksum 1 " in told
     assert len(lines) == len(quiet.splitlines())
 
 
@@ -186,8 +188,11 @@ def test_a_warning_stays_in_the_panel_and_in_the_lines() -> None:
         assert line(snapshot).endswith("WARNING: incomplete: \\u2013 full; unchecked")
 
 
-@pytest.mark.parametrize("width", [80, 60])
-def test_the_panel_fits_whatever_it_shows(width: int) -> None:
+SIZES = [(60, 20), (80, 24), (100, 30), (119, 40), (120, 24), (160, 45), (200, 50)]
+
+
+@pytest.mark.parametrize(("width", "height"), SIZES)
+def test_the_panel_fills_the_terminal_whatever_it_shows(width: int, height: int) -> None:
     stop = structs.replace(CYCLE, force=-1e4, verdict="stop", reasons=("a long cause " * 9,), stiffness=9e6)
     odd = structs.replace(CYCLE, force=math.nan, answered_at=math.nan, stiffness=None, held=True, phase="odd")
     warned = model(*[STAMPED] * 100)
@@ -205,25 +210,52 @@ def test_the_panel_fits_whatever_it_shows(width: int) -> None:
     ]
     counters = {str(kind): 10**6 for kind in (*Count, *NoticeKind)}
     for made in shown:
-        lines = text_of(made.snapshot(140.0, Health(10**6, 10**6, 100.0, counters)), width).splitlines()
-        assert len(lines) <= 23
+        for k in range(100):
+            made.event(EventRecord(101.0 + k, "fault", "a long text " * 30 + "\nand more"))
+        snapshot = made.snapshot(140.0, Health(10**6, 10**6, 100.0, counters))
+        lines = text_of(snapshot, width, height).splitlines()
+        assert len(lines) == height
         assert {len(line) for line in lines} == {width}
+
+
+@pytest.mark.parametrize(("width", "height"), SIZES)
+def test_the_panel_of_every_size_tells_what_matters_most(width: int, height: int) -> None:
+    scene = Scene(50.0, ROBOT, 30.0, cell="REAL  s3, gateway", real=True, record="runs/a/run.mcap", keys=True)
+    made = ViewModel(scene)
+    made.snapshot(100.0, Health())
+    made.update(structs.replace(CYCLE, wrench=(3.0, 4.0, 48.73, 0.0, 1.0, 0.0), travel_commanded=0.0125))
+    running = text_of(made.snapshot(110.0, Health()), width, height)
+    for part in (
+        "REAL  s3, gateway",
+        "48.7 of 50 N, 1.3 N left",
+        "5.00 N   travel 12.500 mm",
+        "retract and end",
+    ):
+        assert part in running
+    assert "STOPPED" not in running
+    made.event(EventRecord(109.0, STOP_EVENT, "the force rose"))
+    for k in range(70):
+        made.event(EventRecord(110.0 + k, "link", "time-out"))
+    stopped = text_of(made.snapshot(111.0, Health()), width, height)
+    assert "STOPPED     the force rose" in stopped
+    assert "TRACK  STOPPED" in stopped
+    assert "STOPPED: the force rose" in line(made.snapshot(111.0, Health()))
 
 
 def test_the_chart_draws_columns_up_to_the_target() -> None:
     rising = [structs.replace(CYCLE, force=force) for force in (0.0, 25.0, 50.0)]
-    rows = text_of(model(*rising).snapshot(110.0, Health())).splitlines()[2:10]
-    last_three = [[row[column] for row in rows] for column in (68, 69, 70)]
+    rows = [line.plain for line in chart(model(*rising).snapshot(110.0, Health()), 60 + SCALE_WIDTH, 8)]
+    last_three = [[row[column] for row in rows] for column in (-3, -2, -1)]
     assert [column.count("█") for column in last_three] == [0, 2, 5]  # 8 rows for 75 N
     assert "target" in rows[2]
 
 
 def test_plain_lines_come_once_a_second_and_when_the_phase_changes() -> None:
     stream = io.StringIO()
-    with LiveView(30.0, 50.0, stream, ROBOT) as view:
+    with LiveView(Scene(50.0, ROBOT, 30.0), stream) as view:
         for tick in range(40):
             if tick == 3:
-                view.enter("approach")
+                view.event(EventRecord(100.3, PHASE_EVENT, "approach"))
             if tick == 25:
                 view.update(CYCLE)
             view.refresh(100.0 + tick / 10, Health(1, 2, None, {"time-out": 1, "bid sent": 9}))
@@ -244,7 +276,7 @@ def test_plain_lines_come_once_a_second_and_when_the_phase_changes() -> None:
 def test_a_terminal_is_redrawn_and_given_back(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TERM", "xterm-256color")
     stream = Terminal()
-    with LiveView(30.0, 50.0, stream, RobotFacts()) as view:
+    with LiveView(Scene(50.0, RobotFacts(), 30.0), stream) as view:
         view.update(CYCLE)
         view.refresh(110.0, Health())
         view.refresh(110.2, Health())
@@ -260,7 +292,7 @@ def test_a_terminal_that_goes_away_does_not_end_the_run(
 ) -> None:
     monkeypatch.setenv("TERM", "xterm-256color")
     stream = kind()
-    view = LiveView(30.0, 50.0, stream, RobotFacts())
+    view = LiveView(Scene(50.0, RobotFacts(), 30.0), stream)
     view.refresh(100.0, Health())
     stream.close()
     for tick in range(30):

@@ -1,12 +1,14 @@
 """The file of a campaign: what it makes, and one line for everything that is wrong with it."""
 
+from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from hil_bridge.campaign.criteria import FIGURES, Criterion, failed
-from hil_bridge.campaign.plan import PlanErrors, code_version, read_plan
+from hil_bridge.campaign.plan import PlanErrors, code_version, read_plan, seeds_of
 from hil_bridge.errors import ConfigError
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "campaigns"
@@ -43,6 +45,30 @@ def test_axis_of_tables_sets_several_settings(tmp_path: Path) -> None:
     assert '"duration_s":2.0' in case.config
 
 
+def test_seeds_take_cases_in_turn_each_equally_often(tmp_path: Path) -> None:
+    matrix = '[campaign.matrix]\ntask.force_n = [8.0, 9.0, 10.0]\n"robot.emulated" = ["s3", "rtde"]\n'
+    drop = '[[campaign.fault]]\non = "link"\nfault = "drop-ack"\n'  # nine cases of twelve can be
+    head = HEAD.replace("seeds = [1, 2]", "seeds = { from = 5, to = 24 }\ncases_per_seed = 2")
+    plan = read_plan(written(tmp_path, head + matrix + drop))
+    runs = list(plan.runs())
+    assert (plan.count, len(runs), len(set(runs))) == (40, 40, 40)
+    turns = Counter(case for case, _ in runs)
+    assert set(turns) == set(plan.possible)
+    assert sorted(turns.values()) == [4] * 5 + [5] * 4
+    assert plan.identity != replace(plan, cases_per_seed=0).identity
+    # A seed has the same cases whatever other seeds there are.
+    alone = read_plan(tmp_path / "study.toml", seeds_of("7"))
+    assert alone.identity == plan.identity
+    assert list(alone.runs()) == [(case, seed) for case, seed in runs if seed == 7]
+
+
+@pytest.mark.parametrize("text", ["", "3:2", "-1:2", "a", "1:2:3", "1:99999999"])
+def test_text_that_names_no_seeds_is_refused(text: str) -> None:
+    assert seeds_of("3:5") == (3, 4, 5)
+    with pytest.raises(ValueError, match=r"seeds|invalid literal"):
+        seeds_of(text)
+
+
 def test_configuration_of_a_file_and_of_the_plan_itself(tmp_path: Path) -> None:
     (tmp_path / "cell.toml").write_text("[task]\nforce_n = 7.0\nspeed_mm_s = 4.0\n")
     text = HEAD.replace("seeds", 'config = "cell.toml"\nseeds') + "[config.task]\nforce_n = 6.0\n"
@@ -66,6 +92,11 @@ def test_fault_that_some_cells_cannot_have_is_kept_as_impossible(tmp_path: Path)
         (HEAD + "[more]\n", ["more is no table of a campaign, only campaign, config"]),
         (HEAD.replace("seeds", "seed"), ["campaign.seed is no setting", "campaign.seeds must be a list"]),
         (HEAD.replace("[1, 2]", "[1, 1]"), ["campaign.seeds holds a seed twice"]),
+        (
+            HEAD.replace("seeds", "cases_per_seed = 2\nseeds"),
+            ["campaign.cases_per_seed is more than the 1 cases"],
+        ),
+        (HEAD.replace("seeds", "cases_per_seed = 0.5\nseeds"), ["campaign.cases_per_seed must be a whole"]),
         (HEAD.replace("[1, 2]", "{ from = 3, to = 2 }"), ["campaign.seeds must be a list"]),
         (
             HEAD.replace("outcome", "outcomes"),

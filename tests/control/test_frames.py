@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from hil_bridge.control import (
     force_along,
+    quaternion_of,
     rotate,
     rotation_matrix,
     tool_gravity_wrench,
@@ -92,3 +93,17 @@ def test_force_along_does_not_depend_on_the_tools_frame(one, other, force_base):
         for q in (one, other)
     ]
     assert readings[0] == pytest.approx(readings[1], abs=1e-9)
+
+
+@given(QUATERNION)
+def test_a_matrix_and_its_quaternion_are_one_turn(quaternion):
+    matrix = rotation_matrix(quaternion)
+    found = quaternion_of(matrix)
+    assert math.hypot(*found) == pytest.approx(1.0, abs=1e-12)
+    assert np.abs(rotation_matrix(found) - matrix).max() < 1e-12
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_half_turns_have_a_quaternion_too(axis):
+    quaternion = (0.0, *(float(k == axis) for k in range(3)))
+    assert quaternion_of(rotation_matrix(quaternion)) == quaternion

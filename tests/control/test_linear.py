@@ -2,9 +2,15 @@
 
 import math
 
+import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy.linalg import expm
 
 from hil_bridge.control import Admittance, Measurement, Pi
+from hil_bridge.control.exponential import exponential
 
 SCHEDULED = {"gain_scheduling": True}
 
@@ -97,3 +103,15 @@ def test_tuned_at_one_stiffness_they_need_scheduling_at_another(kind, wall):
 def test_impossible_parameters_are_refused(kind, wrong):
     with pytest.raises(ValueError, match=next(iter(wrong))):
         kind(**wrong)
+
+
+@given(
+    st.integers(2, 4).flatmap(
+        lambda n: st.lists(st.floats(-50.0, 50.0), min_size=n * n, max_size=n * n).map(
+            lambda values: np.array(values).reshape(n, n)
+        )
+    )
+)
+def test_the_exponential_is_that_of_scipy(matrix: NDArray[np.float64]) -> None:
+    wanted = expm(matrix)
+    assert np.allclose(exponential(matrix), wanted, rtol=1e-9, atol=1e-11 * np.abs(wanted).max())

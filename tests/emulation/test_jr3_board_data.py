@@ -7,10 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from scipy.signal import ellip, freqz_sos
+from scipy.signal import ellip, freqz_sos, sosfilt
 from scipy.spatial.transform import Rotation
 
 from emulators.jr3.board import Board, BoardProfile
+from emulators.jr3.board.filters import ORDER, SECTION_COEFFICIENTS, run_stage
 from emulators.jr3.sensor import Jr3Sensor, SensorProfile
 from emulators.sensing import KnownWrench
 from protocol.jr3.board import (
@@ -134,6 +135,21 @@ def test_filters_swept_through_the_registers(n: int) -> None:
     assert delays[5] == pytest.approx(DELAYS_MS[n][1], rel=0.01)
     expected = -np.unwrap(np.angle(wanted)) / (2 * np.pi * frequencies) * 1000
     assert delays == pytest.approx(expected, rel=0.01)
+
+
+def test_a_stage_is_the_elliptic_design() -> None:
+    """Coefficients as SciPy designs them, gain 1 at 0 Hz; samples as its recursion gives them, however they come."""
+    design = ellip(6, 0.02, 80.0, 438.069 / 4000.0, output="sos")
+    design[0, :3] /= np.prod(design[:, :3].sum(axis=1) / design[:, 3:].sum(axis=1))
+    ours = np.insert(np.array(SECTION_COEFFICIENTS), 3, 1.0, axis=1)
+    assert np.allclose(ours, design, rtol=1e-12, atol=0.0)
+    signal = np.random.default_rng(5).uniform(-30000.0, 30000.0, (6, 1000))
+    wanted = sosfilt(design, signal)
+    state, parts = np.zeros((6, ORDER)), []
+    for part in np.split(signal, [0, 1, 2, 130, 131, 600], axis=1):
+        output, state = run_stage(part, state)
+        parts.append(output)
+    assert np.abs(np.concatenate(parts, axis=1) - wanted).max() < 1e-7
 
 
 def test_a_filter_stops_what_is_above_its_stop_band() -> None:

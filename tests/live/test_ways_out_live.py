@@ -9,6 +9,7 @@ import pty
 import signal
 import subprocess
 import sys
+import termios
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -35,6 +36,8 @@ BUG = (
     "run.Run._record = broken\n"
 )
 """A bug that strikes once the surface is tracked."""
+AT_THE_KEYBOARD = "import fcntl, termios\nfcntl.ioctl(0, termios.TIOCSCTTY, 0)\n"
+"""Standard input becomes the terminal that the process was started from."""
 PATIENCE = 90.0
 """Longest wait for a whole process on a busy machine, s."""
 SURFACE_MM, STIFFNESS_N_MM = 590.0, 5.0
@@ -61,6 +64,8 @@ class End:
     force: float
     """True force that is left, N."""
     outcome: str
+    told: list[str]
+    """Texts of the events that a person caused."""
 
 
 def inject(target: str, fault: str, **parameters: object) -> Callable[["Cell", subprocess.Popen[str]], None]:
@@ -72,6 +77,13 @@ def inject(target: str, fault: str, **parameters: object) -> Callable[["Cell", s
 
 def send(number: signal.Signals) -> Callable[["Cell", subprocess.Popen[str]], None]:
     return lambda cell, run: run.send_signal(number)
+
+
+def press(key: str) -> Callable[["Cell", subprocess.Popen[str]], None]:
+    def act(cell: "Cell", run: "subprocess.Popen[str]") -> None:
+        os.write(cell.keyboard, key.encode())
+
+    return act
 
 
 @dataclass(frozen=True)
@@ -86,7 +98,7 @@ class Way:
     """The tool is left on the surface."""
     cause: str = ""
     program: str = HIL
-    after: Callable[["Cell"], None] = lambda cell: None
+    view: str = "--no-view"
 
 
 RETRACTED, NOT = "left: retracted, ", "left: NOT retracted: left at "
@@ -103,12 +115,16 @@ WAYS: dict[str, Way] = {
     "bug": Way(
         lambda cell, run: None, 3, RETRACTED, False, "a bug ended the run: ZeroDivisionError", BUG + HIL
     ),
+    "key r": Way(press("mr"), 130, RETRACTED, False, "", AT_THE_KEYBOARD + HIL, "--overwrite"),
     "kill -9": Way(send(signal.SIGKILL), -9, "", True),
 }
 
 
 class Cell:
     """An emulated cell in a process of its own."""
+
+    keyboard: int
+    """The other end of the terminal of the run."""
 
     def __init__(self, folder: Path) -> None:
         (folder / "c.toml").write_text(CONFIG)
@@ -149,10 +165,11 @@ def leave(way: Way, folder: Path) -> End:
     """Run in contact, end it this way, and look at what is left."""
     cell = Cell(folder)
     master, slave = pty.openpty()
+    cell.keyboard, typing = master, termios.tcgetattr(slave)
     record = folder / "run.mcap"
     command = [sys.executable, "-c", way.program, "run", "c.toml", *cell.options]
     run = subprocess.Popen(
-        [*command, "--no-view", "--duration", "600", "--record", "run.mcap"],
+        [*command, way.view, "--duration", "600", "--record", "run.mcap"],
         cwd=folder,
         stdin=slave,
         stdout=subprocess.PIPE,
@@ -165,9 +182,13 @@ def leave(way: Way, folder: Path) -> End:
         way.act(cell, run)
         output, _ = run.communicate(timeout=PATIENCE)
         time.sleep(0.5)  # until the arm stands still
-        outcome = "" if way.code == -9 else str(read(record).end.get("outcome"))
+        assert way.code == -9 or termios.tcgetattr(slave) == typing
+        kept = None if way.code == -9 else read(record)
+        outcome = "" if kept is None else str(kept.end.get("outcome"))
+        events = [] if kept is None else kept.events
+        told = [event.text for event in events if event.kind in ("mark", "operator")]
         lines = output.splitlines() or [""]
-        return End(run.returncode, lines[-1], output, cell.force, outcome)
+        return End(run.returncode, lines[-1], output, cell.force, outcome, told)
     finally:
         run.kill()
         run.communicate()
@@ -211,6 +232,8 @@ def test_a_way_out_keeps_its_promises(ends: dict[str, "Future[End]"], name: str)
         assert end.force == 0.0, end.said
     if way.code == 130:
         assert end.outcome == "interrupted"
+    if name == "key r":
+        assert end.told == ["mark 1", "asked for the end with the key r"]
     if way.code == 3:
         assert end.outcome == "stopped"
 

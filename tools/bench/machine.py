@@ -22,7 +22,7 @@ def facts() -> dict[str, str]:
     flags = re.search(r"flags\s*:\s*(.+)", _text("/proc/cpuinfo"))
     virtual = flags is not None and "hypervisor" in flags[1].split()
     memory = re.search(r"MemTotal:\s*(\d+)", _text("/proc/meminfo"))
-    names = ("numpy", "scipy", "python-can", "pyserial", "mcap", "msgspec")
+    names = ("numpy", "python-can", "pyserial", "mcap", "msgspec")
     return {
         "processor": (cpu[1].strip() if cpu else platform.machine())
         + (", virtual machine" if virtual else ""),

@@ -12,7 +12,7 @@ from enum import Enum, auto
 from typing import Self
 
 from emulators.faults.ledger import Handler, Injection
-from emulators.jr3.board.filters import FILTER_STEPS, low_pass
+from emulators.jr3.board.filters import FILTER_STEPS
 from emulators.jr3.board.memory import Use
 from emulators.jr3.board.processor import Order, Processor, default_full_scales
 from emulators.jr3.board.profile import BoardProfile
@@ -78,8 +78,6 @@ class Board:
         self._holds_second = False
         self._now = powered_at
         self._phase = Phase.BOOT
-        # Designed now, for a host does not expect its first read to take so long.
-        low_pass()
         self._start(powered_at)
 
     def _start(self, now: float) -> None:

@@ -16,7 +16,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from emulators.jr3.board.filters import FILTER_STEPS, SECTIONS, run_stage
+from emulators.jr3.board.filters import FILTER_STEPS, ORDER, run_stage
 from emulators.jr3.board.plan import Plan, plan_of
 from emulators.jr3.board.traces import NEVER, NEWEST, TRACE_WORDS, Place, Places, Traces, Words
 from emulators.jr3.board.watch import latch, peaks, watched
@@ -58,7 +58,7 @@ class PathState:
     """State that the computation carries from block to block."""
 
     stages: tuple[Floats, ...]
-    """(6, 3, 2) for each of filter1 … filter6."""
+    """(6, `ORDER`) for each of filter1 … filter6."""
     last: Words
     """The newest words of every trace, where `NEWEST` says."""
     rate_count: int = 0
@@ -133,7 +133,7 @@ class Block:
 def at_rest() -> PathState:
     """A path that has seen nothing."""
     return PathState(
-        tuple(np.zeros((len(AXES), SECTIONS, 2)) for _ in range(FILTERS - 1)),
+        tuple(np.zeros((len(AXES), ORDER)) for _ in range(FILTERS - 1)),
         np.zeros(sum(TRACE_WORDS.values()), np.int16),
     )
 

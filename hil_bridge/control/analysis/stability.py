@@ -25,9 +25,9 @@ from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import expm
 
 from hil_bridge.control.checks import require_above_zero, require_not_negative
+from hil_bridge.control.exponential import exponential
 
 Floats: TypeAlias = NDArray[np.float64]
 Complexes: TypeAlias = NDArray[np.complex128]
@@ -267,7 +267,7 @@ class _HoldingLoop:
         # State: position and filtered position, both less the place that pulls, and between them the velocity.
         self._rates = np.array([[0.0, 1.0, 0.0], [-w * w, -2.0 * zeta * w, 0.0], [pole, 0.0, -pole]])
         self._output = 2 if smoothing else 0
-        self._over_a_tick = expm(self._rates * tick)
+        self._over_a_tick = exponential(self._rates * tick)
         self._gain = loop_gain
         self._period = plant.period
         self._dead_time = plant.delay - tick / 2.0
@@ -294,7 +294,7 @@ class _HoldingLoop:
                 place = taken if reported != taken else pulling if held else position
                 state[[0, 2]] += pulling - place
                 pulling = place
-            output = expm(self._rates * (now - ticks * self._tick)) @ state
+            output = exponential(self._rates * (now - ticks * self._tick)) @ state
             seen.append(pulling + float(output[self._output]))
             wanted -= self._gain * seen[-1]
             underway.append((now + self._dead_time, math.floor(wanted) + 0.5))

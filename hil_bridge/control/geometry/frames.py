@@ -41,6 +41,23 @@ def rotation_matrix(quaternion: Sequence[float]) -> Array:
     )
 
 
+def quaternion_of(rotation: Array) -> Quaternion:
+    """Unit quaternion of a rotation matrix (3, 3), its largest part above 0."""
+    (a, b, c), (d, e, f), (g, h, i) = rotation.tolist()
+    # row k is the quaternion times 4 of its part k; the longest row is the one with the least rounding
+    rows = np.array(
+        [
+            [1 + a + e + i, h - f, c - g, d - b],
+            [h - f, 1 + a - e - i, b + d, c + g],
+            [c - g, b + d, 1 - a + e - i, f + h],
+            [d - b, c + g, f + h, 1 - a - e + i],
+        ]
+    )
+    longest = rows[np.diag(rows).argmax()]
+    w, x, y, z = (longest / np.linalg.norm(longest)).tolist()
+    return w, x, y, z
+
+
 def quaternion_about(axis: Sequence[float], angle: float) -> Quaternion:
     """Turn by `angle`, rad, about a unit vector."""
     x, y, z = (math.sin(angle / 2.0) * part for part in axis)

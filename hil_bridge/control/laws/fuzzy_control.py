@@ -5,6 +5,7 @@ Eq. (1), (2): error f_e(k) = f_a(k) − f_d and change f_ce(k) = f_e(k) − f_e(
 """
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import ClassVar
 
@@ -19,7 +20,10 @@ from hil_bridge.control.checks import (
 from hil_bridge.control.laws.estimate import Gates, StiffnessEstimate, contact_lost, update
 from hil_bridge.control.laws.fuzzy import InferenceSystem, Surface, paper_system
 from hil_bridge.control.laws.rules import read_rules
-from hil_bridge.control.types import POSITION_STEP_MM, SAMPLE_MS, Command, Measurement
+from hil_bridge.control.types import POSITION_STEP_MM, SAMPLE_MS, Command, Measurement, Range
+
+OUTPUT_STEPS: Mapping[str, Range] = {"output_step_mm": Range(0.01, 0.5, by_factor=True)}
+"""Chosen: from a fine robot's steps to four of the paper's."""
 
 
 class FuzzyState(Struct, frozen=True):
@@ -47,6 +51,7 @@ class FuzzyPi:
     name: ClassVar[str] = "fuzzy"
     sample_ms: ClassVar[float] = SAMPLE_MS
 
+    ranges: ClassVar[Mapping[str, Range]] = OUTPUT_STEPS
     output_step_mm: float = POSITION_STEP_MM
     """K: correction of one output level. The paper takes one resolution step of the robot."""
     surface: Surface = Surface.PAPER
@@ -91,6 +96,7 @@ class FuzzyAdaptive:
     name: ClassVar[str] = "fuzzy-adaptive"
     sample_ms: ClassVar[float] = SAMPLE_MS
 
+    ranges: ClassVar[Mapping[str, Range]] = OUTPUT_STEPS
     output_step_mm: float = POSITION_STEP_MM
     """K: correction of one output level."""
     surface: Surface = Surface.PAPER
@@ -156,6 +162,7 @@ class ResolutionAware:
     name: ClassVar[str] = "resolution-aware"
     sample_ms: ClassVar[float] = SAMPLE_MS
 
+    ranges: ClassVar[Mapping[str, Range]] = OUTPUT_STEPS
     output_step_mm: float = POSITION_STEP_MM
     """K: correction of one output level of the fuzzy PI."""
     surface: Surface = Surface.PAPER

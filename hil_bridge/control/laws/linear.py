@@ -6,6 +6,7 @@ the estimated stiffness.
 """
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -18,7 +19,7 @@ from hil_bridge.control.checks import (
     require_above_zero,
     require_not_negative,
 )
-from hil_bridge.control.geometry.frames import Array
+from hil_bridge.control.exponential import exponential
 from hil_bridge.control.laws.stiffness import Pairing, Stiffness, observe
 from hil_bridge.control.types import (
     POSITION_STEP_MM,
@@ -26,6 +27,7 @@ from hil_bridge.control.types import (
     STREAM_SAMPLES_MS,
     Command,
     Measurement,
+    Range,
     Tuning,
 )
 
@@ -70,6 +72,12 @@ class Pi:
         )
         for sample_ms in STREAM_SAMPLES_MS
     )
+
+    ranges: ClassVar[Mapping[str, Range]] = {
+        "proportional": Range(0.0, 1.0),
+        "integral": Range(0.005, 1.5, by_factor=True),
+    }
+    """Chosen: from hardly any answer to one that swings at the stiffness tuned at."""
 
     proportional: float = 0.2
     """K_p: share of a change of the error that is answered in a sample."""
@@ -156,6 +164,12 @@ class Admittance:
         for sample_ms in STREAM_SAMPLES_MS
     )
 
+    ranges: ClassVar[Mapping[str, Range]] = {
+        "mass_kg": Range(1.0, 500.0, by_factor=True),
+        "damping_ns_m": Range(100.0, 20_000.0, by_factor=True),
+    }
+    """Chosen: about a tenth to ten times of the defaults for all sample times."""
+
     mass_kg: float = 66.0
     """M. Chosen: with the damper a time constant of 30 ms, a fraction of the cycle."""
     damping_ns_m: float = 2200.0
@@ -187,7 +201,6 @@ class Admittance:
         )
         require_not_negative(self, "spring_n_m")
         _pairing(self)
-        _expm(np.zeros((3, 3)))  # its import takes 0.1 s: here, not in the first cycle
 
     def initial(self) -> AdmittanceState:
         """State before the first sample in contact."""
@@ -237,16 +250,8 @@ class Admittance:
                 [0.0, 0.0, 0.0],
             ]
         )
-        after = _expm(system * cycle) @ np.array([offset, velocity, force])
+        after = exponential(system * cycle) @ np.array([offset, velocity, force])
         return float(after[0]), float(after[1])
-
-
-def _expm(matrix: Array) -> Array:
-    """Matrix exponential. SciPy is imported here, so that only controllers that use it load it."""
-    from scipy.linalg import expm
-
-    result: Array = expm(matrix)
-    return result
 
 
 def _pairing(model: Pi | Admittance) -> Pairing:

@@ -7,6 +7,7 @@ a straight line to its last few values. The command is that line's value at the 
 """
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import ClassVar, NamedTuple
 
@@ -26,6 +27,7 @@ from hil_bridge.control.types import (
     STREAM_SAMPLES_MS,
     Command,
     Measurement,
+    Range,
     Tuning,
 )
 
@@ -95,6 +97,14 @@ class Predictive:
     tunings: ClassVar[tuple[Tuning, ...]] = tuple(
         Tuning(sample_ms, {"resolution_mm": FINE_STEP_MM}) for sample_ms in STREAM_SAMPLES_MS
     )
+
+    ranges: ClassVar[Mapping[str, Range]] = {
+        "window": Range(3, 20),
+        "caution": Range(0.0, 4.0),
+        "steepest": Range(0.02, 2.0, by_factor=True),
+        "smallest_radius_mm": Range(10.0, 1000.0, by_factor=True),
+    }
+    """Chosen: about a tenth to ten times of the defaults, as far as a line through pairs makes sense."""
 
     window: int = 6
     """Pairs that the line goes through."""

@@ -317,8 +317,9 @@ class Program:
         if isinstance(step, Track):
             lateral = lateral_of(felt.force, course.facing.fall if self._follows(leg) else (0.0, 0.0))
             feed, trouble = feed_of(step, measurement.force - reference, lateral, local)
+            feed = min(feed, 0.0) if felt.held else feed
             course = replace(course, feed=feed)
-            if step.lateral_limit_n is not None and state.in_contact:
+            if step.lateral_limit_n is not None and state.in_contact and not felt.held:
                 course = progress(course, leg.stroke.parameters.speed_mm_s, measurement.dt, local)
                 if course.stuck >= STUCK_S:
                     trouble = trouble or (

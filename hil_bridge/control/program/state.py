@@ -28,6 +28,8 @@ class Felt(NamedTuple):
     """Counter of the sensor frame."""
     ordered: Place = (0.0, 0.0)
     """x and y that were ordered in the cycle before, from the start point, m."""
+    held: bool = False
+    """A person holds the tool in its place on the surface."""
 
 
 class Done(Struct, frozen=True):

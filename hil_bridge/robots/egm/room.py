@@ -6,7 +6,7 @@ from emulators.egm import EGM_FAULTS, EgmController, EgmProfile
 from emulators.seams import RobotFactory
 from hil_bridge.errors import ConfigError
 from hil_bridge.facts import RobotFacts
-from hil_bridge.kinds import KindSettings, RobotEmulation, RobotKind
+from hil_bridge.kinds import KindSettings, Mishap, RobotEmulation, RobotKind
 from hil_bridge.robots.egm.facts import robot_facts
 from hil_bridge.robots.egm.settings import EgmSettings
 from hil_bridge.robots.streamed import StreamedLink
@@ -55,13 +55,21 @@ def usual(settings: KindSettings, virtual: bool) -> str:
     return "udp+memory:egm" if virtual else USUAL
 
 
+MISHAPS = {
+    "late": [Mishap("link", "delay", {"ms": 20.0, "way": "from"})],
+    "refused": [Mishap("robot", "motors-off")],
+    "stopped": [Mishap("robot", "rapid-stop")],
+    "emergency": [Mishap("robot", "motors-off")],
+    "cut": [Mishap("link", "off")],
+}
+
 ROBOT = RobotKind(
     "egm",
     "ABB robot by Externally Guided Motion",
     EgmSettings,
     connect,
     facts,
-    RobotEmulation(EgmProfile, make, serve, usual, EGM_FAULTS),
+    RobotEmulation(EgmProfile, make, serve, usual, EGM_FAULTS, mishaps=MISHAPS),
     check=check,
     parse=lambda url, settings: parse_url(url, LISTEN_DATAGRAMS),
     describe=describe,

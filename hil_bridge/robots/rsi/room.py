@@ -5,7 +5,7 @@ from typing import Any
 from emulators.rsi import RSI_FAULTS, RsiController, RsiProfile
 from emulators.seams import RobotFactory
 from hil_bridge.facts import Pacing, RobotFacts, ServoFacts
-from hil_bridge.kinds import KindSettings, RobotEmulation, RobotKind
+from hil_bridge.kinds import KindSettings, Mishap, RobotEmulation, RobotKind
 from hil_bridge.robots.streamed import StreamedLink
 from hil_bridge.transports import Datagrams
 from hil_bridge.transports.urls import LISTEN_DATAGRAMS, parse_url
@@ -74,13 +74,20 @@ def usual(settings: KindSettings, virtual: bool) -> str:
     return "udp+memory:rsi" if virtual else f"udp://127.0.0.1:{PORT}"
 
 
+MISHAPS = {
+    "late": [Mishap("packets", "late", {"ms": 6.0})],
+    "refused": [Mishap("robot", "emergency-stop")],
+    "stopped": [Mishap("robot", "emergency-stop")],
+    "cut": [Mishap("packets", "mute"), Mishap("answers", "refused")],
+}
+
 ROBOT = RobotKind(
     "rsi",
     "KUKA controller by the Robot Sensor Interface (RSI)",
     RsiLink,
     connect,
     facts,
-    RobotEmulation(RsiProfile, make, serve, usual, RSI_FAULTS),
+    RobotEmulation(RsiProfile, make, serve, usual, RSI_FAULTS, mishaps=MISHAPS),
     parse=lambda url, settings: parse_url(url, LISTEN_DATAGRAMS),
     describe=describe,
 )

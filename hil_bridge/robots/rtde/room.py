@@ -6,7 +6,7 @@ from emulators.rtde import RTDE_FAULTS, RtdeProfile, RtdeRobot, make_robot
 from emulators.seams import RobotFactory
 from hil_bridge.errors import ConfigError
 from hil_bridge.facts import RobotFacts
-from hil_bridge.kinds import KindSettings, RobotEmulation, RobotKind
+from hil_bridge.kinds import KindSettings, Mishap, RobotEmulation, RobotKind
 from hil_bridge.robots.rtde import serving as ports
 from hil_bridge.robots.rtde.addresses import RTDE_PORT, parse_address
 from hil_bridge.robots.rtde.bundle import Bundle
@@ -85,6 +85,15 @@ def check(settings: KindSettings) -> None:
         )
 
 
+MISHAPS = {
+    "late": [Mishap("connection", "late", {"ms": 20.0})],
+    "refused": [Mishap("robot", "power-off")],
+    "stopped": [Mishap("robot", "protective-stop")],
+    "emergency": [Mishap("robot", "emergency-stop")],
+    "cut": [Mishap("connection", "mute"), Mishap("connection", "deaf")],
+}
+
+
 def _parse(url: str, settings: Any) -> WireUrl:
     return parse_address(url).wire
 
@@ -95,7 +104,7 @@ ROBOT = RobotKind(
     ClientProfile,
     connect,
     facts,
-    RobotEmulation(RtdeProfile, make, serve, usual, RTDE_FAULTS),
+    RobotEmulation(RtdeProfile, make, serve, usual, RTDE_FAULTS, mishaps=MISHAPS),
     check=check,
     parse=_parse,
     describe=describe,

@@ -11,7 +11,7 @@ from emulators.seams import RobotFactory
 from hil_bridge.clock import Clock
 from hil_bridge.errors import ConfigError
 from hil_bridge.facts import RobotFacts
-from hil_bridge.kinds import KindSettings, RobotEmulation, RobotKind
+from hil_bridge.kinds import KindSettings, Mishap, RobotEmulation, RobotKind
 from hil_bridge.robots.s3.facts import robot_facts
 from hil_bridge.robots.s3.link import S3Link
 from hil_bridge.robots.s3.orders_file import read_orders
@@ -113,13 +113,21 @@ async def panel(cell: Any, url: str, clock: Clock, kick: Callable[[], None]) -> 
         await server.aclose()
 
 
+MISHAPS = {
+    "late": [Mishap("link", "delay", {"ms": 200.0, "way": "from"})],
+    "refused": [Mishap("robot", "key-manual")],
+    "stopped": [Mishap("robot", "work-stop")],
+    "emergency": [Mishap("robot", "emergency-stop")],
+    "cut": [Mishap("link", "off")],
+}
+
 ROBOT = RobotKind(
     "s3",
     "ABB S3 controller by its computer link",
     S3Settings,
     connect,
     facts,
-    RobotEmulation(S3Profiles, make, serve, usual, S3_FAULTS, panel, panel_address),
+    RobotEmulation(S3Profiles, make, serve, usual, S3_FAULTS, panel, panel_address, MISHAPS),
     directly=True,
     check=robot_site,
     parse=lambda url, settings: parse_url(url, CONNECT_BYTES),

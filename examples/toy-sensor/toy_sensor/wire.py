@@ -1,12 +1,9 @@
-"""Both toys on the wire: datagrams of UDP, packed little-endian, and the clients that speak to the devices.
+"""The load cell on the wire: datagrams of UDP, packed little-endian, and the client that the bridge drives.
 
 | datagram | way | content |
 |---|---|---|
-| `AH` | to the arm | hello: send reports to this address, every 4 ms |
-| `AR` | from the arm | number, position in m, quaternion w x y z, 1 for a stopped arm |
-| `AT` | to the arm | number of the report that it answers, the next set point as in a report |
 | `LH`, `LB` | to the load cell | hello and goodbye: begin and end to send samples, 500 a second |
-| `LS` | from the load cell | number, fx fy fz in mN, mx my mz in 0.1 mN·m, 1 for an axis at its end |
+| `LS` | from the load cell | number, fx fy fz in mN, mx my mz in 0.1 mN·m, bit k for axis k at its end |
 """
 
 import struct
@@ -14,8 +11,7 @@ from collections import deque
 from collections.abc import Sequence
 
 from protocol.datagram import arrived_at
-from protocol.geometry import Pose, Wrench
-from protocol.robot import ReportReceived, RobotReport, StreamEvent, pose_fault
+from protocol.geometry import Wrench
 from protocol.wrench import (
     HostTare,
     SensorEvent,
@@ -28,13 +24,13 @@ from protocol.wrench import (
     Zeroed,
 )
 
-REPORT, TARGET, SAMPLE = struct.Struct("<2sI3d4dB"), struct.Struct("<2sI3d4d"), struct.Struct("<2sI6iB")
-ARM_HELLO, LOAD_HELLO, LOAD_BYE = b"AH", b"LH", b"LB"
-ARM_CYCLE_S, LOAD_PERIOD_S = 0.004, 0.002
+SAMPLE = struct.Struct("<2sI6iB")
+HELLO, BYE = b"LH", b"LB"
+PERIOD_S = 0.002
 HELLO_AGAIN_S = 0.25
-"""After which a client says hello again when nothing has come."""
+"""After which the client says hello again when nothing has come."""
 HELLOS = 40
-"""After which the load cell's client gives up; the arm's is told so by its link."""
+"""After which it gives up."""
 RANGE_COUNTS = 200_000
 SCALES: Wrench = (1e-3, 1e-3, 1e-3, 1e-4, 1e-4, 1e-4)
 """N and N·m for one count."""
@@ -43,59 +39,10 @@ FACTS = SensorFacts(
     scales=SCALES,
     full_scales=(200.0, 200.0, 200.0, 20.0, 20.0, 20.0),
     range=(200.0, 200.0, 200.0, 20.0, 20.0, 20.0),
-    period=LOAD_PERIOD_S,
+    period=PERIOD_S,
     delay=0.0,
     tares="host",
 )
-
-
-class ArmClient:
-    """The arm's client: an answer to each report."""
-
-    def __init__(self, now: float) -> None:
-        self._events: deque[StreamEvent] = deque()
-        self._out: list[bytes] = []
-        self._hello_at: float | None = now
-        self._newest = 0
-
-    def receive(self, data: Sequence[bytes], now: float) -> None:
-        for datagram in data:
-            if len(datagram) != REPORT.size or not datagram.startswith(b"AR"):
-                continue
-            _, number, x, y, z, *quaternion, stopped = REPORT.unpack(datagram)
-            w, i, j, k = quaternion
-            pose, at = Pose((x, y, z), (w, i, j, k)), arrived_at(datagram, now)
-            wrong = pose_fault(pose)
-            fault = f"it reports {wrong}" if wrong else "it is stopped; release it" if stopped else ""
-            self._newest, self._hello_at = number, None
-            self._events.append(ReportReceived(RobotReport(number, pose, at, at, fault)))
-
-    def next_event(self) -> StreamEvent | None:
-        return self._events.popleft() if self._events else None
-
-    def data_to_send(self, now: float) -> Sequence[bytes]:
-        out, self._out = self._out, []
-        return out
-
-    def next_deadline(self) -> float | None:
-        return self._hello_at
-
-    def handle_deadline(self, now: float) -> None:
-        if self._hello_at is not None and now >= self._hello_at:
-            self._out.append(ARM_HELLO)
-            self._hello_at = now + HELLO_AGAIN_S
-
-    def begin(self, pose: Pose) -> None:
-        """The arm needs no beginning."""
-
-    def target(self, pose: Pose, now: float) -> None:
-        self._out.append(TARGET.pack(b"AT", self._newest, *pose.position, *pose.quaternion))
-
-    def hold(self, now: float) -> None:
-        """An arm that gets no answer stays where it is."""
-
-    def end(self) -> None:
-        """The arm needs no end."""
 
 
 class LoadClient:
@@ -148,7 +95,7 @@ class LoadClient:
                 self._events.append(SensorFailed("no sample came; look at its supply and its address"))
                 return
             self._hellos -= 1
-            self._out.append(LOAD_HELLO)
+            self._out.append(HELLO)
             self._hello_at = now + HELLO_AGAIN_S
 
     def zero(self) -> None:
@@ -156,5 +103,5 @@ class LoadClient:
 
     def stop(self) -> None:
         self._hello_at = None
-        self._out.append(LOAD_BYE)
+        self._out.append(BYE)
         self._events.append(SensorStopped())

@@ -1,0 +1,79 @@
+"""Orders that came to an emulated robot over its wire, taken or not: for judges of clients.
+
+A robot tells them to one listener. Without a listener nothing is kept, and nothing is computed.
+"""
+
+import math
+from collections.abc import Callable
+from enum import StrEnum
+from typing import NamedTuple, Protocol, runtime_checkable
+
+from protocol.geometry import Vector
+
+
+class Act(StrEnum):
+    """Kinds of orders."""
+
+    MOTION = "motion"
+    """It leads the tool to a place, or at a speed."""
+    PROGRAM = "program"
+    """It brings or starts a program of the robot's own, which may move the tool."""
+    RELEASE = "release"
+    """It releases a stop, or switches the power on: acts that belong to a person at the robot."""
+    CONTACT = "contact"
+    """The client is there: a connection, or a question."""
+    UNREADABLE = "unreadable"
+    """The robot can make nothing of it."""
+
+
+class HeardOrder(NamedTuple):
+    """An order as the robot understood it."""
+
+    at: float
+    """When it came, s."""
+    act: Act
+    words: str
+    """The order in the robot's own words."""
+    taken: bool
+    """The robot could act on it as it was then."""
+    position: Vector | None = None
+    """Where it leads the tool centre point, base frame, m; None for an order that tells no place."""
+    moves: bool = True
+    """For an order without a place: whether it moves the tool. A speed of zero does not."""
+    reach_m: float = math.inf
+    """Farthest from the place of the order before that the robot goes in one cycle, m; infinite where it has a way
+    of its own to any place.
+    """
+
+
+class Hindrance(NamedTuple):
+    """A state in which the robot does not move by orders."""
+
+    words: str
+    by_order: bool
+    """An order of the client brought it about, such as a leap or a place out of reach."""
+
+
+class Orders:
+    """Tells the orders that a robot hears."""
+
+    __slots__ = ("listener",)
+
+    def __init__(self) -> None:
+        self.listener: Callable[[HeardOrder], object] | None = None
+        """Called with each order at once; None while it is not wanted."""
+
+    def tell(self, order: HeardOrder) -> None:
+        """An order came; harmless without a listener."""
+        if self.listener is not None:
+            self.listener(order)
+
+
+@runtime_checkable
+class TellingRobot(Protocol):
+    """What an `EmulatedRobot` tells beside its motion, so that its client can be judged."""
+
+    orders: Orders
+
+    def hindrance(self, now: float) -> Hindrance | None:
+        """Why it does not move by orders at this time, s; None where it would."""

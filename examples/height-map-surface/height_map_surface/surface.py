@@ -1,0 +1,63 @@
+"""The surface: heights from a file, and hil-bridge's own contact with them."""
+
+import math
+from dataclasses import dataclass
+
+from emulators.faults.kinds import Fault
+from emulators.seams import SurfaceFactory
+from emulators.surface.contact import Contact
+from emulators.surface.faults import SURFACE_FAULTS
+from emulators.surface.profile import SurfaceKind as OwnShapes
+from emulators.surface.profile import SurfaceProfile
+from emulators.surface.shapes import HeightMap, Shape
+from height_map_surface.heights import from_image, from_stl
+from hil_bridge.kinds import SurfaceKind
+from protocol.marks import Mark, setting
+
+
+@dataclass(frozen=True, slots=True)
+class HeightMapProfile(SurfaceProfile):
+    """All settings of hil-bridge's own surface, with another shape: those of its own shapes do nothing."""
+
+    image_file: str = setting("", Mark.CHOSEN, "grey PNG: its right is along the path, its top to the left")
+    white_mm: float = setting(10.0, Mark.CHOSEN, "height of white above black", unit="mm", above=0.0)
+    stl_file: str = setting("", Mark.CHOSEN, "part in mm, seen from above: its x is along the path")
+    section_mm: tuple[float, ...] = setting(
+        (), Mark.CHOSEN, "section x0 y0 x1 y1 of the part; empty for all of it", unit="mm"
+    )
+    spacing_mm: float = setting(
+        1.0, Mark.CHOSEN, "from one pixel to the next, or of the grid on the part", unit="mm", above=0.0
+    )
+
+    def __post_init__(self) -> None:
+        SurfaceProfile.__post_init__(self)
+        if self.kind is not OwnShapes.FLAT:
+            raise ValueError("kind must be left out; the shape comes from image_file or stl_file")
+        if self.section_mm and not (
+            len(self.section_mm) == 4
+            and all(map(math.isfinite, self.section_mm))
+            and self.section_mm[0] < self.section_mm[2]
+            and self.section_mm[1] < self.section_mm[3]
+        ):
+            raise ValueError(
+                f"section_mm must be x0 y0 x1 y1 with x0 < x1 and y0 < y1, got {self.section_mm}"
+            )
+
+    def shape(self) -> Shape:
+        """The shape of the file. Raises ValueError, in one line, for one that cannot be read."""
+        if bool(self.image_file) == bool(self.stl_file):
+            raise ValueError("set one of image_file and stl_file")
+        if self.image_file:
+            heights = from_image(self.image_file, self.white_mm)
+        else:
+            heights = from_stl(self.stl_file, self.section_mm, self.spacing_mm)
+        return HeightMap(self.height_mm / 1000.0, heights, self.spacing_mm / 1000.0)
+
+
+def make(settings: HeightMapProfile) -> SurfaceFactory:
+    """Contact, material, friction, wear and faults are those of hil-bridge's own surface."""
+    return lambda changed: Contact(settings, changed)
+
+
+FAULTS: dict[str, Fault] = dict(SURFACE_FAULTS)
+SURFACE = SurfaceKind("height-map", "Heights from an image or an STL file", HeightMapProfile, make, FAULTS)

@@ -1,0 +1,1 @@
+"""A surface whose contact MuJoCo computes."""

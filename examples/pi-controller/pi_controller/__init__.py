@@ -1,0 +1,1 @@
+"""A PI force controller with anti-windup."""

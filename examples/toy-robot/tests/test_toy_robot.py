@@ -1,0 +1,56 @@
+"""The suites for robots, the arm in closed loop, and its two ends without a wire."""
+
+import pytest
+from toy_robot.emulator import Arm
+from toy_robot.room import ROBOT
+from toy_robot.wire import REPORT, ArmClient
+
+import hil_bridge
+from emulators.arm.followed import FollowedProfile
+from emulators.seams import StartPose
+from hil_bridge.testing import RobotCase
+from hil_bridge.testing.robot_clients import *  # noqa: F403
+from hil_bridge.testing.robot_emulators import *  # noqa: F403
+from protocol.robot import ReportReceived
+
+START = StartPose((0.9, 0.0, 0.6), (0.0, 1.0, 0.0, 0.0))
+
+NEAR = {"start_position_mm": [900.0, -100.0, 593.0]}  # just above the surface
+
+
+@pytest.fixture
+def robot_client() -> RobotCase:
+    return RobotCase(ROBOT, numbered=True)
+
+
+@pytest.fixture
+def robot_emulator() -> RobotCase:
+    return RobotCase(ROBOT)
+
+
+def test_the_loop_closes_over_the_arm() -> None:
+    result = hil_bridge.simulate(
+        {"robot": {"emulated": "toyarm"}, "run": {"duration_s": 1.0}, "cell": NEAR}, seed=7
+    )
+    assert result.outcome == "completed", result.cause
+    assert abs(result.figures.force_mean_steady_n - 10.0) < 0.5
+
+
+def test_client_and_arm_understand_each_other() -> None:
+    client, arm = ArmClient(0.0), Arm(FollowedProfile(), START, 0.0)
+    client.handle_deadline(0.0)
+    arm.receive(client.data_to_send(0.0), 0.0)
+    arm.handle_deadline(0.0)
+    client.receive(arm.data_to_send(0.0), 0.0)
+    event = client.next_event()
+    assert isinstance(event, ReportReceived)
+    assert event.report.pose.position == START.position
+    client.target(event.report.pose._replace(position=(0.9, 0.0, 0.599)), 0.001)
+    arm.receive(client.data_to_send(0.001), 0.001)
+    assert arm.accepted == 1
+
+
+def test_what_is_no_report_is_ignored() -> None:
+    client = ArmClient(0.0)
+    client.receive([b"", b"AR", bytes(REPORT.size), b"AR" + bytes(REPORT.size)], 0.0)
+    assert client.next_event() is None

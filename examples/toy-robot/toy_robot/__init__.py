@@ -1,0 +1,1 @@
+"""A toy arm that knows hil-bridge by its seams alone."""

@@ -1,0 +1,49 @@
+"""The arm's face: what hil-bridge finds by the name of the entry point."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from emulators.arm.followed import FollowedProfile
+from emulators.seams import RobotFactory
+from hil_bridge.kinds import KindSettings, RobotEmulation, RobotKind
+from hil_bridge.robots.seam import Pacing, RobotFacts
+from hil_bridge.robots.streamed import StreamedLink
+from hil_bridge.transports import Datagrams
+from hil_bridge.wiring import Serving, Wiring
+from toy_robot.emulator import Arm
+from toy_robot.wire import CYCLE_S, ArmClient
+
+
+@dataclass(frozen=True, slots=True)
+class NoSettings:
+    """The arm's client has none."""
+
+
+FACTS = RobotFacts("toy arm", Pacing.STREAMED, cycle_s=CYCLE_S)
+
+
+async def connect_arm(url: str, settings: KindSettings, wiring: Wiring) -> StreamedLink[Datagrams]:
+    wire = await wiring.datagrams(url)
+    return StreamedLink(wire, ArmClient(wiring.clock.now()), FACTS, wiring.clock, wiring.log)
+
+
+def make_arm(settings: KindSettings) -> RobotFactory:
+    return lambda start, now, seed: Arm(settings.emulated, start, now)
+
+
+async def serve(url: str, device: Any, settings: KindSettings, serving: Serving) -> str:
+    return await serving.serve_datagrams(url, device.endpoint)
+
+
+def usual(settings: KindSettings, virtual: bool) -> str:
+    return "udp+memory:toyarm" if virtual else "udp-bind://127.0.0.1:0"
+
+
+ROBOT = RobotKind(
+    "toyarm",
+    "Toy arm that streams over UDP",
+    NoSettings,
+    connect_arm,
+    lambda url, settings: FACTS,
+    RobotEmulation(FollowedProfile, make_arm, serve, usual),
+)

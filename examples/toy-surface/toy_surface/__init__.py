@@ -1,0 +1,1 @@
+"""A toy surface that knows hil-bridge by its seams alone."""

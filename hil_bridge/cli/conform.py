@@ -1,0 +1,96 @@
+"""`hil-bridge conform`: a robot client in any language, judged by what an emulated robot saw of it."""
+
+from pathlib import Path
+
+import click
+
+from hil_bridge.cli.options import overwrite_option, tell
+from hil_bridge.cli.paths import FILE
+
+FAILED = 4
+"""Exit code when a scenario failed."""
+
+
+@click.command(short_help="Judge a robot client in any language.", options_metavar="[OPTIONS] --")
+@click.argument("kind")
+@click.argument("command", nargs=-1, metavar="COMMAND…")
+@click.option(
+    "--config", "config_file", type=FILE, metavar="CONFIG.toml", help="Settings of the emulated cell."
+)
+@click.option(
+    "--listen",
+    metavar="URL",
+    help="Where the robot listens, as rtde+tcp-listen://127.0.0.2.  [default: free ports, or the robot's own]",
+)
+@click.option("--only", multiple=True, metavar="SCENARIO", help="Play this one; may be given again.")
+@click.option("--set", "settings", multiple=True, metavar="NAME=VALUE", help="A rule, as react_s=0.2.")
+@click.option("--comes-back", is_flag=True, help="The client declares that it comes back behind a cut wire.")
+@click.option("--ends", is_flag=True, help="The client declares that it ends by itself.")
+@click.option("--junit", type=FILE, metavar="FILE.xml", help="Write the verdicts as JUnit XML.")
+@click.option("--json", "json_file", type=FILE, metavar="FILE.json", help="Write verdicts and evidence.")
+@click.option("--rules", "show_rules", is_flag=True, help="Show the rules and their defaults, play nothing.")
+@overwrite_option
+def conform(
+    kind: str,
+    command: tuple[str, ...],
+    config_file: Path | None,
+    listen: str | None,
+    only: tuple[str, ...],
+    settings: tuple[str, ...],
+    comes_back: bool,
+    ends: bool,
+    junit: Path | None,
+    json_file: Path | None,
+    show_rules: bool,
+    overwrite: bool,
+) -> None:
+    """Judge a client of a robot: hil-bridge conform rtde -- ./my_client {host} {port}
+
+    Each scenario has a fresh emulated robot of KIND, in real time on this computer, and a fresh process of the client.
+    The verdict goes by what the robot saw, not by what the client says.
+
+    \b
+    The client finds the robot by its arguments or its environment:
+      {url} {host} {port}       HIL_BRIDGE_URL HIL_BRIDGE_HOST HIL_BRIDGE_PORT
+      rtde: {dashboard} {script}  HIL_BRIDGE_DASHBOARD HIL_BRIDGE_SCRIPT
+      s3: {device}                HIL_BRIDGE_DEVICE, a pseudo-terminal
+
+    Exit codes: 0 all passed, 2 wrong input, 3 the emulator or its port, 4 a scenario failed, 130 interrupted.
+    """
+    from functools import partial
+
+    from hil_bridge.conform.client import ProcessClient
+    from hil_bridge.conform.rules import read_rules, told_rules
+    from hil_bridge.conform.stage import Trial, chosen
+    from hil_bridge.conform.trying import play_all, usual_port
+    from hil_bridge.kinds import ROBOTS
+    from hil_bridge.recording.files import check_place, write_whole
+    from hil_bridge.runs.signals import as_ctrl_c
+    from hil_bridge.settings.configuration import load_config
+
+    rules = read_rules(settings, comes_back=comes_back, ends=ends)
+    if show_rules:
+        tell(told_rules(rules))
+        return
+    if not command:
+        raise click.UsageError("name the client's command behind --")
+    for place in (junit, json_file):
+        if place is not None:
+            check_place(place, overwrite)
+    ROBOTS.kind(kind)  # refuses an unknown one in words of this command
+    config = load_config(config_file, {"robot.emulated": kind})
+    port = usual_port(config, listen, command)
+    trial = Trial(config, port, rules, partial(ProcessClient, command))
+    names = chosen(trial, only)
+    from hil_bridge.conform.judging import Outcome
+    from hil_bridge.conform.reports import as_json, as_junit, table, totals
+
+    with as_ctrl_c():
+        played = play_all(trial, names, lambda text: click.echo(text, err=True))
+    if junit is not None:
+        write_whole(junit, as_junit(kind, played), overwrite)
+    if json_file is not None:
+        write_whole(json_file, as_json(kind, command, rules, played).encode(), overwrite)
+    tell([*table(played), totals(played)])
+    if any(one.verdict.outcome is Outcome.FAILED for one in played):
+        click.get_current_context().exit(FAILED)

@@ -1,0 +1,231 @@
+"""`hil-bridge tune`: a controller's parameters for a given cell and criterion."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from hil_bridge.cli.options import overwrite_option, tell
+from hil_bridge.cli.paths import FILE
+from hil_bridge.errors import ConfigError
+
+if TYPE_CHECKING:
+    from hil_bridge.settings.configuration import Config
+    from hil_bridge.tuning.comparing import Comparison
+    from hil_bridge.tuning.evaluating import Runs
+    from hil_bridge.tuning.searching import Search, Wanted
+
+NOTHING_FOUND = 4
+"""Exit code when no point met the constraints."""
+
+
+@click.command(short_help="Find a controller's parameters for a cell.")
+@click.argument("config_file", metavar="[CONFIG.toml]", required=False, type=FILE)
+@click.option("--controller", metavar="NAME", help="The controller.  [default: that of the configuration]")
+@click.option(
+    "--vary",
+    multiple=True,
+    metavar="NAME[=LOW:HIGH[:log]]",
+    help="A parameter, in its unit; may be given again.  [default: all with bounds of their own]",
+)
+@click.option(
+    "--minimise",
+    multiple=True,
+    metavar="FIGURE[=WEIGHT]",
+    help="A figure that is to be small; may be given again.  [default: rms_error_n and overshoot_percent]",
+)
+@click.option(
+    "--force-limit", type=float, metavar="N", help="Largest true force.  [default: limits.force_limit_n]"
+)
+@click.option("--duration", type=float, metavar="S", help="Duration of each run, s of its own time.")
+@click.option("--budget", type=click.IntRange(min=1), default=300, show_default=True, help="Most runs.")
+@click.option(
+    "--seeds", type=click.IntRange(min=2), default=3, show_default=True, help="Seeds of each point."
+)
+@click.option(
+    "--seed",
+    type=click.IntRange(min=0),
+    default=1,
+    show_default=True,
+    help="First seed, and the optimiser's.",
+)
+@click.option("--workers", type=click.IntRange(min=1), metavar="N", help="Processes.  [default: one a core]")
+@click.option("--out", type=FILE, metavar="TUNED.toml", help="Write the tuned configuration.")
+@click.option(
+    "--trade", metavar="X:Y", help="Two figures of the trade-off.  [default: rise_s:overshoot_percent]"
+)
+@click.option("--plot", type=FILE, metavar="FILE.svg", help="Draw the trade-off; .png too.")
+@click.option(
+    "--json", "json_file", type=FILE, metavar="FILE.json", help="Write all points with all figures."
+)
+@click.option(
+    "--validate",
+    multiple=True,
+    type=FILE,
+    metavar="CELL.toml",
+    help="Compare with the defaults in this cell too; may be given again.",
+)
+@overwrite_option
+def tune(
+    config_file: Path | None,
+    controller: str | None,
+    vary: tuple[str, ...],
+    minimise: tuple[str, ...],
+    force_limit: float | None,
+    duration: float | None,
+    budget: int,
+    seeds: int,
+    seed: int,
+    workers: int | None,
+    out: Path | None,
+    trade: str | None,
+    plot: Path | None,
+    json_file: Path | None,
+    validate: tuple[Path, ...],
+    overwrite: bool,
+) -> None:
+    """Find parameters of a controller by many runs in virtual time, and compare them with the defaults.
+
+    \b
+    hil-bridge tune cell.toml --controller pi --minimise rise_s --minimise overshoot_percent --out tuned.toml
+    hil-bridge run tuned.toml --virtual
+
+    A run that the guard stops, or whose true force is above the limit, rules its point out. Exit codes: 0 done, 2 wrong
+    input, 4 no point met the constraints, 130 interrupted, with the best so far written.
+    """
+    import os
+
+    from hil_bridge.recording.files import check_place, write_whole
+    from hil_bridge.runs.signals import as_ctrl_c
+    from hil_bridge.tuning.evaluating import running
+    from hil_bridge.tuning.front import check_picture, front, picture
+    from hil_bridge.tuning.front import told as told_front
+    from hil_bridge.tuning.preparing import axes_of, others, tuned_file, wanted_of
+    from hil_bridge.tuning.reporting import as_json, chosen, fresh_comparison
+    from hil_bridge.tuning.searching import begin, search
+
+    for place in (out, plot, json_file):
+        if place is not None:
+            check_place(place, overwrite)
+    if plot is not None:
+        check_picture(plot)
+    axes = axes_of(trade)
+    overrides: dict[str, object] = {"controller.name": controller, "run.duration_s": duration}
+    values, config = _read(config_file, overrides)
+    first = range(seed, seed + seeds)
+    wanted = wanted_of(config, vary, minimise, force_limit, tuple(first), budget)
+    cells = [(place.stem, others(place, config)) for place in validate]
+    state: Search | None = None
+    comparisons: list[Comparison] = []
+    try:
+        processes = workers or os.cpu_count() or 1
+        with (
+            as_ctrl_c(),
+            _progress(_runs(wanted, len(cells))) as advance,
+            running(processes, advance) as runs,
+        ):
+            state = begin(config, wanted, runs)
+            search(state, runs)
+            comparisons = _validated(state, cells, runs)
+    finally:  # what was found so far is kept, also behind Ctrl-C
+        if state is not None:
+            tell(chosen(state))
+            best = state.best
+            if best is not None and out is not None:
+                text = tuned_file(values, config, state, config_file)
+                write_whole(out, text.encode(), overwrite)
+                click.echo(out)
+            if plot is not None:
+                write_whole(
+                    plot, picture(state.tried, state.defaults, _seen(state), axes, plot.suffix[1:]), overwrite
+                )
+                click.echo(plot)
+            if json_file is not None:
+                write_whole(json_file, as_json(state, comparisons).encode(), overwrite)
+                click.echo(json_file)
+    tell(["", *told_front(front(state.tried, *axes), wanted.space, *axes)])
+    fresh = fresh_comparison(state)
+    _tell_comparisons([*([fresh] if fresh else []), *comparisons], wanted, bool(cells))
+    if state.best is None:
+        click.get_current_context().exit(NOTHING_FOUND)
+
+
+def _seen(state: "Search") -> Any:
+    """The best point as the search saw it, beside the others of the picture."""
+    best = state.best
+    return None if best is None else next(one for one in state.tried if one.point == best.point)
+
+
+def _read(place: Path | None, overrides: dict[str, object]) -> tuple[dict[str, Any], "Config"]:
+    """The values of the file, with what was given beside it, and the configuration that they make with its pace."""
+    from hil_bridge.runs.pace import paced
+    from hil_bridge.settings.configuration import lay_over, load_config, read_values
+
+    values = read_values(place) if place is not None else {}
+    lay_over(values, overrides)
+    config = paced(load_config(place, overrides))
+    if config.robot.url or config.sensor.url:
+        raise ConfigError(
+            "robot.url and sensor.url: a search runs against the emulated cell alone; leave them empty"
+        )
+    return values, config
+
+
+def _runs(wanted: "Wanted", cells: int) -> int:
+    """Runs of the search and of the validation, at most."""
+    return wanted.budget + cells * 2 * len(wanted.fresh)
+
+
+def _validated(state: "Search", cells: Sequence[tuple[str, "Config"]], runs: "Runs") -> "list[Comparison]":
+    from hil_bridge.tuning.preparing import compared
+
+    if state.best is None:
+        return []
+    return [compared(name, config, state, runs) for name, config in cells]
+
+
+def _tell_comparisons(comparisons: "Sequence[Comparison]", wanted: "Wanted", validated: bool) -> None:
+    from hil_bridge.tuning.comparing import sentence
+    from hil_bridge.tuning.comparing import told as told_comparison
+    from hil_bridge.tuning.evaluating import SCALES
+
+    shown = [
+        *wanted.weights,
+        *(name for name in ("rise_s", "overshoot_percent", "rms_error_n") if name in SCALES),
+    ]
+    for one in comparisons:
+        tell(["", *told_comparison(one, [*dict.fromkeys(shown), "force_true_max_n"])])
+    if validated and len(comparisons) > 1:
+        tell(["", f"In cells that it was not tuned on, {sentence(comparisons[1:])}."])
+
+
+def _progress(total: int) -> Any:
+    """A bar with rate and time left on a terminal; gives what is called for each run."""
+    from contextlib import contextmanager
+
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    @contextmanager
+    def bar() -> Any:
+        console = Console(stderr=True)
+        columns = (
+            TextColumn("runs"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TextColumn("{task.fields[rate]}"),
+            TimeRemainingColumn(),
+        )
+        with Progress(*columns, console=console, disable=not console.is_terminal) as progress:
+            number = progress.add_task("runs", total=total, rate="")
+            task = progress.tasks[0]
+
+            def advance() -> None:
+                seconds = task.elapsed or 0.0
+                rate = f"{(task.completed + 1) / seconds:.1f} runs/s" if seconds else ""
+                progress.update(number, advance=1, rate=rate)
+
+            yield advance
+
+    return bar()

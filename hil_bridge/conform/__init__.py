@@ -1,0 +1,1 @@
+"""Judges of robot clients in any language, by what an emulated robot saw of them."""

@@ -1,0 +1,64 @@
+"""Single keys of the terminal that a run was started from, without Enter.
+
+Keys that send signals, as Ctrl-C, go on doing so. Source: Linux, termios(3): ICANON and ECHO off, ISIG on.
+"""
+
+import os
+import select
+import sys
+import termios
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+
+_CLOSE_SECONDS = 0.5
+"""Longest wait for the thread's end. Chosen: it wakes at once."""
+
+
+def can_be_heard() -> bool:
+    """Whether standard input is the terminal of this process, which must be in the foreground to change it."""
+    try:
+        return sys.stdin.isatty() and os.tcgetpgrp(sys.stdin.fileno()) == os.getpgrp()
+    except (AttributeError, OSError, ValueError):  # no standard input, or a closed one
+        return False
+
+
+@contextmanager
+def heard(react: Callable[[str], object]) -> Iterator[None]:
+    """Inside, `react` is called with each key, in a thread of its own; then the terminal is what it was."""
+    if not can_be_heard():
+        yield
+        return
+    source = sys.stdin.fileno()
+    before = termios.tcgetattr(source)
+    single = termios.tcgetattr(source)
+    single[3] &= ~(termios.ICANON | termios.ECHO)
+    woken, wake = os.pipe()
+    thread = threading.Thread(target=_read, args=(source, woken, react), name="keys", daemon=True)
+    try:
+        termios.tcsetattr(source, termios.TCSADRAIN, single)
+        thread.start()
+        yield
+    finally:
+        os.close(wake)
+        thread.join(_CLOSE_SECONDS)
+        if not thread.is_alive():
+            os.close(woken)
+        with suppress(OSError, termios.error):  # a terminal that is gone
+            termios.tcsetattr(source, termios.TCSANOW, before)
+
+
+def _read(source: int, woken: int, react: Callable[[str], object]) -> None:
+    """Hand on what is typed, until the other end of `woken` is closed or the terminal is gone."""
+    while True:
+        ready, _, _ = select.select([source, woken], [], [])
+        if woken in ready:
+            return
+        try:
+            typed = os.read(source, 64)
+        except OSError:
+            return
+        if not typed:
+            return
+        for key in typed.decode("ascii", "ignore"):
+            react(key)

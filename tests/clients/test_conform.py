@@ -1,0 +1,201 @@
+"""`hil-bridge conform` with clients in processes of their own: ur_rtde unmodified, and clients with mistakes."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import pytest
+
+from hil_bridge.conform.client import ProcessClient
+from hil_bridge.conform.scenarios import Rules
+from hil_bridge.conform.stage import Played, Trial, chosen
+from hil_bridge.conform.trying import play_all, usual_port
+from hil_bridge.errors import ConfigError
+from hil_bridge.settings.configuration import load_config
+
+pytestmark = pytest.mark.live
+
+UR_RTDE = "ur_rtde==1.6.5"
+OURS = Path(__file__).with_name("rtde_clients.py")
+SHORT = ("after_s=0.2", "watch_s=0.8", "react_s=0.3", "start_s=10", "run_s=0.6", "end_s=1")
+PATIENCE_S = 60
+
+
+def conform(*arguments: str) -> "subprocess.Popen[str]":
+    rules = [word for rule in SHORT for word in ("--set", rule)]
+    command = [sys.executable, "-m", "hil_bridge", "conform", "rtde", *rules, *arguments]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+def judged(tmp_path: Path, *arguments: str) -> tuple[int, dict[str, Any], str]:
+    """Exit code, scenarios by name, standard output."""
+    place = tmp_path / "verdicts.json"
+    process = conform("--json", str(place), *arguments)
+    output, errors = process.communicate(timeout=PATIENCE_S)
+    assert place.exists(), errors
+    found = json.loads(place.read_text(encoding="utf-8"))
+    return process.returncode, {one["name"]: one for one in found["scenarios"]}, output
+
+
+def played(
+    command: list[str], names: list[str], listen: str | None = None, **rules: Any
+) -> dict[str, Played]:
+    """The same in this process, which saves its start."""
+    config = load_config(None, {"robot.emulated": "rtde"})
+    asked = Rules(**{"after_s": 0.2, "watch_s": 0.8, "react_s": 0.3, "run_s": 0.6, "end_s": 0.5, **rules})
+    trial = Trial(config, usual_port(config, listen, command), asked, lambda: ProcessClient(command))
+    return {one.name: one for one in play_all(trial, chosen(trial, names), print)}
+
+
+SERVO = """
+import math, os, sys
+from rtde_control import RTDEControlInterface
+from rtde_receive import RTDEReceiveInterface
+
+host = os.environ["HIL_BRIDGE_HOST"]
+receive = RTDEReceiveInterface(host)
+control = RTDEControlInterface(host)
+start = receive.getActualTCPPose()
+for k in range(500):
+    if receive.isProtectiveStopped() or receive.isEmergencyStopped():
+        sys.exit("the robot has stopped")
+    period = control.initPeriod()
+    target = list(start)
+    target[2] -= 0.01 * (1 - math.cos(2 * math.pi * k / 500))
+    if not control.servoL(target, 0, 0, 0.002, 0.1, 300):
+        sys.exit("the robot does not take the pose")
+    control.waitPeriod(period)
+control.servoStop()
+control.disconnect()
+receive.disconnect()
+"""
+
+
+def test_ur_rtde_passes(client_python: Callable[..., Path]) -> None:
+    rules = {"run_s": 8.0, "start_s": 5.0, "react_s": 1.0, "watch_s": 1.3, "end_s": 3.0}
+    python = str(client_python(UR_RTDE))
+    names = ["nominal", "late", "refused", "stopped", "cut"]
+    found = played([python, "-c", SERVO], names, listen="rtde+tcp-listen://127.0.0.31", **rules)
+    assert {name: (one.verdict.outcome.value, one.verdict.reason) for name, one in found.items()} == {
+        name: ("passed", one.verdict.reason) for name, one in found.items()
+    }
+    assert [*found] == names
+    nominal, stopped = found["nominal"].seen, found["stopped"].seen
+    assert 0.01 < nominal.moved_m < 0.022  # a busy machine leaves out some of the way
+    assert nominal.orders == nominal.taken == 500
+    assert stopped.orders > 20
+    assert stopped.after_stop == 0
+
+
+RUNAWAY = """
+import os, time
+from rtde_control import RTDEControlInterface
+
+control = RTDEControlInterface(os.environ["HIL_BRIDGE_HOST"])
+control.speedL([0, 0, -0.01, 0, 0, 0], 0.5)
+time.sleep(0.3)
+os._exit(0)
+"""
+
+
+def test_ur_rtde_that_leaves_the_tool_moving_is_found(client_python: Callable[..., Path]) -> None:
+    python = str(client_python(UR_RTDE))
+    found = played(
+        [python, "-c", RUNAWAY], ["nominal"], listen="rtde+tcp-listen://127.0.0.32", stand_s=0.5, start_s=10.0
+    )
+    assert found["nominal"].verdict.outcome == "failed"
+    assert found["nominal"].verdict.reason.startswith("left the tool moving at ")
+    assert found["nominal"].seen.left_m_s == pytest.approx(0.01, abs=2e-3)
+
+
+def mistaken(mistake: str) -> list[str]:
+    return [sys.executable, str(OURS), mistake]
+
+
+def test_a_client_that_keeps_sending_after_a_protective_stop_is_found(tmp_path: Path) -> None:
+    junit = tmp_path / "junit.xml"
+    scenarios = ("--only", "nominal", "--only", "stopped", "--junit", str(junit))
+    code, found, output = judged(tmp_path, *scenarios, "--", *mistaken("stubborn"))
+    assert code == 4
+    assert found["nominal"]["outcome"] == "passed", output
+    stopped = found["stopped"]
+    assert stopped["outcome"] == "failed"
+    assert "orders of motion after the stop" in stopped["reason"]
+    assert stopped["reason"] in output
+    assert stopped["evidence"]["after_stop"] > 10
+    assert stopped["evidence"]["last_motion_s"] == pytest.approx(0.8, abs=0.3)
+    failure = ElementTree.parse(junit).getroot().find(".//testcase[@name='stopped']/failure")
+    assert failure is not None
+    assert failure.get("message") == stopped["reason"]
+
+
+@pytest.mark.parametrize(
+    ("mistake", "words"),
+    [
+        ("crash", "failed by itself: ended by itself after 0."),
+        ("garbage", "what the robot cannot read"),
+        ("deaf", "did not end within 0.5 s of being told to, and was killed"),
+        ("leap", "of its orders leap, by up to 200."),
+    ],
+)
+def test_a_mistake_is_named(mistake: str, words: str) -> None:
+    start_s = 3.0 if mistake == "garbage" else 10.0  # it is waited for to the end
+    (one,) = played(mistaken(mistake), ["nominal"], start_s=start_s).values()
+    assert one.verdict.outcome == "failed"
+    assert words in one.verdict.reason
+    if mistake == "crash":
+        assert one.verdict.reason.endswith("by SIGSEGV")
+    if mistake == "deaf":
+        assert "this client does not want to end" in one.output
+
+
+def test_a_client_that_never_comes_fails_once_and_the_rest_is_skipped() -> None:
+    found = played(["sleep", "60"], [], start_s=0.3)
+    assert found["nominal"].verdict.reason == "never came to the robot: nothing in 0.3 s"
+    assert [one.verdict.outcome for one in found.values()] == ["failed", *["skipped"] * 5]
+
+
+def test_a_client_that_declares_to_come_back_and_does_not_is_found() -> None:
+    """Ours has no mind for it: the watchdog has stopped its program, and it does not bring it again."""
+    found = played(mistaken("none"), ["cut"], comes_back=True, cut_s=0.3, back_s=0.5)
+    assert found["cut"].verdict.outcome == "failed"
+    assert found["cut"].verdict.reason.startswith("did not come back within 0.5 s, as it declares")
+
+
+def test_a_command_that_is_not_there_is_wrong_input() -> None:
+    with pytest.raises(ConfigError, match=r"cannot start .*: No such file or directory"):
+        played(["./no-such-client"], ["nominal"])
+
+
+def test_ctrl_c_leaves_nothing_running(tmp_path: Path) -> None:
+    told = tmp_path / "pid"
+    script = f"sleep 61 & echo $! > {told}.new; mv {told}.new {told}; wait"
+    process = conform("--set", "start_s=30", "--", "sh", "-c", script)
+    for _ in range(1000):
+        if told.exists():
+            break
+        time.sleep(0.01)
+    grandchild = int(told.read_text(encoding="ascii"))
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 130, errors
+    for _ in range(200):
+        if not alive(grandchild):
+            return
+        time.sleep(0.01)
+    raise AssertionError(f"{grandchild} is still running")
+
+
+def alive(number: int) -> bool:
+    try:
+        os.kill(number, 0)
+        return Path(f"/proc/{number}/stat").read_text(encoding="ascii").split(")")[1].split()[0] != "Z"
+    except (ProcessLookupError, FileNotFoundError):
+        return False

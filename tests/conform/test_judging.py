@@ -1,0 +1,214 @@
+"""Verdicts on evidence, without a robot and without a client."""
+
+import json
+from dataclasses import replace
+from xml.etree import ElementTree
+
+import pytest
+
+from emulators.orders import Act, HeardOrder, Hindrance
+from hil_bridge.conform.client import Where
+from hil_bridge.conform.judging import Outcome, Verdict, judge
+from hil_bridge.conform.reports import as_json, as_junit, table, totals
+from hil_bridge.conform.rules import read_rules
+from hil_bridge.conform.scenarios import Rules
+from hil_bridge.conform.stage import Played
+from hil_bridge.conform.watching import Seen, Watch
+from hil_bridge.errors import ConfigError
+
+RULES = Rules()
+WELL = Seen(
+    contact_at=0.1,
+    orders=50,
+    taken=50,
+    first_order_at=0.2,
+    moved_at=0.3,
+    moved_m=0.01,
+    exit_code=0,
+    ended_at=2.0,
+)
+STOPPED = replace(WELL, fault_at=1.0, told_to_end=True, exit_code=-15)
+
+
+@pytest.mark.parametrize(
+    ("scenario", "seen", "words"),
+    [
+        ("nominal", replace(WELL, contact_at=None, moved_at=None, exit_code=1), "never came to the robot: ended by"),
+        ("nominal", replace(WELL, exit_code=3), "failed by itself: ended by itself after 2.0 s, exit code 3"),
+        ("nominal", replace(WELL, exit_code=-11), "by SIGSEGV"),
+        ("nominal", replace(WELL, unreadable=1, first_unreadable="a Q"), "sent once what the robot cannot read"),
+        ("nominal", replace(WELL, moved_at=None, orders=0), "it ordered no motion"),
+        ("nominal", replace(WELL, moved_at=None), "none of its 50 orders moved the tool"),
+        ("nominal", replace(WELL, hindrance="joint too fast"), "the robot stopped: joint too fast"),
+        ("nominal", replace(WELL, left_m_s=0.02), "left the tool moving at 20.0 mm/s"),
+        ("nominal", replace(WELL, killed=True, exit_code=None), "was killed"),
+        ("nominal", replace(WELL, leaps=2, largest_step_m=0.3), "2 of its orders leap, by up to 300.0 mm"),
+        ("late", replace(STOPPED, own_stop="too fast"), "its orders stopped the robot: too fast"),
+        ("refused", replace(WELL, after_stop=7), "sent 7 orders of motion to a robot that could not move"),
+        ("refused", replace(WELL, moved_m=0.002), "the tool moved by 2.0 mm"),
+        ("stopped", replace(STOPPED, after_stop=7, last_motion_s=1.9), "sent 7 orders of motion after the stop"),
+        ("stopped", replace(STOPPED, releases=["dashboard: play"]), "without a person: dashboard: play"),
+        ("emergency", replace(STOPPED, moved_after_m=0.001), "the tool moved by 1.0 mm after the stop"),
+        ("cut", replace(STOPPED, own_stop="sudden"), "its orders stopped the robot: sudden"),
+        ("cut", replace(STOPPED, told_to_end=False, exit_code=-6), "crashed: ended by itself after 2.0 s, by SIGABRT"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_is_named(scenario: str, seen: Seen, words: str) -> None:
+    verdict = judge(scenario, seen, RULES)
+    assert verdict.outcome is Outcome.FAILED
+    assert words in verdict.reason
+
+
+@pytest.mark.parametrize("scenario", ["nominal", "late", "refused", "stopped", "emergency", "cut"])
+def test_a_good_client_passes(scenario: str) -> None:
+    seen = replace(WELL, moved_m=0.0) if scenario == "refused" else WELL if scenario == "nominal" else STOPPED
+    assert judge(scenario, seen, RULES).outcome is Outcome.PASSED
+
+
+def test_rules_of_a_person_and_declarations_are_asked_for() -> None:
+    fast = replace(WELL, fastest_m_s=0.3, largest_step_m=0.002, told_to_end=True)
+    assert judge("nominal", fast, RULES).outcome is Outcome.PASSED
+    assert "the tool went at 300.0 mm/s" in judge("nominal", fast, Rules(max_speed_mm_s=250.0)).reason
+    assert "a step of 2.00 mm" in judge("nominal", fast, Rules(max_step_mm=1.0)).reason
+    assert "did not end by itself" in judge("nominal", fast, Rules(ends=True)).reason
+    assert judge("cut", STOPPED, RULES).outcome is Outcome.PASSED
+    assert "did not come back" in judge("cut", STOPPED, Rules(comes_back=True)).reason
+    assert judge("cut", replace(STOPPED, back_at=3.0), Rules(comes_back=True)).outcome is Outcome.PASSED
+
+
+def test_a_scenario_that_never_came_to_its_fault_is_skipped() -> None:
+    verdict = judge("stopped", WELL, RULES)
+    assert verdict == Verdict(
+        Outcome.SKIPPED, "the client had ended after 2.0 s, before the fault came; let it move longer"
+    )
+    assert judge("stopped", replace(WELL, moved_at=None), RULES).outcome is Outcome.SKIPPED
+
+
+# --- what is seen
+
+
+def order(at: float, z: float, *, taken: bool = True, reach_m: float = 1.0) -> HeardOrder:
+    return HeardOrder(100.0 + at, Act.MOTION, "pose", taken, (0.0, 0.0, z), reach_m=reach_m)
+
+
+def watched(*, from_start: bool = False, stops: bool = True) -> Watch:
+    watch = Watch(100.0, 0.5, stops=stops, from_start=from_start)
+    watch.look(100.0, (0.0, 0.0, 0.0), 0.0, None)
+    return watch
+
+
+def test_orders_that_hold_are_no_motion() -> None:
+    watch = watched()
+    watch.hear(order(0.1, 0.001))
+    watch.seen.fault_at = 1.0
+    for k in range(10):
+        watch.hear(order(2.0 + k, 0.001))
+    assert watch.seen.after_stop == 0
+    watch.hear(order(13.0, 0.002))
+    assert watch.seen.after_stop == 1
+    assert watch.seen.after_stop_step_m == pytest.approx(0.001)
+    assert watch.seen.last_motion_s == pytest.approx(12.0)
+    assert watch.seen.longest_pause_s == pytest.approx(2.0)
+
+
+def test_orders_in_the_time_to_react_are_forgiven() -> None:
+    watch = watched()
+    watch.seen.fault_at = 1.0
+    watch.hear(order(1.4, 0.001))
+    assert watch.seen.after_stop == 0
+    watch.hear(order(1.6, 0.002))
+    assert watch.seen.after_stop == 1
+
+
+def test_speeds_and_strange_programs_behind_a_stop_are_motion() -> None:
+    watch = watched()
+    watch.seen.fault_at = 1.0
+    for moves in (False, True):
+        watch.hear(HeardOrder(102.0, Act.MOTION, "speedL", False, moves=moves))
+        watch.hear(HeardOrder(102.0, Act.PROGRAM, "program x", False, moves=moves))
+    assert watch.seen.after_stop == 2
+
+
+def test_a_robot_that_may_not_move_from_the_start_forgives_some_tries() -> None:
+    watch = watched(from_start=True)
+    for at in (1.0, 1.2, 1.8):
+        watch.hear(order(at, at, taken=False))
+    assert watch.seen.fault_at == pytest.approx(1.0)
+    assert watch.seen.after_stop == 1
+    watch.hear(order(3.0, 3.0, taken=True))  # a person has switched it on
+    assert watch.seen.after_stop == 1
+
+
+def test_leaps_hindrances_and_releases_are_kept() -> None:
+    watch = watched()
+    watch.look(100.1, (0.0, 0.0, 0.0), 0.0, Hindrance("off", False))  # before the client came
+    watch.hear(order(0.2, 0.001, reach_m=0.05))
+    watch.hear(order(0.3, 0.101, reach_m=0.05))
+    watch.look(100.4, (0.0, 0.0, 0.003), 0.1, None)
+    watch.look(100.5, (0.0, 0.0, 0.003), 0.1, Hindrance("sudden change", True))
+    watch.look(100.6, (0.0, 0.0, 0.003), 0.1, Hindrance("off", False))
+    seen = watch.seen
+    assert (seen.leaps, seen.hindrance, seen.own_stop) == (1, "sudden change", "sudden change")
+    assert seen.moved_at == pytest.approx(0.4)
+    watch.hear(HeardOrder(100.7, Act.RELEASE, "unlock", True))
+    assert seen.releases == []
+    seen.fault_at = 0.6
+    for _ in range(20):
+        watch.hear(HeardOrder(100.7, Act.RELEASE, "unlock", True))
+    assert len(seen.releases) == 10
+
+
+def test_a_robot_may_stop_when_its_client_has_gone() -> None:
+    watch = watched()
+    watch.hear(order(0.2, 0.001))
+    watch.seen.told_to_end = True
+    watch.look(100.5, (0.0, 0.0, 0.003), 0.1, Hindrance("silence", False))
+    assert watch.seen.hindrance == ""
+    watch.look(100.6, (0.0, 0.0, 0.003), 0.1, None)
+    watch.look(100.7, (0.0, 0.0, 0.003), 0.1, Hindrance("leap", True))
+    assert watch.seen.own_stop == "leap"
+
+
+# --- what is told
+
+PLAYED = [
+    Played("nominal", Verdict(Outcome.PASSED, "moved"), WELL, "", 2.0),
+    Played("stopped", Verdict(Outcome.FAILED, "sent <7> & more"), STOPPED, "bad \x1b[2J\x00\nlines\n", 3.0),
+    Played("cut", Verdict(Outcome.SKIPPED, "no"), Seen(moved_m=float("nan")), "", 0.0),
+]
+
+
+def test_junit_is_read_as_it_was_meant() -> None:
+    suite = ElementTree.fromstring(as_junit("rtde", PLAYED))[0]
+    assert suite.attrib["tests"] == "3"
+    assert (suite.attrib["failures"], suite.attrib["skipped"]) == ("1", "1")
+    cases = {case.get("name"): case for case in suite}
+    failure = cases["stopped"].find("failure")
+    assert failure is not None
+    assert failure.get("message") == "sent <7> & more"
+    assert cases["stopped"].findtext("system-out") == "bad \ufffd[2J\ufffd\nlines\n"
+    assert cases["cut"].find("skipped") is not None
+    assert cases["nominal"].find("failure") is None
+
+
+def test_json_and_table_tell_the_same() -> None:
+    found = json.loads(as_json("rtde", ["./client"], RULES, PLAYED))
+    assert [one["outcome"] for one in found["scenarios"]] == ["passed", "failed", "skipped"]
+    assert found["scenarios"][1]["evidence"]["fault_at"] == 1.0
+    assert found["scenarios"][2]["evidence"]["moved_m"] is None
+    lines = list(table(PLAYED))
+    assert lines[1].split(maxsplit=2) == ["stopped", "failed", "sent <7> & more"]
+    assert "  bad \ufffd[2J\ufffd" in lines
+    assert totals(PLAYED) == "1 passed, 1 failed, 1 skipped"
+
+
+def test_a_wrong_rule_and_a_wrong_placeholder_are_refused() -> None:
+    assert read_rules(["react_s=0.2"], ends=True) == Rules(react_s=0.2, ends=True)
+    for wrong in ("react_s", "reacts=1", "react_s=x", "react_s=-1", "ends=1"):
+        with pytest.raises(ConfigError, match="--set"):
+            read_rules([wrong])
+    where = Where("rtde+tcp://h:1", {"host": "h", "port": "1"})
+    assert where.filled(["x", "--to={host}:{port}", "{other}"]) == ["x", "--to=h:1", "{other}"]
+    with pytest.raises(ConfigError, match="this wire has none"):
+        where.filled(["{device}"])
+    assert where.environment()["HIL_BRIDGE_HOST"] == "h"

@@ -1,0 +1,95 @@
+"""Scenarios of all kinds of robot in virtual time, with our own links as clients: no process, no port."""
+
+import asyncio
+from dataclasses import dataclass, field
+
+import pytest
+
+from hil_bridge.clock import Clock, run_virtual
+from hil_bridge.conform.client import Where
+from hil_bridge.conform.judging import Outcome
+from hil_bridge.conform.scenarios import SCENARIOS, Rules
+from hil_bridge.conform.stage import Played, Trial, chosen, play
+from hil_bridge.device_log import Silence
+from hil_bridge.errors import BridgeError, ConfigError
+from hil_bridge.robots.seam import MotionLimits
+from hil_bridge.runs.compose import cell_ports, connect_robot
+from hil_bridge.settings.configuration import Config, load_config
+from hil_bridge.wiring import Wiring
+from protocol.geometry import Pose
+
+KINDS = ("s3", "egm", "rtde", "rsi")
+RULES = Rules(run_s=3.0, start_s=12.0, watch_s=1.5, react_s=1.0)
+CALM = MotionLimits(0.02)
+
+
+@dataclass
+class Linked:
+    """A client in this process: a link of ours that goes down step by step, and what it does when that fails."""
+
+    config: Config
+    stubborn: bool = False
+    output: str = ""
+    _task: "asyncio.Task[None] | None" = field(default=None, init=False)
+
+    def start(self, where: Where) -> None:
+        self._task = asyncio.get_running_loop().create_task(self._go(where.url))
+
+    async def _go(self, url: str) -> None:
+        clock = Clock.running()
+        robot = await connect_robot(self.config, url, Wiring("robot", clock, Silence()))
+        try:
+            robot.start()
+            (x, y, z), quaternion = (await robot.ready()).pose
+            async with robot.motion(CALM) as motion:
+                for step in range(1000):
+                    await motion.to(Pose((x, y, z - 1e-4 * step), quaternion))
+                    await clock.sleep_until(clock.now() + 0.02)
+                    await robot.report()
+        finally:
+            await robot.aclose()
+
+    def poll(self) -> int | None:
+        if self._task is None or not self._task.done():
+            return None
+        if self._task.cancelled():
+            return -15
+        return 1 if isinstance(self._task.exception(), BridgeError) else -6
+
+    def ask_to_end(self) -> None:
+        assert self._task is not None
+        self._task.cancel()
+
+    def kill(self) -> None:
+        if self._task is not None:
+            self._task.cancel()
+
+
+def trial(kind: str) -> Trial:
+    config = load_config(None, {"robot.emulated": kind})
+    port = cell_ports(config, virtual=True).robot
+    assert port is not None
+    return Trial(config, port, RULES, lambda: Linked(config))
+
+
+def played(kind: str, scenario: str) -> Played:
+    async def main() -> Played:
+        one = await play(scenario, trial(kind))
+        await asyncio.sleep(1.0)  # a task that was told to end does so
+        return one
+
+    return run_virtual(main)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("scenario", [*SCENARIOS])
+def test_our_own_link_passes(kind: str, scenario: str) -> None:
+    if (kind, scenario) == ("rsi", "emergency"):
+        with pytest.raises(ConfigError, match="no scenario 'emergency' for rsi"):
+            chosen(trial(kind), [scenario])
+        return
+    one = played(kind, scenario)
+    assert one.verdict.outcome is Outcome.PASSED, one.verdict.reason
+    if scenario != "refused":
+        assert one.seen.moved_m > 0.5e-3
+        assert one.seen.taken > 5

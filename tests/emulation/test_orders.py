@@ -1,0 +1,159 @@
+"""What emulated robots tell of the orders that they hear, taken or not."""
+
+import math
+from collections.abc import Callable
+from typing import Literal
+
+import pytest
+
+from emulators.egm import EgmController, EgmProfile
+from emulators.faults import Ledger
+from emulators.orders import Act, HeardOrder, TellingRobot
+from emulators.rsi import RSI_FAULTS, RsiController, RsiProfile
+from emulators.rtde import RTDE_FAULTS, RtdeProfile, RtdeRobot, Server
+from emulators.seams import StartPose
+from protocol.egm import SensorMessage, encode_answer, to_wire
+from protocol.geometry import Pose
+from protocol.rsi import SENSOR, Telegram, encode
+from protocol.rtde.fields import Recipe
+from protocol.rtde.packets import Kind, Types, inputs_request, types_answer
+from protocol.rtde.program import INPUT_NAMES, Command, program_text
+from protocol.rtde.wires import Port
+
+START = StartPose((0.9, -0.1, 0.6), (0.0, 1.0, 0.0, 0.0), 0.2)
+T0 = 100.0
+
+
+def listening(robot: TellingRobot) -> list[HeardOrder]:
+    assert isinstance(robot, TellingRobot)
+    heard: list[HeardOrder] = []
+    robot.orders.listener = heard.append
+    return heard
+
+
+# --- RTDE
+
+UR_TARGET = (*(f"input_double_register_{number}" for number in range(11)), "input_int_register_0")
+
+
+class Ur:
+    """An emulated controller, a connection to its RTDE port with one input recipe, and its script port."""
+
+    def __init__(self, names: tuple[str, ...], types: tuple[str, ...]) -> None:
+        self.robot = RtdeRobot(RtdeProfile(), START, T0, 7)
+        self.heard = listening(self.robot)
+        self.rtde, self.script, self.dashboard = (
+            self.door(port) for port in (Port.RTDE, Port.SCRIPT, Port.DASHBOARD)
+        )
+        self.recipe = Recipe(1, names, types)
+        self.now = T0
+        self.rtde.receive(inputs_request(names), T0)
+        assert self.rtde.data_to_send(T0) == types_answer(Kind.INPUTS, Types(1, types))
+
+    def door(self, port: Port) -> Server:
+        server = self.robot.connect(port, T0)
+        assert server is not None
+        return server
+
+    def write(self, *values: float) -> HeardOrder:
+        self.now += 0.1
+        self.rtde.receive(self.recipe.pack(*values), self.now)
+        return self.heard[-1]
+
+    def upload(self, text: str) -> HeardOrder:
+        self.script.receive(text.encode(), self.now)
+        order = self.heard[-1]
+        self.now += 0.2
+        self.robot.controller.advance(self.now)
+        return order
+
+    def inject(self, fault: str) -> None:
+        ledger = Ledger(RTDE_FAULTS)
+        ledger.attach("robot", self.robot.handlers["robot"])
+        ledger.inject("robot", fault, self.now, {})
+
+
+def test_servo_poses_of_our_program_are_told_also_behind_a_stop() -> None:
+    ur = Ur(INPUT_NAMES, (*("DOUBLE",) * 9, "INT32", "INT32"))
+    assert [order.act for order in ur.heard] == [Act.CONTACT] * 3
+    program = ur.upload(program_text(50, 1.0, 2.0, 0.03) + "\n")
+    assert (program.act, program.taken, program.moves) == (Act.PROGRAM, True, False)
+    pose = (0.9, -0.1, 0.599, math.pi, 0.0, 0.0)
+    order = ur.write(*pose, 0.002, 0.1, 300.0, Command.SERVO, 1)
+    assert (order.act, order.taken) == (Act.MOTION, True)
+    assert order.position == pytest.approx(pose[:3])
+    assert order.reach_m == pytest.approx(0.05)
+    assert ur.robot.hindrance(ur.now) is None
+    ur.inject("protective-stop")
+    hindrance = ur.robot.hindrance(ur.now)
+    assert hindrance is not None
+    assert not hindrance.by_order
+    assert not ur.write(*pose, 0.002, 0.1, 300.0, Command.SERVO, 2).taken
+    count = len(ur.heard)
+    ur.write(*pose, 0.002, 0.1, 300.0, Command.IDLE, 2)
+    assert len(ur.heard) == count
+
+
+def test_commands_of_ur_rtde_are_told() -> None:
+    ur = Ur(UR_TARGET, (*("DOUBLE",) * 11, "INT32"))
+    ur.upload("def rtde_control():\n  sync()\nend\n")
+    servo = ur.write(0.9, -0.1, 0.599, math.pi, 0.0, 0.0, 0.0, 0.0, 0.002, 0.1, 300.0, 24)
+    assert (servo.words, servo.taken) == ("servoL to a pose", True)
+    assert servo.position == pytest.approx((0.9, -0.1, 0.599))
+    speed = ur.write(*(0.0,) * 11, 10)
+    assert (speed.words, speed.position, speed.moves) == ("speedL", None, False)
+    count = len(ur.heard)
+    ur.write(*(0.0,) * 11, 16)  # servoStop
+    assert len(ur.heard) == count
+
+
+def test_a_strange_program_and_a_release_are_told() -> None:
+    ur = Ur(("input_int_register_0",), ("INT32",))
+    assert ur.upload("def mine():\n  movej(q)\nend\n").moves
+    ur.inject("protective-stop")
+    assert not ur.upload("def mine():\n  movej(q)\nend\n").taken
+    ur.dashboard.receive(b"unlock protective stop\n", ur.now)
+    assert (ur.heard[-1].act, ur.heard[-1].words) == (Act.RELEASE, "dashboard: unlock protective stop")
+    ur.rtde.receive(b"\x00\x05\xff\r\n", ur.now)
+    assert ur.heard[-1].act is Act.UNREADABLE
+
+
+# --- EGM and RSI
+
+
+def test_egm_tells_poses_speeds_and_what_it_cannot_read() -> None:
+    robot = EgmController(EgmProfile(), START, T0, 7)
+    heard = listening(robot)
+    robot.handle_deadline(T0 + 0.1)
+    place = Pose((0.9, -0.1, 0.59), START.quaternion)
+    robot.receive([encode_answer(SensorMessage(1, 5, to_wire(place)))], T0 + 0.1)
+    robot.receive([encode_answer(SensorMessage(2, 5, speed=(0.0, 0.0, 3.0)))], T0 + 0.1)
+    robot.receive([encode_answer(SensorMessage(3, 5, speed=(0.0, 0.0, 0.0)))], T0 + 0.1)
+    robot.receive([b"\xff"], T0 + 0.1)
+    assert [(order.act, order.moves) for order in heard] == [
+        (Act.MOTION, True), (Act.MOTION, True), (Act.MOTION, False), (Act.UNREADABLE, True)
+    ]  # fmt: skip
+    assert heard[0].position == pytest.approx(place.position)
+    robot.handle_deadline(T0 + 2.0)  # its time-out
+    assert robot.hindrance(T0 + 2.0) is not None
+    robot.receive([encode_answer(SensorMessage(9, 5, to_wire(place)))], T0 + 2.0)
+    assert not heard[-1].taken
+
+
+@pytest.mark.parametrize(("mode", "second"), [("relative", 0.6 - 2e-4), ("absolute", 0.6 - 1e-4)])
+def test_rsi_tells_the_sum_of_what_was_ordered(mode: Literal["relative", "absolute"], second: float) -> None:
+    robot = RsiController(RsiProfile(mode=mode), START, T0)
+    heard = listening(robot)
+    answer: Callable[[float], bytes] = lambda z: encode(  # noqa: E731
+        Telegram(SENSOR, RsiProfile().sentype, {"RKorr.X": "0", "RKorr.Y": "0", "RKorr.Z": f"{z}"}, 1)
+    )
+    ledger = Ledger(RSI_FAULTS)
+    ledger.attach("robot", robot.handlers["robot"])
+    ledger.inject("robot", "emergency-stop", T0, {})
+    robot.receive([answer(-0.1), answer(-0.1), b"<Sen"], T0)
+    assert [order.act for order in heard] == [Act.MOTION, Act.MOTION, Act.UNREADABLE]
+    assert heard[1].position == pytest.approx((0.9, -0.1, second))
+    assert not heard[1].taken
+    hindrance = robot.hindrance(T0)
+    assert hindrance is not None
+    assert not hindrance.by_order

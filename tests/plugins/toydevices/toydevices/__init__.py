@@ -1,1 +1,0 @@
-"""Three toys that know hil-bridge by its seams alone."""

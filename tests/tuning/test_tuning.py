@@ -1,0 +1,273 @@
+"""Tuning without runs: the space, the scores, the search on a function, the front, comparisons, files."""
+
+import json
+import tomllib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hil_bridge.campaign.criteria import Figures
+from hil_bridge.control.controllers import CONTROLLERS
+from hil_bridge.control.types import Range
+from hil_bridge.errors import ConfigError
+from hil_bridge.settings.configuration import Config, load_config
+from hil_bridge.tuning.comparing import Comparison, Finding, sentence, told
+from hil_bridge.tuning.evaluating import Goal, Job, Worth, scales_of, worth
+from hil_bridge.tuning.front import front, picture
+from hil_bridge.tuning.preparing import axes_of, others, tuned_file, wanted_of
+from hil_bridge.tuning.reporting import as_json, chosen, fresh_comparison
+from hil_bridge.tuning.searching import Search, Wanted, begin, search
+from hil_bridge.tuning.space import space_of
+from hil_bridge.tuning.writing import toml
+
+EXAMPLES = Path(__file__).parents[2] / "examples" / "tuning"
+
+
+def pi(**parameters: float) -> Config:
+    return load_config(None, {"controller.name": "pi", "controller.parameters": parameters})
+
+
+# --- the space
+
+
+def test_each_controller_of_ours_declares_bounds_around_its_defaults() -> None:
+    for name in CONTROLLERS:
+        space = space_of(load_config(None, {"controller.name": name}), ())
+        assert space.parameters, name
+        for parameter in space.parameters:
+            assert parameter.default is not None
+            assert parameter.range.low <= parameter.default <= parameter.range.high, (name, parameter.name)
+
+
+def test_a_person_gives_bounds_and_chooses_among_the_declared_ones() -> None:
+    space = space_of(pi(integral=0.3), ["integral=0.1:1:log", "proportional", "resolution_mm=0.1:0.2"])
+    assert space.names == ("integral", "proportional", "resolution_mm")
+    assert [one.range for one in space.parameters] == [
+        Range(0.1, 1.0, True),
+        Range(0.0, 1.0),
+        Range(0.1, 0.2),
+    ]
+    assert space.start == (0.3, 0.2, 0.125)
+    low, high = (space.point([bound[end] for bound in space.bounds]) for end in (0, 1))
+    assert low == (0.1, 0.0, 0.1)
+    assert high == (1.0, 1.0, 0.2)
+
+
+def test_whole_numbers_stay_whole() -> None:
+    space = space_of(load_config(None, {"controller.name": "predictive"}), ["window"])
+    assert space.parameters[0].whole
+    assert space.table(space.point([7.4])) == {"window": 7}
+
+
+@pytest.mark.parametrize(
+    ("vary", "words"),
+    [
+        ("gain=0:1", "pi has no parameter 'gain'"),
+        ("tuned_at_n_m", "pi declares no bounds of it; write tuned_at_n_m=LOW:HIGH"),
+        ("integral=1", "write NAME=LOW:HIGH"),
+        ("integral=0.1:x", "write NAME=LOW:HIGH"),
+        ("integral=1:0.1", "the bounds 1:0.1 are no range"),
+        ("integral=0:1:log", "bounds by factors must be above 0"),
+        ("integral=0:1:lin", "write NAME=LOW:HIGH"),
+    ],
+)
+def test_wrong_bounds_are_refused(vary: str, words: str) -> None:
+    with pytest.raises(ConfigError, match=words):
+        space_of(pi(), [vary])
+
+
+# --- scores
+
+GOAL = Goal({"rise_s": 1.0, "overshoot_percent": 1.0}, 20.0, {"rise_s": 2.0, "overshoot_percent": 5.0})
+
+
+def ended(
+    rise_s: float | None, overshoot: float = 5.0, outcome: str = "completed", force: float = 11.0
+) -> Figures:
+    return {"outcome": outcome, "rise_s": rise_s, "overshoot_percent": overshoot, "force_true_max_n": force}
+
+
+def test_defaults_score_one_and_failed_runs_score_above_all() -> None:
+    assert GOAL.score(ended(2.0)) == pytest.approx(1.0)
+    assert worth(GOAL, (), [ended(2.0), ended(2.0)]).score == pytest.approx(1.0)
+    one, two = (worth(GOAL, (), [ended(1.0), *[ended(1.0, outcome="stopped")] * k]) for k in (1, 2))
+    assert not one.feasible
+    assert 1e3 < one.score < two.score
+    assert GOAL.failure(ended(1.0, force=20.1)) == "a true force of 20.1 N"
+    assert GOAL.failure(ended(None)) == "no rise_s"
+    assert GOAL.failure(ended(1.0, outcome="stopped")) == "stopped"
+
+
+def test_luck_with_a_seed_is_no_merit() -> None:
+    steady = worth(GOAL, (), [ended(1.0), ended(1.0)])
+    lucky = worth(GOAL, (), [ended(0.5), ended(1.5)])
+    assert steady.mean("rise_s") == lucky.mean("rise_s")
+    assert steady.score < lucky.score
+
+
+def test_scales_have_a_floor() -> None:
+    assert scales_of({"rise_s": 1.0, "overshoot_percent": 1.0}, [ended(2.0, 0.0)]) == {
+        "rise_s": 2.0,
+        "overshoot_percent": 1.0,
+    }
+
+
+# --- the search
+
+
+def bowl(jobs: Sequence[Job]) -> list[Figures]:
+    """Figures of runs that nobody made: best at integral = 0.9, forbidden above 1.2, with noise by the seed."""
+    found = []
+    for job in jobs:
+        integral = json.loads(job.parameters).get("integral", 0.4)
+        rise = 1.0 + (integral - 0.9) ** 2 + 0.01 * (job.seed % 3)
+        found.append(ended(rise, outcome="stopped" if integral > 1.2 else "completed"))
+    return found
+
+
+def wanted(budget: int = 150) -> Wanted:
+    return wanted_of(pi(), ["integral"], ["rise_s"], 20.0, (1, 2), budget)
+
+
+def searched(budget: int = 150) -> Search:
+    state = begin(pi(), wanted(budget), bowl)
+    search(state, bowl)
+    return state
+
+
+def test_the_search_finds_the_best_and_stays_within_its_budget() -> None:
+    runs = 0
+
+    def counted(jobs: Sequence[Job]) -> list[Figures]:
+        nonlocal runs
+        runs += len(jobs)
+        return bowl(jobs)
+
+    state = begin(pi(), wanted(), counted)
+    search(state, counted)
+    assert runs <= 150
+    assert state.best is not None
+    assert state.best.point[0] == pytest.approx(0.9, abs=0.05)
+    assert any(not one.feasible for one in state.tried)
+    comparison = fresh_comparison(state)
+    assert comparison is not None
+    assert comparison.finding is Finding.BETTER
+    assert not {*state.wanted.seeds} & {*state.wanted.fresh}
+    assert [one.point for one in searched().tried] == [one.point for one in state.tried]
+
+
+def test_a_budget_that_makes_no_search_is_refused_before_the_first_run() -> None:
+    with pytest.raises(ConfigError, match=r"--budget 20: with 2 seeds a search takes 28 runs or more"):
+        wanted(20)
+
+
+def test_where_every_point_fails_there_is_no_best() -> None:
+    def fails(jobs: Sequence[Job]) -> list[Figures]:
+        return [ended(1.0, outcome="stopped" if json.loads(job.parameters) else "completed") for job in jobs]
+
+    state = begin(pi(), wanted(40), fails)
+    search(state, fails)
+    assert state.best is None
+    assert "no point met the constraints with every seed" in list(chosen(state))
+
+
+def test_an_interrupted_search_has_its_best_so_far() -> None:
+    calls = 0
+
+    def interrupted(jobs: Sequence[Job]) -> list[Figures]:
+        nonlocal calls
+        calls += 1
+        if calls == 4:
+            raise KeyboardInterrupt
+        return bowl(jobs)
+
+    state = begin(pi(), wanted(), interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        search(state, interrupted)
+    assert state.best is not None
+    text = tuned_file({}, pi(), state, None)
+    assert "interrupted: this point has not met fresh seeds" in text
+    assert tomllib.loads(text)["controller"]["parameters"]["integral"] == state.best.point[0]
+
+
+# --- what is made of it
+
+
+def point(x: float, y: float, outcome: str = "completed") -> Worth:
+    return worth(GOAL, (x, y), [ended(x, y, outcome)])
+
+
+def test_the_front_holds_the_points_that_nothing_beats() -> None:
+    tried = [point(1, 9), point(2, 5), point(3, 6), point(4, 1), point(0.1, 0.1, "stopped")]
+    assert [one.point for one in front(tried, "rise_s", "overshoot_percent")] == [(1, 9), (2, 5), (4, 1)]
+    axes = ("rise_s", "overshoot_percent")
+    svg = picture(tried, tried[0], tried[1], axes, "svg")
+    assert svg == picture(tried, tried[0], tried[1], axes, "svg")
+    assert b"<svg" in svg
+
+
+@pytest.mark.parametrize(
+    ("tuned", "defaults", "finding"),
+    [
+        ([1.0, 1.1, 1.2], [2.0, 2.1, 2.2], Finding.BETTER),
+        ([2.0, 2.1, 2.2], [1.0, 1.1, 1.2], Finding.WORSE),
+        ([1.0, 2.0, 3.0], [2.0, 1.0, 3.1], Finding.ALIKE),
+        ([1.0, None, 1.0], [2.0, 2.0, 2.0], Finding.FAILS),
+        ([1.0, 1.0, 1.0], [None, 2.0, 2.0], Finding.SAVES),
+        ([None, 1.0, 1.0], [None, 2.0, 2.0], Finding.NEITHER),
+        ([None, None, 1.0], [None, 2.0, 2.0], Finding.MORE),
+        ([None, 1.0, 1.0], [None, None, 2.0], Finding.LESS),
+    ],
+)
+def test_a_difference_counts_where_the_seeds_can_tell(
+    tuned: list[Any], defaults: list[Any], finding: Finding
+) -> None:
+    one, two = (worth(GOAL, (), [ended(rise) for rise in rises]) for rises in (tuned, defaults))
+    comparison = Comparison("hard", one, two)
+    assert comparison.finding is finding
+    assert f"hard, 3 seeds: {finding}" in next(iter(told(comparison, ["rise_s"])))
+    better = finding in (Finding.BETTER, Finding.SAVES)
+    assert sentence([comparison]).startswith(
+        "the tuned parameters beat the defaults: better in 1 of 1" if better
+        else "the tuned parameters do NOT beat the defaults everywhere: better in 0 of 1"
+    )  # fmt: skip
+
+
+def test_the_file_is_read_back_as_it_was_meant(tmp_path: Path) -> None:
+    state = searched()
+    values = {"run": {"duration_s": 3.0}, "cell": {"surface": {"stiffness_n_m": 2000.0}}, "faults": []}
+    place = tmp_path / "tuned.toml"
+    place.write_text(tuned_file(values, pi(integral=0.4), state, Path("cell.toml")), encoding="utf-8")
+    config = load_config(place, {})
+    assert state.best is not None
+    assert config.controller.name == "pi"
+    assert config.controller.parameters == {"integral": state.best.point[0]}
+    assert config.cell.surface.stiffness_n_m == 2000.0
+    assert "fresh seeds against the defaults: better" in place.read_text(encoding="utf-8")
+    assert toml({"a": 1, "b": {"c": {"d e": "x"}}}, ["why"]) == '# why\n\na = 1\n\n[b.c]\n"d e" = "x"\n'
+
+
+def test_json_has_every_run() -> None:
+    state = searched()
+    found = json.loads(as_json(state, []))
+    assert len(found["tried"]) == len(state.tried)
+    assert found["best"] == {"integral": state.best.point[0]} if state.best else None
+    assert len(found["defaults"]["runs"]) == 2
+
+
+def test_figures_and_weights_are_checked() -> None:
+    for wrong in ("rise", "rise_s=x", "rise_s=0", "outcome"):
+        with pytest.raises(ConfigError, match="--minimise"):
+            wanted_of(pi(), (), [wrong], None, (1, 2), 300)
+    with pytest.raises(ConfigError, match="--trade"):
+        axes_of("rise_s")
+    assert axes_of(None) == ("rise_s", "overshoot_percent")
+
+
+def test_the_examples_are_cells_for_the_same_controller() -> None:
+    tuned = load_config(EXAMPLES / "cell.toml", {"controller.name": "pi"})
+    for place in EXAMPLES.glob("*.toml"):
+        config = others(place, tuned)
+        assert (config.controller.name, config.run.duration_s) == ("pi", tuned.run.duration_s)

@@ -1,0 +1,145 @@
+"""The wheels: hil-bridge and the packages of examples/, built, installed into a fresh environment, and run there.
+
+A step of the check that mostly waits for downloads. One environment serves all: none of it is the checkout's.
+"""
+
+import json
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+EXAMPLES = sorted(path.parent for path in (ROOT / "examples").glob("*/pyproject.toml"))
+"""Packages that another author could have written."""
+OFFERS = {"height-map", "mujoco", "pi-tracking", "toyarm", "toyload", "toyspring"}
+"""Names under which they offer something."""
+TOYS = ("--robot", "toyarm", "--sensor", "toyload", "--surface", "toyspring", "--controller", "pi-tracking")
+STEADY_N = 10.0, 0.5
+"""Force that a run comes to, and how far it may be off, N."""
+
+
+class Elsewhere:
+    """A fresh environment outside the checkout, with the commands that are run in it."""
+
+    def __init__(self, place: Path, python: str = sys.executable) -> None:
+        self.place = place
+        ran(place, python, "-m", "venv", place / "env")
+        self._scripts = place / "env" / Path(sys.executable).parent.name
+
+    def run(self, name: str, *arguments: str | Path) -> str:
+        """Output of a command of the environment. Raises RuntimeError when it fails."""
+        return ran(self.place, self._scripts / name, *arguments)
+
+    def install(self, *wheels: str | Path) -> None:
+        """Install wheels with all that they depend on; what is imported is compiled then, and the rest not at all."""
+        options = ("--quiet", "--disable-pip-version-check", "--no-compile")
+        self.run("python", "-m", "pip", "install", *options, *wheels)
+
+    def closes_the_loop(self, name: str, *options: str | Path) -> Path:
+        """The recording of a run that comes to its force. Raises RuntimeError for one that does not."""
+        record, summary = self.place / f"{name}.mcap", self.place / f"{name}.json"
+        self.run(
+            "hil-bridge",
+            "run",
+            *options,
+            "--no-view",
+            "--record",
+            record,
+            "--summary",
+            summary,
+            "--overwrite",
+        )
+        force = json.loads(summary.read_text(encoding="utf-8"))["force_mean_steady_n"]
+        if abs(force - STEADY_N[0]) > STEADY_N[1]:
+            raise RuntimeError(f"{name} came to {force} N")
+        return record
+
+
+def ran(place: Path, *command: str | Path) -> str:
+    """Output of a command in a folder. Raises RuntimeError when it fails."""
+    done = subprocess.run(command, cwd=place, capture_output=True, text=True, check=False)
+    if done.returncode:
+        told = f"{done.stdout}{done.stderr}"
+        raise RuntimeError(f"{' '.join(map(str, command))} ended with {done.returncode}\n{told}")
+    return done.stdout
+
+
+def installed(elsewhere: Elsewhere) -> None:
+    """Build all wheels, and install them by one call of pip."""
+    place = elsewhere.place
+    ran(place, sys.executable, "-m", "build", "--wheel", "--outdir", place / "wheels", ROOT)
+    (own,) = (place / "wheels").glob("*.whl")
+    elsewhere.install("hatchling>=1.25")  # one for all that are built, instead of one each
+    build = (
+        "-m",
+        "pip",
+        "wheel",
+        "--quiet",
+        "--no-deps",
+        "--no-build-isolation",
+        "--wheel-dir",
+        place / "others",
+    )
+    elsewhere.run("python", *build, *EXAMPLES)
+    others = sorted((place / "others").glob("*.whl"))
+    if len(others) != len(EXAMPLES):
+        raise RuntimeError(f"{len(EXAMPLES)} examples made {len(others)} wheels")
+    elsewhere.install(f"{own}[testing]", *others)
+
+
+def run_alone(elsewhere: Elsewhere) -> None:
+    """The command by itself, with the default cell."""
+    elsewhere.run("hil-bridge", "--version")
+    summary = elsewhere.place / "s.json"
+    elsewhere.run("hil-bridge", "run", "--virtual", "--duration", "5", "--no-view", "--summary", summary)
+    if not summary.stat().st_size:
+        raise RuntimeError("the short run wrote an empty summary")
+
+
+def run_examples(elsewhere: Elsewhere) -> None:
+    """Runs that know the toys by their names alone, in virtual and in real time. The tests run all other surfaces."""
+    told = json.loads(elsewhere.run("hil-bridge", "plugins", "--json"))
+    wrong = [row["told"] for row in told if row["state"] != "ok"]
+    if wrong or {row["name"] for row in told} != OFFERS:
+        raise RuntimeError(f"plugins lists {told}")
+    for name, time_of in (("virtual", ("--virtual",)), ("real", ())):
+        record = elsewhere.closes_the_loop(name, *TOYS, "--duration", "3", *time_of)
+        elsewhere.run("hil-bridge", "latency", record)
+        elsewhere.run("hil-bridge", "replay", record)
+    elsewhere.run("hil-bridge", "report", record, "--out", record.with_suffix(""))
+
+
+def test_examples(elsewhere: Elsewhere) -> None:
+    """The examples' own tests, copied away from the checkout."""
+    tests = elsewhere.place / "tests"
+    tests.mkdir()
+    for example in EXAMPLES:
+        for file in (example / "tests").glob("test_*.py"):
+            (tests / file.name).write_bytes(file.read_bytes())
+    (tests / "pytest.ini").write_text("[pytest]\naddopts = --import-mode=importlib\n", encoding="utf-8")
+    print(elsewhere.run("pytest", "-q", "-p", "no:cacheprovider", tests).strip().splitlines()[-1])
+
+
+STEPS: tuple[Callable[[Elsewhere], None], ...] = (installed, run_alone, run_examples, test_examples)
+
+
+def check_wheels() -> int:
+    """Take all steps; 1 when one fails, told with what it said, else 0."""
+    with tempfile.TemporaryDirectory(prefix="hil-bridge-wheel-") as name:
+        try:
+            elsewhere = Elsewhere(Path(name))
+            for step in STEPS:
+                began = time.monotonic()
+                step(elsewhere)
+                print(f"{step.__name__}: {time.monotonic() - began:.0f} s", flush=True)
+        except (RuntimeError, OSError, ValueError) as error:
+            print(error)
+            return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(check_wheels())
