@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: run test bench kernel-driver clean
+.PHONY: run test test-lowest release-check bench kernel-driver clean
 
 # ROBOT=egm SENSOR=netft takes other emulated devices; `hil-bridge run --help` names them
 run: $(STAMP)
@@ -14,6 +14,14 @@ run: $(STAMP)
 
 test: $(STAMP)
 	$(BIN)/python tools/check.py
+
+# the tests with the lowest versions that pyproject.toml names; ONLY="tests/wire" runs those alone
+test-lowest: $(STAMP)
+	$(BIN)/python tools/lowest.py $(ONLY)
+
+# before a release: source distribution, wheel, clean installation, upgrade from the first version
+release-check: $(STAMP)
+	$(BIN)/python tools/release_check.py
 
 # ONLY="wake_up link_use" runs those alone; PAGE=1 renews docs/performance.md too
 bench: $(STAMP)

@@ -62,6 +62,20 @@ def _unread(time: float) -> None:
     """No sensor has read anything."""
 
 
+class WrongForce(Exception):
+    """A surface of another package answered with what is no force. `blamed` is the surface and its method."""
+
+    def __init__(self, surface: Surface, positions: Floats, force: object) -> None:
+        if isinstance(force, np.ndarray) and force.shape == positions.shape:
+            row = int(np.argmin(np.isfinite(force.astype(float)).all(axis=1)))
+            text = f"the surface answers {force[row].tolist()} N for a tip at {positions[row].round(6).tolist()} m"
+        else:
+            told = f"shape {force.shape}" if isinstance(force, np.ndarray) else type(force).__name__
+            text = f"the surface answers {told} for {len(positions)} positions, not an array of shape {positions.shape}"
+        super().__init__(text)
+        self.blamed = surface, "force"
+
+
 @dataclass(frozen=True, slots=True)
 class ToolProfile:
     """The rigid tool behind the sensor."""
@@ -170,6 +184,8 @@ class Cell(Generic[Robot, Sensor]):
         radius = profile.tool.face_radius_mm / 1000.0
         self._face = Face(radius, profile.tool.face_rings) if radius > 0.0 else None
         self._surface: Surface
+        self._foreign = parts.surface is not None
+        """The surface is not ours, so that its answers are looked at."""
         if parts.surface is None:
             self._surface = Contact(profile.surface, self._changed, self._face)
         else:
@@ -319,7 +335,7 @@ class Cell(Generic[Robot, Sensor]):
     def _touched(self, surface: Surface, times: Floats, positions: Floats, velocities: Floats) -> Pushed:
         """Force and moment of the surface alone on a tool with these positions and velocities (n, 3) of its centre."""
         if self._face is None:
-            return Pushed(surface.force(positions, velocities, times), None)
+            return Pushed(self._answered(surface, positions, velocities, times), None)
         parts = []
         for begin in range(0, len(times), _SPREAD_AT_ONCE):
             part = slice(begin, begin + _SPREAD_AT_ONCE)
@@ -327,11 +343,20 @@ class Cell(Generic[Robot, Sensor]):
             before = self._path.orientations(times[part] - _TURN_S)
             turning = turning_of(orientations, before, _TURN_S)
             points = self._face.spread(positions[part], velocities[part], orientations, _rotation, turning)
-            forces = surface.force(
-                points.positions, points.velocities, np.repeat(times[part], self._face.count)
-            )
+            times_of_points = np.repeat(times[part], self._face.count)
+            forces = self._answered(surface, points.positions, points.velocities, times_of_points)
             parts.append(self._face.gathered(forces, points.arms))
         return joined(parts)
+
+    def _answered(self, surface: Surface, positions: Floats, velocities: Floats, times: Floats) -> Floats:
+        """Forces of a surface. Raises WrongForce for an answer of another package's that is none."""
+        force: Any = surface.force(positions, velocities, times)
+        if self._foreign and not (
+            isinstance(force, np.ndarray) and force.shape == positions.shape and np.isfinite(force).all()
+        ):
+            raise WrongForce(surface, positions, force)
+        answered: Floats = force
+        return answered
 
 
 def _rotation(quaternion: Quaternion) -> Floats:

@@ -15,7 +15,7 @@ stand in the configuration's sections `[robot.NAME]` or `[sensor.NAME]`, and `[c
 
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from contextlib import AbstractAsyncContextManager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from importlib import import_module
 from typing import Any, Generic, NamedTuple, TypeAlias, TypeVar
 
@@ -24,6 +24,7 @@ from emulators.faults import Fault
 from emulators.seams import RobotFactory, SensorFactory, SurfaceFactory
 from hil_bridge.errors import ConfigError
 from hil_bridge.facts import RobotFacts
+from hil_bridge.kind_checks import fault_of
 from hil_bridge.plugins import find_plugin, plugin_names
 from hil_bridge.transports import Transport
 from hil_bridge.transports.urls import (
@@ -249,6 +250,8 @@ class Registry(Generic[_Kind]):
                 raise ConfigError(
                     f"{found.where}: {found.source} must be a {self.type.__name__} of that name"
                 )
+            if fault := fault_of(found.value, _SECTIONS):
+                raise ConfigError(f"{found.where}: {found.source} cannot be used: {fault}")
             return found.value
         if name not in self.built_in:
             raise ConfigError(f"there is no {self.thing} {name!r}; choose one of {', '.join(self.names)}")
@@ -271,6 +274,8 @@ class CellSection(CellProfile):
     )
 
 
+_SECTIONS = frozenset(field.name for field in fields(CellSection))
+"""Names in the section of the cell that no kind may have."""
 ROBOTS = Registry("robot", "hil_bridge.robots", _ROBOTS, RobotKind, ("s3",))
 SENSORS = Registry("sensor", "hil_bridge.sensors", _SENSORS, SensorKind, ("jr3", "jr3-uart", "jr3-board"))
 SURFACES: Registry[SurfaceKind] = Registry("surface", "hil_bridge.surfaces", {}, SurfaceKind)

@@ -8,7 +8,6 @@ import subprocess
 import sys
 import tempfile
 import time
-import venv
 from collections.abc import Callable
 from pathlib import Path
 
@@ -25,9 +24,9 @@ STEADY_N = 10.0, 0.5
 class Elsewhere:
     """A fresh environment outside the checkout, with the commands that are run in it."""
 
-    def __init__(self, place: Path) -> None:
+    def __init__(self, place: Path, python: str = sys.executable) -> None:
         self.place = place
-        venv.create(place / "env", with_pip=True)
+        ran(place, python, "-m", "venv", place / "env")
         self._scripts = place / "env" / Path(sys.executable).parent.name
 
     def run(self, name: str, *arguments: str | Path) -> str:

@@ -9,6 +9,7 @@ from itertools import pairwise
 from hil_bridge.analysis.steps import failed_criteria, step_outcomes
 from hil_bridge.analysis.summary import end_of, phases
 from hil_bridge.facts import Devices
+from hil_bridge.failures import TRACEBACK_EVENT
 from hil_bridge.recording.device_facts import devices_of
 from hil_bridge.recording.ending import CHECK_EVENT, PHASE_EVENT, STOP_EVENT, Outcome, RunEnd
 from hil_bridge.recording.reader import Recording
@@ -24,7 +25,17 @@ lost on a wire now and then.
 """
 _FAULT_EVENT, _SIGNAL_EVENT, _BUG_EVENT, _THEN_EVENT, _STEP_EVENT = "fault", "signal", "bug", "then", "step"
 _NO_SYMPTOMS = frozenset(
-    (PHASE_EVENT, CHECK_EVENT, STOP_EVENT, _THEN_EVENT, _FAULT_EVENT, _SIGNAL_EVENT, _BUG_EVENT, _STEP_EVENT)
+    (
+        PHASE_EVENT,
+        CHECK_EVENT,
+        STOP_EVENT,
+        TRACEBACK_EVENT,
+        _THEN_EVENT,
+        _FAULT_EVENT,
+        _SIGNAL_EVENT,
+        _BUG_EVENT,
+        _STEP_EVENT,
+    )
 )
 """Kinds of events that tell of the course or of the end, not of trouble before it."""
 _BEGUN = (" begins", " happens")
@@ -44,6 +55,16 @@ class _Part:
 _ROBOT, _SENSOR = "the robot{robot}", "the force sensor{sensor}"
 _PARTS = (
     _Part(r"^(the controller|controller) ", "the controller", "the controller's own code and parameters"),
+    _Part(
+        r"^code of another package ended",
+        "code of another package",
+        "the traceback below, which stands in the recording's events",
+    ),
+    _Part(
+        r"^the emulated cell failed|^the truth of the emulated cell failed",
+        "the emulated cell, not a device",
+        "the traceback below, which stands in the recording's events",
+    ),
     _Part(r"^a bug ended", "the program itself or the controller", "the traceback in the recording's events"),
     _Part(
         r"^no decision for",
@@ -104,6 +125,11 @@ def why(recording: Recording) -> str:
     if end.outcome is Outcome.COMPLETED:
         return _completed(recording, end)
     return _Ending(recording, end).text
+
+
+def tracebacks(recording: Recording) -> tuple[str, ...]:
+    """Tracebacks of code that failed in a run, oldest first."""
+    return tuple(event.text for event in recording.events if event.kind in (TRACEBACK_EVENT, _BUG_EVENT))
 
 
 def _completed(recording: Recording, end: RunEnd) -> str:

@@ -33,12 +33,13 @@ FIGURES: Mapping[str, str] = {
 }
 """Names that a criterion may use, and their meaning."""
 _NUMBERS = tuple(name for name in FIGURES if name not in ("outcome", "retracted"))
-_BOUNDS: Mapping[str, Callable[[float, float], bool]] = {
+BOUNDS: Mapping[str, Callable[[float, float], bool]] = {
     "below": operator.lt,
     "above": operator.gt,
     "at_most": operator.le,
     "at_least": operator.ge,
 }
+"""Words of a bound, and what they compare."""
 _ONLY = "outcomes"
 _IS = "is"
 
@@ -63,7 +64,7 @@ class Criterion:
                 if _IS in bounds:
                     return bool(value == bounds[_IS])
                 assert isinstance(value, (int, float))
-                return all(_BOUNDS[name](value, limit) for name, limit in bounds.items() if name != _ONLY)
+                return all(BOUNDS[name](value, limit) for name, limit in bounds.items() if name != _ONLY)
             case list() as allowed:
                 return value in allowed
             case other:
@@ -74,7 +75,7 @@ class Criterion:
         """In words."""
         match self.wanted:
             case dict() as bounds:
-                parts = [f"{name.replace('_', ' ')} {bounds[name]:g}" for name in _BOUNDS if name in bounds]
+                parts = [f"{name.replace('_', ' ')} {bounds[name]:g}" for name in BOUNDS if name in bounds]
                 parts += [str(bounds[_IS]).lower()] if _IS in bounds else []
                 only = f" where {' or '.join(bounds[_ONLY])}" if _ONLY in bounds else ""
                 return f"{self.figure} {', '.join(parts)}{only}"
@@ -106,16 +107,16 @@ def problem_of(figure: str, wanted: object) -> str | None:
             return _problem_of_outcomes(wanted)
         return None if isinstance(wanted, bool) else f"must be true or false, or a table with {_IS}, {_ONLY}"
     if not isinstance(wanted, dict):
-        return None if _is_number(wanted) else f"must be a number or a table with {', '.join(_BOUNDS)}"
+        return None if _is_number(wanted) else f"must be a number or a table with {', '.join(BOUNDS)}"
     return _problem_of_bounds(wanted)
 
 
 def _problem_of_bounds(wanted: Mapping[str, Any]) -> str | None:
-    if unknown := [name for name in wanted if name not in _BOUNDS and name != _ONLY]:
-        return f"has no {unknown[0]!r}, only {', '.join(_BOUNDS)}, {_ONLY}"
-    if not any(name in _BOUNDS for name in wanted):
-        return f"needs one of {', '.join(_BOUNDS)}"
-    if wrong := [name for name in _BOUNDS if name in wanted and not _is_number(wanted[name])]:
+    if unknown := [name for name in wanted if name not in BOUNDS and name != _ONLY]:
+        return f"has no {unknown[0]!r}, only {', '.join(BOUNDS)}, {_ONLY}"
+    if not any(name in BOUNDS for name in wanted):
+        return f"needs one of {', '.join(BOUNDS)}"
+    if wrong := [name for name in BOUNDS if name in wanted and not _is_number(wanted[name])]:
         return f"{wrong[0]} must be a number"
     return _problem_of_outcomes(wanted)
 

@@ -31,9 +31,10 @@ from hil_bridge.cli.supervisor import supervisor
 from hil_bridge.cli.task import task
 from hil_bridge.cli.tune import tune
 from hil_bridge.cli.why import why
-from hil_bridge.console.debugging import debug_option, told_bug
+from hil_bridge.console.debugging import debug_option, debug_wanted, told_bug
 from hil_bridge.console.screen import leave
-from hil_bridge.errors import BridgeError
+from hil_bridge.errors import BridgeError, ConfigError
+from hil_bridge.failures import failure, of_others, traceback_of
 
 EXIT_INTERRUPTED = 130
 """Exit code that a shell expects of a command that Ctrl-C ended."""
@@ -63,11 +64,22 @@ class _Commands(click.Group):
         """Run a command. Raises ReaderLeft, Bug, and what click and the commands raise for a person."""
         try:
             return super().invoke(context)
-        except (BridgeError, click.ClickException, click.exceptions.Exit, click.Abort):
+        except BridgeError as error:
+            cause = error.__cause__
+            if debug_wanted(context) and cause is not None and of_others(cause):
+                click.echo(traceback_of(cause), err=True)
+            raise
+        except (click.ClickException, click.exceptions.Exit, click.Abort):
             raise
         except BrokenPipeError as error:
             raise ReaderLeft from error
-        except Exception as error:
+        except (Exception, SystemExit) as error:
+            if of_others(error):
+                if debug_wanted(context):
+                    click.echo(traceback_of(error), err=True)
+                raise ConfigError(f"code of another package failed: {failure(error)}") from error
+            if isinstance(error, SystemExit):
+                raise
             what = "; ".join([f"{type(error).__name__}: {error}", *getattr(error, "__notes__", ())])
             raise Bug(told_bug(what, "".join(traceback.format_exception(error)), context)) from error
 

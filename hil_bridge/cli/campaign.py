@@ -58,6 +58,11 @@ def campaign() -> None:
     "--workers", type=click.IntRange(min=1), metavar="N", help="Processes.  [default: one for each core]"
 )
 @click.option(
+    "--scheduler",
+    metavar="URL",
+    help="Workers of a Dask scheduler, tcp://host:8786, in place of own processes.",
+)
+@click.option(
     "--seeds",
     metavar="FROM:TO",
     callback=lambda *told: _seeds(told[2]),
@@ -66,7 +71,14 @@ def campaign() -> None:
 @click.option(
     "--check", "only_check", is_flag=True, help="Check the file and tell the number of runs, no more."
 )
-def run(file: Path, out: Path | None, workers: int | None, seeds: tuple[int, ...], only_check: bool) -> None:
+def run(
+    file: Path,
+    out: Path | None,
+    workers: int | None,
+    scheduler: str | None,
+    seeds: tuple[int, ...],
+    only_check: bool,
+) -> None:
     """Run what is missing of a campaign. Exit code 4 when a run does not meet a criterion."""
     import os
 
@@ -74,6 +86,7 @@ def run(file: Path, out: Path | None, workers: int | None, seeds: tuple[int, ...
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     from hil_bridge.campaign.plan import PlanErrors, read_plan
+    from hil_bridge.campaign.scheduler import dask_workers
     from hil_bridge.campaign.store import Store
     from hil_bridge.campaign.working import missing, work
     from hil_bridge.runs.signals import as_ctrl_c
@@ -92,6 +105,11 @@ def run(file: Path, out: Path | None, workers: int | None, seeds: tuple[int, ...
     )
     if only_check:
         return
+    if scheduler is not None and workers is not None:
+        raise ConfigError(
+            "--workers is for this machine; a scheduler has the workers that were started for it"
+        )
+    where = dask_workers(scheduler) if scheduler is not None else workers or os.cpu_count() or 1
     place = out or Path(f"{file.stem}.sqlite")
     console = Console(stderr=True)
     with Store.begin(place, plan) as store:
@@ -121,7 +139,7 @@ def run(file: Path, out: Path | None, workers: int | None, seeds: tuple[int, ...
 
             try:
                 with as_ctrl_c():
-                    work(plan, store, jobs, workers or os.cpu_count() or 1, advance)
+                    work(plan, store, jobs, where, advance)
             except KeyboardInterrupt:
                 kept = len(store.keys())
                 click.echo(f"interrupted: {kept} runs are kept; the same command goes on", err=True)
@@ -217,3 +235,40 @@ def compare(before: Path, after: Path) -> None:
     tell(found.lines)
     if found.differing:
         click.get_current_context().exit(DIFFERS)
+
+
+@campaign.command()
+@click.argument("results", type=FILE, metavar="FILE.sqlite")
+@click.option(
+    "--to",
+    "formats",
+    type=click.Choice(["csv", "parquet"]),
+    multiple=True,
+    default=["parquet"],
+    help="May be given twice.  [default: parquet]",
+)
+@click.option("--out", type=FILE, metavar="DIR", help="Where the files go.  [default: beside the results]")
+@overwrite_option
+def export(results: Path, formats: tuple[str, ...], out: Path | None, overwrite: bool) -> None:
+    """Write the runs as a table, a row a run, for pandas and the like.
+
+    Parquet needs `pip install "hil-bridge[parquet]"`.
+    """
+    from hil_bridge.campaign.store import Store
+    from hil_bridge.campaign.table import FORMATS, run_table
+    from hil_bridge.recording.files import check_place, write_whole
+
+    folder = results.parent if out is None else out
+    places = {folder / f"{results.stem}.{name}": FORMATS[name] for name in dict.fromkeys(formats)}
+    with Store.open(results) as store:
+        table = run_table(store)
+    made = {place: encode(table) for place, encode in places.items()}
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigError(f"cannot make the folder {folder}: {error.strerror}; name another place") from error
+    for place in made:
+        check_place(place, overwrite)
+    for place, data in made.items():
+        write_whole(place, data, overwrite)
+        click.echo(f"{place}: {len(table.rows)} runs")

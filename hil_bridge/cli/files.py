@@ -42,6 +42,28 @@ def init(path: Path, overwrite: bool) -> None:
 
 
 @config.command()
+@click.argument("old", type=FILE)
+@click.argument("new", type=FILE)
+@overwrite_option
+def upgrade(old: Path, new: Path, overwrite: bool) -> None:
+    """Write a file of an earlier version with the settings of now, comments kept, and check it.
+
+    Values of version 0.1.0 that counted cycles become speeds and times for the S3's cycle of 180 ms.
+    """
+    from hil_bridge.recording.files import write_whole
+    from hil_bridge.settings.configuration import load_config
+    from hil_bridge.settings.earlier import upgraded
+    from hil_bridge.text_files import read_text
+
+    text, changes = upgraded(read_text(old))
+    write_whole(new, text.encode(), overwrite)
+    for change in changes or ["no setting has another name"]:
+        click.echo(change)
+    load_config(new, {})
+    click.echo(f"wrote {new}")
+
+
+@config.command()
 def schema() -> None:
     """Print the JSON schema of a configuration file."""
     from hil_bridge.settings.template import schema as json_schema

@@ -17,7 +17,8 @@ OWN = "hil-bridge"
 def plugins(with_own: bool, as_json: bool) -> None:
     """List controllers, robots, sensors and surfaces of other packages, with package, place in it, and state.
 
-    Each is imported, as it is when a configuration chooses it. The exit code is 2 where one cannot be used.
+    Each is imported, as it is when a configuration chooses it; a controller is given one sample. The exit code is 2
+    where one cannot be used.
     """
     import json
 
@@ -67,7 +68,7 @@ def controllers(name: str | None, as_json: bool) -> None:
 
 def _rows(with_own: bool) -> list[dict[str, str]]:
     """Everything that can be chosen, by thing and name."""
-    from hil_bridge.control.controllers import CONTROLLERS, GROUP, controller_kind
+    from hil_bridge.control.controllers import CONTROLLERS, GROUP, controller_kind, trial
     from hil_bridge.errors import ConfigError
     from hil_bridge.kinds import ROBOTS, SENSORS, SURFACES
     from hil_bridge.plugins import offers
@@ -81,6 +82,8 @@ def _rows(with_own: bool) -> list[dict[str, str]]:
             try:
                 chosen = choose(name)
                 state, told = "ok", _summary(chosen)
+                if thing == "controller" and package != OWN and (fault := trial(name)):
+                    state, told = "wrong", f"WRONG: controller {name!r} of {package}: {fault}"
             except ConfigError as error:
                 state, told = "wrong", f"WRONG: {error}"
             row = {

@@ -12,10 +12,13 @@ from hil_bridge.cli.paths import FILE
 def why(recording: Path) -> None:
     """Tell how a recorded run ended: last good cycle, first symptom, cause, what followed, and what to look at.
 
-    Everything comes from the recording. A run that failed before its first control cycle has a cause, too.
+    Everything comes from the recording, also the traceback of code that failed. A run that failed before its
+    first control cycle has a cause, too.
     """
-    from hil_bridge.analysis.why import why
+    from hil_bridge.analysis.why import tracebacks, why
     from hil_bridge.recording import read_with_traffic
 
     record, _ = read_with_traffic(recording)
     click.echo(why(record).replace("monitor FILE`", f"monitor {recording}`"))
+    for trace in tracebacks(record):
+        click.echo(f"\n{trace.rstrip()}")

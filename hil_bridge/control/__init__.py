@@ -56,7 +56,7 @@ from hil_bridge.control.laws.linear import Admittance, AdmittanceState, Pi, PiSt
 from hil_bridge.control.laws.predictive import Predictive, PredictiveState
 from hil_bridge.control.laws.rules import PAPER_RULES, RuleBase, parse_rules, read_rules, rules_as_toml
 from hil_bridge.control.laws.stiffness import Pairing, Stiffness
-from hil_bridge.control.loop import ControlLoop, Decision, LoopState, Proposal, Sample, one_line
+from hil_bridge.control.loop import ControlLoop, Decision, LoopState, Proposal, Sample
 from hil_bridge.control.types import Command, Controller, Measurement, numeric_explanation
 
 __all__ = [
@@ -128,7 +128,6 @@ __all__ = [
     "make_controller",
     "normal_force",
     "numeric_explanation",
-    "one_line",
     "parse_rules",
     "quantise",
     "quaternion_about",

@@ -14,8 +14,9 @@ from typing import Any, cast
 from hil_bridge.control.laws.fuzzy_control import FuzzyAdaptive, FuzzyPi, ResolutionAware
 from hil_bridge.control.laws.linear import Admittance, Pi
 from hil_bridge.control.laws.predictive import Predictive
-from hil_bridge.control.types import SAMPLE_MS, Controller
+from hil_bridge.control.types import SAMPLE_MS, Controller, Measurement, as_command
 from hil_bridge.errors import ConfigError
+from hil_bridge.failures import failure, place_of_method
 from hil_bridge.plugins import Found, find_plugin, plugin_names
 
 GROUP = "hil_bridge.controllers"
@@ -52,6 +53,38 @@ def make_controller(name: str, **parameters: Any) -> Controller[Any]:
         return kind(**parameters)
     except (TypeError, ValueError) as error:
         raise ConfigError(f"controller {name}: {error}") from error
+    except (Exception, SystemExit) as error:
+        raise ConfigError(f"controller {name} cannot be made: {failure(error)}") from error
+
+
+def trial(name: str) -> str:
+    """What is wrong with a controller when it is made from its defaults and given one sample; empty where nothing is.
+
+    One with a parameter that must be given is not tried. Raises ConfigError as `make_controller`.
+    """
+    missing = dataclasses.MISSING
+    for field in dataclasses.fields(cast(Any, controller_kind(name))):
+        if field.init and field.default is missing and field.default_factory is missing:
+            return ""
+    controller = make_controller(name)
+    sample_time(controller)
+    for field in dataclasses.fields(cast(Any, controller)):
+        value = getattr(controller, field.name, None)
+        if isinstance(value, float) and math.isnan(value):
+            return f"its parameter {field.name} is nan by default"
+    where = place_of_method(controller, "step")
+    try:
+        answer: Any = controller.step(controller.initial(), Measurement(0.0, 5.0, 1e-3, 1e-3), 10.0)
+        if not (isinstance(answer, tuple) and len(answer) == 2):
+            if inspect.iscoroutine(answer):
+                answer.close()
+            return f"its step answers {type(answer).__name__}, not a state and a command ({where})"
+        command = as_command(answer[1])
+    except (Exception, SystemExit) as error:
+        return f"it fails at its first sample: {failure(error, where)}"
+    if not (math.isfinite(command.position) and math.isfinite(command.correction)):
+        return f"it commands {command.position} m at its first sample ({where})"
+    return ""
 
 
 PERIOD_FACTOR = 2.0

@@ -24,10 +24,12 @@ from hil_bridge.control.course.verdict import (
     SupervisorState,
     Verdict,
 )
+from hil_bridge.control.failing import Failed, failed_by, failed_to_answer
 from hil_bridge.control.geometry.turning import rotated
 from hil_bridge.control.program.program import Program
 from hil_bridge.control.program.state import Felt
 from hil_bridge.control.types import SAMPLE_MS, Measurement
+from hil_bridge.failures import RAISED, raise_if_asked
 from protocol.geometry import Quaternion, Vector
 
 # Asked for in every cycle, by names of this module: until Python 3.12 an enum's own name costs ten times that.
@@ -110,7 +112,7 @@ class Proposal(Struct, frozen=True):
     """Input of the controller."""
     output: TaskOutput
     failure: str
-    """Fault of the controller, in words; empty while there is none."""
+    """Fault of the controller, in words, with its package and place; empty while there is none."""
     advice: Advice | None
     """The oscillation detector's word; None where it has none."""
     task: TaskState
@@ -118,6 +120,8 @@ class Proposal(Struct, frozen=True):
     contour: ContourState
     felt: Felt | None = None
     """The sample as a program knows it; None without a program."""
+    trace: str = ""
+    """Traceback of the controller's fault; empty where it raised nothing."""
 
 
 class Decision(Struct, frozen=True):
@@ -234,11 +238,23 @@ class ControlLoop:
             contour, measurement = self._face(state, measurement, sample)
         if sample.held:
             measurement = replace(measurement, advance=0.0)
-        task, output, failure = self._decide(before, measurement, felt)
+        task, output, failed = self._decide(before, measurement, felt)
         oscillation, advice = self._watch(state.oscillation, measurement, output)
         if advice is not None and advice.factor < 1.0:
             output = _calmed(output, measurement, advice)
-        return Proposal(depth, measurement, output, failure, advice, task, oscillation, contour, felt)
+        trace = "" if failed is None else failed.trace
+        return Proposal(
+            depth,
+            measurement,
+            output,
+            "" if failed is None else failed.text,
+            advice,
+            task,
+            oscillation,
+            contour,
+            felt,
+            trace,
+        )
 
     def judge(self, state: LoopState, sample: Sample, proposal: Proposal) -> tuple[LoopState, Decision]:
         """The supervisor's word on what was proposed for this sample. A stop turns it into a retraction; while
@@ -347,8 +363,8 @@ class ControlLoop:
 
     def _decide(
         self, state: TaskState, measurement: Measurement, felt: Felt | None
-    ) -> tuple[TaskState, TaskOutput, str]:
-        """The task's step, and what is wrong with its controller; empty while nothing is.
+    ) -> tuple[TaskState, TaskOutput, Failed | None]:
+        """The task's step, and what is wrong with its controller; None while nothing is.
 
         A controller may come from another package: every error that it raises, and an answer that is not of numbers,
         is its failure.
@@ -357,12 +373,12 @@ class ControlLoop:
             task, output = self._stepped(state, measurement, felt)
             command = output.command
             if command is None or (math.isfinite(command.position) and math.isfinite(command.correction)):
-                return task, output, ""
-            failed = f"it commands {command.position} m"
-        except (Exception, SystemExit) as error:
-            failed = one_line(f"{type(error).__name__}: {error}")
-        text = f"controller {self.task.controller.name} failed: {failed}"
-        return state, self.task.hold(state, measurement), text
+                return task, output, None
+            failed = failed_to_answer(self.task.controller, command)
+        except RAISED as error:
+            raise_if_asked(error)
+            failed = failed_by(self.task.controller, error)
+        return state, self.task.hold(state, measurement), failed
 
     def _face(
         self, state: LoopState, measurement: Measurement, sample: Sample
@@ -405,11 +421,6 @@ class ControlLoop:
             x, y, z = (p + aside * n for p, n in zip(target, self.across, strict=True))
             target = x, y, z
         return Request(depth, target, self.approach, barrier, output.turned)
-
-
-def one_line(text: str) -> str:
-    """The first line of a text from another package; half characters are written out."""
-    return (text.splitlines() or [""])[0].encode(errors="backslashreplace").decode()
 
 
 def _calmed(output: TaskOutput, measurement: Measurement, advice: Advice) -> TaskOutput:

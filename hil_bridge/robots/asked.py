@@ -6,7 +6,8 @@ from collections.abc import Callable
 from typing import Generic, TypeVar
 
 from hil_bridge.clock import Clock
-from hil_bridge.errors import BridgeError, DeviceError, TransportClosed
+from hil_bridge.errors import BridgeError, TransportClosed
+from hil_bridge.failures import code_failed
 from hil_bridge.transports import Transport
 from hil_bridge.transports.pump import Data, Event, Pump
 from protocol.endpoint import Endpoint
@@ -89,11 +90,7 @@ class Asking(Generic[Data, Event, Answer]):
                 ended.set_result(None)
 
     def _ended(self, cause: BaseException) -> None:
-        if isinstance(cause, BridgeError):
-            self._failure = cause
-        else:
-            self._failure = DeviceError(f"robot link {self._name} stopped: {cause!r}")
-            self._failure.__cause__ = cause
+        self._failure = code_failed(f"robot link {self._name}", cause)
         if not isinstance(cause, TransportClosed):
             self._on_failure(self._failure)
         self.resolve(self._failure)

@@ -11,6 +11,7 @@ from hil_bridge.clock import Clock
 from hil_bridge.device_log import DeviceLog
 from hil_bridge.errors import BridgeError, DeviceError, OrderRefused, TransportClosed
 from hil_bridge.facts import ANSWERS, LATE, PACKETS, Hop, Owner, RobotHops, Traffic
+from hil_bridge.failures import code_failed
 from hil_bridge.robots.answering import Answering
 from hil_bridge.robots.seam import MotionLimits, RobotFacts, RobotReport
 from hil_bridge.robots.streamed_motion import StreamedMotion
@@ -184,11 +185,7 @@ class StreamedLink(Generic[Data]):
         return f"robot on {self.name} cannot move: {words}"
 
     def _ended(self, cause: BaseException) -> None:
-        if isinstance(cause, BridgeError):
-            self._failure = cause
-        else:
-            self._failure = DeviceError(f"robot link {self.name} stopped: {cause!r}")
-            self._failure.__cause__ = cause
+        self._failure = code_failed(f"robot link {self.name}", cause)
         if not isinstance(cause, TransportClosed):
             self._log.notice("link", str(self._failure))
         self._fail(self._failure)

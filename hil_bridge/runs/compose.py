@@ -11,7 +11,8 @@ from emulators.cell import Cell, Parts
 from emulators.seams import StartPose
 from hil_bridge.clock import VIRTUAL_EPOCH, Clock, Timer, device_clock
 from hil_bridge.device_log import DeviceLog
-from hil_bridge.errors import ConfigError
+from hil_bridge.errors import BridgeError, ConfigError
+from hil_bridge.failures import tell_failure
 from hil_bridge.faults.bus import BusFaults
 from hil_bridge.kinds import (
     ROBOTS,
@@ -145,7 +146,7 @@ async def open_devices(
                 config.run.panel_url or None,
             )
             served = await stack.enter_async_context(
-                emulated_cell(config, clock, ports, lambda cause: log.notice("emulator", repr(cause)))
+                emulated_cell(config, clock, ports, lambda cause: _tell_failed(cause, log))
             )
             robot_url, sensor_url = robot_url or served.robot or "", sensor_url or served.sensor or ""
         robot = await connect_robot(config, robot_url, Wiring("robot", clock, log, wrap))
@@ -155,6 +156,14 @@ async def open_devices(
         robot.start()
         sensor.start()
         yield Devices(robot, sensor, served, sensor_kind(config))
+
+
+def _tell_failed(cause: BaseException, log: DeviceLog) -> None:
+    """Tell that an emulated device can no longer be served: its wire has ended, or its code has failed."""
+    if isinstance(cause, BridgeError):
+        log.notice("emulator", repr(cause))
+        return
+    tell_failure("the emulated cell", cause, log.notice)
 
 
 async def connect_robot(config: Config, url: str, wiring: Wiring) -> RobotLink:

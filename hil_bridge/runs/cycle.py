@@ -5,27 +5,24 @@ nothing but the robot.
 """
 
 import math
-from collections.abc import AsyncIterator
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol
 
 from msgspec.structs import replace
 
 from hil_bridge.clock import Clock, Heartbeat
 from hil_bridge.control import (
-    Command,
-    Decision,
     LoopState,
     Peaks,
     Phase,
     Sample,
     WristAtOrientation,
-    numeric_explanation,
     turn_between,
 )
 from hil_bridge.control.geometry.turning import apart, unit
 from hil_bridge.control.program.program import Program
-from hil_bridge.errors import BridgeError
+from hil_bridge.errors import BridgeError, DeviceError
+from hil_bridge.failures import TRACEBACK_EVENT, CodeFailed, failure, of_others, told, traceback_of
 from hil_bridge.recording import (
     CHECK_EVENT,
     PHASE_EVENT,
@@ -36,19 +33,16 @@ from hil_bridge.recording import (
     StepRecord,
 )
 from hil_bridge.robots.seam import (
-    ANSWER,
-    PACKET,
-    QUESTION_LEFT,
     Motion,
     MotionLimits,
     RobotLink,
     RobotReport,
-    Sent,
     orientation_fault,
 )
-from hil_bridge.runs.causes import kind_of, told, traceback_of
+from hil_bridge.runs.causes import kind_of
+from hil_bridge.runs.cycle_record import cycle_record
 from hil_bridge.runs.leaving import ARRIVED_M, Left, WayOut, stand_still
-from hil_bridge.runs.pace import control_loop
+from hil_bridge.runs.pace import control_loop, cycle_starts
 from hil_bridge.runs.small_steps import bring_up
 from hil_bridge.runs.starting import check_start
 from hil_bridge.runs.steps_told import StepTeller
@@ -136,6 +130,10 @@ class Run:
         self._pause = 0.0
         self._log_error: Exception | None = None
         """Error that the log raised for an event."""
+        self._failed = ""
+        """Failure beside the cycles, in words, that no cycle has answered yet."""
+        self._traced: BaseException | None = None
+        """Failure whose traceback has been told."""
         self.moving = False
         """A movement sequence is under way: only `interrupt` may end it, not cancellation."""
 
@@ -147,6 +145,10 @@ class Run:
     def interrupt(self) -> None:
         """Retract from the next cycle on, and end."""
         self._interrupted = True
+
+    def fail(self, cause: str) -> None:
+        """Retract from the next cycle on, and end, because of a failure beside the cycles."""
+        self._failed = self._failed or cause
 
     def hold(self) -> bool:
         """Hold the tool in its place on the surface under control of the force, or let it go on; whether it is held."""
@@ -162,6 +164,15 @@ class Run:
 
         Once the tool moves, every end but this task's own cancellation is a result, and each of them tries to retract.
         """
+        try:
+            return await self._whole()
+        except BridgeError as error:
+            self._trace(error)
+            if self._failed and not self.moving:
+                raise DeviceError(f"{self._failed}; then {error}") from error
+            raise
+
+    async def _whole(self) -> RunResult:
         self._enter("connect")
         start = await bring_up(self._robot, self._sensor)
         self._filter_delay = self._sensor.delay
@@ -213,14 +224,26 @@ class Run:
             self._state = self._loop.initial(zero.start.pose.position)
             await self._cycles(motion)
         except BridgeError as error:
+            self._trace(error)
             self._blame(self._in_step(str(error)))
             await self._retract(motion)
-        except Exception as error:
-            self._event(BUG_EVENT, traceback_of(error))
-            self._blame(self._in_step(f"a bug ended the run: {type(error).__name__}: {told(error)}"))
+        except (Exception, SystemExit) as error:
+            if of_others(error):
+                self._event(TRACEBACK_EVENT, traceback_of(error))
+                cause = f"code of another package ended the run: {failure(error)}"
+            else:
+                self._event(BUG_EVENT, traceback_of(error))
+                cause = f"a bug ended the run: {type(error).__name__}: {told(error)}"
+            self._blame(self._in_step(cause))
             await self._retract(motion)
-        except BaseException:
-            self._blame("the run was cancelled")
+        except BaseException as error:
+            if by_others := of_others(error):  # a KeyboardInterrupt that a person did not ask for
+                self._event(TRACEBACK_EVENT, traceback_of(error))
+            self._blame(
+                f"code of another package ended the run: {failure(error)}"
+                if by_others
+                else "the run was cancelled"
+            )
             await self._retract(motion)
             raise
 
@@ -271,7 +294,8 @@ class Run:
         assert state is not None
         track_ends = math.inf
         unpaced = not self._config.run.period_ms  # then an order is always followed by another at once
-        async for cycle, started_at in self._cycle_starts():
+        period = self._config.run.period_ms * 1e-3
+        async for cycle, started_at in cycle_starts(self._clock, period, self._event):
             if self._log_error is not None:
                 raise self._log_error
             commanded_before = state.supervisor.depth
@@ -282,6 +306,9 @@ class Run:
             if self._interrupted and self._outcome is Outcome.COMPLETED:
                 self._outcome = Outcome.INTERRUPTED
                 asked = "interrupted"
+            elif self._failed:
+                asked = self._failed
+                self._blame(asked)
             elif sample.now >= track_ends:
                 asked = TIME_IS_UP
             before = self._loop.finish(state, asked) if asked else state
@@ -296,6 +323,8 @@ class Run:
                 self._event("gap", f"no decision for {gap * 1e3:.0f} ms")
             after, decision = self._loop.judge(before, sample, proposal)
             controlled_at = self._clock.now()
+            if proposal.trace:
+                self._event(TRACEBACK_EVENT, proposal.trace)
             self._enter(decision.output.phase)
             if decision.output.phase is Phase.TRACK and track_ends == math.inf and not self._config.task.step:
                 track_ends = sample.now + self._config.run.duration_s
@@ -309,11 +338,13 @@ class Run:
                 sent = await motion.to(Pose(decision.position, self._orientation), soon=unpaced)
             state = self._state = after
             self._log.cycle(
-                self._record(
+                cycle_record(
                     report,
                     sample,
                     decision,
                     sent,
+                    self._config.task,
+                    answered_at=self._clock.now(),
                     cycle=cycle,
                     started_at=started_at,
                     decoded_at=decoded_at,
@@ -331,30 +362,13 @@ class Run:
         if self._outcome is Outcome.COMPLETED and state.task.cause != TIME_IS_UP:
             self._cause = state.task.cause
 
-    async def _cycle_starts(self) -> AsyncIterator[tuple[int, float]]:
-        """Number and begin of each cycle: as fast as the robot reports, or at whole multiples of the period.
-
-        After an overrun the cycles missed are skipped, never caught up.
-        """
-        period = self._config.run.period_ms * 1e-3
-        anchor, place, cycle = self._clock.now(), 0, 0
-        while True:
-            yield cycle, self._clock.now()
-            cycle += 1
-            if not period:
-                continue
-            next_place = max(place + 1, math.ceil((self._clock.now() - anchor) / period))
-            if (skipped := next_place - place - 1) > 0:
-                self._event("overrun", f"{skipped} cycles of {period * 1e3:g} ms skipped")
-            place = next_place
-            await self._clock.sleep_until(anchor + place * period)
-
     def _sample(self, report: RobotReport, frame: WrenchFrame) -> Sample:
         """The newest of everything, now that the robot has told where it is."""
         sensor, (position, quaternion), fault = self._sensor, report.pose, report.fault
         try:
             sensor.check()
         except BridgeError as error:
+            self._trace(error)
             fault = fault or str(error)
         assert sensor.peaks is not None
         peak_force, peak_resultant, peak_moment, saturated = sensor.peaks.take()
@@ -428,53 +442,11 @@ class Run:
             return known != quaternion
         return known != quaternion and apart(unit(known), unit(quaternion)) > TURNED_RAD
 
-    def _record(
-        self, report: RobotReport, sample: Sample, decision: Decision, sent: Sent, **known: Any
-    ) -> CycleRecord:
-        """Record of the cycle; `known` are the values that only its course knows, by the record's names."""
-        output = decision.output
-        command = output.command or Command(decision.target.depth, 0.0)
-        stamps = dict(report.stamps)
-        return CycleRecord(
-            **known,
-            phase=output.phase,
-            status_at=sample.now,
-            sensor_at=sample.sensor_at,
-            answered_at=self._clock.now(),
-            sensor_sequence=sample.sensor_sequence,
-            force=decision.force,
-            force_reference=self._config.task.force_n if output.reference is None else output.reference,
-            wrench=sample.wrench,
-            position=report.pose.position,
-            quaternion=report.pose.quaternion,
-            status_transmitted_at=stamps.get(QUESTION_LEFT, math.nan),
-            answer_s=stamps[ANSWER] - stamps[PACKET] if ANSWER in stamps else math.nan,
-            sent_at=sent.begun_at,
-            transmitted_at=sent.left_at,
-            depth=decision.depth,
-            depth_commanded=decision.target.depth,
-            travel_commanded=decision.target.travel,
-            across_commanded=decision.target.across,
-            step=output.leg + 1 if self._config.task.step else 0,
-            quaternion_commanded=decision.quaternion or (),
-            stiffness=command.stiffness,
-            gain=command.gain,
-            held=command.held,
-            in_contact=output.in_contact,
-            verdict=decision.verdict.kind,
-            reasons=decision.reasons,
-            explanation={
-                **numeric_explanation(command.explanation),
-                "feedback_m": command.correction,
-                **output.notes,
-                **({"surface_deg": math.degrees(decision.angle)} if decision.angle else {}),
-            },
-            target=decision.position,
-            sample=sample,
-        )
-
     def _blame(self, cause: str) -> None:
-        """Stop for this cause, or note what followed the first one."""
+        """Stop for this cause, or note what followed the first one. A failure that is not answered yet goes first."""
+        failed, self._failed = self._failed, ""
+        if failed and failed != cause:
+            self._blame(failed)
         if self._outcome is not Outcome.STOPPED:
             self._outcome, self._cause = Outcome.STOPPED, cause
             self._stopped_at = self._clock.now()
@@ -484,6 +456,13 @@ class Run:
         ):
             self._followed.append(cause)
             self._event(THEN_EVENT, cause)
+
+    def _trace(self, error: BridgeError) -> None:
+        """Tell the traceback of code that has failed, once."""
+        cause = error.__cause__ if isinstance(error, CodeFailed) else None
+        if cause is not None and cause is not self._traced:
+            self._traced = cause
+            self._event(TRACEBACK_EVENT, traceback_of(cause))
 
     def _enter(self, phase: str) -> None:
         if phase != self._phase:

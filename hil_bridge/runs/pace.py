@@ -7,8 +7,10 @@ the robot.
 """
 
 import math
+from collections.abc import AsyncIterator, Callable
 from typing import Any
 
+from hil_bridge.clock import Clock
 from hil_bridge.control import ControlLoop, Supervisor, Task, make_controller
 from hil_bridge.control.controllers import PERIOD_FACTOR, check_period, controller_kind, sample_time
 from hil_bridge.control.program.felt import Face, WorkFrame
@@ -176,3 +178,23 @@ def metres(vector_mm: Vector) -> Vector:
     """A vector in m, of one in mm."""
     x, y, z = vector_mm
     return x * 1e-3, y * 1e-3, z * 1e-3
+
+
+async def cycle_starts(
+    clock: Clock, period: float, tell: Callable[[str, str], object]
+) -> AsyncIterator[tuple[int, float]]:
+    """Number and begin of each cycle: as fast as the robot reports, or at whole multiples of a period, s.
+
+    After an overrun the cycles missed are skipped, never caught up; `tell` is given the kind and text of an event.
+    """
+    anchor, place, cycle = clock.now(), 0, 0
+    while True:
+        yield cycle, clock.now()
+        cycle += 1
+        if not period:
+            continue
+        next_place = max(place + 1, math.ceil((clock.now() - anchor) / period))
+        if (skipped := next_place - place - 1) > 0:
+            tell("overrun", f"{skipped} cycles of {period * 1e3:g} ms skipped")
+        place = next_place
+        await clock.sleep_until(anchor + place * period)

@@ -1,13 +1,14 @@
 """Everything that a run and its devices tell, on its way into the record: cycles, events, frames, wires, the truth."""
 
 import time
-from collections.abc import AsyncIterator, Mapping
+from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import asynccontextmanager
 from importlib.metadata import version
 from typing import Any, Protocol
 
 from hil_bridge.clock import Clock
 from hil_bridge.facts import Devices, Pacing, Sensor
+from hil_bridge.failures import FAILED_EVENT, RAISED, of_others, raise_if_asked, tell_failure
 from hil_bridge.faults.schedule import FaultSchedule
 from hil_bridge.recording import (
     PHASE_EVENT,
@@ -104,6 +105,8 @@ class RunLog:
         """The run over the devices, once they are open."""
         self.steps: list[StepRecord] = []
         """Steps of a program that have ended."""
+        self._failed = ""
+        """Failure of the emulated cell, in words."""
 
     # --- records and notices of the run and the devices
 
@@ -111,7 +114,7 @@ class RunLog:
         """A cycle has ended."""
         self._put(record.answered_at, record)
         if self._truths is not None:
-            self._truths.cycle(record)
+            self._truth(self._truths, lambda truths: truths.cycle(record))
         if self._faults is not None:
             self._faults.cycle(record)
         self._watcher.cycle(record)
@@ -124,6 +127,17 @@ class RunLog:
         self._watcher.event(record)
         if self._faults is not None:
             self._faults.event(record)
+
+    def _truth(self, truths: GroundTruth, ask: Callable[[GroundTruth], object]) -> None:
+        """Ask for the truth, in which code of another package may have a part; no more once that has failed."""
+        try:
+            ask(truths)
+        except RAISED as error:
+            raise_if_asked(error)
+            if not of_others(error):
+                raise
+            self._truths = None
+            tell_failure("the truth of the emulated cell", error, self.notice)
 
     def step(self, record: StepRecord) -> None:
         """A step of a program has ended."""
@@ -138,6 +152,10 @@ class RunLog:
     def notice(self, kind: str, text: str) -> None:
         """A device tells something that is worth a line in the record."""
         self.event(EventRecord(self._clock.now(), kind, text))
+        if kind == FAILED_EVENT:
+            self._failed = text
+            if self.run is not None:
+                self.run.fail(text)
 
     def traffic(self, device: str, direction: Direction, data: Any) -> None:
         """Data have just gone over a device's wire."""
@@ -174,6 +192,8 @@ class RunLog:
             if devices.served is not None:
                 self._emulated(devices.served)
             self.run = Run(config, clock, devices.robot, devices.sensor, self)
+            if self._failed:
+                self.run.fail(self._failed)
             yield devices
 
     def _emulated(self, served: compose.ServedCell) -> None:
@@ -210,7 +230,7 @@ class RunLog:
         if self._faults is not None:
             self._faults.close()
         if self._truths is not None:
-            self._truths.close()
-            if (removed := self._truths.removed_map()) is not None:
-                self._keeper.attach(REMOVED_NAME, MEDIA_TYPE, removed.as_json())
+            self._truth(self._truths, GroundTruth.close)
+        if self._truths is not None and (removed := self._truths.removed_map()) is not None:
+            self._keeper.attach(REMOVED_NAME, MEDIA_TYPE, removed.as_json())
         self._keeper.close(end.as_metadata())

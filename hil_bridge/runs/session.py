@@ -14,9 +14,10 @@ from hil_bridge.analysis.steps import failed_criteria, step_outcomes
 from hil_bridge.clock import Clock, run_real, run_virtual
 from hil_bridge.clock.realtime import collect_generation_1, gc_paused, real_time_thread, short_switch_interval
 from hil_bridge.console import keys
-from hil_bridge.console.debugging import told_bug
+from hil_bridge.console.debugging import debug_wanted, told_bug
 from hil_bridge.console.screen import LEAVE_SECONDS, Terminal
 from hil_bridge.errors import BridgeError
+from hil_bridge.failures import TRACEBACK_EVENT
 from hil_bridge.faults.schedule import FAULT_EVENT
 from hil_bridge.recording import (
     CHECK_EVENT,
@@ -130,6 +131,9 @@ def _end(session: "_Session", result: RunResult, outputs: Outputs, path: Path) -
     lines += [f"fault: {text}" for text in session.faults]
     if result.left:
         lines.append(f"left: {result.left}")
+    if result.outcome is Outcome.STOPPED and session.traces:
+        errors[0] += "" if debug_wanted() else "; --debug shows the traceback"
+        errors = [*(text.rstrip() for text in session.traces if debug_wanted()), *errors]
     bugs = [told_bug("; ".join([text.strip().rpartition("\n")[2], *record]), text) for text in session.bugs]
     terminal.say_last([*bugs, *(f"hil-bridge: {text}" for text in errors)], lines, patience)
     return code
@@ -172,6 +176,8 @@ class _Session:
         """Why the record is incomplete."""
         self.bugs: list[str] = []
         """Tracebacks that the run told."""
+        self.traces: list[str] = []
+        """Tracebacks of failures of other packages' code."""
         self.hurried = False
         """A further signal came when the movement had ended already: the process shall end at once."""
 
@@ -197,6 +203,8 @@ class _Session:
         self._moved = self._moved or self._moving
         if record.kind == BUG_EVENT:
             self.bugs.append(record.text)
+        if record.kind == TRACEBACK_EVENT:
+            self.traces.append(record.text)
         if self._view is not None:
             self._view.event(record)
         if record.kind == CHECK_EVENT and not self._clock.is_virtual:

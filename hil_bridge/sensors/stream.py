@@ -11,6 +11,7 @@ from hil_bridge.clock import Clock
 from hil_bridge.control.course.peaks import Peaks
 from hil_bridge.device_log import DeviceLog
 from hil_bridge.errors import BridgeError, DeviceError, TransportClosed
+from hil_bridge.failures import code_failed
 from hil_bridge.sensors.axis_watch import AxisWatch
 from hil_bridge.transports import Transport
 from hil_bridge.transports.pump import Pump
@@ -275,12 +276,7 @@ class ForceSensor:
                 waiter.set_result(None)
 
     def _ended(self, cause: BaseException) -> None:
-        if isinstance(cause, BridgeError):
-            self._fail(cause, quiet=isinstance(cause, TransportClosed))
-        else:
-            failure = DeviceError(f"force sensor {self.name} stopped: {cause!r}")
-            failure.__cause__ = cause
-            self._fail(failure)
+        self._fail(code_failed(f"force sensor {self.name}", cause), quiet=isinstance(cause, TransportClosed))
 
     def _fail(self, failure: BridgeError, quiet: bool = False) -> None:
         if self._failure is not None:

@@ -5,6 +5,7 @@ and is replayed to the bit.
 """
 
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -43,6 +44,10 @@ class Renamed:
         return (before - 0.5 * self.reached) * (FRAME_MS if self.frames else cycle_ms)
 
 
+_TABLE = re.compile(r"\s*\[\s*([\w.]+)\s*\]")
+_NUMBER = re.compile(r"(\s*#?\s*)(\w+)(\s*=\s*)([-+]?[\d_.]+(?:[eE][-+]?\d+)?)(.*)")
+"""A key and its number, in use or commented out: indent, key, equals sign, value, rest."""
+
 RENAMED: Mapping[str, Renamed] = {
     "task.step_mm": Renamed("task.speed_mm_s"),
     "task.approach_step_mm": Renamed("task.approach_speed_mm_s"),
@@ -67,6 +72,26 @@ def told_of(key: str, value: object) -> str:
         return f" is now a {kind}: {renamed.key}"
     cycle = f"a frame every {FRAME_MS:g} ms" if renamed.frames else f"a cycle of {SAMPLE_MS:g} ms"
     return f" is now a {kind}: {renamed.key} = {renamed.value(value, SAMPLE_MS):.4g} is the same with {cycle}"
+
+
+def upgraded(text: str) -> tuple[str, list[str]]:
+    """A configuration file of version 0.1.0 with the settings of now, its comments kept, and each change in words.
+
+    Values are those for the S3's 180 ms and for a frame every 10 ms, as `told_of` says.
+    """
+    section, lines, changes = "", [], []
+    for line in text.splitlines():
+        if table := _TABLE.match(line):
+            section = table[1]
+        found = _NUMBER.match(line)
+        renamed = RENAMED.get(f"{section}.{found[2]}") if found else None
+        if found and renamed:
+            key = renamed.key.partition(".")[2]
+            value = f"{renamed.value(float(found[4].replace('_', '')), SAMPLE_MS):.4g}"
+            line = f"{found[1]}{key}{found[3]}{value}{found[5]}"
+            changes.append(f"{section}.{found[2]} = {found[4]} is now {renamed.key} = {value}")
+        lines.append(line)
+    return "\n".join(lines) + "\n", changes
 
 
 def is_counted(recorded: object) -> bool:

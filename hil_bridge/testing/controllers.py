@@ -25,7 +25,9 @@ from pydantic import TypeAdapter
 from hil_bridge.control.types import Command, Controller, Measurement
 
 __all__ = [
+    "test_contact_that_is_lost_is_not_chased_faster",
     "test_finite_measurements_give_finite_answers",
+    "test_long_error_does_not_wind_up",
     "test_measurement_that_is_not_a_number_moves_nothing",
     "test_parameter_that_is_not_a_number_is_refused",
     "test_parameters_can_be_read_from_a_configuration",
@@ -42,6 +44,8 @@ CYCLE = 0.18
 """Cycle of the computer link at 9600 baud, s."""
 REFERENCES = (0.5, 10.0, 200.0)
 """Desired forces, N."""
+WINDING = 60
+"""Samples of too little force, some ten seconds."""
 _FACTORS = (-1.0, 0.0, 0.01, 0.9, 1.0, 1.1, 3.0, 1000.0)
 _DEPTHS = (-0.05, -0.125e-3, 0.0, 0.125e-3, 2e-3, 1.5)
 
@@ -50,11 +54,13 @@ def test_same_inputs_give_the_same_answers(controller: Controller[Any]) -> None:
     for reference in REFERENCES:
         steps = _walk(controller, reference)
         assert steps == _walk(controller, reference), (
-            "a second run over the same samples differs from the first"
+            "a second run over the same samples differs from the first: the controller keeps state in itself"
         )
         for given, measurement, _, state, command in reversed(steps):
             again = controller.step(given, measurement, reference)
-            assert again == (state, command), f"asked again out of order, {measurement} is answered otherwise"
+            assert again == (state, command), (
+                f"asked again out of order, {measurement} is answered otherwise: the controller keeps state in itself"
+            )
 
 
 def test_state_is_not_changed_in_place(controller: Controller[Any]) -> None:
@@ -88,6 +94,43 @@ def test_too_little_force_never_moves_away(controller: Controller[Any]) -> None:
         assert factor > 0.5 or moved > 0.0, f"{factor:g} times the desired {reference:g} N moves nothing"
 
 
+def test_contact_that_is_lost_is_not_chased_faster(controller: Controller[Any]) -> None:
+    """Without contact it goes on at most as fast as with a force of 0 in contact."""
+    farthest = {}
+    for in_contact in (True, False):
+        state, commanded, steps = controller.initial(), 3e-3, [0.0]
+        for k in range(20):
+            force, touches = (8.0, True) if k < 5 else (0.0, in_contact)
+            measurement = Measurement(k * CYCLE, force, commanded, commanded, touches)
+            state, command = controller.step(state, measurement, 10.0)
+            steps.append(command.position - commanded)
+            commanded = command.position
+        farthest[in_contact] = max(steps[6:])
+    assert farthest[False] <= 1.01 * farthest[True] + 1e-9, (
+        f"where contact is lost the tool is driven on by {farthest[False]:g} m in a sample, in contact by "
+        f"{farthest[True]:g} m"
+    )
+
+
+def test_long_error_does_not_wind_up(controller: Controller[Any]) -> None:
+    """After ten seconds of too little force, too much of it is answered by a way out within two samples."""
+    for reference in REFERENCES:
+        state, commanded = controller.initial(), 3e-3
+        for k in range(WINDING):
+            measurement = Measurement(k * CYCLE, 0.3 * reference, commanded, commanded)
+            state, command = controller.step(state, measurement, reference)
+            commanded = command.position
+        before = commanded
+        for k in range(WINDING, WINDING + 2):
+            measurement = Measurement(k * CYCLE, 2.0 * reference, commanded, commanded)
+            state, command = controller.step(state, measurement, reference)
+            commanded = command.position
+        assert commanded < before, (
+            f"the controller winds up: after {WINDING * CYCLE:g} s of too little force, twice the desired "
+            f"{reference:g} N moves it by {commanded - before:g} m and not away"
+        )
+
+
 @pytest.mark.parametrize("field", ["force", "position"])
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
 def test_measurement_that_is_not_a_number_moves_nothing(
@@ -99,7 +142,9 @@ def test_measurement_that_is_not_a_number_moves_nothing(
         changed: Any = {field: value}
         bad = msgspec.structs.replace(good, **changed)
         after, command = controller.step(state, bad, 10.0)
-        assert command.position == good.commanded, f"{field} {value} is answered by {command}"
+        assert command.position == good.commanded, (
+            f"a measurement that is not a number is acted upon: {field} {value} is answered by {command}"
+        )
         _, beside = controller.step(state, good, 10.0)
         _, behind = controller.step(after, good, 10.0)
         assert beside == behind, f"{field} {value} still has a say in the next sample"
@@ -147,7 +192,10 @@ def _hold(controller: Controller[Any], reference: float, factor: float, excess: 
         measurement = Measurement(k * CYCLE, factor * reference, commanded, commanded)
         state, command = controller.step(state, measurement, reference)
         step = command.position - commanded
-        assert step * excess <= 1e-12, f"{measurement} for a desired {reference:g} N moves by {step:g} m"
+        assert step * excess <= 1e-12, (
+            f"the wrong way: too {'much' if excess > 0 else 'little'} force, and it moves "
+            f"{'deeper' if step > 0.0 else 'away'}. {measurement} for a desired {reference:g} N moves by {step:g} m"
+        )
         commanded = command.position
     return commanded - start
 

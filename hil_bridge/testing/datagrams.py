@@ -1,4 +1,12 @@
-"""The contract of unreliable wires: datagrams arrive whole or not at all, and what is lost is counted."""
+"""The contract of unreliable wires: datagrams arrive whole or not at all, and what is lost is counted.
+
+import pytest
+from hil_bridge.testing.datagrams import *
+
+@pytest.fixture
+def datagram_case():
+    return DatagramCase("mine", open_two_ends)
+"""
 
 import asyncio
 from asyncio import sleep as pass_time  # in virtual time, where nothing waits
@@ -12,6 +20,8 @@ from hil_bridge.testing.ends import DatagramCase, Ear, run_check
 from hil_bridge.transports import DatagramWire
 from hil_bridge.transports.datagram import LARGEST_BYTES
 from protocol.datagram import arrived_at
+
+__all__ = ["DatagramCase", "TestDatagramWire"]
 
 TRIES = 300
 """How often a datagram is sent until it is taken for lost on purpose. Chosen: a wire that loses half of them, and a

@@ -1,4 +1,12 @@
-"""The contract of reliable, ordered wires: bytes or CAN frames arrive once and in order."""
+"""The contract of reliable, ordered wires: bytes or CAN frames arrive once and in order.
+
+import pytest
+from hil_bridge.testing.streams import *
+
+@pytest.fixture
+def stream_case():
+    return StreamCase("mine", open_two_ends)
+"""
 
 import asyncio
 from asyncio import sleep as pass_time  # in virtual time, where nothing waits
@@ -10,6 +18,8 @@ import pytest
 from hil_bridge.errors import TransportBroken, TransportClosed, TransportEnded, TransportError
 from hil_bridge.testing.ends import Ear, StreamCase, run_check
 from hil_bridge.transports import Transport
+
+__all__ = ["StreamCase", "TestStreamWire"]
 
 
 async def send_all(case: StreamCase, end: Transport[Any], data: bytes) -> None:

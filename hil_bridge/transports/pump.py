@@ -4,6 +4,7 @@ from collections.abc import Callable, Sized
 from typing import Generic, TypeVar
 
 from hil_bridge.clock import Clock, Timer
+from hil_bridge.failures import RAISED, raise_if_asked
 from hil_bridge.transports.base import Transport
 from protocol.endpoint import Endpoint
 
@@ -38,7 +39,7 @@ class Pump(Generic[Data, Event]):
         transport: Transport[Data],
         clock: Clock,
         on_event: Callable[[Event], object],
-        on_end: Callable[[Exception], object],
+        on_end: Callable[[BaseException], object],
     ) -> None:
         self._endpoint = endpoint
         self._transport = transport
@@ -65,7 +66,8 @@ class Pump(Generic[Data, Event]):
         self._turning = True
         try:
             self._turn()
-        except Exception as error:
+        except RAISED as error:
+            raise_if_asked(error)
             self._end(error)
         finally:
             self._turning = False
@@ -100,7 +102,8 @@ class Pump(Generic[Data, Event]):
             return
         try:
             self._endpoint.receive(data, self._clock.now())
-        except Exception as error:
+        except RAISED as error:
+            raise_if_asked(error)
             self._end(error)
             return
         self.kick()
@@ -115,12 +118,13 @@ class Pump(Generic[Data, Event]):
         try:
             # a timer may come a rounding step early
             self._endpoint.handle_deadline(max(deadline, self._clock.now()))
-        except Exception as error:
+        except RAISED as error:
+            raise_if_asked(error)
             self._end(error)
             return
         self.kick()
 
-    def _end(self, cause: Exception) -> None:
+    def _end(self, cause: BaseException) -> None:
         if self._ended:
             return
         self._ended = True

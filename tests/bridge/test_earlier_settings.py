@@ -113,3 +113,31 @@ def test_a_recorded_step_comes_back_to_the_last_bit(step_mm: float) -> None:
 def test_what_counts_no_cycles_stays_as_it_is(odd: Any) -> None:
     assert not is_counted(odd)
     assert translated(odd) is odd
+
+
+def test_a_file_of_the_first_version_is_upgraded_with_its_comments(tmp_path: Path) -> None:
+    from click.testing import CliRunner
+
+    from hil_bridge.cli import cli
+
+    old, new = tmp_path / "old.toml", tmp_path / "new.toml"
+    old.write_text(
+        "[run]\nseed = 3\n[task]\nstep_mm = 0.9  # slowly\n#loss_samples = 5\n[limits]\nstill_after_cycles = 4\n",
+        encoding="utf-8",
+    )
+    done = CliRunner().invoke(cli, ["config", "upgrade", str(old), str(new)])
+    assert done.exit_code == 0, done.output
+    assert "task.step_mm = 0.9 is now task.speed_mm_s = 5" in done.output
+    assert new.read_text(encoding="utf-8").splitlines() == [
+        "[run]",
+        "seed = 3",
+        "[task]",
+        "speed_mm_s = 5  # slowly",
+        "#loss_ms = 810",
+        "[limits]",
+        "still_after_ms = 630",
+    ]
+    config = load_config(new, {})
+    assert (config.task.speed_mm_s, config.limits.still_after_ms, config.run.seed) == (5.0, 630.0, 3)
+    again = CliRunner().invoke(cli, ["config", "upgrade", str(old), str(new)])
+    assert isinstance(again.exception, ConfigError)

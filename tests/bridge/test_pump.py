@@ -61,7 +61,7 @@ class Rig:
         self.near = Faulty(inner, Faults())
         self.heard: list[bytes] = []
         self.events: list[tuple[str, object]] = []
-        self.causes: list[Exception] = []
+        self.causes: list[BaseException] = []
         self.endpoint = Echo()
         self.pump = Pump(self.endpoint, self.near, self.clock, self.on_event, self.causes.append)
 

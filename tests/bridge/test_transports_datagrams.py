@@ -361,7 +361,7 @@ class Answerer:
 def _conversation(faults: str) -> tuple[list[tuple[int, float]], int, int]:
     """Answers with their times, how often was asked, how many datagrams were lost; in one second."""
     answers: list[tuple[int, float]] = []
-    ends: list[Exception] = []
+    ends: list[BaseException] = []
     asker = Asker()
     lost: list[int] = []
 

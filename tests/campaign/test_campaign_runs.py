@@ -1,5 +1,7 @@
 """Campaigns that run: each key once, also after a kill; rerun, compare and the page."""
 
+import csv
+import math
 import os
 import re
 import signal
@@ -7,6 +9,7 @@ import sqlite3
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -170,6 +173,46 @@ def test_kill_in_the_middle_loses_nothing_and_doubles_nothing(tmp_path: Path) ->
             assert run(configured(job)).figures == one.figures
 
 
+@pytest.mark.live
+@pytest.mark.skipif(os.name != "posix", reason="Ctrl-C as a signal")
+def test_ctrl_c_ends_every_process_with_one_line(tmp_path: Path) -> None:
+    path, place = study(tmp_path, 50), tmp_path / "out.sqlite"
+    command = [
+        sys.executable,
+        "-m",
+        "hil_bridge",
+        "campaign",
+        str(path),
+        "--out",
+        str(place),
+        "--workers",
+        "2",
+    ]
+    process = subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+    deadline = time.monotonic() + 60.0
+    while _kept(place) == 0 and time.monotonic() < deadline:
+        assert process.poll() is None
+        time.sleep(0.05)
+    os.killpg(process.pid, signal.SIGINT)  # a terminal tells all its processes
+    _, errors = process.communicate(timeout=30)
+    assert process.returncode == 130
+    assert errors.strip() == f"interrupted: {_kept(place)} runs are kept; the same command goes on"
+    deadline = time.monotonic() + 20.0
+    while _is_there(process.pid):
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+
+
+def _is_there(group: int) -> bool:
+    try:
+        os.killpg(group, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
 def _kept(place: Path) -> int:
     try:
         with Store.open(place) as store:
@@ -238,6 +281,9 @@ class _Tags(HTMLParser):
         if tag not in ("meta", "br"):
             self.open.append(tag)
 
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        assert tag in ("line", "path")
+
     def handle_endtag(self, tag: str) -> None:
         assert self.open.pop() == tag
 
@@ -250,8 +296,12 @@ def test_page_tells_cells_worst_runs_and_what_was_never_exercised(results: Path,
     assert tags.open == []
     assert tags.links == []
     assert "8 of 8 runs done: 4 passed, 4 failed" in text
-    assert '<td class="count pass">2/2</td>' in text
-    assert '<td class="count fail">0/2</td>' in text
+    assert '<td class="pass">2</td>' in text
+    assert '<td class="fail">0/2</td>' in text
+    assert text.count("<article>") == 4
+    assert "The run was stopped" in text
+    assert "Look at: " in text  # the paragraph of `why`
+    assert "and that the plan does not inject: robot: work-stop" in text
     assert f"hil-bridge campaign rerun study.sqlite {worst}" in text
     assert "this criterion concerned no run" in text
     out = tmp_path / "page.html"
@@ -260,13 +310,66 @@ def test_page_tells_cells_worst_runs_and_what_was_never_exercised(results: Path,
         CliRunner().invoke(campaign, ["report", str(results), "--out", str(out)], catch_exceptions=False)
 
 
+def test_page_without_the_recordings_tells_the_cause(results: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "alone.sqlite"
+    with sqlite3.connect(results) as source, sqlite3.connect(copy) as target:
+        source.backup(target)
+        target.execute("DELETE FROM runs WHERE seed = 1 AND passed")
+    source.close()
+    target.close()
+    with Store.open(results) as store:
+        again = [
+            replace(run, figures={**run.figures, "rise_s": math.inf})
+            for run in store.runs("seed = 1 AND passed")
+        ]
+    with Store.open(copy) as store:
+        store.put(again, store.plan().cases)
+        assert [run.figures["rise_s"] for run in store.runs("seed = 1 AND passed")] == [math.inf, math.inf]
+        text = page(store)
+    assert "The run was stopped" not in text
+    assert "<p>stopped: robot on memory:robot" in text
+    assert "2 runs, all without an end" in text
+
+
+def test_runs_as_a_table(results: Path, tmp_path: Path) -> None:
+    told = CliRunner().invoke(
+        campaign, ["export", str(results), "--to", "csv", "--out", str(tmp_path / "new")]
+    )
+    assert told.exit_code == 0, told.output
+    rows = list(csv.DictReader((tmp_path / "new" / "study.csv").read_text().splitlines()))
+    with Store.open(results) as store:
+        runs = list(store.runs())
+        cell = store.plan().cases[runs[0].number].cell
+    assert [row["key"] for row in rows] == [run.key for run in runs]
+    assert [row["passed"] for row in rows] == [str(run.passed) for run in runs]
+    assert [float(row["cycles"]) for row in rows] == [run.figures["cycles"] for run in runs]
+    assert rows[0]["cell"] == cell
+    assert {row["struck"] for row in rows if row["fault"] == "none"} == {""}
+    again = ["export", str(results), "--to", "csv", "--out", str(tmp_path / "new")]
+    with pytest.raises(ConfigError, match="there already"):
+        CliRunner().invoke(campaign, again, catch_exceptions=False)
+
+
+def test_table_as_parquet_holds_the_same(results: Path, tmp_path: Path) -> None:
+    parquet = pytest.importorskip("pyarrow.parquet")
+    told = CliRunner().invoke(
+        campaign, ["export", str(results), "--out", str(tmp_path)], catch_exceptions=False
+    )
+    assert told.exit_code == 0
+    columns = parquet.read_table(tmp_path / "study.parquet").to_pydict()
+    with Store.open(results) as store:
+        runs = list(store.runs())
+    assert columns["key"] == [run.key for run in runs]
+    assert columns["force_true_max_n"] == [run.figures["force_true_max_n"] for run in runs]
+
+
 def test_page_of_a_campaign_that_has_not_begun_names_every_cell(tmp_path: Path) -> None:
     text = STUDY.replace("emergency-stop", "late-answer")
     plan = read_plan(study(tmp_path, 1, text))
     with Store.begin(tmp_path / "a.sqlite", plan) as store:
-        assert page(store).count("no run yet") == 4
+        assert page(store).count("<td>no run yet</td>") == 4
         work(plan, store, missing(plan, store)[:1], workers=1)
-        assert page(store).count("no run yet") == 3
+        assert page(store).count("<td>no run yet</td>") == 3
 
 
 def test_command_tells_every_mistake_of_a_plan(tmp_path: Path) -> None:

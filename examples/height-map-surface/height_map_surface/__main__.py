@@ -31,7 +31,7 @@ def write_dome(path: Path, ascii_text: bool = False) -> None:
 
 SITE = """\
 [run]
-duration_s = 3
+duration_s = 2
 [robot]
 emulated = "egm"
 [cell]

@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 from height_map_surface.__main__ import AMPLITUDE_MM, PERIOD_MM, RADIUS_MM, write_all, write_dome, write_waves
 from height_map_surface.heights import from_image, from_stl
-from height_map_surface.surface import HeightMapProfile
+from height_map_surface.surface import SURFACE, HeightMapProfile
 from PIL import Image
 
 import hil_bridge
 from emulators.surface.contact import Contact, SurfaceKind, SurfaceProfile
+from hil_bridge.testing import SurfaceCase
+from hil_bridge.testing.surfaces import *  # noqa: F403
 
 PLACES = np.random.default_rng(7).uniform((0.89, -0.09, 0.585), (0.91, 0.09, 0.592), (400, 3))
 SPEEDS = np.random.default_rng(8).uniform(-0.02, 0.02, (400, 3))
@@ -22,6 +24,14 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_all(folder)
     write_dome(folder / "ascii.stl", ascii_text=True)
     return folder
+
+
+@pytest.fixture
+def surface(files: Path) -> SurfaceCase:
+    settings = HeightMapProfile(stl_file=str(files / "dome.stl"))
+    return SurfaceCase(
+        SURFACE, above_m=(0.9, 0.0, 0.7), inside_m=(0.9, 0.0, 0.588), friction=0.2, settings=settings
+    )
 
 
 def compared(ours: SurfaceProfile, formula: SurfaceProfile) -> float:

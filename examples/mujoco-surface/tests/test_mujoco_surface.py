@@ -4,15 +4,25 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mujoco_surface.surface import MujocoProfile, MujocoSurface, make
+from mujoco_surface.surface import SURFACE, MujocoProfile, MujocoSurface, make
 
 import hil_bridge
 from emulators.surface.contact import Contact, SurfaceKind, SurfaceProfile
+from hil_bridge.testing import SurfaceCase
+from hil_bridge.testing.surfaces import *  # noqa: F403
 
 KINDS = {"plane": SurfaceKind.FLAT, "sphere": SurfaceKind.SPHERE}
 NEAR = [900.0, -100.0, 593.0]
 """Just above the surface, mm: a short approach."""
 CELL = {"robot": {"emulated": "egm"}, "run": {"duration_s": 1.0}}
+
+
+@pytest.fixture(params=KINDS)
+def surface(request: pytest.FixtureRequest) -> SurfaceCase:
+    settings = MujocoProfile(shape=request.param)
+    return SurfaceCase(
+        SURFACE, above_m=(0.9, 0.0, 0.7), inside_m=(0.9, 0.0, 0.588), friction=0.2, settings=settings
+    )
 
 
 def places(count: int = 300) -> np.ndarray:
@@ -67,9 +77,10 @@ def test_a_sample_has_one_force_whatever_was_asked_before() -> None:
     np.testing.assert_array_equal(forwards, backwards)
 
 
-@pytest.mark.parametrize("shape", KINDS)
-def test_the_loop_closes_and_repeats_to_the_last_bit(shape: str) -> None:
-    cell = CELL | {"cell": {"surface_kind": "mujoco", "mujoco": {"shape": shape}, "start_position_mm": NEAR}}
+def test_the_loop_closes_and_repeats_to_the_last_bit() -> None:
+    cell = CELL | {
+        "cell": {"surface_kind": "mujoco", "mujoco": {"shape": "sphere"}, "start_position_mm": NEAR}
+    }
     first, second = (hil_bridge.simulate(cell, seed=7) for _ in range(2))
     assert first.outcome == "completed", first.cause
     assert abs(first.figures.force_mean_steady_n - 10.0) < 0.5

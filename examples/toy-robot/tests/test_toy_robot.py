@@ -1,16 +1,31 @@
-"""The arm in closed loop, and its two ends without a wire."""
+"""The suites for robots, the arm in closed loop, and its two ends without a wire."""
 
+import pytest
 from toy_robot.emulator import Arm
+from toy_robot.room import ROBOT
 from toy_robot.wire import REPORT, ArmClient
 
 import hil_bridge
 from emulators.arm.followed import FollowedProfile
 from emulators.seams import StartPose
+from hil_bridge.testing import RobotCase
+from hil_bridge.testing.robot_clients import *  # noqa: F403
+from hil_bridge.testing.robot_emulators import *  # noqa: F403
 from protocol.robot import ReportReceived
 
 START = StartPose((0.9, 0.0, 0.6), (0.0, 1.0, 0.0, 0.0))
 
 NEAR = {"start_position_mm": [900.0, -100.0, 593.0]}  # just above the surface
+
+
+@pytest.fixture
+def robot_client() -> RobotCase:
+    return RobotCase(ROBOT, numbered=True)
+
+
+@pytest.fixture
+def robot_emulator() -> RobotCase:
+    return RobotCase(ROBOT)
 
 
 def test_the_loop_closes_over_the_arm() -> None:

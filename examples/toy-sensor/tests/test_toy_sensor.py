@@ -1,11 +1,26 @@
-"""The load cell in closed loop, and its client without a wire."""
+"""The suites for sensors, the load cell in closed loop, and its client without a wire."""
 
+import pytest
+from toy_sensor.room import SENSOR
 from toy_sensor.wire import SAMPLE, LoadClient
 
 import hil_bridge
+from hil_bridge.testing import SensorCase
+from hil_bridge.testing.sensor_clients import *  # noqa: F403
+from hil_bridge.testing.sensor_emulators import *  # noqa: F403
 from protocol.wrench import SensorReady, WrenchFrame
 
 NEAR = {"start_position_mm": [900.0, -100.0, 593.0]}  # just above the surface
+
+
+@pytest.fixture
+def sensor_client() -> SensorCase:
+    return SensorCase(SENSOR, numbered=True)
+
+
+@pytest.fixture
+def sensor_emulator() -> SensorCase:
+    return SensorCase(SENSOR)
 
 
 def test_the_loop_closes_over_the_load_cell() -> None:

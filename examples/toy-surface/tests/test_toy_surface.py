@@ -1,11 +1,19 @@
-"""The plate pushes as a spring, and the loop closes over it."""
+"""The suite for surfaces; the plate pushes as a spring, and the loop closes over it."""
 
 import numpy as np
-from toy_surface.surface import Spring, SpringProfile
+import pytest
+from toy_surface.surface import SURFACE, Spring, SpringProfile
 
 import hil_bridge
+from hil_bridge.testing import SurfaceCase
+from hil_bridge.testing.surfaces import *  # noqa: F403
 
 NEAR = {"start_position_mm": [900.0, -100.0, 593.0]}  # just above the surface
+
+
+@pytest.fixture
+def surface() -> SurfaceCase:
+    return SurfaceCase(SURFACE, above_m=(0.9, -0.1, 0.7), inside_m=(0.9, -0.1, 0.588))
 
 
 def test_the_plate_is_a_spring_that_never_pulls() -> None:

@@ -133,7 +133,7 @@ class _Session:
         self._on_said = on_said
         self._prober = Prober()
         self._outcome: asyncio.Future[Outcome] = clock.loop.create_future()
-        self._failure: Exception | None = None
+        self._failure: BaseException | None = None
         self._pump: Pump[bytes, ProbeEvent] = Pump(self._prober, wire, clock, self._take, self._ended)
         self._pump.start()
 
@@ -160,7 +160,7 @@ class _Session:
             case Outcome() if not self._outcome.done():
                 self._outcome.set_result(event)
 
-    def _ended(self, cause: Exception) -> None:
+    def _ended(self, cause: BaseException) -> None:
         self._failure = cause
         with suppress(asyncio.InvalidStateError):
             self._outcome.set_exception(cause)

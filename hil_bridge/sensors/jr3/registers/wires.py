@@ -114,7 +114,7 @@ async def serve_board(
         address = f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
         return ServedBoard(f"{BOARD}tcp://{address}", listener.aclose)
 
-    def ended(cause: Exception) -> None:
+    def ended(cause: BaseException) -> None:
         if not isinstance(cause, TransportClosed):
             on_failure(cause)
 

@@ -1,0 +1,121 @@
+"""Pictures of a campaign's page: the matrix, and how often each figure had each value."""
+
+import math
+import statistics
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from html import escape
+
+from hil_bridge.campaign.criteria import BOUNDS, FIGURES, Criterion
+from hil_bridge.campaign.plan import Case, Plan
+from hil_bridge.campaign.store import Done
+
+BINS = 40
+"""Bars of a distribution. Chosen."""
+_WIDTH, _HEIGHT, _FOOT = 320, 90, 16
+"""Of a distribution's bars, and of the line of text below them. Chosen."""
+PLOTTED = tuple(name for name in FIGURES if name not in ("outcome", "retracted"))
+"""Figures that are numbers."""
+
+
+def fault_of(case: Case) -> str:
+    """A fault with its phase, in words."""
+    return f"{case.fault} {case.phase}".rstrip()
+
+
+def matrix(plan: Plan, runs: Sequence[Done]) -> str:
+    """Faults down, cells of the matrix across: how many runs of each case passed."""
+    done = Counter(run.number for run in runs)
+    passed = Counter(run.number for run in runs if run.passed)
+    cells = list(dict.fromkeys(case.cell for case in plan.cases))
+    by_fault: dict[str, dict[str, int]] = {}
+    for number, case in enumerate(plan.cases):
+        by_fault.setdefault(fault_of(case), {})[case.cell] = number
+
+    def field(number: int | None) -> str:
+        if number is None or plan.cases[number].impossible:
+            return '<td class="none" title="cannot be">·</td>'
+        if not done[number]:
+            return '<td class="none" title="no run yet">?</td>'
+        if passed[number] == done[number]:
+            return f'<td class="pass">{done[number]}</td>'
+        return f'<td class="fail">{passed[number]}/{done[number]}</td>'
+
+    heads = "".join(
+        f'<th title="{escape(cell)}"><span>{escape(head)}</span></th>' for cell, head in _heads(cells)
+    )
+    rows = "".join(
+        f"<tr><th>{escape(fault)}</th>{''.join(field(numbers.get(cell)) for cell in cells)}</tr>\n"
+        for fault, numbers in by_fault.items()
+    )
+    return f'<div class="scroll"><table class="matrix"><tr><th>fault and phase</th>{heads}</tr>\n{rows}</table></div>'
+
+
+def _heads(cells: Sequence[str]) -> list[tuple[str, str]]:
+    """Cells, each by its values alone where that tells them apart: `netft, s3` of `sensor.emulated netft, robot s3`."""
+    short = [", ".join(part.partition(" ")[2] or part for part in cell.split(", ")) for cell in cells]
+    return list(zip(cells, short if len(set(short)) == len(cells) else cells, strict=True))
+
+
+def distributions(criteria: Sequence[Criterion], runs: Sequence[Done]) -> str:
+    """A picture of each figure, with the bounds that the criteria set."""
+    wanted = {criterion.figure: criterion.wanted for criterion in criteria}
+    parts = []
+    for name in PLOTTED:
+        found = [float(value) for run in runs if isinstance(value := run.figures.get(name), (int, float))]
+        values = sorted(filter(math.isfinite, found))
+        if found:
+            parts.append(_distribution(name, values, len(found) - len(values), _bounds(wanted.get(name))))
+    return f'<div class="figures">{"".join(parts)}</div>' if parts else "<p>none</p>"
+
+
+def _bounds(wanted: object) -> Mapping[str, float]:
+    return (
+        {name: float(wanted[name]) for name in BOUNDS if name in wanted} if isinstance(wanted, dict) else {}
+    )
+
+
+def _distribution(name: str, values: Sequence[float], endless: int, bounds: Mapping[str, float]) -> str:
+    title = f"<strong>{name}</strong><br>{escape(FIGURES[name])}"
+    if not values:
+        return f"<figure><figcaption>{title}<br>{endless} runs, all without an end</figcaption></figure>"
+    low, high = values[0], values[-1]
+    median, late = statistics.median(values), values[math.ceil(0.99 * len(values)) - 1]
+    counts = f"{len(values)} runs" + (f", and {endless} without an end" if endless else "")
+    numbers = f"median {median:.4g}, 99 % ≤ {late:.4g}, least {low:.4g}, largest {high:.4g}"
+    return (
+        f"<figure><figcaption>{title}</figcaption>"
+        f"{_bars(name, values, bounds)}<figcaption>{counts}: {numbers}</figcaption></figure>"
+    )
+
+
+def _bars(name: str, values: Sequence[float], bounds: Mapping[str, float]) -> str:
+    """Bars from the least to the largest value. A bound that lies not far beyond them widens the picture to it."""
+    low, high = values[0], values[-1]
+    span = high - low or abs(high) or 1.0
+    near = [bound for bound in bounds.values() if low - span < bound < high + span]
+    low, high = min([low, *near]), max([high, *near])
+    span = high - low or 1.0
+    counts = Counter(min(int((value - low) / span * BINS), BINS - 1) for value in values)
+    top, width = max(counts.values()), _WIDTH / BINS
+    drawn = []
+    for place, count in sorted(counts.items()):
+        height = max(1.5, (_HEIGHT - 8) * count / top)
+        first = low + place * span / BINS
+        title = f"{count} runs from {first:.4g} to {first + span / BINS:.4g}"
+        drawn.append(
+            f'<rect x="{place * width:.1f}" y="{_HEIGHT - height:.1f}" width="{width - 1:.1f}" height="{height:.1f}">'
+            f"<title>{title}</title></rect>"
+        )
+    for word, bound in bounds.items():
+        if bound in near:
+            at = (bound - low) / span * _WIDTH
+            drawn.append(f'<line x1="{at:.1f}" x2="{at:.1f}" y1="0" y2="{_HEIGHT}"/>')
+            side, anchor = (at - 4, "end") if at > _WIDTH / 2 else (at + 4, "start")
+            text = f"{word.replace('_', ' ')} {bound:g}"
+            drawn.append(f'<text class="bound" x="{side:.1f}" y="10" text-anchor="{anchor}">{text}</text>')
+    foot = _HEIGHT + _FOOT - 3
+    drawn.append(f'<path d="M0 {_HEIGHT}H{_WIDTH}"/><text x="0" y="{foot}">{low:.4g}</text>')
+    drawn.append(f'<text x="{_WIDTH}" y="{foot}" text-anchor="end">{high:.4g}</text>')
+    box = f"0 0 {_WIDTH} {_HEIGHT + _FOOT}"
+    return f'<svg viewBox="{box}" role="img" aria-label="distribution of {name}">{"".join(drawn)}</svg>'

@@ -1,0 +1,27 @@
+"""A controller that fails: in words with its package and place, and its traceback."""
+
+from typing import Any, NamedTuple
+
+from hil_bridge.control.types import Command, Controller
+from hil_bridge.failures import failure, place_of_method, traceback_of
+
+
+class Failed(NamedTuple):
+    """A fault of a controller."""
+
+    text: str
+    trace: str = ""
+    """Traceback of what it raised; empty where it raised nothing."""
+
+
+def failed_by(controller: Controller[Any], error: BaseException) -> Failed:
+    """It raised this, or gave an answer by which this was raised."""
+    said = failure(error, place_of_method(controller, "step"))
+    return Failed(f"controller {controller.name} failed: {said}", traceback_of(error))
+
+
+def failed_to_answer(controller: Controller[Any], command: Command) -> Failed:
+    """It answered with a command that is no number."""
+    place = place_of_method(controller, "step")
+    said = f"it commands {command.position} m"
+    return Failed(f"controller {controller.name} failed: {said}{place and f' ({place})'}")

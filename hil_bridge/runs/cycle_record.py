@@ -1,0 +1,53 @@
+"""The record of a cycle, from all that its course has made."""
+
+import math
+from typing import Any
+
+from hil_bridge.control import Command, Decision, Sample, TaskParameters, numeric_explanation
+from hil_bridge.recording import CycleRecord
+from hil_bridge.robots.seam import ANSWER, PACKET, QUESTION_LEFT, RobotReport, Sent
+
+
+def cycle_record(
+    report: RobotReport, sample: Sample, decision: Decision, sent: Sent, task: TaskParameters, **known: Any
+) -> CycleRecord:
+    """Record of a cycle; `known` are the values that only its course knows, by the record's names."""
+    output = decision.output
+    command = output.command or Command(decision.target.depth, 0.0)
+    stamps = dict(report.stamps)
+    return CycleRecord(
+        **known,
+        phase=output.phase,
+        status_at=sample.now,
+        sensor_at=sample.sensor_at,
+        sensor_sequence=sample.sensor_sequence,
+        force=decision.force,
+        force_reference=task.force_n if output.reference is None else output.reference,
+        wrench=sample.wrench,
+        position=report.pose.position,
+        quaternion=report.pose.quaternion,
+        status_transmitted_at=stamps.get(QUESTION_LEFT, math.nan),
+        answer_s=stamps[ANSWER] - stamps[PACKET] if ANSWER in stamps else math.nan,
+        sent_at=sent.begun_at,
+        transmitted_at=sent.left_at,
+        depth=decision.depth,
+        depth_commanded=decision.target.depth,
+        travel_commanded=decision.target.travel,
+        across_commanded=decision.target.across,
+        step=output.leg + 1 if task.step else 0,
+        quaternion_commanded=decision.quaternion or (),
+        stiffness=command.stiffness,
+        gain=command.gain,
+        held=command.held,
+        in_contact=output.in_contact,
+        verdict=decision.verdict.kind,
+        reasons=decision.reasons,
+        explanation={
+            **numeric_explanation(command.explanation),
+            "feedback_m": command.correction,
+            **output.notes,
+            **({"surface_deg": math.degrees(decision.angle)} if decision.angle else {}),
+        },
+        target=decision.position,
+        sample=sample,
+    )

@@ -1,0 +1,116 @@
+"""A package of toys that fail on purpose: `FAILS` says which part, how, and from which call on."""
+
+import dataclasses
+import math
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from toy_robot.emulator import Arm
+from toy_robot.room import FACTS
+from toy_robot.room import ROBOT as ARM
+from toy_robot.wire import ArmClient
+from toy_sensor.emulator import LoadCell
+from toy_sensor.room import SENSOR as LOAD
+from toy_sensor.wire import LoadClient
+from toy_surface.surface import SURFACE as SPRING
+from toy_surface.surface import Spring
+
+from hil_bridge import Command, Measurement
+from hil_bridge.robots.streamed import StreamedLink
+
+FAILS: dict[str, Any] = {"part": "", "how": "", "after": 0}
+RAISES: dict[str, BaseException] = {
+    "raise": ValueError("it is broken\nin two lines"),
+    "exit": SystemExit(0),
+    "keyboard": KeyboardInterrupt(),
+}
+calls: dict[str, int] = {}
+
+
+def how(part: str) -> str:
+    """How a part fails now; empty while it does not. Raises what it is to raise."""
+    calls[part] = calls.get(part, 0) + 1
+    if part != FAILS["part"] or calls[part] < FAILS["after"]:
+        return ""
+    if FAILS["how"] in RAISES:
+        raise RAISES[FAILS["how"]]
+    return str(FAILS["how"])
+
+
+@dataclass(frozen=True)
+class Law:
+    name: ClassVar[str] = "failing"
+
+    def initial(self) -> None:
+        return None
+
+    def step(self, state: None, measurement: Measurement, reference: float) -> Any:
+        move = 1e-4 * (reference - measurement.force)
+        answers = {
+            "": (None, Command(measurement.commanded + move, move)),
+            "nothing": None,
+            "nan": (None, Command(math.nan, 0.0)),
+        }
+        return answers[how("law")]
+
+
+class FailingArmClient(ArmClient):
+    def receive(self, data: Any, now: float) -> None:
+        how("arm-client")
+        super().receive(data, now)
+
+
+class FailingArm(Arm):
+    def handle_deadline(self, now: float) -> None:
+        how("arm")
+        super().handle_deadline(now)
+
+
+class FailingLoadClient(LoadClient):
+    def receive(self, data: Any, now: float) -> None:
+        how("load-client")
+        super().receive(data, now)
+
+
+class FailingLoad(LoadCell):
+    def handle_deadline(self, now: float) -> None:
+        how("load")
+        super().handle_deadline(now)
+
+
+class FailingSpring(Spring):
+    def force(self, positions: Any, velocities: Any, times: Any) -> Any:
+        force = super().force(positions, velocities, times)
+        answers = {"": force, "nothing": None, "nan": math.nan * force, "shape": force[:, :2]}
+        return answers[how("spring")]
+
+
+async def connect_arm(url: str, settings: Any, wiring: Any) -> Any:
+    how("connect")
+    wire = await wiring.datagrams(url)
+    return StreamedLink(wire, FailingArmClient(wiring.clock.now()), FACTS, wiring.clock, wiring.log)
+
+
+async def connect_load(url: str, settings: Any, wiring: Any) -> Any:
+    return await wiring.datagrams(url), FailingLoadClient(wiring.clock.now())
+
+
+def make_arm(settings: Any) -> Any:
+    how("make")
+    return lambda start, now, seed: FailingArm(settings.emulated, start, now)
+
+
+def make_load(settings: Any) -> Any:
+    return lambda source, now, seed: FailingLoad(settings.emulated, source, seed)
+
+
+def changed(kind: Any, name: str, connect: Any, make: Any) -> Any:
+    emulation = dataclasses.replace(kind.emulation, make=make)
+    return dataclasses.replace(kind, name=name, connect=connect, emulation=emulation)
+
+
+ROBOT = changed(ARM, "failarm", connect_arm, make_arm)
+SENSOR = changed(LOAD, "failload", connect_load, make_load)
+SURFACE = dataclasses.replace(
+    SPRING, name="failspring", make=lambda settings: lambda since: FailingSpring(settings, since)
+)

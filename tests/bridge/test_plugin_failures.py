@@ -1,0 +1,160 @@
+"""Code of another package that fails: each run ends as the guard ends it, names package and place, and is recorded."""
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import hil_bridge
+from hil_bridge.analysis.why import tracebacks, why
+from hil_bridge.cli import main
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+TOYS = ("toy-robot", "toy-sensor", "toy-surface")
+POINTS = """
+[hil_bridge.controllers]
+failing = failing_toys:Law
+[hil_bridge.robots]
+failarm = failing_toys:ROBOT
+[hil_bridge.sensors]
+failload = failing_toys:SENSOR
+[hil_bridge.surfaces]
+failspring = failing_toys:SURFACE
+"""
+SITE = """
+[run]
+period_ms = 20
+duration_s = 1
+[robot]
+emulated = "failarm"
+[sensor]
+emulated = "failload"
+[controller]
+name = "failing"
+sample_ms = 20
+[cell]
+surface_kind = "failspring"
+start_position_mm = [900, -100, 593]
+"""
+PACKAGE = "failing-toys 2.0, failing_toys.py:"
+
+
+@pytest.fixture
+def fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[dict[str, Any]]:
+    """What fails, of the package of failing toys as it is found when it is installed."""
+    info = tmp_path / "failing_toys-2.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: failing-toys\nVersion: 2.0\n")
+    (info / "entry_points.txt").write_text(POINTS)
+    source = Path(__file__).with_name("failing_toys.py").read_text(encoding="utf-8")
+    (tmp_path / "failing_toys.py").write_text(source, encoding="utf-8")
+    (tmp_path / "site.toml").write_text(SITE, encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    for place in (*(EXAMPLES / toy for toy in TOYS), tmp_path):
+        monkeypatch.syspath_prepend(str(place))
+    import failing_toys
+
+    yield failing_toys.FAILS
+    modules = {"failing_toys", *(toy.replace("-", "_") for toy in TOYS)}
+    for name in [name for name in sys.modules if name.partition(".")[0] in modules]:
+        del sys.modules[name]
+
+
+def told(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *options: str
+) -> tuple[int, str]:
+    """Exit code of a run by the command line, and all that it said."""
+    monkeypatch.setattr(sys, "argv", ["hil-bridge", *options, "run", "site.toml", "--virtual", "--no-view"])
+    ended: list[Any] = []
+    monkeypatch.setattr("hil_bridge.cli.leave", ended.append)
+    main()
+    out = capsys.readouterr()
+    return int(ended[0] or 0), out.err + out.out
+
+
+CASES = [
+    ("law", "raise", 40, "controller failing failed: ValueError: it is broken (", "retracted"),
+    ("law", "exit", 40, "controller failing failed: SystemExit: 0 (", "retracted"),
+    ("law", "keyboard", 40, "controller failing failed: KeyboardInterrupt (", "retracted"),
+    ("law", "nothing", 40, "controller failing failed: TypeError: cannot unpack", "retracted"),
+    ("law", "nan", 40, "controller failing failed: it commands nan m (", "retracted"),
+    ("arm-client", "raise", 600, "robot link udp+memory:toyarm stopped: ValueError: it is broken (", "NOT"),
+    ("arm-client", "exit", 600, "robot link udp+memory:toyarm stopped: SystemExit: 0 (", "NOT"),
+    ("load-client", "raise", 1300, "force sensor udp+memory:toyload stopped: ValueError: it is", "NOT"),
+    ("load-client", "keyboard", 1300, "force sensor udp+memory:toyload stopped: KeyboardInterrupt (", "NOT"),
+    ("arm", "raise", 600, "the emulated cell failed: ValueError: it is broken (", "NOT"),
+    ("load", "raise", 1300, "the emulated cell failed: ValueError: it is broken (", "NOT"),
+    ("load", "exit", 1300, "the emulated cell failed: SystemExit: 0 (", "NOT"),
+    ("spring", "raise", 350, "the emulated cell failed: ValueError: it is broken (", "NOT"),
+    (
+        "spring",
+        "nan",
+        350,
+        "the emulated cell failed: WrongForce: the surface answers [nan, nan, nan] N",
+        "NOT",
+    ),
+    ("spring", "nothing", 350, "the emulated cell failed: WrongForce: the surface answers NoneType", "NOT"),
+    ("spring", "shape", 350, "the emulated cell failed: WrongForce: the surface answers shape (", "NOT"),
+]
+
+
+@pytest.mark.parametrize(("part", "how", "after", "cause", "left"), CASES)
+def test_a_failure_ends_the_run_and_stands_in_the_record(
+    fails: dict[str, Any], part: str, how: str, after: int, cause: str, left: str
+) -> None:
+    fails.update(part=part, how=how, after=after)
+    result = hil_bridge.simulate("site.toml", seed=7)
+    assert result.outcome == "stopped"
+    assert result.cause.startswith(cause)
+    assert PACKAGE in result.cause
+    assert "\n" not in result.cause
+    assert result.left.startswith(left)
+    if left == "NOT":  # nothing is said to be so that cannot be known any more
+        assert "unknown" in result.left
+    assert max(result.arrays.truths.force[:, 2]) < 15.0
+    traces = tracebacks(result.recording)
+    assert bool(traces) == (how != "nan" or part == "spring")
+    assert all(text.startswith("Traceback") for text in traces)
+    assert PACKAGE in why(result.recording)
+
+
+def test_nothing_fails_where_nothing_is_to_fail(fails: dict[str, Any]) -> None:
+    result = hil_bridge.simulate("site.toml", seed=7)
+    assert result.outcome == "completed", result.cause
+    assert not tracebacks(result.recording)
+
+
+def test_the_command_tells_one_line_and_the_traceback_when_asked(
+    fails: dict[str, Any], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    fails.update(part="law", how="raise", after=40)
+    code, said = told(monkeypatch, capsys)
+    assert code == 3
+    (line,) = [line for line in said.splitlines() if "broken" in line]
+    assert line.startswith("hil-bridge: stopped: controller failing failed: ValueError: it is broken (")
+    assert line.endswith("); --debug shows the traceback")
+    fails.update(after=0)
+    code, said = told(monkeypatch, capsys, "--debug")
+    assert code == 3
+    assert "Traceback (most recent call last)" in said
+    assert 'raise RAISES[FAILS["how"]]' in said
+
+
+@pytest.mark.parametrize("part", ["connect", "make"])
+@pytest.mark.parametrize("how", ["raise", "exit"])
+def test_a_failure_before_the_run_is_one_line_and_exit_code_2(
+    fails: dict[str, Any],
+    part: str,
+    how: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    fails.update(part=part, how=how)
+    code, said = told(monkeypatch, capsys)
+    assert code == 2
+    (line,) = [line for line in said.splitlines() if line.startswith("hil-bridge:")]
+    assert line.startswith("hil-bridge: code of another package failed: ")
+    assert PACKAGE in line
+    assert "Traceback" not in said

@@ -1,0 +1,1 @@
+"""Small complete implementations, as another person would write them; each can be given a mistake by its name."""

@@ -1,0 +1,101 @@
+"""Naive implementations pass the suites, and each mistake that is planted in one is found and named."""
+
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+from hil_bridge.testing.plugin import SUITES
+
+pytest_plugins = "pytester"
+
+MODULES = {
+    "controller": """
+from hil_bridge.testing.controllers import *
+from naive.controller import NaiveController
+
+@pytest.fixture(params=MISTAKES, ids=lambda name: name or "none")
+def controller(request):
+    return NaiveController(mistake=request.param)
+""",
+    "robot": """
+from hil_bridge.testing import RobotCase
+from hil_bridge.testing.robot_clients import *
+from naive.robot import ROBOT, settings
+
+@pytest.fixture(params=MISTAKES, ids=lambda name: name or "none")
+def robot_client(request):
+    stop = ("robot", "motors-off")
+    return RobotCase(ROBOT, stop=stop, numbered=True, settings=settings(request.param))
+""",
+    "sensor": """
+from hil_bridge.testing import SensorCase
+from hil_bridge.testing.sensor_clients import *
+from naive.sensor import SENSOR, settings
+
+@pytest.fixture(params=MISTAKES, ids=lambda name: name or "none")
+def sensor_client(request):
+    return SensorCase(SENSOR, checked=True, settle_s=0.3, settings=settings(request.param))
+""",
+}
+NAMED = {
+    "controller": {
+        "sign": "the wrong way: too much force",
+        "self": "keeps state in itself",
+        "nan": "not a number is acted upon",
+        "lost": "contact is lost",
+        "windup": "winds up",
+    },
+    "robot": {
+        "stop": "orders were sent on after a protective stop",
+        "commanded": "the commanded pose is reported as the actual one",
+        "stale": "a stale packet was taken for a new report",
+        "leak": "leaks a wire",
+        "mm": "mm or mN taken for m or N",
+    },
+    "sensor": {
+        "moment-sign": "the sign of my is wrong",
+        "zero-unit": "not in the unit of the frame",
+        "check": "its check was not heeded",
+        "split": "is put together wrongly",
+        "repeat": "an old frame is told as a new one",
+        "overload": "an overload is not told",
+    },
+}
+PLUGIN = ("-p", "hil_bridge.testing.plugin", "-p", "no:xdist", "-p", "no:asyncio", "-q")
+for name in SUITES:  # pytester forgets what a run inside it has imported, and NumPy cannot be imported again
+    import_module(name)
+LONG = "not any_sequence and not every_fault"
+
+
+@pytest.mark.parametrize("kind", MODULES)
+def test_each_mistake_is_found_and_named(
+    kind: str, pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(str(Path(__file__).parent))
+    named = NAMED[kind]
+    head = f"import pytest\nMISTAKES = {list(named)}\n"
+    pytester.makepyfile(head + MODULES[kind])
+    result = pytester.inline_run(*PLUGIN, "-k", LONG)
+    told = dict.fromkeys(named, "")
+    for report in result.getreports("pytest_runtest_logreport"):
+        if report.failed:
+            mistake = next(name for name in told if name in report.nodeid.partition("[")[2])
+            told[mistake] += str(report.longrepr)
+    missed = {mistake: words for mistake, words in named.items() if words not in told[mistake]}
+    assert not missed, {mistake: told[mistake][-2000:] for mistake in missed}
+
+
+@pytest.mark.parametrize("kind", MODULES)
+def test_without_a_mistake_it_passes(
+    kind: str, pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(str(Path(__file__).parent))
+    pytester.makepyfile("import pytest\nMISTAKES = ['']\n" + MODULES[kind])
+    result = pytester.inline_run(*PLUGIN)
+    failed = [
+        report.longreprtext for report in result.getreports("pytest_runtest_logreport") if report.failed
+    ]
+    assert not failed, failed[0][-3000:]
+    passed, _, _ = result.countoutcomes()
+    assert passed >= 10

@@ -1,0 +1,114 @@
+"""The plug-in of pytest: what is missing is told, what is skipped is counted, and loading it costs nothing."""
+
+import subprocess
+import sys
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+import hil_bridge
+from hil_bridge.testing import SUITE_VERSION
+from hil_bridge.testing.plugin import SUITES
+
+pytest_plugins = "pytester"
+
+PLUGIN = ("-p", "hil_bridge.testing.plugin", "-p", "no:xdist", "-p", "no:asyncio")
+SUITE_MODULES = [import_module(name) for name in SUITES]
+"""Imported once: pytester forgets what a run inside it has imported, and NumPy cannot be imported again."""
+hil_bridge.simulate({"run": {"duration_s": 0.2}})
+
+
+def test_missing_fixture_fails_and_says_which_and_where(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(
+        test_mine="\n".join(f"from {module} import *" for module in SUITES)
+        + "\nfrom hil_bridge.testing.transports import TestStreamWire\n"
+    )
+    result = pytester.runpytest_inprocess(*PLUGIN, "-q", "-x", "--maxfail=1000")
+    counts = result.parseoutcomes()
+    assert set(counts) <= {"failed", "warnings"}, counts
+    told = result.stdout.str()
+    where = pytester.path / "test_mine.py"
+    for suite in SUITES.values():
+        example = "\n".join(f"    {line}" for line in suite.example)
+        assert (
+            f"the suite for a {suite.title} needs the fixture {suite.needs!r}; give it in {where}:\n{example}\n"
+            in told
+        )
+
+
+MINE = """
+import pytest
+from hil_bridge.testing import SurfaceCase
+from hil_bridge.testing.surfaces import *
+from hil_bridge.kinds import SurfaceKind
+from emulators.surface.contact import Contact, SurfaceProfile
+
+KIND = SurfaceKind("mine", "", SurfaceProfile, lambda s: lambda changed: Contact(s, changed))
+
+@pytest.fixture
+def surface():
+    return SurfaceCase(KIND)
+
+def test_of_my_own(hil_simulate, hil_cell):
+    async def script(cell):
+        return (await cell.robot.ready()).pose.position[2]
+
+    assert hil_cell(script) == pytest.approx(0.6, abs=0.001)
+    stop = {"on": "robot", "fault": "emergency-stop", "phase": "approach"}
+    assert hil_simulate({"run": {"duration_s": 1.0}}, faults=[stop]).outcome == "completed"
+"""
+
+
+def test_summary_counts_what_was_run_and_skipped_and_a_failed_run_is_kept(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(test_mine=MINE)
+    result = pytester.runpytest_inprocess(*PLUGIN, "-q")
+    assert result.parseoutcomes()["passed"] == 8
+    result.stdout.fnmatch_lines(
+        [
+            "* hil_simulate *",
+            "run 0: stopped: *emergency stop*",
+            "    hil-bridge why */run-0.mcap",
+            "* hil-bridge suites *",
+            f"surface, suite version {SUITE_VERSION}: 9 run (8 passed, 1 failed), 1 skipped",
+            "  1 skipped: not declared: friction (SurfaceCase.friction)",
+        ]
+    )
+
+
+@pytest.mark.parametrize("version", [SUITE_VERSION, "0"])
+def test_another_version_than_the_pinned_one_ends_in_one_line(
+    pytester: pytest.Pytester, version: str
+) -> None:
+    pytester.makeini(f"[pytest]\nhil_suite = {version}\n")
+    pytester.makepyfile("def test_nothing(): pass")
+    result = pytester.runpytest_inprocess(*PLUGIN)
+    if version == SUITE_VERSION:
+        assert result.ret == 0
+        return
+    assert result.ret == pytest.ExitCode.USAGE_ERROR
+    assert [line for line in result.stderr.lines if line] == [
+        f"ERROR: hil_suite is 0, and the installed hil-bridge has version {SUITE_VERSION} of its suites: install the "
+        "release that has yours, or set hil_suite anew once the tests pass"
+    ]
+
+
+def test_loading_imports_nothing_of_the_product() -> None:
+    code = (
+        "import sys, pytest, time; before = set(sys.modules); began = time.process_time(); "
+        "import hil_bridge.testing.plugin; took = time.process_time() - began; "
+        "new = sorted(set(sys.modules) - before); "
+        "assert new == ['hil_bridge', 'hil_bridge.testing', 'hil_bridge.testing.plugin'], new; "
+        "assert took < 0.05, took"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, cwd=Path(__file__).parents[2])
+
+
+def test_no_two_suites_have_a_test_of_the_same_name() -> None:
+    """A module may import several suites with `*`: one must not hide another's tests."""
+    seen: dict[str, str] = {}
+    for module in SUITE_MODULES:
+        for name in module.__all__:
+            if name.lower().startswith("test"):
+                assert name not in seen, f"{name} is in {seen[name]} and in {module.__name__}"
+                seen[name] = module.__name__

@@ -1,0 +1,168 @@
+"""What a release has to pass beside the check: `make release-check`.
+
+The wheel is made from the source distribution, both are judged by twine, and the wheel goes into a clean environment of
+the oldest Python that pyproject.toml names. There the last build of 0.1.0 is replaced by this one; its configuration
+and its recording have to serve on. The size of the installation and the time of an import are told.
+"""
+
+import re
+import shutil
+import subprocess
+import sys
+import tarfile
+import tempfile
+import time
+import tomllib
+from collections.abc import Callable
+from io import BytesIO
+from pathlib import Path
+from zipfile import ZipFile
+
+from wheels import ROOT, Elsewhere, ran
+
+FIRST = "0.1.0"
+SIZE_LIMIT_MB = 250.0
+"""Most that the core may take with all that it depends on."""
+HEAVY = "import sys, hil_bridge as h; h.simulate({'run': {'duration_s': 1.0}}); print('matplotlib' in sys.modules)"
+CELL = ("--virtual", "--duration", "3", "--no-view")
+
+
+class Release:
+    """What is built, and the environment that it is tried in."""
+
+    def __init__(self, place: Path) -> None:
+        self.place = place
+        project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+        self.version: str = project["version"]
+        self.oldest: str = project["requires-python"].removeprefix(">=")
+        python = shutil.which(f"python{self.oldest}")
+        if python is None:
+            raise RuntimeError(f"no python{self.oldest} on the path, the oldest that pyproject.toml names")
+        (place / "core").mkdir()
+        self.core = Elsewhere(place / "core", python)
+
+    @property
+    def wheel(self) -> Path:
+        """The wheel of this version."""
+        (wheel,) = (self.place / "dist").glob("*.whl")
+        return wheel
+
+
+def built(release: Release) -> str:
+    """Source distribution, and the wheel from it; both as an index would take them."""
+    dist = release.place / "dist"
+    ran(release.place, sys.executable, "-m", "build", "--outdir", dist, ROOT)
+    (release.place / "twine").mkdir()
+    judge = Elsewhere(release.place / "twine")
+    judge.install("twine")
+    judge.run("twine", "check", "--strict", *sorted(dist.iterdir()))
+    with ZipFile(release.wheel) as archive:
+        names = archive.namelist()
+    strange = {name.split("/")[0] for name in names} - {"hil_bridge", "emulators", "protocol"}
+    if strange != {f"hil_bridge-{release.version}.dist-info"}:
+        raise RuntimeError(f"the wheel holds {sorted(strange)}")
+    for wanted in ("hil_bridge/py.typed", "emulators/py.typed", "protocol/py.typed", "licenses/LICENSE"):
+        if not any(name.endswith(wanted) for name in names):
+            raise RuntimeError(f"the wheel has no {wanted}")
+    return ", ".join(f"{path.name} {path.stat().st_size / 1e6:.2f} MB" for path in sorted(dist.iterdir()))
+
+
+def told_changes(release: Release) -> str:
+    """The changelog begins with this version."""
+    text = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    first = re.search(r"^## (\S+)", text, re.MULTILINE)
+    if first is None or first[1] != release.version:
+        raise RuntimeError(
+            f"CHANGELOG.md begins with {first and first[1]}, pyproject.toml has {release.version}"
+        )
+    return f"CHANGELOG.md tells of {release.version}"
+
+
+def kept(release: Release) -> str:
+    """A configuration and a recording of 0.1.0, made by it."""
+    source = release.place / "first"
+    source.mkdir()
+    with tarfile.open(fileobj=BytesIO(_archive(_last_of_first()))) as archive:
+        archive.extractall(source, filter="data")
+    ran(release.place, sys.executable, "-m", "build", "--wheel", "--outdir", release.place / "old", source)
+    (wheel,) = (release.place / "old").glob("*.whl")
+    core = release.core
+    core.install(wheel)
+    if FIRST not in core.run("hil-bridge", "--version"):
+        raise RuntimeError("the old wheel has another version")
+    core.run("hil-bridge", "config", "init", core.place / "old.toml")
+    core.run("hil-bridge", "run", core.place / "old.toml", *CELL, "--record", core.place / "old.mcap")
+    return wheel.name
+
+
+def upgraded(release: Release) -> str:
+    """The same environment with this version: the old configuration runs, the old recording is read and replayed."""
+    core = release.core
+    core.install("--upgrade", release.wheel)
+    if release.version not in core.run("hil-bridge", "--version"):
+        raise RuntimeError("the new wheel has another version")
+    core.run("hil-bridge", "config", "upgrade", core.place / "old.toml", core.place / "new.toml")
+    core.run("hil-bridge", "run", core.place / "new.toml", *CELL, "--record", core.place / "new.mcap")
+    for record in ("old.mcap", "new.mcap"):
+        core.run("hil-bridge", "replay", core.place / record)
+        core.run("hil-bridge", "report", core.place / record, "--out", core.place / record[:3])
+    return "the old configuration is upgraded and runs, the old recording is replayed and reported"
+
+
+def light(release: Release) -> str:
+    """A clean installation of the core: its size without pip, and what a run imports."""
+    (release.place / "clean").mkdir()
+    clean = Elsewhere(release.place / "clean")
+    clean.install(release.wheel)
+    clean.run("python", "-m", "pip", "uninstall", "--quiet", "--yes", "setuptools", "pip")
+    size = sum(path.stat().st_size for path in clean.place.rglob("*") if path.is_file()) / 1e6
+    if size > SIZE_LIMIT_MB:
+        raise RuntimeError(f"the core takes {size:.0f} MB, allowed are {SIZE_LIMIT_MB:g}")
+    if clean.run("python", "-c", HEAVY).strip() != "False":
+        raise RuntimeError("a run imports matplotlib")
+    begun = time.monotonic()
+    clean.run("python", "-c", "import hil_bridge; hil_bridge.simulate")
+    return f"{size:.0f} MB; import of the interface {time.monotonic() - begun:.2f} s with Python's own start"
+
+
+def _git(*arguments: str) -> bytes:
+    done = subprocess.run(["git", *arguments], cwd=ROOT, capture_output=True, check=False)
+    if done.returncode:
+        raise RuntimeError(f"git {' '.join(arguments)}: {done.stderr.decode(errors='replace').strip()}")
+    return done.stdout
+
+
+def _last_of_first() -> str:
+    """The last commit whose version was 0.1.0. Raises RuntimeError where the history does not reach back so far."""
+    changed = _git(
+        "log", "--reverse", "--format=%H", f'-Sversion = "{FIRST}"', "--", "pyproject.toml"
+    ).split()
+    if len(changed) != 2:
+        raise RuntimeError(f"the history of this checkout does not hold version {FIRST}; take a full clone")
+    return f"{changed[1].decode()}~1"
+
+
+def _archive(commit: str) -> bytes:
+    return _git("archive", "--format=tar", commit)
+
+
+STEPS: tuple[Callable[[Release], str], ...] = (told_changes, built, kept, upgraded, light)
+
+
+def main() -> int:
+    """Take all steps; 1 when one fails."""
+    with tempfile.TemporaryDirectory(prefix="hil-bridge-release-") as name:
+        try:
+            release = Release(Path(name))
+            for step in STEPS:
+                print(f"{step.__name__}: ", end="", flush=True)
+                print(step(release), flush=True)
+        except (RuntimeError, OSError, ValueError) as error:
+            print(error)
+            return 1
+    print(f"{release.version} may be released")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
