@@ -56,7 +56,7 @@ _PLACES: tuple[tuple[tuple[float, float, float], tuple[float, float, float]], ..
     ((6.0, -5.0, 4.0), (4.0, -3.0, 5.0)),
 )
 """Offsets from the start, mm, and turns about the base axes, degrees."""
-_SETTLE_S = 1.0
+_SETTLE_S = 0.8
 NOT_A_NUMBER = (BridgeError, ValueError, ProtocolError)
 """Errors that refuse an order to nowhere: the caller's mistake as well as the robot's."""
 
@@ -206,7 +206,7 @@ def test_nothing_is_ordered_after_a_halt(robot_client: RobotCase) -> None:
                         "to",
                         f"an order is taken after `{name}`; it must be refused",
                     )
-                    await rig.wait(1.5)
+                    await rig.wait(0.8)
                 await rig.check_stands(f"a movement that was ended by `{name}` goes on")
 
     run_robot(robot_client, check)
@@ -265,13 +265,15 @@ def test_silent_robot_is_told(robot_client: RobotCase) -> None:
                     await rig.within(motion.to(rig.place(20.0, 0.0, 0.0)), "to")
                     for wire in rig.wires:
                         wire.cut = True
-                    await rig.wait(3.0)
+                    await rig.wait(1.5)
                     for name, call in (
                         ("report", link.report),
                         ("to", lambda: motion.to(rig.place(5.0, 0.0, 0.0))),
                     ):
                         await rig.refused(
-                            call(), name, f"`{name}` succeeds though the robot has been silent for seconds"
+                            call(),
+                            name,
+                            f"`{name}` succeeds though the robot has been silent for more than a second",
                         )
             for wire in rig.wires:
                 wire.cut = False
@@ -387,7 +389,7 @@ def test_robot_client_stands_every_fault_in_every_phase(robot_client: RobotCase,
                 async with rig.started() as link:
                     await _through(rig, link, (target, fault), phase)
             rig.mend()
-            await rig.wait(1.0)
+            await rig.wait(0.5)
             await rig.check_stands("the client has gone, and")
 
         try:
@@ -402,7 +404,7 @@ async def _through(rig: RobotRig, link: object, fault: tuple[str, str], phase: s
     held: object = link
     if phase == "idle":
         rig.inject(*fault)
-        await rig.wait(0.3)
+        await rig.wait(0.15)
         for _ in range(3):
             with suppress(BridgeError):
                 await rig.within(held.report(), "report")  # type: ignore[attr-defined]

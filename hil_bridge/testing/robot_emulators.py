@@ -49,7 +49,7 @@ async def _moved(rig: RobotRig) -> None:
         await rig.within(motion.settled(), "settled")
         await rig.within(motion.to(rig.place(0.0, 0.0, 2.0)), "to")
         await rig.within(motion.settled(), "settled")
-    await rig.wait(1.0)
+    await rig.wait(0.3)
 
 
 def _path(rig: RobotRig, since: float) -> np.ndarray[Any, Any]:

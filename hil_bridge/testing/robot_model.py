@@ -16,7 +16,7 @@ from hil_bridge.testing.cases import RobotCase
 from hil_bridge.testing.naming import Finding
 from hil_bridge.testing.robot_rig import LIMITS, SPEED_M_S, RobotRig, robot_rig
 
-EXAMPLES = 5
+EXAMPLES = 4
 """Chosen: sequences that are tried; the same in each run."""
 STEPS = 10
 """Chosen: most orders of one."""
@@ -123,7 +123,7 @@ class _Model(RuleBasedStateMachine):
         leaving = self._moving
         self.motion = None
         self.run(self._tried("leaving the movement", leaving.aclose, self.stopped))
-        self.run(self.rig.wait(1.0))
+        self.run(self.rig.wait(0.7))
         self.run(self.rig.check_stands("a movement that was left goes on"))
         self._check()
 

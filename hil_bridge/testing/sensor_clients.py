@@ -358,7 +358,7 @@ def test_sensor_client_stands_every_fault_in_every_phase(sensor_client: SensorCa
             with suppress(BridgeError):
                 async with rig.started() as sensor:
                     rig.inject(target, fault)
-                    await rig.wait(0.3)
+                    await rig.wait(0.15)
                     for frame in rig.frames:
                         if not all(map(math.isfinite, frame.values)):
                             raise Finding(f"a frame tells {frame.values}, which is no number")

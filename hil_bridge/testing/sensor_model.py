@@ -14,7 +14,7 @@ from hil_bridge.testing.cases import SensorCase
 from hil_bridge.testing.naming import Finding, wrench_mistake
 from hil_bridge.testing.sensor_rig import NOTHING, SensorRig, full_scales, sensor_rig
 
-EXAMPLES = 4
+EXAMPLES = 3
 """Chosen: sequences that are tried; the same in each run."""
 STEPS = 8
 """Chosen: most steps of one."""

@@ -1,7 +1,6 @@
 """An emulated force sensor behind its wire in virtual time, on which a suite pushes, with its client."""
 
 import asyncio
-import bisect
 import math
 from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from contextlib import AsyncExitStack, asynccontextmanager
@@ -39,6 +38,7 @@ class SensorRig:
         self.case, self.clock = case, clock
         self._times: list[float] = [-math.inf]
         self._wrenches: list[Wrench] = [NOTHING]
+        self._rows = np.array(self._wrenches)
         self.source = KnownWrench(self._felt)
         self.wires: list[Meddled] = []
         """Wires of the clients, in the order in which they were opened."""
@@ -49,7 +49,8 @@ class SensorRig:
         self.url = ""
 
     def _felt(self, times: Floats) -> Floats:
-        return np.array([self._wrenches[bisect.bisect_right(self._times, at) - 1] for at in times.tolist()])
+        felt: Floats = self._rows[np.searchsorted(self._times, times, side="right") - 1]
+        return felt
 
     def push(self, wrench: Sequence[float]) -> None:
         """From now on the sensor feels this wrench, N and N·m, in its own frame."""
@@ -57,6 +58,7 @@ class SensorRig:
         now = self.clock.now()
         self._times.append(now)
         self._wrenches.append((a, b, c, d, e, f))
+        self._rows = np.array(self._wrenches)
         self.source.on_change(now)
 
     async def connect(self) -> ForceSensor:

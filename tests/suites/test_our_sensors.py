@@ -10,7 +10,7 @@ from hil_bridge.testing.sensor_emulators import *  # noqa: F403
 CASES = {
     "jr3": SensorCase(SENSORS.kind("jr3"), numbered=True),
     "jr3-uart": SensorCase(SENSORS.kind("jr3-uart"), numbered=True),
-    "jr3-board": SensorCase(SENSORS.kind("jr3-board"), settle_s=0.3),
+    "jr3-board": SensorCase(SENSORS.kind("jr3-board"), settle_s=0.15),
     "netft": SensorCase(SENSORS.kind("netft"), numbered=True, overload=6.0, settle_s=0.1),
     "ft300": SensorCase(SENSORS.kind("ft300"), checked=True),
     "ati-can": SensorCase(
@@ -19,11 +19,11 @@ CASES = {
 }
 
 
-@pytest.fixture(params=CASES.values(), ids=CASES)
+@pytest.fixture(params=list(CASES.values()), ids=list(CASES))
 def sensor_client(request):
     return request.param
 
 
-@pytest.fixture(params=CASES.values(), ids=CASES)
+@pytest.fixture(params=list(CASES.values()), ids=list(CASES))
 def sensor_emulator(request):
     return request.param

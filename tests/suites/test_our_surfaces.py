@@ -3,8 +3,9 @@
 import pytest
 
 from emulators.surface.contact import Contact, SurfaceProfile
+from emulators.surface.contact import SurfaceKind as Shape
 from emulators.surface.faults import SURFACE_FAULTS
-from emulators.surface.materials import MaterialProfile
+from emulators.surface.materials import MaterialKind, MaterialProfile
 from hil_bridge.kinds import SurfaceKind
 from hil_bridge.testing import SurfaceCase
 from hil_bridge.testing.surfaces import *  # noqa: F403
@@ -18,12 +19,12 @@ OURS = SurfaceKind(
 )
 PROFILES = {
     "flat": SurfaceProfile(),
-    "sloped": SurfaceProfile(kind="sloped", slope_deg=0.5),
-    "rubber": SurfaceProfile(material=MaterialProfile(kind="hunt_crossley")),
-    "foam": SurfaceProfile(material=MaterialProfile(kind="standard_linear_solid")),
+    "sloped": SurfaceProfile(kind=Shape.SLOPED, slope_deg=0.5),
+    "rubber": SurfaceProfile(material=MaterialProfile(kind=MaterialKind.HUNT_CROSSLEY)),
+    "foam": SurfaceProfile(material=MaterialProfile(kind=MaterialKind.STANDARD_LINEAR_SOLID)),
 }
 
 
-@pytest.fixture(params=PROFILES.values(), ids=PROFILES)
+@pytest.fixture(params=list(PROFILES.values()), ids=list(PROFILES))
 def surface(request):
     return SurfaceCase(OURS, settings=request.param, friction=request.param.friction)

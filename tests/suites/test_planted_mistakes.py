@@ -62,7 +62,7 @@ NAMED = {
         "overload": "an overload is not told",
     },
 }
-PLUGIN = ("-p", "hil_bridge.testing.plugin", "-p", "no:xdist", "-p", "no:asyncio", "-q")
+PLUGIN = ("-p", "hil_bridge.testing.plugin", "-p", "no:xdist", "-p", "no:asyncio", "-q", "--tb=native")
 for name in SUITES:  # pytester forgets what a run inside it has imported, and NumPy cannot be imported again
     import_module(name)
 LONG = "not any_sequence and not every_fault"

@@ -47,7 +47,7 @@ class NaiveSensorClient:
         self._events: deque[SensorEvent] = deque()
         self._kept = b""
         self._count = 0
-        self._zero = (0.0,) * 6
+        self._zero: tuple[float, ...] = (0.0,) * 6
         self._taking = False
         self._last: Any = None
         self._repeat_at: float | None = None
