@@ -216,7 +216,7 @@ def test_settings_of_a_kind_stand_in_sections_of_its_name(tmp_path: Path) -> Non
     with pytest.raises(ConfigError, match=r"cell\.toyspring: stiffness_n_mm must be more than 0, got -1"):
         load_config(file, {})
     file.write_text('[robot]\nemulated = "toyarm"\n[[faults]]\non = "link"\nfault = "cut"\n')
-    with pytest.raises(ConfigError, match=r"no target is called 'link'; known: signal"):
+    with pytest.raises(ConfigError, match=r"no target is called 'link'; known: arm, signal"):
         load_config(file, {})
 
 
