@@ -73,8 +73,11 @@ NAMED = {
 PLUGIN = ("-p", "hil_bridge.testing.plugin", "-p", "no:xdist", "-p", "no:asyncio", "-q", "--tb=native")
 for name in SUITES:  # pytester forgets what a run inside it has imported, and NumPy cannot be imported again
     import_module(name)
-QUICK = {"robot, more": "halt or no_number or silent or cancelled or tell"}
-"""Tests for mistakes of which each takes long to look for by all."""
+QUICK = {
+    "robot, more": "(no_number and nowhere) or (silent and waits) or (cancelled and task) or (where_the and sign) or "
+    "(after_a_halt and not nowhere and not waits and not task and not sign)"
+}
+"""Tests for mistakes that take long to look for by all."""
 LONG = "not any_sequence and not every_fault"
 
 
