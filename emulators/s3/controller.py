@@ -398,7 +398,7 @@ class S3Controller:
             due += late.number("seconds")
             late.struck += 1
             late.finish(now)
-        self._orders.append(Order(telegram, function, due, len(telegrams)))
+        self._orders.append(Order(telegram, function, due, len(telegrams), came_at=now))
 
     def _turnaround_ms(self, function: int) -> float:
         """Time from this order to its answer, ms; one number is drawn for each."""
@@ -432,7 +432,7 @@ class S3Controller:
             frozen.struck += frozen.holds(now) and order.function == FunctionCode.MOVE
         self.tally.answered += 1
         if self.orders.listener is not None:
-            self._heard(order, answer, now)
+            self._heard(order, answer)
         if isinstance(answer, Telegram):
             return answer
         refusal = Refusal(answer)
@@ -440,8 +440,9 @@ class S3Controller:
         self.tally.last_refusal = f"{function_text(order.function)}: {answer:d} {refusal.text}"
         return refusal.to_telegram(order.telegram or Telegram(order.function, TelegramType.ORDER))
 
-    def _heard(self, order: Order, answer: Telegram | int, now: float) -> None:
-        """Tell an order of motion to a judge, with its answer."""
+    def _heard(self, order: Order, answer: Telegram | int) -> None:
+        """Tell an order of motion to a judge, with its answer, as of the time at which it came."""
+        now = order.came_at
         taken = isinstance(answer, Telegram)
         if order.telegram is None:
             self.orders.tell(HeardOrder(now, Act.UNREADABLE, function_text(order.function), taken))

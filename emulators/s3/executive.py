@@ -76,6 +76,8 @@ class Order:
     """Where a move leads to, once the whole line is known to be in the work area."""
     accepted: bool = False
     """A move that is queued and waits to be reached."""
+    came_at: float = math.nan
+    """When it had come, s."""
 
 
 class Executive:

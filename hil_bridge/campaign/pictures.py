@@ -82,11 +82,16 @@ def _distribution(name: str, values: Sequence[float], endless: int, bounds: Mapp
     low, high = values[0], values[-1]
     median, late = statistics.median(values), values[math.ceil(0.99 * len(values)) - 1]
     counts = f"{len(values)} runs" + (f", and {endless} without an end" if endless else "")
-    numbers = f"median {median:.4g}, 99 % ≤ {late:.4g}, least {low:.4g}, largest {high:.4g}"
+    wanted = "".join(f"; wanted {_in_words(word, bound)}" for word, bound in bounds.items())
+    numbers = f"median {median:.4g}, 99 % ≤ {late:.4g}, least {low:.4g}, largest {high:.4g}{wanted}"
     return (
         f"<figure><figcaption>{title}</figcaption>"
         f"{_bars(name, values, bounds)}<figcaption>{counts}: {numbers}</figcaption></figure>"
     )
+
+
+def _in_words(word: str, bound: float) -> str:
+    return f"{word.replace('_', ' ')} {bound:g}"
 
 
 def _bars(name: str, values: Sequence[float], bounds: Mapping[str, float]) -> str:
@@ -112,7 +117,7 @@ def _bars(name: str, values: Sequence[float], bounds: Mapping[str, float]) -> st
             at = (bound - low) / span * _WIDTH
             drawn.append(f'<line x1="{at:.1f}" x2="{at:.1f}" y1="0" y2="{_HEIGHT}"/>')
             side, anchor = (at - 4, "end") if at > _WIDTH / 2 else (at + 4, "start")
-            text = f"{word.replace('_', ' ')} {bound:g}"
+            text = _in_words(word, bound)
             drawn.append(f'<text class="bound" x="{side:.1f}" y="10" text-anchor="{anchor}">{text}</text>')
     foot = _HEIGHT + _FOOT - 3
     drawn.append(f'<path d="M0 {_HEIGHT}H{_WIDTH}"/><text x="0" y="{foot}">{low:.4g}</text>')

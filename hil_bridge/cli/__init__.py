@@ -34,7 +34,6 @@ from hil_bridge.cli.why import why
 from hil_bridge.console.debugging import debug_option, debug_wanted, told_bug
 from hil_bridge.console.screen import leave
 from hil_bridge.errors import BridgeError, ConfigError
-from hil_bridge.failures import failure, of_others, traceback_of
 
 EXIT_INTERRUPTED = 130
 """Exit code that a shell expects of a command that Ctrl-C ended."""
@@ -65,6 +64,8 @@ class _Commands(click.Group):
         try:
             return super().invoke(context)
         except BridgeError as error:
+            from hil_bridge.failures import of_others, traceback_of
+
             cause = error.__cause__
             if debug_wanted(context) and cause is not None and of_others(cause):
                 click.echo(traceback_of(cause), err=True)
@@ -74,6 +75,8 @@ class _Commands(click.Group):
         except BrokenPipeError as error:
             raise ReaderLeft from error
         except (Exception, SystemExit) as error:
+            from hil_bridge.failures import failure, of_others, traceback_of
+
             if of_others(error):
                 if debug_wanted(context):
                     click.echo(traceback_of(error), err=True)

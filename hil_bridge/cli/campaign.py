@@ -150,7 +150,7 @@ def run(
             last = sittings[-1]
             click.echo(
                 f"{last.runs} runs in {last.wall_s:.1f} s: {last.runs / last.wall_s:.2f} runs/s on "
-                f"{last.workers} processes"
+                f"{last.workers} process{'es' if last.workers > 1 else ''}"
             )
     click.echo(f"{kept - failed} passed, {failed} failed; hil-bridge campaign report {place}")
     if failed:

@@ -60,6 +60,13 @@ NOTHING_FOUND = 4
     "--json", "json_file", type=FILE, metavar="FILE.json", help="Write all points with all figures."
 )
 @click.option(
+    "--also",
+    multiple=True,
+    type=FILE,
+    metavar="CELL.toml",
+    help="Tune in this cell at once with the other; may be given again.",
+)
+@click.option(
     "--validate",
     multiple=True,
     type=FILE,
@@ -82,6 +89,7 @@ def tune(
     trade: str | None,
     plot: Path | None,
     json_file: Path | None,
+    also: tuple[Path, ...],
     validate: tuple[Path, ...],
     overwrite: bool,
 ) -> None:
@@ -114,7 +122,8 @@ def tune(
     overrides: dict[str, object] = {"controller.name": controller, "run.duration_s": duration}
     values, config = _read(config_file, overrides)
     first = range(seed, seed + seeds)
-    wanted = wanted_of(config, vary, minimise, force_limit, tuple(first), budget)
+    wanted = wanted_of(config, vary, minimise, force_limit, tuple(first), budget, 1 + len(also))
+    tuned_in = [config, *(others(place, config) for place in also)]
     cells = [(place.stem, others(place, config)) for place in validate]
     state: Search | None = None
     comparisons: list[Comparison] = []
@@ -125,7 +134,7 @@ def tune(
             _progress(_runs(wanted, len(cells))) as advance,
             running(processes, advance) as runs,
         ):
-            state = begin(config, wanted, runs)
+            state = begin(tuned_in, wanted, runs)
             search(state, runs)
             comparisons = _validated(state, cells, runs)
     finally:  # what was found so far is kept, also behind Ctrl-C

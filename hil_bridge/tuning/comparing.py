@@ -62,7 +62,8 @@ def _by_pairs(differences: Sequence[float]) -> Finding:
 def told(comparison: Comparison, figures: Sequence[str]) -> Iterator[str]:
     """Lines for people: each figure of both, mean ± standard deviation over the seeds."""
     one = comparison
-    yield f"{one.name}, {len(one.tuned.runs)} seeds: {one.finding}"
+    runs = len(one.tuned.runs)
+    yield f"{one.name}, {runs} {'runs' if one.tuned.cells else 'seeds'}: {one.finding}"
     for name in figures:
         yield f"  {name:22} defaults {_figure(one.defaults, name):>18}   tuned {_figure(one.tuned, name):>18}"
     for label, side in (("defaults", one.defaults), ("tuned", one.tuned)):

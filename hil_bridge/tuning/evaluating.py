@@ -82,6 +82,8 @@ class Worth:
     scores: tuple[float | None, ...]
     failures: tuple[str, ...]
     """Why runs failed, without those that did not."""
+    cells: tuple["Worth", ...] = ()
+    """The same cell by cell, where it was tried in several."""
 
     @property
     def feasible(self) -> bool:
@@ -95,23 +97,40 @@ class Worth:
         """
         if self.failures:
             return 1e3 * (1.0 + len(self.failures) / len(self.runs))
+        if self.cells:
+            return statistics.fmean(cell.score for cell in self.cells)
         scores = [score for score in self.scores if score is not None]
         error = statistics.stdev(scores) / math.sqrt(len(scores)) if len(scores) > 1 else 0.0
         return statistics.fmean(scores) + error
 
     def mean(self, figure: str) -> float | None:
-        """Mean of a figure over the runs that have it."""
+        """Mean of a figure over the runs that have it; of several cells, all runs together."""
         values = self.values(figure)
         return statistics.fmean(values) if values else None
 
     def spread(self, figure: str) -> float:
-        """Standard deviation of a figure over the seeds; 0 with one run."""
+        """Standard deviation of a figure over the seeds, of several cells their mean; 0 with one run."""
+        if self.cells:
+            return statistics.fmean(cell.spread(figure) for cell in self.cells)
         values = self.values(figure)
         return statistics.stdev(values) if len(values) > 1 else 0.0
 
     def values(self, figure: str) -> list[float]:
         """A figure of each run that has it."""
         return [_number(run[figure]) for run in self.runs if run.get(figure) is not None]
+
+
+def together(cells: Sequence[Worth]) -> Worth:
+    """A point in several cells as one: it fails where it fails in one of them."""
+    if len(cells) == 1:
+        return cells[0]
+    return Worth(
+        cells[0].point,
+        tuple(run for cell in cells for run in cell.runs),
+        tuple(score for cell in cells for score in cell.scores),
+        tuple(text for cell in cells for text in cell.failures),
+        tuple(cells),
+    )
 
 
 def _number(value: Any) -> float:

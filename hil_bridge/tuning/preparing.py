@@ -10,7 +10,7 @@ from hil_bridge.errors import ConfigError
 from hil_bridge.runs.pace import paced
 from hil_bridge.settings.configuration import Config, dump, load_config
 from hil_bridge.tuning.comparing import Comparison
-from hil_bridge.tuning.evaluating import SCALES, Runs, worth
+from hil_bridge.tuning.evaluating import SCALES, Goal, Runs, scales_of, worth
 from hil_bridge.tuning.reporting import comments
 from hil_bridge.tuning.searching import Search, Wanted, jobs_of
 from hil_bridge.tuning.space import space_of
@@ -35,11 +35,12 @@ def wanted_of(
     force_limit_n: float | None,
     seeds: tuple[int, ...],
     budget: int,
+    cells: int = 1,
 ) -> Wanted:
     """The search that a person asks for. Raises ConfigError."""
     limit = config.limits.force_limit_n if force_limit_n is None else force_limit_n
     weights = dict(_weight(text) for text in minimise or _MINIMISED)
-    wanted = Wanted(space_of(config, vary), weights, limit, seeds, budget, seeds[0])
+    wanted = Wanted(space_of(config, vary), weights, limit, seeds, budget, seeds[0], cells)
     wanted.points  # noqa: B018  its refusal comes before the first run
     return wanted
 
@@ -77,14 +78,16 @@ def others(place: Path, tuned: Config) -> Config:
 
 
 def compared(name: str, config: Config, state: Search, runs: Runs) -> Comparison:
-    """The best against the defaults in another cell, both on fresh seeds."""
+    """The best against the defaults in another cell, both on fresh seeds, weighed by the defaults there."""
     best, fresh, text = state.best, state.wanted.fresh, dump(config)
     assert best is not None, "there is one to be compared"
     jobs = [*jobs_of(text, state.wanted.space.table(best.point), fresh), *jobs_of(text, {}, fresh)]
     found = runs(jobs)
     count = len(fresh)
-    tuned = worth(state.goal, best.point, found[:count])
-    return Comparison(name, tuned, worth(state.goal, state.defaults.point, found[count:]))
+    wanted = state.wanted
+    goal = Goal(wanted.weights, wanted.force_limit_n, scales_of(wanted.weights, found[count:]))
+    tuned = worth(goal, best.point, found[:count])
+    return Comparison(name, tuned, worth(goal, state.defaults.point, found[count:]))
 
 
 def tuned_file(values: Mapping[str, Any], config: Config, state: Search, source: Path | None) -> str:

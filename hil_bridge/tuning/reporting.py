@@ -13,7 +13,8 @@ def fresh_comparison(state: Search) -> Comparison | None:
     """The best against the defaults on seeds that the search did not see; None before it has come to that."""
     if state.best is None or state.defaults_fresh is None or not state.finals:
         return None
-    return Comparison("the same cell, fresh seeds", state.best, state.defaults_fresh)
+    name = "the same cell" if state.wanted.cells == 1 else f"the same {state.wanted.cells} cells"
+    return Comparison(f"{name}, fresh seeds", state.best, state.defaults_fresh)
 
 
 def chosen(state: Search) -> Iterator[str]:
@@ -23,7 +24,8 @@ def chosen(state: Search) -> Iterator[str]:
         return
     best, wanted = state.best, state.wanted
     failed = sum(not one.feasible for one in state.tried)
-    yield f"{len(state.tried)} points tried with {len(wanted.seeds)} seeds each; {failed} failed a constraint"
+    seeds = f"{len(wanted.seeds)} seeds" + (f" in {wanted.cells} cells" if wanted.cells > 1 else "")
+    yield f"{len(state.tried)} points tried with {seeds} each; {failed} failed a constraint"
     if best is None:
         yield "no point met the constraints with every seed"
         return
@@ -39,6 +41,8 @@ def comments(state: Search, config_name: str) -> Iterator[str]:
     wanted = state.wanted
     yield f"Tuned by `hil-bridge tune` on {config_name}."
     yield f"Minimised: {', '.join(f'{name} x {weight:g}' for name, weight in wanted.weights.items())}."
+    if wanted.cells > 1:
+        yield f"In {wanted.cells} cells at once."
     yield f"{len(state.tried)} points, seeds {', '.join(map(str, wanted.seeds))}, optimiser's seed {wanted.seed}."
     comparison = fresh_comparison(state)
     if comparison is None:
@@ -56,7 +60,7 @@ def as_json(state: Search, comparisons: Sequence[Comparison]) -> str:
     found = {
         "minimised": wanted.weights,
         "force_limit_n": wanted.force_limit_n,
-        "scales": state.goal.scales,
+        "scales": [goal.scales for goal in state.goals],
         "seeds": wanted.seeds,
         "fresh_seeds": wanted.fresh,
         "parameters": {

@@ -10,7 +10,7 @@ from typing import Any
 from hil_bridge.campaign.criteria import Figures
 from hil_bridge.errors import ConfigError
 from hil_bridge.settings.configuration import Config, dump
-from hil_bridge.tuning.evaluating import Goal, Job, Runs, Worth, scales_of, worth
+from hil_bridge.tuning.evaluating import Goal, Job, Runs, Worth, scales_of, together, worth
 from hil_bridge.tuning.space import Point, Space
 
 FINALISTS = 3
@@ -33,6 +33,8 @@ class Wanted:
     """Most runs, those of the defaults and of the finalists included."""
     seed: int
     """Of the optimiser's draws."""
+    cells: int = 1
+    """Number of cells in which each point is tried."""
 
     @property
     def fresh(self) -> tuple[int, ...]:
@@ -42,11 +44,12 @@ class Wanted:
     @property
     def points(self) -> int:
         """Points that the search may try beside the defaults. Raises ConfigError where that makes no search."""
-        of_finalists = (FINALISTS + 1) * len(self.fresh)
-        points = (self.budget - of_finalists) // len(self.seeds) - 1
+        of_finalists = (FINALISTS + 1) * len(self.fresh) * self.cells
+        of_one = len(self.seeds) * self.cells
+        points = (self.budget - of_finalists) // of_one - 1
         least = self.population
         if points < least:
-            need = of_finalists + (least + 1) * len(self.seeds)
+            need = of_finalists + (least + 1) * of_one
             raise ConfigError(
                 f"--budget {self.budget}: with {len(self.seeds)} seeds a search takes {need} runs or more"
             )
@@ -62,10 +65,11 @@ class Wanted:
 class Search:
     """A search and what it has found so far."""
 
-    config: str
-    """The configuration as JSON, with the defaults."""
+    configs: tuple[str, ...]
+    """The configurations of the cells as JSON, with the defaults."""
     wanted: Wanted
-    goal: Goal
+    goals: tuple[Goal, ...]
+    """One for each cell: each is weighed against its own defaults."""
     defaults: Worth
     tried: list[Worth] = field(default_factory=list)
     """All points, in the order of their trial."""
@@ -85,17 +89,29 @@ def jobs_of(config: str, parameters: dict[str, Any], seeds: Sequence[int]) -> li
     return [Job(config, json.dumps(parameters), seed) for seed in seeds]
 
 
-def begin(config: Config, wanted: Wanted, runs: Runs) -> Search:
-    """Measure the defaults, against which all is weighed. Raises ConfigError for a figure that is none."""
+def begin(configs: Sequence[Config], wanted: Wanted, runs: Runs) -> Search:
+    """Measure the defaults in each cell, against which all is weighed.
+
+    Raises ConfigError for a figure that is none, and for a cell that cannot be run.
+    """
     scales_of(wanted.weights, [])
     wanted.points  # noqa: B018  its refusal comes before the first run
-    text = dump(config)
-    found = runs(jobs_of(text, {}, wanted.seeds))
-    broken = next((one["outcome"] for one in found if ":" in str(one["outcome"])), None)
-    if broken is not None:
-        raise ConfigError(f"the configuration cannot be run: {broken}")
-    goal = Goal(wanted.weights, wanted.force_limit_n, scales_of(wanted.weights, found))
-    return Search(text, wanted, goal, worth(goal, wanted.space.start or (), found))
+    texts = tuple(map(dump, configs))
+    goals, defaults = [], []
+    for found in _by_cell(texts, {}, wanted.seeds, runs):
+        broken = next((one["outcome"] for one in found if ":" in str(one["outcome"])), None)
+        if broken is not None:
+            raise ConfigError(f"the configuration cannot be run: {broken}")
+        goals.append(Goal(wanted.weights, wanted.force_limit_n, scales_of(wanted.weights, found)))
+        defaults.append(worth(goals[-1], wanted.space.start or (), found))
+    return Search(texts, wanted, tuple(goals), together(defaults))
+
+
+def _by_cell(
+    configs: Sequence[str], parameters: dict[str, Any], seeds: Sequence[int], runs: Runs
+) -> list[list[Figures]]:
+    found = runs([job for config in configs for job in jobs_of(config, parameters, seeds)])
+    return [found[at : at + len(seeds)] for at in range(0, len(found), len(seeds))]
 
 
 class _Spent(Exception):
@@ -143,19 +159,21 @@ def _decide(state: Search, runs: Runs) -> None:
     """The finalists and the defaults on fresh seeds."""
     good = sorted((one for one in state.tried if one.feasible), key=lambda one: one.score)[:FINALISTS]
     fresh = state.wanted.fresh
-    found = runs(jobs_of(state.config, {}, fresh))
-    state.defaults_fresh = worth(state.goal, state.defaults.point, found)
+    found = _by_cell(state.configs, {}, fresh, runs)
+    point = state.defaults.point
+    state.defaults_fresh = together(
+        [worth(goal, point, runs_of) for goal, runs_of in zip(state.goals, found, strict=True)]
+    )
     if good:
         finals = _tried(state, [one.point for one in good], fresh, runs)
         state.finals = sorted(finals, key=lambda one: one.score)
 
 
 def _tried(state: Search, points: Sequence[Point], seeds: Sequence[int], runs: Runs) -> list[Worth]:
-    space = state.wanted.space
-    jobs = [job for point in points for job in jobs_of(state.config, space.table(point), seeds)]
-    found: list[Figures] = runs(jobs)
-    count = len(seeds)
+    space, goals = state.wanted.space, state.goals
+    tables = [space.table(point) for point in points]
+    jobs = [job for table in tables for config in state.configs for job in jobs_of(config, table, seeds)]
+    found = iter(runs(jobs))
     return [
-        worth(state.goal, point, found[number * count : (number + 1) * count])
-        for number, point in enumerate(points)
+        together([worth(goal, point, [next(found) for _ in seeds]) for goal in goals]) for point in points
     ]

@@ -372,6 +372,33 @@ def test_page_of_a_campaign_that_has_not_begun_names_every_cell(tmp_path: Path) 
         assert page(store).count("<td>no run yet</td>") == 3
 
 
+def test_guard_keeps_its_promises_in_some_cases(tmp_path: Path) -> None:
+    """The shipped campaign, of which the whole takes hours: cases from its first to its last."""
+    plan = read_plan(
+        Path(__file__).parents[2] / "examples" / "campaigns" / "guard.toml", tuple(range(46, 766, 90))
+    )
+    assert (plan.count, len({case.fault for case, _ in plan.runs()})) == (8, 8)
+    done(plan, tmp_path / "guard.sqlite")
+    with Store.open(tmp_path / "guard.sqlite") as store:
+        runs = list(store.runs())
+        assert [run.failed for run in runs] == [()] * 8
+        assert [run.number for run in runs if not run.figures.get("struck")] == []
+        assert "1 in turn; seeds for each case: 0 or 1" in page(store)
+
+
+def test_seeds_on_the_command_line_add_up(tmp_path: Path) -> None:
+    path, place = str(study(tmp_path, 9, STUDY.replace("[8.0, 10.0]", "[8.0]"))), str(tmp_path / "a.sqlite")
+    for seeds, kept in (("3", 2), ("1:3", 6)):
+        told = CliRunner().invoke(campaign, [path, "--seeds", seeds, "--out", place, "--workers", "1"])
+        assert told.exit_code == 4, told.output
+        assert f"{kept // 2} passed, {kept // 2} failed" in told.output
+    with Store.open(tmp_path / "a.sqlite") as store:
+        assert sorted(store.plan().seeds) == [1, 2, 3]
+    refused = CliRunner().invoke(campaign, [path, "--seeds", "3:1"])
+    assert refused.exit_code == 2
+    assert "must be FROM:TO, such as 1:20" in refused.output
+
+
 def test_command_tells_every_mistake_of_a_plan(tmp_path: Path) -> None:
     path = study(tmp_path, text=STUDY.replace("below", "under").replace("[8.0, 10.0]", "8"))
     told = CliRunner().invoke(campaign, [str(path)])

@@ -132,7 +132,7 @@ def wanted(budget: int = 150) -> Wanted:
 
 
 def searched(budget: int = 150) -> Search:
-    state = begin(pi(), wanted(budget), bowl)
+    state = begin([pi()], wanted(budget), bowl)
     search(state, bowl)
     return state
 
@@ -145,7 +145,7 @@ def test_the_search_finds_the_best_and_stays_within_its_budget() -> None:
         runs += len(jobs)
         return bowl(jobs)
 
-    state = begin(pi(), wanted(), counted)
+    state = begin([pi()], wanted(), counted)
     search(state, counted)
     assert runs <= 150
     assert state.best is not None
@@ -158,6 +158,28 @@ def test_the_search_finds_the_best_and_stays_within_its_budget() -> None:
     assert [one.point for one in searched().tried] == [one.point for one in state.tried]
 
 
+def test_a_point_must_do_in_every_cell() -> None:
+    """The second cell stands for a harder surface: there the force runs away above 0.6."""
+
+    def two_cells(jobs: Sequence[Job]) -> list[Figures]:
+        found = []
+        for job, figures in zip(jobs, bowl(jobs), strict=True):
+            hard = json.loads(job.config)["cell"]["surface"]["stiffness_n_m"] > 9000.0
+            too_much = json.loads(job.parameters).get("integral", 0.4) > 0.6
+            found.append({**figures, "outcome": "stopped"} if hard and too_much else figures)
+        return found
+
+    wanted = wanted_of(pi(), ["integral"], ["rise_s"], 20.0, (1, 2), 300, cells=2)
+    hard = load_config(None, {"controller.name": "pi", "cell.surface.stiffness_n_m": 10_000.0})
+    state = begin([pi(), hard], wanted, two_cells)
+    search(state, two_cells)
+    assert state.best is not None
+    assert 0.5 < state.best.point[0] <= 0.6
+    assert len(state.best.runs) == 2 * len(wanted.fresh)
+    assert len(state.best.cells) == 2
+    assert "In 2 cells at once." in tuned_file({}, pi(), state, None)
+
+
 def test_a_budget_that_makes_no_search_is_refused_before_the_first_run() -> None:
     with pytest.raises(ConfigError, match=r"--budget 20: with 2 seeds a search takes 28 runs or more"):
         wanted(20)
@@ -167,7 +189,7 @@ def test_where_every_point_fails_there_is_no_best() -> None:
     def fails(jobs: Sequence[Job]) -> list[Figures]:
         return [ended(1.0, outcome="stopped" if json.loads(job.parameters) else "completed") for job in jobs]
 
-    state = begin(pi(), wanted(40), fails)
+    state = begin([pi()], wanted(40), fails)
     search(state, fails)
     assert state.best is None
     assert "no point met the constraints with every seed" in list(chosen(state))
@@ -183,7 +205,7 @@ def test_an_interrupted_search_has_its_best_so_far() -> None:
             raise KeyboardInterrupt
         return bowl(jobs)
 
-    state = begin(pi(), wanted(), interrupted)
+    state = begin([pi()], wanted(), interrupted)
     with pytest.raises(KeyboardInterrupt):
         search(state, interrupted)
     assert state.best is not None

@@ -31,12 +31,12 @@ def write_dome(path: Path, ascii_text: bool = False) -> None:
 
 SITE = """\
 [run]
-duration_s = 2
+duration_s = 1.5
 [robot]
 emulated = "egm"
 [cell]
 surface_kind = "height-map"
-start_position_mm = [900, -60, 600]
+start_position_mm = [900, -60, 595]
 [cell.height_map]
 {shape}
 """

@@ -20,7 +20,7 @@ NEAR = {"start_position_mm": [900.0, -100.0, 593.0]}  # just above the surface
 
 @pytest.fixture
 def robot_client() -> RobotCase:
-    return RobotCase(ROBOT, numbered=True)
+    return RobotCase(ROBOT, stop=("arm", "stop"), numbered=True)
 
 
 @pytest.fixture
@@ -34,6 +34,17 @@ def test_the_loop_closes_over_the_arm() -> None:
     )
     assert result.outcome == "completed", result.cause
     assert abs(result.figures.force_mean_steady_n - 10.0) < 0.5
+
+
+@pytest.mark.parametrize(
+    ("fault", "words"), [("mute", "sent nothing for 0.5 s"), ("stop", "it is stopped; release it")]
+)
+def test_an_arm_that_fails_ends_the_run(fault: str, words: str) -> None:
+    failing = {"on": "arm", "fault": fault, "phase": "track", "after_s": 0.2}
+    site = {"robot": {"emulated": "toyarm"}, "run": {"duration_s": 1.0}, "cell": NEAR}
+    result = hil_bridge.simulate(site, faults=[failing], seed=7)
+    assert result.outcome == "stopped"
+    assert words in result.cause
 
 
 def test_client_and_arm_understand_each_other() -> None:

@@ -4,9 +4,18 @@ import math
 from collections.abc import Sequence
 
 from emulators.arm.followed import FollowedArm, FollowedProfile
+from emulators.faults import FOREVER, Fault
+from emulators.faults.own import OwnFaults
 from emulators.seams import ArmPath, Handlers, Joints, StartPose
 from protocol.geometry import Pose
 from toy_robot.wire import CYCLE_S, HELLO, REPORT, TARGET
+
+ARM_FAULTS = {
+    "arm": {
+        "mute": Fault("the arm sends nothing", {}, FOREVER),
+        "stop": Fault("the arm stands still, and says so", {}, FOREVER),
+    }
+}
 
 
 class Arm:
@@ -19,7 +28,8 @@ class Arm:
         self._out: list[bytes] = []
         self.endpoint = self
         self.path: ArmPath = self._arm.path
-        self.handlers: Handlers = {}
+        self._faults = OwnFaults()
+        self.handlers: Handlers = {"arm": self._faults.held(ARM_FAULTS["arm"])}
 
     @property
     def accepted(self) -> int:
@@ -37,6 +47,8 @@ class Arm:
                 self._report_at = now
             elif len(datagram) == TARGET.size and datagram.startswith(b"AT"):
                 _, _, x, y, z, w, i, j, k = TARGET.unpack(datagram)
+                if self._faults.under_way("stop", now) is not None:
+                    continue
                 if all(map(math.isfinite, (x, y, z, w, i, j, k))) and any((w, i, j, k)):
                     self._arm.follow(Pose((x, y, z), (w, i, j, k)), now)
 
@@ -52,7 +64,10 @@ class Arm:
 
     def handle_deadline(self, now: float) -> None:
         while self._report_at is not None and self._report_at <= now:
-            pose = self._arm.pose(now)
+            pose, stopped = self._arm.pose(now), self._faults.under_way("stop", now) is not None
             self._number += 1
-            self._out.append(REPORT.pack(b"AR", self._number, *pose.position, *pose.quaternion, 0))
+            if stopped:
+                self._arm.follow(pose, now)
+            if self._faults.under_way("mute", now) is None:
+                self._out.append(REPORT.pack(b"AR", self._number, *pose.position, *pose.quaternion, stopped))
             self._report_at += CYCLE_S

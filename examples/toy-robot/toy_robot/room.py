@@ -10,7 +10,7 @@ from hil_bridge.robots.seam import Pacing, RobotFacts
 from hil_bridge.robots.streamed import StreamedLink
 from hil_bridge.transports import Datagrams
 from hil_bridge.wiring import Serving, Wiring
-from toy_robot.emulator import Arm
+from toy_robot.emulator import ARM_FAULTS, Arm
 from toy_robot.wire import CYCLE_S, ArmClient
 
 
@@ -45,5 +45,5 @@ ROBOT = RobotKind(
     NoSettings,
     connect_arm,
     lambda url, settings: FACTS,
-    RobotEmulation(FollowedProfile, make_arm, serve, usual),
+    RobotEmulation(FollowedProfile, make_arm, serve, usual, ARM_FAULTS),
 )
