@@ -25,7 +25,7 @@ from protocol.endpoint import RemoteProtocolError
 from protocol.geometry import Pose, Vector
 from protocol.robot import pose_fault
 
-MISTAKES = ("stop", "commanded", "stale", "leak", "mm")
+MISTAKES = ("stop", "commanded", "stale", "leak", "mm", "halt", "nowhere", "waits", "task", "sign")
 CYCLE_S = 0.004
 SILENT_S = 0.5
 FACTS = RobotFacts("naive EGM", Pacing.STREAMED, cycle_s=CYCLE_S)
@@ -78,7 +78,7 @@ class NaiveMotion:
 
     async def to(self, target: Pose, *, soon: bool = False) -> Sent:
         self._check()
-        if wrong := pose_fault(target):
+        if (wrong := pose_fault(target)) and self._link.mistake != "nowhere":
             raise OrderRefused(f"not sent to {wrong}")
         self.target = target
         return Sent(self._link.clock.now())
@@ -93,7 +93,8 @@ class NaiveMotion:
         self.target = self._link.set_point if self.target is not None else None
 
     async def halt(self) -> Sent:
-        self.hold()
+        if self._link.mistake != "halt":
+            self.hold()
         self.halted = True
         return Sent(self._link.clock.now())
 
@@ -108,7 +109,7 @@ class NaiveLink:
 
     def __init__(self, wire: Any, clock: Any, mistake: str) -> None:
         self.name, self.clock = wire.name, clock
-        self._wire, self._mistake = wire, mistake
+        self._wire, self.mistake = wire, mistake
         self._seqno: int | None = None
         self._tm = self._own = self._numbers = 0
         self.newest: RobotReport = RobotReport(0, Pose((0.0,) * 3, (1.0, 0.0, 0.0, 0.0)), 0.0, -math.inf)
@@ -119,10 +120,12 @@ class NaiveLink:
         self._ended: Exception | None = None
 
     def start(self) -> None:
+        if self.mistake == "task":
+            self.watch = asyncio.get_running_loop().create_task(asyncio.sleep(5.0), name="watchdog")
         self._wire.start(self._arrived, self._over)
 
     async def aclose(self) -> None:
-        if self._mistake == "leak":
+        if self.mistake == "leak":
             await self.clock.sleep_until(self.clock.now() + 0.01)  # the last answer shall go out
             await self._wire.aclose()
             return
@@ -140,7 +143,7 @@ class NaiveLink:
             except RemoteProtocolError:
                 continue
             old = self._seqno is not None and message.tm_ms <= self._tm
-            if old and self._mistake != "stale":
+            if old and self.mistake != "stale":
                 continue
             self._seqno, self._tm = message.seqno, message.tm_ms
             self._take(message)
@@ -149,10 +152,13 @@ class NaiveLink:
         now, fault = self.clock.now(), fault_of(message)
         place = message.feedback.pose if message.feedback is not None else None
         pose = self.newest.pose if place is None else to_pose(place)
-        if self._mistake == "mm" and place is not None:
+        if self.mistake == "mm" and place is not None:
             pose = Pose(place.position_mm, place.quaternion)
+        if self.mistake == "sign":
+            w, i, j, k = pose.quaternion
+            pose = Pose(pose.position, (w, -i, -j, -k))
         motion = self.motion_now
-        if self._mistake == "commanded" and motion is not None and motion.target is not None:
+        if self.mistake == "commanded" and motion is not None and motion.target is not None:
             pose = motion.target
         self._numbers += 1
         self.newest, self._handed_out = RobotReport(self._numbers, pose, now, now, fault), False
@@ -167,11 +173,11 @@ class NaiveLink:
         planned = message.planned.pose if message.planned is not None else None
         stays = planned or (message.feedback.pose if message.feedback is not None else None)
         stopped = fault or (motion is not None and motion.stopped)
-        if self.set_point is None or (stopped and self._mistake != "stop"):
+        if self.set_point is None or (stopped and self.mistake != "stop"):
             if stays is None or pose_fault(to_pose(stays)):
                 return
             self.set_point = to_pose(stays)
-        if motion is not None and motion.target is not None and (not stopped or self._mistake == "stop"):
+        if motion is not None and motion.target is not None and (not stopped or self.mistake == "stop"):
             self.set_point = nearer(self.set_point, motion.target, motion.speed * CYCLE_S)
         x, y, z = self.set_point.position
         reference = PoseMm((x * 1e3, y * 1e3, z * 1e3), self.set_point.quaternion)
@@ -189,6 +195,8 @@ class NaiveLink:
     # --- as a robot link
 
     def check(self) -> None:
+        if self.mistake == "waits":
+            return
         if self._ended is not None:
             raise self._ended
         if self.clock.now() - self.newest.received_at > SILENT_S:
@@ -200,7 +208,7 @@ class NaiveLink:
         waiting: asyncio.Future[None] = self.clock.loop.create_future()
         self._waiting.add(waiting)
         try:
-            async with asyncio.timeout(patience):
+            async with asyncio.timeout(None if self.mistake == "waits" else patience):
                 await waiting
         except TimeoutError:
             raise DeviceError(f"robot on {self.name} is silent") from None
