@@ -41,7 +41,7 @@ def init(path: Path, overwrite: bool) -> None:
     click.echo(f"wrote {path}")
 
 
-@config.command()
+@config.command(short_help="Write an earlier version's file with the settings of now.")
 @click.argument("old", type=FILE)
 @click.argument("new", type=FILE)
 @overwrite_option

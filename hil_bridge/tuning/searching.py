@@ -97,6 +97,7 @@ def begin(configs: Sequence[Config], wanted: Wanted, runs: Runs) -> Search:
     scales_of(wanted.weights, [])
     wanted.points  # noqa: B018  its refusal comes before the first run
     texts = tuple(map(dump, configs))
+    optimiser()  # before the first run
     goals, defaults = [], []
     for found in _by_cell(texts, {}, wanted.seeds, runs):
         broken = next((one["outcome"] for one in found if ":" in str(one["outcome"])), None)
@@ -114,15 +115,23 @@ def _by_cell(
     return [found[at : at + len(seeds)] for at in range(0, len(found), len(seeds))]
 
 
+def optimiser() -> Callable[..., object]:
+    """SciPy's differential evolution. Raises ConfigError where SciPy is not installed."""
+    try:
+        from scipy.optimize import differential_evolution
+    except ImportError as error:
+        raise ConfigError('tune needs the package scipy; `pip install "hil-bridge[tune]"`') from error
+    found: Callable[..., object] = differential_evolution
+    return found
+
+
 class _Spent(Exception):
     """The budget is spent."""
 
 
 def search(state: Search, runs: Runs) -> None:
     """Try points until the budget is spent or the points are alike, then let the best meet fresh seeds."""
-    from scipy.optimize import differential_evolution
-
-    wanted = state.wanted
+    minimise, wanted = optimiser(), state.wanted
     space, known = wanted.space, dict[Point, Worth]()
 
     def evaluated(function: Callable[[Any], float], generation: Iterable[Any]) -> list[float]:
@@ -138,7 +147,7 @@ def search(state: Search, runs: Runs) -> None:
 
     start = space.start
     with suppress(_Spent):
-        differential_evolution(
+        minimise(
             lambda coordinates: math.nan,
             space.bounds,
             workers=evaluated,

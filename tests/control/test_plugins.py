@@ -176,6 +176,7 @@ def test_conformance_is_a_one_line_import_for_others(install, tmp_path):
         line.split("::")[1].split()[0] for line in run.stdout.splitlines() if line.startswith("FAILED")
     )
     assert failed == [
+        "test_long_error_does_not_wind_up",
         "test_parameter_that_is_not_a_number_is_refused",
         "test_too_little_force_never_moves_away",
         "test_too_much_force_never_pushes_deeper",
