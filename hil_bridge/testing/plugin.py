@@ -91,10 +91,14 @@ def pytest_itemcollected(item: pytest.Item) -> None:
         item.user_properties.append((_PROPERTY, f"{suite.title}, suite version {SUITE_VERSION}"))
 
 
+@pytest.hookimpl(trylast=True)
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     """Give a test whose fixture is missing something, so that it is run and fails."""
     suite = _suite_of(metafunc.function)
-    if suite and suite.needs in metafunc.fixturenames and suite.needs not in metafunc._arg2fixturedefs:
+    if not suite or suite.needs not in metafunc.fixturenames:
+        return
+    given = any(suite.needs in call.params for call in metafunc._calls)
+    if not given and suite.needs not in metafunc._arg2fixturedefs:
         metafunc.parametrize(suite.needs, [pytest.param(_MISSING, id="missing")])
 
 

@@ -76,6 +76,21 @@ def test_summary_counts_what_was_run_and_skipped_and_a_failed_run_is_kept(pytest
     )
 
 
+def test_fixture_may_come_from_a_parameter_or_a_conftest(pytester: pytest.Pytester) -> None:
+    body = MINE.partition("@pytest.fixture")[0]
+    pytester.makepyfile(
+        test_marked=body + "pytestmark = pytest.mark.parametrize('surface', [SurfaceCase(KIND)])\n",
+        test_generated=body
+        + "def pytest_generate_tests(metafunc): metafunc.parametrize('surface', [SurfaceCase(KIND)])\n",
+    )
+    shared = pytester.mkdir("shared")
+    (shared / "test_shared.py").write_text("from hil_bridge.testing.surfaces import *\n")
+    own = body.replace("from hil_bridge.testing.surfaces import *", "")
+    (shared / "conftest.py").write_text(own + "@pytest.fixture\ndef surface(): return SurfaceCase(KIND)\n")
+    result = pytester.runpytest_inprocess(*PLUGIN, "-q", "-k", "above or pulls")
+    assert result.parseoutcomes()["passed"] == 6
+
+
 @pytest.mark.parametrize("version", [SUITE_VERSION, "0"])
 def test_another_version_than_the_pinned_one_ends_in_one_line(
     pytester: pytest.Pytester, version: str
