@@ -29,6 +29,7 @@ from hil_bridge.faults.settings import FaultConfig
 from hil_bridge.kinds import ROBOTS, SENSORS, CellSection, emulated_sensor, faults_of
 from hil_bridge.settings.earlier import told_of
 from hil_bridge.settings.kinds import Chosen, cell_section, chosen_in, merged_section
+from hil_bridge.settings.places import resolve_files
 from hil_bridge.settings.program import (
     STEPS_HINT,
     count_problems,
@@ -56,16 +57,6 @@ OPTIONS = {
     "task.file": "--task",
 }
 """Command-line options by the key that they override."""
-
-
-FILE_KEYS = (
-    "robot.orders_file",
-    "cell.robot.program_folder",
-    "cell.surface.height_map_file",
-    "controller.parameters.rules_file",
-    "task.file",
-)
-"""Keys that name a file; one that is not absolute is looked for beside the configuration that names it."""
 
 
 class _Section(BaseModel):
@@ -393,7 +384,7 @@ def load_config(path: Path | None, overrides: Mapping[str, object]) -> Config:
 def read_values(path: Path) -> dict[str, Any]:
     """The values of a TOML file, the files that it names relative to its own place. Raises ConfigError."""
     values = read_toml(path)
-    _resolve_files(values, path.parent)
+    resolve_files(values, path.parent)
     return values
 
 
@@ -416,23 +407,6 @@ def lay_over(values: dict[str, Any], overrides: Mapping[str, object]) -> set[str
 def dump(config: Config) -> str:
     """The whole configuration as one line of JSON, for the record."""
     return json.dumps(config.model_dump(mode="json"), separators=(",", ":"), sort_keys=True)
-
-
-def _resolve_files(values: dict[str, Any], folder: Path) -> None:
-    """Make the files that a configuration names relative to its own place."""
-    for key in FILE_KEYS:
-        *sections, name = key.split(".")
-        table: Any = values
-        for section in sections:
-            table = table.get(section) if isinstance(table, dict) else None
-        if isinstance(table, dict) and isinstance(table.get(name), str) and table[name]:
-            table[name] = str(folder / table[name])
-    for section in ("robot", "sensor", "cell"):  # a kind of another package names its files by `…_file`
-        inner = values.get(section)
-        for kind, table in inner.items() if isinstance(inner, dict) else ():
-            for name, value in table.items() if isinstance(table, dict) else ():
-                if name.endswith("_file") and f"{section}.{kind}.{name}" not in FILE_KEYS and value:
-                    table[name] = str(folder / value) if isinstance(value, str) else value
 
 
 def is_section(value: object) -> bool:

@@ -5,7 +5,8 @@ from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
-from hil_bridge.settings.configuration import FILE_KEYS, Config, lay_over
+from hil_bridge.settings.configuration import Config, lay_over
+from hil_bridge.settings.places import FILE_KEYS
 from hil_bridge.text_files import toml_pair
 
 
