@@ -40,6 +40,7 @@ def heard(react: Callable[[str], object]) -> Iterator[None]:
     try:
         # not TCSADRAIN: it waits for a terminal that is paused
         termios.tcsetattr(source, termios.TCSANOW, single)
+        single = termios.tcgetattr(source)  # told in another form than it was given
         thread.start()
         yield
     finally:
@@ -47,8 +48,9 @@ def heard(react: Callable[[str], object]) -> Iterator[None]:
         thread.join(_CLOSE_SECONDS)
         if not thread.is_alive():
             os.close(woken)
-        if can_be_heard():  # else it is gone, or its shell has set it anew
-            with suppress(OSError, termios.error):
+        with suppress(OSError, termios.error):  # a terminal that is gone
+            # in the background its shell may have set it anew, and then it is the shell's
+            if can_be_heard() or termios.tcgetattr(source) == single:
                 termios.tcsetattr(source, termios.TCSANOW, before)
 
 

@@ -63,8 +63,20 @@ def test_a_process_in_the_background_takes_no_key_and_leaves_the_terminal_alone(
         os.write(typed, b"r")
         for _ in range(2):  # looked at, and once more: a read would have come between
             assert asked.acquire(timeout=DEADLINE_S)
+        by_shell = termios.tcgetattr(sys.stdin.fileno())
+        by_shell[0] &= ~termios.ICRNL
+        termios.tcsetattr(sys.stdin.fileno(), termios.TCSANOW, by_shell)
     assert heard == []
-    assert modes(sys.stdin.fileno()) == 0
+    assert termios.tcgetattr(sys.stdin.fileno()) == by_shell
+
+
+def test_a_process_that_ends_in_the_background_leaves_no_terminal_without_echo(
+    typed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = modes(sys.stdin.fileno())
+    with keys.heard(lambda key: None):
+        monkeypatch.setattr(os, "tcgetpgrp", lambda source: os.getpgrp() + 1)
+    assert modes(sys.stdin.fileno()) == before
 
 
 def test_a_paused_terminal_is_not_waited_for(typed: int, monkeypatch: pytest.MonkeyPatch) -> None:
