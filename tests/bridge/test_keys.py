@@ -7,6 +7,7 @@ import termios
 import threading
 from collections.abc import Iterator
 from io import FileIO
+from typing import Any
 
 import pytest
 
@@ -83,7 +84,7 @@ def test_a_paused_terminal_is_not_waited_for(typed: int, monkeypatch: pytest.Mon
     change = termios.tcsetattr
     ways: list[int] = []
 
-    def changed(source: int, when: int, attributes: list[object]) -> None:
+    def changed(source: int, when: int, attributes: Any) -> None:
         ways.append(when)
         change(source, when, attributes)
 
