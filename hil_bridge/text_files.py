@@ -117,6 +117,16 @@ def format_path(path: Path) -> str:
     return text if text.isprintable() else repr(text)
 
 
+def harmless(text: str) -> str:
+    """The same text without characters that act on a terminal, as a device or a package may tell them.
+
+    Each is shown as its escape in Python; line ends and tabs stay.
+    """
+    if text.isprintable():
+        return text
+    return "".join(sign if sign.isprintable() or sign in "\n\t" else repr(sign)[1:-1] for sign in text)
+
+
 _TOO_DEEP = f"tables and arrays lie more than {DEPTH_LIMIT} deep in each other"
 
 

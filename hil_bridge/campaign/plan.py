@@ -3,6 +3,7 @@
 import hashlib
 import itertools
 import json
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
@@ -22,6 +23,8 @@ from hil_bridge.text_files import format_path, format_value, read_toml
 
 RUNS_LIMIT = 10_000_000
 """Most runs of a campaign. Chosen: months of a machine."""
+SEED_LIMIT = 2**63 - 1
+"""Largest seed: the largest whole number that the results can hold."""
 CASES_LIMIT = 100_000
 """Most cells of the matrix times faults. Chosen: all are checked first, a few milliseconds each."""
 NO_FAULT = "none"
@@ -141,10 +144,10 @@ def read_plan(path: Path, seeds: tuple[int, ...] = ()) -> Plan:
 def seeds_of(text: str) -> tuple[int, ...]:
     """Seeds from text: FROM:TO with both ends included, or a single one. Raises ValueError."""
     first, _, last = text.partition(":")
-    found = range(int(first), int(last or first) + 1)
-    if not 0 < len(found) <= RUNS_LIMIT or found[0] < 0:
+    begin, end = int(first), int(last or first)
+    if not 0 <= begin <= end <= SEED_LIMIT or end - begin >= RUNS_LIMIT:
         raise ValueError(f"no seeds from {text!r}")
-    return tuple(found)
+    return tuple(range(begin, end + 1))
 
 
 class _Reading:
@@ -264,6 +267,9 @@ class _Reading:
             if any(name == "run.seed" or name.startswith("faults") for one in axis for name in one.values):
                 self._wrong(where, "cannot be an axis: faults and seeds have their own settings")
             axes.append(axis)
+        if math.prod(map(len, axes)) > CASES_LIMIT:  # before any is made: they would fill the memory
+            self._wrong("campaign.matrix", f"makes more than {CASES_LIMIT} cells")
+            return []
         return [_joined(parts) for parts in itertools.product(*axes)]
 
     def _faults(self, campaign: Mapping[str, Any]) -> list[dict[str, Any]]:

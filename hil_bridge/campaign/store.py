@@ -158,6 +158,8 @@ class Store:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+        if isinstance(error, (sqlite3.Error, json.JSONDecodeError)):  # a full disk, a damaged file
+            raise ConfigError(f"cannot use the results in {self.path}: {error}") from error
 
     def close(self) -> None:
         """Close the file. Harmless when called again."""

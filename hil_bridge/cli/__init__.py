@@ -34,6 +34,7 @@ from hil_bridge.cli.why import why
 from hil_bridge.console.debugging import debug_option, debug_wanted, told_bug
 from hil_bridge.console.screen import leave
 from hil_bridge.errors import BridgeError, ConfigError
+from hil_bridge.text_files import harmless
 
 EXIT_INTERRUPTED = 130
 """Exit code that a shell expects of a command that Ctrl-C ended."""
@@ -162,7 +163,7 @@ def _run() -> int | str | None:
     except ReaderLeft:  # `| head`: nothing more can be said
         return 0
     except BridgeError as error:
-        click.echo(f"hil-bridge: {error}", err=True)
+        click.echo(f"hil-bridge: {harmless(str(error))}", err=True)
         return error.exit_code
     except click.ClickException as error:
         context = getattr(error, "ctx", None)

@@ -13,6 +13,8 @@ from contextlib import contextmanager, suppress
 
 _CLOSE_SECONDS = 0.5
 """Longest wait for the thread's end. Chosen: it wakes at once."""
+_BACKGROUND_SECONDS = 0.2
+"""Time between two looks whether the process is in the foreground again. Chosen: a person does not notice it."""
 
 
 def can_be_heard() -> bool:
@@ -36,7 +38,9 @@ def heard(react: Callable[[str], object]) -> Iterator[None]:
     woken, wake = os.pipe()
     thread = threading.Thread(target=_read, args=(source, woken, react), name="keys", daemon=True)
     try:
-        termios.tcsetattr(source, termios.TCSADRAIN, single)
+        # not TCSADRAIN: it waits for a terminal that is paused
+        termios.tcsetattr(source, termios.TCSANOW, single)
+        single = termios.tcgetattr(source)  # told in another form than it was given
         thread.start()
         yield
     finally:
@@ -45,7 +49,9 @@ def heard(react: Callable[[str], object]) -> Iterator[None]:
         if not thread.is_alive():
             os.close(woken)
         with suppress(OSError, termios.error):  # a terminal that is gone
-            termios.tcsetattr(source, termios.TCSANOW, before)
+            # in the background its shell may have set it anew, and then it is the shell's
+            if can_be_heard() or termios.tcgetattr(source) == single:
+                termios.tcsetattr(source, termios.TCSANOW, before)
 
 
 def _read(source: int, woken: int, react: Callable[[str], object]) -> None:
@@ -54,6 +60,10 @@ def _read(source: int, woken: int, react: Callable[[str], object]) -> None:
         ready, _, _ = select.select([source, woken], [], [])
         if woken in ready:
             return
+        if not can_be_heard():  # to read in the background would stop the process, SIGTTIN
+            if select.select([woken], [], [], _BACKGROUND_SECONDS)[0]:
+                return
+            continue
         try:
             typed = os.read(source, 64)
         except OSError:

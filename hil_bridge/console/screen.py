@@ -14,6 +14,8 @@ from contextlib import suppress
 from types import TracebackType
 from typing import NoReturn, Self, TextIO
 
+from hil_bridge.text_files import harmless
+
 CLOSE_SECONDS = 2.0
 """Longest wait for a screen at a place where nothing else may wait. Chosen: a slow terminal takes far less."""
 LEAVE_SECONDS = 0.5
@@ -36,7 +38,7 @@ class Screen:
 
     def say(self, text: str) -> None:
         """Write a line, after all that was said before; returns at once."""
-        self.do(lambda: print(text, file=self.stream, flush=True))
+        self.do(lambda: print(harmless(text), file=self.stream, flush=True))
 
     def do(self, step: Callable[[], object]) -> None:
         """Let the thread do something, such as drawing; returns at once. A stream that is gone ends it silently."""

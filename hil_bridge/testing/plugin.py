@@ -113,13 +113,21 @@ def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> None:
         )
 
 
+def _told_suite(report: Any) -> str:
+    """The suite of a report, or an empty text. Tests of other people have properties of any shape."""
+    for pair in getattr(report, "user_properties", ()):
+        if len(pair) == 2 and pair[0] == _PROPERTY:
+            return str(pair[1])
+    return ""
+
+
 def pytest_terminal_summary(terminalreporter: Any) -> None:
     """One line for each suite, and one for each reason for which something was not run."""
     ran: dict[str, Counter[str]] = {}
     skipped: dict[str, Counter[str]] = {}
     for outcome in ("passed", "failed", "error", "skipped", "xfailed", "xpassed"):
         for report in terminalreporter.stats.get(outcome, ()):
-            suite = dict(getattr(report, "user_properties", ())).get(_PROPERTY)
+            suite = _told_suite(report)
             if not suite:
                 continue
             reasons = skipped.setdefault(suite, Counter())
@@ -146,6 +154,17 @@ def pytest_terminal_summary(terminalreporter: Any) -> None:
 _RUNS: pytest.StashKey[list[tuple[Any, Path]]] = pytest.StashKey()
 
 
+def _saved(result: Any, path: Path) -> str:
+    """The command that explains a run, which is saved for it, or why it is not saved: that ends no tests."""
+    from hil_bridge.errors import BridgeError
+
+    try:
+        result.save(path, overwrite=True)
+    except (BridgeError, OSError) as error:
+        return f"not saved: {error}"
+    return f"hil-bridge why {path}"
+
+
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, Any, Any]:
     report = yield
@@ -153,9 +172,8 @@ def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, Any, Any]:
         lines = []
         for number, (result, folder) in enumerate(runs):
             path = folder / f"run-{number}.mcap"
-            result.save(path)
             why = f": {result.cause}" if result.cause else ""
-            lines.append(f"run {number}: {result.outcome}{why}\n    hil-bridge why {path}")
+            lines.append(f"run {number}: {result.outcome}{why}\n    {_saved(result, path)}")
         report.sections.append(("hil_simulate", "\n".join(lines)))
     return report
 
@@ -165,7 +183,7 @@ def hil_simulate(request: pytest.FixtureRequest, tmp_path: Path) -> Callable[...
     """`hil_bridge.simulate`; where the test fails, its runs are saved, and the report says how each ended."""
     import hil_bridge
 
-    runs = request.node.stash.setdefault(_RUNS, [])
+    runs = request.node.stash[_RUNS] = []  # anew where a test is repeated
 
     def simulate(config: Any = None, **more: Any) -> Any:
         result = hil_bridge.simulate(config, **more)

@@ -67,10 +67,13 @@ class Goal:
         if figures["outcome"] != "completed":
             return str(figures["outcome"])
         force = figures.get("force_true_max_n")
-        if force is not None and _number(force) > self.force_limit_n:
+        if force is not None and not _number(force) <= self.force_limit_n:  # one that is no number too
             return f"a true force of {_number(force):.1f} N"
         missing = [name for name in self.weights if figures.get(name) is None]
-        return f"no {missing[0]}" if missing else ""
+        if missing:
+            return f"no {missing[0]}"
+        endless = [name for name in self.weights if not math.isfinite(_number(figures[name]))]
+        return f"{endless[0]} is {_number(figures[endless[0]])}" if endless else ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,6 +8,7 @@ from rich.console import Console, ConsoleDimensions
 from rich.live import Live
 
 from hil_bridge.recording.records import CycleRecord, EventRecord
+from hil_bridge.text_files import harmless
 from hil_bridge.view.model import Health, Scene, Snapshot, ViewModel
 from hil_bridge.view.panel import panel
 
@@ -127,9 +128,9 @@ def line(snapshot: Snapshot) -> str:
     if snapshot.remaining_s is not None:
         parts.append(f"{snapshot.remaining_s:.0f} s to track")
     if snapshot.newest is None and snapshot.check:
-        parts.append(snapshot.check.replace("·", " ").encode("ascii", "backslashreplace").decode())
+        parts.append(snapshot.check.replace("·", " "))
     if snapshot.cause:
-        parts.append(f"STOPPED: {snapshot.cause}".encode("ascii", "backslashreplace").decode())
+        parts.append(f"STOPPED: {snapshot.cause}")
     if snapshot.warning:
-        parts.append(f"WARNING: {snapshot.warning}".encode("ascii", "backslashreplace").decode())
-    return "  ".join(parts)
+        parts.append(f"WARNING: {snapshot.warning}")
+    return harmless("  ".join(parts)).encode("ascii", "backslashreplace").decode()

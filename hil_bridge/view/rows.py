@@ -8,6 +8,7 @@ from rich.text import Text
 
 from hil_bridge.analysis.times import in_ms
 from hil_bridge.facts import LATE, Pacing
+from hil_bridge.text_files import harmless
 from hil_bridge.view.chart import error_style
 from hil_bridge.view.model import Snapshot, Told
 
@@ -27,7 +28,15 @@ _VERDICT_STYLES = {"allow": "green", "clamp": "yellow", "stop": "bold red"}
 
 
 def _row(label: str, *parts: str | tuple[str, str] | Text) -> Text:
-    return Text.assemble((f"{label:<{_LABEL}} ", "dim"), *parts, no_wrap=True, overflow="ellipsis")
+    shown = [
+        part
+        if isinstance(part, Text)
+        else (harmless(part), "")
+        if isinstance(part, str)
+        else (harmless(part[0]), part[1])
+        for part in parts
+    ]
+    return Text.assemble((f"{label:<{_LABEL}} ", "dim"), *shown, no_wrap=True, overflow="ellipsis")
 
 
 def force(snapshot: Snapshot) -> Text:

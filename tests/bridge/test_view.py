@@ -250,6 +250,28 @@ def test_the_chart_draws_columns_up_to_the_target() -> None:
     assert "target" in rows[2]
 
 
+def test_texts_of_a_device_do_nothing_to_the_terminal() -> None:
+    evil = "\x1b[2J\x1b]0;evil\x07[bold]µ"
+    made = model(structs.replace(CYCLE, verdict="stop", reasons=(evil,)))
+    made.warn(evil)
+    made.event(EventRecord(110.0, "fault", f"told {evil}"))
+    made.event(EventRecord(110.1, STOP_EVENT, evil))
+    snapshot = made.snapshot(110.2, Health())
+    assert line(snapshot).isascii()
+    assert line(snapshot).isprintable()
+    drawn = io.StringIO()
+    Console(width=180, height=32, file=drawn).print(panel(snapshot, 180, 32))
+    assert not {"\x1b", "\x07"} & set(drawn.getvalue())
+    assert "told \\x1b[2J\\x1b]0;evil\\x07[bold]µ" in drawn.getvalue()
+
+
+def test_what_is_said_at_the_end_does_nothing_to_the_terminal() -> None:
+    stream = io.StringIO()
+    with screen.Screen(stream) as said:
+        said.say("stopped: \x1b[2J\n\tby\rit µ")
+    assert stream.getvalue() == "stopped: \\x1b[2J\n\tby\\rit µ\n"
+
+
 def test_plain_lines_come_once_a_second_and_when_the_phase_changes() -> None:
     stream = io.StringIO()
     with LiveView(Scene(50.0, ROBOT, 30.0), stream) as view:

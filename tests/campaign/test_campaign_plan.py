@@ -178,3 +178,15 @@ def test_criterion_judges(figure: str, wanted: Any, figures: Any, met: bool | No
 
 def test_bug_fails_every_run() -> None:
     assert failed([], {"outcome": "error"}) == ["no bug"]
+
+
+def test_matrix_that_would_fill_the_memory_is_refused_before_it_is_made(tmp_path: Path) -> None:
+    axes = "".join(f"task.number_{n} = {[*range(1000)]}\n" for n in range(9))
+    with pytest.raises(PlanErrors, match="makes more than 100000 cells"):
+        read_plan(written(tmp_path, HEAD + "[campaign.matrix]\n" + axes))
+
+
+@pytest.mark.parametrize("text", [f"{2**63}", f"0:{10**30}"])
+def test_seeds_beyond_those_of_the_results_are_refused(text: str) -> None:
+    with pytest.raises(ValueError, match="no seeds from"):
+        seeds_of(text)

@@ -405,3 +405,25 @@ def test_command_tells_every_mistake_of_a_plan(tmp_path: Path) -> None:
     assert isinstance(told.exception, ConfigError)
     assert told.output.count("hil-bridge: ") == 2
     assert not (tmp_path / "study.sqlite").exists()
+
+
+def test_results_that_break_while_they_are_used_are_told_in_one_line(tmp_path: Path) -> None:
+    plan = read_plan(study(tmp_path))
+    place = tmp_path / "study.sqlite"
+    with (
+        pytest.raises(
+            ConfigError, match=r"cannot use the results in .*study\.sqlite: database or disk is full"
+        ),
+        Store.begin(place, plan),
+    ):
+        raise sqlite3.OperationalError("database or disk is full")
+    for change, told in (
+        ("DROP TABLE runs", "no such table: runs"),
+        ("UPDATE facts SET value = 'nonsense' WHERE name = 'criteria'", "Expecting value"),
+    ):
+        with sqlite3.connect(place) as connection:
+            connection.execute(change)
+        connection.close()
+        answer = CliRunner().invoke(campaign, ["report", str(place)])
+        assert isinstance(answer.exception, ConfigError)
+        assert told in str(answer.exception)

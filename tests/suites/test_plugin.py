@@ -127,3 +127,25 @@ def test_no_two_suites_have_a_test_of_the_same_name() -> None:
             if name.lower().startswith("test"):
                 assert name not in seen, f"{name} is in {seen[name]} and in {module.__name__}"
                 seen[name] = module.__name__
+
+
+OF_OTHERS = """
+import shutil
+
+def test_with_odd_properties(request):
+    request.node.user_properties += [(["a list"], 1), ("three", 1, 2)]
+
+def test_that_takes_its_folder_away(hil_simulate, tmp_path):
+    hil_simulate({"run": {"duration_s": 0.2}})
+    shutil.rmtree(tmp_path)
+    tmp_path.write_text("no folder")
+    raise AssertionError
+"""
+
+
+def test_tests_of_others_are_not_ended_by_the_plug_in(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(test_mine=OF_OTHERS)
+    result = pytester.runpytest_inprocess(*PLUGIN, "-q")
+    result.assert_outcomes(passed=1, failed=1)
+    result.stdout.fnmatch_lines(["* hil_simulate *", "run 0: completed*", "    not saved: *"])
+    assert "INTERNALERROR" not in result.stdout.str() + result.stderr.str()

@@ -293,3 +293,11 @@ def test_the_examples_are_cells_for_the_same_controller() -> None:
     for place in EXAMPLES.glob("*.toml"):
         config = others(place, tuned)
         assert (config.controller.name, config.run.duration_s) == ("pi", tuned.run.duration_s)
+
+
+@pytest.mark.parametrize("bad", [float("nan"), float("inf")])
+def test_figure_that_is_no_finite_number_fails_a_run(bad: float) -> None:
+    goal = Goal({"rms_error_n": 1.0}, 20.0, {"rms_error_n": 1.0})
+    assert goal.score({"outcome": "completed", "rms_error_n": 0.5, "force_true_max_n": 12.0}) == 0.5
+    assert goal.failure({"outcome": "completed", "rms_error_n": bad}) == f"rms_error_n is {bad}"
+    assert goal.failure({"outcome": "completed", "rms_error_n": 0.5, "force_true_max_n": bad})
