@@ -382,7 +382,7 @@ class _Session:
             self._log.notice("operator", f"asked for the end with the key {key}")
             os.kill(os.getpid(), signal.SIGINT)
         elif key == _HOLD_KEY and self._run is not None:
-            told = "holds the tool in its place" if self._run.hold() else "lets the tool go on"
+            told = "holds the tool in its place" if self._run.hold() else "does not hold the tool"
             self._log.notice("operator", told)
         elif key == _MARK_KEY:
             self._marks += 1

@@ -29,6 +29,7 @@ def test_the_force_is_kept_and_the_way_stands(play: Play, robot: str, steps: lis
 
     def meddle(played: Any, record: Any) -> None:
         if record.phase != "track":
+            assert played.run.hold() is False, "before the touch and on the way back there is nothing to hold"
             return
         begins.append(record.started_at)
         since = record.started_at - begins[0]
