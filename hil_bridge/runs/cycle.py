@@ -151,7 +151,7 @@ class Run:
         self._failed = self._failed or cause
 
     def hold(self) -> bool:
-        """Hold the tool in its place while it tracks, the force being controlled, or let it go on; whether it is held."""
+        """Hold the tool in its place while it tracks, its force controlled, or let it go on; whether it is held."""
         self._held = not self._held and self._phase == Phase.TRACK
         return self._held
 
