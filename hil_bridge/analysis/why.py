@@ -24,6 +24,7 @@ SILENT_FRAMES = 20
 lost on a wire now and then.
 """
 _FAULT_EVENT, _SIGNAL_EVENT, _BUG_EVENT, _THEN_EVENT, _STEP_EVENT = "fault", "signal", "bug", "then", "step"
+_OPERATOR_EVENT = "operator"
 _NO_SYMPTOMS = frozenset(
     (
         PHASE_EVENT,
@@ -33,6 +34,7 @@ _NO_SYMPTOMS = frozenset(
         _THEN_EVENT,
         _FAULT_EVENT,
         _SIGNAL_EVENT,
+        _OPERATOR_EVENT,
         _BUG_EVENT,
         _STEP_EVENT,
     )
@@ -208,7 +210,7 @@ class _Ending:
             return ""
         if self._end.outcome is Outcome.INTERRUPTED:
             events = self._recording.events
-            asked = [event.text for event in events if event.kind == "operator"]
+            asked = [event.text for event in events if event.kind == _OPERATOR_EVENT]
             told = [f"the key {text[len(ASKED_BY_KEY) :]}" for text in asked if text.startswith(ASKED_BY_KEY)]
             told += [event.text for event in events if event.kind == _SIGNAL_EVENT]
             return f"It was ended by {told[0]}." if told else _sentence(self._end.cause)
