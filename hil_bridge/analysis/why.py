@@ -11,7 +11,7 @@ from hil_bridge.analysis.summary import end_of, phases
 from hil_bridge.facts import Devices
 from hil_bridge.failures import TRACEBACK_EVENT
 from hil_bridge.recording.device_facts import devices_of
-from hil_bridge.recording.ending import CHECK_EVENT, PHASE_EVENT, STOP_EVENT, Outcome, RunEnd
+from hil_bridge.recording.ending import ASKED_BY_KEY, CHECK_EVENT, PHASE_EVENT, STOP_EVENT, Outcome, RunEnd
 from hil_bridge.recording.reader import Recording
 from hil_bridge.recording.records import CycleRecord, EventRecord, SensorRecord
 
@@ -24,6 +24,7 @@ SILENT_FRAMES = 20
 lost on a wire now and then.
 """
 _FAULT_EVENT, _SIGNAL_EVENT, _BUG_EVENT, _THEN_EVENT, _STEP_EVENT = "fault", "signal", "bug", "then", "step"
+_OPERATOR_EVENT = "operator"
 _NO_SYMPTOMS = frozenset(
     (
         PHASE_EVENT,
@@ -33,6 +34,7 @@ _NO_SYMPTOMS = frozenset(
         _THEN_EVENT,
         _FAULT_EVENT,
         _SIGNAL_EVENT,
+        _OPERATOR_EVENT,
         _BUG_EVENT,
         _STEP_EVENT,
     )
@@ -207,7 +209,10 @@ class _Ending:
         if self._recording.truncated:
             return ""
         if self._end.outcome is Outcome.INTERRUPTED:
-            told = [event.text for event in self._recording.events if event.kind == _SIGNAL_EVENT]
+            events = self._recording.events
+            asked = [event.text for event in events if event.kind == _OPERATOR_EVENT]
+            told = [f"the key {text[len(ASKED_BY_KEY) :]}" for text in asked if text.startswith(ASKED_BY_KEY)]
+            told += [event.text for event in events if event.kind == _SIGNAL_EVENT]
             return f"It was ended by {told[0]}." if told else _sentence(self._end.cause)
         if not self._end.cause:
             return "The recording tells no cause."

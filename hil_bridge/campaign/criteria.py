@@ -117,7 +117,7 @@ def _problem_of_bounds(wanted: Mapping[str, Any]) -> str | None:
     if not any(name in BOUNDS for name in wanted):
         return f"needs one of {', '.join(BOUNDS)}"
     if wrong := [name for name in BOUNDS if name in wanted and not _is_number(wanted[name])]:
-        return f"{wrong[0]} must be a number"
+        return f"{wrong[0]} must be a number, got {wanted[wrong[0]]}"
     return _problem_of_outcomes(wanted)
 
 

@@ -211,7 +211,7 @@ class _Reading:
                     self._wrong("campaign.seeds", "holds a seed twice")
                 return tuple(given)
         wanted = "must be a list of whole numbers from 0, or { from = 1, to = 50 }"
-        self._wrong("campaign.seeds", f"{wanted}, got {format_value(given)}")
+        self._wrong("campaign.seeds", wanted if given is None else f"{wanted}, got {format_value(given)}")
         return ()
 
     def _criteria(self, given: object) -> tuple[Criterion, ...]:

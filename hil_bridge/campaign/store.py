@@ -103,6 +103,8 @@ class Store:
     @classmethod
     def open(cls, path: Path) -> Self:
         """A file that is there, to be read. Raises ConfigError."""
+        if path.is_dir():
+            raise ConfigError(f"{path} is a folder; name a file of results in it")
         if not path.is_file():
             raise ConfigError(f"there is no file {path}; `hil-bridge campaign FILE.toml` makes one")
         store = cls(path, _connect(path, "rw"))

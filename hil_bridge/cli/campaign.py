@@ -23,6 +23,11 @@ class _Campaign(click.Group):
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         if args and args[0] not in self.commands and args[0] not in ("-h", "--help"):
+            if not args[0].startswith("-") and not Path(args[0]).suffix and not Path(args[0]).exists():
+                told = ", ".join(self.commands)
+                raise click.UsageError(
+                    f"no file and no command is called {args[0]!r}; commands are {told}", ctx
+                )
             args = ["run", *args]
         return super().parse_args(ctx, args)
 
@@ -91,6 +96,8 @@ def run(
     from hil_bridge.campaign.working import missing, work
     from hil_bridge.runs.signals import as_ctrl_c
 
+    if file.suffix == ".sqlite":
+        raise ConfigError(f"{file} holds results, no plan; `hil-bridge campaign report {file}` shows them")
     try:
         plan = read_plan(file, seeds)
     except PlanErrors as error:
@@ -167,7 +174,7 @@ def report(results: Path, out: Path | None, overwrite: bool) -> None:
     from hil_bridge.campaign.store import Store
     from hil_bridge.recording.files import write_whole
 
-    place = out or results.with_suffix(".html")
+    place = out or results.parent / f"{results.stem}.html"
     with Store.open(results) as store:
         write_whole(place, page(store).encode(), overwrite)
     click.echo(place)

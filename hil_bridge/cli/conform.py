@@ -11,9 +11,9 @@ FAILED = 4
 """Exit code when a scenario failed."""
 
 
-@click.command(short_help="Judge a robot client in any language.", options_metavar="[OPTIONS] --")
+@click.command(short_help="Judge a robot client in any language.", options_metavar="[OPTIONS]")
 @click.argument("kind")
-@click.argument("command", nargs=-1, metavar="COMMAND…")
+@click.argument("command", nargs=-1, metavar="-- COMMAND…")
 @click.option(
     "--config", "config_file", type=FILE, metavar="CONFIG.toml", help="Settings of the emulated cell."
 )
@@ -55,7 +55,7 @@ def conform(
       rtde: {dashboard} {script}  HIL_BRIDGE_DASHBOARD HIL_BRIDGE_SCRIPT
       s3: {device}                HIL_BRIDGE_DEVICE, a pseudo-terminal
 
-    Exit codes: 0 all passed, 2 wrong input, 3 the emulator or its port, 4 a scenario failed, 130 interrupted.
+    Exit codes: 0 none failed, 2 wrong input, 3 the emulator or its port, 4 a scenario failed, 130 interrupted.
     """
     from functools import partial
 

@@ -9,6 +9,8 @@ PHASE_EVENT = "phase"
 """Kind of the events whose text is the name of the phase that begins."""
 STOP_EVENT = "stop"
 """Kind of the event whose text is the cause of a stop."""
+ASKED_BY_KEY = "asked for the end with the key "
+"""Begin of the text of the event `operator` by which a person ends a run; the key follows."""
 CHECK_EVENT = "check"
 """Kind of the events that tell what was found of the sensor before the touch: full scales, model, weight, zero."""
 

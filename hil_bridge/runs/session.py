@@ -30,6 +30,7 @@ from hil_bridge.recording import (
     RunEnd,
     StepRecord,
 )
+from hil_bridge.recording.ending import ASKED_BY_KEY
 from hil_bridge.runs.checks import check
 from hil_bridge.runs.cycle import BUG_EVENT, Run, RunResult
 from hil_bridge.runs.outputs import Outputs, record_path, settled, write_outputs
@@ -379,8 +380,10 @@ class _Session:
     def _key(self, key: str) -> None:
         """A key of the terminal: the end in the same way as by Ctrl-C, a hold, or a mark in the record."""
         if key in _ENDING_KEYS:
-            self._log.notice("operator", f"asked for the end with the key {key}")
             os.kill(os.getpid(), signal.SIGINT)
+            # behind the notice of the signal, which a small view would else show in its place
+            told = f"{ASKED_BY_KEY}{key}"
+            asyncio.get_running_loop().call_soon(self._log.notice, "operator", told)
         elif key == _HOLD_KEY and self._run is not None:
             told = "holds the tool in its place" if self._run.hold() else "does not hold the tool"
             self._log.notice("operator", told)

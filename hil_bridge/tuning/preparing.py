@@ -39,6 +39,8 @@ def wanted_of(
 ) -> Wanted:
     """The search that a person asks for. Raises ConfigError."""
     limit = config.limits.force_limit_n if force_limit_n is None else force_limit_n
+    if not 0.0 < limit < float("inf"):
+        raise ConfigError(f"--force-limit: must be a number above 0, got {limit:g}")
     weights = dict(_weight(text) for text in minimise or _MINIMISED)
     wanted = Wanted(space_of(config, vary), weights, limit, seeds, budget, seeds[0], cells)
     wanted.points  # noqa: B018  its refusal comes before the first run

@@ -47,9 +47,9 @@ def force(snapshot: Snapshot) -> Text:
     told = (f"{newest.force:z8.2f} N", "bold")
     if not snapshot.wants_force:
         return _row("force", told, "   in free space")
-    line = _row("force", told, f"   target {reference:6.2f} N")
+    line = _row("force", told, f"  target {reference:6.2f} N")
     if newest.in_contact:
-        line.append(f"   off by {newest.force - reference:+7.2f} N", error_style(newest.force, reference))
+        line.append(f"  off by {newest.force - reference:+.2f} N", error_style(newest.force, reference))
     else:
         line.append("   no contact", "yellow")
     return line

@@ -227,6 +227,7 @@ def test_the_panel_of_every_size_tells_what_matters_most(width: int, height: int
     running = text_of(made.snapshot(110.0, Health()), width, height)
     for part in (
         "REAL  s3, gateway",
+        "off by -1.27 N",
         "48.7 of 50 N, 1.3 N left",
         "5.00 N   travel 12.500 mm",
         "retract and end",

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 from html import unescape
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -11,6 +12,7 @@ import pytest
 from hil_bridge import api
 from hil_bridge.analysis.why import why
 from hil_bridge.recording import Recording
+from hil_bridge.recording.records import EventRecord
 from tools.faults_doc import CELL, GIVEN, faults_of_device
 
 BLAMED = {
@@ -153,6 +155,21 @@ def test_a_recording_that_was_cut_says_so(unplugged: Path, tmp_path: Path) -> No
     text = told("why", str(cut))
     assert text.startswith("The recording ends ")
     assert "the process was killed, or the file is cut" in text
+
+
+def test_a_run_that_a_person_ended_by_a_key_was_not_ended_by_a_signal() -> None:
+    recording = api.simulate({"run": {"duration_s": 0.2}}).recording
+    asked = (("operator", "asked for the end with the key r"), ("signal", "SIGINT"))
+    for events, told in (
+        (asked, "the key r"),
+        (asked[1:], "SIGINT"),
+        ((("mark", asked[0][1]), asked[1]), "SIGINT"),
+    ):
+        happened = tuple(EventRecord(1.0, *event) for event in events)
+        end = {**recording.end, "outcome": "interrupted"}
+        text = why(replace(recording, events=happened, end=end))
+        assert f"It was ended by {told}." in text
+        assert "symptom" not in text or events[0][0] == "mark"
 
 
 def test_an_interrupted_run_was_not_stopped_by_a_device() -> None:

@@ -91,6 +91,10 @@ def test_fault_that_some_cells_cannot_have_is_kept_as_impossible(tmp_path: Path)
         ("", ["there must be a table [campaign]"]),
         (HEAD + "[more]\n", ["more is no table of a campaign, only campaign, config"]),
         (HEAD.replace("seeds", "seed"), ["campaign.seed is no setting", "campaign.seeds must be a list"]),
+        (
+            HEAD.replace("seeds = [1, 2]\n", ""),
+            ["campaign.seeds must be a list of whole numbers from 0, or { from = 1, to = 50 }"],
+        ),
         (HEAD.replace("[1, 2]", "[1, 1]"), ["campaign.seeds holds a seed twice"]),
         (
             HEAD.replace("seeds", "cases_per_seed = 2\nseeds"),
@@ -104,6 +108,10 @@ def test_fault_that_some_cells_cannot_have_is_kept_as_impossible(tmp_path: Path)
         ),
         (HEAD.replace('"completed"', '"done"'), ["campaign.criteria.outcome must be one or a list of"]),
         (HEAD + "rise_s = { under = 1 }\n", ["campaign.criteria.rise_s has no 'under', only below, above"]),
+        (
+            HEAD + "rise_s = { below = nan }\n",
+            ["campaign.criteria.rise_s below must be a number, got nan"],
+        ),
         (HEAD + "retracted = 1\n", ["campaign.criteria.retracted must be true or false"]),
         (HEAD + '[campaign.matrix]\n"task.force" = [1.0]\n', ["task.force is no setting"]),
         (HEAD + '[campaign.matrix]\n"task.force_n" = 1.0\n', ["campaign.matrix.task.force_n must be a list"]),

@@ -235,6 +235,20 @@ def test_rerun_gives_the_same_figures_and_the_recording(results: Path, tmp_path:
         CliRunner().invoke(campaign, ["rerun", str(results), "nothing"], catch_exceptions=False)
 
 
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["report", "."], "is a folder; name a file of results in it"),
+        (["study.sqlite"], "holds results, no plan; `hil-bridge campaign report"),
+        (["rpt", "study.sqlite"], "no file and no command is called 'rpt'; commands are run, report"),
+    ],
+)
+def test_what_was_meant_otherwise_is_told(arguments: list[str], told: str) -> None:
+    ended = CliRunner().invoke(campaign, arguments)
+    assert ended.exit_code != 0
+    assert told in f"{ended.exception} {ended.output}"
+
+
 def test_rerun_of_a_seed_repeats_every_case(results: Path, tmp_path: Path) -> None:
     told = CliRunner().invoke(campaign, ["rerun", str(results), "--seed", "2", "--out", str(tmp_path)])
     assert told.exit_code == 0, told.output

@@ -101,6 +101,12 @@ def test_each_cause_stops_and_just_inside_does_not(observed, cause):
     assert isinstance(step(request(0.5), **inside)[1], Allow)
 
 
+def test_an_age_just_beyond_its_limit_is_told_so_that_it_differs_from_it():
+    for now, told in ((100.1904, "is 200.40 ms old"), (100.24, "is 250 ms old")):
+        _, verdict = step(request(0.5), now=now)
+        assert told in verdict.text
+
+
 def test_counter_that_stands_still_or_goes_back_stops():
     state, verdicts = START, []
     for _ in range(4):

@@ -1,6 +1,7 @@
 """Tuning without runs: the space, the scores, the search on a function, the front, comparisons, files."""
 
 import json
+import math
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path
@@ -283,6 +284,9 @@ def test_figures_and_weights_are_checked() -> None:
     for wrong in ("rise", "rise_s=x", "rise_s=0", "outcome"):
         with pytest.raises(ConfigError, match="--minimise"):
             wanted_of(pi(), (), [wrong], None, (1, 2), 300)
+    for limit in (math.nan, math.inf, 0.0, -3.0):
+        with pytest.raises(ConfigError, match="--force-limit: must be a number above 0"):
+            wanted_of(pi(), (), (), limit, (1, 2), 300)
     with pytest.raises(ConfigError, match="--trade"):
         axes_of("rise_s")
     assert axes_of(None) == ("rise_s", "overshoot_percent")

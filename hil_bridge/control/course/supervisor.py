@@ -206,7 +206,8 @@ class Supervisor:
             return Stop(Cause.SATURATED, "the force sensor is at the end of its range")
         if not self._fresh(seen):
             age_ms = (seen.now - seen.sensor_at) * 1e3
-            text = f"the newest force is {age_ms:.0f} ms old, allowed are {limits.stale_after_ms:g} ms"
+            digits = 0 if age_ms - limits.stale_after_ms >= 1.0 else 2
+            text = f"the newest force is {age_ms:.{digits}f} ms old, allowed are {limits.stale_after_ms:g} ms"
             return Stop(Cause.STALE, text)
         if seen.unchanged * 1e3 >= limits.frozen_after_ms:
             text = f"the force sensor repeated the same counts for {seen.unchanged:.1f} s"
