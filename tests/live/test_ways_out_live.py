@@ -28,12 +28,12 @@ pytestmark = pytest.mark.live
 HIL = "from hil_bridge.cli import main; main()"
 BUG = (
     "import hil_bridge.runs.cycle as run\n"
-    "told = run.Run._record\n"
-    "def broken(self, report, sample, decision, sent, **known):\n"
+    "told = run.cycle_record\n"
+    "def broken(report, sample, decision, *more, **known):\n"
     "    if known['cycle'] and decision.output.phase == 'track' and decision.output.command.stiffness:\n"
     "        raise ZeroDivisionError('lost count')\n"
-    "    return told(self, report, sample, decision, sent, **known)\n"
-    "run.Run._record = broken\n"
+    "    return told(report, sample, decision, *more, **known)\n"
+    "run.cycle_record = broken\n"
 )
 """A bug that strikes once the surface is tracked."""
 AT_THE_KEYBOARD = "import fcntl, termios\nfcntl.ioctl(0, termios.TIOCSCTTY, 0)\n"
