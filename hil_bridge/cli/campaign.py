@@ -87,13 +87,11 @@ def run(
     """Run what is missing of a campaign. Exit code 4 when a run does not meet a criterion."""
     import os
 
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
     from hil_bridge.campaign.plan import PlanErrors, read_plan
     from hil_bridge.campaign.scheduler import dask_workers
     from hil_bridge.campaign.store import Store
     from hil_bridge.campaign.working import missing, work
+    from hil_bridge.console.progress import run_progress
     from hil_bridge.runs.signals import as_ctrl_c
 
     if file.suffix == ".sqlite":
@@ -118,32 +116,11 @@ def run(
         )
     where = dask_workers(scheduler) if scheduler is not None else workers or os.cpu_count() or 1
     place = out or Path(f"{file.stem}.sqlite")
-    console = Console(stderr=True)
     with Store.begin(place, plan) as store:
         jobs = missing(plan, store)
         if len(jobs) < plan.count:
             click.echo(f"{place} has {plan.count - len(jobs)} of them already")
-        with Progress(
-            TextColumn("runs"),
-            BarColumn(),
-            MofNCompleteColumn(),
-            TextColumn("{task.fields[rate]}"),
-            TextColumn("{task.fields[failed]} failed"),
-            TimeRemainingColumn(),
-            console=console,
-            disable=not console.is_terminal,
-        ) as progress:
-            bar = progress.add_task("runs", total=len(jobs), rate="", failed=0)
-            task = progress.tasks[0]
-            failures = 0
-
-            def advance(count: int, failed: int) -> None:
-                nonlocal failures
-                failures += failed
-                seconds = task.elapsed or 0.0
-                rate = f"{(task.completed + count) / seconds:.1f} runs/s" if seconds else ""
-                progress.update(bar, advance=count, rate=rate, failed=failures)
-
+        with run_progress(len(jobs)) as advance:
             try:
                 with as_ctrl_c():
                     work(plan, store, jobs, where, advance)

@@ -104,6 +104,7 @@ def tune(
     """
     import os
 
+    from hil_bridge.console.progress import run_progress
     from hil_bridge.recording.files import check_place, write_whole
     from hil_bridge.runs.signals import as_ctrl_c
     from hil_bridge.tuning.evaluating import running
@@ -131,8 +132,8 @@ def tune(
         processes = workers or os.cpu_count() or 1
         with (
             as_ctrl_c(),
-            _progress(_runs(wanted, len(cells))) as advance,
-            running(processes, advance) as runs,
+            run_progress(_runs(wanted, len(cells))) as advance,
+            running(processes, lambda: advance(1, 0)) as runs,
         ):
             state = begin(tuned_in, wanted, runs)
             search(state, runs)
@@ -207,34 +208,3 @@ def _tell_comparisons(comparisons: "Sequence[Comparison]", wanted: "Wanted", val
         tell(["", *told_comparison(one, [*dict.fromkeys(shown), "force_true_max_n"])])
     if validated and len(comparisons) > 1:
         tell(["", f"In cells that it was not tuned on, {sentence(comparisons[1:])}."])
-
-
-def _progress(total: int) -> Any:
-    """A bar with rate and time left on a terminal; gives what is called for each run."""
-    from contextlib import contextmanager
-
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-    @contextmanager
-    def bar() -> Any:
-        console = Console(stderr=True)
-        columns = (
-            TextColumn("runs"),
-            BarColumn(),
-            MofNCompleteColumn(),
-            TextColumn("{task.fields[rate]}"),
-            TimeRemainingColumn(),
-        )
-        with Progress(*columns, console=console, disable=not console.is_terminal) as progress:
-            number = progress.add_task("runs", total=total, rate="")
-            task = progress.tasks[0]
-
-            def advance() -> None:
-                seconds = task.elapsed or 0.0
-                rate = f"{(task.completed + 1) / seconds:.1f} runs/s" if seconds else ""
-                progress.update(number, advance=1, rate=rate)
-
-            yield advance
-
-    return bar()

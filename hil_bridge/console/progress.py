@@ -1,0 +1,52 @@
+"""Progress of many runs on standard error: a bar on a terminal, a line now and then elsewhere."""
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TypeAlias
+
+import click
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+LINE_SECONDS = 60.0
+"""Between two lines where there is no terminal. Chosen: a log stays short."""
+
+Advance: TypeAlias = Callable[[int, int], None]
+"""Called with the number of runs that have ended, and how many of them failed."""
+
+
+@contextmanager
+def run_progress(total: int) -> Iterator[Advance]:
+    """Rate, time left and failures of `total` runs, while inside."""
+    console = Console(stderr=True)
+    began = told = time.monotonic()
+    done = failures = 0
+    columns = (
+        TextColumn("runs"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[rate]}"),
+        TextColumn("{task.fields[failed]}"),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=console, disable=not console.is_terminal) as progress:
+        bar = progress.add_task("runs", total=total, rate="", failed="")
+
+        def advance(count: int, failed: int) -> None:
+            nonlocal done, failures, told
+            done, failures = done + count, failures + failed
+            now = time.monotonic()
+            rate = done / (now - began) if now > began else 0.0
+            broken = f"{failures} failed" if failures else ""
+            progress.update(bar, advance=count, rate=f"{rate:.1f} runs/s", failed=broken)
+            if not console.is_terminal and now >= told + LINE_SECONDS:
+                told = now
+                click.echo(_line(done, total, rate, broken), err=True)
+
+        yield advance
+
+
+def _line(done: int, total: int, rate: float, broken: str) -> str:
+    left = f", {(total - done) / rate / 60.0:.0f} min left" if rate else ""
+    return f"{done} of {total} runs, {rate:.1f} runs/s{left}{f', {broken}' if broken else ''}"

@@ -1,0 +1,21 @@
+"""Progress of many runs where standard error is no terminal: a line a minute, with rate and time left."""
+
+import pytest
+
+from hil_bridge.console import progress
+
+
+def test_a_log_has_a_line_a_minute(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    now = 1000.0
+    monkeypatch.setattr(progress.time, "monotonic", lambda: now)
+    with progress.run_progress(300) as advance:
+        for second in range(1, 131):
+            now = 1000.0 + second
+            advance(1, int(second == 70))
+    lines = capsys.readouterr().err.splitlines()
+    assert lines == [
+        "60 of 300 runs, 1.0 runs/s, 4 min left",
+        "120 of 300 runs, 1.0 runs/s, 3 min left, 1 failed",
+    ]
