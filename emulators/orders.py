@@ -71,7 +71,7 @@ class Orders:
 
 @runtime_checkable
 class TellingRobot(Protocol):
-    """What an `EmulatedRobot` tells beside its motion, so that its client can be judged."""
+    """Facts that an `EmulatedRobot` tells beside its motion, so that its client can be judged."""
 
     orders: Orders
 

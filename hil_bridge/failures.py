@@ -51,7 +51,7 @@ def traceback_of(error: BaseException) -> str:
 
 
 def failure(error: BaseException, otherwise: str = "") -> str:
-    """What an exception says in one line, and the package and the place that it comes from where that is not ours.
+    """The text of an exception in one line, and the package and the place that it comes from where that is not ours.
 
     `otherwise` is the place where no code of others had a part in it. An exception about an answer of such code names
     the object and its method in an attribute `blamed`.

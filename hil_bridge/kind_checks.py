@@ -1,4 +1,4 @@
-"""What is wrong with a kind of device that another package offers, in words: looked at before it is used."""
+"""Faults of a kind of device that another package offers, in words: looked at before it is used."""
 
 import dataclasses
 import math
@@ -38,7 +38,7 @@ def _faults(kind: Any, taken: frozenset[str]) -> Iterator[str]:
 
 
 def settings_faults(settings: Any, what: str) -> Iterator[str]:
-    """What is wrong with a dataclass of settings: each of them must have a default, and none may be NaN."""
+    """Faults of a dataclass of settings: each of them must have a default, and none may be NaN."""
     if not (isinstance(settings, type) and dataclasses.is_dataclass(settings)):
         yield f"its {what} must be a dataclass, got {_word(settings)}"
         return

@@ -106,7 +106,7 @@ class RobotEmulation:
     check_panel: Callable[[str], object] | None = None
     """Raises ConfigError for a URL at which no panel can listen."""
     mishaps: Mapping[str, Sequence[Mishap]] = field(default_factory=dict)
-    """What `hil-bridge conform` does to it, by scenario: late, refused, stopped, emergency, cut. Those of `cut` are
+    """Faults that `hil-bridge conform` injects, by scenario: late, refused, stopped, emergency, cut. Those of `cut` are
     given their duration.
     """
 

@@ -42,7 +42,7 @@ def own_processes(count: int) -> Iterator[Workers]:
     """
     # Spawned, not forked: the same on every platform, and no thread's lock is copied while it is held.
     context = multiprocessing.get_context("spawn")
-    with _one_thread_each(), ProcessPoolExecutor(count, context, _begin) as pool:
+    with one_thread_each(), ProcessPoolExecutor(count, context, begin_worker) as pool:
         try:
             yield Workers(pool, lambda: count)
         except BaseException as error:
@@ -79,7 +79,7 @@ def as_completed(
             yield waiting.pop(future), future.result()
 
 
-def _begin() -> None:
+def begin_worker() -> None:
     """A worker begins. Ctrl-C reaches every process of a terminal; only the first is to answer it. A worker whose
     parent was killed ends, instead of waiting for ever.
     """
@@ -95,7 +95,7 @@ def _begin() -> None:
 
 
 @contextmanager
-def _one_thread_each() -> Iterator[None]:
+def one_thread_each() -> Iterator[None]:
     """Processes that start meanwhile leave their linear algebra in one thread. Theirs are matrices of three rows, for
     which waking a thread on every core takes longer than the product.
     """

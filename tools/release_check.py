@@ -1,4 +1,4 @@
-"""What a release has to pass beside the check: `make release-check`.
+"""Steps that a release has to pass beside the check: `make release-check`.
 
 The wheel is made from the source distribution, both are judged by twine, and the wheel goes into a clean environment of
 the oldest Python that pyproject.toml names. There the last build of 0.1.0 is replaced by this one; its configuration
@@ -28,7 +28,7 @@ CELL = ("--virtual", "--duration", "3", "--no-view")
 
 
 class Release:
-    """What is built, and the environment that it is tried in."""
+    """The build, and the environment that it is tried in."""
 
     def __init__(self, place: Path) -> None:
         self.place = place

@@ -120,7 +120,7 @@ class Controller:
         self.orders = Orders()
         """Orders of its clients, for a judge of them."""
         self.intent: Callable[[tuple[str, ...]], HeardOrder | None] = lambda names: None
-        """What a package of these inputs orders by the program that came last; None for nothing that moves."""
+        """The order of a package of these inputs, by the program that came last; None for nothing that moves."""
         self.stop_reason = ""
         """Words of the last protective stop."""
         self.counts: Counter[str] = Counter()

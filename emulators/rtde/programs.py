@@ -65,7 +65,7 @@ def is_known(name: str) -> bool:
 
 
 def intent(controller: Controller, name: str, text: bytes) -> Callable[[tuple[str, ...]], HeardOrder | None]:
-    """What inputs order by a program of this text, whether it plays or not; None for nothing that moves."""
+    """The order of inputs to a program of this text, whether it plays or not; None for nothing that moves."""
     if name == "rtde_control":
         return UrRtde(controller, register_offset(text)).intent
     if name == NAME:

@@ -75,7 +75,7 @@ class UrRtde:
     # --- for a judge of its client
 
     def intent(self, names: tuple[str, ...]) -> HeardOrder | None:
-        """What the registers order after a package of these inputs; None for nothing that moves."""
+        """The order of the registers after a package of these inputs; None for nothing that moves."""
         words = _MOTIONS.get(self._i(0)) if f"input_int_register_{self._offset}" in names else None
         if words is None:
             return None

@@ -32,7 +32,7 @@ class Job:
 
 @dataclass
 class _Seen:
-    """What is left of a run."""
+    """The rest of a run, from which it is judged."""
 
     simulation: Simulation | None = None
     watch: Watch | None = None

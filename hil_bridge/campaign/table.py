@@ -7,7 +7,7 @@ from hil_bridge.campaign.store import Store
 from hil_bridge.export.tables import Table, as_csv, as_parquet
 
 FORMATS: Mapping[str, Callable[[Table], bytes]] = {"csv": as_csv, "parquet": as_parquet}
-"""What a table may be written as, by the suffix of the file."""
+"""Formats of a table, by the suffix of the file."""
 _COLUMNS = (
     "key",
     "seed",

@@ -1,4 +1,4 @@
-"""What is said of the scenarios: a table for people, JSON, and JUnit for build servers."""
+"""Reports of the scenarios: a table for people, JSON, and JUnit for build servers."""
 
 import json
 import math
@@ -45,7 +45,7 @@ def totals(played: Sequence[Played]) -> str:
 
 
 def evidence(one: Played) -> dict[str, Any]:
-    """What was seen, by name, without what is not known."""
+    """The evidence by name; unknown values are left out."""
     found = {key: value for key, value in asdict(one.seen).items() if value not in (None, "", [])}
     return {key: round(value, 6) if isinstance(value, float) else value for key, value in found.items()}
 

@@ -49,7 +49,7 @@ class Played:
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """What is judged, and how."""
+    """The client under trial, and the rules of the trial."""
 
     config: Config
     """The kind of robot is `robot.emulated`."""

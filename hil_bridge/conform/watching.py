@@ -1,4 +1,4 @@
-"""What an emulated robot saw of a client: the orders that came, and the way of the tool. Bounded, whatever comes."""
+"""Evidence of an emulated robot about a client: its orders, and the way of the tool. Its size is bounded."""
 
 import math
 from dataclasses import dataclass, field

@@ -58,7 +58,7 @@ def make_controller(name: str, **parameters: Any) -> Controller[Any]:
 
 
 def trial(name: str) -> str:
-    """What is wrong with a controller when it is made from its defaults and given one sample; empty where nothing is.
+    """The fault of a controller when it is made from its defaults and given one sample; empty where nothing is.
 
     One with a parameter that must be given is not tried. Raises ConfigError as `make_controller`.
     """

@@ -1,4 +1,4 @@
-"""What the author of a device tells a suite: the kind, and which of the things that devices may do this one does.
+"""Facts that the author of a device tells a suite: the kind, and which of the things that devices may do this one does.
 
 What is not declared is not tested: the test is skipped, with its reason, and pytest's summary counts it.
 """

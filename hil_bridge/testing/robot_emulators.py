@@ -190,7 +190,7 @@ def test_targets_are_counted_and_begin_after_their_order(robot_emulator: RobotCa
 
 @pytest.mark.parametrize("damage", ["flipped", "shortened", "lengthened", "garbage"])
 def test_hostile_bytes_neither_break_nor_move_it(robot_emulator: RobotCase, damage: str) -> None:
-    """What the client sends is damaged. The emulator raises nothing, goes nowhere far, and stands in the end."""
+    """The client's bytes arrive damaged. The emulator raises nothing, goes nowhere far, and stands in the end."""
     alter: Callable[[Any, int], Sequence[Any]] = {
         "flipped": lambda data, count: (flipped(data, 11 * count),),
         "shortened": lambda data, count: (shortened(data),),

@@ -64,7 +64,7 @@ class _Model(RuleBasedStateMachine):
         self.troubled = False
 
     async def _tried(self, name: str, act: Callable[[], Awaitable[Any]], expected: bool) -> Any:
-        """What an act gives. A BridgeError is expected where something is wrong, and only there."""
+        """The result of an act. A BridgeError is expected where something is wrong, and only there."""
         try:
             return await self.rig.within(act(), name)
         except BridgeError as error:

@@ -1,12 +1,9 @@
-"""Runs of one point of the space in virtual time, and what they are worth."""
+"""Runs of one point of the space in virtual time, and their score."""
 
 import json
 import math
 import multiprocessing
-import os
-import signal
 import statistics
-import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
@@ -17,6 +14,7 @@ from typing import Any
 from hil_bridge.campaign.criteria import Figures
 from hil_bridge.campaign.judging import run
 from hil_bridge.errors import BridgeError, ConfigError
+from hil_bridge.processes import begin_worker, one_thread_each
 from hil_bridge.settings.configuration import read_config
 from hil_bridge.tuning.space import Point
 
@@ -35,12 +33,11 @@ SCALES: Mapping[str, float] = {
 """Figures that may be minimised. Chosen: differences that do not matter; a figure of the defaults that is smaller is
 weighed as if it were so large.
 """
-_THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 @dataclass(frozen=True, slots=True)
 class Goal:
-    """What is wanted."""
+    """The goal of a search."""
 
     weights: Mapping[str, float]
     """Weight of each figure that is to be small."""
@@ -50,7 +47,7 @@ class Goal:
     """The figures of the defaults: a score of 1 is as good as they are."""
 
     def score(self, figures: Figures) -> float | None:
-        """What a run is worth, the less the better; None for one that failed."""
+        """Score of a run, the less the better; None for one that failed."""
         if self.failure(figures):
             return None
         total = sum(self.weights.values())
@@ -204,7 +201,7 @@ def running(workers: int, advance: Callable[[], object]) -> Iterator[Runs]:
         yield here
         return
     context = multiprocessing.get_context("spawn")
-    with _one_thread_each(), ProcessPoolExecutor(workers, context, _begin) as pool:
+    with one_thread_each(), ProcessPoolExecutor(workers, context, begin_worker) as pool:
 
         def there(jobs: Sequence[Job]) -> list[Figures]:
             waiting = {pool.submit(figures_of, job): number for number, job in enumerate(jobs)}
@@ -227,31 +224,3 @@ def running(workers: int, advance: Callable[[], object]) -> Iterator[Runs]:
             if isinstance(error, BrokenProcessPool):
                 raise BridgeError("a process of the tuning was ended from outside") from error
             raise
-
-
-def _begin() -> None:
-    """A worker begins: Ctrl-C is the first process's matter, and none outlives it."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-
-        def watch() -> None:
-            parent.join()
-            os._exit(1)
-
-        threading.Thread(target=watch, name="parent", daemon=True).start()
-
-
-@contextmanager
-def _one_thread_each() -> Iterator[None]:
-    """Processes that start meanwhile leave their linear algebra in one thread."""
-    before = {name: os.environ.get(name) for name in _THREADS}
-    os.environ.update(dict.fromkeys(_THREADS, "1"))
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value

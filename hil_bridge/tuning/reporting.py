@@ -1,4 +1,4 @@
-"""What is said of a search: lines for people, comments of the file, and JSON."""
+"""Report of a search: lines for people, comments of the file, and JSON."""
 
 import json
 from collections.abc import Iterator, Sequence

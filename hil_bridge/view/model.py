@@ -111,7 +111,7 @@ class Snapshot:
     step: int = 0
     """Number of the step under way, from 1; 0 before the first and without a program."""
     events: tuple[Told, ...] = ()
-    """What happened beside the cycles, oldest first."""
+    """Events beside the cycles, oldest first."""
 
     @property
     def cause(self) -> str:
