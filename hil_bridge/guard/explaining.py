@@ -103,6 +103,7 @@ LOOSE: Mapping[str, Any] = {
     **dict.fromkeys(
         (
             "limits.force_limit_n",
+            "limits.pull_limit_n",
             "limits.resultant_limit_n",
             "limits.moment_limit_nm",
             "limits.stale_after_ms",

@@ -69,6 +69,10 @@ def _largest_force(ask: Asked, seen: Situation) -> float:
     return max(abs(force), abs(force if seen.peak_n is None else seen.peak_n))
 
 
+def _pull(ask: Asked, seen: Situation) -> float:
+    return max(0.0, -ask.force(seen))
+
+
 def _resultant(ask: Asked, seen: Situation) -> float:
     return _largest_force(ask, seen) if seen.resultant_n is None else seen.resultant_n
 
@@ -83,6 +87,7 @@ def _simple(name: str, unit: str, cause: Cause, key: str, largest: float) -> _Qu
 
 _QUANTITIES = (
     _Quantity("force", "N", (Cause.FORCE,), _largest_force, 1e6, partial(_put, "peak_n")),
+    _Quantity("pull", "N", (Cause.PULL,), _pull, 1e6, lambda calm, value: _put("force_n", calm, -value)),
     _Quantity("resultant", "N", (Cause.RESULTANT_FORCE,), _resultant, 1e6, partial(_put, "resultant_n")),
     _simple("moment", "N·m", Cause.MOMENT, "moment_nm", 1e6),
     _simple("age", "ms", Cause.STALE, "age_ms", 1e6),

@@ -82,6 +82,7 @@ def test_start_outside_the_workspace_is_a_configuration_error():
     [
         ({"force": 50.1}, Cause.FORCE),
         ({"force": -50.1}, Cause.FORCE),
+        ({"force": -10.1}, Cause.PULL),
         ({"force": math.nan}, Cause.NOT_A_NUMBER),
         ({"resultant": 100.1}, Cause.RESULTANT_FORCE),
         ({"saturated": True}, Cause.SATURATED),
@@ -99,6 +100,7 @@ def test_each_cause_stops_and_just_inside_does_not(observed, cause):
     assert verdict.cause is cause
     inside = {"force": 50.0, "resultant": 100.0, "now": 100.18, "unchanged": 3.99}
     assert isinstance(step(request(0.5), **inside)[1], Allow)
+    assert isinstance(step(request(0.5), **inside | {"force": -10.0})[1], Allow)
 
 
 def test_an_age_just_beyond_its_limit_is_told_so_that_it_differs_from_it():
@@ -148,7 +150,10 @@ def test_depth_that_does_not_match_the_position_stops():
 @given(st.floats(), st.floats(allow_nan=True), MM, MM)
 def test_force_above_the_limit_never_passes(force, resultant, depth, across):
     _, verdict = step(request(depth, across), force=force, resultant=resultant)
-    fine = abs(force) <= LIMITS.force_limit_n and -math.inf < resultant <= LIMITS.resultant_limit_n
+    fine = (
+        -LIMITS.pull_limit_n <= force <= LIMITS.force_limit_n
+        and -math.inf < resultant <= LIMITS.resultant_limit_n
+    )
     assert isinstance(verdict, Stop) != fine
 
 

@@ -22,6 +22,7 @@ STOPPING = [
     (Cause.DEVICE, Situation(fault="the sensor restarted"), ()),
     (Cause.FORCE, Situation(force_n=50.1), ("limits.force_limit_n",)),
     (Cause.FORCE, Situation(force_n=-50.1), ("limits.force_limit_n",)),
+    (Cause.PULL, Situation(force_n=-10.1), ("limits.pull_limit_n",)),
     (Cause.FORCE, Situation(peak_n=50.1), ("limits.force_limit_n",)),
     (Cause.RESULTANT_FORCE, Situation(resultant_n=100.1), ("limits.resultant_limit_n",)),
     (Cause.MOMENT, Situation(moment_nm=10.1), ("limits.moment_limit_nm",)),

@@ -188,6 +188,20 @@ def test_a_peak_between_two_decisions_stops_the_run(
     assert run.result.left.startswith("retracted")
 
 
+@SURFACES
+@pytest.mark.parametrize("amount", [30.0, 55.0])
+def test_a_sensor_that_begins_to_read_a_pull_does_not_press_on_in_search_of_contact(
+    guarded: Run, configured: Configured, stiffness: float, amount: float
+) -> None:
+    """10 N of contact read as a pull of 20 or 45 N, which is within `force_limit_n`."""
+    at = {"phase": "track", "after_s": 2.0}
+    run = guarded(configured(stiffness, fault("signal", "offset", amount=amount, **at)))
+    assert run.result.outcome is Outcome.STOPPED
+    assert "a surface does not pull" in run.cause
+    assert run.largest <= 30.0, "the first touch of the harder surface makes 29.5 N"
+    assert run.last <= 10.5
+
+
 POSE_FAULTS = {
     "1000 mm off": (fault("pose", "offset", z_mm=1000.0), "where the robot is"),
     "frozen": (fault("pose", "frozen"), "does not follow"),

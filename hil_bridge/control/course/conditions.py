@@ -82,6 +82,11 @@ STOPS: tuple[ConditionRow, ...] = (
         "limits.force_limit_n",
     ),
     _stop(
+        Cause.PULL,
+        "force along the approach away from the surface, from the zero",
+        "limits.pull_limit_n",
+    ),
+    _stop(
         Cause.RESULTANT_FORCE,
         "length of the force vector, of any frame since the decision before, with and without the zero",
         "limits.resultant_limit_n",

@@ -16,6 +16,11 @@ class Limits:
 
     force_limit_n: float = 50.0
     """Contact force along the approach direction, either sign, above which the run stops."""
+    pull_limit_n: float = 10.0
+    """Force away from the surface, along the approach direction and counted from the zero, above which the run stops. A
+    surface presses and does not pull, so such a force is a false one: the tool would be pressed on in search of a
+    contact that it has. Chosen: above the noise, the drift and the weight's error of a common tool.
+    """
     resultant_limit_n: float = 100.0
     """Length of the force vector above which the run stops: a collision from the side."""
     correction_mm_s: float = 11.0
@@ -81,6 +86,7 @@ class Limits:
         require_above_zero(
             self,
             "force_limit_n",
+            "pull_limit_n",
             "resultant_limit_n",
             "correction_mm_s",
             "correction_total_mm",

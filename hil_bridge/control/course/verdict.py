@@ -16,6 +16,7 @@ class Cause(StrEnum):
     NOT_A_NUMBER = "not-a-number"
     DEVICE = "device"
     FORCE = "force"
+    PULL = "pull"
     RESULTANT_FORCE = "resultant-force"
     MOMENT = "moment"
     SATURATED = "saturated"
