@@ -19,29 +19,40 @@ var HilMarks = (() => {
 
   const uPlotRatio = u => u.ctx.canvas.width / u.width;
 
+  function places(charts, chart, u, box) {   // the spans in sight, with their ends in px
+    const found = [];
+    for (const span of charts.told.spans) {
+      if ((span.axis || "time") !== chart.axis) continue;
+      const left = u.valToPos(span.begin, "x", true), right = box.left + box.width;
+      const to = span.end === null || span.end === undefined ? right : u.valToPos(span.end, "x", true);
+      if (to >= box.left && left <= right) found.push({span, left, right: to});
+    }
+    return found;
+  }
+
   function behind(charts, chart, u) {
-    const spans = charts.told.spans.filter(span => (span.axis || "time") === chart.axis);
-    const css = charts.css;
     inside(u, (ctx, box, ratio) => {
-      let free = -Infinity;
-      for (const span of spans) {
-        const left = u.valToPos(span.begin, "x", true);
-        const right = span.end === null || span.end === undefined ? box.left + box.width : u.valToPos(span.end, "x", true);
-        if (right < box.left || left > box.left + box.width) continue;
+      for (const {span, left, right} of places(charts, chart, u, box)) {
         const kind = (span.kind || "other").replace(/[^a-z-]/g, "");
-        ctx.fillStyle = css.getPropertyValue(`--span-${kind}`).trim() || css.getPropertyValue("--span-other").trim();
+        const own = charts.css.getPropertyValue(`--span-${kind}`).trim();
+        ctx.fillStyle = own || charts.css.getPropertyValue("--span-other").trim();
         ctx.fillRect(left, box.top, Math.max(right - left, ratio), box.height);
-        if (!chart.first || kind === "fault") continue;
-        const from = Math.max(left, box.left), to = Math.min(right, box.left + box.width), text = cut(span.text);
-        const width = ctx.measureText(text).width;
-        const at = (from + to - width) / 2;
-        if (width < to - from - 4 * ratio && at > free) {
-          ctx.fillStyle = css.getPropertyValue("--quiet").trim();
-          ctx.fillText(text, at, box.top + 3 * ratio);
-          free = at + width + 4 * ratio;
-        }
       }
     });
+  }
+
+  function names(charts, chart, u, scene) {
+    const {ctx, box, ratio} = scene;
+    let free = -Infinity;
+    ctx.fillStyle = charts.css.getPropertyValue("--quiet").trim();
+    for (const {span, left, right} of places(charts, chart, u, box)) {
+      if (span.kind === "fault") continue;
+      const from = Math.max(left, box.left), to = Math.min(right, box.left + box.width);
+      const text = cut(span.text), width = ctx.measureText(text).width, at = (from + to - width) / 2;
+      if (width > to - from - 4 * ratio || at < free) continue;
+      ctx.fillText(text, at, box.top + 3 * ratio);
+      free = at + width + 4 * ratio;
+    }
   }
 
   function limit(charts, u, one, scene) {
@@ -54,7 +65,7 @@ var HilMarks = (() => {
     const right = box.left + box.width - 4 * ratio;
     if (one.value > max || one.value < min) {   // told at the edge, above or below
       const above = one.value > max, row = scene.rows[above ? 0 : 1]++;
-      const y = above ? box.top + (3 + 13 * row) * ratio : box.top + box.height - (15 + 13 * row) * ratio;
+      const y = above ? box.top + (3 + 15 * (row + scene.named)) * ratio : box.top + box.height - (15 + 13 * row) * ratio;
       ctx.globalAlpha = 0.75;
       ctx.fillText(`${text} ${above ? "▲" : "▼"}`, right, y);
       ctx.globalAlpha = 1;
@@ -107,7 +118,8 @@ var HilMarks = (() => {
 
   function before(charts, chart, u) {
     inside(u, (ctx, box, ratio) => {
-      const scene = {ctx, box, ratio, rows: [0, 0], taken: []};
+      const scene = {ctx, box, ratio, rows: [0, 0], taken: [], named: chart.first ? 1 : 0};
+      if (chart.first) names(charts, chart, u, scene);
       for (const one of chart.told.limits || []) limit(charts, u, one, scene);
       for (const one of charts.told.marks) {
         const shown = !one.layer || charts.layers.get(one.layer) !== false;
