@@ -8,12 +8,11 @@ import argparse
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from kernel_machine import SKIPPED
-from wheels import check_wheels
 
 ROOT = Path(__file__).resolve().parent.parent
 BIN = Path(sys.executable).parent
@@ -29,21 +28,29 @@ def both(*steps: Callable[[], int]) -> Callable[[], int]:
     return lambda: next(filter(None, [step() for step in steps]), 0)
 
 
+def told(command: Sequence[str]) -> tuple[int, str]:
+    """Exit code of a command, and what it said."""
+    done = subprocess.run(
+        [BIN / command[0], *command[1:]],
+        cwd=ROOT,
+        check=False,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+    return done.returncode, done.stdout
+
+
 def at_once(first: tuple[str, ...], second: tuple[str, ...]) -> Callable[[], int]:
     """A step of two commands of the environment at a time; the second one's output is shown when both have ended."""
 
     def step() -> int:
-        command = [BIN / second[0], *second[1:]]
-        with (
-            subprocess.Popen(
-                command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
-            ) as other,
-            ThreadPoolExecutor(1) as reader,
-        ):
-            output = reader.submit(lambda: other.communicate()[0])
+        with ThreadPoolExecutor(1) as beside:
+            other = beside.submit(told, second)
             code = tool(*first)()
-            print(output.result(), flush=True)
-        return code or other.returncode
+            other_code, output = other.result()
+            print(output, flush=True)
+        return code or other_code
 
     return step
 
@@ -80,35 +87,51 @@ STEPS: dict[str, Callable[[], int]] = {
     "live": at_once(
         ("pytest", "-m", "live", *QUICK), ("pytest", "-m", "live", *(f"--ignore={path}" for path in QUICK))
     ),
-    "kernel": tool("python", "tools/vcan_vm.py", "--driver"),
 }
+BESIDE: dict[str, tuple[str, ...]] = {
+    "wheels": ("python", "tools/wheels.py"),
+    "kernel": ("python", "tools/vcan_vm.py", "--driver"),
+}
+"""Commands that wait for downloads or keep one processor busy: one by one beside the steps before REAL_TIME."""
+REAL_TIME = "live"
+"""The step that has the machine to itself."""
 
 VERDICTS = {0: "ok     ", SKIPPED: "skipped"}
 """Meaning of an exit code of a step; every other one is a failure."""
 
 
 def main() -> int:
-    """Run the steps, the wheels beside the others since they mostly wait for downloads."""
+    """Run the steps, and beside them what may be."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--only", choices=[*STEPS, "wheel"])
+    parser.add_argument("--only", choices=[*STEPS, *BESIDE])
     only = parser.parse_args().only
 
     results: dict[str, tuple[int, float]] = {}
 
-    def timed(name: str, step: Callable[[], int]) -> None:
-        began = time.monotonic()
-        code = step()
+    def timed(name: str, began: float, code: int) -> None:
         results[name] = code, time.monotonic() - began
 
+    def quietly(name: str) -> str:
+        began = time.monotonic()
+        code, output = told(BESIDE[name])
+        timed(name, began, code)
+        return output
+
     with ThreadPoolExecutor(1) as beside:
-        wheel = beside.submit(timed, "wheel", check_wheels) if only in (None, "wheel") else None
+        others = {name: beside.submit(quietly, name) for name in BESIDE if only in (None, name)}
+
+        def show_others() -> None:
+            for name in tuple(others):
+                output = others.pop(name).result()
+                print(f"── {name}\n{output}", flush=True)
+
         for name, step in STEPS.items():
+            if name == REAL_TIME:
+                show_others()
             if only in (None, name):
                 print(f"── {name}", flush=True)
-                timed(name, step)
-        if wheel is not None:
-            print("── wheels, installed into a fresh environment", flush=True)
-            wheel.result()
+                timed(name, time.monotonic(), step())
+        show_others()
 
     for name, (code, seconds) in results.items():
         print(f"{VERDICTS.get(code, 'FAILED ')} {name} ({seconds:.0f} s)")

@@ -58,13 +58,17 @@ def force(snapshot: Snapshot) -> Text:
 def margins(snapshot: Snapshot, width: int) -> list[Text]:
     """Where forces and moment stand between 0 and the limits that stop the run."""
     limits, newest, bar = snapshot.scene.limits, snapshot.newest, _BAR if width >= _NARROW else _SHORT_BAR
-    pressing = math.nan if newest is None else abs(newest.force)
+    force = math.nan if newest is None else newest.force
+    pulls = force < 0 and -force / limits.pull_limit_n > -force / limits.force_limit_n
     lateral = "–" if snapshot.lateral_n is None else f"{snapshot.lateral_n:.2f} N"
+    travel = _mm(None if newest is None else newest.travel_commanded)
     return [
-        _margin("limit", pressing, limits.force_limit_n, "N", bar),
+        _margin("pull", -force, limits.pull_limit_n, "N", bar)
+        if pulls
+        else _margin("limit", abs(force), limits.force_limit_n, "N", bar),
         _margin("resultant", snapshot.resultant_n, limits.resultant_limit_n, "N", bar),
         _margin("moment", snapshot.moment_nm, limits.moment_limit_nm, "N·m", bar),
-        _row("lateral", f"{lateral}   travel {_mm(None if newest is None else newest.travel_commanded)}"),
+        _row("lateral", f"{lateral}   travel {travel}   frames ", _count("lost ", snapshot.frames_lost)),
     ]
 
 
@@ -127,7 +131,7 @@ def _health(snapshot: Snapshot) -> Sequence[tuple[str, Text]]:
         _answer(snapshot)
         if robot.pacing is Pacing.STREAMED
         else ("line floor", Text("–" if floor_s is None else f"{floor_s * 1e3:6.1f} ms")),
-        ("sensor age", Text.assemble((age, "red" if stale else ""), _count("  lost ", snapshot.frames_lost))),
+        ("sensor age", Text(age, "red" if stale else "")),
         ("link errors", _count("", snapshot.link_errors, 6)),
     ]
 

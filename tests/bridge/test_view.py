@@ -1,6 +1,7 @@
 import asyncio
 import io
 import math
+import re
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, Literal
@@ -134,6 +135,12 @@ def test_the_chart_shows_the_force_that_each_cycle_wanted() -> None:
     rows = {column: [k for k, one in enumerate(drawn) if one[column] == "┄"] for column in (12, 40, 68)}
     assert all(len(found) == 1 for found in rows.values()), drawn
     assert rows[12] > rows[40] > rows[68]
+
+
+def test_a_pull_is_told_against_its_own_limit() -> None:
+    pulled = text_of(model(structs.replace(CYCLE, force=-4.0)).snapshot(110.2, Health()))
+    assert re.search(r"pull +━+─+ +4\.0 of 10 N, 6\.0 N left", pulled)
+    assert "of 50 N" not in pulled
 
 
 def test_the_panel_names_what_went_wrong_on_the_link() -> None:
