@@ -1,0 +1,523 @@
+/* Charts above each other with linked axes, on uPlot. `description.py` tells what a description holds.
+
+   const charts = HilCharts.draw(element, description, {keep: 120, follow: 30, bar: true});   // options may be left out
+     keep    a source drops what lies more than so many units of x behind its end
+     follow  shows the last so many units of x until a person zooms; a double click follows again
+     bar     whether the bar with the buttons is shown (it is)
+   charts.append({cycle: {x: [1.2], force: [40.1]}})   further rows; a column that is left out becomes a gap
+   charts.replace({cycle: {x: [...], force: [...]}})   other rows of these sources, as of another place of a recording
+   charts.mark({x: 3.1, text: "stop", kind: "stop"})   a further mark
+   charts.spans([{begin: 0, end: 2, text: "approach", kind: "approach"}])   instead of those before
+   charts.limits("force", [{value: 60, label: "force limit", kind: "limit"}])   instead of those before
+   charts.zoom("time", 2, 5), charts.reset(), charts.layer("truth", false), charts.follow(30 or null), charts.destroy()
+
+   Every text is set as text, never as HTML. */
+"use strict";
+var HilCharts = (() => {
+  const MARK_REACH_PX = 7, TEXT_LENGTH = 60, LEFT_PX = 58, PALETTE = /^[1-8]$/;
+  let drawn = 0;
+
+  const element = (tag, name, text) => {
+    const made = document.createElement(tag);
+    if (name) made.className = name;
+    if (text !== undefined) made.textContent = text;
+    return made;
+  };
+  const short = text => (text.length > TEXT_LENGTH ? text.slice(0, TEXT_LENGTH - 1) + "…" : text);
+  const number = value => {
+    const size = Math.abs(value);
+    if (size !== 0 && (size < 1e-3 || size >= 1e7)) return value.toExponential(3);
+    return value.toFixed(size >= 1000 ? 0 : size >= 100 ? 1 : size >= 10 ? 2 : 3);
+  };
+  const lowest = (values, from, until) => {   // index of the first value that is not below
+    let low = 0, high = values.length;
+    while (low < high) {
+      const middle = (low + high) >> 1;
+      if (values[middle] < from) low = middle + 1; else high = middle;
+    }
+    return low;
+  };
+
+  class Charts {
+    constructor(place, told, options) {
+      this.place = place;
+      this.told = {marks: [], spans: [], layers: [], ...told};
+      this.told.marks = [...this.told.marks];
+      this.sources = {};
+      for (const [name, source] of Object.entries(told.sources)) this.sources[name] = {...source};
+      this.options = {bar: true, keep: null, follow: null, ...options};
+      this.key = `hil-${++drawn}`;
+      this.views = {};          // by axis: what a person zoomed to, or nothing
+      this.hidden = new Set();  // `chart/label` of the series that a person switched off
+      this.layers = new Map(this.told.layers.map(layer => [layer.id, layer.shown !== false]));
+      this.charts = [];
+      this.busy = false;
+      this.frame = 0;
+      this.dark = matchMedia("(prefers-color-scheme: dark)");
+      this.rebuild = () => this.build();
+      this.fit = () => this.resize();
+      this.toPrint = () => { document.documentElement.dataset.theme = "light"; this.printing = true; this.build(); };
+      this.fromPrint = () => { delete document.documentElement.dataset.theme; this.printing = false; this.build(); };
+      this.dark.addEventListener("change", this.rebuild);
+      addEventListener("beforeprint", this.toPrint);
+      addEventListener("afterprint", this.fromPrint);
+      place.replaceChildren();
+      place.classList.add("hil-charts");
+      place.tabIndex = 0;
+      place.setAttribute("role", "group");
+      place.setAttribute("aria-label", "charts; arrow keys move, plus and minus zoom, 0 shows all");
+      place.addEventListener("keydown", event => this.pressed(event));
+      this.bar = this.makeBar();
+      this.stack = element("div", "hil-stack");
+      place.append(this.bar, this.stack);
+      this.build();
+      this.observer = new ResizeObserver(this.fit);
+      this.observer.observe(this.stack);
+    }
+
+    // what a page calls
+
+    append(rows) {
+      for (const [name, added] of Object.entries(rows)) {
+        const source = this.sources[name] || (this.sources[name] = {x: []});
+        const before = source.x.length;
+        for (const column of new Set([...Object.keys(source), ...Object.keys(added)])) {
+          const values = source[column] || (source[column] = new Array(before).fill(null));
+          const more = added[column] || new Array(added.x.length).fill(null);
+          for (const value of more) values.push(value);
+        }
+        if (this.options.keep === null) continue;
+        const gone = lowest(source.x, source.x[source.x.length - 1] - this.options.keep);
+        if (gone > source.x.length / 4) for (const values of Object.values(source)) values.splice(0, gone);
+      }
+      this.soon();
+    }
+
+    replace(sources) {
+      for (const [name, source] of Object.entries(sources)) this.sources[name] = {...source};
+      this.soon();
+    }
+
+    mark(mark) { this.told.marks.push(mark); this.soon(); }
+
+    spans(spans) { this.told.spans = spans; this.fillPlaces(); this.soon(); }
+
+    limits(chart, limits) {
+      const found = this.charts.find(one => one.told.id === chart);
+      if (found) { found.told.limits = limits; this.soon(); }
+    }
+
+    zoom(axis, from, to) {
+      const whole = this.extent(axis), least = (whole[1] - whole[0]) * 1e-5;
+      if (!(to - from > least)) return;
+      this.views[axis] = [from, to];
+      this.show();
+    }
+
+    reset() { this.views = {}; if (this.places) this.places.value = ""; this.show(); }
+
+    follow(seconds) { this.options.follow = seconds; this.views = {}; this.show(); }
+
+    layer(id, shown) {
+      this.layers.set(id, shown);
+      const box = [...this.bar.querySelectorAll("input")].find(one => one.dataset.layer === id);
+      if (box) box.checked = shown;
+      this.applyLayers();
+    }
+
+    destroy() {
+      cancelAnimationFrame(this.frame);
+      this.observer.disconnect();
+      this.dark.removeEventListener("change", this.rebuild);
+      removeEventListener("beforeprint", this.toPrint);
+      removeEventListener("afterprint", this.fromPrint);
+      for (const chart of this.charts) chart.plot.destroy();
+      this.place.replaceChildren();
+    }
+
+    // the bar
+
+    makeBar() {
+      const bar = element("div", "hil-bar");
+      bar.hidden = !this.options.bar;
+      const button = (text, name, act) => {
+        const made = element("button", "", text);
+        made.type = "button";
+        made.title = name;
+        made.setAttribute("aria-label", name);
+        made.addEventListener("click", act);
+        bar.append(made);
+      };
+      button("−", "zoom out", () => this.scale(2));
+      button("+", "zoom in", () => this.scale(0.5));
+      button("◀", "earlier", () => this.move(-0.3));
+      button("▶", "later", () => this.move(0.3));
+      button("all", "show all", () => this.reset());
+      this.places = element("select");
+      this.places.setAttribute("aria-label", "zoom to");
+      this.places.addEventListener("change", () => {
+        const span = this.told.spans[Number(this.places.value)];
+        if (this.places.value === "" || !span) { this.reset(); return; }
+        const room = (span.end - span.begin) * 0.02;
+        this.zoom(span.axis || "time", span.begin - room, span.end + room);
+      });
+      bar.append(this.places);
+      this.fillPlaces();
+      for (const layer of this.told.layers) {
+        const label = element("label"), box = element("input");
+        box.type = "checkbox";
+        box.checked = this.layers.get(layer.id);
+        box.dataset.layer = layer.id;
+        box.addEventListener("change", () => this.layer(layer.id, box.checked));
+        label.append(box, layer.label);
+        bar.append(label);
+      }
+      bar.append(element("span", "hil-hint", "drag: zoom · shift+drag: move · ctrl+wheel: zoom · double click: all"));
+      this.note = element("div", "hil-note");
+      bar.append(this.note);
+      return bar;
+    }
+
+    fillPlaces() {
+      const first = element("option", "", "whole run");
+      first.value = "";
+      this.places.replaceChildren(first);
+      this.told.spans.forEach((span, index) => {
+        if (span.end === null || span.end === undefined) return;
+        const option = element("option", "", short(span.text));
+        option.value = String(index);
+        this.places.append(option);
+      });
+      this.places.hidden = this.places.options.length < 2;
+    }
+
+    pressed(event) {
+      if (event.target !== this.place) return;
+      const act = {ArrowLeft: () => this.move(-0.2), ArrowRight: () => this.move(0.2), "+": () => this.scale(0.5),
+        "=": () => this.scale(0.5), "-": () => this.scale(2), 0: () => this.reset()}[event.key];
+      if (act) { event.preventDefault(); act(); }
+    }
+
+    scale(factor) {
+      for (const axis of Object.keys(this.told.axes)) {
+        const [from, to] = this.view(axis), middle = (from + to) / 2, half = (to - from) / 2 * factor;
+        this.place_(axis, middle - half, middle + half);
+      }
+    }
+
+    move(part) {
+      for (const axis of Object.keys(this.told.axes)) {
+        const [from, to] = this.view(axis);
+        this.place_(axis, from + (to - from) * part, to + (to - from) * part);
+      }
+    }
+
+    place_(axis, from, to) {   // keeps inside of what there is
+      const [low, high] = this.extent(axis);
+      if (to - from >= high - low) { delete this.views[axis]; this.show(); return; }
+      const shift = from < low ? low - from : to > high ? high - to : 0;
+      this.zoom(axis, from + shift, to + shift);
+    }
+
+    // what is shown
+
+    extent(axis) {
+      let low = Infinity, high = -Infinity;
+      const reach = (from, to) => { low = Math.min(low, from); high = Math.max(high, to); };
+      for (const chart of this.told.charts) {
+        if ((chart.axis || "time") !== axis) continue;
+        for (const one of [...(chart.series || []), ...(chart.bands || [])]) {
+          const x = (this.sources[one.source] || {x: []}).x;
+          if (x.length) reach(x[0], x[x.length - 1]);
+        }
+      }
+      for (const span of this.told.spans) {
+        if ((span.axis || "time") === axis) reach(span.begin, span.end ?? span.begin);
+      }
+      return low < high ? [low, high] : low === high ? [low - 0.5, high + 0.5] : [0, 1];
+    }
+
+    view(axis) {
+      if (this.views[axis]) return this.views[axis];
+      const [low, high] = this.extent(axis);
+      return this.options.follow === null ? [low, high] : [Math.max(high - this.options.follow, low), high];
+    }
+
+    soon() {
+      if (!this.frame) this.frame = requestAnimationFrame(() => { this.frame = 0; this.show(true); });
+    }
+
+    show(renewed) {
+      this.busy = true;
+      for (const chart of this.charts) {
+        const [min, max] = this.view(chart.axis);
+        chart.plot.batch(() => {
+          if (renewed) chart.plot.setData(this.data(chart), false);
+          chart.plot.setScale("x", {min, max});
+        });
+      }
+      this.busy = false;
+    }
+
+    applyLayers() {
+      for (const chart of this.charts) {
+        chart.lines.forEach((line, index) => {
+          const on = this.isOn(chart, line);
+          if (chart.plot.series[index + 1].show !== on) chart.plot.setSeries(index + 1, {show: on}, false);
+        });
+        this.dress(chart);
+        chart.plot.redraw(true);
+      }
+    }
+
+    isOn(chart, line) {
+      return (!line.layer || this.layers.get(line.layer) !== false) && !this.hidden.has(`${chart.told.id}/${line.label}`);
+    }
+
+    // building
+
+    colour(name) {
+      const wanted = PALETTE.test(name) ? `--c${name}` : `--c-${name}`;
+      return this.css.getPropertyValue(wanted).trim() || this.css.getPropertyValue("--c1").trim();
+    }
+
+    width() {
+      const room = Math.max(Math.floor(this.stack.clientWidth), 260);
+      return this.printing ? Math.min(room, 690) : room;
+    }
+
+    build() {
+      this.css = getComputedStyle(document.documentElement);
+      for (const chart of this.charts) chart.plot.destroy();
+      this.stack.replaceChildren();
+      this.charts = this.told.charts.map((told, index) => this.makeChart(told, index));
+      this.show();
+    }
+
+    resize() {
+      const width = this.width();
+      for (const chart of this.charts) {
+        if (chart.plot.width !== width) chart.plot.setSize({width, height: chart.told.height_px || 180});
+      }
+    }
+
+    makeChart(told, index) {
+      const axis = told.axis || "time";
+      const last = !this.told.charts.slice(index + 1).some(other => (other.axis || "time") === axis);
+      const lines = [...(told.series || [])];
+      const bands = [];
+      for (const band of told.bands || []) {   // uPlot fills between two series of its own
+        bands.push({series: [lines.length + 2, lines.length + 1], fill: this.colour(band.colour || "faint") + "88"});
+        const edge = {source: band.source, colour: band.colour || "faint", layer: band.layer, width: 1, label: band.label};
+        lines.push({...edge, column: band.low, edge: "least"}, {...edge, column: band.high, edge: "greatest"});
+      }
+      const chart = {told, axis, lines, first: index === 0, last};
+      const box = element("div", "hil-chart");
+      box.dataset.chart = told.id;
+      const title = element("div", "hil-title", told.title + " ");
+      title.append(element("span", "", told.unit));
+      box.append(title);
+      this.stack.append(box);
+      const options = {
+        width: this.width(), height: told.height_px || 180, padding: [6, 10, 0, 0], legend: {live: !this.printing},
+        cursor: this.cursor(chart), bands, hooks: this.hooks(chart), focus: {alpha: 1},
+        scales: {x: {time: false, auto: false}, y: {distr: told.log ? 3 : 1, range: (u, low, high) => this.range(chart, low, high)}},
+        axes: [this.xAxis(chart), this.yAxis()],
+        series: [{label: this.told.axes[axis].label, value: (u, x) => this.at(axis, x)},
+          ...lines.map(line => this.series(chart, line))],
+      };
+      chart.plot = new uPlot(options, this.data(chart), box);
+      this.touch(chart);
+      chart.plot.root.querySelectorAll(".u-series").forEach((row, k) => {
+        if (k === 0) row.classList.add("hil-none");   // the bar tells x
+      });
+      this.dress(chart);
+      return chart;
+    }
+
+    dress(chart) {   // a series of a layer that is off leaves the legend
+      chart.plot.root.querySelectorAll(".u-series").forEach((row, k) => {
+        const line = chart.lines[k - 1];
+        row.classList.toggle("hil-hidden", Boolean(line && line.layer && this.layers.get(line.layer) === false));
+      });
+    }
+
+    series(chart, line) {
+      const stroke = this.colour(line.colour || "1"), style = line.style || "line";
+      const unit = chart.told.unit ? " " + chart.told.unit : "";
+      const points = {show: style === "points" ? true : undefined, size: style === "points" ? 6 : 4, stroke, fill: stroke};
+      const made = {
+        label: line.edge ? `${line.label}, ${line.edge}` : line.label, stroke, width: line.width || 1.5, spanGaps: false,
+        show: this.isOn(chart, line), points,
+        value: (u, value) => value === null || value === undefined ? "–"
+          : line.values && line.values.length ? line.values[value] ?? number(value) : number(value) + unit,
+      };
+      if (line.dashed) made.dash = [6, 4];
+      if (line.edge) made.points = {show: false};
+      if (style === "step") { made.paths = uPlot.paths.stepped({align: 1}); made.points = {show: false}; }
+      if (style === "points") made.paths = () => null;
+      if (style === "bars") { made.paths = uPlot.paths.bars({size: [0.6, 4]}); made.fill = stroke; made.points = {show: false}; }
+      return made;
+    }
+
+    data(chart) {
+      const tables = new Map();   // one for each source, then joined where there are several
+      chart.lines.forEach((line, index) => {
+        if (!tables.has(line.source)) tables.set(line.source, []);
+        tables.get(line.source).push(index);
+      });
+      const column = line => {
+        const source = this.sources[line.source] || {x: []};
+        const values = source[line.column] || new Array(source.x.length).fill(null);
+        return chart.told.log ? values.map(value => (value > 0 ? value : null)) : values;
+      };
+      const x = name => (this.sources[name] || {x: []}).x;
+      if (tables.size === 0) return [[]];
+      if (tables.size === 1) return [x([...tables.keys()][0]), ...chart.lines.map(column)];
+      const joined = uPlot.join([...tables].map(([name, indices]) => [x(name), ...indices.map(i => column(chart.lines[i]))]));
+      const data = [joined[0]];
+      [...tables.values()].flat().forEach((index, k) => { data[index + 1] = joined[k + 1]; });
+      return data;
+    }
+
+    range(chart, low, high) {
+      const told = chart.told;
+      if (low === null || high === null || low === undefined) return told.log ? [1, 10] : [0, Math.max(told.least_span || 0, 1)];
+      if (told.log) return [10 ** Math.floor(Math.log10(low)), 10 ** Math.ceil(Math.log10(high * 1.0001))];
+      for (const limit of told.limits || []) {
+        if (limit.shown) { low = Math.min(low, limit.value); high = Math.max(high, limit.value); }
+      }
+      if (told.zero) { low = Math.min(low, 0); high = Math.max(high, 0); }
+      const missing = Math.max((told.least_span || 0) - (high - low), high === low ? Math.abs(high) * 0.1 || 1 : 0) / 2;
+      if (missing > 0) { low -= missing; high += missing; }
+      const room = (high - low) * 0.08;
+      return [told.zero && low === 0 ? 0 : low - room, told.zero && high === 0 ? 0 : high + room];
+    }
+
+    xAxis(chart) {
+      const axis = this.told.axes[chart.axis];
+      return {
+        stroke: this.css.getPropertyValue("--quiet").trim(), font: "11px system-ui, sans-serif", size: 22,
+        labelFont: "11px system-ui, sans-serif", labelSize: 18, gap: 3,
+        label: chart.last ? `${axis.label}, ${axis.unit}` : undefined, ...this.lines(),
+      };
+    }
+
+    yAxis() {
+      return {stroke: this.css.getPropertyValue("--quiet").trim(), font: "11px system-ui, sans-serif", size: LEFT_PX, gap: 4,
+        values: (u, splits) => splits.map(value => value === null ? "" : Math.abs(value) >= 1e5 || (value !== 0 && Math.abs(value) < 1e-3)
+          ? value.toExponential(0) : String(Number(value.toPrecision(6)))), ...this.lines()};
+    }
+
+    lines() {
+      const stroke = this.css.getPropertyValue("--grid").trim();
+      return {grid: {stroke, width: 1}, ticks: {stroke, width: 1, size: 4}};
+    }
+
+    at(axis, x) {
+      if (x === null || x === undefined) return "–";
+      const {unit, wall_start_s: start} = this.told.axes[axis];
+      const wall = start === undefined || start === null ? "" : ` · ${new Date((start + x) * 1e3).toISOString().slice(11, 23)} UTC`;
+      return `${x.toFixed(3)} ${unit}${wall}`;
+    }
+
+    // pointer, wheel, fingers
+
+    cursor(chart) {
+      return {
+        y: false, drag: {x: true, y: false, dist: 6, setScale: true}, focus: {prox: -1},
+        sync: {key: `${this.key}-${chart.axis}`, setSeries: false, scales: ["x", null],
+          filters: {pub: kind => kind === "mousemove" || kind === "mouseleave", sub: kind => kind === "mousemove" || kind === "mouseleave"}},
+        bind: {dblclick: () => event => { event.preventDefault(); this.reset(); }},
+        dataIdx: (u, series, index) => {   // the nearest value, where several sources were joined
+          const values = u.data[series];
+          if (!values || values[index] !== undefined) return index;
+          for (let step = 1; step < 400; step++) {
+            if (values[index - step] !== undefined) return index - step;
+            if (values[index + step] !== undefined) return index + step;
+          }
+          return index;
+        },
+      };
+    }
+
+    hooks(chart) {
+      return {
+        setScale: [(u, key) => {
+          if (key !== "x" || this.busy || !chart.plot) return;
+          this.zoom(chart.axis, u.scales.x.min, u.scales.x.max);
+        }],
+        setSeries: [(u, index, set) => {
+          if (index === null || !("show" in set) || !chart.plot) return;
+          const line = chart.lines[index - 1];
+          if (line.layer && this.layers.get(line.layer) === false) return;
+          this.hidden[set.show ? "delete" : "add"](`${chart.told.id}/${line.label}`);
+        }],
+        setCursor: [u => this.tell(chart, u)],
+        drawClear: [u => HilMarks.behind(this, chart, u)],
+        draw: [u => HilMarks.before(this, chart, u)],
+      };
+    }
+
+    tell(chart, u) {
+      if (u.cursor.left === undefined || u.cursor.left < 0) { this.note.textContent = ""; return; }
+      const near = this.told.marks.filter(mark => (mark.axis || "time") === chart.axis
+        && (!mark.layer || this.layers.get(mark.layer) !== false)
+        && Math.abs(u.valToPos(mark.x, "x") - u.cursor.left) < MARK_REACH_PX);
+      const told = near.map(mark => `${mark.x.toFixed(3)} ${this.told.axes[chart.axis].unit}: ${mark.text}`).join("   |   ");
+      const text = this.at(chart.axis, u.posToVal(u.cursor.left, "x")) + (told && `   |   ${told}`);
+      if (this.note.textContent !== text) this.note.textContent = text;
+    }
+
+    touch(chart) {
+      const over = chart.plot.over, fingers = new Map();
+      let begun = null;
+      const start = () => {
+        const view = this.view(chart.axis), points = [...fingers.values()];
+        begun = points.length ? {view, points} : null;
+      };
+      const to = () => {
+        const [low, high] = begun.view, width = over.clientWidth, now = [...fingers.values()];
+        const value = px => low + (high - low) * px / width;
+        if (now.length > 1 && begun.points.length > 1) {
+          const [a, b] = begun.points, factor = Math.abs(a - b) / Math.max(Math.abs(now[0] - now[1]), 8);
+          const middle = value((a + b) / 2), left = (now[0] + now[1]) / 2 / width, span = (high - low) * factor;
+          this.place_(chart.axis, middle - span * left, middle + span * (1 - left));
+        } else {
+          const shift = value(begun.points[0]) - value(now[0]);
+          this.place_(chart.axis, low + shift, high + shift);
+        }
+      };
+      const x = event => event.clientX - over.getBoundingClientRect().left;
+      over.addEventListener("pointerdown", event => {
+        if (event.pointerType !== "touch" && !event.shiftKey) return;
+        fingers.set(event.pointerId, x(event));
+        over.setPointerCapture(event.pointerId);
+        start();
+      });
+      over.addEventListener("mousedown", event => { if (event.shiftKey) event.stopImmediatePropagation(); }, true);
+      over.addEventListener("pointermove", event => {
+        if (!fingers.has(event.pointerId)) return;
+        fingers.set(event.pointerId, x(event));
+        if (begun) to();
+      });
+      const end = event => { if (fingers.delete(event.pointerId)) start(); };
+      over.addEventListener("pointerup", end);
+      over.addEventListener("pointercancel", end);
+      over.addEventListener("wheel", event => {
+        const [low, high] = this.view(chart.axis);
+        if (event.ctrlKey || event.metaKey) {
+          const factor = Math.exp(Math.max(-50, Math.min(50, event.deltaY)) * 0.01), at = low + (high - low) * x(event) / over.clientWidth;
+          event.preventDefault();
+          this.place_(chart.axis, at - (at - low) * factor, at + (high - at) * factor);
+        } else if (Math.abs(event.deltaX) > Math.abs(event.deltaY) && this.views[chart.axis]) {
+          const shift = (high - low) * event.deltaX / over.clientWidth;
+          event.preventDefault();
+          this.place_(chart.axis, low + shift, high + shift);
+        }
+      }, {passive: false});
+    }
+  }
+
+  return {draw: (place, description, options) => new Charts(place, description, options)};
+})();

@@ -1,0 +1,135 @@
+"""What a page tells `charts.js` to draw: stacked charts with linked axes, as plain values that become JSON.
+
+A page puts the encoded `Charts` into the document and calls `HilCharts.draw(element, description)`. A page that lives
+appends with `append(rows)` of what `draw` gave. `charts.js` names all of its verbs.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, TypeAlias
+
+from msgspec import Struct
+
+Values: TypeAlias = Sequence[float | None]
+"""A column of a source. None and NaN are a gap."""
+Source: TypeAlias = Mapping[str, Values]
+"""Columns of equal length by their names. The column `x` rises: seconds since the run began on an axis of time."""
+
+
+class Axis(Struct, frozen=True, omit_defaults=True):
+    """What charts have in common along x. Charts of one axis zoom, pan and show their values together."""
+
+    label: str
+    unit: str
+    wall_start_s: float | None = None
+    """UTC at x = 0, s since 1970; the values under the cursor then show it, too."""
+
+
+class Series(Struct, frozen=True, omit_defaults=True):
+    """One line of a chart."""
+
+    source: str
+    """Which of `Charts.sources`."""
+    column: str
+    label: str
+    colour: str = "1"
+    """`1` to `8`, or a role: `target`, `limit`, `stop`, `truth`, `faint`. `pages.css` holds them for light and dark."""
+    style: str = "line"
+    """`line`, `step` (holds until the next), `points`, `bars`."""
+    dashed: bool = False
+    width: float = 1.5
+    """px"""
+    layer: str = ""
+    """The layer that shows and hides it; none: always shown."""
+    values: Sequence[str] = ()
+    """Words for 0, 1, 2 …, where a number stands for a state."""
+
+
+class Band(Struct, frozen=True, omit_defaults=True):
+    """The area between two columns of a source, such as the least and greatest of a stream."""
+
+    source: str
+    low: str
+    high: str
+    label: str
+    colour: str = "faint"
+    layer: str = ""
+
+
+class Limit(Struct, frozen=True, omit_defaults=True):
+    """A level across a chart. Where it lies outside of the picture, the chart says so at its edge."""
+
+    value: float
+    """In the chart's unit."""
+    label: str
+    kind: str = "limit"
+    """`limit` or `target`."""
+    shown: bool = False
+    """Whether the chart makes room for it when it zooms by itself."""
+
+
+class Chart(Struct, frozen=True, omit_defaults=True):
+    """One of the charts above each other."""
+
+    id: str
+    title: str
+    unit: str
+    series: Sequence[Series] = ()
+    bands: Sequence[Band] = ()
+    limits: Sequence[Limit] = ()
+    axis: str = "time"
+    """Which of `Charts.axes`."""
+    log: bool = False
+    """Logarithmic; values of 0 and below are gaps."""
+    height_px: int = 180
+    least_span: float = 0.0
+    """The picture shows at least so much of y, in the chart's unit."""
+    zero: bool = False
+    """Whether 0 is always in the picture."""
+
+
+class Mark(Struct, frozen=True, omit_defaults=True):
+    """A moment: a line across every chart of the axis, with its text at the cursor."""
+
+    x: float
+    text: str
+    kind: str = "event"
+    """`event`, `step`, `fault`, `stop`. A fault's and a stop's text stands in the first chart."""
+    axis: str = "time"
+    layer: str = ""
+
+
+class Span(Struct, frozen=True, omit_defaults=True):
+    """A stretch with a name, shaded behind every chart of the axis; the page offers to zoom to it."""
+
+    begin: float
+    end: float
+    text: str
+    kind: str = ""
+    """Chooses the colour: a phase's name, or `fault`."""
+    axis: str = "time"
+
+
+class Layer(Struct, frozen=True, omit_defaults=True):
+    """What a person can show and hide together."""
+
+    id: str
+    label: str
+    shown: bool = True
+
+
+class Charts(Struct, frozen=True, omit_defaults=True):
+    """Everything that `HilCharts.draw` needs."""
+
+    axes: Mapping[str, Axis]
+    charts: Sequence[Chart]
+    sources: Mapping[str, Source]
+    marks: Sequence[Mark] = ()
+    spans: Sequence[Span] = ()
+    layers: Sequence[Layer] = ()
+
+
+def plain(description: Charts) -> Any:
+    """The description as dictionaries and lists, as a live page sends it."""
+    from msgspec import to_builtins
+
+    return to_builtins(description)

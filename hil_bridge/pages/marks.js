@@ -1,0 +1,132 @@
+/* What lies behind and before the lines of a chart: spans, limits, marks. Used by `charts.js`, drawn with canvas. */
+"use strict";
+var HilMarks = (() => {
+  const FONT_PX = 11, LONGEST = 46;
+  const cut = text => (text.length > LONGEST ? text.slice(0, LONGEST - 1) + "…" : text);
+
+  function inside(u, draw) {
+    const {ctx, bbox} = u;
+    ctx.save();
+    ctx.beginPath();
+    ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height);
+    ctx.clip();
+    ctx.font = `${FONT_PX * uPlotRatio(u)}px system-ui, sans-serif`;
+    ctx.textBaseline = "top";
+    ctx.textAlign = "left";
+    draw(ctx, bbox, uPlotRatio(u));
+    ctx.restore();
+  }
+
+  const uPlotRatio = u => u.ctx.canvas.width / u.width;
+
+  function places(charts, chart, u, box) {   // the spans in sight, with their ends in px
+    const found = [];
+    for (const span of charts.told.spans) {
+      if ((span.axis || "time") !== chart.axis) continue;
+      const left = u.valToPos(span.begin, "x", true), right = box.left + box.width;
+      const to = span.end === null || span.end === undefined ? right : u.valToPos(span.end, "x", true);
+      if (to >= box.left && left <= right) found.push({span, left, right: to});
+    }
+    return found;
+  }
+
+  function behind(charts, chart, u) {
+    inside(u, (ctx, box, ratio) => {
+      for (const {span, left, right} of places(charts, chart, u, box)) {
+        const kind = (span.kind || "other").replace(/[^a-z-]/g, "");
+        const own = charts.css.getPropertyValue(`--span-${kind}`).trim();
+        ctx.fillStyle = own || charts.css.getPropertyValue("--span-other").trim();
+        ctx.fillRect(left, box.top, Math.max(right - left, ratio), box.height);
+      }
+    });
+  }
+
+  function names(charts, chart, u, scene) {
+    const {ctx, box, ratio} = scene;
+    let free = -Infinity;
+    ctx.fillStyle = charts.css.getPropertyValue("--quiet").trim();
+    for (const {span, left, right} of places(charts, chart, u, box)) {
+      if (span.kind === "fault") continue;
+      const from = Math.max(left, box.left), to = Math.min(right, box.left + box.width);
+      const text = cut(span.text), width = ctx.measureText(text).width, at = (from + to - width) / 2;
+      if (width > to - from - 4 * ratio || at < free) continue;
+      ctx.fillText(text, at, box.top + 3 * ratio);
+      free = at + width + 4 * ratio;
+    }
+  }
+
+  function limit(charts, u, one, scene) {
+    const {ctx, box, ratio} = scene;
+    const {min, max} = u.scales.y;
+    const text = `${one.label} ${Number(one.value.toPrecision(5))}`;
+    const colour = charts.css.getPropertyValue(one.kind === "target" ? "--c-target" : "--c-limit").trim();
+    ctx.fillStyle = ctx.strokeStyle = colour;
+    ctx.textAlign = "right";
+    const right = box.left + box.width - 4 * ratio;
+    if (one.value > max || one.value < min) {   // told at the edge, above or below
+      const above = one.value > max, row = scene.rows[above ? 0 : 1]++;
+      const y = above ? box.top + (3 + 15 * (row + scene.named)) * ratio : box.top + box.height - (15 + 13 * row) * ratio;
+      ctx.globalAlpha = 0.75;
+      ctx.fillText(`${text} ${above ? "▲" : "▼"}`, right, y);
+      ctx.globalAlpha = 1;
+      return;
+    }
+    const y = u.valToPos(one.value, "y", true);
+    ctx.lineWidth = 1.2 * ratio;
+    ctx.setLineDash(one.kind === "target" ? [2 * ratio, 3 * ratio] : [7 * ratio, 4 * ratio]);
+    ctx.beginPath();
+    ctx.moveTo(box.left, y);
+    ctx.lineTo(box.left + box.width, y);
+    ctx.stroke();
+    ctx.setLineDash([]);
+    ctx.fillText(text, right, y - 14 * ratio < box.top ? y + 3 * ratio : y - 14 * ratio);
+  }
+
+  function mark(charts, chart, u, one, scene) {
+    const {ctx, box, ratio} = scene;
+    const x = u.valToPos(one.x, "x", true), kind = one.kind || "event", loud = kind === "stop" || kind === "fault";
+    if (x < box.left - 1 || x > box.left + box.width + 1) return;
+    const colour = charts.css.getPropertyValue(`--mark-${kind.replace(/[^a-z]/g, "")}`).trim();
+    ctx.strokeStyle = ctx.fillStyle = colour || charts.css.getPropertyValue("--mark-event").trim();
+    ctx.lineWidth = (loud ? 1.6 : 1) * ratio;
+    ctx.globalAlpha = loud ? 1 : 0.55;
+    ctx.setLineDash(loud ? [] : [2 * ratio, 3 * ratio]);
+    ctx.beginPath();
+    ctx.moveTo(x, box.top);
+    ctx.lineTo(x, box.top + box.height);
+    ctx.stroke();
+    ctx.setLineDash([]);
+    ctx.globalAlpha = 1;
+    if (!chart.first || !loud) return;
+    const text = cut(one.text), width = ctx.measureText(text).width, gap = 5 * ratio;
+    const leftwards = x + width + 2 * gap > box.left + box.width;
+    const from = leftwards ? x - width - gap : x + gap;
+    let row = 0;   // below the names of the spans, and below each other where they would overlap
+    while (scene.taken.some(other => other.row === row && from < other.to && from + width > other.from)) row++;
+    if (row > 4) return;
+    scene.taken.push({row, from: from - gap, to: from + width + gap});
+    ctx.textAlign = "left";
+    const y = box.top + (20 + 15 * row) * ratio;
+    const ink = ctx.fillStyle;
+    ctx.fillStyle = charts.css.getPropertyValue("--back").trim();
+    ctx.globalAlpha = 0.85;
+    ctx.fillRect(from - 2 * ratio, y - ratio, width + 4 * ratio, 14 * ratio);
+    ctx.globalAlpha = 1;
+    ctx.fillStyle = ink;
+    ctx.fillText(text, from, y);
+  }
+
+  function before(charts, chart, u) {
+    inside(u, (ctx, box, ratio) => {
+      const scene = {ctx, box, ratio, rows: [0, 0], taken: [], named: chart.first ? 1 : 0};
+      if (chart.first) names(charts, chart, u, scene);
+      for (const one of chart.told.limits || []) limit(charts, u, one, scene);
+      for (const one of charts.told.marks) {
+        const shown = !one.layer || charts.layers.get(one.layer) !== false;
+        if (shown && (one.axis || "time") === chart.axis) mark(charts, chart, u, one, scene);
+      }
+    });
+  }
+
+  return {behind, before};
+})();
