@@ -14,7 +14,7 @@ ROWS = 6000
 MILLI = 1e3
 
 CYCLE = (
-    "x force low high target lateral mx my mz depth commanded stiffness cycle answer age px py pz travel"
+    "x force low high target lateral mx my mz depth commanded stiffness cycle answer age px py pz travel touch"
 ).split()
 TRUTH = ("x", "force", "depth", "px", "py", "pz")
 Row: TypeAlias = Sequence[float | None]
@@ -75,6 +75,7 @@ class Columns:
                 (at - record.sensor_at) * MILLI,
                 *self._place(record.position),
                 record.travel_commanded * MILLI,
+                float(record.in_contact),
             ),
         )
         self._low, self._high = math.inf, -math.inf

@@ -72,11 +72,11 @@ class Feed:
     does not take is dropped and counted. A serving process that ends is told once to `gone`; the run goes on.
     """
 
-    def __init__(self, options: WebOptions, retract: Callable[[], object], gone: Callable[[str], object]) -> None:
-        """Start the process. `retract` is called when the page asks for the end. Raises ConfigError."""
+    def __init__(self, options: WebOptions) -> None:
+        """Start the process. Raises ConfigError where the extra is missing, or the port is taken."""
         check_extra("--web")
-        self._retract = retract
-        self._gone = gone
+        self._retract: Callable[[], object] | None = None
+        self._gone: Callable[[str], object] | None = None
         self._waiting: list[Record] = []
         self._sent_at = 0.0
         self._alive = True
@@ -95,8 +95,11 @@ class Feed:
         with listener, theirs:
             self._process = _started((theirs.fileno(), listener.fileno()), token, options.origins, self._told)
 
-    def listen(self) -> None:
-        """Hear the page in the running loop from now on."""
+    def listen(self, retract: Callable[[], object], gone: Callable[[str], object]) -> None:
+        """Hear the page in the running loop from now on. `retract` is called when the page asks for the end, `gone`
+        with a text when the serving process has ended.
+        """
+        self._retract, self._gone = retract, gone
         self._loop = asyncio.get_running_loop()
         self._loop.add_reader(self._socket, self._heard)
 
@@ -107,7 +110,7 @@ class Feed:
             return
         except OSError:
             word = b""
-        if word == wire.RETRACT:
+        if word == wire.RETRACT and self._retract is not None:
             self._retract()
         elif not word:
             self._lose()
@@ -119,7 +122,8 @@ class Feed:
         self._deafen()
         self._told.seek(0)
         last = self._told.read(65536).decode(errors="replace").strip().rpartition("\n")[2]
-        self._gone(f"the page's server has ended{last and f': {last[:300]}'}")
+        if self._gone is not None:
+            self._gone(f"the page's server has ended{last and f': {last[:300]}'}")
 
     def _deafen(self) -> None:
         if self._loop is not None:
@@ -174,7 +178,11 @@ class Feed:
         self._send(wire.encoded(wire.End(end.as_metadata())), 0)
 
     def close(self) -> None:
-        """End the serving process, which first tells its clients. Waits for CLOSE_SECONDS at most."""
+        """End the serving process, which first tells its clients. Waits for CLOSE_SECONDS at most. Harmless when called
+        again.
+        """
+        if self._told.closed:
+            return
         self._alive = False
         self._deafen()
         self._socket.close()

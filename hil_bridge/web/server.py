@@ -36,7 +36,7 @@ BODY_BYTES = 1024
 _TYPES = {"js": "text/javascript", "css": "text/css", "html": "text/html", "svg": "image/svg+xml"}
 _SHARED = ("uPlot.iife.js", "uPlot.min.css", "charts.js", "marks.js", "pages.css")
 """Files of `hil_bridge.pages`."""
-_OWN = ("page.js", "page.css", "sketch.js", "words.js", "table.js", "icon.svg")
+_OWN = ("page.js", "page.css", "sketch.js", "table.js", "table.css", "icon.svg")
 
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 

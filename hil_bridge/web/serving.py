@@ -25,6 +25,8 @@ NICE = 10
 """Lower priority than that of a run. Chosen."""
 LOG_BYTES = 1 << 20
 """What the process may write to its log at most; it writes no other file."""
+LAST_SECONDS = 5
+"""Time to tell the pages that the run has gone, s. Chosen."""
 _PR_SET_PDEATHSIG = 1
 """Source: Linux, prctl(2)."""
 
@@ -122,9 +124,13 @@ async def _open(live: Live, server: Server, session: ClientSession) -> None:
 
 
 def settle(parent: int) -> None:
-    """Make this process a modest one: it ends with the run's, yields to it, and writes little."""
+    """Make this process a modest one: it ends with the run's, yields to it, and writes little.
+
+    The end of the run's socket ends it, after its pages have been told. A signal from the system does so for certain.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    signal.signal(signal.SIGTERM, lambda *_: signal.alarm(LAST_SECONDS))  # SIGALRM ends the process
+    ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
     if os.getppid() != parent:
         raise SystemExit("the run has gone")
     with suppress(OSError):
