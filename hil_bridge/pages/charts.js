@@ -253,7 +253,7 @@ var HilCharts = (() => {
     show(renewed) {
       this.busy = true;
       for (const chart of this.charts) {
-        const [min, max] = this.view(chart.axis);
+        const [min, max] = chart.shown = this.view(chart.axis);
         chart.plot.batch(() => {
           if (renewed) chart.plot.setData(this.data(chart), false);
           chart.plot.setScale("x", {min, max});
@@ -447,7 +447,9 @@ var HilCharts = (() => {
     hooks(chart) {
       return {
         setScale: [(u, key) => {
-          if (key !== "x" || this.busy || !chart.plot) return;
+          const {min, max} = u.scales.x;
+          if (key !== "x" || this.busy || !chart.plot || !chart.shown) return;
+          if (min === chart.shown[0] && max === chart.shown[1]) return;   // ours, told late by uPlot
           this.zoom(chart.axis, u.scales.x.min, u.scales.x.max);
         }],
         setSeries: [(u, index, set) => {
