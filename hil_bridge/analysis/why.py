@@ -11,7 +11,15 @@ from hil_bridge.analysis.summary import end_of, phases
 from hil_bridge.facts import Devices
 from hil_bridge.failures import TRACEBACK_EVENT
 from hil_bridge.recording.device_facts import devices_of
-from hil_bridge.recording.ending import ASKED_BY_KEY, ASKED_BY_PAGE, CHECK_EVENT, PHASE_EVENT, STOP_EVENT, Outcome, RunEnd
+from hil_bridge.recording.ending import (
+    ASKED_BY_KEY,
+    ASKED_BY_PAGE,
+    CHECK_EVENT,
+    PHASE_EVENT,
+    STOP_EVENT,
+    Outcome,
+    RunEnd,
+)
 from hil_bridge.recording.reader import Recording
 from hil_bridge.recording.records import CycleRecord, EventRecord, SensorRecord
 

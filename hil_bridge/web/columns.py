@@ -14,8 +14,9 @@ ROWS = 6000
 MILLI = 1e3
 
 CYCLE = (
-    "x force low high target lateral mx my mz depth commanded stiffness cycle answer age px py pz travel touch"
-).split()
+    *("x", "force", "low", "high", "target", "lateral", "mx", "my", "mz", "depth", "commanded", "stiffness"),
+    *("cycle", "answer", "age", "px", "py", "pz", "travel", "touch"),
+)
 TRUTH = ("x", "force", "depth", "px", "py", "pz")
 Row: TypeAlias = Sequence[float | None]
 Rows: TypeAlias = Mapping[str, list[float | None]]

@@ -91,7 +91,7 @@ class Feed:
         self._socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER_BYTES)
         self._socket.setblocking(False)
-        self._told: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115: closed in `close`
+        self._told: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115
         with listener, theirs:
             self._process = _started((theirs.fileno(), listener.fileno()), token, options.origins, self._told)
 

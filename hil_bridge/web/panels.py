@@ -4,6 +4,7 @@ Topics and schemas are those of a recording. All that a client could write, para
 """
 
 import logging
+import math
 import secrets
 from collections.abc import Mapping
 
@@ -13,7 +14,16 @@ from foxglove.websocket import WebSocketServer
 from msgspec import Struct
 
 from hil_bridge.recording.recorder import ORDER_WINDOW_S
-from hil_bridge.recording.scenes import SCENE_TOPICS, SURFACE, TOOL, TRAIL, Scenes, SceneTopic, encode
+from hil_bridge.recording.scenes import (
+    SCENE_TOPICS,
+    SURFACE,
+    TOOL,
+    TRAIL,
+    Scenes,
+    SceneTopic,
+    SceneUpdate,
+    encode,
+)
 from hil_bridge.recording.topics import TOPICS, Record, Topic
 
 PROTOCOLS = ("foxglove.sdk.v1", "foxglove.websocket.v1")
@@ -64,7 +74,7 @@ class Panels:
         """Give a record to those that want it."""
         topic = self._topics[type(record)]
         at = topic.time_of(record)
-        if not at == at or at - self._newest > 1e9:  # of no device that tells the truth
+        if not math.isfinite(at):  # of no device that tells the truth
             at = self._newest
             record = topic.timed(record, at)
         self._newest = max(self._newest, at)
@@ -85,7 +95,8 @@ class Panels:
             return
         data = encode(message)
         if keeps:
-            entity = getattr(message, "entities")[0].id  # noqa: B009: a Struct of many kinds
+            assert isinstance(message, SceneUpdate)
+            entity = message.entities[0].id
             self._kept[f"{scene.name}/{entity}"] = (scene.name, data)
         self._channels[scene.name].log(data, log_time=placed)
 

@@ -129,7 +129,12 @@ class Picture:
     def lost(self) -> None:
         """The run's process has gone without a word."""
         if self._end is None:
-            self._end = {"outcome": "gone", "cause": "the run's process ended without a word", "left": "", "followed": []}
+            self._end = {
+                "outcome": "gone",
+                "cause": "the run's process ended without a word",
+                "left": "",
+                "followed": [],
+            }
 
     @property
     def ended(self) -> bool:

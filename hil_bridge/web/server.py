@@ -10,6 +10,7 @@ from typing import Any, Protocol
 
 import msgspec
 from aiohttp import WSCloseCode, WSMsgType, web
+from aiohttp.web_protocol import RequestHandler
 
 from hil_bridge.errors import ConfigError
 from hil_bridge.pages import asset
@@ -67,8 +68,10 @@ class Server:
         self._page = page
         self._requests = Bucket(REQUESTS_PER_S, REQUESTS_BURST, time.monotonic)
         self._tries = Bucket(TRIES_PER_S, TRIES_BURST, time.monotonic)
-        self._sockets: set[web.WebSocketResponse] = set()
-        self._since: dict[object, float] = {}
+        self._sockets: dict[web.WebSocketResponse, web.Request] = {}
+        self._tasks: set[asyncio.Task[Any]] = set()
+        self._seen: dict[int, float] = {}
+        """When each connection was seen first, by its transport."""
         self.retract: Callable[[], object] | None = None
         """Ends the run as its key `r` does; None where there is no run."""
         self.splice: Handler | None = None
@@ -135,13 +138,19 @@ class Server:
         """Whether one more WebSocket may come."""
         return len(self._sockets) < CLIENTS
 
-    def hold(self, socket: web.WebSocketResponse) -> None:
-        """Count a WebSocket."""
-        self._sockets.add(socket)
+    def hold(self, socket: web.WebSocketResponse, request: web.Request) -> None:
+        """Count a WebSocket, which the present task serves."""
+        self._sockets[socket] = request
+        task = asyncio.current_task()
+        assert task is not None
+        self._tasks.add(task)
 
     def release(self, socket: web.WebSocketResponse) -> None:
         """Count it no more."""
-        self._sockets.discard(socket)
+        self._sockets.pop(socket, None)
+        task = asyncio.current_task()
+        assert task is not None
+        self._tasks.discard(task)
 
     def told_drop(self, why: str) -> None:
         """Keep why a client was dropped."""
@@ -150,8 +159,10 @@ class Server:
     async def _live(self, request: web.Request) -> web.StreamResponse:
         if not self.admit():
             return _refused(503, f"{CLIENTS} clients are connected, which is the most")
-        socket = web.WebSocketResponse(max_msg_size=MESSAGE_BYTES, compress=False, heartbeat=20.0, timeout=2.0)
-        self.hold(socket)
+        socket = web.WebSocketResponse(
+            max_msg_size=MESSAGE_BYTES, compress=False, heartbeat=20.0, timeout=2.0
+        )
+        self.hold(socket, request)
         try:
             await socket.prepare(request)
             state = self._teller.first()
@@ -167,7 +178,11 @@ class Server:
         return socket
 
     async def _tell(
-        self, request: web.Request, socket: web.WebSocketResponse, state: object, hearing: "asyncio.Task[None]"
+        self,
+        request: web.Request,
+        socket: web.WebSocketResponse,
+        state: object,
+        hearing: "asyncio.Task[None]",
     ) -> None:
         """Send news until the page goes. One message at a time, so that a slow page is told less."""
         while not (socket.closed or hearing.done()):
@@ -233,25 +248,27 @@ class Server:
                 await asyncio.sleep(0.1)
                 self._close_idle(made)
             server.close()
-            with suppress(TimeoutError):
-                async with asyncio.timeout(2.0):
-                    while self._sockets:
-                        await asyncio.sleep(0.02)
+            if self._tasks:
+                await asyncio.wait(self._tasks, timeout=2.0)
         finally:
             server.close()
             with suppress(TimeoutError):
                 async with asyncio.timeout(1.0):
                     await runner.cleanup()
 
-    def _close_idle(self, server: Any) -> None:
+    def _close_idle(self, server: web.Server) -> None:
         """Close connections that have been there for IDLE_S without being a WebSocket, slow requests among them."""
         now = time.monotonic()
-        present = set(server.connections)
-        self._since = {one: self._since.get(one, now) for one in present}
-        live = {getattr(socket, "_req", None) and socket._req.protocol for socket in self._sockets}
-        for one, since in self._since.items():
-            if now - since > IDLE_S and one not in live and one.transport is not None:
-                one.transport.abort()
+        live = {id(request.transport) for request in self._sockets.values()}
+        present = {
+            id(one.transport): one.transport
+            for one in server.connections
+            if isinstance(one, RequestHandler)
+        }
+        self._seen = {key: self._seen.get(key, now) for key in present}
+        for key, since in self._seen.items():
+            if now - since > IDLE_S and key not in live:
+                _abort(present[key])
 
 
 class _Refusing(asyncio.Protocol):
@@ -264,8 +281,12 @@ class _Refusing(asyncio.Protocol):
 
 def abort(request: web.Request) -> None:
     """End a connection without waiting for its client."""
-    if request.transport is not None:
-        request.transport.abort()
+    _abort(request.transport)
+
+
+def _abort(transport: asyncio.BaseTransport | None) -> None:
+    if isinstance(transport, asyncio.Transport):
+        transport.abort()
 
 
 def _file(name: str) -> web.Response:

@@ -33,7 +33,7 @@ class Splicing:
         outer = web.WebSocketResponse(
             protocols=(chosen,), max_msg_size=CLIENT_BYTES, compress=False, heartbeat=20.0, timeout=2.0
         )
-        self._server.hold(outer)
+        self._server.hold(outer, request)
         try:
             async with self._session.ws_connect(
                 self._url, protocols=(chosen,), max_msg_size=0, compress=0

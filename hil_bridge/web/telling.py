@@ -137,10 +137,7 @@ def step_mark(step: StepRecord, began: float) -> Mark:
 def spans_of(phases: Sequence[tuple[float, str]], until: float) -> list[Span]:
     """The phases as stretches, from when each began; the last one lasts until now."""
     ends = [begin for begin, _ in phases[1:]] + [until]
-    return [
-        Span(begin, max(begin, end), name, name)
-        for (begin, name), end in zip(phases, ends, strict=True)
-    ]
+    return [Span(begin, max(begin, end), name, name) for (begin, name), end in zip(phases, ends, strict=True)]
 
 
 def phases_in(events: Iterable[EventRecord], began: float) -> list[tuple[float, str]]:
@@ -195,7 +192,10 @@ def charts_of(scene: Scene, wall_start_s: float | None) -> Charts:
             "moments",
             "Moments",
             "N·m",
-            tuple(Series("cycle", name, name, colour) for name, colour in (("mx", "1"), ("my", "2"), ("mz", "3"))),
+            tuple(
+                Series("cycle", name, name, colour)
+                for name, colour in (("mx", "1"), ("my", "2"), ("mz", "3"))
+            ),
             limits=(Limit(limits.moment_limit_nm, "length stops at"),),
             height_px=110,
             zero=True,

@@ -73,7 +73,8 @@ def encoded_records(records: list[Record]) -> bytes:
 
 def decoded(data: bytes) -> Message:
     """A message. Raises msgspec.DecodeError."""
-    return _decoder.decode(data)
+    message: Message = _decoder.decode(data)
+    return message
 
 
 def records_of(message: Records) -> list[Record]:

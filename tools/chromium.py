@@ -1,3 +1,4 @@
+# ruff: noqa: ASYNC220, ASYNC240
 """A headless Chromium, steered by the DevTools protocol. It is the system's own: nothing is downloaded."""
 
 import asyncio
@@ -14,22 +15,15 @@ from contextlib import asynccontextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-import pytest
 from aiohttp import ClientSession, ClientWebSocketResponse
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
-REQUIRED = "HIL_BRIDGE_REQUIRE_CHROMIUM"
 PATIENCE_S = 40.0
 
 
-def found() -> str:
-    """Path of a Chromium; skips the test where there is none, and fails it where one is required."""
-    path = next(filter(None, map(shutil.which, NAMES)), None)
-    if path is None:
-        if os.environ.get(REQUIRED):
-            pytest.fail(f"{REQUIRED} is set and there is no Chromium")
-        pytest.skip("there is no Chromium on this machine")
-    return path
+def found() -> str | None:
+    """Path of a Chromium, if there is one."""
+    return next(filter(None, map(shutil.which, NAMES)), None)
 
 
 class Page:
@@ -108,8 +102,9 @@ class Page:
 
 @asynccontextmanager
 async def browser() -> AsyncIterator[Page]:
-    """A page of a new browser with an empty profile, which is gone afterwards."""
-    path = found()
+    """A page of a new browser with an empty profile, which is gone afterwards. Raises FileNotFoundError."""
+    if (path := found()) is None:
+        raise FileNotFoundError("there is no Chromium on this machine")
     with tempfile.TemporaryDirectory(prefix="chromium-", ignore_cleanup_errors=True) as folder:
         process = subprocess.Popen(
             [
