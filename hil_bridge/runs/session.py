@@ -247,7 +247,7 @@ class _Session:
             threaded=not clock.is_virtual,
             chunks=VIRTUAL_CHUNKS if clock.is_virtual else CHUNKS,
             overwrite=self._overwrite,
-            metadata=metadata_of(config),
+            metadata=metadata_of(config, clock.is_virtual),
         )
         self._log = RunLog(config, clock, self._recorder, self)
         try:
