@@ -20,6 +20,7 @@ from hil_bridge.cli.force_source import force_source
 from hil_bridge.cli.free import free
 from hil_bridge.cli.identify_tool import identify_tool
 from hil_bridge.cli.latency import latency
+from hil_bridge.cli.layouts import layouts
 from hil_bridge.cli.monitor import monitor
 from hil_bridge.cli.panel import panel
 from hil_bridge.cli.plugins import controllers, plugins
@@ -123,6 +124,7 @@ for command in (
     latency,
     report,
     export,
+    layouts,
     config,
     profile,
     probe,

@@ -14,6 +14,11 @@ ASKED_BY_KEY = "asked for the end with the key "
 CHECK_EVENT = "check"
 """Kind of the events that tell what was found of the sensor before the touch: full scales, model, weight, zero."""
 
+ALARMS = (STOP_EVENT, "then", "bug", "failed", "traceback", "recorder")
+"""Kinds of events that tell why a run stops."""
+CAUTIONS = ("fault", "gap", "signal", "operator")
+"""Kinds of events that tell of a disturbance, or of a person."""
+
 
 class Outcome(StrEnum):
     """Outcome of a run."""

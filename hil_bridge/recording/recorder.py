@@ -24,6 +24,7 @@ from mcap.writer import CompressionType, Writer
 from hil_bridge.errors import BridgeError
 from hil_bridge.recording.files import open_record
 from hil_bridge.recording.records import EventRecord
+from hil_bridge.recording.scenes import SCENE_TOPICS, Scenes, SceneTopic, encode
 from hil_bridge.recording.topics import TOPICS, Record, Topic
 
 METADATA_NAME = "run"
@@ -128,6 +129,8 @@ class Recorder:
         self._writer = Writer(self._file, chunk_size=chunks.size, compression=CompressionType.ZSTD)
         self._flush: Callable[[], None] = self._writer.flush
         self._channels: dict[type, int] = {}
+        self._scenes = Scenes(wall_ns)
+        self._scene_channels: dict[str, int] = {}
         self._guarded(lambda: self._begin(metadata))
         self._stopping = False
         self._pause_ends = 0.0
@@ -144,9 +147,10 @@ class Recorder:
         self._writer.start(profile="", library="hil-bridge")
         self._writer.add_metadata(METADATA_NAME, dict(sorted(metadata.items())))
         self._channels = {topic.record: self._register(topic) for topic in TOPICS}
+        self._scene_channels = {topic.name: self._register(topic) for topic in SCENE_TOPICS}
         self._flush()
 
-    def _register(self, topic: Topic) -> int:
+    def _register(self, topic: Topic | SceneTopic) -> int:
         schema = json.dumps(topic.schema, separators=(",", ":"), ensure_ascii=False).encode()
         schema_id: int = self._writer.register_schema(topic.schema_name, "jsonschema", schema)
         channel_id: int = self._writer.register_channel(topic.name, "json", schema_id)
@@ -295,6 +299,10 @@ class Recorder:
             self._written[topic.name],
         )
         self._written[topic.name] += 1
+        for scene, message in self._scenes.of(record):
+            self._writer.add_message(
+                self._scene_channels[scene.name], placed, encode(message), self._wall_ns(at)
+            )
         if at - self._chunk_began >= self._chunk_seconds:
             self._end_chunk()
 

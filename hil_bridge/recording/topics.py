@@ -107,6 +107,11 @@ class Topic:
             return msgspec.convert(_with_nan(found, self._type), self.record)
 
 
+def schema_of(message: type[msgspec.Struct]) -> dict[str, object]:
+    """JSON schema of a message as Foxglove's reader takes it."""
+    return {"$schema": _DIALECT, **_schema(inspect.type_info(message))}
+
+
 def _schema(kind: inspect.Type) -> dict[str, object]:
     """JSON schema of a type as Foxglove's reader takes it: a type is a single word, and an object always has
     properties.

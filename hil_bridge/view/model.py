@@ -9,7 +9,7 @@ from typing import NamedTuple
 from hil_bridge.analysis.latency import Latency, latency_budget
 from hil_bridge.control.course.limits import Limits
 from hil_bridge.facts import RobotFacts
-from hil_bridge.recording.ending import PHASE_EVENT, STOP_EVENT
+from hil_bridge.recording.ending import ALARMS, CAUTIONS, PHASE_EVENT, STOP_EVENT
 from hil_bridge.recording.records import CycleRecord, EventRecord
 
 REFRESH_SECONDS = 0.2
@@ -19,8 +19,6 @@ HISTORY_CYCLES = 240
 LATENCY_CYCLES = 60
 """Newest cycles whose latency is told."""
 EVENTS_KEPT = 60
-_ALARMS = (STOP_EVENT, "then", "bug", "failed", "traceback", "recorder")
-_CAUTIONS = ("fault", "gap", "signal", "operator")
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,12 +69,12 @@ class Told(NamedTuple):
     @property
     def alarm(self) -> bool:
         """It tells why the run stops."""
-        return self.kind in _ALARMS
+        return self.kind in ALARMS
 
     @property
     def caution(self) -> bool:
         """It tells of a disturbance, or of a person."""
-        return self.kind in _CAUTIONS
+        return self.kind in CAUTIONS
 
 
 @dataclass(frozen=True, slots=True)

@@ -91,7 +91,7 @@ def values(snapshot: Snapshot, width: int) -> list[Text]:
     """Motion beside the health of the wires: side by side where the width allows it, the pairs are rows then."""
     left = max(20, min(26, (width - 2 * _LABEL - 4) // 2))
     rows = []
-    for (name, one), (other, two) in zip(_motion(snapshot), _health(snapshot), strict=True):
+    for (name, one), (other, two) in zip(_motion(snapshot), _health(snapshot, width >= _NARROW), strict=True):
         pair = _row(name, one)
         pair.truncate(_LABEL + 1 + left, pad=True)
         pair.append(f" {other:<{_LABEL}} ", "dim")
@@ -118,11 +118,11 @@ def _motion(snapshot: Snapshot) -> Sequence[tuple[str, Text]]:
     ]
 
 
-def _health(snapshot: Snapshot) -> Sequence[tuple[str, Text]]:
+def _health(snapshot: Snapshot, wide: bool) -> Sequence[tuple[str, Text]]:
     robot, cycle_s, age_s = snapshot.scene.robot, snapshot.cycle_time_s, snapshot.sensor_age_s
     floor_s = robot.line_floor_s
     cycle = "–" if cycle_s is None else f"{cycle_s * 1e3:6.1f} ms"
-    if cycle_s is not None and cycle_s > 0:
+    if cycle_s is not None and cycle_s > 0 and wide:
         cycle += f"  {1 / cycle_s:5.1f} Hz"
     age = "–" if age_s is None else f"{age_s * 1e3:6.1f} ms"
     stale = age_s is not None and age_s > _STALE_SENSOR_S
@@ -176,6 +176,8 @@ def link(snapshot: Snapshot) -> list[Text]:
         f"{snapshot.link.get(one.sent, 0)} {one.what} sent, {snapshot.link.get(one.received, 0)} received"
         for one in snapshot.scene.robot.traffic
     )
+    if not snapshot.link:
+        return [_row("link", "–"), Text()]
     troubles = ", ".join(f"{name} {count}" for name, count in snapshot.link_troubles.items())
     return [
         _row("link", (troubles, "yellow") if troubles else ("undisturbed", "green")),

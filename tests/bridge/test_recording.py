@@ -43,6 +43,7 @@ from hil_bridge.recording import recorder as recorder_module
 from hil_bridge.recording.device_facts import devices_of
 from hil_bridge.recording.recorder import ORDER_WINDOW_S, Chunks
 from hil_bridge.recording.records import TruthRecord, WireRecord
+from hil_bridge.recording.scenes import SCENE_TOPICS
 from hil_bridge.recording.topics import CYCLE, SENSOR, TOPICS, TRUTH, WIRE, Record
 from hil_bridge.runs.outputs import Outputs
 from hil_bridge.runs.replay import recorded_config, replay
@@ -219,6 +220,7 @@ def test_foreign_readers_find_topics_schemas_and_times(tmp_path: Path) -> None:
         "/truth",
         "/event",
         "/step",
+        *(topic.name for topic in SCENE_TOPICS),
     }
     assert all(schema.encoding == "jsonschema" for schema in summary.schemas.values())
     for schema in summary.schemas.values():
@@ -444,9 +446,9 @@ def test_many_chunks_of_ordinary_size_are_refused_together(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = write(tmp_path / "run.mcap", stream(10.0))
-    monkeypatch.setattr(reader_module, "UNPACKED_LIMIT_BYTES", 100_000)
-    assert path.stat().st_size < 100_000
-    with pytest.raises(ConfigError, match=r"it holds [0-9]+ bytes unpacked, but at most 100000"):
+    monkeypatch.setattr(reader_module, "UNPACKED_LIMIT_BYTES", 150_000)
+    assert path.stat().st_size < 150_000
+    with pytest.raises(ConfigError, match=r"it holds [0-9]+ bytes unpacked, but at most 150000"):
         read(path)
 
 
@@ -454,7 +456,7 @@ def test_a_file_that_hides_its_chunks_is_stopped_on_the_way(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = write(tmp_path / "run.mcap", stream(10.0))
-    monkeypatch.setattr(reader_module, "UNPACKED_LIMIT_BYTES", 100_000)
+    monkeypatch.setattr(reader_module, "UNPACKED_LIMIT_BYTES", 150_000)
     monkeypatch.setattr(reader_module, "_claims", lambda data: ())
     with pytest.raises(ConfigError, match=r"a chunk of [0-9]+ bytes unpacked"):
         read(path)
@@ -634,7 +636,7 @@ def recorded(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
 def test_every_message_of_a_run_is_valid_by_its_own_schema(recorded: Path) -> None:
     valid, wrong = checked_messages(recorded)
     assert wrong == []
-    assert valid.keys() == {topic.name for topic in TOPICS}
+    assert valid.keys() == {topic.name for topic in (*TOPICS, *SCENE_TOPICS)}
     assert valid["/cycle"] > 20
     assert valid["/sensor"] > 500
 
@@ -646,7 +648,7 @@ def test_of_version_0_1_0_every_message_was_valid_but_for_a_stiffness_that_was_n
 
 
 def test_schemas_are_those_that_foxglove_takes() -> None:
-    assert all(as_foxglove_takes_it(topic.schema) for topic in TOPICS)
+    assert all(as_foxglove_takes_it(topic.schema) for topic in (*TOPICS, *SCENE_TOPICS))
     assert not as_foxglove_takes_it({"type": "object", "properties": {"a": {"type": ["number", "null"]}}})
 
 
@@ -664,7 +666,7 @@ def test_a_record_that_was_put_too_late_is_placed_at_the_window(tmp_path: Path) 
     late = EventRecord(100.0, "phase", "track")
     path = write(tmp_path / "run.mcap", [cycle(0, 150.0), late])
     with path.open("rb") as file:
-        _, told = [message for _, _, message in make_reader(file).iter_messages(log_time_order=False)]
+        ((_, _, told),) = make_reader(file).iter_messages(topics="/event", log_time_order=False)
     assert told.log_time == wall_ns(150.0705 - ORDER_WINDOW_S)
     assert told.publish_time == wall_ns(100.0)
     assert [*read(path).events] == [late]

@@ -1,0 +1,126 @@
+"""Draw the terminal view into docs/pictures: three sizes of terminal, and a run that a fault has stopped.
+
+The runs are made in virtual time, and the view is given their records as a run gives them. So the pictures are those of
+the code. Options are those of the other tools that write into docs: --check writes nothing.
+"""
+
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.terminal_theme import TerminalTheme
+
+import hil_bridge
+from hil_bridge.analysis.summary import TRACK
+from hil_bridge.recording import CHECK_EVENT, Recording
+from hil_bridge.recording.device_facts import devices_of
+from hil_bridge.settings.configuration import Config
+from hil_bridge.settings.kinds import cell_in_words
+from hil_bridge.view.model import Health, Scene, Snapshot, ViewModel
+from hil_bridge.view.panel import panel
+from tools.pages import parser
+
+PICTURES = Path(__file__).resolve().parent.parent / "docs" / "pictures"
+PAPER = TerminalTheme(
+    (24, 26, 31),
+    (222, 226, 232),
+    [
+        (24, 26, 31), (224, 86, 86), (110, 190, 110), (220, 180, 80),
+        (110, 150, 240), (200, 120, 220), (80, 190, 200), (222, 226, 232),
+    ],
+    [
+        (110, 115, 125), (240, 110, 110), (140, 215, 140), (240, 205, 110),
+        (140, 175, 250), (220, 150, 240), (110, 215, 225), (255, 255, 255),
+    ],
+)  # fmt: skip
+"""Colours of a terminal. Chosen."""
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A terminal with a run in it."""
+
+    name: str
+    width: int
+    height: int
+    settings: Mapping[str, Any]
+    after_s: float
+    """Time after the begin of tracking, s."""
+    faults: tuple[Mapping[str, Any], ...] = field(default=())
+
+
+S3 = {"run": {"duration_s": 12.0}}
+STREAMED = {"run": {"duration_s": 12.0}, "robot": {"emulated": "rtde"}, "sensor": {"emulated": "netft"}}
+PICTURES_WANTED = (
+    Picture("terminal-60x20", 60, 20, S3, 6.0),
+    Picture("terminal-100x30", 100, 30, S3, 6.0),
+    Picture("terminal-200x50", 200, 50, STREAMED, 6.0),
+    Picture(
+        "terminal-stopped",
+        100,
+        30,
+        S3,
+        3.0,
+        ({"on": "signal", "fault": "offset", "phase": "track", "after_s": 2.0, "with": {"amount": 45.0}},),
+    ),
+)
+
+
+def seen(picture: Picture) -> Snapshot:
+    """The view's state at the wanted moment of a run."""
+    result = hil_bridge.simulate(picture.settings, faults=picture.faults)
+    record: Recording = result.recording
+    config = Config.model_validate(picture.settings)
+    begin = next(cycle.started_at for cycle in record.cycles if cycle.phase == TRACK)
+    until = begin + picture.after_s
+    facts = devices_of(record).robot
+    scene = Scene(
+        reference_n=config.task.force_n,
+        robot=facts,
+        total_s=config.run.duration_s,
+        cell=cell_in_words(config)[1],
+        limits=config.limits,
+        record="runs/2026-11-23T10-12-31/run.mcap",
+        keys=True,
+    )
+    model = ViewModel(scene)
+    model.snapshot(record.events[0].at, Health())
+    for event in record.events:
+        if event.at <= until:
+            (model.check(event.text) if event.kind == CHECK_EVENT else model.event(event))
+    frames = [frame for frame in record.sensors if frame.at <= until]
+    for cycle in record.cycles:
+        if cycle.answered_at <= until:
+            model.update(cycle)
+    return model.snapshot(until, Health(sensor_at=frames[-1].at if frames else None))
+
+
+def drawn(picture: Picture) -> str:
+    """The picture as SVG, the same for the same code."""
+    console = Console(
+        record=True, width=picture.width, height=picture.height, force_terminal=True, color_system="truecolor",
+        file=open("/dev/null", "w"),  # noqa: SIM115
+    )  # fmt: skip
+    console.print(panel(seen(picture), picture.width, picture.height))
+    return console.export_svg(title="hil-bridge run", theme=PAPER, unique_id=picture.name)
+
+
+def main() -> int:
+    """Draw them all."""
+    check = parser(__doc__ or "").parse_args().check
+    stale = 0
+    PICTURES.mkdir(exist_ok=True)
+    for picture in PICTURES_WANTED:
+        place, svg = PICTURES / f"{picture.name}.svg", drawn(picture)
+        if not check:
+            place.write_text(svg, encoding="utf-8")
+        elif not place.exists() or place.read_text(encoding="utf-8") != svg:
+            stale = 1
+    return stale
+
+
+if __name__ == "__main__":
+    sys.exit(main())
