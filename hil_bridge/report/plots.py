@@ -1,6 +1,5 @@
 """The picture of a run: force, motion, stiffness and time above each other, and the figures below."""
 
-import io
 import math
 import textwrap
 from collections.abc import Sequence
@@ -12,7 +11,7 @@ from numpy.typing import NDArray
 from hil_bridge.analysis.stream import stream_force
 from hil_bridge.analysis.strokes import TRACK
 from hil_bridge.analysis.summary import PhaseSpan, Summary, cycle_times, phases, wanted_force
-from hil_bridge.errors import ConfigError
+from hil_bridge.picture_files import drawing_library, saved
 from hil_bridge.recording import STOP_EVENT
 from hil_bridge.recording.device_facts import devices_of
 from hil_bridge.recording.reader import Recording
@@ -24,7 +23,6 @@ from hil_bridge.report.step_marks import mark_steps
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -109,25 +107,6 @@ def draw(recording: Recording, summary: Summary, kind: str = "png") -> bytes:
             force.set_xlim(0.0, 1.005 * (max(span.end for span in spans) - zero))
         _draw_table(figure.add_subplot(grid[-1]), merit_rows(summary), run_rows(summary))
         return saved(figure, kind)
-
-
-def drawing_library() -> Any:
-    """The module matplotlib, imported late: it takes most of a second. Raises ConfigError where it is missing."""
-    try:
-        import matplotlib
-    except ImportError:
-        raise ConfigError(
-            "pictures as files need matplotlib: pip install 'hil-bridge[figures]', or take the page without them"
-        ) from None
-    return matplotlib
-
-
-def saved(figure: "Figure", kind: str) -> bytes:
-    """A figure as PNG, PDF or SVG, without a date."""
-    buffer = io.BytesIO()
-    none = {"png": {"Software": None}, "pdf": {"CreationDate": None}, "svg": {"Date": None}}[kind]
-    figure.savefig(buffer, format=kind, metadata=none)
-    return buffer.getvalue()
 
 
 def size_px(recording: Recording) -> tuple[int, int]:

@@ -7,7 +7,8 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from hil_bridge.control.words.paths import Place
-from hil_bridge.report.plots import STYLE, drawing_library, saved
+from hil_bridge.picture_files import drawing_library, saved
+from hil_bridge.report.plots import STYLE
 from hil_bridge.report.task_steps import Shown
 
 if TYPE_CHECKING:
