@@ -143,14 +143,15 @@ def test_the_charts_hold_what_the_recording_holds() -> None:
     zero = recording.cycles[0].started_at
     cycle = found["sources"]["cycle"]
     assert cycle["x"] == pytest.approx([c.controlled_at - zero for c in recording.cycles], abs=1e-5)
-    for name, expected in {
+    columns: dict[str, list[float | None]] = {
         "force": [c.force for c in recording.cycles],
         "depth_commanded": [1e3 * c.depth_commanded for c in recording.cycles],
         "correction": [1e3 * c.correction for c in recording.cycles],
         "stiffness": [c.stiffness for c in recording.cycles],
         "clamped": [c.force if c.verdict == "clamp" else None for c in recording.cycles],
         "cycle_ms": [1e3 * (c.answered_at - c.started_at) for c in recording.cycles],
-    }.items():
+    }
+    for name, expected in columns.items():
         assert cycle[name] == [None if v is None else pytest.approx(v, rel=1e-5) for v in expected], name
     truth = found["sources"]["truth"]
     assert truth["force"] == pytest.approx([c.force + 1.0 for c in recording.cycles], rel=1e-5)
