@@ -19,7 +19,7 @@ def latency_section(recording: Recording) -> str:
     parts = [
         "<h2>Latency</h2>",
         f'<p class="verdict">{escape(_sentence(found))}</p>',
-        f'<div class="scroll">{latency_bar(found)}</div>',
+        f'<div class="across">{latency_bar(found)}</div>',
         cells(_TITLES, [*map(_row, found.chain), _total(found)], "narrow"),
     ]
     if found.beside:
