@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: run test test-lowest release-check bench kernel-driver clean
+.PHONY: run test docs test-lowest release-check bench kernel-driver clean
 
 # ROBOT=egm SENSOR=netft takes other emulated devices; `hil-bridge run --help` names them
 run: $(STAMP)
@@ -15,6 +15,10 @@ run: $(STAMP)
 test: $(STAMP)
 	$(BIN)/python tools/check.py
 
+# the site of the documentation, into docs/_build/html
+docs: $(STAMP)
+	$(BIN)/sphinx-build -W --keep-going -q docs docs/_build/html
+
 # the tests with the lowest versions that pyproject.toml names; ONLY="tests/wire" runs those alone
 test-lowest: $(STAMP)
 	$(BIN)/python tools/lowest.py $(ONLY)
@@ -23,7 +27,7 @@ test-lowest: $(STAMP)
 release-check: $(STAMP)
 	$(BIN)/python tools/release_check.py
 
-# ONLY="wake_up link_use" runs those alone; PAGE=1 renews docs/performance.md too
+# ONLY="wake_up link_use" runs those alone; PAGE=1 renews docs/explanation/performance.md too
 bench: $(STAMP)
 	$(BIN)/python -m tools.bench $(ONLY) $(if $(PAGE),--page)
 
@@ -38,4 +42,4 @@ $(STAMP): pyproject.toml hatch_build.py
 	touch $@
 
 clean:
-	rm -rf $(VENV) build dist .coverage .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) build dist docs/_build .coverage .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache

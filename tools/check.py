@@ -89,6 +89,7 @@ STEPS: dict[str, Callable[[], int]] = {
     ),
 }
 BESIDE: dict[str, tuple[str, ...]] = {
+    "docs": ("sphinx-build", "-W", "--keep-going", "-q", "docs", "docs/_build/html"),
     "wheels": ("python", "tools/wheels.py"),
     "kernel": ("python", "tools/vcan_vm.py", "--driver"),
 }

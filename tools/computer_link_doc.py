@@ -1,4 +1,4 @@
-"""Write the tables of docs/computer-link.md from the tables that the code itself works with.
+"""Write the tables of docs/reference/computer-link.md from the tables that the code itself works with.
 
 The prose between the tables is left as it is. With --check nothing is written; the exit code is 1 when the
 document is not up to date.
@@ -35,7 +35,7 @@ from protocol.s3.arap import (
 )
 from tools.pages import parser, placed, table, write
 
-DOCUMENT = Path(__file__).resolve().parent.parent / "docs" / "computer-link.md"
+DOCUMENT = Path(__file__).resolve().parent.parent / "docs" / "reference" / "computer-link.md"
 
 
 def control_bytes() -> str:

@@ -1,8 +1,8 @@
-"""Write the tables of docs/faults.md: every fault of every emulated device from the code, what a run did from runs.
+"""Write the tables of docs/reference/faults.md: every emulated fault from the code, what a run did from runs.
 
 The prose between the tables is left as it is. With --measure the runs are made first, in virtual time, and their ends
-go to docs/faults.json; it takes some minutes. `--measure egm ft300` makes those of these devices alone. With --check
-nothing is written; the exit code is 1 when the document is not up to date.
+go to docs/reference/faults.json; it takes some minutes. `--measure egm ft300` makes those of these devices alone.
+With --check nothing is written; the exit code is 1 when the document is not up to date.
 """
 
 import gc
@@ -24,7 +24,7 @@ from hil_bridge.runs.session import EXIT_CODES
 from hil_bridge.settings.configuration import load_config
 from tools.pages import parser, placed, table, write
 
-DOCS = Path(__file__).resolve().parent.parent / "docs"
+DOCS = Path(__file__).resolve().parent.parent / "docs" / "reference"
 DOCUMENT, FIGURES = DOCS / "faults.md", DOCS / "faults.json"
 
 ROBOT_NAMES = ("s3", "egm", "rtde", "rsi")
@@ -43,7 +43,7 @@ GIVEN: Mapping[tuple[str, str], Mapping[str, float]] = {
 }
 """Parameters of the runs, where a fault with its defaults is none."""
 UNMEASURED = ("computer",)
-"""Targets of which no run is made here: docs/safety.md has that of the computer."""
+"""Targets of which no run is made here: docs/explanation/safety.md has that of the computer."""
 
 
 class Job(NamedTuple):

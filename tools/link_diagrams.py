@@ -1,4 +1,4 @@
-"""Draw the state diagrams of the link's two roles into docs/computer-link.md, from the table that the link works by.
+"""Draw the states of the link's two roles into docs/reference/computer-link.md, from the table that it works by.
 
 Only the section between the marks of the state diagrams is written. With --check nothing is written; the exit code is 1
 when the section is not up to date.
@@ -12,7 +12,7 @@ from pathlib import Path
 from protocol.s3.adlp import TRANSITIONS, Action, LinkProfile, Role, State, Stimulus
 from tools.pages import parser, placed, write
 
-DOCUMENT = Path(__file__).resolve().parent.parent / "docs" / "computer-link.md"
+DOCUMENT = Path(__file__).resolve().parent.parent / "docs" / "reference" / "computer-link.md"
 
 SENDING = {State.BIDDING, State.HOLDING, State.AWAITING_ACK}
 """States whose arrows are drawn with the sender; those of the idle ones go with what they lead to."""

@@ -1,8 +1,8 @@
-"""Write the tables of docs/safety.md: the conditions from the code, the times from runs that are measured.
+"""Write the tables of docs/explanation/safety.md: the conditions from the code, the times from runs that are measured.
 
 The prose between the tables is left as it is. With --measure the runs are made first, in virtual time, and their
-figures go to docs/safety.json; it takes some minutes. With --check nothing is written; the exit code is 1 when the
-document is not up to date.
+figures go to docs/explanation/safety.json; it takes some minutes. With --check nothing is written; the exit code is 1
+when the document is not up to date.
 """
 
 import gc
@@ -33,7 +33,7 @@ from hil_bridge.settings.configuration import Config
 from protocol.s3.arap import FunctionCode
 from tools.pages import parser, placed, table, write
 
-DOCS = Path(__file__).resolve().parent.parent / "docs"
+DOCS = Path(__file__).resolve().parent.parent / "docs" / "explanation"
 DOCUMENT, FIGURES = DOCS / "safety.md", DOCS / "safety.json"
 SEEDS = 20
 STIFFNESSES_N_M = (5e3, 5e4)

@@ -1,7 +1,7 @@
-"""Write the table of docs/streaming.md: each controller on each robot, on soft and hard surfaces, level and curved.
+"""Write the table of docs/explanation/streaming.md: each controller on each robot, on soft, hard, curved surfaces.
 
-With --measure the runs are made first, in virtual time, and their figures go to docs/streaming.json; it takes some ten
-minutes. With --check nothing is written; the exit code is 1 when the document is not up to date.
+With --measure the runs are made first, in virtual time, and their figures go to docs/explanation/streaming.json; it
+takes some ten minutes. With --check nothing is written; the exit code is 1 when the document is not up to date.
 """
 
 import json
@@ -20,7 +20,7 @@ from hil_bridge.runs.pace import paced
 from hil_bridge.settings.configuration import read_config
 from tools.pages import parser, placed, table, write
 
-DOCS = Path(__file__).resolve().parent.parent / "docs"
+DOCS = Path(__file__).resolve().parent.parent / "docs" / "explanation"
 DOCUMENT, FIGURES = DOCS / "streaming.md", DOCS / "streaming.json"
 ROBOTS: Mapping[str, str] = {"s3": "jr3", "egm": "netft", "rtde": "netft", "rsi": "netft"}
 """Robots, each with the sensor that it runs with."""

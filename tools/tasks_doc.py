@@ -1,4 +1,4 @@
-"""Write the tables of docs/tasks.md: the words of a program and its paths with all their settings, from the code.
+"""Write the tables of docs/reference/tasks.md from the code: a program's words and paths with all their settings.
 
 The prose between the tables is left as it is. With --pictures the pictures of the examples are drawn anew, too. With
 --check nothing is written; the exit code is 1 when the document is not up to date.
@@ -25,7 +25,7 @@ from tools.pages import parser, placed, table, write
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCS, EXAMPLES = ROOT / "docs", ROOT / "examples" / "tasks"
-DOCUMENT = DOCS / "tasks.md"
+DOCUMENT = DOCS / "reference" / "tasks.md"
 
 OF_THE_TASK: Mapping[tuple[str, str], str] = {
     ("approach", "speed_mm_s"): "approach_speed_mm_s",
@@ -71,7 +71,7 @@ def main() -> int:
     wanted = options.parse_args()
     if wanted.pictures:
         for path in sorted(EXAMPLES.glob("*.toml")):
-            (DOCS / f"task-{path.stem}.png").write_bytes(picture(path))
+            (DOCS / "pictures" / f"task-{path.stem}.png").write_bytes(picture(path))
     return write(DOCUMENT, renewed, wanted.check)
 
 

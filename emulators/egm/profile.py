@@ -1,7 +1,7 @@
 """Settings that may differ between one robot that is guided and the next, or are not known of any.
 
 Marks: what ABB's manual 3HAC073318-001 or a public client says is *observed*, what it leaves open is *assumed*. What
-the RAPID program says is *chosen*: it stands for the program of `docs/egm.md`.
+the RAPID program says is *chosen*: it stands for the program of `docs/reference/egm.md`.
 """
 
 from dataclasses import dataclass, field

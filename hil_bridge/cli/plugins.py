@@ -26,7 +26,7 @@ def plugins(with_own: bool, as_json: bool) -> None:
     if as_json:
         tell([json.dumps(rows, ensure_ascii=False, indent=2)])
     elif not rows:
-        tell(["no other package offers anything; docs/devices.md tells how one does"])
+        tell(["no other package offers anything; docs/how-to/devices.md tells how one does"])
     else:
         widths = [max(len(row[key]) for row in rows) for key in ("thing", "name", "package")]
         for row in rows:

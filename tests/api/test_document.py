@@ -1,4 +1,4 @@
-"""The examples of docs/api.md, as they stand there."""
+"""The examples of docs/reference/api.md, as they stand there."""
 
 import re
 from pathlib import Path
@@ -7,14 +7,14 @@ import pytest
 
 from hil_bridge import api
 
-PAGE = (Path(__file__).resolve().parents[2] / "docs" / "api.md").read_text(encoding="utf-8")
+PAGE = (Path(__file__).resolve().parents[2] / "docs" / "reference" / "api.md").read_text(encoding="utf-8")
 EXAMPLES = re.findall(r"^## (.+?)$.*?^```python\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
 
 
 @pytest.mark.parametrize(("title", "code"), EXAMPLES, ids=[title for title, _ in EXAMPLES])
 def test_example_runs(title: str, code: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    exec(compile(code, f"docs/api.md, {title}", "exec"), {"__name__": "example"})
+    exec(compile(code, f"docs/reference/api.md, {title}", "exec"), {"__name__": "example"})
 
 
 def test_every_example_is_run_and_every_name_told() -> None:

@@ -11,7 +11,7 @@ from tools.bench.exchanges import ANSWER, PACKET, Exchange
 from tools.bench.figures import Figure, Report, Spread, Target
 from tools.bench.page import renewed
 
-DOCS = Path(__file__).resolve().parents[2] / "docs"
+DOCS = Path(__file__).resolve().parents[2] / "docs" / "explanation"
 
 
 def test_the_page_shows_the_published_results():

@@ -13,7 +13,7 @@ from hil_bridge.settings.program import is_program
 from hil_bridge.text_files import parse_toml
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGE = (ROOT / "docs" / "tasks.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs" / "reference" / "tasks.md").read_text(encoding="utf-8")
 
 
 @pytest.fixture(scope="module")
@@ -38,8 +38,8 @@ def test_a_setting_without_a_meaning_is_missed(tool: dict[str, Any]) -> None:
 def test_every_example_has_its_picture_and_its_link() -> None:
     for path in (ROOT / "examples" / "tasks").glob("*.toml"):
         assert f"../examples/tasks/{path.name}" in PAGE
-        assert f"(task-{path.stem}.png)" in PAGE
-        assert (ROOT / "docs" / f"task-{path.stem}.png").stat().st_size < 100_000
+        assert f"/task-{path.stem}.png)" in PAGE
+        assert (ROOT / "docs" / "pictures" / f"task-{path.stem}.png").stat().st_size < 100_000
 
 
 def test_the_programs_on_the_page_can_be(tmp_path: Path) -> None:

@@ -145,7 +145,7 @@ def test_examples_are_plans(path: Path) -> None:
 
 
 def test_plan_of_the_document_is_one(tmp_path: Path) -> None:
-    text = (EXAMPLES.parents[1] / "docs" / "campaigns.md").read_text(encoding="utf-8")
+    text = (EXAMPLES.parents[1] / "docs" / "reference" / "campaigns.md").read_text(encoding="utf-8")
     (tmp_path / "cell.toml").write_text("[task]\nspeed_mm_s = 4.0\n")
     plan = read_plan(written(tmp_path, text.partition("```toml\n")[2].partition("```")[0]))
     assert plan.name == "two forces"

@@ -745,7 +745,7 @@ def test_the_truth_knows_the_joints() -> None:
 
 
 def test_the_page_names_every_setting_and_every_fault() -> None:
-    page = (Path(__file__).parents[2] / "docs" / "egm.md").read_text(encoding="utf-8")
+    page = (Path(__file__).parents[2] / "docs" / "reference" / "egm.md").read_text(encoding="utf-8")
     names = [one.name for profile in (EgmProfile(), EgmArmProfile()) for one in settings_of(profile)]
     names += [fault for faults in EGM_FAULTS.values() for fault in faults]
     assert [name for name in names if f"`{name}`" not in page] == []

@@ -12,8 +12,8 @@ from hil_bridge.runs.session import EXIT_CODES
 from hil_bridge.settings.configuration import load_config
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGE = (ROOT / "docs" / "faults.md").read_text(encoding="utf-8")
-FIGURES = json.loads((ROOT / "docs" / "faults.json").read_text(encoding="utf-8"))
+PAGE = (ROOT / "docs" / "reference" / "faults.md").read_text(encoding="utf-8")
+FIGURES = json.loads((ROOT / "docs" / "reference" / "faults.json").read_text(encoding="utf-8"))
 
 
 @pytest.fixture(scope="module")

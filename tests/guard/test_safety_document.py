@@ -11,8 +11,8 @@ import pytest
 from hil_bridge.settings.configuration import Config
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGE = (ROOT / "docs" / "safety.md").read_text(encoding="utf-8")
-FIGURES = json.loads((ROOT / "docs" / "safety.json").read_text(encoding="utf-8"))
+PAGE = (ROOT / "docs" / "explanation" / "safety.md").read_text(encoding="utf-8")
+FIGURES = json.loads((ROOT / "docs" / "explanation" / "safety.json").read_text(encoding="utf-8"))
 
 
 @pytest.fixture(scope="module")

@@ -82,7 +82,7 @@ NOT_COVERED: dict[str, Config] = {
 }
 
 
-@pytest.mark.xfail(strict=True, reason="docs/safety.md names them among what is not covered")
+@pytest.mark.xfail(strict=True, reason="docs/explanation/safety.md names them among what is not covered")
 @pytest.mark.parametrize("config", NOT_COVERED.values(), ids=NOT_COVERED)
 def test_the_force_stays_below_its_bound(guarded: Run, config: Config) -> None:
     assert guarded(config).largest <= bound(config, config.limits.correction_mm_s)

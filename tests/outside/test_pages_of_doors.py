@@ -8,8 +8,8 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 FILES = [*(ROOT / "examples").glob("*/**/*.py"), *(ROOT / "examples").glob("*/pyproject.toml")]
 PAGES = {
-    name: (ROOT / "docs" / f"{name}.md").read_text(encoding="utf-8")
-    for name in ("controllers", "devices", "surfaces")
+    name: (ROOT / "docs" / folder / f"{name}.md").read_text(encoding="utf-8")
+    for name, folder in {"controllers": "reference", "devices": "how-to", "surfaces": "reference"}.items()
 }
 CODE = [
     (page, number, block)
@@ -28,5 +28,5 @@ def test_a_block_of_code_stands_in_an_example(page: str, number: int, block: str
 
 def test_each_page_has_code_and_names_its_examples() -> None:
     assert {page for page, _, _ in CODE} == set(PAGES)
-    named = {name for text in PAGES.values() for name in re.findall(r"\.\./examples/([a-z-]+)\)", text)}
+    named = {name for text in PAGES.values() for name in re.findall(r"`examples/([a-z-]+)`", text)}
     assert named == {path.parent.name for path in FILES if path.name == "pyproject.toml"}

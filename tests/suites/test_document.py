@@ -1,4 +1,4 @@
-"""The examples of docs/testing.md, as they stand there, for devices of ours under the names of the page."""
+"""The examples of docs/reference/testing.md, as they stand there, for devices of ours under the names of the page."""
 
 import re
 from importlib import import_module
@@ -12,7 +12,7 @@ from hil_bridge.testing.plugin import SUITE_VERSION, SUITES
 
 pytest_plugins = "pytester"
 
-PAGE = (Path(__file__).resolve().parents[2] / "docs" / "testing.md").read_text(encoding="utf-8")
+PAGE = (Path(__file__).resolve().parents[2] / "docs" / "reference" / "testing.md").read_text(encoding="utf-8")
 EXAMPLES = re.findall(r"^## ([^\n]+)$(?:(?!^## ).)*?^```python\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
 PLUGIN = ("-p", "hil_bridge.testing.plugin", "-p", "no:xdist", "-p", "no:asyncio", "-q")
 LONG = "not any_sequence and not every_fault and not cancelled and not damaged"

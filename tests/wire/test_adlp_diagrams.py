@@ -8,7 +8,7 @@ import pytest
 from protocol.s3.adlp import TRANSITIONS, Action, LinkProfile, Role, State
 
 ROOT = Path(__file__).resolve().parents[2]
-DOCUMENT = (ROOT / "docs" / "computer-link.md").read_text(encoding="utf-8")
+DOCUMENT = (ROOT / "docs" / "reference" / "computer-link.md").read_text(encoding="utf-8")
 TOOL = runpy.run_path(str(ROOT / "tools" / "link_diagrams.py"))
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-DOCUMENT = (ROOT / "docs" / "computer-link.md").read_text(encoding="utf-8")
+DOCUMENT = (ROOT / "docs" / "reference" / "computer-link.md").read_text(encoding="utf-8")
 renewed = runpy.run_path(str(ROOT / "tools" / "computer_link_doc.py"))["renewed"]
 
 

@@ -73,7 +73,7 @@ EPOCH = 4321.5
 # --- telegrams
 
 GOLDEN_REQUESTS = {
-    # Worked out by hand from the byte tables of docs/jr3-registers.md.
+    # Worked out by hand from the byte tables of docs/reference/jr3-registers.md.
     "4A52 01 01 1234 00A0 0052 00000000": Request(Op.READ, 0x1234, 0x00A0, 82),
     "4A52 02 01 0001 00E7 0001 00000000 0800": Request(Op.WRITE, 1, 0x00E7, 1, (0x0800,)),
     "4A52 03 01 FFFF 0000 0000 00000000": Request(Op.RESET, 0xFFFF),
@@ -221,7 +221,7 @@ def test_what_cannot_be_said_is_refused() -> None:
 @pytest.mark.parametrize("layout", [REQUEST, RESPONSE, BURST], ids=lambda layout: layout.name)
 def test_the_page_shows_the_tables_of_the_code(layout: Layout) -> None:
     sizes = {"B": 1, "H": 2, "I": 4, "Q": 8}
-    page = (Path(__file__).parents[2] / "docs" / "jr3-registers.md").read_text(encoding="utf-8")
+    page = (Path(__file__).parents[2] / "docs" / "reference" / "jr3-registers.md").read_text(encoding="utf-8")
     rows = [f"| {f.offset} | {sizes[f.format]} | `{f.name}` | {f.meaning} |" for f in layout.fields]
     assert "\n".join(rows) in page
     for status in Status:

@@ -1,7 +1,7 @@
 """Run the benchmarks, all or the named ones: `make bench`, `make bench ONLY="wake_up link_use"`.
 
 Results go to runs/bench.json, which is not under version control. With --page (`make bench PAGE=1`) they also go to
-docs/performance.json, and the tables of docs/performance.md are written again from it.
+docs/explanation/performance.json, and the tables of docs/explanation/performance.md are written again from it.
 """
 
 import argparse
@@ -19,7 +19,7 @@ from tools.bench.page import renewed
 
 ROOT = Path(__file__).resolve().parents[2]
 RESULTS = ROOT / "runs" / "bench.json"
-PUBLISHED = ROOT / "docs" / "performance.json"
+PUBLISHED = ROOT / "docs" / "explanation" / "performance.json"
 PAGE = PUBLISHED.with_suffix(".md")
 
 BENCHMARKS = ("turnaround", "control_step", "wake_up", "virtual_time", "link_use", "answers", "long_run")
@@ -56,7 +56,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run what is wanted; the exit code is 0 whether or not targets are met: a figure is no error."""
     parser = argparse.ArgumentParser(prog="make bench", description=__doc__.splitlines()[0])
     parser.add_argument("benchmark", nargs="*", help=f"one of {', '.join(BENCHMARKS)}; all without a name")
-    parser.add_argument("--page", action="store_true", help="also renew docs/performance.json and .md")
+    parser.add_argument(
+        "--page", action="store_true", help="also renew docs/explanation/performance.json and .md"
+    )
     options = parser.parse_args(arguments)
     if unknown := [name for name in options.benchmark if name not in BENCHMARKS]:
         parser.error(f"there is no benchmark {unknown[0]!r}, only {', '.join(BENCHMARKS)}")

@@ -1,4 +1,4 @@
-"""The tables of docs/performance.md, from the file of results beside it."""
+"""The tables of docs/explanation/performance.md, from the file of results beside it."""
 
 from collections.abc import Iterable, Mapping
 from typing import Any

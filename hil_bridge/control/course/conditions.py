@@ -1,7 +1,7 @@
 """Conditions that refuse, clamp or end a run, one row each. Here are the rows of all that decides in a cycle.
 
-The rows are for people: `hil-bridge supervisor table` and docs/safety.md print them, `hil-bridge supervisor explain`
-names them. What is decided is decided by supervisor and task alone.
+The rows are for people: `hil-bridge supervisor table` and the page of safety print them, `hil-bridge supervisor
+explain` names them. What is decided is decided by supervisor and task alone.
 """
 
 from collections.abc import Mapping

@@ -1,7 +1,7 @@
 """The register protocol: requests and responses by which a board's words travel over a byte stream.
 
 A header of fixed size says how much follows. All numbers are big-endian, words are raw 16 bits.
-`docs/jr3-registers.md` shows the same tables to people. The protocol is this project's own, so its facts are
+`docs/reference/jr3-registers.md` shows the same tables to people. The protocol is this project's own, so its facts are
 chosen.
 """
 

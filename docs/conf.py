@@ -1,0 +1,32 @@
+"""The site of the documentation: `make docs` builds it into docs/_build/html, and a warning is an error."""
+
+from importlib.metadata import version as version_of
+from typing import Any
+
+from pygments.lexers.special import TextLexer
+
+project = "hil-bridge"
+author = "the authors of hil-bridge"
+version = release = version_of("hil-bridge")
+
+extensions = ["myst_parser", "sphinx.ext.autodoc"]
+exclude_patterns = ["_build"]
+source_suffix = {".md": "markdown"}
+
+myst_enable_extensions = ["colon_fence", "deflist", "attrs_inline", "attrs_block"]
+myst_heading_anchors = 4
+suppress_warnings = ["myst.header", "toc.empty_glob", "toc.glob"]  # tables of figures begin at the third level
+
+nitpicky = True
+html_theme = "furo"
+html_title = f"hil-bridge {release}"
+html_static_path: list[str] = []
+html_show_copyright = False
+html_copy_source = False
+pygments_style = "friendly"
+pygments_dark_style = "monokai"
+
+
+def setup(app: Any) -> None:
+    """A diagram's source is shown as text: what draws it in a browser would come over the network."""
+    app.add_lexer("mermaid", TextLexer)
