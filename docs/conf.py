@@ -1,9 +1,14 @@
 """The site of the documentation: `make docs` builds it into docs/_build/html, and a warning is an error."""
 
+import sys
 from importlib.metadata import version as version_of
+from pathlib import Path
 from typing import Any
 
 from pygments.lexers.special import TextLexer
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+from tools.reference_pages import write_pages
 
 project = "hil-bridge"
 author = "the authors of hil-bridge"
@@ -15,7 +20,11 @@ source_suffix = {".md": "markdown"}
 
 myst_enable_extensions = ["colon_fence", "deflist", "attrs_inline", "attrs_block"]
 myst_heading_anchors = 4
-suppress_warnings = ["myst.header", "toc.empty_glob", "toc.glob"]  # tables of figures begin at the third level
+suppress_warnings = [
+    "myst.header",
+    "toc.empty_glob",
+    "toc.glob",
+]  # tables of figures begin at the third level
 
 nitpicky = True
 html_theme = "furo"
@@ -30,3 +39,4 @@ pygments_dark_style = "monokai"
 def setup(app: Any) -> None:
     """A diagram's source is shown as text: what draws it in a browser would come over the network."""
     app.add_lexer("mermaid", TextLexer)
+    app.connect("builder-inited", lambda _app: write_pages())

@@ -3,7 +3,7 @@
 `python -m pytest -p tools.page_examples docs README.md` runs them; `make test` does it on two processes.
 
 - A fence ```` ```console ```` holds commands behind `$ `, and below each what it prints; `...` stands for what varies.
-  A command with nothing below is judged by its exit code alone. That must be 0, unless the next command is `echo $?`.
+  A command with nothing below is judged by its exit code alone. The code must be 0, unless `echo $?` comes next.
 - Each page has a fresh folder with a copy of `examples/`, an environment of its own, and one shell for all its fences.
 - A `code-block` of `console` whose caption begins with "In a second terminal" goes on beside the page, until the next
   such block or the end of the page. Its output must come within `PATIENCE_S`.

@@ -47,7 +47,7 @@ def controllers(name: str | None, as_json: bool) -> None:
 
     from hil_bridge.control.controllers import controller_names
 
-    told = [_controller(each) for each in ([name] if name else controller_names())]
+    told = [controller_facts(each) for each in ([name] if name else controller_names())]
     if as_json:
         tell([json.dumps(told, ensure_ascii=False, indent=2)])
         return
@@ -108,7 +108,7 @@ def _first_line(thing: Any) -> str:
     return "" if text.startswith(f"{getattr(thing, '__name__', '')}(") else text
 
 
-def _controller(name: str) -> dict[str, Any]:
+def controller_facts(name: str) -> dict[str, Any]:
     """A controller with its parameters. Raises ConfigError for an unknown name and a broken package."""
     import dataclasses
 
@@ -155,7 +155,7 @@ def _default(field: Any) -> str:
     from hil_bridge.text_files import format_value
 
     if field.default is not dataclasses.MISSING:
-        return format_value(field.default)
+        return format_value(getattr(field.default, "value", field.default))  # of an enumeration
     if field.default_factory is not dataclasses.MISSING:
         return format_value(field.default_factory())
     return "(must be given)"

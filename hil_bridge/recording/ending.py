@@ -14,6 +14,32 @@ ASKED_BY_KEY = "asked for the end with the key "
 CHECK_EVENT = "check"
 """Kind of the events that tell what was found of the sensor before the touch: full scales, model, weight, zero."""
 
+EVENT_KINDS: Mapping[str, str] = {
+    PHASE_EVENT: "A phase of the run begins; the text is its name.",
+    CHECK_EVENT: "A finding about the sensor before the touch: full scales, model, weight, zero.",
+    STOP_EVENT: "The run is stopped; the text is the cause.",
+    "then": "A second cause, after the stop.",
+    "step": "A step of a program begins or ends.",
+    "fault": "An injected fault begins, has an effect, or ends.",
+    "gap": "The computer stood still for a while.",
+    "signal": "A signal asks the process to end, as by Ctrl-C.",
+    "operator": "A person has asked for something: the end, a hold.",
+    "mark": "A person has marked this moment.",
+    "robot": "A fact that the robot tells.",
+    "motion": "An event of the robot's movement.",
+    "link": "The robot's link failed, or tells of a trouble.",
+    "sensor": "A device event of the sensor, or its failure.",
+    "emulator": "An emulated device tells of a client's mistake.",
+    "line_error": "Characters with a parity or framing error.",
+    "telnet_error": "A malformed request or answer of RFC 2217.",
+    "wire_lost": "A connection broke and is tried again.",
+    "wire_back": "A connection is there again.",
+    "traceback": "The traceback of code that failed.",
+    "failed": "Code of a plug-in failed; the text names its package and place.",
+    "bug": "An exception that nothing expected.",
+    "recorder": "Records were dropped.",
+}
+"""Kinds of events, with their meaning. A robot's kind may bring some of its own."""
 ALARMS = (STOP_EVENT, "then", "bug", "failed", "traceback", "recorder")
 """Kinds of events that tell why a run stops."""
 CAUTIONS = ("fault", "gap", "signal", "operator")

@@ -2,9 +2,9 @@
 
 import dataclasses
 import textwrap
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 from pydantic import BaseModel
 
@@ -37,6 +37,48 @@ def schema() -> dict[str, Any]:
             described = definitions.get(entry.get("$ref", "").rpartition("/")[2], {})
             entry["description"] = comments.get(name) or described["description"]
     return result
+
+
+class SettingRow(NamedTuple):
+    """A setting for a table."""
+
+    section: str
+    """Dotted key; empty for the top level."""
+    name: str
+    type: str
+    default: str
+    """As TOML writes it; empty where there is none."""
+    meaning: str
+
+
+def setting_rows() -> Iterator[SettingRow]:
+    """Every setting of a configuration with any of our own devices, section by section."""
+    config = with_all_kinds()
+    definitions = schema()["$defs"]
+    for key, section in (("", config), *_sections("", config)):
+        described = definitions[type(section).__name__]["properties"] if key else schema()["properties"]
+        for name, value in items_of(section):
+            if not is_section(value):
+                entry = described[name]
+                default = (
+                    "" if value is None or name in _TABLES else toml_pair(name, value).partition(" = ")[2]
+                )
+                yield SettingRow(key, name, _type(entry, definitions), default, entry.get("description", ""))
+
+
+def _type(entry: Mapping[str, Any], definitions: Mapping[str, Any]) -> str:
+    """The type of a setting in words."""
+    if "$ref" in entry:
+        return _type(definitions[entry["$ref"].rpartition("/")[2]], definitions)
+    if "enum" in entry:
+        return " or ".join(map(str, entry["enum"]))
+    if "const" in entry:
+        return str(entry["const"])
+    if among := entry.get("anyOf") or entry.get("oneOf"):
+        return " or ".join(
+            dict.fromkeys(_type(one, definitions) for one in among if one.get("type") != "null")
+        )
+    return str(entry.get("type", "any"))
 
 
 def commented_defaults() -> str:

@@ -1,0 +1,235 @@
+"""Pages of the reference that are made from the code whenever the site is built: docs/conf.py calls `write_pages`."""
+
+import inspect
+import re
+import types
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import click
+import msgspec
+
+import hil_bridge
+from hil_bridge import api
+from hil_bridge.cli import cli
+from hil_bridge.cli.plugins import controller_facts
+from hil_bridge.control.controllers import CONTROLLERS
+from hil_bridge.kinds import ROBOTS, SENSORS
+from hil_bridge.recording.ending import ALARMS, CAUTIONS, EVENT_KINDS
+from hil_bridge.recording.scenes import SCENE_TOPICS
+from hil_bridge.recording.topics import TOPICS
+from hil_bridge.settings.template import setting_rows
+from hil_bridge.transports import urls
+from tools.pages import table
+
+FOLDER = Path(__file__).resolve().parent.parent / "docs" / "reference" / "generated"
+WIDTH = 100
+"""Columns of a command's help."""
+
+
+def write_pages(folder: Path = FOLDER) -> None:
+    """Write every page that is not there yet or differs, so that a second build reads nothing twice."""
+    folder.mkdir(exist_ok=True)
+    for name, make in PAGES.items():
+        place, text = folder / f"{name}.md", make()
+        if not place.exists() or place.read_text(encoding="utf-8") != text:
+            place.write_text(text, encoding="utf-8")
+    for place in folder.glob("*.md"):
+        if place.stem not in PAGES:
+            place.unlink()
+
+
+def command_line() -> str:
+    """Every command with its options, as `--help` shows them."""
+    parts = [
+        "# Command line",
+        "Each command tells the same with `--help`. Exit codes: 0 done, 1 a replay that differs, 2 configuration or "
+        "input, 3 device, link or safety stop, 4 a step of a program did not meet its criterion, 70 a bug, "
+        "130 interrupted.",
+    ]
+    for names, command in _commands(cli, ("hil-bridge",)):
+        context = click.Context(
+            command, info_name=" ".join(names), terminal_width=WIDTH, max_content_width=WIDTH
+        )
+        parts += [
+            f"{'#' * min(len(names) + 1, 4)} {' '.join(names)}",
+            f"```text\n{command.get_help(context)}\n```",
+        ]
+    return "\n\n".join(parts) + "\n"
+
+
+def _commands(
+    command: click.Command, names: tuple[str, ...]
+) -> Iterator[tuple[tuple[str, ...], click.Command]]:
+    yield names, command
+    if isinstance(command, click.Group):
+        for name, inner in sorted(command.commands.items()):
+            if not inner.hidden:
+                yield from _commands(inner, (*names, name))
+
+
+def configuration() -> str:
+    """Every setting of a configuration file."""
+    parts = [
+        "# Configuration",
+        "Every key of a configuration file, with any of our own devices. `hil-bridge config init` writes a file with "
+        "all of them, `hil-bridge config schema` prints the JSON schema. The mark in square brackets tells how well "
+        "the default is known: *observed* on a device, *derived* from observations, *standard* for devices of the "
+        "kind, *assumed* where it is unknown, *chosen* where it is no fact about a device.",
+    ]
+    section = None
+    rows: list[tuple[str, ...]] = []
+    head = ("key", "type", "default", "meaning")
+
+    def end() -> None:
+        if rows:
+            parts.append(table(head, rows))
+            rows.clear()
+
+    for row in setting_rows():
+        if row.section != section:
+            end()
+            section = row.section
+            parts.append(f"## {section or 'top level'}")
+        rows.append(
+            (f"`{row.name}`", row.type, f"`{row.default}`" if row.default else "", _cell(row.meaning))
+        )
+    end()
+    return "\n\n".join(parts) + "\n"
+
+
+def wires() -> str:
+    """URLs of wires, from the words of the module that reads them."""
+    text = inspect.getdoc(urls) or ""
+    kinds = [
+        (f"`{kind.name}`", thing, kind.summary)
+        for registry, thing in ((ROBOTS, "robot"), (SENSORS, "sensor"))
+        for kind in map(registry.kind, registry.built_in)
+    ]
+    return (
+        "# URLs of robots, sensors and wires\n\n"
+        "The URL of a device is `KIND+WIRE`, such as `rtde+tcp://192.168.1.20`. Without a kind it is an S3's, or a "
+        "JR3's.\n\n"
+        + table(("kind", "device", "meaning"), kinds)
+        + "\n\n## Wires\n\n"
+        # a list needs an empty line before it
+        + re.sub(r"([^\n])\n- (?=`)", r"\1\n\n- ", text.partition("\n\n")[2], count=0)
+        + "\n"
+    )
+
+
+def events() -> str:
+    """Kinds of events in a record."""
+    weight = {**dict.fromkeys(CAUTIONS, "caution"), **dict.fromkeys(ALARMS, "alarm")}
+    rows = [(f"`{kind}`", weight.get(kind, ""), meaning) for kind, meaning in EVENT_KINDS.items()]
+    return (
+        "# Events\n\nKinds of the events in a recording, topic `/event`, and in the view. The log panel of Foxglove "
+        "shows an alarm as an error, a caution as a warning.\n\n"
+        + table(("kind", "weight", "meaning"), rows)
+        + "\n"
+    )
+
+
+def topics() -> str:
+    """Topics of a recording with the fields of their messages."""
+    parts = [
+        "# Topics of a recording",
+        "A recording is an MCAP file with JSON messages. Its log times are the wall clock. Times in the messages are "
+        "seconds on the run's clock. A number that is not finite, or not known, is left out of its message.",
+    ]
+    for topic in TOPICS:
+        properties: Mapping[str, Any] = topic.schema["properties"]  # type: ignore[assignment]
+        rows = [
+            (f"`{name}`", one["type"], _cell(one.get("description", ""))) for name, one in properties.items()
+        ]
+        meaning = (inspect.getdoc(topic.record) or "").partition("\n\n")[0]
+        parts += [f"## {topic.name}", _cell(meaning), table(("field", "type", "meaning"), rows)]
+    rows = [(f"`{topic.name}`", f"`{topic.schema_name}`") for topic in SCENE_TOPICS]
+    parts += [
+        "## For the panels of Foxglove",
+        "These follow from the records above, with schemas of Foxglove's own. Their frames are `base`, `tool` (the "
+        "reported pose) and `tool_true` (that of an emulated cell).",
+        table(("topic", "schema"), rows),
+    ]
+    return "\n\n".join(parts) + "\n"
+
+
+def controllers() -> str:
+    """Controllers with their parameters."""
+    parts = [
+        "# Controllers and their parameters",
+        "`controller.name` chooses one; its parameters stand in `[controller.parameters]`. Units are part of the "
+        "names: `_n` is N, `_mm` is mm. `hil-bridge controllers` lists those of other packages too. "
+        "[Write a controller](../controllers.md) tells how one is made.",
+    ]
+    for name in CONTROLLERS:
+        facts = controller_facts(name)
+        parts += [
+            f"## {name}",
+            _cell(facts["meaning"]),
+            f"Made for a sample every {facts['sample_ms']:g} ms.",
+        ]
+        for tuning in facts["tunings"]:
+            others = ", ".join(f"`{key}` = {value:g}" for key, value in tuning["parameters"].items())
+            parts.append(f"At {tuning['sample_ms']:g} ms: {others or 'the same'}.")
+        rows = [
+            (
+                f"`{one['name']}`",
+                f"`{one['default']}`",
+                "" if one["range"] is None else "{:g} … {:g}".format(*one["range"]),
+                _cell(one["meaning"]),
+            )
+            for one in facts["parameters"]
+        ]
+        if rows:
+            parts.append(table(("parameter", "default", "range for `tune`", "meaning"), rows))
+    return "\n\n".join(parts) + "\n"
+
+
+def names() -> str:
+    """Public names of the package."""
+    parts = [
+        "# Names of the package",
+        "Every public name of `hil_bridge`. [The Python interface](../api.md) shows how they are used.",
+    ]
+    for name in sorted(api.__all__):
+        parts += [f"## {name}", *_described(getattr(hil_bridge, name))]
+    return "\n\n".join(parts) + "\n"
+
+
+def _described(thing: Any) -> Iterator[str]:
+    if isinstance(thing, types.UnionType):
+        yield "One of: " + ", ".join(f"`{getattr(one, '__name__', one)}`" for one in thing.__args__) + "."
+        return
+    text = inspect.getdoc(thing) or ""
+    if inspect.isfunction(thing):
+        yield f"```python\n{thing.__name__}{inspect.signature(thing)}\n```".replace("typing.", "")
+    if text and not text.startswith(f"{getattr(thing, '__name__', '')}("):
+        yield text
+    if not inspect.isclass(thing) or issubclass(thing, BaseException) or issubclass(thing, msgspec.Struct):
+        return
+    rows = [
+        (f"`{key}`", _cell((inspect.getdoc(one) or "").partition("\n\n")[0]))
+        for key, one in vars(thing).items()
+        if not key.startswith(("_", "model_")) and isinstance(one, types.FunctionType | property)
+    ]
+    if rows:
+        yield table(("name", "meaning"), rows)
+
+
+def _cell(text: str) -> str:
+    """A text as one line that is no markup of tables, links or lists."""
+    return " ".join(text.split()).replace("[", "\\[").replace("<", "&lt;")
+
+
+PAGES: Mapping[str, Callable[[], str]] = {
+    "command-line": command_line,
+    "configuration": configuration,
+    "wires": wires,
+    "events": events,
+    "topics": topics,
+    "controllers": controllers,
+    "names": names,
+}
+"""Pages by their file's name."""
