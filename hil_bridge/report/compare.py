@@ -17,7 +17,7 @@ from hil_bridge.recording.reader import Recording
 from hil_bridge.report.differences import between
 from hil_bridge.report.figures import merit_rows, run_rows
 from hil_bridge.report.identity import identity_rows
-from hil_bridge.report.markup import cells
+from hil_bridge.report.markup import across, cells
 from hil_bridge.report.sources import Array, Sources, column, parts, start_time
 
 RUNS_MOST = 8
@@ -54,9 +54,9 @@ def compare_page(runs: Mapping[str, Recording], align: str = TOUCH) -> str:
 {room("runs", charts)}{f'<p class="quiet">{escape(left_out)}</p>' if left_out else ""}
 <h2>Figures</h2>
 <p class="quiet">What is the same in all runs is quiet.</p>
-<div class="across">{_figures(runs, summaries)}</div>
+{across(_figures(runs, summaries))}
 <h2>Settings that differ</h2>
-<div class="across">{cells(("setting", *names), settings, "narrow settings")}</div>"""
+{cells(("setting", *names), settings, "narrow settings")}"""
     return document(f"compared: {', '.join(names)}", body)
 
 
