@@ -70,6 +70,11 @@ STEPS: dict[str, Callable[[], int]] = {
         *("pytest", "tests/wire", "tests/emulation", "--numprocesses", "auto", "--dist", "loadfile"),
         *("--cov", "--cov-report=term"),
     ),
+    # the tutorials first: their pages last the longest
+    "pages": tool(
+        *("python", "-m", "pytest", "-p", "tools.page_examples", "docs/tutorial", "docs", "README.md"),
+        *("--ignore", "docs/_build", "--numprocesses", "2", "--dist", "loadfile", "--no-loadscope-reorder"),
+    ),
     # the campaign of faults first: it takes one process the longest
     "tests": tool(
         *(

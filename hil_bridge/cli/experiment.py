@@ -57,6 +57,7 @@ def experiment(
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
     from hil_bridge.experiments import EXPERIMENTS, run_jobs, write_findings, write_page
+    from hil_bridge.picture_files import drawing_library
     from hil_bridge.recording.files import check_place
 
     wanted = list(dict.fromkeys(EXPERIMENTS if ALL in names else names))
@@ -65,6 +66,7 @@ def experiment(
             f"there is no experiment {unknown[0]!r}; choose from {', '.join(EXPERIMENTS)}, {ALL}"
         )
     # Before minutes of work, not after them.
+    drawing_library()
     for directory in (folder, *([page.parent] if page else [])):
         _make(directory)
     if page is not None:

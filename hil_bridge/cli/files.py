@@ -12,15 +12,21 @@ from hil_bridge.cli.paths import FILE
 @click.command()
 @click.argument("recording", type=FILE)
 @click.option("--out", type=FILE, metavar="DIR", help="Where to put it.  [default: beside the recording]")
+@click.option("--png", is_flag=True, help="A picture beside it, report.png.")
+@click.option("--pdf", is_flag=True, help="The same as report.pdf.")
 @overwrite_option
-def report(recording: Path, out: Path | None, overwrite: bool) -> None:
-    """Make report.png and report.html from a recording."""
+def report(recording: Path, out: Path | None, png: bool, pdf: bool, overwrite: bool) -> None:
+    """Make report.html from a recording: one file with charts that zoom, which needs no network.
+
+    The pictures need matplotlib, which `pip install 'hil-bridge[figures]'` brings.
+    """
     from hil_bridge.analysis.summary import summarise
     from hil_bridge.recording import read
     from hil_bridge.report import write_report
 
     record = read(recording)
-    page = write_report(record, summarise(record), out or recording.parent, overwrite)
+    pictures = [kind for kind, wanted in (("png", png), ("pdf", pdf)) if wanted]
+    page = write_report(record, summarise(record), out or recording.parent, overwrite, pictures)
     click.echo(page)
 
 

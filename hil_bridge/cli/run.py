@@ -54,7 +54,7 @@ _BESIDE = Path("-")
     metavar="[DIR]",
     is_flag=False,
     flag_value=str(_BESIDE),
-    help="Write report.png and report.html.  [without DIR: beside the recording]",
+    help="Write report.html.  [without DIR: beside the recording]",
 )
 @click.option(
     "--resume",

@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from hil_bridge.picture_files import drawing_library
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
@@ -32,7 +34,7 @@ class Sheet:
     """A figure in the making: its axes, then its bytes. A context, for the style holds only inside."""
 
     def __init__(self, width: float, height: float, rows: int = 1, columns: int = 1, **how: Any) -> None:
-        import matplotlib  # late: it takes most of a second, and the command line imports this package
+        matplotlib = drawing_library()  # late: the command line imports this package
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
 

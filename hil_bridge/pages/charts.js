@@ -16,6 +16,8 @@
 "use strict";
 var HilCharts = (() => {
   const MARK_REACH_PX = 7, TEXT_LENGTH = 60, LEFT_PX = 58, PALETTE = /^[1-8]$/;
+  const HINT = matchMedia("(pointer: coarse)").matches ? "one finger: move · two fingers: zoom"
+    : "drag: zoom · shift+drag: move · ctrl+wheel: zoom · double click: all";
   let drawn = 0;
 
   const element = (tag, name, text) => {
@@ -107,7 +109,7 @@ var HilCharts = (() => {
 
     limits(chart, limits) {
       const found = this.charts.find(one => one.told.id === chart);
-      if (found) { found.told.limits = limits; this.soon(); }
+      if (found) { found.told.limits = limits; this.dress(found); this.soon(); }
     }
 
     zoom(axis, from, to) {
@@ -175,8 +177,7 @@ var HilCharts = (() => {
         label.append(box, layer.label);
         bar.append(label);
       }
-      bar.append(element("span", "hil-hint", "drag: zoom · shift+drag: move · ctrl+wheel: zoom · double click: all"));
-      this.note = element("div", "hil-note");
+      this.note = element("div", "hil-note", HINT);
       bar.append(this.note);
       return bar;
     }
@@ -310,21 +311,22 @@ var HilCharts = (() => {
       const lines = [...(told.series || [])];
       const bands = [];
       for (const band of told.bands || []) {   // uPlot fills between two series of its own
-        bands.push({series: [lines.length + 2, lines.length + 1], fill: this.colour(band.colour || "faint") + "88"});
-        const edge = {source: band.source, colour: band.colour || "faint", layer: band.layer, width: 1, label: band.label};
+        bands.push({series: [lines.length + 2, lines.length + 1], fill: this.colour(band.colour || "faint") + (band.colour ? "38" : "88")});
+        const edge = {source: band.source, colour: band.colour || "faint", layer: band.layer, width: band.colour ? 0.4 : 1, label: band.label};
         lines.push({...edge, column: band.low, edge: "least"}, {...edge, column: band.high, edge: "greatest"});
       }
       const chart = {told, axis, lines, first: index === 0, last};
       const box = element("div", "hil-chart");
       box.dataset.chart = told.id;
       const title = element("div", "hil-title", told.title + " ");
-      title.append(element("span", "", told.unit));
+      chart.subtitle = element("span", "");
+      title.append(chart.subtitle);
       box.append(title);
       this.stack.append(box);
       const options = {
-        width: this.width(), height: told.height_px || 180, padding: [6, 10, 0, 0], legend: {live: !this.printing},
+        width: this.width(), height: told.height_px || 180, padding: [6, 10, 0, 0],
         cursor: this.cursor(chart), bands, hooks: this.hooks(chart), focus: {alpha: 1},
-        scales: {x: {time: false, auto: false}, y: {distr: told.log ? 3 : 1, range: (u, low, high) => this.range(chart, low, high)}},
+        scales: {x: {time: false, auto: false, distr: this.told.axes[axis].log ? 3 : 1}, y: {distr: told.log ? 3 : 1, range: (u, low, high) => this.range(chart, low, high)}},
         axes: [this.xAxis(chart), this.yAxis()],
         series: [{label: this.told.axes[axis].label, value: (u, x) => this.at(axis, x)},
           ...lines.map(line => this.series(chart, line))],
@@ -338,7 +340,9 @@ var HilCharts = (() => {
       return chart;
     }
 
-    dress(chart) {   // a series of a layer that is off leaves the legend
+    dress(chart) {   // a series of a layer that is off leaves the legend; the title tells every limit
+      const limits = (chart.told.limits || []).map(one => `${one.label} ${Number(one.value.toPrecision(5))}`);
+      chart.subtitle.textContent = [chart.told.unit, ...limits].filter(Boolean).join(" · ");
       chart.plot.root.querySelectorAll(".u-series").forEach((row, k) => {
         const line = chart.lines[k - 1];
         row.classList.toggle("hil-hidden", Boolean(line && line.layer && this.layers.get(line.layer) === false));
@@ -348,7 +352,7 @@ var HilCharts = (() => {
     series(chart, line) {
       const stroke = this.colour(line.colour || "1"), style = line.style || "line";
       const unit = chart.told.unit ? " " + chart.told.unit : "";
-      const points = {show: style === "points" ? true : undefined, size: style === "points" ? 6 : 4, stroke, fill: stroke};
+      const points = {show: style === "points" ? true : undefined, size: 4, stroke, fill: stroke};
       const made = {
         label: line.edge ? `${line.label}, ${line.edge}` : line.label, stroke, width: line.width || 1.5, spanGaps: false,
         show: this.isOn(chart, line), points,
@@ -465,7 +469,9 @@ var HilCharts = (() => {
     }
 
     tell(chart, u) {
-      if (u.cursor.left === undefined || u.cursor.left < 0) { this.note.textContent = ""; return; }
+      const over = u.cursor.left !== undefined && u.cursor.left >= 0;
+      this.place.classList.toggle("hil-over", over);
+      if (!over) { this.note.textContent = HINT; return; }
       const near = this.told.marks.filter(mark => (mark.axis || "time") === chart.axis
         && (!mark.layer || this.layers.get(mark.layer) !== false)
         && Math.abs(u.valToPos(mark.x, "x") - u.cursor.left) < MARK_REACH_PX);

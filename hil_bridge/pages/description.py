@@ -22,6 +22,8 @@ class Axis(Struct, frozen=True, omit_defaults=True):
     unit: str
     wall_start_s: float | None = None
     """UTC at x = 0, s since 1970; the values under the cursor then show it, too."""
+    log: bool = False
+    """Logarithmic; every x must then be above 0."""
 
 
 class Series(Struct, frozen=True, omit_defaults=True):
@@ -93,7 +95,7 @@ class Mark(Struct, frozen=True, omit_defaults=True):
     x: float
     text: str
     kind: str = "event"
-    """`event`, `step`, `fault`, `stop`. A fault's and a stop's text stands in the first chart."""
+    """`event`, `step`, `fault`, `stop`, `note`. The texts of the last three stand in the first chart."""
     axis: str = "time"
     layer: str = ""
 

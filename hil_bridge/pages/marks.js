@@ -55,6 +55,15 @@ var HilMarks = (() => {
     }
   }
 
+  function plate(charts, scene, [left, top, width]) {   // so that a text can be read over lines
+    const {ctx, ratio} = scene, ink = ctx.fillStyle;
+    ctx.fillStyle = charts.css.getPropertyValue("--back").trim();
+    ctx.globalAlpha = 0.8;
+    ctx.fillRect(left - 2 * ratio, top - ratio, width + 4 * ratio, 13 * ratio);
+    ctx.globalAlpha = 1;
+    ctx.fillStyle = ink;
+  }
+
   function limit(charts, u, one, scene) {
     const {ctx, box, ratio} = scene;
     const {min, max} = u.scales.y;
@@ -63,14 +72,7 @@ var HilMarks = (() => {
     ctx.fillStyle = ctx.strokeStyle = colour;
     ctx.textAlign = "right";
     const right = box.left + box.width - 4 * ratio;
-    if (one.value > max || one.value < min) {   // told at the edge, above or below
-      const above = one.value > max, row = scene.rows[above ? 0 : 1]++;
-      const y = above ? box.top + (3 + 15 * (row + scene.named)) * ratio : box.top + box.height - (15 + 13 * row) * ratio;
-      ctx.globalAlpha = 0.75;
-      ctx.fillText(`${text} ${above ? "▲" : "▼"}`, right, y);
-      ctx.globalAlpha = 1;
-      return;
-    }
+    if (one.value > max || one.value < min) return;   // the title tells it
     const y = u.valToPos(one.value, "y", true);
     ctx.lineWidth = 1.2 * ratio;
     ctx.setLineDash(one.kind === "target" ? [2 * ratio, 3 * ratio] : [7 * ratio, 4 * ratio]);
@@ -79,12 +81,14 @@ var HilMarks = (() => {
     ctx.lineTo(box.left + box.width, y);
     ctx.stroke();
     ctx.setLineDash([]);
-    ctx.fillText(text, right, y - 14 * ratio < box.top ? y + 3 * ratio : y - 14 * ratio);
+    const top = y - 14 * ratio < box.top ? y + 2 * ratio : y - 14 * ratio;
+    plate(charts, scene, [right - ctx.measureText(text).width, top, ctx.measureText(text).width]);
+    ctx.fillText(text, right, top);
   }
 
   function mark(charts, chart, u, one, scene) {
     const {ctx, box, ratio} = scene;
-    const x = u.valToPos(one.x, "x", true), kind = one.kind || "event", loud = kind === "stop" || kind === "fault";
+    const x = u.valToPos(one.x, "x", true), kind = one.kind || "event", loud = kind === "stop" || kind === "fault" || kind === "note";
     if (x < box.left - 1 || x > box.left + box.width + 1) return;
     const colour = charts.css.getPropertyValue(`--mark-${kind.replace(/[^a-z]/g, "")}`).trim();
     ctx.strokeStyle = ctx.fillStyle = colour || charts.css.getPropertyValue("--mark-event").trim();
@@ -100,19 +104,14 @@ var HilMarks = (() => {
     if (!chart.first || !loud) return;
     const text = cut(one.text), width = ctx.measureText(text).width, gap = 5 * ratio;
     const leftwards = x + width + 2 * gap > box.left + box.width;
-    const from = leftwards ? x - width - gap : x + gap;
+    const from = Math.max(leftwards ? x - width - gap : x + gap, box.left + 2 * ratio);
     let row = 0;   // below the names of the spans, and below each other where they would overlap
     while (scene.taken.some(other => other.row === row && from < other.to && from + width > other.from)) row++;
     if (row > 4) return;
     scene.taken.push({row, from: from - gap, to: from + width + gap});
     ctx.textAlign = "left";
     const y = box.top + (20 + 15 * row) * ratio;
-    const ink = ctx.fillStyle;
-    ctx.fillStyle = charts.css.getPropertyValue("--back").trim();
-    ctx.globalAlpha = 0.85;
-    ctx.fillRect(from - 2 * ratio, y - ratio, width + 4 * ratio, 14 * ratio);
-    ctx.globalAlpha = 1;
-    ctx.fillStyle = ink;
+    plate(charts, scene, [from, y, width]);
     ctx.fillText(text, from, y);
   }
 
@@ -128,7 +127,7 @@ var HilMarks = (() => {
 
   function before(charts, chart, u) {
     inside(u, (ctx, box, ratio) => {
-      const scene = {ctx, box, ratio, rows: [0, 0], taken: [], named: chart.first ? 1 : 0};
+      const scene = {ctx, box, ratio, taken: []};
       if (chart.first) names(charts, chart, u, scene);
       if (Number.isFinite(charts.moment)) moment(charts, u, scene);
       for (const one of chart.told.limits || []) limit(charts, u, one, scene);

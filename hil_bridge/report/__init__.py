@@ -1,4 +1,4 @@
-"""The report of a run as a picture and a page."""
+"""The report of a run as a page, and on request as a picture."""
 
 from hil_bridge.report.page import write_report
 

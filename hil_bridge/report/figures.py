@@ -55,6 +55,8 @@ _OF_SEVERAL = {
 }
 """Explanations for a program of several strokes."""
 _UNKNOWN = "–"
+NAMED = ("controller", "seed")
+"""Rows at the begin of `run_rows` that a page tells at its top."""
 
 
 def merit_rows(summary: Summary) -> tuple[Row, ...]:
@@ -77,8 +79,8 @@ def run_rows(summary: Summary) -> tuple[Row, ...]:
         )
     )
     return (
-        Row("controller", summary.controller or _UNKNOWN, "control law by its name in the configuration"),
-        Row("seed", summary.seed or _UNKNOWN, "start of every random number of an emulated cell"),
+        Row(NAMED[0], summary.controller or _UNKNOWN, "control law by its name in the configuration"),
+        Row(NAMED[1], summary.seed or _UNKNOWN, "start of every random number of an emulated cell"),
         _target(summary),
         Row("mean steady force", quantity(summary.force_mean_steady_n, 1, ".2f", "N"), "last 40 samples"),
         Row("cycles", f"{summary.cycles}", f"{summary.cycles_clamped} clamped, {summary.cycles_held} held"),

@@ -1,13 +1,12 @@
 """The section of the page that tells where a cycle's time went."""
 
-import base64
 from html import escape
 
 from hil_bridge.analysis.latency import Latency, Part, latency_of
 from hil_bridge.analysis.times import Times
 from hil_bridge.recording.reader import Recording
-from hil_bridge.report.latency_plot import LATENCY_SIZE_PX, draw_latency
-from hil_bridge.report.markup import cells
+from hil_bridge.report.latency_bar import latency_bar
+from hil_bridge.report.markup import across, cells
 
 _TITLES = ("hop", "whose time", "p50, ms", "p90, ms", "p99, ms", "max, ms", "what it is")
 
@@ -17,13 +16,10 @@ def latency_section(recording: Recording) -> str:
     found = latency_of(recording)
     if found is None:
         return ""
-    data = base64.b64encode(draw_latency(found)).decode()
-    width, height = LATENCY_SIZE_PX
     parts = [
         "<h2>Latency</h2>",
         f'<p class="verdict">{escape(_sentence(found))}</p>',
-        f'<img alt="Median of each hop between the force and the motion" width="{width}" height="{height}"'
-        f' src="data:image/png;base64,{data}">',
+        across(latency_bar(found)),
         cells(_TITLES, [*map(_row, found.chain), _total(found)], "narrow"),
     ]
     if found.beside:

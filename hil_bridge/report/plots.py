@@ -1,6 +1,5 @@
 """The picture of a run: force, motion, stiffness and time above each other, and the figures below."""
 
-import io
 import math
 import textwrap
 from collections.abc import Sequence
@@ -12,13 +11,15 @@ from numpy.typing import NDArray
 from hil_bridge.analysis.stream import stream_force
 from hil_bridge.analysis.strokes import TRACK
 from hil_bridge.analysis.summary import PhaseSpan, Summary, cycle_times, phases, wanted_force
+from hil_bridge.picture_files import drawing_library, saved
 from hil_bridge.recording import STOP_EVENT
 from hil_bridge.recording.device_facts import devices_of
 from hil_bridge.recording.reader import Recording
 from hil_bridge.recording.records import CycleRecord
 from hil_bridge.report.explanation import LEVELS
 from hil_bridge.report.figures import Row, merit_rows, run_rows
-from hil_bridge.report.step_marks import has_program, mark_steps
+from hil_bridge.report.program_charts import has_program
+from hil_bridge.report.step_marks import mark_steps
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -64,9 +65,12 @@ STYLE: dict[Any, Any] = {
 }
 
 
-def draw(recording: Recording, summary: Summary) -> bytes:
-    """The picture as PNG. The same recording gives the same bytes with the same version of matplotlib."""
-    import matplotlib  # late: it takes most of a second, and only reports need it
+def draw(recording: Recording, summary: Summary, kind: str = "png") -> bytes:
+    """The picture as PNG or PDF. The same recording gives the same bytes with the same version of matplotlib.
+
+    Raises ConfigError where matplotlib is not installed.
+    """
+    matplotlib = drawing_library()
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -74,7 +78,7 @@ def draw(recording: Recording, summary: Summary) -> bytes:
         width, height = size_px(recording)
         figure = Figure(figsize=(width / _DPI, height / _DPI), dpi=_DPI)
         figure.set_layout_engine("constrained", h_pad=0.06, w_pad=0.08)
-        canvas = FigureCanvasAgg(figure)
+        FigureCanvasAgg(figure)
         figure.suptitle(_title(summary), fontsize=15, fontweight="bold", parse_math=False)
         levels = [1.6] * has_levels(recording.cycles)
         ratios = (3.2, 2.0, 1.5, *levels, 1.5, 1.6, 2.1)
@@ -102,9 +106,7 @@ def draw(recording: Recording, summary: Summary) -> bytes:
         if spans:
             force.set_xlim(0.0, 1.005 * (max(span.end for span in spans) - zero))
         _draw_table(figure.add_subplot(grid[-1]), merit_rows(summary), run_rows(summary))
-        buffer = io.BytesIO()
-        canvas.print_png(buffer, metadata={"Software": None})  # type: ignore[no-untyped-call]
-    return buffer.getvalue()
+        return saved(figure, kind)
 
 
 def size_px(recording: Recording) -> tuple[int, int]:

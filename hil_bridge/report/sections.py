@@ -1,15 +1,16 @@
 """Two sections of the page: how stable the loop is, and what the controller did."""
 
-import base64
 import math
 from html import escape
 
 from hil_bridge.analysis.summary import Summary
+from hil_bridge.pages import room
 from hil_bridge.recording.reader import Recording
 from hil_bridge.report.explanation import decisions, strongest_rules, tracked
 from hil_bridge.report.figures import Row, quantity
-from hil_bridge.report.loop_plot import LOOP_SIZE_PX, draw_loop
+from hil_bridge.report.loop_charts import loop_charts
 from hil_bridge.report.markup import cells, rows
+from hil_bridge.report.sources import start_time
 from hil_bridge.report.stability import (
     GAIN_MARGIN,
     PHASE_MARGIN_DEG,
@@ -27,11 +28,6 @@ _MOVES_TOLD = 0.005
 """Resolution steps a second that are printed as more than 0.00."""
 
 
-def start_time(recording: Recording) -> float:
-    """Start of the page's times, s on the run's clock."""
-    return min([recording.cycles[0].started_at, *(event.at for event in recording.events)])
-
-
 def stability_section(recording: Recording, summary: Summary) -> str:
     """Empty when the record does not say enough."""
     analysis = analyse(recording, summary)
@@ -39,13 +35,10 @@ def stability_section(recording: Recording, summary: Summary) -> str:
         return ""
     parts = ["<h2>Stability</h2>", "<h3>The loop</h3>", rows(_loop_rows(analysis))]
     if (loop := analysis.loop) is not None:
-        data = base64.b64encode(draw_loop(analysis, loop)).decode()
-        width, height = LOOP_SIZE_PX
         parts += [
             f"<h3>Margins</h3>{rows(_margin_rows(loop))}",
             f'<p class="verdict">{escape(margins_sentence(analysis, loop))}</p>',
-            f'<img alt="Gain and phase of the loop over frequency" width="{width}" height="{height}"'
-            f' src="data:image/png;base64,{data}">',
+            room("loop", loop_charts(analysis, loop)),
         ]
     else:
         parts.append(

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from hil_bridge.recording.records import CycleRecord, StepRecord
+from hil_bridge.recording.records import StepRecord
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -14,11 +14,6 @@ _LETTER_INCH = 0.085
 """Chosen: width that a letter of a name takes in a picture, and a gap between two names."""
 _MARKED = 200
 """Chosen: with more steps than this their borders would cover the curves."""
-
-
-def has_program(cycles: Sequence[CycleRecord]) -> bool:
-    """Whether a run had steps."""
-    return any(cycle.step for cycle in cycles)
 
 
 def mark_steps(ax: "Axes", steps: Sequence[StepRecord], zero: float, named: bool) -> None:

@@ -1,16 +1,14 @@
 """The section of the page that tells of a program: its steps, and where they led."""
 
-import base64
 from html import escape
 
 from hil_bridge.analysis.steps import StepOutcome, verdict_of
 from hil_bridge.analysis.summary import Summary
 from hil_bridge.recording.reader import Recording
 from hil_bridge.report.figures import quantity
-from hil_bridge.report.markup import cells
-from hil_bridge.report.program_plot import draw_program
-from hil_bridge.report.sections import start_time
-from hil_bridge.report.step_marks import has_program
+from hil_bridge.report.markup import across, cells
+from hil_bridge.report.path_map import path_map
+from hil_bridge.report.program_charts import has_program
 
 _TITLES = "step", "time", "way", "mean force", "within", "wanted", "outcome", "found"
 _OPEN = 40
@@ -24,24 +22,20 @@ def steps_section(recording: Recording, summary: Summary) -> str:
     steps = cells(_TITLES, (_line(step) for step in summary.steps), "wide")
     if len(summary.steps) > _OPEN:
         steps = f'<div class="scroll">{steps}</div>'
-    parts = [f"<h2>Steps</h2>\n{steps}"]
-    if (drawn := draw_program(recording, start_time(recording))) is not None:
-        picture, (width, height) = drawn
-        parts.append(
-            '<img alt="The path from above with the error of the force, the feed and the estimated normal"'
-            f' width="{width}" height="{height}" src="data:image/png;base64,'
-            f'{base64.b64encode(picture).decode()}">'
-        )
-    return "\n".join(parts) + "\n"
+    return f"<h2>Steps</h2>\n{steps}\n{across(path_map(recording))}\n"
 
 
 def criteria_paragraph(summary: Summary) -> str:
-    """Which steps did not meet their criterion; empty where all did."""
-    failed = [step for step in summary.steps if step.criterion_failed]
-    if not failed:
+    """Which steps met their criterion and which did not; empty where none has one."""
+    judged = [step for step in summary.steps if step.wanted is not None or step.criterion_failed]
+    failed = [step for step in judged if step.criterion_failed]
+    if not judged:
         return ""
+    if not failed:
+        return f"<p>criteria: all {len(judged)} passed</p>"
     named = ", ".join(step.label for step in failed)
-    return f"<p>criterion failed in step <strong>{escape(named)}</strong></p>"
+    passed = f"; {len(judged) - len(failed)} of {len(judged)} passed"
+    return f"<p>criterion failed in step <strong>{escape(named)}</strong>{passed}</p>"
 
 
 def _line(step: StepOutcome) -> tuple[str, ...]:

@@ -1,13 +1,13 @@
 """The section of the page that tells what the emulated surface knows: nothing of it was measured."""
 
-import base64
 from html import escape
 
 import numpy as np
 
 from hil_bridge.recording.reader import Recording
-from hil_bridge.report.sections import start_time
-from hil_bridge.report.surface_plot import draw_surface, orientation_of
+from hil_bridge.report.markup import across
+from hil_bridge.report.removed_drawing import removed_drawing
+from hil_bridge.report.surface_charts import orientation_of
 
 
 def surface_section(recording: Recording) -> str:
@@ -15,7 +15,6 @@ def surface_section(recording: Recording) -> str:
     orientation, removed = orientation_of(recording.truths), recording.removed
     if orientation is None and removed is None:
         return ""
-    picture, (width, height) = draw_surface(orientation, removed, recording.truths, start_time(recording))
     sentences = []
     if removed is not None:
         depths = removed.depths
@@ -29,8 +28,5 @@ def surface_section(recording: Recording) -> str:
             f"While it touched, its axis stood {rms:.2f}° RMS from the normal, at most {float(touched.max()):.2f}°."
         )
     told = f'<p class="verdict">{escape(" ".join(sentences))}</p>\n' if sentences else ""
-    return (
-        f"<h2>Emulated surface</h2>\n{told}"
-        '<img alt="What the tool removed, and its angle to the normal of the surface"'
-        f' width="{width}" height="{height}" src="data:image/png;base64,{base64.b64encode(picture).decode()}">\n'
-    )
+    drawn = "" if removed is None else across(removed_drawing(removed, recording.truths))
+    return f"<h2>Emulated surface</h2>\n{told}{drawn}\n"

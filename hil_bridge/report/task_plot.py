@@ -1,6 +1,5 @@
 """The picture of a program: its paths on the work frame from above, and below it the wanted force over time."""
 
-import io
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,6 +7,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from hil_bridge.control.words.paths import Place
+from hil_bridge.picture_files import drawing_library, saved
 from hil_bridge.report.plots import STYLE
 from hil_bridge.report.task_steps import Shown
 
@@ -52,8 +52,11 @@ class _Line:
 
 
 def draw_task(steps: Sequence[Shown], title: str) -> bytes:
-    """The picture as PNG. The same program gives the same bytes with the same version of matplotlib."""
-    import matplotlib  # late: it takes most of a second
+    """The picture as PNG. The same program gives the same bytes with the same version of matplotlib.
+
+    Raises ConfigError where matplotlib is not installed.
+    """
+    matplotlib = drawing_library()
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -65,14 +68,12 @@ def draw_task(steps: Sequence[Shown], title: str) -> bytes:
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(WIDTH_PX / _DPI, height / _DPI), dpi=_DPI)
         figure.set_layout_engine("constrained", h_pad=0.08, w_pad=0.08)
-        canvas = FigureCanvasAgg(figure)
+        FigureCanvasAgg(figure)
         figure.suptitle(title, fontsize=13, fontweight="bold", parse_math=False)
         plan, force = figure.subplots(2, 1, height_ratios=(plan_px, _FORCE_PX))
         _draw_plan(plan, lines, box)
         _draw_force(force, steps)
-        buffer = io.BytesIO()
-        canvas.print_png(buffer, metadata={"Software": None})  # type: ignore[no-untyped-call]
-    return buffer.getvalue()
+        return saved(figure, "png")
 
 
 def _lines(steps: Sequence[Shown]) -> list[_Line]:

@@ -41,7 +41,7 @@ class Outputs:
     record: Path | None = None
     summary: Path | None = None
     report: Path | None = None
-    """Folder of the picture and the page."""
+    """Folder of the page."""
     overwrite: bool = False
     """Files that are there already may be replaced."""
     own_folder: bool = False
@@ -163,9 +163,9 @@ def figures(summary: Summary) -> list[str]:
 def _report_files(outputs: Outputs) -> Sequence[Path]:
     if outputs.report is None:
         return ()
-    from hil_bridge.report.page import FILES
+    from hil_bridge.report.page import PAGE
 
-    return [outputs.report / name for name in FILES]
+    return [outputs.report / PAGE]
 
 
 def _make_folders(outputs: Outputs) -> None:

@@ -4,6 +4,8 @@ import time
 from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import asynccontextmanager
 from importlib.metadata import version
+from platform import platform, python_version
+from socket import gethostname
 from typing import Any, Protocol
 
 from hil_bridge.clock import Clock
@@ -69,9 +71,16 @@ class Watcher(Protocol):
         """A block is on the robot's line, and nothing can answer it before its last character, s."""
 
 
-def metadata_of(config: Config) -> dict[str, str]:
-    """Facts that are known before the run, for its record."""
-    return {
+def metadata_of(config: Config, virtual: bool) -> dict[str, str]:
+    """Facts that are known before the run, for its record. Of a run in virtual time they are the same on every host,
+    so that its recording is.
+    """
+    where = (
+        {"time": "virtual"}
+        if virtual
+        else {"time": "real", "host": gethostname(), "platform": f"Python {python_version()}, {platform()}"}
+    )
+    return where | {
         "config": dump(config),
         "controller": config.controller.name,
         "seed": str(config.run.seed),

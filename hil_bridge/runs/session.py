@@ -260,7 +260,7 @@ class _Session:
             threaded=not clock.is_virtual,
             chunks=VIRTUAL_CHUNKS if clock.is_virtual else CHUNKS,
             overwrite=self._overwrite,
-            metadata=metadata_of(config),
+            metadata=metadata_of(config, clock.is_virtual),
         )
         keeper = self._recorder if self.feed is None else Relay(self._recorder, self.feed)
         self._log = RunLog(config, clock, keeper, self)

@@ -260,7 +260,7 @@ async def opened_simulation(config: Config, observe: Observe | None) -> AsyncIte
     try:
         config = paced(config)
         check(config, clock.is_virtual)
-        keeper, watcher = KeptRecords(clock.wall_ns, metadata_of(config)), _Watcher(observe)
+        keeper, watcher = KeptRecords(clock.wall_ns, metadata_of(config, clock.is_virtual)), _Watcher(observe)
         log = RunLog(config, clock, keeper, watcher)
         simulation: Simulation | None = None
         try:

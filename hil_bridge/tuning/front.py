@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from hil_bridge.errors import ConfigError
+from hil_bridge.picture_files import drawing_library, saved
 from hil_bridge.tuning.evaluating import Worth
 from hil_bridge.tuning.space import Space
 
@@ -36,18 +37,17 @@ def told(points: Sequence[Worth], space: Space, first: str, second: str) -> Iter
 
 
 def check_picture(place: Path) -> None:
-    """Raise ConfigError for a file that can hold no picture."""
+    """Raise ConfigError for a file that can hold no picture, and where matplotlib is not installed."""
     if place.suffix not in PICTURES:
         raise ConfigError(f"{place}: a picture's name ends in {' or '.join(PICTURES)}")
+    drawing_library()
 
 
 def picture(
     tried: Sequence[Worth], defaults: Worth, best: Worth | None, axes: tuple[str, str], kind: str
 ) -> bytes:
     """All points, the front, the defaults and the best, as SVG or PNG (`kind` without a dot)."""
-    import io
-
-    import matplotlib
+    matplotlib = drawing_library()
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -73,9 +73,7 @@ def picture(
         plot.set_ylabel(second)
         plot.set_title(f"{len(tried)} points, {len(tried) - len(good)} of them failed")
         plot.legend()
-        out = io.BytesIO()
-        figure.savefig(out, format=kind, dpi=120, metadata={"Date": None} if kind == "svg" else {})
-    return out.getvalue()
+        return saved(figure, kind, dpi=120)
 
 
 def _dots(plot, points, axes, colour, marker, label) -> None:  # type: ignore[no-untyped-def]

@@ -5,7 +5,7 @@ import itertools
 import json
 import math
 import random
-import struct
+import re
 import tomllib
 from functools import reduce
 from operator import xor
@@ -37,7 +37,7 @@ from hil_bridge.facts import Hop, Owner, RobotHops
 from hil_bridge.recording import CycleRecord, Recording, SensorRecord, TruthRecord, read
 from hil_bridge.recording.device_facts import devices_of
 from hil_bridge.report import write_report
-from hil_bridge.report.latency_plot import LATENCY_SIZE_PX, by_owner, draw_latency
+from hil_bridge.report.latency_bar import by_owner, latency_bar
 from hil_bridge.report.page import page
 from hil_bridge.robots.s3.hops import robot_hops
 from hil_bridge.robots.s3.link import S3Link
@@ -280,7 +280,7 @@ def test_the_report_shows_it(tmp_path: Path) -> None:
     assert "The largest part: line time of the move (70 ms, 59 %)." in text
     assert "<td>line</td><td>line</td><td>70.00</td>" in text
     assert "<td>the servo&#x27;s response</td><td>50.0</td>" in text
-    assert "<h2>Latency</h2>" not in page(Recording(CYCLES), summarise(Recording(CYCLES)), b"")
+    assert "<h2>Latency</h2>" not in page(Recording(CYCLES), summarise(Recording(CYCLES)))
 
 
 @pytest.mark.parametrize("outlier_s", [0.0, 5.0])
@@ -288,9 +288,11 @@ def test_the_figure_is_a_function_of_the_record(outlier_s: float) -> None:
     truths = (*TRUTHS[:-1], truth(CYCLES[-1], motion=0.03 + outlier_s))
     found = latency_of(recording(CYCLES, truths=truths))
     assert found is not None
-    drawn = draw_latency(found)
-    assert drawn == draw_latency(found)
-    assert struct.unpack(">II", drawn[16:24]) == LATENCY_SIZE_PX
+    drawn = latency_bar(found)
+    assert drawn == latency_bar(found)
+    widths = [float(width) for width in re.findall(r'<rect [^>]*width="([\d.]+)" height="44.0"', drawn)]
+    medians = [part.times.p50_s for part in found.chain]
+    assert max(widths) / sum(widths) == pytest.approx(max(medians) / sum(medians), abs=0.03)
     sums = {owner.value: round(seconds * 1e3, 6) for owner, seconds in by_owner(found).items()}
     assert sums == {"bus": 1, "software": 14, "device": 3, "line": 70, "robot": 30}
 

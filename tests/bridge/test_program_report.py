@@ -11,8 +11,10 @@ from msgspec import structs
 from hil_bridge.analysis.summary import summarise
 from hil_bridge.recording import Recording, StepRecord, read
 from hil_bridge.report import write_report
+from hil_bridge.report.path_map import path_map
 from hil_bridge.report.plots import draw
-from hil_bridge.report.program_plot import FEED, NORMALS, SIGMA, draw_program
+from hil_bridge.report.program_charts import FEED, NORMALS, SIGMA
+from hil_bridge.report.run_charts import run_charts
 from hil_bridge.report.step_marks import mark_steps
 from hil_bridge.report.steps_section import steps_section
 from hil_bridge.runs.outputs import Outputs
@@ -67,7 +69,7 @@ def test_the_page_holds_a_row_for_each_step_and_names_the_failed_criterion(
     assert [label for label, _ in rows] == ["1 (approach)", "2 (track)", "3 (retract)"]
     assert "touch: 900" in rows[0][1]
     assert "<td>100 %</td><td>criterion FAILED: force within ±0.001 N: " in rows[1][1]
-    assert "<p>criterion failed in step <strong>2 (track)</strong></p>" in page
+    assert "<p>criterion failed in step <strong>2 (track)</strong>; 0 of 1 passed</p>" in page
     assert "target force</td>" in page
     assert re.search(r"<td class=\"value\">6\.00 … 1[12]\.\d\d N</td>", page)
 
@@ -77,35 +79,37 @@ def test_a_run_without_a_program_has_no_such_section(recording: Recording) -> No
     assert steps_section(plain, summarise(plain)) == ""
 
 
-def test_the_pictures_tell_path_feed_and_normal(recording: Recording, figures: list[Figure]) -> None:
-    drawn = draw_program(recording, 0.0)
-    assert drawn is not None
-    assert drawn[0].startswith(b"\x89PNG")
-    titles = [ax.get_title(loc="left") for ax in figures[-1].axes]
-    assert list(filter(None, titles)) == [
-        "path from above, and error of the force on it",
-        "feed: share of the step's own speed along its path",
-        "estimated fall of the surface, ± 2 standard deviations",
-        "uncertainty of the normal",
-    ]
-    (low, high), (left, right) = figures[-1].axes[0].get_ylim(), figures[-1].axes[0].get_xlim()
-    assert low < 0.0 < 5.0 < high
-    assert left < 0.0 < 15.0 < right
+def test_the_charts_tell_feed_and_normal_and_the_map_the_path(recording: Recording) -> None:
+    charts, _ = run_charts(recording, summarise(recording))
+    by_id = {chart.id: chart for chart in charts.charts}
+    assert {"feed", "normal"} < set(by_id)
+    assert [span.text for span in charts.spans] == ["1 (approach)", "2 (track)", "3 (retract)"]
+    assert [span.kind for span in charts.spans] == ["approach", "track", "retract"]
+    cycle = charts.sources["cycle"]
+    for at, force in zip(recording.cycles, cycle["target"], strict=True):
+        assert force == (pytest.approx(at.force_reference, rel=1e-5) if at.phase == "track" else None)
+    sigma = [c.explanation.get(SIGMA) if c.phase == "track" else None for c in recording.cycles]
+    assert cycle[SIGMA] == [None if value is None else pytest.approx(value, rel=1e-5) for value in sigma]
+    drawn = path_map(recording)
+    assert drawn.count("<path ") > 20
+    assert ">2</text>" in drawn, "the number of the step that tracks"
 
 
-def test_only_what_a_program_tells_is_drawn(recording: Recording, figures: list[Figure]) -> None:
+def test_only_what_a_program_tells_is_drawn(recording: Recording) -> None:
     hidden = {FEED, SIGMA, *NORMALS}
     cycles = tuple(
         structs.replace(
             cycle,
             explanation={name: value for name, value in cycle.explanation.items() if name not in hidden},
+            travel_commanded=0.0,
+            across_commanded=0.0,
         )
         for cycle in recording.cycles
     )
-    assert draw_program(Recording(cycles, steps=recording.steps), 0.0) is not None
-    assert len(figures[-1].axes) == 2, "the path and its scale"
-    still = tuple(structs.replace(cycle, travel_commanded=0.0, across_commanded=0.0) for cycle in cycles)
-    assert draw_program(Recording(still, steps=recording.steps), 0.0) is None
+    still = Recording(cycles, steps=recording.steps)
+    charts, _ = run_charts(still, summarise(still))
+    assert not {"feed", "normal", "way"} & {chart.id for chart in charts.charts}
+    assert path_map(still) == ""
 
 
 def test_the_picture_draws_the_wanted_force_of_each_sample_where_the_tool_presses(

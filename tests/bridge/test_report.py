@@ -2,7 +2,10 @@ import dataclasses
 import json
 import math
 import random
+import re
 import struct
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +17,18 @@ from hil_bridge.analysis.stream import stream_force
 from hil_bridge.analysis.summary import summarise
 from hil_bridge.errors import ConfigError
 from hil_bridge.facts import Devices, Sensor
-from hil_bridge.recording import CycleRecord, EventRecord, Outcome, Recording, RunEnd, SensorRecord
+from hil_bridge.recording import (
+    CycleRecord,
+    EventRecord,
+    Outcome,
+    Recording,
+    RunEnd,
+    SensorRecord,
+    TruthRecord,
+)
 from hil_bridge.report import write_report
+from hil_bridge.report.differences import from_defaults
+from hil_bridge.report.page import page
 from hil_bridge.report.plots import draw
 from protocol.wrench import SensorFacts
 
@@ -64,6 +77,8 @@ def run(seconds: float = 8.0) -> Recording:
     settings = {
         "sensor": {"quaternion": [1, 0, 0, 0], "mounting_deg": 90, "flip_fx_mx": False},
         "frame": {"approach": [0, 0, 1]},
+        "limits": {"force_limit_n": 47.0, "pull_limit_n": 10.0},
+        "unknown": {"key": EVIL},
     }
     facts = SensorFacts("", (NEWTON_PER_COUNT,) * 6, None, None, None, 0.0, "device")
     return Recording(
@@ -75,38 +90,154 @@ def run(seconds: float = 8.0) -> Recording:
     )
 
 
-def test_picture_and_page_are_written_and_the_same_each_time(tmp_path: Path) -> None:
-    recording = run()
+def told(page: str) -> dict[str, Any]:
+    """What the page gives its charts."""
+    (text,) = re.findall(r'<script type="application/json" id="data-run">(.*?)</script>', page, re.DOTALL)
+    found: dict[str, Any] = json.loads(text)
+    return found
+
+
+def test_the_page_is_the_same_each_time_and_pictures_come_on_request(tmp_path: Path) -> None:
+    recording = run(1.5)
     summary = summarise(recording, END)
     page = write_report(recording, summary, tmp_path / "new" / "a")
+    assert [file.name for file in page.parent.iterdir()] == ["report.html"]
     assert page == tmp_path / "new" / "a" / "report.html"
-    picture = (tmp_path / "new" / "a" / "report.png").read_bytes()
-    assert picture.startswith(b"\x89PNG\r\n\x1a\n")
-    assert struct.unpack(">II", picture[16:24]) == (1400, 1600)
-    assert len(picture) > 50_000
-    again = write_report(recording, summary, tmp_path / "b")
+    again = write_report(recording, summary, tmp_path / "b", pictures=("png", "pdf"))
     assert again.read_bytes() == page.read_bytes()
-    assert again.with_name("report.png").read_bytes() == picture
+    picture = again.with_name("report.png").read_bytes()
+    assert struct.unpack(">II", picture[16:24]) == (1400, 1600)
+    assert again.with_name("report.pdf").read_bytes().startswith(b"%PDF-")
+
+
+def test_a_picture_without_matplotlib_is_refused_in_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    recording = run(1.5)
+    with pytest.raises(ConfigError, match=r"^pictures as files need matplotlib: pip install '.*\[figures\]'"):
+        write_report(recording, summarise(recording, END), tmp_path, pictures=("png",))
+    assert write_report(recording, summarise(recording, END), tmp_path).exists()
+
+
+def test_the_charts_hold_what_the_recording_holds() -> None:
+    recording = run()
+    truths = tuple(
+        TruthRecord(
+            cycle=cycle.cycle,
+            at=cycle.answered_at,
+            sampled_at=cycle.sensor_at,
+            motion_at=math.nan,
+            position=(0.0, 0.0, cycle.depth + 1e-5),
+            force=(0.0, 0.0, -cycle.force - 1.0),
+            joints_deg=(0.0,) * 6,
+        )
+        for cycle in recording.cycles
+    )
+    faults = (
+        EventRecord(22.0, "fault", "bus: errors (rate 0.001) begins for 2 s"),
+        EventRecord(24.0, "fault", "bus: errors ends"),
+    )
+    recording = dataclasses.replace(recording, truths=truths, events=(*faults, *recording.events))
+    found = told(page(recording, summarise(recording, END)))
+    zero = recording.cycles[0].started_at
+    cycle = found["sources"]["cycle"]
+    assert cycle["x"] == pytest.approx([c.controlled_at - zero for c in recording.cycles], abs=1e-5)
+    columns: dict[str, list[float | None]] = {
+        "force": [c.force for c in recording.cycles],
+        "depth_commanded": [1e3 * c.depth_commanded for c in recording.cycles],
+        "correction": [1e3 * c.correction for c in recording.cycles],
+        "stiffness": [c.stiffness for c in recording.cycles],
+        "clamped": [c.force if c.verdict == "clamp" else None for c in recording.cycles],
+        "cycle_ms": [1e3 * (c.answered_at - c.started_at) for c in recording.cycles],
+    }
+    for name, expected in columns.items():
+        assert cycle[name] == [None if v is None else pytest.approx(v, rel=1e-5) for v in expected], name
+    truth = found["sources"]["truth"]
+    assert truth["force"] == pytest.approx([c.force + 1.0 for c in recording.cycles], rel=1e-5)
+    assert truth["depth"] == pytest.approx([1e3 * c.depth + 0.01 for c in recording.cycles], rel=1e-5)
+    by_id = {chart["id"]: chart for chart in found["charts"]}
+    assert by_id["force"]["limits"] == [
+        {"value": 47.0, "label": "force limit"},
+        {"value": -10.0, "label": "pull limit"},
+    ]
+    assert [s["label"] for s in by_id["force"]["series"] if s.get("layer") == "truth"] == ["true force"]
+    assert {layer["id"] for layer in found["layers"]} == {"truth", "stream"}
+    spans = {span["text"]: (span["begin"], span["end"]) for span in found["spans"]}
+    assert spans["bus: errors"] == pytest.approx((22.0 - zero, 24.0 - zero))
+    assert list(spans)[:2] == ["approach", "track"]
+    assert [mark["kind"] for mark in found["marks"] if "kind" in mark] == ["fault", "stop"]
+
+
+def test_a_long_run_is_thinned_to_a_bounded_page_without_losing_a_peak() -> None:
+    recording = run()
+    base = recording.cycles[0]
+    cycles = []
+    for k in range(60_000):
+        at, force = 20.0 + 0.004 * k, 40.0 + math.sin(k) + (33.3 if k == 31_234 else 0.0)
+        cycles.append(structs.replace(base, cycle=k, started_at=at, controlled_at=at, force=force))
+    recording = dataclasses.replace(recording, cycles=tuple(cycles), sensors=())
+    text = page(recording, summarise(recording, END))
+    assert len(text) < 2_000_000
+    assert "of 60000 rows of cycle" in text
+    force = told(text)["sources"]["cycle/force"]
+    assert len(force["x"]) <= 4000
+    assert force["x"] == sorted(force["x"])
+    peak = cycles[31_234]
+    assert force["force"][force["x"].index(round(peak.controlled_at - 20.0, 5))] == float(f"{peak.force:.6g}")
+    for name in ("min", "max"):
+        assert getattr(np, name)(force["force"]) == pytest.approx(
+            getattr(np, name)([c.force for c in cycles]), rel=1e-5
+        )
 
 
 def test_the_page_escapes_everything_and_loads_nothing(tmp_path: Path) -> None:
     recording = run()
     text = write_report(recording, summarise(recording, END), tmp_path).read_text()
-    assert "<script" not in text
+    assert text.count("<script") == text.count("</script>") == 2
     assert text.count("&lt;script&gt;") >= 8
-    assert text.index("<p>then: first</p><p>then: &lt;script") < text.index(
+    assert text.index("<p>then: first</p>\n<p>then: &lt;script") < text.index(
         "<p>left: <strong>left &lt;script"
     )
-    assert 'src="data:image/png;base64,' in text
-    assert "http" not in text
-    assert json.dumps({"a": [1, 2]}, indent=2).replace('"', "&quot;") in text
+    assert not re.search(r"(src|href|srcset)=", text)
+    assert "http:" not in text.split("<body>")[1].rpartition("<script>")[0]
+    assert f"stop: {EVIL}" in [mark["text"] for mark in told(text)["marks"]]
 
 
-def test_little_of_a_run_still_gives_a_picture() -> None:
+def test_settings_are_told_as_differences_from_the_defaults() -> None:
+    rows = {key: (value, default) for key, value, default in from_defaults(run())}
+    assert rows == {
+        "limits.force_limit_n": ("47.0", "50.0"),
+        "sensor.mounting_deg": ("90", "0.0"),
+        "frame.approach": ("[0, 0, 1]", "[0.0, 0.0, -1.0]"),
+        "unknown.key": (f'"{EVIL}"', ""),
+    }
+
+
+def test_little_of_a_run_still_gives_page_and_picture() -> None:
     """One cycle, no stream, no estimate, no number known, not even a floor."""
     only = structs.replace(run().cycles[0], force=math.nan, answered_at=math.nan)
     recording = Recording((only,), truncated=True)
     assert draw(recording, summarise(recording)).startswith(b"\x89PNG")
+    assert told(page(recording, summarise(recording)))["sources"]["cycle"]["force"] == [None]
+
+
+def test_neither_run_nor_report_nor_replay_needs_matplotlib(tmp_path: Path) -> None:
+    commands = (
+        ["run", "--virtual", "--duration", "1", "--record", "r.mcap", "--report", ".", "--no-view"],
+        ["report", "r.mcap", "--overwrite"],
+        ["replay", "r.mcap"],
+    )
+    code = (
+        "import sys, click\nsys.modules['matplotlib'] = None\nfrom hil_bridge.cli import main\n"
+        f"for command in {commands!r}:\n"
+        "    sys.argv[1:] = command\n    try: main()\n    except SystemExit as end: assert not end.code, command\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "report.html").exists()
 
 
 def test_the_stream_is_scaled_by_the_facts_and_shifted_to_the_cycles() -> None:

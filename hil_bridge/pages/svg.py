@@ -1,0 +1,186 @@
+"""Drawings that need no script, as SVG inside a page. Colours are names of the style sheet: light and dark follow."""
+
+import math
+import struct
+import zlib
+from base64 import b64encode
+from collections.abc import Iterable, Sequence
+from html import escape
+
+import numpy as np
+from numpy.typing import NDArray
+
+VIRIDIS = ((68, 1, 84), (59, 82, 139), (33, 145, 140), (94, 201, 98), (253, 231, 37))
+"""From little to much; told apart in grey, too. Source: the colour map viridis, at five places."""
+COOLWARM = ((59, 76, 192), (141, 176, 254), (221, 221, 221), (244, 152, 122), (180, 4, 38))
+"""From below to above. Source: the colour map of K. Moreland, at five places."""
+_LEAST_PX = 45.0
+
+
+class Frame:
+    """A rectangle of a drawing with its own scales, and what is drawn in it."""
+
+    def __init__(self, place: tuple[float, float, float, float], x: "Range", y: "Range") -> None:
+        """`place` is left, top, width and height, px; `x` and `y` are what is shown, y upwards."""
+        self.left, self.top, self.width, self.height = place
+        self.x_range, self.y_range = x, y
+        self.parts: list[str] = []
+
+    def x(self, value: float) -> float:
+        """Place of a value, px."""
+        low, high = self.x_range
+        return self.left + self.width * (value - low) / (high - low)
+
+    def y(self, value: float) -> float:
+        """Place of a value, px."""
+        low, high = self.y_range
+        return self.top + self.height * (high - value) / (high - low)
+
+    def axes(self, x_label: str, y_label: str) -> None:
+        """Lines at round numbers, and what they are."""
+        bottom = self.top + self.height
+        for value in round_numbers(*self.x_range, self.width):
+            at = self.x(value)
+            self.parts.append(line((at, self.top), (at, bottom), "grid"))
+            self.parts.append(text((at, bottom + 15), number(value), "middle"))
+        for value in round_numbers(*self.y_range, self.height):
+            at = self.y(value)
+            self.parts.append(line((self.left, at), (self.left + self.width, at), "grid"))
+            self.parts.append(text((self.left - 6, at + 4), number(value), "end"))
+        self.parts.append(text((self.left + self.width / 2, bottom + 32), x_label, "middle"))
+        middle = self.top + self.height / 2
+        self.parts.append(
+            f'<text transform="translate({self.left - 40:.1f} {middle:.1f}) rotate(-90)" text-anchor="middle"'
+            f' style="fill:var(--quiet)">{escape(y_label)}</text>'
+        )
+
+    def path(
+        self, places: Iterable[tuple[float, float]], colour: str, width: float, dashed: bool = False
+    ) -> None:
+        """A line through places in the frame's own values; a place that is no number cuts it."""
+        commands, joined = [], False
+        for x, y in places:
+            if not (math.isfinite(x) and math.isfinite(y)):
+                joined = False
+                continue
+            commands.append(f"{'L' if joined else 'M'}{self.x(x):.1f} {self.y(y):.1f}")
+            joined = True
+        dash = ' stroke-dasharray="5 4"' if dashed else ""
+        self.parts.append(
+            f'<path d="{"".join(commands)}" fill="none" stroke-width="{width:g}" stroke-linecap="round"{dash}'
+            f' style="stroke:{shade(colour)}"/>'
+        )
+
+
+Range = tuple[float, float]
+
+
+def drawing(size: tuple[float, float], parts: Iterable[str], label: str) -> str:
+    """The whole drawing; `label` says what it shows to a reader that cannot see it."""
+    width, height = size
+    return (
+        f'<svg viewBox="0 0 {width:.0f} {height:.0f}" width="{width:.0f}" height="{height:.0f}" role="img"'
+        f' font-size="12" font-family="system-ui, sans-serif" aria-label="{escape(label)}">'
+        f"{''.join(parts)}</svg>"
+    )
+
+
+def shade(colour: str) -> str:
+    """A colour of the style sheet by its name there, or one that is given as `#rrggbb`."""
+    return colour if colour.startswith("#") else f"var(--{colour})"
+
+
+def line(begin: tuple[float, float], end: tuple[float, float], colour: str, width: float = 1.0) -> str:
+    """A straight line between two places, px."""
+    return (
+        f'<line x1="{begin[0]:.1f}" y1="{begin[1]:.1f}" x2="{end[0]:.1f}" y2="{end[1]:.1f}"'
+        f' stroke-width="{width:g}" style="stroke:{shade(colour)}"/>'
+    )
+
+
+def box(place: tuple[float, float, float, float], colour: str, title: str = "") -> str:
+    """A filled rectangle: left, top, width, height, px. The title shows under the pointer."""
+    left, top, width, height = place
+    inside = f"<title>{escape(title)}</title>" if title else ""
+    return (
+        f'<rect x="{left:.1f}" y="{top:.1f}" width="{max(width, 0.5):.1f}" height="{height:.1f}"'
+        f' style="fill:{shade(colour)}">{inside}</rect>'
+    )
+
+
+def text(
+    place: tuple[float, float], words: str, anchor: str = "start", colour: str = "quiet", bold: bool = False
+) -> str:
+    """Words; `anchor` is start, middle or end."""
+    weight = ' font-weight="600"' if bold else ""
+    return (
+        f'<text x="{place[0]:.1f}" y="{place[1]:.1f}" text-anchor="{anchor}"{weight}'
+        f' style="fill:{shade(colour)}">{escape(words)}</text>'
+    )
+
+
+def dot(place: tuple[float, float], radius: float, colour: str) -> str:
+    """A filled circle, px."""
+    return f'<circle cx="{place[0]:.1f}" cy="{place[1]:.1f}" r="{radius:g}" style="fill:{shade(colour)}"/>'
+
+
+def scale_colours(shares: NDArray[np.float64], stops: Sequence[tuple[int, int, int]]) -> NDArray[np.uint8]:
+    """Colours of shares from 0 to 1, (…, 3)."""
+    at = np.linspace(0.0, 1.0, len(stops))
+    parts = [np.interp(np.clip(shares, 0.0, 1.0), at, [stop[k] for stop in stops]) for k in range(3)]
+    return np.stack(parts, axis=-1).round().astype(np.uint8)
+
+
+def hexadecimal(colour: NDArray[np.uint8]) -> str:
+    """`#rrggbb`."""
+    return "#" + bytes(colour.tolist()).hex()
+
+
+def image(pixels: NDArray[np.uint8], place: tuple[float, float, float, float]) -> str:
+    """Pixels (rows, columns, 3) at a place of a drawing, each as a sharp rectangle."""
+    rows, columns, _ = pixels.shape
+    raw = b"".join(b"\0" + pixels[row].tobytes() for row in range(rows))
+
+    def chunk(name: bytes, data: bytes) -> bytes:
+        return struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
+
+    png = (
+        b"\x89PNG\r\n\x1a\n"
+        + chunk(b"IHDR", struct.pack(">IIBBBBB", columns, rows, 8, 2, 0, 0, 0))
+        + chunk(b"IDAT", zlib.compress(raw, 9))
+        + chunk(b"IEND", b"")
+    )
+    left, top, width, height = place
+    return (
+        f'<image x="{left:.1f}" y="{top:.1f}" width="{width:.1f}" height="{height:.1f}" preserveAspectRatio="none"'
+        f' style="image-rendering:pixelated" href="data:image/png;base64,{b64encode(png).decode()}"/>'
+    )
+
+
+def scale_bar(
+    place: tuple[float, float, float], stops: Sequence[tuple[int, int, int]], ends: Range, unit: str
+) -> str:
+    """Which colour is which value: left, top and height, px."""
+    left, top, height = place
+    colours = scale_colours(np.linspace(1.0, 0.0, 64)[:, None], stops)
+    low, high = ends
+    told = [(high, top + 9), ((low + high) / 2, top + height / 2 + 4), (low, top + height)]
+    return image(colours, (left, top, 14, height)) + "".join(
+        text((left + 20, y), f"{number(value)} {unit}") for value, y in told
+    )
+
+
+def round_numbers(low: float, high: float, room_px: float) -> list[float]:
+    """Round numbers between two, as many as find room."""
+    if not high > low:
+        return []
+    rough = (high - low) / max(room_px / _LEAST_PX, 1.0)
+    power = 10.0 ** math.floor(math.log10(rough))
+    step = next(power * factor for factor in (1, 2, 5, 10) if power * factor >= rough * 0.999)
+    first = math.ceil(low / step - 1e-9)
+    return [k * step for k in range(first, math.floor(high / step + 1e-9) + 1)]
+
+
+def number(value: float) -> str:
+    """A number as short as it can be."""
+    return f"{value:.4g}".replace("-", "−")
