@@ -40,6 +40,7 @@ EVENT_KINDS: Mapping[str, str] = {
     "failed": "Code of a plug-in failed; the text names its package and place.",
     "bug": "An exception that nothing expected.",
     "recorder": "Records were dropped.",
+    "web": "The server of the page in the browser has ended; the run goes on.",
 }
 """Kinds of events, with their meaning. A robot's kind may bring some of its own."""
 ALARMS = (STOP_EVENT, "then", "bug", "failed", "traceback", "recorder")

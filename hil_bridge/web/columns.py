@@ -95,7 +95,9 @@ class Columns:
         return [(one - start) * MILLI for one, start in zip(position, self._start, strict=True)]
 
     def _add(self, table: str, at: float, row: Row) -> None:
-        self._due[table] = at + self._row_s
+        self._due[table] = (
+            at + self._row_s * 0.999
+        )  # a time that is one row later may be so by its last digits less
         self._rows[table].append(tuple(None if value is None else tidy(value) for value in row))
         self._counts[table] += 1
 

@@ -10,7 +10,6 @@ from typing import Any, Protocol
 
 import msgspec
 from aiohttp import WSCloseCode, WSMsgType, web
-from aiohttp.web_protocol import RequestHandler
 
 from hil_bridge.errors import ConfigError
 from hil_bridge.pages import asset
@@ -260,11 +259,7 @@ class Server:
         """Close connections that have been there for IDLE_S without being a WebSocket, slow requests among them."""
         now = time.monotonic()
         live = {id(request.transport) for request in self._sockets.values()}
-        present = {
-            id(one.transport): one.transport
-            for one in server.connections
-            if isinstance(one, RequestHandler)
-        }
+        present = {id(one.transport): one.transport for one in server.connections}
         self._seen = {key: self._seen.get(key, now) for key in present}
         for key, since in self._seen.items():
             if now - since > IDLE_S and key not in live:
