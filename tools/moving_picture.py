@@ -45,7 +45,7 @@ STYLE = """
   .card { fill: #ffffff; stroke: #d0d7de } .ink { fill: #1f2328 } .dim { fill: #59636e }
   .axis { stroke: #d0d7de } .ground { fill: #8da2bd; stroke: #57708f } .tool { fill: #e36209 }
   .force { stroke: #0969da; fill: none; stroke-width: 2.2 } .arrow { stroke: #0969da; stroke-width: 3 }
-  .limit { stroke: #cf222e; stroke-dasharray: 5 4 } .red { fill: #cf222e } 
+  .limit { stroke: #cf222e; stroke-dasharray: 5 4 } .red { fill: #cf222e }
   .target { stroke: #1a7f37; stroke-dasharray: 2 4 }
   .green { fill: #1a7f37 }
   text { font: 13px ui-sans-serif, system-ui, sans-serif } .big { font-size: 19px; font-weight: 600 }
