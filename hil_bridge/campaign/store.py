@@ -224,6 +224,34 @@ class Store:
             told: Any = json.loads(figures)
             yield Done(key, number, seed, outcome, cause, tuple(json.loads(failed)), told, wall_s, recording)
 
+    def newer(self, row: int, most: int) -> list[tuple[int, Done]]:
+        """Runs that were kept after this row of the file, oldest first, with their rows. Raises ConfigError."""
+        query = (
+            "SELECT rowid, key, number, seed, outcome, cause, failed, figures, wall_s, recording FROM runs "
+            "WHERE rowid > ? ORDER BY rowid LIMIT ?"
+        )
+        try:
+            found = self._connection.execute(query, (row, most)).fetchall()
+        except sqlite3.Error as error:
+            raise ConfigError(f"cannot read {self.path}: {error}") from error
+        return [
+            (
+                at,
+                Done(
+                    key,
+                    number,
+                    seed,
+                    outcome,
+                    cause,
+                    tuple(json.loads(failed)),
+                    json.loads(figures),
+                    wall_s,
+                    file,
+                ),
+            )
+            for at, key, number, seed, outcome, cause, failed, figures, wall_s, file in found
+        ]
+
     def sittings(self) -> list[Sitting]:
         """Every start so far that came to its end, or was interrupted."""
         return [Sitting(*row) for row in self._connection.execute("SELECT * FROM sittings ORDER BY began")]

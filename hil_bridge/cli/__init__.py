@@ -32,6 +32,7 @@ from hil_bridge.cli.serve_jr3 import serve_jr3
 from hil_bridge.cli.supervisor import supervisor
 from hil_bridge.cli.task import task
 from hil_bridge.cli.tune import tune
+from hil_bridge.cli.view import view
 from hil_bridge.cli.why import why
 from hil_bridge.console.debugging import debug_option, debug_wanted, told_bug
 from hil_bridge.console.screen import leave
@@ -121,6 +122,7 @@ for command in (
     conform,
     decode,
     replay,
+    view,
     why,
     latency,
     report,

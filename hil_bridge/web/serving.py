@@ -7,7 +7,7 @@ import resource
 import signal
 import socket
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from typing import Any
 
@@ -16,9 +16,10 @@ from aiohttp import ClientSession
 
 from hil_bridge.web import wire
 from hil_bridge.web.admission import Admission
+from hil_bridge.web.feed import LOOPBACK, listening
 from hil_bridge.web.panels import Panels
 from hil_bridge.web.picture import Cursor, Picture
-from hil_bridge.web.server import Server
+from hil_bridge.web.server import Server, Teller
 from hil_bridge.web.splicing import Splicing
 
 NICE = 10
@@ -121,6 +122,17 @@ async def _open(live: Live, server: Server, session: ClientSession) -> None:
     await live.begun.wait()
     assert live.panels is not None
     server.splice = Splicing(server, session, live.panels.url)
+
+
+def show(teller: Teller, page: str, port: int, say: Callable[[str], object]) -> None:
+    """Serve a page that is not of a run, from this process, until Ctrl-C. `say` tells its address.
+
+    Raises ConfigError.
+    """
+    with listening(port) as listener:
+        say(f"page: http://{LOOPBACK}:{listener.getsockname()[1]}/   Ctrl-C ends it")
+        with suppress(KeyboardInterrupt):
+            asyncio.run(Server(teller, Admission(""), page).serve(listener))
 
 
 def settle(parent: int) -> None:

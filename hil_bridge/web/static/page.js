@@ -93,7 +93,9 @@
       ["sensor age", fixed(now.age_ms, 1, "ms"), now.age_ms > scene.limits.stale_ms ? "bad" : now.age_ms > 100 ? "warn" : ""],
       ["latency p50", latency ? fixed(latency.p50_ms, 1, "ms") : "–"], ["latency p99", latency ? fixed(latency.p99_ms, 1, "ms") : "–"]]);
     const troubles = Object.entries(now.troubles || {}).map(([name, count]) => `${name} ${count}`).join(", ");
-    const lines = [["link errors", String(now.link_errors), now.link_errors ? "warn" : "good"], ["frames lost", String(now.frames_lost), now.frames_lost ? "warn" : "good"]];
+    const counted = count => [count === null ? "–" : String(count), count === null ? "" : count ? "warn" : "good"];
+    const whole = playback ? ", whole run" : "";
+    const lines = [[`link errors${whole}`, ...counted(now.link_errors)], [`frames lost${whole}`, ...counted(now.frames_lost)]];
     for (const [what, sent, received] of now.traffic || []) lines.push([what, `${sent} sent, ${received} received`]);
     if (now.dropped) lines.push(["not shown here", `${now.dropped} records`, "warn"]);
     if (troubles) lines.push(["troubles", troubles, "wide warn"]);
@@ -120,7 +122,7 @@
   function ended(end, cause) {
     const words = {completed: "Completed", stopped: "Stopped", interrupted: "Ended by hand", gone: "The run has gone"};
     const shown = $("outcome"), said = [end.cause, end.left && `Tool left: ${end.left}`, ...end.followed.map(text => `Then: ${text}`)];
-    bar("outcome", said.filter(Boolean).join(" · ") || " ", words[end.outcome] || end.outcome);
+    bar("outcome", said.filter(Boolean).join("\n") || " ", words[end.outcome] || end.outcome);
     shown.className = `bar ${end.outcome === "completed" ? "good" : end.outcome === "interrupted" ? "caution" : "alarm"}`;
     if (!cause || end.cause === cause) $("cause").hidden = true;
     set($("link"), playback ? "recording" : "the run has ended");
@@ -155,7 +157,7 @@
     socket.onopen = () => {
       tries = 0; heard = performance.now();
       scene = null; over = false;
-      set($("link"), "live"); $("link").className = "live";
+      set($("link"), "live"); $("link").className = "live"; $("cause").hidden = true;
       bar("cut", "", "");
       $("outcome").hidden = true;
       $("end").hidden = !token; $("end").disabled = false;

@@ -1,0 +1,76 @@
+"""Recordings and campaigns on a page: what it is told is what the file holds."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+from click.testing import CliRunner
+
+from hil_bridge.api import load, simulate
+from hil_bridge.cli import cli
+from hil_bridge.errors import ConfigError
+from hil_bridge.recording import Recording, read
+from hil_bridge.web import feed
+from hil_bridge.web.playback import Playback, Place
+
+OLD = Path(__file__).parents[1] / "bridge" / "recordings" / "version_0_1_0.mcap"
+FAULT = {"on": "robot", "fault": "emergency-stop", "phase": "track", "after_s": 1.0}
+
+
+@pytest.fixture(scope="module")
+def recording() -> Recording:
+    return simulate(load({"run": {"duration_s": 3.0}}, faults=[FAULT], seed=3)).recording
+
+
+def told(playback: Playback, place: Place) -> Any:
+    news = playback.news(place)
+    assert news is not None
+    return json.loads(msgspec.json.encode(news))
+
+
+def test_a_slider_finds_every_moment(recording: Recording) -> None:
+    playback = Playback(recording, "run.mcap")
+    place = playback.first()
+    whole = told(playback, place)
+    assert playback.news(place) is None  # until something is asked
+    assert len(whole["rows"]["cycle"]["x"]) == len(recording.cycles)
+    assert whole["end"]["outcome"] == "stopped"
+    assert whole["end"]["cause"] == recording.end["cause"]
+    assert whole["scene"]["cell"].startswith("EMULATED")
+    began = min(recording.cycles[0].started_at, recording.events[0].at)
+    for cycle in recording.cycles[:: len(recording.cycles) // 7]:
+        playback.asked(place, {"at": cycle.controlled_at - began + 1e-6})
+        now = told(playback, place)
+        assert now["now"]["cycle"] == cycle.cycle
+        assert now["now"]["force"] == pytest.approx(cycle.force, rel=1e-4, abs=1e-5)
+        assert now["now"]["cause"] == ""
+        assert now["now"]["phase"] == cycle.phase
+    playback.asked(place, {"at": 1e9})
+    assert told(playback, place)["now"]["cause"] == next(one.text for one in recording.events if one.kind == "stop")
+    playback.asked(place, {"at": -5})
+    assert "cycle" not in told(playback, place)["now"]
+
+
+@pytest.mark.parametrize("message", [{}, {"at": "1"}, {"at": True}, {"at": float("nan")}, {"at": 1, "do": "retract"}])
+def test_a_page_of_a_recording_can_ask_for_a_moment_alone(recording: Recording, message: dict[str, Any]) -> None:
+    with pytest.raises(ValueError, match="moment"):
+        Playback(recording, "run.mcap").asked(Place(0.0), message)
+
+
+def test_the_first_version_s_recording_is_shown() -> None:
+    playback = Playback(read(OLD), OLD.name)
+    assert told(playback, playback.first())["rows"]["cycle"]["x"]
+
+
+def test_files_of_other_kinds_and_a_missing_extra_are_told_in_a_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    def told_by(*arguments: str) -> str:
+        result = CliRunner().invoke(cli, ["view", *arguments])
+        assert isinstance(result.exception, ConfigError), result
+        return str(result.exception)
+
+    assert "neither a recording (.mcap) nor results" in told_by("notes.txt")
+    assert "there is no file" in told_by("none.sqlite")
+    monkeypatch.setattr(feed, "NEEDED", ("not_installed_at_all",))
+    assert told_by("run.mcap") == "hil-bridge view needs the extra web: pip install 'hil-bridge[web]'"
