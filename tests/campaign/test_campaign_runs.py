@@ -18,6 +18,7 @@ from click.testing import CliRunner
 
 from hil_bridge.api import simulate
 from hil_bridge.campaign.judging import Job, configured, run
+from hil_bridge.campaign.live import Results
 from hil_bridge.campaign.page import page
 from hil_bridge.campaign.plan import Plan, read_plan
 from hil_bridge.campaign.store import Store
@@ -109,6 +110,23 @@ def test_key_is_kept_once_and_a_second_start_finds_nothing_to_do(results: Path) 
             "passed, failed, figures, wall_s, recording FROM runs LIMIT 1"
         )
     connection.close()
+
+
+def test_page_in_the_browser_is_told_what_is_kept(results: Path) -> None:
+    with Store.open(results) as store:
+        runs = list(store.runs())
+        page = Results(store)
+        seen = page.first()
+        told = page.news(seen)
+        assert told is not None
+        assert told["passed"] == sum(run.passed for run in runs)
+        assert told["failed"] == sum(not run.passed for run in runs)
+        assert {row["key"] for row in told["newest"]} == {run.key for run in runs[:100]}
+        assert {row["key"] for row in told["worst"]} == {run.key for run in runs if not run.passed}
+        assert sum(case["passed"] + case["failed"] for case in told["cases"]) == len(runs)
+        assert [page.news(seen) for _ in range(25)] == [None] * 25  # nothing is said twice
+        with pytest.raises(ValueError, match="asks for nothing"):
+            page.asked(seen, {"at": 1})
 
 
 def test_results_of_another_plan_are_not_touched(results: Path, tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from hil_bridge.cli import cli
 from hil_bridge.errors import ConfigError
 from hil_bridge.recording import Recording, read
 from hil_bridge.web import feed
-from hil_bridge.web.playback import Playback, Place
+from hil_bridge.web.playback import Place, Playback
 
 OLD = Path(__file__).parents[1] / "bridge" / "recordings" / "version_0_1_0.mcap"
 FAULT = {"on": "robot", "fault": "emergency-stop", "phase": "track", "after_s": 1.0}
@@ -48,13 +48,19 @@ def test_a_slider_finds_every_moment(recording: Recording) -> None:
         assert now["now"]["cause"] == ""
         assert now["now"]["phase"] == cycle.phase
     playback.asked(place, {"at": 1e9})
-    assert told(playback, place)["now"]["cause"] == next(one.text for one in recording.events if one.kind == "stop")
+    assert told(playback, place)["now"]["cause"] == next(
+        one.text for one in recording.events if one.kind == "stop"
+    )
     playback.asked(place, {"at": -5})
     assert "cycle" not in told(playback, place)["now"]
 
 
-@pytest.mark.parametrize("message", [{}, {"at": "1"}, {"at": True}, {"at": float("nan")}, {"at": 1, "do": "retract"}])
-def test_a_page_of_a_recording_can_ask_for_a_moment_alone(recording: Recording, message: dict[str, Any]) -> None:
+@pytest.mark.parametrize(
+    "message", [{}, {"at": "1"}, {"at": True}, {"at": float("nan")}, {"at": 1, "do": "retract"}]
+)
+def test_a_page_of_a_recording_can_ask_for_a_moment_alone(
+    recording: Recording, message: dict[str, Any]
+) -> None:
     with pytest.raises(ValueError, match="moment"):
         Playback(recording, "run.mcap").asked(Place(0.0), message)
 

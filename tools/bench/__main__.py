@@ -22,7 +22,16 @@ RESULTS = ROOT / "runs" / "bench.json"
 PUBLISHED = ROOT / "docs" / "explanation" / "performance.json"
 PAGE = PUBLISHED.with_suffix(".md")
 
-BENCHMARKS = ("turnaround", "control_step", "wake_up", "virtual_time", "link_use", "answers", "long_run")
+BENCHMARKS = (
+    "turnaround",
+    "control_step",
+    "wake_up",
+    "virtual_time",
+    "link_use",
+    "answers",
+    "web_clients",
+    "long_run",
+)
 """Modules of this package, in the order of the page."""
 
 
