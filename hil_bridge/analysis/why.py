@@ -90,6 +90,11 @@ _PARTS = (
         "where the tool really is, and what the robot's display shows",
     ),
     _Part(
+        r"^a pull of ",
+        f"{_SENSOR} or its zero, or a tool that hangs on to something",
+        "whether the sensor reads 0 when the tool touches nothing, and whether the tool sticks",
+    ),
+    _Part(
         r"force sensor|the newest force|no new force|the sensor's frame counter",
         _SENSOR,
         "the sensor's cable and supply; `hil-bridge probe sensor URL` checks its stream",

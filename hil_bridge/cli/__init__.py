@@ -8,6 +8,7 @@ from typing import Any
 import click
 
 from hil_bridge.cli.campaign import campaign
+from hil_bridge.cli.compare import compare
 from hil_bridge.cli.conform import conform
 from hil_bridge.cli.decode import decode
 from hil_bridge.cli.doctor import doctor
@@ -123,6 +124,7 @@ for command in (
     why,
     latency,
     report,
+    compare,
     export,
     layouts,
     config,

@@ -33,7 +33,7 @@ ALL = "all"
     "--page",
     type=FILE,
     metavar="FILE",
-    help="Write the page over all of them here.  [default: index.md in DIR, with `all`]",
+    help="Write the page over all of them here, and as .html with charts.  [default: index.md in DIR, with `all`]",
 )
 @click.option(
     "--workers", type=click.IntRange(min=1), metavar="N", help="Processes.  [default: one for each core]"
@@ -56,9 +56,9 @@ def experiment(
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-    from hil_bridge.experiments import EXPERIMENTS, run_jobs, write_findings, write_page
+    from hil_bridge.experiments import EXPERIMENTS, html_page, run_jobs, write_findings, write_page
     from hil_bridge.picture_files import drawing_library
-    from hil_bridge.recording.files import check_place
+    from hil_bridge.recording.files import check_place, write_whole
 
     wanted = list(dict.fromkeys(EXPERIMENTS if ALL in names else names))
     if unknown := [name for name in wanted if name not in EXPERIMENTS]:
@@ -70,7 +70,8 @@ def experiment(
     for directory in (folder, *([page.parent] if page else [])):
         _make(directory)
     if page is not None:
-        check_place(page, overwrite)
+        for place in (page, page.with_suffix(".html")):
+            check_place(place, overwrite)
     chosen = [EXPERIMENTS[name] for name in wanted]
     jobs = {item.name: item.jobs(seeds) for item in chosen}
     everything = list(dict.fromkeys(job for each in jobs.values() for job in each))
@@ -97,6 +98,11 @@ def experiment(
         command = f"hil-bridge experiment {' '.join(names)} --seeds {seeds} --out {folder} --page {page}"
         write_page(page, folder, found, chosen, command)
         click.echo(f"page: {page}")
+        shown = page.with_suffix(".html")
+        write_whole(
+            shown, html_page(found, chosen, command).encode(), overwrite or page == folder / "index.md"
+        )
+        click.echo(f"page with charts: {shown}")
 
 
 def _make(directory: Path) -> None:

@@ -3,6 +3,7 @@
 from hil_bridge.experiments.comparison import COMPARISON
 from hil_bridge.experiments.emulated_run import EmulatedRun, run_emulated
 from hil_bridge.experiments.files import write_findings, write_page
+from hil_bridge.experiments.page import html_page
 from hil_bridge.experiments.pool import run_jobs
 from hil_bridge.experiments.resolution import RESOLUTION
 from hil_bridge.experiments.results import Experiment, Findings
@@ -20,6 +21,7 @@ __all__ = [
     "EmulatedRun",
     "Experiment",
     "Findings",
+    "html_page",
     "run_emulated",
     "run_jobs",
     "write_findings",

@@ -38,6 +38,8 @@ class Findings:
     """PNG."""
     series: tuple[Row, ...] = ()
     """The curves of the picture where the table does not hold them, for a second CSV file."""
+    reference_n: float | None = None
+    """Force that the curves are to reach."""
 
 
 @dataclass(frozen=True, slots=True)

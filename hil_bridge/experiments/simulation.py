@@ -84,7 +84,7 @@ def evaluate(done: Sequence[PaperJob], results: Sequence[PaperRun]) -> Findings:
             handles, labels, title="stiffness of the wall, N/m", loc="outside lower center", ncols=5
         )
         picture = sheet.png()
-    return Findings(table, picture, tuple(series))
+    return Findings(table, picture, tuple(series), REFERENCE_N)
 
 
 def _cycling(rows: Sequence[Row]) -> list[int]:

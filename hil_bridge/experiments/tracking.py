@@ -133,7 +133,7 @@ def evaluate_flat(done: Sequence[CellJob], results: Sequence[CellTrace]) -> Find
         sheet.axes[-1].set_xlim(-0.2, SHOWN_SECONDS)
         sheet.axes[-1].set_xlabel("time since contact, s")
         picture = sheet.png()
-    return Findings(table, picture, _series(groups))
+    return Findings(table, picture, _series(groups), REFERENCE_N)
 
 
 def _draw_force(sheet: Sheet, groups: dict[str, list[CellTrace]]) -> None:
@@ -172,7 +172,7 @@ def evaluate_contour(done: Sequence[CellJob], results: Sequence[CellTrace]) -> F
             fontsize=8.5,
         )
         picture = sheet.png()
-    return Findings(table, picture, _series(groups))
+    return Findings(table, picture, _series(groups), REFERENCE_N)
 
 
 def describe_fig7(table: Sequence[Row]) -> tuple[str, tuple[Claim, ...]]:

@@ -321,7 +321,7 @@ var HilCharts = (() => {
       box.append(title);
       this.stack.append(box);
       const options = {
-        width: this.width(), height: told.height_px || 180, padding: [6, 10, 0, 0], legend: {live: !this.printing},
+        width: this.width(), height: told.height_px || 180, padding: [6, 10, 0, 0],
         cursor: this.cursor(chart), bands, hooks: this.hooks(chart), focus: {alpha: 1},
         scales: {x: {time: false, auto: false, distr: this.told.axes[axis].log ? 3 : 1}, y: {distr: told.log ? 3 : 1, range: (u, low, high) => this.range(chart, low, high)}},
         axes: [this.xAxis(chart), this.yAxis()],

@@ -6,7 +6,7 @@ from hil_bridge.analysis.latency import Latency, Part, latency_of
 from hil_bridge.analysis.times import Times
 from hil_bridge.recording.reader import Recording
 from hil_bridge.report.latency_bar import latency_bar
-from hil_bridge.report.markup import cells
+from hil_bridge.report.markup import across, cells
 
 _TITLES = ("hop", "whose time", "p50, ms", "p90, ms", "p99, ms", "max, ms", "what it is")
 
@@ -19,7 +19,7 @@ def latency_section(recording: Recording) -> str:
     parts = [
         "<h2>Latency</h2>",
         f'<p class="verdict">{escape(_sentence(found))}</p>',
-        f'<div class="scroll">{latency_bar(found)}</div>',
+        across(latency_bar(found)),
         cells(_TITLES, [*map(_row, found.chain), _total(found)], "narrow"),
     ]
     if found.beside:

@@ -29,7 +29,12 @@ def cells(titles: Sequence[str], lines: Iterable[Sequence[str]], style: str) -> 
     """Plain texts below titles."""
     head = "<thead><tr>" + "".join(f"<th>{escape(title)}</th>" for title in titles) + "</tr></thead>\n"
     body = ("".join(f"<td>{escape(text)}</td>" for text in line) for line in lines)
-    return table(body, style, head)
+    return across(table(body, style, head))
+
+
+def across(marked: str) -> str:
+    """What is wider than a phone, so that it can be moved sideways by itself."""
+    return f'<div class="across">{marked}</div>'
 
 
 def table(marked: Iterable[str], style: str = "wide", head: str = "") -> str:

@@ -6,7 +6,7 @@ from hil_bridge.analysis.steps import StepOutcome, verdict_of
 from hil_bridge.analysis.summary import Summary
 from hil_bridge.recording.reader import Recording
 from hil_bridge.report.figures import quantity
-from hil_bridge.report.markup import cells
+from hil_bridge.report.markup import across, cells
 from hil_bridge.report.path_map import path_map
 from hil_bridge.report.program_charts import has_program
 
@@ -22,7 +22,7 @@ def steps_section(recording: Recording, summary: Summary) -> str:
     steps = cells(_TITLES, (_line(step) for step in summary.steps), "wide")
     if len(summary.steps) > _OPEN:
         steps = f'<div class="scroll">{steps}</div>'
-    return f"<h2>Steps</h2>\n{steps}\n{path_map(recording)}\n"
+    return f"<h2>Steps</h2>\n{steps}\n{across(path_map(recording))}\n"
 
 
 def criteria_paragraph(summary: Summary) -> str:

@@ -5,6 +5,7 @@ from html import escape
 import numpy as np
 
 from hil_bridge.recording.reader import Recording
+from hil_bridge.report.markup import across
 from hil_bridge.report.removed_drawing import removed_drawing
 from hil_bridge.report.surface_charts import orientation_of
 
@@ -27,5 +28,5 @@ def surface_section(recording: Recording) -> str:
             f"While it touched, its axis stood {rms:.2f}° RMS from the normal, at most {float(touched.max()):.2f}°."
         )
     told = f'<p class="verdict">{escape(" ".join(sentences))}</p>\n' if sentences else ""
-    drawn = "" if removed is None else removed_drawing(removed, recording.truths)
+    drawn = "" if removed is None else across(removed_drawing(removed, recording.truths))
     return f"<h2>Emulated surface</h2>\n{told}{drawn}\n"

@@ -1,5 +1,7 @@
 """The command `hil-bridge experiment` from the outside."""
 
+import json
+import re
 import signal
 import subprocess
 import sys
@@ -12,6 +14,7 @@ from click.testing import CliRunner
 from hil_bridge.cli.experiment import experiment
 from hil_bridge.errors import ConfigError
 from hil_bridge.experiments import EXPERIMENTS
+from hil_bridge.experiments.results import distinct, from_csv, rows_where
 
 
 def run(*arguments):
@@ -26,6 +29,7 @@ def test_rules_and_simulation_leave_their_files(tmp_path):
     names = {path.name for path in tmp_path.iterdir()}
     assert names == {
         "p.md",
+        "p.html",
         "rules.png",
         "rules.csv",
         "rules.md",
@@ -34,6 +38,14 @@ def test_rules_and_simulation_leave_their_files(tmp_path):
         "fig3.md",
         "fig3-curves.csv",
     }
+
+    (told,) = re.findall(r'id="data-fig3">(.*?)</script>', (tmp_path / "p.html").read_text())
+    charts = json.loads(told)
+    rows = from_csv((tmp_path / "fig3-curves.csv").read_text())
+    for chart, stiffness in zip(charts["charts"], distinct(rows, "stiffness_n_m"), strict=True):
+        (series,) = chart["series"]
+        wanted = [row["force_n"] for row in rows_where(rows, stiffness_n_m=stiffness)]
+        assert charts["sources"][series["source"]]["force_n"] == wanted
 
 
 def test_same_seeds_give_the_same_files(tmp_path):

@@ -35,7 +35,7 @@ from hil_bridge.runs.replay import replay
 from hil_bridge.runs.session import execute
 from hil_bridge.settings.configuration import Config
 
-SEEDS = int(os.environ.get("HIL_BRIDGE_SEEDS", "500"))
+SEEDS = int(os.environ.get("HIL_BRIDGE_SEEDS", "250"))
 BLOCK = 50
 LIMIT_N = 50.0
 LATENCY_CYCLES = 3

@@ -82,11 +82,6 @@ STOPS: tuple[ConditionRow, ...] = (
         "limits.force_limit_n",
     ),
     _stop(
-        Cause.PULL,
-        "force along the approach away from the surface, from the zero",
-        "limits.pull_limit_n",
-    ),
-    _stop(
         Cause.RESULTANT_FORCE,
         "length of the force vector, of any frame since the decision before, with and without the zero",
         "limits.resultant_limit_n",
@@ -97,6 +92,11 @@ STOPS: tuple[ConditionRow, ...] = (
         "limits.moment_limit_nm",
     ),
     _stop(Cause.SATURATED, "an axis of the sensor was at the end of its range"),
+    _stop(
+        Cause.PULL,
+        "force along the approach away from the surface, from the zero",
+        "limits.pull_limit_n",
+    ),
     _stop(Cause.STALE, "age of the newest frame", "limits.stale_after_ms"),
     _stop(Cause.FROZEN, "how long frames carry identical counts on all axes", "limits.frozen_after_ms"),
     _stop(Cause.FROZEN, "time of the cycles without a new frame", "limits.still_after_ms"),

@@ -195,12 +195,6 @@ class Supervisor:
         force = seen.force if abs(seen.force) >= abs(seen.peak_force) else seen.peak_force
         if abs(force) > limits.force_limit_n:
             return Stop(Cause.FORCE, f"contact force {force:.1f} N is beyond {limits.force_limit_n:g} N")
-        if -seen.force > limits.pull_limit_n:
-            text = (
-                f"a pull of {-seen.force:.1f} N is beyond {limits.pull_limit_n:g} N: "
-                "a surface does not pull, so the sensor or its zero is wrong, or the tool hangs on to something"
-            )
-            return Stop(Cause.PULL, text)
         resultant = max(seen.resultant, seen.peak_resultant)
         if resultant > limits.resultant_limit_n:
             text = f"resultant force {resultant:.1f} N is beyond {limits.resultant_limit_n:g} N"
@@ -210,6 +204,12 @@ class Supervisor:
             return Stop(Cause.MOMENT, text)
         if seen.saturated:
             return Stop(Cause.SATURATED, "the force sensor is at the end of its range")
+        if -seen.force > limits.pull_limit_n:
+            text = (
+                f"a pull of {-seen.force:.1f} N is beyond {limits.pull_limit_n:g} N: "
+                "a surface does not pull, so the sensor or its zero is wrong, or the tool hangs on to something"
+            )
+            return Stop(Cause.PULL, text)
         if not self._fresh(seen):
             age_ms = (seen.now - seen.sensor_at) * 1e3
             digits = 0 if age_ms - limits.stale_after_ms >= 1.0 else 2
