@@ -53,7 +53,6 @@ var HilCharts = (() => {
       this.hidden = new Set();  // `chart/label` of the series that a person switched off
       this.layers = new Map(this.told.layers.map(layer => [layer.id, layer.shown !== false]));
       this.charts = [];
-      this.busy = false;
       this.frame = 0;
       this.dark = matchMedia("(prefers-color-scheme: dark)");
       this.rebuild = () => this.build();
@@ -249,15 +248,13 @@ var HilCharts = (() => {
     }
 
     show(renewed) {
-      this.busy = true;
       for (const chart of this.charts) {
-        const [min, max] = this.view(chart.axis);
+        const [min, max] = chart.ordered = this.view(chart.axis);
         chart.plot.batch(() => {
           if (renewed) chart.plot.setData(this.data(chart), false);
           chart.plot.setScale("x", {min, max});
         });
       }
-      this.busy = false;
     }
 
     applyLayers() {
@@ -448,8 +445,9 @@ var HilCharts = (() => {
     hooks(chart) {
       return {
         setScale: [(u, key) => {
-          if (key !== "x" || this.busy || !chart.plot) return;
-          this.zoom(chart.axis, u.scales.x.min, u.scales.x.max);
+          if (key !== "x" || !chart.ordered) return;
+          const {min, max} = u.scales.x, [low, high] = chart.ordered;   // uPlot tells it later, what `show` asked for, too
+          if (min !== low || max !== high) this.zoom(chart.axis, min, max);
         }],
         setSeries: [(u, index, set) => {
           if (index === null || !("show" in set) || !chart.plot) return;
@@ -464,9 +462,11 @@ var HilCharts = (() => {
     }
 
     tell(chart, u) {
-      const over = u.cursor.left !== undefined && u.cursor.left >= 0;
+      const here = u.cursor.left !== undefined && u.cursor.left >= 0;
+      const over = here || this.charts.some(other => other.plot.cursor.left >= 0);
       this.place.classList.toggle("hil-over", over);
-      if (!over) { this.note.textContent = HINT; return; }
+      if (!over) this.note.textContent = HINT;
+      if (!here) return;
       const near = this.told.marks.filter(mark => (mark.axis || "time") === chart.axis
         && (!mark.layer || this.layers.get(mark.layer) !== false)
         && Math.abs(u.valToPos(mark.x, "x") - u.cursor.left) < MARK_REACH_PX);
