@@ -10,7 +10,10 @@ from sybil.parsers.markdown.lexers import RawFencedCodeBlockLexer
 
 from tools.page_examples import ROOT, begin, commands, end, fences
 
-PAGES = [path for path in sorted((ROOT / "docs").rglob("*.md")) if "_build" not in path.parts]
+PAGES = [
+    *(ROOT / name for name in ("README.md", "CONTRIBUTING.md")),
+    *(path for path in sorted((ROOT / "docs").rglob("*.md")) if "_build" not in path.parts),
+]
 COMMAND = re.compile(r"^(?:\$ |hil-bridge |pip install |pytest |make )", re.MULTILINE)
 """A line that a reader would type."""
 
