@@ -11,7 +11,15 @@ from hil_bridge.analysis.summary import end_of, phases
 from hil_bridge.facts import Devices
 from hil_bridge.failures import TRACEBACK_EVENT
 from hil_bridge.recording.device_facts import devices_of
-from hil_bridge.recording.ending import ASKED_BY_KEY, CHECK_EVENT, PHASE_EVENT, STOP_EVENT, Outcome, RunEnd
+from hil_bridge.recording.ending import (
+    ASKED_BY_KEY,
+    ASKED_BY_PAGE,
+    CHECK_EVENT,
+    PHASE_EVENT,
+    STOP_EVENT,
+    Outcome,
+    RunEnd,
+)
 from hil_bridge.recording.reader import Recording
 from hil_bridge.recording.records import CycleRecord, EventRecord, SensorRecord
 
@@ -217,6 +225,7 @@ class _Ending:
             events = self._recording.events
             asked = [event.text for event in events if event.kind == _OPERATOR_EVENT]
             told = [f"the key {text[len(ASKED_BY_KEY) :]}" for text in asked if text.startswith(ASKED_BY_KEY)]
+            told += ["the page in the browser" for text in asked if text == ASKED_BY_PAGE]
             told += [event.text for event in events if event.kind == _SIGNAL_EVENT]
             return f"It was ended by {told[0]}." if told else _sentence(self._end.cause)
         if not self._end.cause:

@@ -8,6 +8,7 @@ import click
 from hil_bridge.cli.devices import device_options, device_settings, link_profile_option
 from hil_bridge.cli.options import overwrite_option
 from hil_bridge.cli.paths import FILE
+from hil_bridge.cli.web_options import web_options
 from hil_bridge.console.debugging import debug_option
 
 CONTROLLERS = "fuzzy, fuzzy-adaptive, resolution-aware, pi, admittance, predictive"
@@ -66,6 +67,17 @@ _BESIDE = Path("-")
     "--panel", metavar="URL", help="Where the emulated controller's panel listens: tcp-listen://127.0.0.1:0."
 )
 @click.option("--no-view", is_flag=True, help="No live view.")
+@click.option("--web", is_flag=True, help="Show the run on a page in the browser, on this machine alone.")
+@click.option(
+    "--web-port", type=click.IntRange(0, 65535), metavar="N", help="Its port.  [default: one that is free]"
+)
+@click.option(
+    "--web-origin",
+    "web_origins",
+    multiple=True,
+    metavar="URL",
+    help="Let pages of this origin read the run, as https://app.foxglove.dev. Can be given again.",
+)
 @debug_option
 def run(
     config_file: Path | None,
@@ -89,6 +101,9 @@ def run(
     overwrite: bool,
     panel: str | None,
     no_view: bool,
+    web: bool,
+    web_port: int | None,
+    web_origins: tuple[str, ...],
 ) -> None:
     """Approach the surface, hold the force while moving along it, retract.
 
@@ -106,6 +121,7 @@ def run(
     from hil_bridge.runs.outputs import Outputs
     from hil_bridge.runs.resuming import resumed_config, told_resume
     from hil_bridge.runs.session import execute
+    from hil_bridge.runs.shown import Views
     from hil_bridge.settings.configuration import lay_over, load_config
     from hil_bridge.settings.program import in_file
 
@@ -133,6 +149,7 @@ def run(
         lay_over(changes, overrides)
         config = resumed_config(read(resume), changes)
         click.echo(told_resume(config))
+    views = Views(not no_view, web_options(web, web_port, web_origins))
     beside = report == _BESIDE
     outputs = Outputs(
         record,
@@ -143,7 +160,7 @@ def run(
         report_beside=beside,
     )
     try:
-        code = execute(config, virtual, outputs, not no_view, config_file or resume)
+        code = execute(config, virtual, outputs, views, config_file or resume)
     except ConfigError as error:
         raise in_file(error, str(config_file or resume or ""), config.task.file) from error
     sys.exit(code)

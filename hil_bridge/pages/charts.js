@@ -9,6 +9,7 @@
    charts.mark({x: 3.1, text: "stop", kind: "stop"})   a further mark
    charts.spans([{begin: 0, end: 2, text: "approach", kind: "approach"}])   instead of those before
    charts.limits("force", [{value: 60, label: "force limit", kind: "limit"}])   instead of those before
+   charts.here(3.2)   a line at this x, as of the moment that a page shows; null for none
    charts.zoom("time", 2, 5), charts.reset(), charts.layer("truth", false), charts.follow(30 or null), charts.destroy()
 
    Every text is set as text, never as HTML. */
@@ -102,6 +103,8 @@ var HilCharts = (() => {
     mark(mark) { this.told.marks.push(mark); this.soon(); }
 
     spans(spans) { this.told.spans = spans; this.fillPlaces(); this.soon(); }
+
+    here(x) { this.moment = x; this.soon(); }
 
     limits(chart, limits) {
       const found = this.charts.find(one => one.told.id === chart);

@@ -115,10 +115,21 @@ var HilMarks = (() => {
     ctx.fillText(text, from, y);
   }
 
+  function moment(charts, u, {ctx, box, ratio}) {
+    const x = u.valToPos(charts.moment, "x", true);
+    ctx.strokeStyle = charts.css.getPropertyValue("--accent").trim();
+    ctx.lineWidth = 2 * ratio;
+    ctx.beginPath();
+    ctx.moveTo(x, box.top);
+    ctx.lineTo(x, box.top + box.height);
+    ctx.stroke();
+  }
+
   function before(charts, chart, u) {
     inside(u, (ctx, box, ratio) => {
       const scene = {ctx, box, ratio, taken: []};
       if (chart.first) names(charts, chart, u, scene);
+      if (Number.isFinite(charts.moment)) moment(charts, u, scene);
       for (const one of chart.told.limits || []) limit(charts, u, one, scene);
       for (const one of charts.told.marks) {
         const shown = !one.layer || charts.layers.get(one.layer) !== false;

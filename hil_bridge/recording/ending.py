@@ -11,6 +11,8 @@ STOP_EVENT = "stop"
 """Kind of the event whose text is the cause of a stop."""
 ASKED_BY_KEY = "asked for the end with the key "
 """Begin of the text of the event `operator` by which a person ends a run; the key follows."""
+ASKED_BY_PAGE = "asked for the end on the page in the browser"
+"""Text of the same event where the page was used."""
 CHECK_EVENT = "check"
 """Kind of the events that tell what was found of the sensor before the touch: full scales, model, weight, zero."""
 
@@ -38,6 +40,7 @@ EVENT_KINDS: Mapping[str, str] = {
     "failed": "Code of a plug-in failed; the text names its package and place.",
     "bug": "An exception that nothing expected.",
     "recorder": "Records were dropped.",
+    "web": "The server of the page in the browser has ended; the run goes on.",
 }
 """Kinds of events, with their meaning. A robot's kind may bring some of its own."""
 ALARMS = (STOP_EVENT, "then", "bug", "failed", "traceback", "recorder")

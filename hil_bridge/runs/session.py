@@ -30,12 +30,13 @@ from hil_bridge.recording import (
     RunEnd,
     StepRecord,
 )
-from hil_bridge.recording.ending import ASKED_BY_KEY
+from hil_bridge.recording.ending import ASKED_BY_KEY, ASKED_BY_PAGE
 from hil_bridge.runs.checks import check
 from hil_bridge.runs.cycle import BUG_EVENT, Run, RunResult
 from hil_bridge.runs.outputs import Outputs, record_path, settled, write_outputs
 from hil_bridge.runs.pace import paced
 from hil_bridge.runs.run_log import RunLog, metadata_of
+from hil_bridge.runs.shown import Relay, Views, fed
 from hil_bridge.runs.signals import Signals, unless_hung_up
 from hil_bridge.settings.configuration import Config
 from hil_bridge.settings.kinds import cell_in_words
@@ -44,6 +45,7 @@ from hil_bridge.view import REFRESH_SECONDS, Health, Scene
 
 if TYPE_CHECKING:
     from hil_bridge.view.live import LiveView
+    from hil_bridge.web.feed import Feed
 
 EXIT_CODES = {Outcome.COMPLETED: 0, Outcome.STOPPED: 3, Outcome.INTERRUPTED: 130}
 """130 is what a shell expects of a command that Ctrl-C ended."""
@@ -66,22 +68,25 @@ rarely it comes.
 
 
 def execute(
-    config: Config, virtual: bool, outputs: Outputs, view: bool, config_file: Path | None = None
+    config: Config, virtual: bool, outputs: Outputs, view: bool | Views, config_file: Path | None = None
 ) -> int:
-    """Run once, leave the outputs, print the figures; the exit code. `config_file` is never written over.
+    """Run once, leave the outputs, print the figures; the exit code. `config_file` is never written over. `view` says
+    where the run is shown; True is the terminal alone.
 
     Raises BridgeError when a device fails before the movement has begun, or a file cannot be written.
     """
     config = paced(config)
     check(config, virtual)  # before an earlier recording is replaced
     signals = Signals()
-    with signals.heard():
+    views = view if isinstance(view, Views) else Views(view)
+    with signals.heard(), fed(views, virtual) as feed:
         outputs = settled(outputs, config_file)
         with record_path(outputs) as path, Terminal() as terminal:
             if outputs.own_folder and not virtual:
                 terminal.out.say(f"recording into {path.parent}")
             kept = replace(outputs, record=path, temporary=outputs.record is None)
-            session = _Session(config, kept, view, terminal, signals)
+            session = _Session(config, kept, views.terminal, terminal, signals)
+            session.feed = feed
             awake_s = config.realtime.busy_poll_ms * 1e-3
             try:
                 result = run_virtual(session.main) if virtual else run_real(session.main, awake_s)
@@ -161,6 +166,10 @@ class _Session:
         self.faults: list[str] = []
         """Outcome of each injected fault, in words."""
         self._view: LiveView | None = None
+        self.feed: Feed | None = None
+        """Feeds the page in the browser."""
+        self._warning, self._checked = "", ""
+        """What the page shows of trouble, and of the sensor."""
         self._result: RunResult | None = None
         self._moved = False
         """The movement has begun, and may have ended."""
@@ -191,6 +200,8 @@ class _Session:
             self._tell_trouble(self._recorder.trouble)
         if self._view is not None:
             self._view.update(record)
+        if self.feed is not None:
+            self.feed.cycle(record)
         if self.cycles % _COLLECT_EVERY:
             return
         if self._clock.is_virtual:
@@ -220,6 +231,7 @@ class _Session:
 
     def _tell_check(self, text: str) -> None:
         """Findings about the sensor, while a person can still intervene."""
+        self._checked = text
         if self._view is None:
             self.terminal.out.say(f"sensor: {text}")
         elif "unchecked" in text:
@@ -230,6 +242,7 @@ class _Session:
     def _tell_trouble(self, text: str) -> None:
         """Tell trouble of the recorder at once. The run goes on, since nothing in it depends on its record."""
         self._trouble_told = True
+        self._warning = text
         self._log.notice("recorder", text)
         self.terminal.err.say(f"hil-bridge: {text}; the run goes on")
         if self._view is not None:  # where a line is short
@@ -249,13 +262,15 @@ class _Session:
             overwrite=self._overwrite,
             metadata=metadata_of(config, clock.is_virtual),
         )
-        self._log = RunLog(config, clock, self._recorder, self)
+        keeper = self._recorder if self.feed is None else Relay(self._recorder, self.feed)
+        self._log = RunLog(config, clock, keeper, self)
         try:
             if self._recorder.error is not None:
                 raise self._recorder.error
             with self._interruptible(), self._real_time_loop():
                 try:
-                    result = await self._with_devices()
+                    async with self._page():
+                        result = await self._with_devices()
                 except asyncio.CancelledError:  # by a signal: everything has been closed on the way here
                     result = self._result or RunResult(Outcome.INTERRUPTED, "before the movement began")
                 self.end = self._log.end(result)
@@ -266,6 +281,9 @@ class _Session:
             raise
         finally:
             self._close_record()
+            if self.feed is not None:
+                self.feed.end(self.end)
+                self.feed.close()
             clock.close()
 
     def _close_record(self) -> None:
@@ -292,9 +310,44 @@ class _Session:
             if devices.served is not None and devices.served.panel is not None:
                 self.terminal.out.say(f"panel: {devices.served.panel}")
             assert self._run is not None
+            if self.feed is not None:
+                self.feed.begin(self._scene(self._run.step_labels), self._clock.wall_ns(0.0))
             async with self._live_view(self._run.step_labels):
                 self._result = await self._run()
             return self._result
+
+    @asynccontextmanager
+    async def _page(self) -> AsyncIterator[None]:
+        """The page in the browser. It learns what the records do not tell now and then; nothing waits for it."""
+        feed = self.feed
+        if feed is None:
+            yield
+            return
+        feed.listen(self._asked_by_page, lambda text: self._log.notice("web", f"{text}; the run goes on"))
+        feed.begin(self._scene(()), self._clock.wall_ns(0.0))
+        self.terminal.out.say(f"page: {feed.url}")
+
+        async def pulses() -> None:
+            while True:
+                feed.pulse(self._clock.now(), self._health(), self._checked, self._warning)
+                await asyncio.sleep(REFRESH_SECONDS)
+
+        task = asyncio.create_task(pulses(), name="page")
+        try:
+            yield
+        finally:
+            task.cancel()
+            with suppress(asyncio.CancelledError):
+                await task
+
+    def _asked_by_page(self) -> None:
+        self._end_by_hand(ASKED_BY_PAGE)
+
+    def _end_by_hand(self, told: str) -> None:
+        """End in the same way as by Ctrl-C."""
+        os.kill(os.getpid(), signal.SIGINT)
+        # behind the notice of the signal, which a small view would else show in its place
+        asyncio.get_running_loop().call_soon(self._log.notice, "operator", told)
 
     @property
     def _run(self) -> Run | None:
@@ -380,10 +433,7 @@ class _Session:
     def _key(self, key: str) -> None:
         """A key of the terminal: the end in the same way as by Ctrl-C, a hold, or a mark in the record."""
         if key in _ENDING_KEYS:
-            os.kill(os.getpid(), signal.SIGINT)
-            # behind the notice of the signal, which a small view would else show in its place
-            told = f"{ASKED_BY_KEY}{key}"
-            asyncio.get_running_loop().call_soon(self._log.notice, "operator", told)
+            self._end_by_hand(f"{ASKED_BY_KEY}{key}")
         elif key == _HOLD_KEY and self._run is not None:
             told = "holds the tool in its place" if self._run.hold() else "does not hold the tool"
             self._log.notice("operator", told)
@@ -405,8 +455,8 @@ class _Session:
 
     def _health(self) -> Health:
         robot, sensor = self._log.robot, self._log.sensor
-        assert robot is not None
-        assert sensor is not None
+        if robot is None or sensor is None:  # not open yet
+            return Health()
         counters, newest = robot.counters, sensor.newest
         return Health(
             link_errors=sum(counters.get(name, 0) for name in self._log.facts.errors),

@@ -187,6 +187,10 @@ class ViewModel:
         self._events: deque[EventRecord] = deque(maxlen=EVENTS_KEPT)
         self._stop: EventRecord | None = None
 
+    def renew(self, scene: Scene) -> None:
+        """More is known of the run."""
+        self._scene = scene
+
     def update(self, record: CycleRecord) -> None:
         """A cycle has ended."""
         self._newest = record

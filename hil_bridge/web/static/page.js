@@ -1,0 +1,227 @@
+/* The page of a run: takes the server's news and shows them. Every text is set as text, never as HTML. */
+"use strict";
+(() => {
+  const $ = id => document.getElementById(id);
+  const token = new URLSearchParams(location.hash.slice(1)).get("token") || "";
+  const KEEP_S = 120, FOLLOW_S = 30, QUIET_MS = 4000, EVENTS = 200;
+  let charts = null, sketch = null, scene = null, socket = null, tries = 0, heard = 0, over = false, playback = null;
+
+  const fixed = (value, digits, unit) => (Number.isFinite(value) ? `${value.toFixed(digits)}${unit ? ` ${unit}` : ""}` : "–");
+  const signed = (value, digits, unit) => (Number.isFinite(value) ? `${value < 0 ? "−" : "+"}${Math.abs(value).toFixed(digits)} ${unit}` : "–");
+  const set = (element, text) => { if (element.textContent !== text) element.textContent = text; };
+  const bar = (id, text, lead) => {
+    const element = $(id);
+    element.hidden = !text;
+    if (!text || element.dataset.text === text + lead) return;
+    element.dataset.text = text + lead;
+    element.replaceChildren();
+    if (lead) { const b = document.createElement("b"); b.textContent = lead; element.append(b); }
+    element.append(text);
+  };
+  const list = (id, pairs) => {
+    const element = $(id);
+    pairs.forEach(([name, value, look], k) => {
+      let dt = element.children[2 * k], dd = element.children[2 * k + 1];
+      if (!dd) { dt = document.createElement("dt"); dd = document.createElement("dd"); element.append(dt, dd); }
+      set(dt, name); set(dd, value);
+      if (dd.className !== (look || "")) dd.className = look || "";
+    });
+    while (element.children.length > 2 * pairs.length) element.lastChild.remove();
+  };
+
+  function begin(told) {
+    scene = told.scene;
+    playback = told.playback || null;
+    const cell = $("cell"), [word, ...devices] = (scene.cell || "–").split("  ");
+    cell.replaceChildren(word);
+    const small = document.createElement("small");
+    small.textContent = devices.join(" ");
+    if (devices.length) cell.append(small);
+    cell.className = scene.real ? "real" : "emulated";
+    document.title = `${word} · hil-bridge`;
+    if (charts) charts.destroy();
+    charts = HilCharts.draw($("charts"), told.charts, playback ? {} : {keep: KEEP_S, follow: FOLLOW_S});
+    sketch = sketch || HilSketch.make($("side"), $("space"), $("side-scale"));
+    sketch.rows({}, true);
+    $("list").replaceChildren();
+    $("key-true").hidden = !(told.charts.layers || []).some(layer => layer.id === "truth");
+    const foot = $("foot");
+    foot.replaceChildren(scene.record ? "Recording: " : "No recording is kept.");
+    if (scene.record) { const code = document.createElement("code"); code.textContent = scene.record; foot.append(code); }
+    if (playback) {
+      $("slider").hidden = false;
+      $("at").min = playback.begin; $("at").max = playback.end;
+    } else foot.append(` · Foxglove connects to ws://${location.host}`);
+    window.hilPage = {charts, sketch, scene};   // for tests
+  }
+
+  function margin(name, value, limit, unit) {
+    const row = document.querySelector(`[data-margin="${name}"]`), share = Number.isFinite(value) && limit > 0 ? Math.abs(value) / limit : 0;
+    row.className = `margin${share >= 0.8 ? " most" : share >= 0.5 ? " half" : ""}`;
+    row.querySelector("b").style.width = `${Math.min(100, share * 100)}%`;
+    set(row.querySelector("em"), Number.isFinite(value) ? `${Math.abs(value).toFixed(1)} of ${limit} ${unit}` : `– of ${limit} ${unit}`);
+  }
+
+  function numbers(now) {
+    const phase = $("phase");
+    set(phase, now.cause ? "stopped" : now.phase);
+    phase.className = now.cause ? "stopped" : now.phase;
+    set($("step"), now.step ? `step ${now.step} of ${scene.steps.length}: ${now.step_label}` : "");
+    $("held").hidden = !now.held;
+    set($("elapsed"), fixed(now.elapsed_s, 1, "s"));
+    set($("remaining"), now.remaining_s === null || now.cause ? "" : `${fixed(now.remaining_s, 0, "s")} to track`);
+    set($("force"), fixed(now.force, 2));
+    set($("target"), now.wants_force ? fixed(now.target, 2) : "none: free space, 0");
+    const off = now.force - now.target, part = Math.abs(off) / Math.max(Math.abs(now.target), 1e-9);
+    const beside = $("off");
+    if (!Number.isFinite(now.force)) { set(beside, "–"); beside.className = ""; }
+    else if (!now.in_contact) { set(beside, "no contact"); beside.className = "away"; }
+    else { set(beside, `off by ${signed(off, 2, "N")}`); beside.className = part < 0.1 ? "near" : part < 0.3 ? "away" : "far"; }
+    const pulls = now.force < 0;
+    margin("force", now.force, pulls ? scene.limits.pull : scene.limits.force, "N");
+    margin("resultant", now.resultant, scene.limits.resultant, "N");
+    margin("moment", now.moment, scene.limits.moment, "N·m");
+    const [, , , mx, my, mz] = now.wrench || [];
+    list("across", [["lateral force", fixed(now.lateral, 2, "N")], ["mx", signed(mx, 3, "N·m")], ["my", signed(my, 3, "N·m")], ["mz", signed(mz, 3, "N·m")]]);
+    list("motion", [["depth, reported", fixed(now.depth_mm, 3, "mm")], ["depth, commanded", fixed(now.commanded_mm, 3, "mm")],
+      ["correction", signed(now.correction_mm, 3, "mm") + (now.resting ? " rests" : "")], ["travel", fixed(now.travel_mm, 1, "mm")],
+      ["stiffness", Number.isFinite(now.stiffness) ? `${Math.round(now.stiffness).toLocaleString("en")} N/m` : "–"],
+      ["supervisor", now.verdict ? [now.verdict, ...(now.reasons || [])].join(": ") : "–", now.verdict === "stop" ? "bad" : now.verdict === "clamp" ? "warn" : now.verdict ? "good" : ""]]);
+    const latency = now.latency;
+    list("times", [["cycle", fixed(now.cycle_ms, 1, "ms")],
+      scene.streamed ? ["answer", `${fixed(now.answer_ms, 2, "ms")}, ${now.late} late`, now.late ? "warn" : ""] : ["line's least", fixed(scene.floor_ms, 1, "ms")],
+      ["sensor age", fixed(now.age_ms, 1, "ms"), now.age_ms > scene.limits.stale_ms ? "bad" : now.age_ms > 100 ? "warn" : ""],
+      ["latency p50", latency ? fixed(latency.p50_ms, 1, "ms") : "–"], ["latency p99", latency ? fixed(latency.p99_ms, 1, "ms") : "–"]]);
+    const troubles = Object.entries(now.troubles || {}).map(([name, count]) => `${name} ${count}`).join(", ");
+    const lines = [["link errors", String(now.link_errors), now.link_errors ? "warn" : "good"], ["frames lost", String(now.frames_lost), now.frames_lost ? "warn" : "good"]];
+    for (const [what, sent, received] of now.traffic || []) lines.push([what, `${sent} sent, ${received} received`]);
+    if (now.dropped) lines.push(["not shown here", `${now.dropped} records`, "warn"]);
+    if (troubles) lines.push(["troubles", troubles, "wide warn"]);
+    if (now.zero) lines.push(["zero", now.zero.replace(/^zero taken:? ?/, ""), "wide"]);
+    else if (now.check) lines.push(["sensor", now.check, "wide"]);
+    list("health", lines);
+  }
+
+  function events(rows, whole) {
+    const place = $("list");
+    if (whole) place.replaceChildren();
+    for (const row of rows) {
+      const item = document.createElement("li"), time = document.createElement("time"), text = document.createElement("span"), kind = document.createElement("b");
+      time.textContent = fixed(row.at, 1, "s");
+      kind.textContent = row.kind;
+      text.append(kind, ` ${row.text}`);
+      item.className = row.weight;
+      item.append(time, text);
+      place.prepend(item);
+    }
+    while (place.children.length > EVENTS) place.lastChild.remove();
+  }
+
+  function ended(end, cause) {
+    const words = {completed: "Completed", stopped: "Stopped", interrupted: "Ended by hand", gone: "The run has gone"};
+    const shown = $("outcome"), said = [end.cause, end.left && `Tool left: ${end.left}`, ...end.followed.map(text => `Then: ${text}`)];
+    bar("outcome", said.filter(Boolean).join(" · ") || " ", words[end.outcome] || end.outcome);
+    shown.className = `bar ${end.outcome === "completed" ? "good" : end.outcome === "interrupted" ? "caution" : "alarm"}`;
+    if (!cause || end.cause === cause) $("cause").hidden = true;
+    set($("link"), playback ? "recording" : "the run has ended");
+    $("link").className = "";
+    $("end").hidden = true;
+    if (!playback) { over = true; bar("cut", "", ""); bar("silent", "", ""); }
+  }
+
+  function take(told) {
+    heard = performance.now();
+    if (told.scene) begin(told);
+    if (!scene) return;
+    const now = told.now;
+    if (now) numbers(now);
+    if (told.rows) { charts.append(told.rows); sketch.rows(told.rows, false); }
+    if (told.marks) for (const mark of told.marks) charts.mark(mark);
+    if (told.spans) charts.spans(told.spans);
+    if (told.events) events(told.events, told.events_whole);
+    if (now) {
+      bar("cause", now.cause, "Stopped:");
+      bar("warning", now.warning, "Warning:");
+      bar("silent", now.silent_s ? `no news from the run for ${now.silent_s.toFixed(0)} s` : "", "");
+      const until = told.at === undefined ? null : told.at;
+      sketch.show({approach: told.approach, quaternion: now.quaternion, wrench: now.wrench, truth: told.truth, limit: scene.limits.force, until});
+    }
+    if (told.end) ended(told.end, now && now.cause);
+    if (playback && told.at !== undefined) playing.arrived(told.at);
+  }
+
+  function connect() {
+    socket = new WebSocket(`ws://${location.host}/live`);
+    socket.onopen = () => {
+      tries = 0; heard = performance.now();
+      scene = null; over = false;
+      set($("link"), "live"); $("link").className = "live";
+      bar("cut", "", "");
+      $("outcome").hidden = true;
+      $("end").hidden = !token; $("end").disabled = false;
+    };
+    socket.onmessage = event => take(JSON.parse(event.data));
+    socket.onclose = event => {
+      $("end").disabled = true;
+      if (!over) {
+        set($("link"), "connection lost"); $("link").className = "lost";
+        bar("cut", `trying again${event.reason ? ` (${event.reason})` : ""} … the values below are old`, "Connection lost,");
+      }
+      tries += 1;
+      setTimeout(connect, Math.min(5000, 300 * 1.6 ** Math.min(tries, 8)));
+    };
+  }
+
+  setInterval(() => {   // a connection that is there, and says nothing
+    if (!over && !playback && socket && socket.readyState === WebSocket.OPEN && performance.now() - heard > QUIET_MS) socket.close();
+  }, 1000);
+
+  $("end").addEventListener("click", () => $("sure").showModal());
+  $("sure").addEventListener("close", async () => {
+    if ($("sure").returnValue !== "yes") return;
+    $("end").disabled = true;
+    try {
+      const answer = await fetch("/end", {method: "POST", headers: {"Content-Type": "application/json", "X-Hil-Bridge-Token": token},
+        body: JSON.stringify({do: "retract and end"})});
+      if (!answer.ok) throw new Error(await answer.text());
+      bar("said", "the run was asked to retract and end", "");
+    } catch (error) {
+      bar("said", `not done: ${error.message}`, "");
+      $("end").disabled = false;
+    }
+  });
+
+  // a recording
+
+  const playing = {
+    timer: 0, waits: false, wanted: null,
+    go(at) {
+      this.wanted = at;
+      set($("at-told"), fixed(at, 2, "s"));
+      if (!this.waits && socket && socket.readyState === WebSocket.OPEN) { this.waits = true; socket.send(JSON.stringify({at})); this.wanted = null; }
+    },
+    arrived(at) {
+      this.waits = false;
+      charts.here(at);
+      if (this.wanted !== null) this.go(this.wanted);
+      else if (document.activeElement !== $("at") || this.timer) { $("at").value = at; set($("at-told"), fixed(at, 2, "s")); }
+    },
+    toggle() {
+      if (this.timer) { clearInterval(this.timer); this.timer = 0; set($("play"), "▶"); return; }
+      if (Number($("at").value) >= playback.end) $("at").value = playback.begin;
+      set($("play"), "❚❚");
+      let before = performance.now();
+      this.timer = setInterval(() => {
+        const present = performance.now(), at = Math.min(playback.end, Number($("at").value) + (present - before) / 1e3);
+        before = present;
+        $("at").value = at;
+        this.go(at);
+        if (at >= playback.end) this.toggle();
+      }, 60);
+    },
+  };
+  $("at").addEventListener("input", () => playing.go(Number($("at").value)));
+  $("play").addEventListener("click", () => playing.toggle());
+
+  connect();
+})();

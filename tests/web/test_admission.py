@@ -1,0 +1,56 @@
+"""Which requests the server of a page takes, and how many."""
+
+import pytest
+
+from hil_bridge.web.admission import CSP, Admission, Bucket
+
+OTHER = "https://app.foxglove.dev"
+OURS = "127.0.0.1:8000"
+
+
+@pytest.mark.parametrize(
+    ("host", "origin", "taken"),
+    [
+        (OURS, None, True),
+        (OURS, f"http://{OURS}", True),
+        ("localhost:9", "http://localhost:9", True),  # the near end of a tunnel
+        ("[::1]:8000", "http://[::1]:8000", True),
+        (OURS, OTHER, True),
+        (OURS, "null", False),
+        (OURS, f"https://{OURS}", False),
+        (OURS, "http://127.0.0.1:8001", False),
+        (OURS, "http://localhost:8000", False),
+        (OURS, f"{OTHER}.evil.example", False),
+        ("evil.example:8000", None, False),
+        ("evil.example:8000", "http://evil.example:8000", False),
+        ("127.0.0.1.evil.example", None, False),
+        ("192.168.0.7:8000", None, False),
+        ("", None, False),
+        ("[::1", None, False),
+        ("localhost@evil.example", None, False),
+    ],
+)
+def test_only_loopback_and_named_origins_are_taken(host: str, origin: str | None, taken: bool) -> None:
+    assert (not Admission("token", (OTHER,)).refusal(host, origin)) is taken
+
+
+def test_only_the_whole_token_ends_a_run() -> None:
+    admission = Admission("a-long-token")
+    assert admission.may_end("a-long-token")
+    assert not any(map(admission.may_end, ("", "a-long-toke", "a-long-token ", "A-long-token", "\ud800")))
+
+
+def test_a_bucket_lets_through_its_rate_and_no_more() -> None:
+    now = 0.0
+    bucket = Bucket(10.0, 5.0, lambda: now)
+    taken = 0
+    for _ in range(1000):  # 10 s of 100 a second
+        taken += bucket.take()
+        now += 0.01
+    assert 5 + 98 <= taken <= 5 + 101
+
+
+def test_no_script_of_elsewhere_may_run() -> None:
+    assert "unsafe" not in CSP
+    assert "*" not in CSP
+    assert CSP.startswith("default-src 'none'")

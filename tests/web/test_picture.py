@@ -1,0 +1,135 @@
+"""What a page is told of a run: the values of its recording, and no more than a bounded part of them."""
+
+import json
+from typing import Any
+
+import msgspec
+import pytest
+
+from hil_bridge.api import load, simulate
+from hil_bridge.recording import CycleRecord, EventRecord, Recording, RunEnd
+from hil_bridge.recording.ending import Outcome
+from hil_bridge.recording.topics import TOPICS, Record
+from hil_bridge.settings.kinds import cell_in_words, facts_of
+from hil_bridge.view import Health, Scene
+from hil_bridge.web import wire
+from hil_bridge.web.columns import ROWS, Columns
+from hil_bridge.web.picture import EVENTS, Cursor, Picture
+
+FAULT = {"on": "robot", "fault": "emergency-stop", "phase": "track", "after_s": 1.0}
+
+
+@pytest.fixture(scope="module")
+def stopped() -> tuple[Scene, Recording]:
+    """A run with an emulated cell that an emergency stop ends."""
+    config = load({"run": {"duration_s": 3.0}}, faults=[FAULT], seed=3)
+    scene = Scene(10.0, facts_of(config), cell=cell_in_words(config)[1], limits=config.limits)
+    return scene, simulate(config).recording
+
+
+def in_order(recording: Recording) -> list[Record]:
+    records: list[Record] = [*recording.cycles, *recording.truths, *recording.events, *recording.sensors]
+    times = {topic.record: topic.time_of for topic in TOPICS}
+    return sorted(records, key=lambda record: times[type(record)](record))
+
+
+def test_messages_come_over_the_socket_as_they_were(stopped: tuple[Scene, Recording]) -> None:
+    scene, recording = stopped
+    begin = wire.decoded(wire.encoded(wire.Begin(scene, 123)))
+    assert begin == wire.Begin(scene, 123)
+    records = in_order(recording)[:200]
+    message = wire.decoded(wire.encoded_records(records))
+    assert isinstance(message, wire.Records)
+    encode = {topic.record: topic.encode for topic in TOPICS}
+    said, heard = (
+        [json.loads(encode[type(record)](record)) for record in those]
+        for those in (records, wire.records_of(message))
+    )
+    assert heard == said
+
+
+def test_the_page_is_told_what_the_recording_holds(stopped: tuple[Scene, Recording]) -> None:
+    scene, recording = stopped
+    picture = Picture(wire.Begin(scene, 0), 0.0)
+    cursor, told, rows = Cursor(), {}, 0
+    events: list[Any] = []
+    for number, record in enumerate(in_order(recording)):
+        picture.take(record)
+        if number % 50 == 0:
+            told = json.loads(msgspec.json.encode(picture.told(cursor, 0.0)))
+            rows += len(told.get("rows", {}).get("cycle", {}).get("x", ()))
+            events += told["events"]
+    picture.end(wire.End(RunEnd(Outcome.STOPPED, "the emergency stop").as_metadata()))
+    told = json.loads(msgspec.json.encode(picture.told(cursor, 0.0)))
+    rows += len(told.get("rows", {}).get("cycle", {}).get("x", ()))
+    events += told["events"]
+    newest = recording.cycles[-1]
+    assert rows == len(recording.cycles)  # none is thinned at this pace, and none comes twice
+    assert told["now"]["force"] == pytest.approx(newest.force, rel=1e-4, abs=1e-5)
+    assert told["now"]["depth_mm"] == pytest.approx(newest.depth * 1e3, rel=1e-4)
+    stops = [event for event in recording.events if event.kind == "stop"]
+    assert stops
+    assert told["now"]["cause"] == stops[0].text
+    assert told["end"]["cause"] == "the emergency stop"
+    assert [event["kind"] for event in events] == [event.kind for event in recording.events]
+    assert [event["weight"] for event in events if event["kind"] in ("stop", "fault")][:2] == [
+        "caution",
+        "alarm",
+    ]
+    assert "N, N·m" in told["now"]["zero"]
+    truth = recording.truths[-1]
+    assert told["truth"]["quaternion"] == pytest.approx(truth.quaternion, abs=1e-4)
+
+
+def test_a_page_that_comes_later_is_told_everything_at_once(stopped: tuple[Scene, Recording]) -> None:
+    scene, recording = stopped
+    picture = Picture(wire.Begin(scene, 0), 0.0)
+    for record in in_order(recording):
+        picture.take(record)
+    told = picture.told(Cursor(), 0.0)
+    limits = {chart["id"]: chart.get("limits", ()) for chart in told["charts"]["charts"]}
+    assert [limit["value"] for limit in limits["force"]] == [
+        scene.limits.force_limit_n,
+        -scene.limits.pull_limit_n,
+    ]
+    assert len(told["rows"]["cycle"]["x"]) == len(recording.cycles)
+    assert told["scene"]["cell"].startswith("EMULATED")
+    picture.begin(wire.Begin(scene, 0))  # more is known: every page begins anew
+    again = picture.told(Cursor(dict.fromkeys(("cycle", "truth"), 10**6), 10**6, 10**6), 0.0)
+    assert len(again["rows"]["cycle"]["x"]) == len(recording.cycles)
+
+
+def test_silence_is_told_and_an_end_without_a_word(stopped: tuple[Scene, Recording]) -> None:
+    picture = Picture(wire.Begin(stopped[0], 0), 100.0)
+    picture.pulse(wire.Pulse(5.0, Health()), 100.0)
+    assert picture.told(Cursor(), 101.0)["now"]["silent_s"] == 0
+    assert picture.told(Cursor(), 107.5)["now"]["silent_s"] == 7.5
+    picture.lost()
+    assert picture.told(Cursor(), 107.5)["end"]["outcome"] == "gone"
+
+
+def test_a_fast_and_long_run_stays_within_its_bounds(stopped: tuple[Scene, Recording]) -> None:
+    scene, recording = stopped
+    cycle = next(cycle for cycle in recording.cycles if cycle.phase == "track")
+    columns, picture = Columns(0.0), Picture(wire.Begin(scene, 0), 0.0)
+    for number in range(4 * ROWS):
+        at, force = number * 0.01, 50.0 if number % 4 == 1 else 1.0
+        record = msgspec.structs.replace(cycle, controlled_at=at, started_at=at, force=force)
+        columns.cycle(record)
+        if number % 20 == 0:
+            picture.take(EventRecord(at, "mark", "m" * 10_000))
+    found = columns.since({})["cycle"]
+    assert len(found["x"]) == ROWS
+    assert max(one for one in found["high"] if one is not None) == 50.0  # a peak between two rows is not lost
+    assert columns.counts["cycle"] == pytest.approx(2 * ROWS, rel=0.01)
+    told = picture.told(Cursor(), 0.0)
+    assert len(told["events"]) == len(told["marks"]) == EVENTS
+    assert len(msgspec.json.encode(told)) < 200_000
+
+
+def test_a_number_that_is_none_becomes_a_gap(stopped: tuple[Scene, Recording]) -> None:
+    cycle = msgspec.structs.replace(stopped[1].cycles[0], force=float("nan"))
+    assert isinstance(cycle, CycleRecord)
+    columns = Columns(0.0)
+    columns.cycle(cycle)
+    assert columns.since({})["cycle"]["force"] == [None]

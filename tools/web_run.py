@@ -1,0 +1,49 @@
+"""A run with its page, in a process of its own: for tests, pictures and benchmarks."""
+
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+PATIENCE_S = 60.0
+
+
+class WebRun:
+    """A run with its page."""
+
+    def __init__(self, folder: Path, arguments: tuple[str, ...], config: str) -> None:
+        file = folder / "run.toml"
+        file.write_text(config)
+        self.log = folder / "run.log"
+        with self.log.open("wb") as log:
+            self.process = subprocess.Popen(
+                [sys.executable, "-m", "hil_bridge", "run", str(file), "--web", "--no-view", *arguments],
+                cwd=folder,
+                stdout=log,
+                stderr=subprocess.STDOUT,
+            )
+        self.url = self._line("page: ")
+        self.origin, _, fragment = self.url.partition("/#token=")
+        self.token = fragment
+        self.port = int(self.origin.rpartition(":")[2])
+
+    def _line(self, begin: str) -> str:
+        until = time.monotonic() + PATIENCE_S
+        while time.monotonic() < until and self.process.poll() is None:
+            for line in self.log.read_text().splitlines():
+                if line.startswith(begin):
+                    return line.removeprefix(begin)
+            time.sleep(0.05)
+        raise AssertionError(f"the run never told {begin!r}: {self.log.read_text()}")
+
+    def server(self) -> int:
+        """Process that serves the page."""
+        children = Path(f"/proc/{self.process.pid}/task/{self.process.pid}/children").read_text().split()
+        for child in map(int, children):
+            if b"hil_bridge.web" in Path(f"/proc/{child}/cmdline").read_bytes():
+                return child
+        raise AssertionError("no process serves the page")
+
+    def ended(self) -> int:
+        """Exit code, once the run has ended."""
+        return self.process.wait(PATIENCE_S)
