@@ -61,7 +61,15 @@ def built(release: Release) -> str:
     strange = {name.split("/")[0] for name in names} - {"hil_bridge", "emulators", "protocol"}
     if strange != {f"hil_bridge-{release.version}.dist-info"}:
         raise RuntimeError(f"the wheel holds {sorted(strange)}")
-    for wanted in ("hil_bridge/py.typed", "emulators/py.typed", "protocol/py.typed", "licenses/LICENSE"):
+    for wanted in (
+        "hil_bridge/py.typed",
+        "emulators/py.typed",
+        "protocol/py.typed",
+        "licenses/LICENSE",
+        "pages/vendor/uPlot.iife.js",
+        "pages/vendor/uPlot.min.css",
+        "pages/uPlot-LICENSE.txt",
+    ):
         if not any(name.endswith(wanted) for name in names):
             raise RuntimeError(f"the wheel has no {wanted}")
     return ", ".join(f"{path.name} {path.stat().st_size / 1e6:.2f} MB" for path in sorted(dist.iterdir()))

@@ -9,7 +9,7 @@ from hil_bridge.cli.options import overwrite_option
 from hil_bridge.cli.paths import FILE
 
 
-@click.command()
+@click.command(short_help="Make a page with charts from a recording.")
 @click.argument("recording", type=FILE)
 @click.option("--out", type=FILE, metavar="DIR", help="Where to put it.  [default: beside the recording]")
 @click.option("--png", is_flag=True, help="A picture beside it, report.png.")

@@ -8,8 +8,8 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 FILES = [*(ROOT / "examples").glob("*/**/*.py"), *(ROOT / "examples").glob("*/pyproject.toml")]
 PAGES = {
-    name: (ROOT / "docs" / folder / f"{name}.md").read_text(encoding="utf-8")
-    for name, folder in {"controllers": "reference", "devices": "how-to", "surfaces": "reference"}.items()
+    name: (ROOT / "docs" / "how-to" / f"{name}.md").read_text(encoding="utf-8")
+    for name in ("controllers", "devices", "surfaces")
 }
 CODE = [
     (page, number, block)
