@@ -27,7 +27,13 @@ def asset(name: str) -> str:
 def chart_script() -> str:
     """uPlot with its licence, and our charts on it: one script, which defines `HilCharts`."""
     return "\n".join(
-        (f"/*\n{asset(UPLOT_LICENSE)}*/", asset("uPlot.iife.js"), asset("marks.js"), asset("charts.js"))
+        (
+            f"/*\n{asset(UPLOT_LICENSE)}*/",
+            asset("uPlot.iife.js"),
+            asset("marks.js"),
+            asset("pointer.js"),
+            asset("charts.js"),
+        )
     )
 
 

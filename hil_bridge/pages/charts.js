@@ -329,7 +329,7 @@ var HilCharts = (() => {
           ...lines.map(line => this.series(chart, line))],
       };
       chart.plot = new uPlot(options, this.data(chart), box);
-      this.touch(chart);
+      HilPointer.attach(this, chart);
       chart.plot.root.querySelectorAll(".u-series").forEach((row, k) => {
         if (k === 0) row.classList.add("hil-none");   // the bar tells x
       });
@@ -476,55 +476,6 @@ var HilCharts = (() => {
       const told = near.map(mark => `${mark.x.toFixed(3)} ${this.told.axes[chart.axis].unit}: ${mark.text}`).join("   |   ");
       const text = this.at(chart.axis, u.posToVal(u.cursor.left, "x")) + (told && `   |   ${told}`);
       if (this.note.textContent !== text) this.note.textContent = text;
-    }
-
-    touch(chart) {
-      const over = chart.plot.over, fingers = new Map();
-      let begun = null;
-      const start = () => {
-        const view = this.view(chart.axis), points = [...fingers.values()];
-        begun = points.length ? {view, points} : null;
-      };
-      const to = () => {
-        const [low, high] = begun.view, width = over.clientWidth, now = [...fingers.values()];
-        const value = px => low + (high - low) * px / width;
-        if (now.length > 1 && begun.points.length > 1) {
-          const [a, b] = begun.points, factor = Math.abs(a - b) / Math.max(Math.abs(now[0] - now[1]), 8);
-          const middle = value((a + b) / 2), left = (now[0] + now[1]) / 2 / width, span = (high - low) * factor;
-          this.place_(chart.axis, middle - span * left, middle + span * (1 - left));
-        } else {
-          const shift = value(begun.points[0]) - value(now[0]);
-          this.place_(chart.axis, low + shift, high + shift);
-        }
-      };
-      const x = event => event.clientX - over.getBoundingClientRect().left;
-      over.addEventListener("pointerdown", event => {
-        if (event.pointerType !== "touch" && !event.shiftKey) return;
-        fingers.set(event.pointerId, x(event));
-        over.setPointerCapture(event.pointerId);
-        start();
-      });
-      over.addEventListener("mousedown", event => { if (event.shiftKey) event.stopImmediatePropagation(); }, true);
-      over.addEventListener("pointermove", event => {
-        if (!fingers.has(event.pointerId)) return;
-        fingers.set(event.pointerId, x(event));
-        if (begun) to();
-      });
-      const end = event => { if (fingers.delete(event.pointerId)) start(); };
-      over.addEventListener("pointerup", end);
-      over.addEventListener("pointercancel", end);
-      over.addEventListener("wheel", event => {
-        const [low, high] = this.view(chart.axis);
-        if (event.ctrlKey || event.metaKey) {
-          const factor = Math.exp(Math.max(-50, Math.min(50, event.deltaY)) * 0.01), at = low + (high - low) * x(event) / over.clientWidth;
-          event.preventDefault();
-          this.place_(chart.axis, at - (at - low) * factor, at + (high - at) * factor);
-        } else if (Math.abs(event.deltaX) > Math.abs(event.deltaY) && this.views[chart.axis]) {
-          const shift = (high - low) * event.deltaX / over.clientWidth;
-          event.preventDefault();
-          this.place_(chart.axis, low + shift, high + shift);
-        }
-      }, {passive: false});
     }
   }
 

@@ -34,7 +34,7 @@ PICTURE_S = 0.05
 BODY_BYTES = 1024
 
 _TYPES = {"js": "text/javascript", "css": "text/css", "html": "text/html", "svg": "image/svg+xml"}
-_SHARED = ("uPlot.iife.js", "uPlot.min.css", "charts.js", "marks.js", "pages.css")
+_SHARED = ("uPlot.iife.js", "uPlot.min.css", "charts.js", "marks.js", "pointer.js", "pages.css")
 """Files of `hil_bridge.pages`."""
 _OWN = ("page.js", "page.css", "sketch.js", "table.js", "table.css", "icon.svg")
 
