@@ -12,7 +12,7 @@ import msgspec
 from aiohttp import WSCloseCode, WSMsgType, web
 
 from hil_bridge.errors import ConfigError
-from hil_bridge.pages import asset
+from hil_bridge.pages import chart_script, style
 from hil_bridge.web.admission import HEADERS, TOKEN_HEADER, Admission, Bucket
 
 CLIENTS = 12
@@ -34,8 +34,8 @@ PICTURE_S = 0.05
 BODY_BYTES = 1024
 
 _TYPES = {"js": "text/javascript", "css": "text/css", "html": "text/html", "svg": "image/svg+xml"}
-_SHARED = ("uPlot.iife.js", "uPlot.min.css", "charts.js", "marks.js", "pointer.js", "pages.css")
-"""Files of `hil_bridge.pages`."""
+_SHARED: Mapping[str, Callable[[], str]] = {"charts.js": chart_script, "charts.css": style}
+"""Scripts and style of `hil_bridge.pages`, each in one."""
 _OWN = ("page.js", "page.css", "sketch.js", "table.js", "table.css", "icon.svg")
 
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
@@ -288,7 +288,7 @@ def _file(name: str) -> web.Response:
     kind = _TYPES[name.rpartition(".")[2]]
     try:
         if name in _SHARED:
-            text = asset(name)
+            text = _SHARED[name]()
         else:
             text = files("hil_bridge.web").joinpath("static", name).read_text(encoding="utf-8")
     except (ConfigError, OSError) as error:

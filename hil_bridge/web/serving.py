@@ -146,7 +146,7 @@ def settle(parent: int) -> None:
     if os.getppid() != parent:
         raise SystemExit("the run has gone")
     with suppress(OSError):
-        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+        os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))  # takes no processor from one that works
     os.nice(NICE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (LOG_BYTES, LOG_BYTES))
 

@@ -1,33 +1,34 @@
 """Web clients: whether a run answers its robot later while three clients watch its page than while none does.
 
-One run on the emulated cell, 250 cycles a second. Clients come and go in turns, so that whatever else the machine does
-meets both alike: two pages, and one client of Foxglove's protocol that wants every channel.
+One run of each robot on the emulated cell. Clients come and go in turns, so that whatever else the machine does meets
+both alike: two pages, and one client of Foxglove's protocol that wants every channel. The clients are a process of lower
+priority, since they could as well be elsewhere.
 
 `python -m tools.bench.web_clients 60` tracks for 60 s and shows the figures.
 """
 
 import asyncio
 import json
+import math
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from pathlib import Path
+from typing import NamedTuple
 
 import aiohttp
 
-from hil_bridge.recording import CycleRecord, read
+from hil_bridge.recording import CycleRecord, Recording, read
 from tools.bench.figures import Figure, Report, Spread, Target
 from tools.web_run import WebRun
 
 TRACK_S = 120.0
-TURN_S = 5.0
+TURN_S = 6.0
 """With clients, then as long without."""
-SETTLE_S = 0.7
+SETTLE_S = 2.0
 """Begin of each turn that does not count."""
-PATIENCE_S = 120.0
 TARGET = Target("ratio", 1.1)
 CONFIG = """\
 [run]
@@ -37,9 +38,9 @@ speed_mm_s = 1.0
 approach_speed_mm_s = 10.0
 retract_mm = 5.0
 [robot]
-emulated = "egm"
+emulated = "%s"
 [sensor]
-emulated = "netft"
+emulated = "%s"
 [limits]
 stale_after_ms = 20000.0
 still_after_ms = 20000.0
@@ -47,12 +48,29 @@ cycle_deadline_ms = 20000.0
 """
 """On a busy machine the run goes on, so that there is something to compare."""
 MICRO = 1e6
+LEAST = 100
+"""Values without which nothing is said of a p99."""
 Turn = tuple[float, float]
 
 
-async def _watch(session: aiohttp.ClientSession, run: WebRun, foxglove: bool) -> None:
+class Way(NamedTuple):
+    """A cell, and what is late when its loop is."""
+
+    robot: str
+    sensor: str
+    what: str
+    of: Callable[[CycleRecord], float]
+
+
+WAYS = (
+    Way("egm", "netft", "answer to the robot (egm)", lambda cycle: cycle.answer_s),
+    Way("s3", "jr3", "time of a cycle (s3)", lambda cycle: cycle.answered_at - cycle.started_at),
+)
+
+
+async def _watch(session: aiohttp.ClientSession, origin: str, foxglove: bool) -> None:
     path, protocols = ("/", ("foxglove.sdk.v1",)) if foxglove else ("/live", ())
-    async with session.ws_connect(run.origin + path, protocols=protocols, max_msg_size=0) as socket:
+    async with session.ws_connect(origin + path, protocols=protocols, max_msg_size=0) as socket:
         async for message in socket:
             if foxglove and message.type is aiohttp.WSMsgType.TEXT:
                 told = json.loads(message.data)
@@ -61,61 +79,74 @@ async def _watch(session: aiohttp.ClientSession, run: WebRun, foxglove: bool) ->
                     await socket.send_json({"op": "subscribe", "subscriptions": wanted})
 
 
-async def _turns(run: WebRun) -> tuple[list[Turn], list[Turn]]:
-    """Let clients come and go until the run has ended: when there were some, and when none, s since 1970."""
-    with_them: list[Turn] = []
-    without: list[Turn] = []
+async def watch(origin: str) -> None:
+    """Three clients, until the server goes."""
     async with aiohttp.ClientSession() as session:
-        while run.process.poll() is None:
-            clients = [asyncio.create_task(_watch(session, run, number == 0)) for number in range(3)]
-            began = time.time()
-            await asyncio.sleep(TURN_S)
-            with_them.append((began + SETTLE_S, time.time()))
-            for client in clients:
-                client.cancel()
-            with suppress(aiohttp.ClientError, OSError):
-                await asyncio.gather(*clients, return_exceptions=True)
-            began = time.time()
-            await asyncio.sleep(TURN_S)
-            without.append((began + SETTLE_S, time.time()))
-    return with_them, without
+        await asyncio.gather(*(_watch(session, origin, number == 0) for number in range(3)))
 
 
-def answers(cycles: Sequence[CycleRecord], zero_s: float, turns: Sequence[Turn]) -> list[float]:
-    """How long the answers of these turns took while the run tracked, s."""
+def _turns(run: WebRun) -> tuple[list[Turn], list[Turn]]:
+    """Let clients come and go until the run has ended: when there were some, and when none, s since 1970."""
+    turns: tuple[list[Turn], list[Turn]] = ([], [])
+    while run.process.poll() is None:
+        for watched in (True, False):
+            command = ("nice", "-n", "19", sys.executable, "-m", "tools.bench.web_clients", run.origin)
+            clients = subprocess.Popen(command, stderr=subprocess.DEVNULL) if watched else None
+            began = time.time()
+            time.sleep(TURN_S)
+            turns[not watched].append((began + SETTLE_S, time.time()))
+            if clients is not None:
+                clients.kill()
+                clients.wait()
+    return turns
+
+
+def values(way: Way, recording: Recording, turns: Sequence[Turn]) -> list[float]:
+    """What was measured in these turns while the run tracked, s."""
+    zero_s = recording.unix_zero_ns * 1e-9
     return [
-        cycle.answer_s
-        for cycle in cycles
-        if cycle.phase == "track" and any(a <= zero_s + cycle.started_at <= b for a, b in turns)
+        way.of(cycle)
+        for cycle in recording.cycles
+        if math.isfinite(way.of(cycle))
+        and cycle.phase == "track"
+        and any(a <= zero_s + cycle.started_at <= b for a, b in turns)
     ]
 
 
 def measure(tell: Callable[[str], object], track_s: float = TRACK_S) -> Report:
-    """Run once and compare."""
-    tell(f"one run of {track_s:.0f} s, clients in turns of {TURN_S:.0f} s")
+    """Run once with each robot and compare."""
+    figures: list[Figure] = []
+    left_out: list[str] = []
+    for way in WAYS:
+        tell(f"{way.robot}: one run of {track_s:.0f} s, clients in turns of {TURN_S:.0f} s")
+        recording, turns = _tracked(way, track_s)
+        watched, alone = (Spread(values(way, recording, each)) for each in turns)
+        if min(len(watched.values), len(alone.values)) < LEAST:
+            cause = recording.end.get("cause") or "the run was too short"
+            left_out.append(f"{way.what}: there were fewer than {LEAST} of each kind, since {cause}")
+            continue
+        for name, share in (("p50", 0.5), ("p99", 0.99)):
+            one, two = watched.at(share) * MICRO, alone.at(share) * MICRO
+            target = TARGET if name == "p99" else None
+            against = f"no client in the same run; {len(watched.values)} and {len(alone.values)} values"
+            figures.append(Figure(f"{way.what}, {name} with three clients", one, "µs", two, against, target))
+    return Report(tuple(figures), tuple(left_out))
+
+
+def _tracked(way: Way, track_s: float) -> tuple[Recording, tuple[list[Turn], list[Turn]]]:
+    """One run, with the turns of its clients."""
     with tempfile.TemporaryDirectory() as place:
-        run = WebRun(Path(place), ("--record", "run.mcap"), CONFIG % track_s)
+        run = WebRun(Path(place), ("--record", "run.mcap"), CONFIG % (track_s, way.robot, way.sensor))
         try:
-            with_them, without = asyncio.run(_turns(run))
+            turns = _turns(run)
         finally:
-            with suppress(subprocess.TimeoutExpired):
-                run.process.wait(PATIENCE_S)
             run.process.kill()
-        recording = read(Path(place) / "run.mcap")
-    zero_s = recording.unix_zero_ns * 1e-9
-    watched, alone = (Spread(answers(recording.cycles, zero_s, turns)) for turns in (with_them, without))
-    figures = []
-    for name, share in (("p50", 0.5), ("p99", 0.99), ("p99.9", 0.999)):
-        one, two = (times.at(share) * MICRO for times in (watched, alone))
-        target = TARGET if name == "p99" else None
-        label = f"{name} of an answer with three clients, beside none"
-        figures.append(Figure(label, one, "µs", two, "the same run without clients", target))
-    figures.append(
-        Figure("answers with clients", len(watched.values), "answers", len(alone.values), "answers without")
-    )
-    return Report(tuple(figures))
+        return read(Path(place) / "run.mcap"), turns
 
 
 if __name__ == "__main__":
-    for figure in measure(print, float(sys.argv[1])).figures:
-        print(figure.line())
+    if sys.argv[1].startswith("http"):
+        asyncio.run(watch(sys.argv[1]))
+    else:
+        report = measure(print, float(sys.argv[1]))
+        print("\n".join([*(figure.line() for figure in report.figures), *report.left_out]))
