@@ -1,8 +1,8 @@
 """Web clients: whether a run answers its robot later while three clients watch its page than while none does.
 
 One run of each robot on the emulated cell. Clients come and go in turns, so that whatever else the machine does meets
-both alike: two pages, and one client of Foxglove's protocol that wants every channel. The clients are a process of lower
-priority, since they could as well be elsewhere.
+both alike: two pages, and one client of Foxglove's protocol that wants every channel. The clients are a process of
+lower priority, since they could as well be elsewhere.
 
 `python -m tools.bench.web_clients 60` tracks for 60 s and shows the figures.
 """
