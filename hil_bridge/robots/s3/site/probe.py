@@ -26,7 +26,7 @@ ANSWER_PATIENCE_S = 3.0
 """Longest wait for the answer to an acknowledged query. Chosen."""
 TO_FILL_IN = """
 [sensor]
-# where the force sensor is: can+slcan:///dev/ttyACM0, serial:///dev/ttyACM0?gateway=jr3, jr3+tcp://host:1762?filter=2
+# where the force sensor is: can+slcan:///dev/ttyACM0?bitrate=1000000, serial:///dev/ttyACM0?gateway=jr3, jr3+tcp://host:1762?filter=2
 #= url = "can+socketcan://can0"
 # how it sits in the tool frame; `hil-bridge probe sensor URL` names its axes from a push by hand
 #= mounting_deg = 0.0
