@@ -53,17 +53,21 @@ class Admission:
     origins: Collection[str] = ()
     """Origins of other pages that may read."""
 
-    def refusal(self, host: str, origin: str | None) -> str:
-        """Why a request is refused, or nothing. A program that is no browser sends no Origin."""
+    def refusal(self, host: str, origin: str | None, site: str = "") -> str:
+        """Why a request is refused, or nothing. A program that is no browser sends no Origin. `site` is where a browser
+        says that a part of a page is wanted from, as a picture, for which it sends no Origin either.
+        """
         if not is_loopback(host):
             return f"this server is not {host[:80] or 'nameless'}: open it as 127.0.0.1 or localhost"
-        if origin is None or origin in (f"http://{host}", *self.origins):
+        if origin is None:
+            return "" if site != "cross-site" else "pages of another origin may not load parts of this one"
+        if origin in (f"http://{host}", *self.origins):
             return ""
         return f"pages of {origin[:80]} may not read this run; --web-origin names one that may"
 
     def may_end(self, token: str) -> bool:
         """Whether this is the run's token; its comparison takes the same time for every wrong one."""
-        return hmac.compare_digest(token.encode(errors="replace"), self.token.encode())
+        return bool(self.token) and hmac.compare_digest(token.encode(errors="replace"), self.token.encode())
 
 
 class Bucket:

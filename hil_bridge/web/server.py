@@ -24,7 +24,7 @@ MESSAGE_BYTES = 1 << 14
 MESSAGES_PER_S, MESSAGES_BURST = 40.0, 80.0
 REQUESTS_PER_S, REQUESTS_BURST = 100.0, 200.0
 TRIES_PER_S, TRIES_BURST = 1.0, 5.0
-"""Requests to end the run, right or wrong."""
+"""Requests to end the run with a wrong token. The right one is always heard, whatever others do."""
 SLOW_S = 5.0
 """A client that takes nothing for so long is dropped. Chosen."""
 IDLE_S = 20.0
@@ -32,6 +32,7 @@ IDLE_S = 20.0
 PICTURE_S = 0.05
 """Time between two messages to a page. Chosen: a person sees it as motion."""
 BODY_BYTES = 1024
+END = "/end"
 
 _TYPES = {"js": "text/javascript", "css": "text/css", "html": "text/html", "svg": "image/svg+xml"}
 _SHARED: Mapping[str, Callable[[], str]] = {"charts.js": chart_script, "charts.css": style}
@@ -84,14 +85,16 @@ class Server:
     async def _guarded(self, request: web.Request, handler: Handler) -> web.StreamResponse:
         """Check every request before anything else looks at it."""
         try:
-            if not self._requests.take():
-                return _refused(429, "too many requests")
             origin = request.headers.getall("Origin", [])
             hosts = request.headers.getall("Host", [])
             if len(hosts) != 1 or len(origin) > 1:
                 return _refused(400, "one Host and at most one Origin are needed")
-            if refusal := self._admission.refusal(hosts[0], origin[0] if origin else None):
+            opened = request.headers.get("Sec-Fetch-Mode") == "navigate"  # a link was followed to the page
+            site = "" if opened else request.headers.get("Sec-Fetch-Site", "")
+            if refusal := self._admission.refusal(hosts[0], origin[0] if origin else None, site):
                 return _refused(403, refusal)
+            if request.path != END and not self._requests.take():
+                return _refused(429, "too many requests")
             response = await handler(request)
         except web.HTTPException as error:
             return _refused(error.status, error.reason)
@@ -116,12 +119,12 @@ class Server:
         """Retract and end: needs the token, in a header, and JSON, which no form of another page can send."""
         if self.retract is None:
             return _refused(404, "no run goes on here")
-        if not self._tries.take():
-            return _refused(429, "too many tries; wait some seconds")
+        if not self._admission.may_end(request.headers.get(TOKEN_HEADER, "")):
+            if not self._tries.take():
+                return _refused(429, "too many tries; wait some seconds")
+            return _refused(403, "this needs the token of the run's address")
         if request.content_type != "application/json" or (request.content_length or 0) > BODY_BYTES:
             return _refused(415, "send JSON")
-        if not self._admission.may_end(request.headers.get(TOKEN_HEADER, "")):
-            return _refused(403, "this needs the token of the run's address")
         try:
             wanted = await request.json()
         except ValueError:
@@ -231,7 +234,7 @@ class Server:
         app.router.add_get("/", self._root)
         app.router.add_get("/static/{name}", self._static)
         app.router.add_get("/live", self._live)
-        app.router.add_post("/end", self._end)
+        app.router.add_post(END, self._end)
         runner = web.AppRunner(app, access_log=None, keepalive_timeout=IDLE_S, handle_signals=False)
         await runner.setup()
         inner = runner.server
