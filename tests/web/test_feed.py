@@ -1,114 +1,341 @@
-"""The run's side of its page: it never waits, and tells what it cannot do before anything moves."""
+"""The page of a run in a real browser, its server against clients that mean ill, and Foxglove's protocol."""
 
 import asyncio
-import socket
+import json
+import os
+import signal
+import struct
 import time
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager, suppress
+from pathlib import Path
+from typing import Any
 
+import aiohttp
 import pytest
 
-from hil_bridge.errors import ConfigError
-from hil_bridge.recording import EventRecord
-from hil_bridge.runs.shown import Views, fed
-from hil_bridge.view import Health
-from hil_bridge.web import feed as feeding
-from hil_bridge.web import wire
-from hil_bridge.web.feed import Feed, WebOptions
+from hil_bridge.recording import read
+from hil_bridge.recording.scenes import SCENE_TOPICS
+from hil_bridge.recording.topics import TOPICS
+from hil_bridge.web.admission import TOKEN_HEADER
+from tools.chromium import Page
+from tools.web_run import WebRun
+
+pytestmark = pytest.mark.live
+
+FAULT = """
+[[faults]]
+on = "robot"
+fault = "emergency-stop"
+phase = "track"
+after_s = {}
+"""
+PICTURES = os.environ.get("HIL_BRIDGE_PICTURES", "")
+"""Folder for the pictures of the documentation: `HIL_BRIDGE_PICTURES=docs/pictures pytest tests/web -k alarm`."""
+NEAR = """
+[cell]
+start_position_mm = [900.0, -100.0, 591.0]
+[task]
+retract_mm = 1.0
+"""
+"""A short way to the surface, and back."""
+LONG = f"{NEAR}[run]\nduration_s = 60.0\n"
+RETRACT = {"do": "retract and end"}
+MB = 1 << 20
 
 
-class Deaf:
-    """A serving process that reads nothing."""
-
-    def __init__(self, *_: object) -> None:
-        self.sockets = [socket.socket(fileno=socket.dup(number)) for number in _[0]]  # type: ignore[attr-defined]
-
-    def wait(self, seconds: float) -> int:
-        return 0
-
-
-@pytest.fixture
-def deaf(monkeypatch: pytest.MonkeyPatch) -> list[Deaf]:
-    """Feeds get a serving process that reads nothing."""
-    made: list[Deaf] = []
-
-    def start(*arguments: object) -> Deaf:
-        made.append(Deaf(*arguments))
-        return made[-1]
-
-    monkeypatch.setattr(feeding, "_started", start)
-    return made
-
-
-def test_a_page_that_keeps_up_with_nothing_costs_no_time_and_every_loss_is_counted(deaf: list[Deaf]) -> None:
-    feed = Feed(WebOptions())
-    began, slowest = time.monotonic(), 0.0
-    for number in range(20_000):
-        before = time.monotonic()
-        feed.put(EventRecord(float(number), "mark", "x" * 100))
-        if number % 5 == 0:
-            feed.pulse(float(number), Health())
-        slowest = max(slowest, time.monotonic() - before)
-    feed.flush()
-    assert time.monotonic() - began < 10.0
-    assert slowest < 0.5  # what else the machine does; a wait would last for ever
-    taken = 0
-    theirs = deaf[0].sockets[0]
-    theirs.setblocking(False)
+@asynccontextmanager
+async def cuttable(port: int) -> AsyncIterator["Way"]:
+    """A way to a port of loopback that can be cut."""
+    way = Way(port)
+    await way.mend()
     try:
-        while message := wire.decoded(theirs.recv(wire.MOST_BYTES)):
-            taken += len(message.items) if isinstance(message, wire.Records) else 0
-    except BlockingIOError:
-        pass
-    assert 0 < taken < 20_000
-    assert taken + feed.dropped == 20_000
-    feed.close()
-    for one in deaf[0].sockets:
-        one.close()
+        yield way
+    finally:
+        await way.cut()
 
 
-def test_a_record_too_large_for_a_message_is_counted(deaf: list[Deaf]) -> None:
-    feed = Feed(WebOptions())
-    feed.put(EventRecord(0.0, "mark", "x" * wire.MOST_BYTES))
-    feed.flush()
-    assert feed.dropped == 1
-    feed.close()
-    for one in deaf[0].sockets:
-        one.close()
+class Way:
+    def __init__(self, port: int) -> None:
+        self._to, self.port = port, 0
+        self._server: asyncio.Server | None = None
+        self._writers: list[asyncio.StreamWriter] = []
+
+    async def mend(self) -> None:
+        self._server = await asyncio.start_server(self._join, "127.0.0.1", self.port)
+        self.port = self._server.sockets[0].getsockname()[1]
+
+    async def cut(self) -> None:
+        if self._server is not None:
+            self._server.close()
+        for writer in self._writers:
+            writer.transport.abort()
+        self._writers.clear()
+
+    async def _join(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        there, back = await asyncio.open_connection("127.0.0.1", self._to)
+        self._writers += [writer, back]
+        await asyncio.gather(self._carry(reader, back), self._carry(there, writer))
+
+    async def _carry(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        with suppress(ConnectionError):
+            while data := await reader.read(65536):
+                writer.write(data)
+                await writer.drain()
+        writer.transport.abort()
 
 
-def test_a_serving_process_that_goes_is_told_once(deaf: list[Deaf]) -> None:
-    told: list[str] = []
-
-    async def main() -> None:
-        feed = Feed(WebOptions())
-        feed.listen(lambda: told.append("retract"), told.append)
-        deaf[0].sockets[0].send(wire.RETRACT)
-        await asyncio.sleep(0.01)
-        for one in deaf[0].sockets:
-            one.close()
-        await asyncio.sleep(0.01)
-        feed.put(EventRecord(0.0, "mark", "x"))
-        feed.pulse(0.0, Health())
-        feed.close()
-
-    asyncio.run(main())
-    assert told == ["retract", "the page's server has ended"]
+def text(name: str) -> str:
+    return f"document.getElementById('{name}')?.textContent"
 
 
-def test_a_taken_port_is_told_before_anything_moves() -> None:
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        port = taken.getsockname()[1]
-        with (
-            pytest.raises(
-                ConfigError, match=rf"127\.0\.0\.1:{port}: Address already in use; name another port"
-            ),
-            fed(Views(web=WebOptions(port)), virtual=False),
-        ):
-            pass
+async def test_a_browser_sees_a_run_a_cut_and_an_alarm(
+    page: Page, web_run: Callable[..., WebRun], tmp_path: Path
+) -> None:
+    """Start, live data, limits, a cut and the way back, an alarm after an injected fault, the end with its cause."""
+    run = web_run(
+        "--duration", "40", "--record", "run.mcap", config=NEAR + FAULT.format(18.0 if PICTURES else 2.5)
+    )
+    async with cuttable(run.port) as way:
+        await page.open(f"http://127.0.0.1:{way.port}/")
+        await page.until("window.hilPage && hilPage.charts.sources.cycle.x.length > 3")
+        assert "EMULATED" in await page.value(text("cell"))
+        assert await page.value("document.getElementById('end').hidden")  # no token, no button
+        limits = "hilPage.charts.charts[0].told.limits.map(one => one.value).join()"
+        assert await page.value(limits) == "50,-10"
+        await page.until(f"{text('phase')} === 'track'")
+        # the limit is a line of its colour in the canvas: a row of which every pixel or two is red
+        red = """(() => { const u = hilPage.charts.charts[0].plot, y = Math.round(u.valToPos(50, 'y', true));
+          const {left, width} = u.bbox, row = u.ctx.getImageData(left, y - 1, width, 3).data; let count = 0;
+          for (let k = 0; k < row.length; k += 4) if (row[k] > 150 && row[k + 1] < 90 && row[k + 2] < 90) count++;
+          return count > width / 3; })()"""
+        await page.until(red)
+        if PICTURES:
+            await asyncio.sleep(12.0)
+            await page.screenshot(Path(PICTURES) / "web-live.png")
+        await way.cut()
+        await page.until("!document.getElementById('cut').hidden")
+        assert "trying again" in await page.value(text("cut"))
+        await way.mend()
+        await page.until(f"{text('link')} === 'live' && document.getElementById('cut').hidden")
+        await page.until(
+            "!document.getElementById('cause').hidden || !document.getElementById('outcome').hidden"
+        )
+        await page.until("document.querySelector('#list .alarm')")
+        await page.until("!document.getElementById('outcome').hidden")
+        outcome = await page.value(text("outcome"))
+        if PICTURES:
+            await asyncio.sleep(1.0)
+            await page.screenshot(Path(PICTURES) / "web-fault.png")
+            await page.size(390, 1500, phone=True)
+            await page.scheme("dark")
+            await asyncio.sleep(1.0)
+            await page.screenshot(Path(PICTURES) / "web-phone.png")
+    assert run.ended() == 3
+    cause = read(tmp_path / "0" / "run.mcap").end["cause"]
+    assert cause
+    assert outcome.startswith(f"Stopped{cause}") or cause in outcome
+    assert [one for one in page.errors if "ERR_CONNECTION" not in one and "WebSocket" not in one] == []
 
 
-def test_a_run_in_virtual_time_and_a_missing_extra_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(ConfigError, match="hil-bridge view"), fed(Views(web=WebOptions()), virtual=True):
-        pass
-    monkeypatch.setattr(feeding, "NEEDED", ("aiohttp", "not_installed_at_all"))
-    with pytest.raises(ConfigError, match=r"--web needs the extra web: pip install"):
-        Feed(WebOptions())
+async def test_the_page_retracts_and_ends_the_run(
+    page: Page, web_run: Callable[..., WebRun], tmp_path: Path
+) -> None:
+    run = web_run("--record", "run.mcap", config=LONG)
+    await page.open(run.url)
+    await page.until(f"{text('phase')} === 'track'")
+    await page.value("document.getElementById('end').click()")
+    await page.until("document.getElementById('sure').open")
+    await page.value("document.querySelector('#sure .danger').click()")
+    await page.until(f"{text('phase')} === 'retract' || !document.getElementById('outcome').hidden")
+    await page.until("!document.getElementById('outcome').hidden")
+    assert (await page.value(text("outcome"))).startswith("Ended by hand")
+    assert run.ended() == 130
+    recording = read(tmp_path / "0" / "run.mcap")
+    assert recording.end["outcome"] == "interrupted"
+    assert recording.end["left"].startswith("retracted")
+    assert any("on the page in the browser" in event.text for event in recording.events)
+    assert page.errors == []
+
+
+def resident(process: int) -> int:
+    """Memory of a process, bytes."""
+    return int(Path(f"/proc/{process}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+
+
+async def status(session: aiohttp.ClientSession, url: str, method: str = "GET", **told: Any) -> int:
+    async with session.request(method, url, **told) as answer:
+        return answer.status
+
+
+async def foxglove(session: aiohttp.ClientSession, run: WebRun, seconds: float) -> dict[str, Any]:
+    """A client of Foxglove's protocol: channels and, for so long, the messages of all of them.
+
+    Reference: the protocol's specification: `advertise` and `subscribe` are JSON, a message is the byte 1, its
+    subscription and its time, little-endian.
+    """
+    found: dict[str, Any] = {"channels": {}, "messages": {}}
+    until = time.monotonic() + seconds
+    async with session.ws_connect(f"{run.origin}/", protocols=("foxglove.sdk.v1",), max_msg_size=0) as socket:
+        topics: dict[int, str] = {}
+        while time.monotonic() < until:
+            with suppress(TimeoutError):
+                told = await socket.receive(timeout=0.5)
+                if told.type is aiohttp.WSMsgType.TEXT:
+                    message = json.loads(told.data)
+                    found.setdefault(message["op"], message)
+                    if message["op"] == "advertise":
+                        wanted = []
+                        for channel in message["channels"]:
+                            found["channels"][channel["topic"]] = channel
+                            topics[channel["id"]] = channel["topic"]
+                            wanted.append({"id": channel["id"], "channelId": channel["id"]})
+                        await socket.send_json({"op": "subscribe", "subscriptions": wanted})
+                elif told.type is aiohttp.WSMsgType.BINARY:
+                    kind, subscription, at = struct.unpack_from("<BIQ", told.data)
+                    assert kind == 1
+                    row = (at, json.loads(told.data[13:]))
+                    found["messages"].setdefault(topics[subscription], []).append(row)
+                else:
+                    break
+    return found
+
+
+async def test_foxglove_gets_every_record_without_a_gap(
+    web_run: Callable[..., WebRun], tmp_path: Path
+) -> None:
+    run = web_run("--record", "run.mcap", "--duration", "3", config=NEAR)
+    async with aiohttp.ClientSession() as session:
+        found = await foxglove(session, run, 60.0)
+    assert run.ended() == 0
+    assert found["serverInfo"]["capabilities"] == []  # nothing can be written
+    assert set(found["channels"]) == {topic.name for topic in (*TOPICS, *SCENE_TOPICS)}
+    for topic in (*TOPICS, *SCENE_TOPICS):
+        channel = found["channels"][topic.name]
+        assert channel["schemaName"] == topic.schema_name
+        assert json.loads(channel["schema"]) == json.loads(json.dumps(topic.schema))
+    recording = read(tmp_path / "0" / "run.mcap")
+    cycles = [message["cycle"] for _, message in found["messages"]["/cycle"]]
+    assert cycles == list(range(cycles[0], recording.cycles[-1].cycle + 1))
+    forces = {cycle.cycle: cycle.force for cycle in recording.cycles}
+    assert all(forces[message["cycle"]] == message["force"] for _, message in found["messages"]["/cycle"])
+    sequences = [message["sequence"] for _, message in found["messages"]["/sensor"]]
+    recorded = [frame.sequence for frame in recording.sensors]
+    assert sequences == recorded[recorded.index(sequences[0]) :]
+    assert found["messages"]["/scene/tool"]
+
+
+async def test_clients_that_mean_ill_are_refused_or_dropped(
+    web_run: Callable[..., WebRun], tmp_path: Path
+) -> None:
+    """Other hosts and origins, wrong tokens, giant frames, floods and a client that reads nothing: none has an effect
+    on the run, none costs memory.
+    """
+    run = web_run("--record", "run.mcap", config=LONG)
+    end, live = f"{run.origin}/end", f"{run.origin}/live"
+    evil = {"Origin": "http://evil.example"}
+    async with aiohttp.ClientSession() as session:
+        assert await status(session, run.origin) == 200
+        before = resident(run.server())
+        assert await status(session, run.origin, headers={"Host": "evil.example"}) == 403
+        assert await status(session, run.origin, headers=evil) == 403
+        assert (
+            await status(session, run.origin, headers={"Sec-Fetch-Site": "cross-site"}) == 403
+        )  # as a picture
+        assert await status(session, f"{run.origin}/static/..%2f__init__.py") == 404
+        for path in ("/live", "/"):
+            with pytest.raises(aiohttp.WSServerHandshakeError, match="403"):
+                await session.ws_connect(run.origin + path, protocols=("foxglove.sdk.v1",), headers=evil)
+        with pytest.raises(aiohttp.WSServerHandshakeError, match="400"):
+            await session.ws_connect(f"{run.origin}/", protocols=("other",))
+        good = {TOKEN_HEADER: run.token}
+        assert await status(session, end, headers=good) == 405  # never by GET
+        assert await status(session, end, "POST", json=RETRACT, headers={TOKEN_HEADER: "guess"}) == 403
+        assert await status(session, end, "POST", json=RETRACT, headers=good | evil) == 403
+        assert await status(session, end, "POST", data=json.dumps(RETRACT), headers=good) == 415
+        guesses = [
+            await status(session, end, "POST", json=RETRACT, headers={TOKEN_HEADER: "x"}) for _ in range(6)
+        ]
+        assert guesses[-1] == 429
+        for path, protocols in (("/live", ()), ("/", ("foxglove.sdk.v1",))):
+            async with session.ws_connect(run.origin + path, protocols=protocols) as giant:
+                with suppress(ConnectionError):
+                    await giant.send_str("x" * (4 * MB))
+                assert await closed(giant) in (aiohttp.WSCloseCode.MESSAGE_TOO_BIG, 1006, None)
+            async with session.ws_connect(run.origin + path, protocols=protocols) as flood:
+                with suppress(ConnectionError):
+                    for _ in range(1000):
+                        await flood.send_str('{"op": "subscribe", "subscriptions": []}')
+                assert await closed(flood) in (1008, 1003, 1006, None)
+        async with session.ws_connect(live) as nonsense:
+            await nonsense.send_str("[" * 10_000)
+            assert await closed(nonsense) == aiohttp.WSCloseCode.UNSUPPORTED_DATA
+        deaf = [await silent(run.port, path) for path in ("/live", "/", "/live", "/live")]
+        idle = [await asyncio.open_connection("127.0.0.1", run.port) for _ in range(100)]
+        crowd: list[Any] = []
+        with suppress(aiohttp.WSServerHandshakeError, ConnectionError, aiohttp.ClientError):
+            while len(crowd) < 20:
+                crowd += [await session.ws_connect(live)]
+        assert len(crowd) < 16
+        for _, writer in (*deaf, *idle):
+            writer.transport.abort()
+        for socket in crowd:
+            await socket.close()
+        await asyncio.sleep(0.5)
+        assert resident(run.server()) - before < 40 * MB
+        await pressed(session, live)  # a run that has not moved leaves no record of a movement
+        assert await status(session, end, "POST", json=RETRACT, headers=good) == 200
+    assert run.ended() == 130
+    recording = read(tmp_path / "0" / "run.mcap")
+    assert recording.end["outcome"] == "interrupted"
+    assert not [event for event in recording.events if event.kind == "stop"]
+
+
+async def pressed(session: aiohttp.ClientSession, live: str) -> None:
+    """Wait until the page tells that the tool tracks the surface."""
+    async with asyncio.timeout(60.0), session.ws_connect(live) as socket:
+        async for message in socket:
+            if json.loads(message.data)["now"]["phase"] == "track":
+                return
+
+
+async def closed(socket: aiohttp.ClientWebSocketResponse) -> int | None:
+    """Code with which the server closed it, after what it had sent before."""
+    async with asyncio.timeout(20.0):
+        with suppress(ConnectionError):
+            async for _ in socket:
+                pass
+    return socket.close_code
+
+
+async def silent(port: int, path: str) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
+    """A WebSocket whose client reads nothing."""
+    reader, writer = await asyncio.open_connection("127.0.0.1", port, limit=1)
+    writer.write(
+        f"GET {path} HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+        "Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\nSec-WebSocket-Version: 13\r\n"
+        "Sec-WebSocket-Protocol: foxglove.sdk.v1\r\n\r\n".encode()
+    )
+    return reader, writer
+
+
+def test_the_server_dies_with_a_killed_run_and_the_run_outlives_its_server(
+    web_run: Callable[..., WebRun], tmp_path: Path
+) -> None:
+    killed, robbed = web_run(config=LONG), web_run("--record", "run.mcap", "--duration", "1", config=NEAR)
+    server = killed.server()
+    os.kill(robbed.server(), signal.SIGKILL)
+    killed.process.send_signal(signal.SIGKILL)
+    killed.process.wait()
+    until = time.monotonic() + 15
+    while Path(f"/proc/{server}").exists() and time.monotonic() < until:
+        if Path(f"/proc/{server}/stat").read_text().rpartition(")")[2].split()[0] == "Z":
+            break
+        time.sleep(0.05)
+    else:
+        assert not Path(f"/proc/{server}").exists()
+    assert robbed.ended() == 0
+    events = read(tmp_path / "1" / "run.mcap").events
+    assert [event.text for event in events if event.kind == "web"] == [
+        "the page's server has ended; the run goes on"
+    ]

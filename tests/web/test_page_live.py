@@ -283,11 +283,21 @@ async def test_clients_that_mean_ill_are_refused_or_dropped(
             await socket.close()
         await asyncio.sleep(0.5)
         assert resident(run.server()) - before < 40 * MB
+        await pressed(session, live)  # a run that has not moved leaves no record of a movement
         assert await status(session, end, "POST", json=RETRACT, headers=good) == 200
     assert run.ended() == 130
     recording = read(tmp_path / "0" / "run.mcap")
     assert recording.end["outcome"] == "interrupted"
     assert not [event for event in recording.events if event.kind == "stop"]
+
+
+async def pressed(session: aiohttp.ClientSession, live: str) -> None:
+    """Wait until the page tells that the tool tracks the surface."""
+    async with asyncio.timeout(60.0), session.ws_connect(live) as socket:
+        async for message in socket:
+            if json.loads(message.data)["now"]["phase"] == "track":
+                return
+    raise AssertionError("the page never told that the tool tracks")
 
 
 async def closed(socket: aiohttp.ClientWebSocketResponse) -> int | None:
