@@ -48,8 +48,8 @@ def device_options(command: Callable[..., Any]) -> Callable[..., Any]:
             metavar="URL",
             callback=not_empty,
             help="Sensor's CAN gateway: can+socketcan://can0, can+slcan:///dev/ttyACM0?bitrate=1000000; its UART "
-            "gateway: serial:///dev/ttyACM0?gateway=jr3; its receiver board: jr3+tcp://host:1762?filter=2; another kind: "
-            "KIND+WIRE. A kind alone is emulated.",
+            "gateway: serial:///dev/ttyACM0?gateway=jr3; its receiver board: jr3+tcp://host:1762?filter=2; another "
+            "kind: KIND+WIRE. A kind alone is emulated.",
         ),
         click.option(
             "--robot",

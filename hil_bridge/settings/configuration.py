@@ -112,7 +112,8 @@ class SensorSection(_Section):
 
     url: str = ""
     """can+socketcan://can0 or can+slcan:///dev/ttyACM0?bitrate=1000000 for a CAN gateway,
-    serial:///dev/ttyACM0?gateway=jr3 for a UART gateway, jr3+tcp://host:1762?filter=2 for a receiver board; empty starts the emulated sensor.
+    serial:///dev/ttyACM0?gateway=jr3 for a UART gateway, jr3+tcp://host:1762?filter=2 for a receiver board; empty
+    starts the emulated sensor.
     """
     emulated: str = "gateway"
     """Kind of the emulated sensor: gateway, uart or board for a JR3 behind a CAN gateway, a UART gateway or a receiver

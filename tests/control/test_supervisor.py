@@ -141,6 +141,15 @@ def test_a_pressing_force_that_does_not_answer_depth_stops():
     assert deepen([5.0, 1.0, 2.9, 3.1], pressing=True)[-1] is Cause.FROZEN
 
 
+def test_a_dead_force_that_a_jittering_orientation_turns_is_dead_all_the_same():
+    steps = [1.0, 2.0, 3.0, 3.01]
+    assert deepen(steps, force=lambda k: 9.03 + 1e-4 * (-1) ** k, pressing=True)[-1] is Cause.FROZEN
+    # Not one count changed on any axis, while a program turns the tool.
+    turning = deepen(steps, force=lambda k: 9.0 + 0.1 * k, pressing=True, unchanged=0.5)
+    assert turning[-1] is Cause.FROZEN
+    assert set(deepen(steps, force=lambda k: 9.0 + 0.1 * k, pressing=True)) == {None}
+
+
 def test_depth_that_does_not_match_the_position_stops():
     lying = Request(0.0, (0.0, 0.0, -1e-3), DOWN)
     assert step(lying)[1].cause is Cause.INCONSISTENT

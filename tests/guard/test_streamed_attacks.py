@@ -1,10 +1,12 @@
 """Ways in which a robot that streams, or a newer sensor, once led the guard past its promises."""
 
+import math
 from collections.abc import Callable
 from typing import Any
 
 import pytest
 
+import hil_bridge
 from hil_bridge.settings.configuration import Config, read_config
 
 Guarded = Any
@@ -86,3 +88,20 @@ NOT_COVERED: dict[str, Config] = {
 @pytest.mark.parametrize("config", NOT_COVERED.values(), ids=NOT_COVERED)
 def test_the_force_stays_below_its_bound(guarded: Run, config: Config) -> None:
     assert guarded(config).largest <= bound(config, config.limits.correction_mm_s)
+
+
+def test_a_stuck_sensor_is_seen_although_the_reported_orientation_jitters() -> None:
+    """A campaign of 10 000 seeds found it: the jitter turned a dead force by 3e-5 N. The tool pressed with 101 N."""
+    result = hil_bridge.simulate(
+        {
+            "run": {"seed": 7833, "period_ms": 20, "duration_s": 2.5},
+            "robot": {"emulated": "rtde"},
+            "sensor": {"emulated": "ft300"},
+            "controller": {"sample_ms": 20},
+            "task": {"retract_mm": 3.0},
+            "cell": {"start_position_mm": [900.0, -100.0, 592.0]},
+        },
+        faults=[{"on": "signal", "fault": "stuck", "phase": "track", "after_s": 0.7}],
+    )
+    assert "the force stayed at" in result.recording.end["cause"]
+    assert max(math.hypot(*truth.force) for truth in result.recording.truths) < 30.0

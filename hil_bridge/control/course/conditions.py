@@ -107,7 +107,7 @@ STOPS: tuple[ConditionRow, ...] = (
     ),
     _stop(
         Cause.FROZEN,
-        "how far a pressing tool went deeper without the force changing by one count",
+        "how far a pressing tool went deeper without the force changing, by one count or by 2 mN",
         "limits.unanswered_mm",
     ),
     _stop(

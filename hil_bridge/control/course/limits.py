@@ -40,8 +40,8 @@ class Limits:
     repeats itself for some frames, a dead converter for ever. Chosen: 400 frames of the default stream.
     """
     unanswered_mm: float = 2.0
-    """Depth by which a pressing tool may go deeper without the force changing by one count. Beyond it the axis that
-    measures the force is dead, while the controller presses ever harder.
+    """Depth by which a pressing tool may go deeper without the force changing, by one count or by 2 mN. Beyond it
+    the axis that measures the force is dead, while the controller presses ever harder.
     """
     oscillation_guard: bool = True
     """Lower the gain of a loop whose force swings for long, and end the run when that does not help."""

@@ -288,9 +288,14 @@ def _at_depth(request: Request, depth: float) -> Request:
 
 
 def _pressed(before: tuple[float, float] | None, observation: Observation) -> tuple[float, float] | None:
+    """Force and depth from which a pressing tool has had no answer; None while it does not press.
+
+    A dead sensor's force changes a little all the same: it is turned by the reported orientation, which jitters.
+    """
     if not observation.pressing:
         return None
-    if before is None or before[0] != observation.force:
+    still = observation.unchanged >= observation.dt  # not one count on any axis since the decision before
+    if before is None or not (still or abs(before[0] - observation.force) < _SAME_N):
         return observation.force, observation.depth
     # Where a tool that was pulled back in between comes from does not count.
     return before[0], min(before[1], observation.depth)
@@ -367,6 +372,11 @@ _STANDS = 1e-3
 
 _FASTER = 1.5
 """Chosen: how many times the path velocity a reported position may move at, for two answers are not evenly spaced."""
+
+_SAME_N = 2e-3
+"""A force that differs by less is no answer to a tool that presses. Chosen: some times what the jitter of a reported
+orientation makes of 100 N, and less than a count of most sensors.
+"""
 
 _FELL_N = 0.25
 """Chosen: a force that came down by this much has answered the retraction."""
