@@ -94,7 +94,7 @@ class LinkProfile:
         10, Mark.STANDARD, "WACK taken for one message before it is given up", minimum=0
     )
     collision_winner: Literal["robot", "host"] = setting(
-        "robot", Mark.ASSUMED, "who goes first when both sides bid at once: robot, host"
+        "robot", Mark.ASSUMED, "side that goes first when both bid at once: robot, host"
     )
     max_telegram: int = setting(
         128, Mark.ASSUMED, "largest telegram of one block", unit="byte", minimum=60, maximum=65535
