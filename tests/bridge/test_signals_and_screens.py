@@ -137,7 +137,7 @@ def test_ctrl_c_while_the_report_is_drawn_ends_at_once(hil: Command, monkeypatch
     def drawing(*_: object) -> None:
         signal.raise_signal(signal.SIGINT)
 
-    monkeypatch.setattr("hil_bridge.report.page.draw", drawing)
+    monkeypatch.setattr("hil_bridge.report.page.page", drawing)
     code, output, errors = hil(*VIRTUAL, "--report", "rep")
     assert (code, errors) == (130, "")
     assert output.splitlines() == [
