@@ -24,7 +24,8 @@ SPACING = '%%{init: {"state": {"nodeSpacing": 90, "rankSpacing": 80}}}%%'
 INTRODUCTION = """\
 Drawn by `tools/link_diagrams.py` from the table in `protocol/s3/adlp/transitions.py`, by which both ends work. An arrow
 has what happens; what is done then, and what leaves a state as it is, is in the table below the diagrams. Both ends
-send and receive. They differ in two things: which side goes first when both bid at once, and which lengths they understand."""
+send and receive. They differ in two things: which side goes first when both bid at once, and which lengths they
+understand."""
 RECEIVING = """\
 The PC understands a length that counts the whole telegram, the S3 also one of the data alone (`accepted_lengths`), so
 that it waits for the end by the other length, or for the gap time-out, before it refuses a block. "Listening" is as

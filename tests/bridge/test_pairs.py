@@ -47,21 +47,13 @@ def test_any_robot_holds_ten_newtons_with_any_sensor(robot: str, sensor: str) ->
 @pytest.mark.parametrize("robot", STREAMED)
 def test_the_record_tells_how_soon_a_robot_was_answered(robot: str, tmp_path: Path) -> None:
     """Two runs of one seed are the same to the byte, a replay is identical, and `latency` knows the answers."""
+    near = tmp_path / "near.toml"
+    near.write_text("[cell]\nstart_position_mm = [900.0, -100.0, 593.0]\n")
     records = [str(tmp_path / name) for name in ("a.mcap", "b.mcap")]
     for record in records:
-        arguments = [
-            "run",
-            "--robot",
-            robot,
-            "--sensor",
-            "netft",
-            "--virtual",
-            "--duration",
-            "0.5",
-            "--seed",
-            "3",
-        ]
-        done = CliRunner().invoke(cli, [*arguments, "--no-view", "--record", record], catch_exceptions=False)
+        arguments = ["run", str(near), "--robot", robot, "--sensor", "netft", "--virtual", "--seed", "3"]
+        arguments += ["--duration", "0.5", "--no-view", "--record", record]
+        done = CliRunner().invoke(cli, arguments, catch_exceptions=False)
         assert done.exit_code == 0, done.output
     a, b = (Path(record).read_bytes() for record in records)
     assert a == b

@@ -21,7 +21,7 @@ from hil_bridge.campaign.store import Store
 from hil_bridge.campaign.working import missing, work
 from hil_bridge.errors import BridgeError
 
-pytestmark = [pytest.mark.live, pytest.mark.skipif(os.name != "posix", reason="SIGKILL")]
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="SIGKILL")
 
 ROOT = Path(__file__).parents[2]
 DASK = "distributed==2026.8.0"

@@ -1,4 +1,4 @@
-"""Hundreds of runs, each with a fault at some moment, a controller, a stiffness and a shape drawn by its seed.
+"""A hundred runs, each with a fault at some moment, a controller, a stiffness and a shape drawn by its seed.
 
 Every draw must keep these promises. The true force stays within its bound, and no order goes deeper after a stop. The
 run ends in time and with a cause that fits the injected faults. Its recording is whole and replayed alike, and no run
@@ -35,8 +35,8 @@ from hil_bridge.runs.replay import replay
 from hil_bridge.runs.session import execute
 from hil_bridge.settings.configuration import Config
 
-SEEDS = int(os.environ.get("HIL_BRIDGE_SEEDS", "250"))
-BLOCK = 50
+SEEDS = int(os.environ.get("HIL_BRIDGE_SEEDS", "100"))
+BLOCK = 20
 LIMIT_N = 50.0
 LATENCY_CYCLES = 3
 """Cycles from an order to the force that shows its effect: answer, motion, filter, and the cycle that sees it."""

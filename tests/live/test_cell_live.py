@@ -94,7 +94,7 @@ def test_two_processes_hold_ten_newtons(tmp_path: Path, short: str) -> None:
                 short,
                 *options,
                 "--duration",
-                "20",
+                "15",
                 "--no-view",
                 "--no-record",
                 "--summary",
