@@ -17,7 +17,7 @@ test: $(STAMP)
 
 # the site of the documentation, into docs/_build/html
 docs: $(STAMP)
-	$(BIN)/sphinx-build -W --keep-going -q docs docs/_build/html
+	$(BIN)/sphinx-build -E -W --keep-going -q docs docs/_build/html
 
 # the tests with the lowest versions that pyproject.toml names; ONLY="tests/wire" runs those alone
 test-lowest: $(STAMP)

@@ -94,7 +94,7 @@ STEPS: dict[str, Callable[[], int]] = {
     "live": at_once((*REAL, *QUICK), (*REAL, *(f"--ignore={path}" for path in QUICK))),
 }
 BESIDE: dict[str, tuple[str, ...]] = {
-    "docs": ("sphinx-build", "-W", "--keep-going", "-q", "docs", "docs/_build/html"),
+    "docs": ("sphinx-build", "-E", "-W", "--keep-going", "-q", "docs", "docs/_build/html"),
     "wheels": ("python", "tools/wheels.py"),
     "kernel": ("python", "tools/vcan_vm.py", "--driver"),
 }
