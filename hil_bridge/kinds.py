@@ -254,7 +254,10 @@ class Registry(Generic[_Kind]):
                 raise ConfigError(f"{found.where}: {found.source} cannot be used: {fault}")
             return found.value
         if name not in self.built_in:
-            raise ConfigError(f"there is no {self.thing} {name!r}; choose one of {', '.join(self.names)}")
+            known = (
+                f"choose one of {', '.join(self.names)}" if self.names else "no installed package offers one"
+            )
+            raise ConfigError(f"there is no {self.thing} {name!r}; {known}")
         module, _, attribute = self.built_in[name].partition(":")
         kind: _Kind = getattr(import_module(module), attribute)
         return kind

@@ -65,10 +65,18 @@ def parse_toml(text: str, source: str) -> dict[str, Any]:
     except RecursionError as error:
         raise ConfigError(f"{source} is no TOML of ours: {_TOO_DEEP}") from error
     except ValueError as error:  # TOMLDecodeError is one; a number of 5000 digits is a plain one
-        raise ConfigError(f"{source} is no TOML: {str(error).partition(';')[0]}") from error
+        raise ConfigError(f"{source} is no TOML: {_in_words(str(error))}") from error
     for problem in _problems(values):
         raise ConfigError(f"{source}: {problem}")
     return values
+
+
+def _in_words(problem: str) -> str:
+    """What the parser of TOML says, in words of a file; of the rest its first clause."""
+    if (twice := _TWICE.match(problem)) is None:
+        return problem.partition(";")[0]
+    table = ".".join(re.findall(r"'([^']*)'", twice[1]))
+    return f"it has the table [{table}] twice {twice[2]}; put the lines of the second into the first"
 
 
 def toml_value(value: object) -> str:
@@ -127,6 +135,7 @@ def harmless(text: str) -> str:
     return "".join(sign if sign.isprintable() or sign in "\n\t" else repr(sign)[1:-1] for sign in text)
 
 
+_TWICE = re.compile(r"Cannot declare \((.+)\) twice (\(at line \d+, column \d+\))")
 _TOO_DEEP = f"tables and arrays lie more than {DEPTH_LIMIT} deep in each other"
 
 

@@ -134,7 +134,7 @@ _PARTS = (
 def why(recording: Recording) -> str:
     """How the run ended: last good cycle, first symptom, cause, what followed, where the tool is, what to look at.
 
-    One sentence for a run that completed. Times count from the begin of the recording.
+    One sentence for a run that completed. Times count from the start of the recording.
     """
     end = end_of(recording)
     if end.outcome is Outcome.COMPLETED:
@@ -190,7 +190,7 @@ class _Ending:
     def _how(self) -> str:
         began = [span.name for span in phases(self._recording) if span.begin < self._at]
         phase = f", in the phase {began[-1]}" if began else ""
-        when = f"{self._at - self._zero:.2f} s after its begin{phase}"
+        when = f"{self._at - self._zero:.2f} s after its start{phase}"
         if self._recording.truncated or not self._recording.end:
             return (
                 f"The recording ends {when}, before the run does: the process was killed, or the file is cut."

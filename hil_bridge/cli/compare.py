@@ -18,7 +18,7 @@ from hil_bridge.cli.paths import FILE
     type=click.Choice(("touch", "begin")),
     default="touch",
     show_default=True,
-    help="What all runs have at 0 s: the first touch, or the begin of the run.",
+    help="What all runs have at 0 s: the first touch, or the start of the run.",
 )
 @overwrite_option
 def compare(recordings: tuple[Path, ...], out: Path, align: str, overwrite: bool) -> None:

@@ -90,7 +90,8 @@ class FaultSchedule:
         faults, self._told = self._cell.faults[self._told :], len(self._cell.faults)
         for injection in faults:
             lasting = "" if injection.ended_at is not None else " and lasts to the end of the run"
-            self._tell(FAULT_EVENT, f"{injection.name} struck {injection.struck} times{lasting}")
+            times = f"{injection.struck} time{'s' * (injection.struck != 1)}"
+            self._tell(FAULT_EVENT, f"{injection.name} struck {times}{lasting}")
 
     def _arm(self, faults: Sequence[FaultConfig]) -> None:
         for fault in faults:

@@ -23,11 +23,11 @@ from hil_bridge.report.sources import Array, Sources, column, parts, start_time
 RUNS_MOST = 8
 """As many colours as are told apart."""
 TOUCH, BEGIN = "touch", "begin"
-"""What lies at 0 s: the begin of the first tracking, or that of the run."""
+"""What lies at 0 s: the start of the first tracking, or that of the run."""
 _TITLES = {
     "force": ("Force along the approach, positive while pressing", "N"),
-    "lateral": ("Lateral force at the tool, length", "N"),
-    "moment": ("Moment about the tool frame's origin, length", "N·m"),
+    "lateral": ("Lateral force at the tool, magnitude", "N"),
+    "moment": ("Moment about the tool frame's origin, magnitude", "N·m"),
     "depth": ("Depth along the approach from the start point, reported", "mm"),
     "correction": ("Correction of the depth per cycle", "mm"),
     "stiffness": ("Estimated stiffness of the contact", "N/m"),

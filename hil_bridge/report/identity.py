@@ -66,7 +66,7 @@ def _surface(recording: Recording) -> str:
 
 def _date(recording: Recording) -> str:
     if recording.metadata.get("time") == "virtual":
-        return "in virtual time, as fast as it was computed"
+        return "none: the run was in virtual time"
     at = recording.unix_zero_ns * 1e-9 + start_time(recording)
     if not recording.unix_zero_ns or not 0.0 < at < _YEAR_3000_S:
         return _UNKNOWN

@@ -128,13 +128,13 @@ class RunCharts:
         length = np.linalg.norm(wrench[:, :3], axis=1)
         source = self._cycle("lateral", fx=wrench[:, 0], fy=wrench[:, 1], length=length)
         series = [Series(source, f"f{axis}", f"f{axis}", f"{k + 1}") for k, axis in enumerate(_AXES[:2])]
-        series.append(Series(source, "length", "length of the whole force", "7", width=1.0))
+        series.append(Series(source, "length", "magnitude, with fz", "7", width=1.0))
         return Chart(
             "lateral",
             "Lateral force at the tool, tool frame",
             "N",
             series,
-            limits=self._limit("resultant_limit_n", "limit of the length"),
+            limits=self._limit("resultant_limit_n", "limit of the magnitude"),
         )
 
     def _moments(self) -> Chart | None:
@@ -143,7 +143,7 @@ class RunCharts:
             return None
         source = self._cycle("moments", **{f"m{axis}": moments[:, k] for k, axis in enumerate(_AXES)})
         series = [Series(source, f"m{axis}", f"m{axis}", f"{k + 1}") for k, axis in enumerate(_AXES)]
-        limits = self._limit("moment_limit_nm", "limit of the length")
+        limits = self._limit("moment_limit_nm", "limit of the magnitude")
         return Chart("moments", "Moments about the tool frame's origin", "N·m", series, limits=limits)
 
     def _depth(self) -> Chart:

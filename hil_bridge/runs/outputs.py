@@ -141,7 +141,9 @@ def figures(summary: Summary) -> list[str]:
         mean = figures["steady_mean_error_n"]
         rows.append(("steady error", f"{mean:+.2f} N mean, {swing:.2f} N peak to peak"))
     rise = figures["rise_samples"]
-    risen = "not reached" if rise is None else f"{rise:.0f} samples, {figures['rise_s']:.2f} s"
+    risen = (
+        "not reached" if rise is None else f"{rise:.0f} sample{'s' * (rise != 1)}, {figures['rise_s']:.2f} s"
+    )
     if summary.strokes > 1:
         risen += f" in the slowest of {summary.strokes} strokes"
     rows += [

@@ -170,7 +170,7 @@ class Zeroing:
                 raise SafetyStop(
                     f"force sensor on {self._sensor.name} did not stream again within {ZERO_PATIENCE_S:g} s of its zero"
                 ) from None
-            self._say(f"zero taken: {numbers(before.mean)} N, N·m; {zero.force:.2f} N more than is known")
+            self._say(f"zero taken: {numbers(before.mean)} N, N·m; {zero.force:.2f} N of it unexplained")
         return Zero(lifted, contact)
 
     def _judge_zero(self) -> None:

@@ -319,7 +319,7 @@ def governors(root: Path) -> Fact:
     folders = sorted((root / "sys/devices/system/cpu").glob("cpu[0-9]*/cpufreq"))
     names = sorted({_read(folder / "scaling_governor") for folder in folders} - {""})
     if not names:
-        return ok("frequency governor", "none: the frequency is fixed, or the host's matter")
+        return ok("frequency governor", "none: the frequency is fixed, or the host of this machine sets it")
     if names == ["powersave"] and _read(folders[0] / "scaling_driver") not in (
         "intel_pstate",
         "amd-pstate-epp",

@@ -147,7 +147,7 @@ async def probe(
             frames.popleft()
 
     def note(kind: str, text: str) -> None:
-        screen.say(f"{kind} says: {text}")
+        screen.say(f"{kind}: {text}")
 
     sensor = await connect_sensor(config, url, Wiring("sensor", clock, LogTo(take, note)))
     sensor.start()

@@ -65,10 +65,11 @@ def frame_of(found: Mapping[str, Sequence[float]], approach: Vector) -> dict[str
             f"the plane stands at {angle:.0f}° to frame.approach, more than {STEEPEST_DEG:g}°: set frame.approach "
             "nearer to its normal, then touch again"
         )
+    # + 0.0 makes 0.0 of -0.0
     return {
-        "approach": [round(float(value), 9) for value in normal],
-        "travel": [round(float(value), 9) for value in along / length],
-        "origin_mm": [round(float(value) * 1e3, 3) for value in first],
+        "approach": [round(float(value), 9) + 0.0 for value in normal],
+        "travel": [round(float(value), 9) + 0.0 for value in along / length],
+        "origin_mm": [round(float(value) * 1e3, 3) + 0.0 for value in first],
     }
 
 

@@ -196,7 +196,7 @@ def charts_of(scene: Scene, wall_start_s: float | None) -> Charts:
                 Series("cycle", name, name, colour)
                 for name, colour in (("mx", "1"), ("my", "2"), ("mz", "3"))
             ),
-            limits=(Limit(limits.moment_limit_nm, "length stops at"),),
+            limits=(Limit(limits.moment_limit_nm, "magnitude stops at"),),
             height_px=110,
             zero=True,
             least_span=0.1,

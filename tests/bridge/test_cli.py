@@ -129,6 +129,10 @@ def test_help_imports_none_of_the_heavy_libraries() -> None:
         (["decode", "computer-link", "1g"], "'g' at digit 2 is no hexadecimal digit"),
         (["decode", "jr3-can", "201"], "a # between identifier and data is missing"),
         (["decode", "jr3-can", "xyz#00"], "'x' is no hexadecimal digit"),
+        (
+            ["run", "--surface", "mujoco", "--virtual"],
+            "there is no surface 'mujoco'; no installed package offers one",
+        ),
         (["bogus"], "No such command 'bogus'; see `hil-bridge --help`"),
     ],
 )

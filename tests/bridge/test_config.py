@@ -57,6 +57,11 @@ def refusal(tmp_path: Path, text: str, **overrides: object) -> str:
             "robot.link.move_length must be 60 in the profile observed-client, got 52; leave it or the profile out",
         ),
         ("hello", "c.toml is no TOML: "),
+        (
+            "[tool]\nmass_kg = 0.5\n\n[tool]\nmass_kg = 0.4\n",
+            "c.toml is no TOML: it has the table [tool] twice (at line 4, column 6); put the lines of the second into "
+            "the first",
+        ),
     ],
 )
 def test_what_is_wrong_is_named_with_the_way_out(tmp_path: Path, text: str, message: str) -> None:

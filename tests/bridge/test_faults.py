@@ -47,7 +47,7 @@ def struck(run: EmulatedRun, target: str, fault: str) -> int:
     (count,) = (
         int(found[1])
         for text in texts(run)
-        if (found := re.fullmatch(rf"{target}: {fault} struck (\d+) times.*", text))
+        if (found := re.fullmatch(rf"{target}: {fault} struck (\d+) times?.*", text))
     )
     return count
 

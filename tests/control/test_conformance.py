@@ -121,3 +121,7 @@ def test_a_controller_that_believes_everything_fails():
 
 def test_every_test_is_offered():
     assert set(controllers.__all__) == {name for name in dir(controllers) if name.startswith("test_")}
+
+
+def test_one_that_always_moves_away_is_not_blamed_for_chasing():
+    controllers.test_contact_that_is_lost_is_not_chased_faster(WrongSign())
