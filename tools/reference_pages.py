@@ -161,7 +161,7 @@ def controllers() -> str:
         "# Controllers and their parameters",
         "`controller.name` chooses one; its parameters stand in `[controller.parameters]`. Units are part of the "
         "names: `_n` is N, `_mm` is mm. `hil-bridge controllers` lists those of other packages too. "
-        "[Write a controller](../../how-to/controllers.md) tells how one is made.",
+        "[How do I write a controller?](../../how-to/controllers.md) tells how one is made.",
     ]
     for name in CONTROLLERS:
         facts = controller_facts(name)
