@@ -104,7 +104,7 @@ def run_examples(elsewhere: Elsewhere) -> None:
 
 
 def test_examples(elsewhere: Elsewhere) -> None:
-    """The examples' own tests, copied away from the checkout."""
+    """The examples' own tests, copied away from the checkout. In it pytest finds them with their own settings."""
     tests = elsewhere.place / "tests"
     tests.mkdir()
     for example in EXAMPLES:
@@ -112,6 +112,8 @@ def test_examples(elsewhere: Elsewhere) -> None:
             (tests / file.name).write_bytes(file.read_bytes())
     (tests / "pytest.ini").write_text("[pytest]\naddopts = --import-mode=importlib\n", encoding="utf-8")
     print(elsewhere.run("pytest", "-q", "-p", "no:cacheprovider", tests).strip().splitlines()[-1])
+    for example in EXAMPLES:
+        elsewhere.run("pytest", "--collect-only", "-q", "-p", "no:cacheprovider", example / "tests")
 
 
 STEPS: tuple[Callable[[Elsewhere], None], ...] = (installed, run_alone, run_examples, test_examples)
