@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from typing import TypeAlias
 
 import click
@@ -30,8 +30,9 @@ def run_progress(total: int) -> Iterator[Advance]:
         TextColumn("{task.fields[failed]}"),
         TimeRemainingColumn(),
     )
-    with Progress(*columns, console=console, disable=not console.is_terminal) as progress:
-        bar = progress.add_task("runs", total=total, rate="", failed="")
+    with ExitStack() as shown:
+        bar = shown.enter_context(Progress(*columns, console=console)) if console.is_terminal else None
+        runs = bar.add_task("runs", total=total, rate="", failed="") if bar else None
 
         def advance(count: int, failed: int) -> None:
             nonlocal done, failures, told
@@ -39,8 +40,9 @@ def run_progress(total: int) -> Iterator[Advance]:
             now = time.monotonic()
             rate = done / (now - began) if now > began else 0.0
             broken = f"{failures} failed" if failures else ""
-            progress.update(bar, advance=count, rate=f"{rate:.1f} runs/s", failed=broken)
-            if not console.is_terminal and now >= told + LINE_SECONDS:
+            if bar is not None and runs is not None:
+                bar.update(runs, advance=count, rate=f"{rate:.1f} runs/s", failed=broken)
+            elif now >= told + LINE_SECONDS:
                 told = now
                 click.echo(_line(done, total, rate, broken), err=True)
 

@@ -1,6 +1,7 @@
 """A configuration described: a commented file of all settings, their JSON schema, and those that carry a mark."""
 
 import dataclasses
+import inspect
 import textwrap
 from collections.abc import Iterator, Mapping
 from functools import cache
@@ -33,9 +34,11 @@ def schema() -> dict[str, Any]:
     for key, section in (("", config), *_sections("", config)):
         definition = definitions[type(section).__name__] if key else result
         comments = _comments(section.__class__)
+        definition["additionalProperties"] = (
+            False  # not every version of pydantic says so for a section of sections
+        )
         for name, entry in definition["properties"].items():
-            described = definitions.get(entry.get("$ref", "").rpartition("/")[2], {})
-            entry["description"] = comments.get(name) or described["description"]
+            entry["description"] = comments.get(name) or inspect.getdoc(type(getattr(section, name)))
     return result
 
 

@@ -20,6 +20,8 @@ CONTOUR = {
     "stiffness_n_m": 5e3,
 }
 """Curved, so that the set point has to follow a surface that rises and falls."""
+NETFT = {"boot_s": 0.2, "rate_hz": 1000}
+"""These runs are not about the rate of its records."""
 STREAMED = [name for name in ROBOTS.built_in if name not in ROBOTS.direct]
 
 
@@ -31,7 +33,8 @@ def test_any_robot_holds_ten_newtons_with_any_sensor(robot: str, sensor: str) ->
             "run": {"duration_s": 1.5, "seed": 7},
             "robot": {"emulated": robot},
             "sensor": {"emulated": sensor},
-            "cell": {"surface": CONTOUR},
+            "task": {"retract_mm": 4.0},
+            "cell": {"surface": CONTOUR, "netft": NETFT, "start_position_mm": (900.0, -100.0, 594.0)},
         }
     )
     run = run_emulated(config)
@@ -48,7 +51,9 @@ def test_any_robot_holds_ten_newtons_with_any_sensor(robot: str, sensor: str) ->
 def test_the_record_tells_how_soon_a_robot_was_answered(robot: str, tmp_path: Path) -> None:
     """Two runs of one seed are the same to the byte, a replay is identical, and `latency` knows the answers."""
     near = tmp_path / "near.toml"
-    near.write_text("[cell]\nstart_position_mm = [900.0, -100.0, 593.0]\n")
+    near.write_text(
+        "[task]\nretract_mm = 4.0\n[cell]\nstart_position_mm = [900.0, -100.0, 593.0]\n[cell.netft]\nrate_hz = 1000\n"
+    )
     records = [str(tmp_path / name) for name in ("a.mcap", "b.mcap")]
     for record in records:
         arguments = ["run", str(near), "--robot", robot, "--sensor", "netft", "--virtual", "--seed", "3"]

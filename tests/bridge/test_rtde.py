@@ -32,7 +32,16 @@ from protocol.rtde.packets import Kind
 from protocol.rtde.states import Runtime
 from protocol.rtde.wires import Piece, Port
 
-RUN = "[robot]\nemulated = 'rtde'\n[run]\nperiod_ms = {period}\n[controller]\nsample_ms = {period}\n"
+RUN = """
+[robot]
+emulated = 'rtde'
+[run]
+period_ms = {period}
+[controller]
+sample_ms = {period}
+[task]
+retract_mm = 4.0
+"""
 START = StartPose((0.9, -0.1, 0.6), (0.0, 1.0, 0.0, 0.0), 0.2)
 
 

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import assume, given
+from hypothesis import assume, example, given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -57,6 +57,8 @@ def test_small_angles_are_exact(home, angle):
 
 
 @given(QUATERNIONS, UNIT_VECTORS)
+@example(unit((0.0, 0.0, 1.0, 1e-5)), (0.0, 0.0, 1.0))  # nearly opposite
+@example(unit((0.0, 0.0, 1.0, 1e-8)), (0.0, 0.0, 1.0))
 def test_a_tipped_tool_has_the_wanted_axis_by_the_smallest_turn(home, axis):
     found = tipped(home, axis)
     assert math.hypot(*found) == pytest.approx(1.0)

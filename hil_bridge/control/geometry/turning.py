@@ -72,7 +72,7 @@ def _shortest(a: Vector, b: Vector) -> Quaternion:
     (x, y, z), (u, v, w) = a, b
     i, j, k = y * w - z * v, z * u - x * w, x * v - y * u
     real = 1.0 + x * u + y * v + z * w
-    if real < 1e-9:
+    if real < 1e-15:
         i, j, k = (0.0, -z, y) if abs(x) < 0.9 else (z, 0.0, -x)
         real = 0.0
     length = math.sqrt(real * real + i * i + j * j + k * k)
