@@ -37,7 +37,9 @@ def test_a_played_log_comes_into_the_bridge_frame_by_frame(
     vcan: Any, command: Callable[[str], str], tmp_path: Path
 ) -> None:
     record = tmp_path / "run.mcap"
-    config = Config.model_validate({"run": {"duration_s": 0.5}, "cell": {"gateway": {"boot_s": 0.5}}})
+    near = {"gateway": {"boot_s": 0.5}, "start_position_mm": (900.0, -100.0, 592.0)}
+    short = {"run": {"duration_s": 0.5}, "task": {"retract_mm": 1.0}}
+    config = Config.model_validate({**short, "cell": near})
     assert execute(config, True, Outputs(record=record), view=False) == 0
     export(record, ("candump",), tmp_path)
     lines = (tmp_path / "run.log").read_text().splitlines(keepends=True)
