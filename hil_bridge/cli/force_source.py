@@ -36,7 +36,7 @@ def force_source(
     """Read the pose of a controller of Universal Robots and write the force of the surface to it.
 
     The surface is that of [cell.surface] in CONFIG.toml. The controller may be a real one, its maker's simulator, or
-    `hil-bridge emulate robot --robot rtde`. Its program that plays is ended at the begin, unless --keep-program is
+    `hil-bridge emulate robot --robot rtde`. Its program that plays is ended at the start, unless --keep-program is
     given. Ctrl-C takes the force away and ends.
     """
     from hil_bridge.errors import ConfigError
