@@ -5,8 +5,6 @@ from importlib.metadata import version as version_of
 from pathlib import Path
 from typing import Any
 
-from pygments.lexers.special import TextLexer
-
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 from tools.reference_pages import write_pages
 
@@ -37,6 +35,5 @@ pygments_dark_style = "monokai"
 
 
 def setup(app: Any) -> None:
-    """A diagram's source is shown as text: what draws it in a browser would come over the network."""
-    app.add_lexer("mermaid", TextLexer)
+    """The pages that are generated from the code are written first."""
     app.connect("builder-inited", lambda _app: write_pages())

@@ -7,19 +7,64 @@ when the section is not up to date.
 import sys
 import textwrap
 from collections.abc import Iterator
+from itertools import permutations
 from pathlib import Path
 
 from protocol.s3.adlp import TRANSITIONS, Action, LinkProfile, Role, State, Stimulus
 from tools.pages import parser, placed, write
+from tools.state_picture import Bend, Layout, picture
 
 DOCUMENT = Path(__file__).resolve().parent.parent / "docs" / "reference" / "computer-link.md"
 
 SENDING = {State.BIDDING, State.HOLDING, State.AWAITING_ACK}
 """States whose arrows are drawn with the sender; those of the idle ones go with what they lead to."""
+PICTURES = DOCUMENT.parents[1] / "pictures"
 NAMES = {Role.HOST: "PC", Role.ROBOT: "S3"}
 
-SPACING = '%%{init: {"state": {"nodeSpacing": 90, "rankSpacing": 80}}}%%'
-"""Mermaid's own is too narrow for these labels."""
+PLACES = {
+    State.IDLE: (150.0, 270.0),
+    State.LISTENING: (430.0, 500.0),
+    State.BIDDING: (430.0, 60.0),
+    State.HOLDING: (430.0, 270.0),
+    State.AWAITING_ACK: (860.0, 270.0),
+    State.AWAITING_BLOCK: (860.0, 60.0),
+}
+SENDER = Layout(
+    (960.0, 540.0),
+    {state.value: place for state, place in PLACES.items()},
+    {
+        (State.IDLE.value, State.BIDDING.value): Bend(-55.0),
+        (State.BIDDING.value, State.IDLE.value): Bend(-5.0, 0.45),
+        (State.BIDDING.value, State.AWAITING_ACK.value): Bend(0.0, 0.22),
+        (State.HOLDING.value, State.AWAITING_BLOCK.value): Bend(0.0, 0.25),
+        (State.HOLDING.value, State.LISTENING.value): Bend(0.0, 0.3),
+        (State.AWAITING_ACK.value, State.IDLE.value): Bend(-115.0, 0.3),
+        (State.AWAITING_ACK.value, State.LISTENING.value): Bend(-45.0, 0.6),
+    },
+)
+MORE_PLACES = {
+    State.IDLE: (150.0, 240.0),
+    State.AWAITING_BLOCK: (500.0, 60.0),
+    State.AWAITING_MORE: (860.0, 240.0),
+    State.DISCARDING: (500.0, 420.0),
+}
+APART = {
+    (State.IDLE, State.AWAITING_MORE): Bend(-30.0, 0.36),
+    (State.AWAITING_MORE, State.IDLE): Bend(-30.0, 0.18),
+    (State.AWAITING_BLOCK, State.DISCARDING): Bend(-70.0),
+    (State.DISCARDING, State.AWAITING_BLOCK): Bend(-70.0),
+    (State.DISCARDING, State.AWAITING_MORE): Bend(-28.0, 0.35),
+}
+RECEIVER = Layout(
+    (960.0, 470.0),
+    {state.value: place for state, place in MORE_PLACES.items()},
+    {
+        (a.value, b.value): APART.get((a, b), Bend(-28.0))
+        for a, b in permutations(MORE_PLACES, 2)
+        if {a, b} != {State.IDLE, State.DISCARDING}
+    },
+)
+"""Chosen: no arrow runs through a box, and no label stands on another."""
 
 INTRODUCTION = """\
 Drawn by `tools/link_diagrams.py` from the table in `protocol/s3/adlp/transitions.py`, by which both ends work. An arrow
@@ -103,19 +148,32 @@ def arrows(role: Role, sending: bool) -> dict[tuple[State, State], list[str]]:
     return pairs
 
 
-def diagram(drawn: dict[tuple[State, State], list[str]]) -> str:
-    """The arrows as a Mermaid state diagram."""
-    lines = ["```mermaid", SPACING, "stateDiagram-v2"]
-    lines += [
-        f'    state "{state.value}" as {state.name}'
-        for state in State
-        if any(state in pair for pair in drawn)
-    ]
-    lines += ["    [*] --> IDLE"]
-    for (source, target), stimuli in drawn.items():
-        label = "<br/>".join(textwrap.wrap(", ".join(stimuli), 16, break_on_hyphens=False))
-        lines.append(f"    {source.name} --> {target.name} : {label}")
-    return "\n".join([*lines, "```"])
+def labels(drawn: dict[tuple[State, State], list[str]]) -> dict[tuple[str, str], list[str]]:
+    """The lines that stand on each arrow."""
+    return {
+        (source.value, target.value): textwrap.wrap(", ".join(stimuli), 18, break_on_hyphens=False)
+        for (source, target), stimuli in drawn.items()
+    }
+
+
+def receiving() -> dict[tuple[State, State], list[str]]:
+    """Arrows of the receiver. Raises ValueError when the roles differ, for one picture shows both."""
+    host, robot = (arrows(role, sending=False) for role in Role)
+    if host != robot:
+        raise ValueError("the roles receive differently: draw a diagram for each")
+    return host
+
+
+def pictures() -> dict[str, str]:
+    """Each picture by the name of its file."""
+    told = {
+        f"link-{NAMES[role].lower()}-sends.svg": picture(
+            f"States of the link while the {NAMES[role]} sends", labels(arrows(role, sending=True)), SENDER
+        )
+        for role in Role
+    }
+    title = "States of the link while either side receives"
+    return {**told, "link-receives.svg": picture(title, labels(receiving()), RECEIVER)}
 
 
 def table() -> str:
@@ -135,18 +193,16 @@ def table() -> str:
 
 def section() -> str:
     """Text between the marks."""
-    receiving = {role: arrows(role, sending=False) for role in Role}
-    if receiving[Role.HOST] != receiving[Role.ROBOT]:
-        raise ValueError("the roles receive differently: draw a diagram for each")
     parts = [INTRODUCTION]
     for role in Role:
         first = "goes first" if LinkProfile().collision_winner == role else "gives way"
         parts += [
             f"### The {NAMES[role]} sends",
             f"When both bid at once (ENQ while bidding), the {NAMES[role]} {first} (`collision_winner`).",
-            diagram(arrows(role, sending=True)),
+            f"![States of the link while the {NAMES[role]} sends](../pictures/link-{NAMES[role].lower()}-sends.svg)",
         ]
-    parts += ["### Either receives", RECEIVING, diagram(receiving[Role.HOST])]
+    shown = "![States of the link while either side receives](../pictures/link-receives.svg)"
+    parts += ["### Either receives", RECEIVING, shown]
     return "\n\n".join([*parts, "### What is done", DOING, table()])
 
 
@@ -156,4 +212,6 @@ def renewed(text: str) -> str:
 
 
 if __name__ == "__main__":
-    sys.exit(write(DOCUMENT, renewed, parser(__doc__).parse_args().check))
+    check = parser(__doc__).parse_args().check
+    codes = [write(PICTURES / name, lambda _, text=text: text, check) for name, text in pictures().items()]
+    sys.exit(max(write(DOCUMENT, renewed, check), *codes))

@@ -26,6 +26,13 @@ def test_the_diagrams_are_those_of_the_table():
     assert TOOL["renewed"](DOCUMENT) == DOCUMENT, "run python tools/link_diagrams.py"
 
 
+@pytest.mark.parametrize("name", ["link-pc-sends.svg", "link-s3-sends.svg", "link-receives.svg"])
+def test_each_picture_is_that_of_the_table(name):
+    file = ROOT / "docs" / "pictures" / name
+    assert TOOL["pictures"]()[name] == file.read_text(encoding="utf-8"), "run python tools/link_diagrams.py"
+    assert f"(../pictures/{name})" in DOCUMENT
+
+
 def test_a_document_without_a_place_for_them_is_refused():
     with pytest.raises(ValueError, match="no place for 'state diagrams'"):
         TOOL["renewed"](DOCUMENT.replace("<!-- state diagrams: begin -->", ""))
