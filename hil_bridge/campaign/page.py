@@ -95,7 +95,8 @@ def _facts(store: Store, plan: Plan, runs: Sequence[Done]) -> Iterator[tuple[str
     if wall_s > 0:
         core_s = sum(one.wall_s * one.workers for one in sittings)
         yield "Runs per second", f"{count / wall_s:.2f}, {count / core_s:.2f} for each process"
-        yield "Time", f"{count} runs in {wall_s:.0f} s, {len(sittings)} starts"
+        starts = "one start" if len(sittings) == 1 else f"{len(sittings)} starts"
+        yield "Time", f"{count} runs in {wall_s:.0f} s, {starts}"
     simulated = sum(run.figures.get("duration_s") or 0.0 for run in runs)  # type: ignore[misc]
     if (busy_s := sum(run.wall_s for run in runs)) > 0:
         yield "Simulated time", f"{simulated:.0f} s, {simulated / busy_s:.1f} s in each second of a core"
