@@ -1,4 +1,4 @@
-"""A run with its page, in a process of its own: for tests, pictures and benchmarks."""
+"""A command that serves a page, in a process of its own: for tests, pictures and benchmarks."""
 
 import subprocess
 import sys
@@ -8,24 +8,22 @@ from pathlib import Path
 PATIENCE_S = 60.0
 
 
-class WebRun:
-    """A run with its page."""
+class Serving:
+    """A command that serves a page."""
 
-    def __init__(self, folder: Path, arguments: tuple[str, ...], config: str) -> None:
-        file = folder / "run.toml"
-        file.write_text(config)
-        self.log = folder / "run.log"
+    def __init__(self, folder: Path, *arguments: str) -> None:
+        self.log = folder / "page.log"
         with self.log.open("wb") as log:
             self.process = subprocess.Popen(
-                [sys.executable, "-m", "hil_bridge", "run", str(file), "--web", "--no-view", *arguments],
+                [sys.executable, "-m", "hil_bridge", *arguments],
                 cwd=folder,
                 stdout=log,
                 stderr=subprocess.STDOUT,
             )
-        self.url = self._line("page: ")
+        self.url = self._line("page: ").split()[0]
         self.origin, _, fragment = self.url.partition("/#token=")
         self.token = fragment
-        self.port = int(self.origin.rpartition(":")[2])
+        self.port = int(self.origin.rstrip("/").rpartition(":")[2])
 
     def _line(self, begin: str) -> str:
         until = time.monotonic() + PATIENCE_S
@@ -34,7 +32,20 @@ class WebRun:
                 if line.startswith(begin):
                     return line.removeprefix(begin)
             time.sleep(0.05)
-        raise AssertionError(f"the run never told {begin!r}: {self.log.read_text()}")
+        raise AssertionError(f"the command never told {begin!r}: {self.log.read_text()}")
+
+    def ended(self) -> int:
+        """Exit code, once the command has ended."""
+        return self.process.wait(PATIENCE_S)
+
+
+class WebRun(Serving):
+    """A run with its page."""
+
+    def __init__(self, folder: Path, arguments: tuple[str, ...], config: str) -> None:
+        file = folder / "run.toml"
+        file.write_text(config)
+        super().__init__(folder, "run", str(file), "--web", "--no-view", *arguments)
 
     def server(self) -> int:
         """Process that serves the page."""
@@ -43,7 +54,3 @@ class WebRun:
             if b"hil_bridge.web" in Path(f"/proc/{child}/cmdline").read_bytes():
                 return child
         raise AssertionError("no process serves the page")
-
-    def ended(self) -> int:
-        """Exit code, once the run has ended."""
-        return self.process.wait(PATIENCE_S)

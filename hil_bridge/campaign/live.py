@@ -2,7 +2,7 @@
 
 from collections import Counter, deque
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from hil_bridge.campaign.store import Done, Store
@@ -62,6 +62,8 @@ class Results:
     def _look(self) -> None:
         try:
             rows = self._store.newer(self._row, AT_ONCE)
+            if rows:
+                self._plan = replace(self._plan, seeds=self._store.seeds())
             self._trouble = ""
         except ConfigError as error:
             self._trouble, rows = str(error), []

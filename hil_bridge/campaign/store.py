@@ -209,9 +209,15 @@ class Store:
             "SELECT cell, fault, phase, config, fault_table, impossible FROM cases ORDER BY number"
         )
         criteria = tuple(Criterion(figure, wanted) for figure, wanted in json.loads(self.fact("criteria")))
-        seeds = tuple(json.loads(self.fact("seeds")))
         share = int(self.fact("cases_per_seed") or 0)
-        return Plan(self.fact("name"), seeds, tuple(Case(*row) for row in rows), criteria, share)
+        return Plan(self.fact("name"), self.seeds(), tuple(Case(*row) for row in rows), criteria, share)
+
+    def seeds(self) -> tuple[int, ...]:
+        """Seeds that the campaign has now; a later start may add some. Raises ConfigError."""
+        try:
+            return tuple(json.loads(self.fact("seeds")))
+        except (sqlite3.Error, ValueError) as error:
+            raise ConfigError(f"cannot read {self.path}: {error}") from error
 
     def runs(self, where: str = "1", values: Iterable[object] = ()) -> Iterator[Done]:
         """Runs that are kept, by case and seed."""

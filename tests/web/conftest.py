@@ -9,7 +9,7 @@ import pytest
 import pytest_asyncio
 
 from tools.chromium import Page, browser, found
-from tools.web_run import WebRun
+from tools.web_run import Serving, WebRun
 
 REQUIRED = "HIL_BRIDGE_REQUIRE_CHROMIUM"
 
@@ -26,18 +26,25 @@ async def page() -> AsyncIterator[Page]:
 
 
 @pytest.fixture
-def web_run(tmp_path: Path) -> Iterator[Callable[..., WebRun]]:
-    """Starts runs with a page, and ends what is left of them."""
-    runs: list[WebRun] = []
+def serving() -> Iterator[list[Serving]]:
+    """Commands that serve a page. What is left of them is ended."""
+    begun: list[Serving] = []
+    yield begun
+    for one in begun:
+        if one.process.poll() is None:
+            one.process.send_signal(signal.SIGKILL)
+            one.process.wait()
+
+
+@pytest.fixture
+def web_run(tmp_path: Path, serving: list[Serving]) -> Callable[..., WebRun]:
+    """Starts runs with a page."""
 
     def start(*arguments: str, config: str = "") -> WebRun:
-        folder = tmp_path / str(len(runs))
+        folder = tmp_path / str(len(serving))
         folder.mkdir()
-        runs.append(WebRun(folder, arguments, config))
-        return runs[-1]
+        run = WebRun(folder, arguments, config)
+        serving.append(run)
+        return run
 
-    yield start
-    for run in runs:
-        if run.process.poll() is None:
-            run.process.send_signal(signal.SIGKILL)
-            run.process.wait()
+    return start

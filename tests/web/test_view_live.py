@@ -1,0 +1,103 @@
+"""`hil-bridge view` in a real browser: a recording with its slider, and the results of a campaign that goes on."""
+
+import asyncio
+import sys
+from pathlib import Path
+
+import pytest
+
+from hil_bridge.api import load, simulate
+from tools.chromium import Page
+from tools.web_run import Serving
+
+pytestmark = pytest.mark.live
+
+FAILED = 4
+"""Exit code of a campaign in which a run did not meet its criteria."""
+STOP = {"on": "robot", "fault": "emergency-stop", "phase": "track", "after_s": 1.0}
+STUDY = """
+[campaign]
+name = "study"
+seeds = { from = 1, to = 6 }
+[campaign.matrix]
+task.force_n = [8.0, 10.0]
+[campaign.criteria]
+outcome = "completed"
+force_true_max_n = { below = 1 }
+[config.run]
+duration_s = 0.3
+[config.sensor]
+emulated = "ft300"
+[config.task]
+retract_mm = 2.0
+[config.cell]
+start_position_mm = [900.0, -100.0, 601.0]
+"""
+
+
+def text(name: str) -> str:
+    return f"document.getElementById('{name}')?.textContent"
+
+
+async def campaign(folder: Path, *options: str) -> int:
+    """Run the study; its exit code."""
+    command = [sys.executable, "-m", "hil_bridge", "campaign", "study.toml", "--out", "study.sqlite"]
+    quiet = asyncio.subprocess.DEVNULL
+    process = await asyncio.create_subprocess_exec(*command, *options, cwd=folder, stdout=quiet, stderr=quiet)
+    return await process.wait()
+
+
+def slide(at_s: float) -> str:
+    return f"""(() => {{ const at = document.getElementById('at'); at.value = {at_s};
+      at.dispatchEvent(new Event('input')); }})()"""
+
+
+async def test_a_browser_walks_through_a_recording(
+    page: Page, serving: list[Serving], tmp_path: Path
+) -> None:
+    """The page begins at the end, with the cause; the slider shows each moment, and play goes on from there."""
+    recording = simulate(load({"run": {"duration_s": 3.0}}, faults=[STOP], seed=3)).save(
+        tmp_path / "run.mcap"
+    )
+    viewer = Serving(tmp_path, "view", str(recording))
+    serving.append(viewer)
+    await page.open(viewer.url)
+    await page.until("document.getElementById('slider')?.hidden === false")
+    await page.until(f"{text('phase')} === 'stopped'")
+    assert "EMULATED" in await page.value(text("cell"))
+    assert await page.value("document.getElementById('end').hidden")
+    outcome = await page.value(text("outcome"))
+    assert outcome.startswith("Stopped")
+    length_s = float(await page.value("document.getElementById('at').max"))
+    await page.value(slide(length_s / 2))
+    await page.until(f"{text('phase')} === 'approach'")
+    assert await page.value("document.getElementById('cause').hidden")
+    before = await page.value(text("elapsed"))
+    await page.value("document.getElementById('play').click()")
+    await page.until(f"{text('elapsed')} !== '{before}'")
+    await page.until(f"Number(document.getElementById('at').value) > {length_s / 2 + 0.5}")
+    await page.value("document.getElementById('play').click()")
+    stands = await page.value("document.getElementById('at').value")
+    assert await page.value(text("play")) == "▶"
+    assert await page.value("document.getElementById('at').value") == stands
+    await page.value(slide(length_s))
+    await page.until(f"{text('phase')} === 'stopped' && document.querySelector('#list .alarm')")
+    assert page.errors == []
+
+
+async def test_a_browser_follows_a_campaign(page: Page, serving: list[Serving], tmp_path: Path) -> None:
+    """The table counts runs that another process adds while it is looked at, and lists those that failed first."""
+    (tmp_path / "study.toml").write_text(STUDY)
+    assert await campaign(tmp_path, "--seeds", "1:2") == FAILED
+    viewer = Serving(tmp_path, "view", "study.sqlite")
+    serving.append(viewer)
+    await page.open(viewer.url)
+    await page.until(f"{text('done')} === '4 of 4 runs done'")
+    more = asyncio.create_task(campaign(tmp_path))
+    await page.until(f"{text('done')} === '12 of 12 runs done'")
+    assert await more == FAILED
+    assert "failed" in await page.value(text("counts"))
+    worst = await page.value("document.querySelector('#worst tr').textContent")
+    assert "task.force_n 10" in worst
+    assert "force_true_max_n" in worst
+    assert page.errors == []
