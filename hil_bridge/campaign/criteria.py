@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
-Figure: TypeAlias = float | bool | str | None
+Figure: TypeAlias = int | float | bool | str | None
 """A number in the unit of its name, an answer, or a word; None where the run did not show it."""
 Figures: TypeAlias = Mapping[str, Figure]
 
@@ -63,8 +63,9 @@ class Criterion:
                     return None
                 if _IS in bounds:
                     return bool(value == bounds[_IS])
-                assert isinstance(value, (int, float))
-                return all(BOUNDS[name](value, limit) for name, limit in bounds.items() if name != _ONLY)
+                return isinstance(value, (int, float)) and all(
+                    BOUNDS[name](value, limit) for name, limit in bounds.items() if name != _ONLY
+                )
             case list() as allowed:
                 return value in allowed
             case other:

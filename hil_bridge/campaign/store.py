@@ -4,10 +4,13 @@ import json
 import sqlite3
 import time
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from contextlib import contextmanager
+from dataclasses import dataclass, fields
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, Self, TypeVar
+
+import msgspec
 
 from hil_bridge.campaign.criteria import Criterion, Figures
 from hil_bridge.campaign.plan import Case, Plan, code_version
@@ -19,6 +22,8 @@ BUSY_S = 30.0
 """Chosen: how long is waited for another process that writes."""
 FAILED_SUFFIX = "-failed"
 """Recordings of failing runs lie in a folder of the file's name with this."""
+
+Row = TypeVar("Row")
 
 _SCHEMA = """
 CREATE TABLE facts (name TEXT PRIMARY KEY, value TEXT NOT NULL);
@@ -204,63 +209,77 @@ class Store:
         return {key for (key,) in self._connection.execute("SELECT key FROM runs")}
 
     def plan(self) -> Plan:
-        """The campaign as it was checked."""
-        rows = self._connection.execute(
-            "SELECT cell, fault, phase, config, fault_table, impossible FROM cases ORDER BY number"
-        )
-        criteria = tuple(Criterion(figure, wanted) for figure, wanted in json.loads(self.fact("criteria")))
-        share = int(self.fact("cases_per_seed") or 0)
-        return Plan(self.fact("name"), self.seeds(), tuple(Case(*row) for row in rows), criteria, share)
+        """The campaign as it was checked. Raises ConfigError."""
+        query = "SELECT cell, fault, phase, config, fault_table, impossible FROM cases ORDER BY number"
+        with self._readable():
+            cases = tuple(_as(Case, row) for row in self._connection.execute(query))
+            for text in {case.config for case in cases}:
+                msgspec.json.decode(text, type=_Cell)
+            for text in {case.table for case in cases}:
+                msgspec.json.decode(text, type=dict[str, Any])
+            criteria = tuple(
+                Criterion(figure, wanted) for figure, wanted in json.loads(self.fact("criteria"))
+            )
+            if (share := int(self.fact("cases_per_seed") or 0)) < 0:
+                raise ValueError(f"{share} cases for each seed")
+            return Plan(self.fact("name"), self.seeds(), cases, criteria, share)
 
     def seeds(self) -> tuple[int, ...]:
         """Seeds that the campaign has now; a later start may add some. Raises ConfigError."""
-        try:
-            return tuple(json.loads(self.fact("seeds")))
-        except (sqlite3.Error, ValueError) as error:
-            raise ConfigError(f"cannot read {self.path}: {error}") from error
+        with self._readable():
+            return tuple(map(int, json.loads(self.fact("seeds"))))
 
     def runs(self, where: str = "1", values: Iterable[object] = ()) -> Iterator[Done]:
-        """Runs that are kept, by case and seed."""
-        query = (
-            "SELECT key, number, seed, outcome, cause, failed, figures, wall_s, recording FROM runs "
-            f"WHERE {where} ORDER BY number, seed"
-        )
-        for row in self._connection.execute(query, tuple(values)):
-            key, number, seed, outcome, cause, failed, figures, wall_s, recording = row
-            told: Any = json.loads(figures)
-            yield Done(key, number, seed, outcome, cause, tuple(json.loads(failed)), told, wall_s, recording)
+        """Runs that are kept, by case and seed. Raises ConfigError."""
+        return (done for _, done in self._read(f"WHERE {where} ORDER BY number, seed", values))
 
     def newer(self, row: int, most: int) -> list[tuple[int, Done]]:
         """Runs that were kept after this row of the file, oldest first, with their rows. Raises ConfigError."""
-        query = (
-            "SELECT rowid, key, number, seed, outcome, cause, failed, figures, wall_s, recording FROM runs "
-            "WHERE rowid > ? ORDER BY rowid LIMIT ?"
-        )
-        try:
-            found = self._connection.execute(query, (row, most)).fetchall()
-        except sqlite3.Error as error:
-            raise ConfigError(f"cannot read {self.path}: {error}") from error
-        return [
-            (
-                at,
-                Done(
-                    key,
-                    number,
-                    seed,
-                    outcome,
-                    cause,
-                    tuple(json.loads(failed)),
-                    json.loads(figures),
-                    wall_s,
-                    file,
-                ),
-            )
-            for at, key, number, seed, outcome, cause, failed, figures, wall_s, file in found
-        ]
+        return list(self._read("WHERE rowid > ? ORDER BY rowid LIMIT ?", (row, most)))
+
+    def _read(self, which: str, values: Iterable[object]) -> Iterator[tuple[int, Done]]:
+        columns = "key, number, seed, outcome, cause, failed, figures, wall_s, recording"
+        with self._readable():
+            cases = self._connection.execute("SELECT count(*) FROM cases").fetchone()[0]
+            query = f"SELECT rowid, {columns} FROM runs {which}"
+            for row, *found in self._connection.execute(query, tuple(values)):
+                found[5:7] = map(json.loads, found[5:7])
+                done = _as(Done, found)
+                if not 0 <= done.number < cases:
+                    raise ValueError(f"run {done.key} is of case {done.number}, and there are {cases}")
+                yield row, done
 
     def sittings(self) -> list[Sitting]:
-        """Every start so far that came to its end, or was interrupted."""
-        return [Sitting(*row) for row in self._connection.execute("SELECT * FROM sittings ORDER BY began")]
+        """Every start so far that came to its end, or was interrupted. Raises ConfigError."""
+        with self._readable():
+            rows = self._connection.execute("SELECT * FROM sittings ORDER BY began")
+            return [_as(Sitting, row) for row in rows]
+
+    @contextmanager
+    def _readable(self) -> Iterator[None]:
+        """A file of another hand may hold anything."""
+        try:
+            yield
+        except (sqlite3.Error, msgspec.MsgspecError, ValueError, TypeError, RecursionError) as error:
+            raise ConfigError(f"cannot read {self.path}: {error}") from error
+
+
+class _Chosen(msgspec.Struct):
+    emulated: str
+
+
+class _Cell(msgspec.Struct):
+    """What the page reads of a case's configuration."""
+
+    robot: _Chosen
+    sensor: _Chosen
+    cell: dict[str, Any]
+
+
+def _as(kind: type[Row], values: Iterable[object]) -> Row:
+    """A row as a plain value of this kind, each part of the declared type. Raises msgspec.ValidationError."""
+    names = [field.name for field in fields(kind)]  # type: ignore[arg-type]
+    return msgspec.convert(dict(zip(names, values, strict=True)), kind)
 
 
 def _json(figures: Figures) -> str:

@@ -164,7 +164,7 @@ def report(results: Path, out: Path | None, overwrite: bool) -> None:
 @click.option("--out", type=FILE, metavar="DIR", help="Where the recordings go.  [default: this folder]")
 @overwrite_option
 def rerun(results: Path, key: str | None, seed: int | None, out: Path | None, overwrite: bool) -> None:
-    """Repeat a run by its KEY, or those of a seed, and leave the recordings.
+    """Repeat a run by its KEY, or by the first signs of it, or those of a seed, and leave the recordings.
 
     Exit code 1 when its figures are not those of the campaign.
     """
@@ -180,10 +180,17 @@ def rerun(results: Path, key: str | None, seed: int | None, out: Path | None, ov
     folder, differing = out or Path(), 0
     with Store.open(results) as store:
         plan = store.plan()
-        where, value = ("key = ?", key) if seed is None else ("seed = ?", seed)
-        found: list[Done] = list(store.runs(where, [value]))
+        found: list[Done]
+        if seed is None:
+            found = list(store.runs("substr(key, 1, length(?1)) = ?1", [key]))
+        else:
+            found = list(store.runs("seed = ?", [seed]))
         if not found:
-            raise ConfigError(f"{results} has no run with {'the key ' + str(key) if key else f'seed {seed}'}")
+            raise ConfigError(
+                f"{results} has no run with {f'the key {key}' if seed is None else f'seed {seed}'}"
+            )
+        if seed is None and len(found) > 1:
+            raise ConfigError(f"{results} has {len(found)} runs whose keys begin with {key}; give more of it")
         if store.fact("code") != code_version():
             click.echo("the results are of another version of the code, so that figures may differ", err=True)
         for done in found:

@@ -10,6 +10,7 @@ import click
 
 from hil_bridge.clock import Clock
 from hil_bridge.errors import TransportError
+from hil_bridge.text_files import harmless
 
 
 class Printer:
@@ -30,7 +31,9 @@ class Printer:
         took = "" if line_time is None else f"{line_time * 1e3:.1f} ms"
         mark = "!" if trouble else " "
         hexed = f"  {{{data.hex(' ').upper()}}}" if self._raw and data else ""
-        click.echo(f"{at - self._begun:12.6f} {since:+10.6f} {direction:<6} {took:>8} {mark} {text}{hexed}")
+        click.echo(
+            f"{at - self._begun:12.6f} {since:+10.6f} {direction:<6} {took:>8} {mark} {harmless(text)}{hexed}"
+        )
 
 
 def field_text(field: Mapping[str, object], zeros: bool = False) -> str:

@@ -102,6 +102,13 @@ class Command(Struct, frozen=True):
     """Further numbers that explain the answer (quantised levels, …), by name, for the record."""
 
 
+def as_answer(answer: Any) -> tuple[Any, Command]:
+    """The state and the command of a controller's step. Raises TypeError for anything else, and as `as_command`."""
+    if not (isinstance(answer, tuple) and len(answer) == 2):
+        raise TypeError(f"step answers {type(answer).__name__}, not a state and a command")
+    return answer[0], as_command(answer[1])
+
+
 def as_command(answer: Any) -> Command:
     """The answer of a controller as a command whose fields have the declared types.
 

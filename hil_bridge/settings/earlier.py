@@ -20,6 +20,9 @@ times this time is the recorded step to the last bit.
 """
 
 
+FORCE_LIMIT, PULL_LIMIT = "force_limit_n", "pull_limit_n"
+
+
 @dataclass(frozen=True, slots=True)
 class Renamed:
     """A setting that was counted."""
@@ -102,7 +105,13 @@ def is_counted(recorded: object) -> bool:
 
 
 def translated(recorded: Mapping[str, Any]) -> Mapping[str, Any]:
-    """A recorded configuration with the settings of now, where its cycles count as `RECORDED_CYCLE_S`."""
+    """A recorded configuration with the settings of now, where its cycles count as `RECORDED_CYCLE_S`.
+
+    A run without a limit for pulls stopped at the limit of force in both directions.
+    """
+    limits = _section(recorded, "limits")
+    if FORCE_LIMIT in limits and PULL_LIMIT not in limits:
+        recorded = {**recorded, "limits": {**limits, PULL_LIMIT: limits[FORCE_LIMIT]}}
     if not is_counted(recorded):
         return recorded
     result: dict[str, Any] = dict(recorded)

@@ -115,6 +115,14 @@ def test_what_counts_no_cycles_stays_as_it_is(odd: Any) -> None:
     assert translated(odd) is odd
 
 
+def test_a_run_without_a_limit_for_pulls_stopped_at_its_limit_of_force() -> None:
+    assert translated({"limits": {"force_limit_n": 40.0}}) == {
+        "limits": {"force_limit_n": 40.0, "pull_limit_n": 40.0}
+    }
+    both = {"limits": {"force_limit_n": 40.0, "pull_limit_n": 8.0}}
+    assert translated(both) is both
+
+
 def test_a_file_of_the_first_version_is_upgraded_with_its_comments(tmp_path: Path) -> None:
     from click.testing import CliRunner
 

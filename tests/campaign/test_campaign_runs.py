@@ -249,6 +249,10 @@ def test_rerun_gives_the_same_figures_and_the_recording(results: Path, tmp_path:
     assert read(tmp_path / f"{key}.mcap").end["outcome"] == "stopped"
     with pytest.raises(ConfigError, match="there already"):
         CliRunner().invoke(campaign, arguments, catch_exceptions=False)
+    by_part = ["rerun", str(results), key[:6], "--out", str(tmp_path), "--overwrite"]
+    assert CliRunner().invoke(campaign, by_part, catch_exceptions=False).output == told.output
+    with pytest.raises(ConfigError, match="runs whose keys begin with ; give more of it"):
+        CliRunner().invoke(campaign, ["rerun", str(results), ""], catch_exceptions=False)
     with pytest.raises(ConfigError, match="no run with the key nothing"):
         CliRunner().invoke(campaign, ["rerun", str(results), "nothing"], catch_exceptions=False)
 
@@ -265,6 +269,34 @@ def test_what_was_meant_otherwise_is_told(arguments: list[str], told: str) -> No
     ended = CliRunner().invoke(campaign, arguments)
     assert ended.exit_code != 0
     assert told in f"{ended.exception} {ended.output}"
+
+
+@pytest.mark.parametrize(
+    ("table", "column", "value"),
+    [
+        ("runs", "number", 99),
+        ("runs", "number", 0.5),
+        ("runs", "figures", '{"force_true_max_n": [1]}'),
+        ("runs", "figures", "["),
+        ("runs", "failed", '"all"'),
+        ("runs", "wall_s", "long"),
+        ("cases", "config", "{}"),
+        ("cases", "fault_table", "[" * 5000),
+        ("sittings", "workers", b"\xff"),
+        ("facts", "value", "-1"),
+    ],
+)
+def test_results_of_another_hand_are_refused_in_a_line(
+    results: Path, tmp_path: Path, table: str, column: str, value: object
+) -> None:
+    other = tmp_path / "other.sqlite"
+    other.write_bytes(results.read_bytes())
+    with sqlite3.connect(other) as connection:
+        where = "name = 'cases_per_seed'" if table == "facts" else "rowid = 1"
+        connection.execute(f"UPDATE {table} SET {column} = ? WHERE {where}", (value,))
+    connection.close()
+    with pytest.raises(ConfigError, match=r"^cannot read .*other\.sqlite: "):
+        CliRunner().invoke(campaign, ["report", str(other)], catch_exceptions=False)
 
 
 def test_rerun_of_a_seed_repeats_every_case(results: Path, tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from hil_bridge.control.checks import require_above_zero, require_not_negative
-from hil_bridge.control.types import POSITION_STEP_MM, SAMPLE_MS, Command, Controller, Measurement, as_command
+from hil_bridge.control.types import POSITION_STEP_MM, SAMPLE_MS, Command, Controller, Measurement, as_answer
 from hil_bridge.control.words.steps import ResumePoint, Step
 from protocol.geometry import Quaternion
 
@@ -360,8 +360,7 @@ class Task:
             measurement.saturated,
             measurement.dt,
         )
-        memory, answer = self.controller.step(state.controller, seen, reference)
-        command = as_command(answer)
+        memory, command = as_answer(self.controller.step(state.controller, seen, reference))
         if state.in_contact:
             state = TaskState(
                 state.phase,

@@ -1,0 +1,47 @@
+"""The pictures of the architecture show rooms that there are, and imports that are made."""
+
+from pathlib import Path
+
+import grimp
+import pytest
+
+from tools.room_pictures import ARROWS, ROOMS, WAY, Arrow, Box, pictures
+
+PICTURES = Path(__file__).resolve().parents[2] / "docs" / "pictures"
+
+
+@pytest.fixture(scope="module")
+def graph() -> grimp.ImportGraph:
+    return grimp.build_graph("hil_bridge", "emulators", "protocol", cache_dir=None)
+
+
+@pytest.mark.parametrize("name", list(pictures()))
+def test_each_picture_is_the_one_that_is_drawn(name: str) -> None:
+    assert (PICTURES / name).read_text(encoding="utf-8") == pictures()[name], (
+        "run python -m tools.room_pictures"
+    )
+
+
+def test_each_box_names_modules_that_there_are(graph: grimp.ImportGraph) -> None:
+    named = [module for box in (*ROOMS.values(), *WAY) for module in box.modules]
+    assert [module for module in named if module not in graph.modules] == []
+
+
+def imports(graph: grimp.ImportGraph, source: Box, target: Box) -> int:
+    """Imports from any module of the one box to any of the other."""
+    inside = {part for module in target.modules for part in (module, *graph.find_descendants(module))}
+    return sum(
+        len(graph.find_modules_directly_imported_by(part) & inside)
+        for module in source.modules
+        for part in (module, *graph.find_descendants(module))
+    )
+
+
+@pytest.mark.parametrize("arrow", ARROWS, ids=lambda arrow: f"{arrow.source}-{arrow.target}")
+def test_each_arrow_stands_for_imports(arrow: Arrow, graph: grimp.ImportGraph) -> None:
+    found = imports(graph, ROOMS[arrow.source], ROOMS[arrow.target])
+    if arrow.dashed:
+        assert found == 0  # by name, at run time
+    else:
+        assert found > 0
+        assert imports(graph, ROOMS[arrow.target], ROOMS[arrow.source]) == 0, "the arrow has a way back"
