@@ -110,9 +110,10 @@ def tune(
     from hil_bridge.tuning.evaluating import running
     from hil_bridge.tuning.front import check_picture, front, picture
     from hil_bridge.tuning.front import told as told_front
-    from hil_bridge.tuning.preparing import axes_of, others, tuned_file, wanted_of
+    from hil_bridge.tuning.preparing import axes_of, limit_of, others, tuned_file, weights_of
     from hil_bridge.tuning.reporting import as_json, chosen, fresh_comparison
-    from hil_bridge.tuning.searching import begin, search
+    from hil_bridge.tuning.searching import Wanted, begin, search
+    from hil_bridge.tuning.space import space_of
 
     for place in (out, plot, json_file):
         if place is not None:
@@ -122,8 +123,9 @@ def tune(
     axes = axes_of(trade)
     overrides: dict[str, object] = {"controller.name": controller, "run.duration_s": duration}
     values, config = _read(config_file, overrides)
-    first = range(seed, seed + seeds)
-    wanted = wanted_of(config, vary, minimise, force_limit, tuple(first), budget, 1 + len(also))
+    weights, limit = weights_of(minimise), limit_of(config, force_limit)
+    first = tuple(range(seed, seed + seeds))
+    wanted = Wanted(space_of(config, vary), weights, limit, first, budget, seed, 1 + len(also))
     tuned_in = [config, *(others(place, config) for place in also)]
     cells = [(place.stem, others(place, config)) for place in validate]
     state: Search | None = None

@@ -5,12 +5,27 @@ import signal
 from collections.abc import Mapping
 from contextlib import suppress
 from functools import partial
+from typing import NamedTuple
 
 import click
 
 from hil_bridge.clock import Clock
 from hil_bridge.errors import TransportError
 from hil_bridge.text_files import harmless
+
+
+class Row(NamedTuple):
+    """A line of a monitor."""
+
+    at: float
+    """Time, s."""
+    direction: str
+    text: str
+    data: bytes = b""
+    """Its bytes, shown when they are wanted."""
+    trouble: bool = False
+    line_time: float | None = None
+    """Time that it took on the line, s; None where that is not known."""
 
 
 class Printer:
@@ -21,19 +36,15 @@ class Printer:
         self._begun = begun
         self._before = begun
 
-    def row(
-        self, at: float, direction: str, line_time: float | None, text: str, data: bytes, trouble: bool
-    ) -> None:
-        """Print a row: time, time since the row before, direction, line time, what it was."""
-        self._begun = at if self._begun is None else self._begun
-        since = at - (at if self._before is None else self._before)
-        self._before = at
-        took = "" if line_time is None else f"{line_time * 1e3:.1f} ms"
-        mark = "!" if trouble else " "
-        hexed = f"  {{{data.hex(' ').upper()}}}" if self._raw and data else ""
-        click.echo(
-            f"{at - self._begun:12.6f} {since:+10.6f} {direction:<6} {took:>8} {mark} {harmless(text)}{hexed}"
-        )
+    def row(self, row: Row) -> None:
+        """Print a row: time, time since the row before, direction, line time, text."""
+        self._begun = row.at if self._begun is None else self._begun
+        since = row.at - (row.at if self._before is None else self._before)
+        self._before = row.at
+        took = "" if row.line_time is None else f"{row.line_time * 1e3:.1f} ms"
+        times = f"{row.at - self._begun:12.6f} {since:+10.6f} {row.direction:<6} {took:>8}"
+        hexed = f"  {{{row.data.hex(' ').upper()}}}" if self._raw and row.data else ""
+        click.echo(f"{times} {'!' if row.trouble else ' '} {harmless(row.text)}{hexed}")
 
 
 def field_text(field: Mapping[str, object], zeros: bool = False) -> str:

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, TypeAlias
 
-from hil_bridge.console.printing import Printer, field_text
+from hil_bridge.console.printing import Printer, Row, field_text
 from hil_bridge.errors import ConfigError
 from hil_bridge.kinds import (
     ROBOTS,
@@ -51,16 +51,6 @@ class Piece(NamedTuple):
     event: str = ""
 
 
-class Row(NamedTuple):
-    """One line of the monitor."""
-
-    at: float
-    direction: str
-    text: str
-    data: bytes
-    trouble: bool
-
-
 # --- from a recording
 
 
@@ -96,7 +86,7 @@ def monitor_traffic(path: Path, side: Side, raw: bool) -> int:
     rows.sort(key=lambda row: row.at)
     show = Printer(raw, rows[0].at)
     for row in rows:
-        show.row(row.at, f"{row.direction:<10}", None, row.text, row.data, row.trouble)
+        show.row(row._replace(direction=f"{row.direction:<10}"))
     return len(rows)
 
 

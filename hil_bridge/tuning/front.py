@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 from hil_bridge.errors import ConfigError
 from hil_bridge.picture_files import drawing_library, saved
@@ -57,7 +58,7 @@ def picture(
         FigureCanvasAgg(figure)
         plot = figure.add_subplot()
         good = [one for one in tried if one.feasible]
-        _dots(plot, good, axes, "0.7", "o", "points tried")
+        _dots(plot, good, axes, _Look("points tried", "0.7", "o"))
         edge = front(tried, first, second)
         plot.plot(
             [one.mean(first) or 0.0 for one in edge],
@@ -67,8 +68,8 @@ def picture(
             zorder=4,
             label="front",
         )
-        _dots(plot, [defaults], axes, "C3", "s", "defaults")
-        _dots(plot, [] if best is None else [best], axes, "C2", "*", "chosen")
+        _dots(plot, [defaults], axes, _Look("defaults", "C3", "s"))
+        _dots(plot, [] if best is None else [best], axes, _Look("chosen", "C2", "*"))
         plot.set_xlabel(first)
         plot.set_ylabel(second)
         plot.set_title(f"{len(tried)} points, {len(tried) - len(good)} of them failed")
@@ -76,7 +77,13 @@ def picture(
         return saved(figure, kind, dpi=120)
 
 
-def _dots(plot, points, axes, colour, marker, label) -> None:  # type: ignore[no-untyped-def]
+class _Look(NamedTuple):
+    label: str
+    colour: str
+    marker: str
+
+
+def _dots(plot, points, axes, look) -> None:  # type: ignore[no-untyped-def]
     """Dots with the spread over the seeds."""
     known = [one for one in points if all(one.mean(name) is not None for name in axes)]
     if known:
@@ -85,10 +92,10 @@ def _dots(plot, points, axes, colour, marker, label) -> None:  # type: ignore[no
             [one.mean(axes[1]) for one in known],
             xerr=[one.spread(axes[0]) for one in known],
             yerr=[one.spread(axes[1]) for one in known],
-            fmt=marker,
-            color=colour,
+            fmt=look.marker,
+            color=look.colour,
             elinewidth=0.5,
-            markersize=12.0 if marker == "*" else 6.0,
-            zorder=2 if marker == "o" else 6,
-            label=label,
+            markersize=12.0 if look.marker == "*" else 6.0,
+            zorder=2 if look.marker == "o" else 6,
+            label=look.label,
         )

@@ -12,8 +12,7 @@ from hil_bridge.settings.configuration import Config, dump, load_config
 from hil_bridge.tuning.comparing import Comparison
 from hil_bridge.tuning.evaluating import SCALES, Goal, Runs, scales_of, worth
 from hil_bridge.tuning.reporting import comments
-from hil_bridge.tuning.searching import Search, Wanted, jobs_of
-from hil_bridge.tuning.space import space_of
+from hil_bridge.tuning.searching import Search, jobs_of
 from hil_bridge.tuning.writing import absolute_files, toml, tuned_values
 
 _MINIMISED = ("rms_error_n", "overshoot_percent")
@@ -28,23 +27,17 @@ def axes_of(text: str | None) -> tuple[str, str]:
     return first, second
 
 
-def wanted_of(
-    config: Config,
-    vary: Sequence[str],
-    minimise: Sequence[str],
-    force_limit_n: float | None,
-    seeds: tuple[int, ...],
-    budget: int,
-    cells: int = 1,
-) -> Wanted:
-    """The search that a person asks for. Raises ConfigError."""
+def limit_of(config: Config, force_limit_n: float | None) -> float:
+    """The true force that a point may reach, N: the guard's limit where none is given. Raises ConfigError."""
     limit = config.limits.force_limit_n if force_limit_n is None else force_limit_n
     if not 0.0 < limit < float("inf"):
         raise ConfigError(f"--force-limit: must be a number above 0, got {limit:g}")
-    weights = dict(_weight(text) for text in minimise or _MINIMISED)
-    wanted = Wanted(space_of(config, vary), weights, limit, seeds, budget, seeds[0], cells)
-    wanted.points  # noqa: B018  its refusal comes before the first run
-    return wanted
+    return limit
+
+
+def weights_of(minimise: Sequence[str]) -> dict[str, float]:
+    """The figures to be made small, `FIGURE=WEIGHT`, with their weights. Raises ConfigError."""
+    return dict(_weight(text) for text in minimise or _MINIMISED)
 
 
 def _weight(text: str) -> tuple[str, float]:

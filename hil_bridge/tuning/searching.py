@@ -23,7 +23,7 @@ _FRESH_FROM = 1_000_000
 
 @dataclass(frozen=True, slots=True)
 class Wanted:
-    """A search."""
+    """A search. Raises ConfigError for a budget that makes none."""
 
     space: Space
     weights: dict[str, float]
@@ -36,6 +36,13 @@ class Wanted:
     cells: int = 1
     """Number of cells in which each point is tried."""
 
+    def __post_init__(self) -> None:
+        if self.points < self.population:
+            least = self.of_finalists + (self.population + 1) * len(self.seeds) * self.cells
+            raise ConfigError(
+                f"--budget {self.budget}: with {len(self.seeds)} seeds a search takes {least} runs or more"
+            )
+
     @property
     def fresh(self) -> tuple[int, ...]:
         """Seeds that the search does not see."""
@@ -43,17 +50,13 @@ class Wanted:
 
     @property
     def points(self) -> int:
-        """Points that the search may try beside the defaults. Raises ConfigError where that makes no search."""
-        of_finalists = (FINALISTS + 1) * len(self.fresh) * self.cells
-        of_one = len(self.seeds) * self.cells
-        points = (self.budget - of_finalists) // of_one - 1
-        least = self.population
-        if points < least:
-            need = of_finalists + (least + 1) * of_one
-            raise ConfigError(
-                f"--budget {self.budget}: with {len(self.seeds)} seeds a search takes {need} runs or more"
-            )
-        return points
+        """Points that the search may try beside the defaults."""
+        return (self.budget - self.of_finalists) // (len(self.seeds) * self.cells) - 1
+
+    @property
+    def of_finalists(self) -> int:
+        """Runs that are kept for the finalists and the defaults, with fresh seeds."""
+        return (FINALISTS + 1) * len(self.fresh) * self.cells
 
     @property
     def population(self) -> int:

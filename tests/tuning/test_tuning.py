@@ -17,7 +17,7 @@ from hil_bridge.settings.configuration import Config, load_config
 from hil_bridge.tuning.comparing import Comparison, Finding, sentence, told
 from hil_bridge.tuning.evaluating import Goal, Job, Worth, scales_of, worth
 from hil_bridge.tuning.front import front, picture
-from hil_bridge.tuning.preparing import axes_of, others, tuned_file, wanted_of
+from hil_bridge.tuning.preparing import axes_of, limit_of, others, tuned_file, weights_of
 from hil_bridge.tuning.reporting import as_json, chosen, fresh_comparison
 from hil_bridge.tuning.searching import Search, Wanted, begin, search
 from hil_bridge.tuning.space import space_of
@@ -129,7 +129,7 @@ def bowl(jobs: Sequence[Job]) -> list[Figures]:
 
 
 def wanted(budget: int = 150) -> Wanted:
-    return wanted_of(pi(), ["integral"], ["rise_s"], 20.0, (1, 2), budget)
+    return Wanted(space_of(pi(), ["integral"]), {"rise_s": 1.0}, 20.0, (1, 2), budget, seed=1)
 
 
 def searched(budget: int = 150) -> Search:
@@ -170,7 +170,7 @@ def test_a_point_must_do_in_every_cell() -> None:
             found.append({**figures, "outcome": "stopped"} if hard and too_much else figures)
         return found
 
-    wanted = wanted_of(pi(), ["integral"], ["rise_s"], 20.0, (1, 2), 300, cells=2)
+    wanted = Wanted(space_of(pi(), ["integral"]), {"rise_s": 1.0}, 20.0, (1, 2), 300, seed=1, cells=2)
     hard = load_config(None, {"controller.name": "pi", "cell.surface.stiffness_n_m": 10_000.0})
     state = begin([pi(), hard], wanted, two_cells)
     search(state, two_cells)
@@ -283,10 +283,10 @@ def test_json_has_every_run() -> None:
 def test_figures_and_weights_are_checked() -> None:
     for wrong in ("rise", "rise_s=x", "rise_s=0", "outcome"):
         with pytest.raises(ConfigError, match="--minimise"):
-            wanted_of(pi(), (), [wrong], None, (1, 2), 300)
+            weights_of([wrong])
     for limit in (math.nan, math.inf, 0.0, -3.0):
         with pytest.raises(ConfigError, match="--force-limit: must be a number above 0"):
-            wanted_of(pi(), (), (), limit, (1, 2), 300)
+            limit_of(pi(), limit)
     with pytest.raises(ConfigError, match="--trade"):
         axes_of("rise_s")
     assert axes_of(None) == ("rise_s", "overshoot_percent")

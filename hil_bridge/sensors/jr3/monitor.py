@@ -4,7 +4,7 @@ import asyncio
 from functools import partial
 
 from hil_bridge.clock import Clock, run_real
-from hil_bridge.console.printing import Printer, end, field_text, stop_on_signals
+from hil_bridge.console.printing import Printer, Row, end, field_text, stop_on_signals
 from hil_bridge.transports import Frames, connect_can
 from protocol.can.error import decode_error
 from protocol.can.frame import CanFrame
@@ -25,10 +25,11 @@ async def listen_can(url: str, show: Printer) -> None:
         for frame in frames:
             at = clock.now() if frame.received_at is None else frame.received_at
             if frame.error:
-                show.row(at, "bus", None, str(decode_error(frame)), b"", True)
+                show.row(Row(at, "bus", str(decode_error(frame)), trouble=True))
                 continue
             direction, text, trouble = frame_text(frame)
-            show.row(at, direction, line_bits(frame) / GATEWAY_BITRATE, text, frame.data, trouble)
+            line_time = line_bits(frame) / GATEWAY_BITRATE
+            show.row(Row(at, direction, text, frame.data, trouble, line_time))
 
     try:
         wire = await connect_can(url, clock)

@@ -1,6 +1,6 @@
 """The lines of a link monitor on a terminal."""
 
-from hil_bridge.console.printing import Printer
+from hil_bridge.console.printing import Printer, Row
 from hil_bridge.robots.s3.site.capture import Sender
 from hil_bridge.robots.s3.site.link_monitor import Counts, LinkMonitor
 
@@ -10,7 +10,8 @@ _DIRECTIONS = {Sender.PC: "PC→S3", Sender.ROBOT: "S3→PC", Sender.UNKNOWN: "?
 def print_lines(show: Printer, monitor: LinkMonitor) -> None:
     """Print all that a monitor has to tell."""
     while (line := monitor.next_line()) is not None:
-        show.row(line.at, _DIRECTIONS[line.sender], line.line_time, line.text, line.data, line.trouble)
+        direction = _DIRECTIONS[line.sender]
+        show.row(Row(line.at, direction, line.text, line.data, line.trouble, line.line_time))
 
 
 def counts_text(counts: Counts, span: float) -> str:

@@ -3,22 +3,20 @@
 import asyncio
 import signal
 from contextlib import suppress
-from pathlib import Path
 
 import click
 
 from hil_bridge.clock import Clock, run_real
-from hil_bridge.sensors.jr3.registers.pci import SYSFS, PciRegisters, open_pci, read_program
+from hil_bridge.sensors.jr3.registers.pci import PciRegisters
 from hil_bridge.sensors.jr3.registers.server import ListenerProfile
 from hil_bridge.sensors.jr3.registers.wires import BOARD, serve_board
 
 
-def serve_pci(
-    address: str, listen: str, offset: int, channel: int, program: Path | None, sysfs: Path | None
-) -> None:
-    """Serve a board's channel on HOST:PORT and print where, until SIGINT or SIGTERM. Raises BridgeError."""
-    words = () if program is None else read_program(program)
-    board = open_pci(address, channel, offset, words, sysfs or SYSFS)
+def serve_pci(board: PciRegisters, listen: str, offset: int) -> None:
+    """Serve a board's channel on HOST:PORT and print where, until SIGINT or SIGTERM; then close it.
+
+    `offset` is where the channel's words begin, bytes. Raises BridgeError.
+    """
     try:
         run_real(lambda: _serve(board, f"{BOARD}tcp-listen://{listen}", offset))
     finally:

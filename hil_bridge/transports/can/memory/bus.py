@@ -55,26 +55,18 @@ class _Attempt:
         self.end = self.start + (times - 1) * self.cycle + self.bits
 
 
-def _spoilt(
-    sender: MemoryCanNode,
-    frame: CanFrame,
-    receivers: list[MemoryCanNode],
-    start: int,
-    whole: int,
-    hit: int | None,
-) -> _Attempt:
-    """The attempt at a frame of `whole` bit times. It may be disturbed at one bit time, and without receivers
-    it is not acknowledged.
-    """
+def _spoil(attempt: _Attempt, hit: int | None) -> None:
+    """Let the attempt at a whole frame be disturbed at a bit time, and stay without ACK where there is no receiver."""
+    whole = attempt.bits
     acknowledge = whole - ACK_DELIMITER_BITS - END_OF_FRAME_BITS
-    missing = not receivers and (hit is None or hit > acknowledge)
+    missing = not attempt.receivers and (hit is None or hit > acknowledge)
     failed_at = acknowledge if missing else hit
-    bits = whole if failed_at is None else failed_at + ERROR_FLAG_BITS + ERROR_DELIMITER_BITS
+    attempt.failed, attempt.acknowledge_missing = failed_at is not None, missing
     # the last bit is too late for a receiver to object
-    accepted = failed_at is None or failed_at == whole
-    return _Attempt(
-        sender, frame, receivers, start, bits, start + bits, failed_at is not None, missing, accepted
-    )
+    attempt.accepted = failed_at is None or failed_at == whole
+    if failed_at is not None:
+        attempt.bits = failed_at + ERROR_FLAG_BITS + ERROR_DELIMITER_BITS
+        attempt.end = attempt.start + attempt.bits
 
 
 class MemoryCanBus:
@@ -248,11 +240,9 @@ class MemoryCanBus:
         frame = sender.queue.head
         receivers = [node for node in self._nodes if node is not sender and node.on_bus]
         start, disturb, whole = self._bits, self._disturb, frame_time_bits(frame)
-        if receivers and disturb is None:
-            attempt = _Attempt(sender, frame, receivers, start, whole, start + whole)
-        else:
-            hit = None if disturb is None else disturb(frame, whole)
-            attempt = _spoilt(sender, frame, receivers, start, whole, hit)
+        attempt = _Attempt(sender, frame, receivers, start, whole, start + whole)
+        if not receivers or disturb is not None:
+            _spoil(attempt, None if disturb is None else disturb(frame, whole))
             if attempt.acknowledge_missing and disturb is None and len(self._nodes) == 1:
                 self._repeat_alone(attempt)
         self._attempt, self._suspended = attempt, None
