@@ -69,7 +69,7 @@ STEPS: dict[str, Callable[[], int]] = {
     "types": both(tool("mypy"), tool("mypy", "--config-file", "tests/mypy.ini", "tests")),
     "imports": tool("lint-imports"),
     "protocol": tool(
-        *("pytest", "tests/wire", "tests/emulation", "--numprocesses", "auto", "--dist", "loadfile"),
+        *("pytest", "tests/wire", "--numprocesses", "auto", "--dist", "loadfile"),
         *("--cov", "--cov-report=term"),
     ),
     # the tutorials first: their pages last the longest
@@ -79,15 +79,7 @@ STEPS: dict[str, Callable[[], int]] = {
     ),
     # the campaign of faults first: it takes one process the longest
     "tests": tool(
-        *(
-            "pytest",
-            "tests/guard/test_campaign.py",
-            "tests",
-            "--ignore",
-            "tests/wire",
-            "--ignore",
-            "tests/emulation",
-        ),
+        *("pytest", "tests/guard/test_campaign.py", "tests", "--ignore", "tests/wire"),
         *("-m", "not live and not vcan and not driver", "--numprocesses", "auto"),
         *("--dist", "loadfile", "--no-loadscope-reorder"),
     ),
