@@ -18,7 +18,7 @@ LOOK_EVERY = 10
 
 @dataclass(slots=True)
 class Seen:
-    """What one page has been told."""
+    """The state of one page: the version that it shows."""
 
     version: int = -1
     waits: int = 0

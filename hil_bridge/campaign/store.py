@@ -92,7 +92,7 @@ class Store:
             else:
                 store._create(plan)
             # Seeds that were run before stay: fewer of them this time take nothing away.
-            seeds = dict.fromkeys((*json.loads(store.fact("seeds")), *plan.seeds))
+            seeds = dict.fromkeys((*store.seeds(), *plan.seeds))
             connection.execute("UPDATE facts SET value = ? WHERE name = 'seeds'", (json.dumps([*seeds]),))
             connection.commit()
         except sqlite3.Error as error:
@@ -257,7 +257,7 @@ class Store:
 
     @contextmanager
     def _readable(self) -> Iterator[None]:
-        """A file of another hand may hold anything."""
+        """Turn every fault of the file into a ConfigError: another program may have written it."""
         try:
             yield
         except (sqlite3.Error, msgspec.MsgspecError, ValueError, TypeError, RecursionError) as error:
@@ -269,7 +269,7 @@ class _Chosen(msgspec.Struct):
 
 
 class _Cell(msgspec.Struct):
-    """What the page reads of a case's configuration."""
+    """The parts of a case's configuration that the page reads."""
 
     robot: _Chosen
     sensor: _Chosen

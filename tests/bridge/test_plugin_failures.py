@@ -43,7 +43,7 @@ PACKAGE = "failing-toys 2.0, failing_toys.py:"
 
 @pytest.fixture
 def fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[dict[str, Any]]:
-    """What fails, of the package of failing toys as it is found when it is installed."""
+    """Failing toys, as an installed package offers them. The tests choose the part that fails."""
     info = tmp_path / "failing_toys-2.0.dist-info"
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: failing-toys\nVersion: 2.0\n")

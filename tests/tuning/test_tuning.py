@@ -119,7 +119,7 @@ def test_scales_have_a_floor() -> None:
 
 
 def bowl(jobs: Sequence[Job]) -> list[Figures]:
-    """Figures of runs that nobody made: best at integral = 0.9, forbidden above 1.2, with noise by the seed."""
+    """Invented figures of runs: best at integral = 0.9, forbidden above 1.2, with noise by the seed."""
     found = []
     for job in jobs:
         integral = json.loads(job.parameters).get("integral", 0.4)

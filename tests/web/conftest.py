@@ -1,4 +1,4 @@
-"""What the tests of the page share: a browser, and a run with a page in a process of its own."""
+"""Fixtures for tests of the page: a browser, and commands that serve a page in processes of their own."""
 
 import os
 import signal

@@ -79,6 +79,7 @@ async def test_a_browser_walks_through_a_recording(
     await page.value("document.getElementById('play').click()")
     stands = await page.value("document.getElementById('at').value")
     assert await page.value(text("play")) == "▶"
+    await asyncio.sleep(0.3)
     assert await page.value("document.getElementById('at').value") == stands
     await page.value(slide(length_s))
     await page.until(f"{text('phase')} === 'stopped' && document.querySelector('#list .alarm')")
