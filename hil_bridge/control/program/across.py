@@ -4,7 +4,7 @@ from msgspec.structs import replace
 
 from hil_bridge.control.course.task import Task
 from hil_bridge.control.program.state import CourseState
-from hil_bridge.control.types import Measurement
+from hil_bridge.control.types import Measurement, as_answer
 from hil_bridge.control.words.steps import Track
 
 _YIELD_S = 0.3
@@ -49,5 +49,5 @@ def _pressing(
         saturated=measurement.saturated,
         dt=measurement.dt,
     )
-    memory, command = stroke.controller.step(memory, seen, abs(step.across_n))
-    return side * float(command.position), memory
+    memory, command = as_answer(stroke.controller.step(memory, seen, abs(step.across_n)))
+    return side * command.position, memory
