@@ -1,48 +1,62 @@
 """Write the tables of docs/explanation/safety.md: the conditions from the code, the times from runs that are measured.
 
 The prose between the tables is left as it is. With --measure the runs are made first, in virtual time, and their
-figures go to docs/explanation/safety.json; it takes some minutes. With --check nothing is written; the exit code is 1
-when the document is not up to date.
+figures go to docs/explanation/safety.json; `--measure egm` makes those of these robots alone. With --check nothing is
+written; the exit code is 1 when the document is not up to date.
 """
 
+import asyncio
 import gc
 import json
 import math
 import random
 import statistics
 import sys
-from collections.abc import AsyncIterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-from emulators.s3_jr3_cell import PaperCell
 from hil_bridge.analysis.strokes import TRACK
 from hil_bridge.analysis.summary import RETRACT
-from hil_bridge.clock import Clock, Timer, run_virtual
+from hil_bridge.api import Config, Simulation, load, run_virtual, simulation
+from hil_bridge.campaign.watching import Watch
 from hil_bridge.control.course.conditions import When
-from hil_bridge.device_log import LogTo
-from hil_bridge.faults.schedule import FaultSchedule
 from hil_bridge.guard.conditions import CONDITIONS, HEAD, cells
-from hil_bridge.recording import PHASE_EVENT, STOP_EVENT, CycleRecord, EventRecord
-from hil_bridge.runs.compose import open_devices
-from hil_bridge.runs.cycle import Run
-from hil_bridge.settings.configuration import Config
+from hil_bridge.recording import PHASE_EVENT, STOP_EVENT
 from protocol.s3.arap import FunctionCode
 from tools.pages import parser, placed, table, write
 
 DOCS = Path(__file__).resolve().parent.parent / "docs" / "explanation"
 DOCUMENT, FIGURES = DOCS / "safety.md", DOCS / "safety.json"
-SEEDS = 20
+SEEDS: Mapping[str, int] = {"s3": 20, "egm": 10, "rtde": 10, "rsi": 10}
+"""Runs of a case by robot: fewer of a robot that streams, for each takes some seconds of processor time."""
 STIFFNESSES_N_M = (5e3, 5e4)
-WATCH_S, TICK_S = 0.05, 0.001
-"""How often the truth is asked for, and how finely, s."""
+TICK_S = 0.001
+"""How finely the true force is looked at, s."""
 TRACK_S = 9.0
 """Time for which a run would track if nothing happened, s."""
 AFTER_S = (0.8, 2.0)
 """When a fault comes after the begin of TRACK, s: between these, drawn by the seed."""
+FOR_GOOD_S = 3600.0
+
+Fault = Mapping[str, Any]
+NEAR: Mapping[str, Any] = {"cell.start_position_mm": (900.0, -100.0, 592.0), "task.retract_mm": 3.0}
+"""Of a robot that streams: near the surface, and back by little, for each of its packets is emulated."""
+ROBOTS: Mapping[str, Mapping[str, Any]] = {
+    "s3": {},
+    "egm": {"robot.emulated": "egm", "sensor.emulated": "netft", **NEAR},
+    "rtde": {"robot.emulated": "rtde", "sensor.emulated": "netft", **NEAR},
+    "rsi": {"robot.emulated": "rsi", "sensor.emulated": "netft", **NEAR},
+}
+"""Settings of each robot's runs that are not at their defaults."""
+NAMES: Mapping[str, str] = {
+    "s3": "S3 with a JR3 at its gateway",
+    "egm": "EGM with a Net F/T",
+    "rtde": "RTDE with a Net F/T",
+    "rsi": "RSI with a Net F/T",
+}
 
 
 @dataclass(frozen=True)
@@ -50,40 +64,101 @@ class Case:
     """Something that happens to a run that holds 10 N."""
 
     name: str
-    faults: tuple[Mapping[str, Any], ...] = ()
-    """None without a person that presses Ctrl-C."""
+    faults: Mapping[str, Fault] = field(default_factory=dict)
+    """The fault by robot; empty for a person that presses Ctrl-C."""
     by_force: bool = False
     """The time counts from the moment at which the true force passes the limit, not from the begin of the fault."""
     per_stiffness: Mapping[str, float] = field(default_factory=dict)
     """Parameters that are so much divided by the stiffness in kN/m, so that the force is the same."""
 
+    @property
+    def robots(self) -> Sequence[str]:
+        """Robots that can have it."""
+        return tuple(self.faults) or tuple(ROBOTS)
 
-def _fault(on: str, fault: str, for_s: float | None = None, **parameters: object) -> Mapping[str, Any]:
+
+def _fault(on: str, fault: str, for_s: float | None = None, **parameters: object) -> Fault:
     return {"on": on, "fault": fault, "with": parameters, **({} if for_s is None else {"for_s": for_s})}
 
 
-FOR_GOOD_S = 3600.0
+def _all(on: str, fault: str, for_s: float | None = None, **parameters: object) -> Mapping[str, Fault]:
+    return dict.fromkeys(ROBOTS, _fault(on, fault, for_s, **parameters))
+
+
 CASES = (
     Case("Ctrl-C"),
-    Case("the surface rises by what makes 80 N, in 100 ms", (_fault("surface", "step"),), True, {"mm": 80.0}),
-    Case("an inclusion ten times as hard, over 100 ms", (_fault("surface", "hard"),), True),
-    Case("the sensor reads 60 N more", (_fault("signal", "offset", amount=-60.0),)),
-    Case("the sensor falls silent", (_fault("frames", "off", FOR_GOOD_S),)),
-    Case("the sensor's frames come 500 ms late", (_fault("frames", "delay", ms=500.0),)),
-    Case("the sensor repeats one sample", (_fault("signal", "stuck"),)),
-    Case("the reported position jumps by 20 mm", (_fault("pose", "offset", z_mm=20.0),)),
-    Case("the reported orientation turns by 30°", (_fault("pose", "turned"),)),
-    Case("the computer stands still for 0.8 s", (_fault("computer", "pause", seconds=0.8),)),
-    Case("the robot refuses one point", (_fault("robot", "refuse", code=31, function=FunctionCode.MOVE),)),
-    Case("the robot's emergency stop is pressed", (_fault("robot", "emergency-stop"),)),
-    Case("the robot's link is dead for 8 s", (_fault("link", "off", 8.0),)),
+    Case("the surface rises by what makes 80 N, in 100 ms", _all("surface", "step"), True, {"mm": 80.0}),
+    Case("an inclusion ten times as hard, over 100 ms", _all("surface", "hard"), True),
+    Case("the sensor reads 60 N more", _all("signal", "offset", amount=-60.0)),
+    Case("the sensor falls silent", _all("frames", "off", FOR_GOOD_S)),
+    Case("the sensor's frames come 500 ms late", _all("frames", "delay", ms=500.0)),
+    Case("the sensor repeats one sample", _all("signal", "stuck")),
+    Case("the reported position jumps by 20 mm", _all("pose", "offset", z_mm=20.0)),
+    Case("the reported orientation turns by 30°", dict.fromkeys(("s3", "rsi"), _fault("pose", "turned"))),
+    Case("the computer stands still for 0.8 s", _all("computer", "pause", seconds=0.8)),
+    Case(
+        "the robot refuses one point", {"s3": _fault("robot", "refuse", code=31, function=FunctionCode.MOVE)}
+    ),
+    Case(
+        "the robot's emergency stop is pressed",
+        {
+            **dict.fromkeys(("s3", "rtde", "rsi"), _fault("robot", "emergency-stop")),
+            "egm": _fault("robot", "motors-off"),
+        },
+    ),
+    Case(
+        "the robot's link is dead for 8 s",
+        {
+            **dict.fromkeys(("s3", "egm"), _fault("link", "off", 8.0)),
+            "rtde": _fault("connection", "mute", 8.0),
+            "rsi": _fault("packets", "mute", 8.0),
+        },
+    ),
 )
 UNCOVERED = (
-    Case("the sensor's Fz gives noise only", (_fault("signal", "dead"),)),
-    Case("the sensor's Fz tells a tenth", (_fault("signal", "scale", factor=0.1),)),
-    Case("the sensor's Fz drifts by 2 N/s the wrong way", (_fault("signal", "drift", per_s=2.0),)),
+    Case("the sensor's Fz gives noise only", _all("signal", "dead")),
+    Case("the sensor's Fz tells a tenth", _all("signal", "scale", factor=0.1)),
+    Case("the sensor's Fz drifts by 2 N/s the wrong way", _all("signal", "drift", per_s=2.0)),
 )
 """Faults that pass the checks and stay within the limits."""
+ALL_CASES = (*CASES, *UNCOVERED)
+
+
+class Job(NamedTuple):
+    """One run of a case."""
+
+    case: Case
+    robot: str
+    stiffness: float
+    """N/m"""
+    seed: int
+
+    @property
+    def after_s(self) -> float:
+        """When it happens after the begin of TRACK, s."""
+        return random.Random(self.seed).uniform(*AFTER_S)
+
+    @property
+    def config(self) -> Config:
+        """The configuration of the run, with its fault."""
+        values: dict[str, Any] = {}
+        settings = {
+            **ROBOTS[self.robot],
+            "run.duration_s": TRACK_S,
+            "cell.surface.stiffness_n_m": self.stiffness,
+        }
+        for key, value in settings.items():
+            *sections, name = key.split(".")
+            place = values
+            for section in sections:
+                place = place.setdefault(section, {})
+            place[name] = value
+        case, faults = self.case, []
+        if fault := case.faults.get(self.robot):
+            forced = {key: value / (self.stiffness * 1e-3) for key, value in case.per_stiffness.items()}
+            given = {**fault["with"], **forced}
+            faults.append({**fault, "phase": TRACK, "after_s": self.after_s, "with": given})
+        return load(values, faults=faults, seed=self.seed)
 
 
 @dataclass(frozen=True)
@@ -104,158 +179,93 @@ class Times:
     left: str
 
 
-class _Robot:
-    """A robot link whose orders to move are noted."""
+def measured(job: Job) -> Times:
+    """One run."""
 
-    def __init__(self, inner: Any, clock: Clock, orders: list[float]) -> None:
-        self._inner, self._clock, self._orders = inner, clock, orders
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._inner, name)
-
-    @asynccontextmanager
-    async def motion(self, velocity: float) -> AsyncIterator[Any]:
-        async with self._inner.motion(velocity) as motion:
-            order = motion.to
-
-            async def noted(*place: Any, **how: Any) -> Any:
-                self._orders.append(self._clock.now())
-                return await order(*place, **how)
-
-            motion.to = noted
-            yield motion
-
-
-class _Watched:
-    """One run of a case, and the truth beside. Also the run's log."""
-
-    def __init__(self, case: Case, stiffness: float, seed: int) -> None:
-        self.case = case
-        after_s = random.Random(seed).uniform(*AFTER_S)
-        faults = []
-        for fault in case.faults:
-            given = {key: value / (stiffness * 1e-3) for key, value in case.per_stiffness.items()}
-            faults.append({**fault, "phase": TRACK, "after_s": after_s, "with": {**fault["with"], **given}})
-        self.config = Config.model_validate(
-            {
-                "run": {"duration_s": TRACK_S, "seed": seed},
-                "cell": {"surface": {"stiffness_n_m": stiffness}},
-                "faults": faults,
-            }
-        )
-        self.after_s = after_s
-        self.orders: list[float] = []
-        self.stops: list[float] = []
-        self.stopped = False
-        self.phases: dict[str, float] = {}
-        self.forces: list[tuple[float, float]] = []
-        self.pressed_at = math.nan
-        self.schedule: FaultSchedule | None = None
-        self.clock: Clock
-        self.cell: PaperCell
-        self.run: Run
-
-    def cycle(self, record: CycleRecord) -> None:
-        assert self.schedule is not None
-        self.schedule.cycle(record)
-
-    def event(self, record: EventRecord) -> None:
-        if record.kind == STOP_EVENT:
-            self.stops.append(record.at)
-        if record.kind == PHASE_EVENT:
-            self.phases.setdefault(record.text, record.at)
-            if record.text == TRACK and not self.case.faults:
-                self.clock.call_at(record.at + self.after_s, self._press)
-        if self.schedule is not None:
-            self.schedule.event(record)
-
-    def notice(self, kind: str, text: str) -> None:
-        self.event(EventRecord(self.clock.now(), kind, text))
-
-    def _press(self) -> None:
-        self.pressed_at = self.clock.now()
-        self.run.interrupt()
-
-    async def main(self) -> Times:
-        """Run to the end."""
-        self.clock = clock = Clock.running()
-        timers: list[Timer] = []
-        asked = clock.now()
-
-        def watch() -> None:
-            nonlocal asked
-            now = clock.now()
-            times = [asked + k * TICK_S for k in range(1, int((now - asked) / TICK_S + 1e-6) + 1)]
-            asked = times[-1] if times else asked
-            states = self.cell.true_states(times) if times else []
-            for at, state in zip(times, states, strict=True):
-                self.forces.append((at, math.hypot(*state.contact_force)))
-            timers[:] = [clock.call_at(now + WATCH_S, watch)]
-
-        async with open_devices(self.config, clock, LogTo(notice=self.notice)) as devices:
-            assert devices.cell is not None
-            self.cell = devices.cell
-            watch()
-            robot = _Robot(devices.robot, clock, self.orders)
-            self.run = Run(self.config, clock, robot, devices.sensor, self)
-            self.schedule = FaultSchedule(
-                self.config.faults, self.cell, clock, self.notice, self.run.stand_still
-            )
+    async def main() -> tuple[Simulation, Watch, float]:
+        began = math.nan
+        async with simulation(job.config) as running:
+            watch = Watch(running, TICK_S)
+            watching = asyncio.create_task(watch.watch())
             try:
-                result = await self.run()
-                self.stopped = any(at < self.phases[RETRACT] + TICK_S for at in self.stops)
+                running.start()
+                if not job.case.faults:
+                    await running.reached(TRACK)
+                    began = running.clock.now() + job.after_s
+                    await running.clock.sleep_until(began)
+                    running.interrupt()
+                await running.finished()
             finally:
-                watch()
-                timers[0].cancel()
-                self.schedule.close()
-        return self._times(result.cause, result.left)
+                watching.cancel()
+                watch.look()
+        return running, watch, began
 
-    def _times(self, cause: str, left: str) -> Times:
-        began = self.cell.faults[0].injected_at if self.case.faults else self.pressed_at
-        limit = self.config.limits.force_limit_n
-        after = [(at, force) for at, force in self.forces if at >= began]
-        above = [at for at, force in after if force > limit]
-        if self.case.by_force:
-            began = above[0] if above else math.nan
-        back = [at for at in self.orders if at >= self.phases.get(RETRACT, math.inf)]
-        last_is_below = bool(above) and above[-1] < after[-1][0]
-        return Times(
-            back[0] - began if back else None,
-            above[-1] + TICK_S - began if last_is_below else None,
-            max(force for _, force in after),
-            after[-1][1],
-            self.stopped,
-            cause,
-            left,
-        )
+    running, watch, began = run_virtual(main)
+    assert running.cell is not None
+    if job.case.faults:
+        began = running.cell.faults[0].injected_at
+    return _times(running, watch, began, job.case.by_force)
 
 
-ALL_CASES = (*CASES, *UNCOVERED)
+def _times(running: Simulation, watch: Watch, began: float, by_force: bool) -> Times:
+    result, (times, forces) = running.result, watch.truth()
+    times, forces = times[times >= began], forces[times >= began]
+    above = times[forces > running.config.limits.force_limit_n]
+    if by_force:
+        began = float(above[0]) if len(above) else math.nan
+    back = [event.at for event in result.events if (event.kind, event.text) == (PHASE_EVENT, RETRACT)]
+    stops = [event.at for event in result.events if event.kind == STOP_EVENT]
+    below = bool(len(above)) and above[-1] < times[-1]
+    return Times(
+        back[0] - began if back else None,
+        float(above[-1]) + TICK_S - began if below else None,
+        float(forces.max()),
+        float(forces[-1]),
+        any(at < min(back, default=math.inf) + TICK_S for at in stops),
+        result.cause,
+        result.left,
+    )
 
 
-def measured(number: int, stiffness: float, seed: int) -> Times:
-    """One run of a case, by its place among all."""
-    return run_virtual(_Watched(ALL_CASES[number], stiffness, seed).main)
-
-
-def _one(job: tuple[int, float, int]) -> Times:
-    times = measured(*job)
+def _row(job: Job) -> Times:
+    times = measured(job)
     gc.collect()  # a cell and its run refer to each other
     return times
 
 
-def measure() -> dict[str, Any]:
-    """All runs of all cases: by case and stiffness what each seed showed, seed by seed."""
-    jobs = [(n, k, s) for n in range(len(ALL_CASES)) for k in STIFFNESSES_N_M for s in range(1, SEEDS + 1)]
+def columns_of(case: Case, robot: str, stiffness: float) -> Iterator[Job]:
+    """The runs of a case with a robot on a surface, seed by seed."""
+    return (Job(case, robot, stiffness, seed) for seed in range(1, SEEDS[robot] + 1))
+
+
+def places() -> Iterator[tuple[Case, str, float]]:
+    """Every case with every robot that can have it, on every surface."""
+    return (
+        (case, robot, stiffness)
+        for case in ALL_CASES
+        for robot in case.robots
+        for stiffness in STIFFNESSES_N_M
+    )
+
+
+def measure(robots: Sequence[str], before: Mapping[str, Any]) -> dict[str, Any]:
+    """All runs of these robots, of all where none is named; the figures of others are kept.
+
+    By case, robot and stiffness: the result of each seed, seed by seed.
+    """
+    anew = [place for place in places() if not robots or place[1] in robots]
+    jobs = [job for place in anew for job in columns_of(*place)]
+    figures: dict[str, Any] = {}
     with ProcessPoolExecutor() as pool:
-        found = list(pool.map(_one, jobs, chunksize=4))
-    result: dict[str, Any] = {}
-    for start in range(0, len(jobs), SEEDS):
-        number, stiffness, _ = jobs[start]
-        result.setdefault(ALL_CASES[number].name, {})[f"{stiffness:g}"] = columns(
-            found[start : start + SEEDS]
-        )
-    return result
+        runs = pool.map(_row, jobs, chunksize=4)
+        for case, robot, stiffness in places():
+            by_stiffness = figures.setdefault(case.name, {}).setdefault(robot, {})
+            if (case, robot, stiffness) in anew:
+                by_stiffness[f"{stiffness:g}"] = columns([next(runs) for _ in range(SEEDS[robot])])
+                print(f"{case.name}, {robot}, {stiffness:g} N/m", file=sys.stderr, flush=True)
+            else:
+                by_stiffness[f"{stiffness:g}"] = before[case.name][robot][f"{stiffness:g}"]
+    return figures
 
 
 def columns(runs: Sequence[Times]) -> dict[str, list[Any]]:
@@ -288,22 +298,7 @@ def conditions_table() -> str:
 
 
 def times_table(figures: Mapping[str, Any]) -> str:
-    """Median and largest of each case and stiffness."""
-    rows = []
-    for case in CASES:
-        for stiffness, runs in figures[case.name].items():
-            ordered, number = _there(runs["order_s"]), len(runs["order_s"])
-            rows.append(
-                (
-                    case.name,
-                    f"{float(stiffness) * 1e-3:g}",
-                    f"{len(ordered)} of {number}",
-                    _span(ordered),
-                    _span(_there(runs["below_s"])),
-                    f"{max(runs['largest_n']):.0f}",
-                    f"{sum(runs['retracted'])} of {number}",
-                )
-            )
+    """Median and largest of each case and stiffness, a table for each robot."""
     head = (
         "what happens",
         "kN/m",
@@ -313,25 +308,44 @@ def times_table(figures: Mapping[str, Any]) -> str:
         "largest true force, N",
         "told as retracted",
     )
-    return table(head, rows)
+    return "\n\n".join(
+        f"### {NAMES[robot]}\n\n{table(head, _times_rows(figures, robot))}" for robot in ROBOTS
+    )
+
+
+def _times_rows(figures: Mapping[str, Any], robot: str) -> Iterator[tuple[str, ...]]:
+    for case in CASES:
+        for stiffness, runs in figures[case.name].get(robot, {}).items():
+            ordered, number = _there(runs["order_s"]), len(runs["order_s"])
+            yield (
+                case.name,
+                f"{float(stiffness) * 1e-3:g}",
+                f"{len(ordered)} of {number}",
+                _span(ordered),
+                _span(_there(runs["below_s"])),
+                _forces(runs["largest_n"]),
+                f"{sum(runs['retracted'])} of {number}",
+            )
 
 
 def uncovered_table(figures: Mapping[str, Any]) -> str:
     """Results of runs whose sensor went wrong unseen."""
     rows = []
     for case in UNCOVERED:
-        for stiffness, runs in figures[case.name].items():
-            orders = [at for at, stopped in zip(runs["order_s"], runs["stopped"], strict=True) if stopped]
-            rows.append(
-                (
-                    case.name,
-                    f"{float(stiffness) * 1e-3:g}",
-                    f"{len(orders)} of {len(runs['order_s'])}",
-                    _span(_there(orders)) if orders else "",
-                    f"{max(runs['largest_n']):.0f}",
+        for robot, by_stiffness in figures[case.name].items():
+            for stiffness, runs in by_stiffness.items():
+                orders = [at for at, stopped in zip(runs["order_s"], runs["stopped"], strict=True) if stopped]
+                rows.append(
+                    (
+                        case.name,
+                        robot,
+                        f"{float(stiffness) * 1e-3:g}",
+                        f"{len(orders)} of {len(runs['order_s'])}",
+                        _span(_there(orders)) if orders else "",
+                        _forces(runs["largest_n"]),
+                    )
                 )
-            )
-    head = ("what happens", "kN/m", "stopped", "to the order back, s", "largest true force, N")
+    head = ("what happens", "robot", "kN/m", "stopped", "to the order back, s", "largest true force, N")
     return table(head, rows)
 
 
@@ -342,7 +356,11 @@ def _there(values: Sequence[float | None]) -> list[float]:
 def _span(values: Sequence[float]) -> str:
     if not values:
         return "never above"
-    return f"{statistics.median(values):.2f}, at most {max(values):.2f}"
+    return f"{statistics.median(values):.3f}, at most {max(values):.3f}"
+
+
+def _forces(values: Sequence[float]) -> str:
+    return f"{statistics.median(values):.0f}, at most {max(values):.0f}"
 
 
 def renewed(text: str, figures: Mapping[str, Any]) -> str:
@@ -358,24 +376,30 @@ def renewed(text: str, figures: Mapping[str, Any]) -> str:
 def _as_json(figures: Mapping[str, Any]) -> str:
     """A line for each column, so that a difference can be read."""
     cases = []
-    for name, by_stiffness in figures.items():
-        parts = []
-        for stiffness, runs in by_stiffness.items():
-            lines = (f"   {json.dumps(key)}: {json.dumps(values)}" for key, values in runs.items())
-            parts.append(f"  {json.dumps(stiffness)}: {{\n" + ",\n".join(lines) + "\n  }")
-        cases.append(f" {json.dumps(name, ensure_ascii=False)}: {{\n" + ",\n".join(parts) + "\n }")
+    for name, by_robot in figures.items():
+        robots = []
+        for robot, by_stiffness in by_robot.items():
+            parts = []
+            for stiffness, runs in by_stiffness.items():
+                lines = (f"    {json.dumps(key)}: {json.dumps(values)}" for key, values in runs.items())
+                parts.append(f"   {json.dumps(stiffness)}: {{\n" + ",\n".join(lines) + "\n   }")
+            robots.append(f"  {json.dumps(robot)}: {{\n" + ",\n".join(parts) + "\n  }")
+        cases.append(f" {json.dumps(name, ensure_ascii=False)}: {{\n" + ",\n".join(robots) + "\n }")
     return "{\n" + ",\n".join(cases) + "\n}\n"
 
 
 def main() -> int:
-    """Measure if wanted, then write the document, or check it."""
+    """Measure if asked to, then write the document, or check it."""
     options = parser(__doc__)
-    options.add_argument("--measure", action="store_true", help="make the runs first")
-    wanted = options.parse_args()
-    if wanted.measure:
-        FIGURES.write_text(_as_json(measure()), encoding="utf-8")
+    options.add_argument(
+        "--measure", nargs="*", metavar="ROBOT", choices=list(ROBOTS), help="make the runs first"
+    )
+    given = options.parse_args()
+    if given.measure is not None:
+        before = json.loads(FIGURES.read_text(encoding="utf-8")) if given.measure else {}
+        FIGURES.write_text(_as_json(measure(given.measure, before)), encoding="utf-8")
     figures = json.loads(FIGURES.read_text(encoding="utf-8"))
-    return write(DOCUMENT, lambda text: renewed(text, figures), wanted.check)
+    return write(DOCUMENT, lambda text: renewed(text, figures), given.check)
 
 
 if __name__ == "__main__":

@@ -24,17 +24,19 @@ _Floats = npt.NDArray[np.float64]
 class Watch:
     """Looks at the true force of the emulated cell."""
 
-    def __init__(self, running: Simulation) -> None:
+    def __init__(self, running: Simulation, every_s: float = WATCH_S) -> None:
+        """`every_s` is the time between two looks, s."""
         assert running.cell is not None  # the plan has neither a real robot nor a real sensor
         self._cell = running.cell
         self._clock = running.clock
+        self._every_s = every_s
         self._until = self._clock.now()
         self._times: list[_Floats] = []
         self._forces: list[_Floats] = []
 
     async def watch(self) -> None:
         """Look until cancelled."""
-        wait_s = WATCH_S * (1 if self._cell.has_memory else WATCH_AT_ONCE)
+        wait_s = self._every_s * (1 if self._cell.has_memory else WATCH_AT_ONCE)
         while True:
             await self._clock.sleep_until(self._clock.now() + wait_s)
             self.look()
@@ -45,8 +47,8 @@ class Watch:
         if self._cell.has_memory:  # it knows nothing of the past
             times = np.array([self._cell.truth_available_from(end)])
         else:
-            moments = min(max(round((end - self._until) / WATCH_S), 1), WATCH_AT_ONCE)
-            times = end - WATCH_S * np.arange(moments - 1, -1, -1)
+            moments = min(max(round((end - self._until) / self._every_s), 1), WATCH_AT_ONCE)
+            times = end - self._every_s * np.arange(moments - 1, -1, -1)
         self._until = end
         self._times.append(times)
         self._forces.append(np.linalg.norm(self._cell.contact_forces(times), axis=1))
