@@ -12,6 +12,7 @@ from hil_bridge.settings.configuration import Config
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs" / "explanation" / "safety.md").read_text(encoding="utf-8")
+TESTS = (ROOT / "docs" / "explanation" / "safety-tests.md").read_text(encoding="utf-8")
 FIGURES = json.loads((ROOT / "docs" / "explanation" / "safety.json").read_text(encoding="utf-8"))
 
 
@@ -78,3 +79,28 @@ def test_every_setting_that_the_page_names_exists() -> None:
         for name in key.split("."):
             assert hasattr(found, name), key
             found = getattr(found, name)
+
+
+@pytest.fixture(scope="module")
+def sentences() -> dict[str, Any]:
+    return runpy.run_path(str(ROOT / "tools" / "safety_sentences.py"))
+
+
+def test_each_sentence_of_the_page_has_its_row(sentences: dict[str, Any]) -> None:
+    assert sentences["renewed"](TESTS, PAGE) == TESTS, "run python tools/safety_sentences.py"
+
+
+def test_each_test_that_is_named_exists(sentences: dict[str, Any]) -> None:
+    assert sentences["missing_tests"](TESTS) == []
+    assert sentences["missing_tests"]("`tests/guard/test_none.py::test_none`") == [
+        "tests/guard/test_none.py::test_none"
+    ]
+
+
+def test_a_row_says_how_its_sentence_is_held(sentences: dict[str, Any]) -> None:
+    rows = sentences["kept"](TESTS)
+    words = (sentences["NOT_TESTED"], sentences["NO_PROMISE"])
+    assert [text for text, held in rows.items() if held not in words and "::test_" not in held] == [
+        "sentence",
+        "---",
+    ]
