@@ -1,0 +1,35 @@
+"""All checkers in one table, and what of their answers the faults of a run leave standing."""
+
+from collections.abc import Callable, Iterator, Mapping
+
+from hil_bridge.invariants.course import bugs, gate_stops, unfit_codes, unwhole
+from hil_bridge.invariants.ends import untold_ends, untrue_lines
+from hil_bridge.invariants.evidence import Evidence, Promise, Violation
+from hil_bridge.invariants.force import beyond_bound
+from hil_bridge.invariants.orders import deeper_orders
+from hil_bridge.invariants.replayed import other_decisions
+from hil_bridge.invariants.voids import void_reasons
+
+CHECKERS: Mapping[Promise, Callable[[Evidence], Iterator[Violation]]] = {
+    Promise.ORDERS: deeper_orders,
+    Promise.END: untold_ends,
+    Promise.LAST_LINE: untrue_lines,
+    Promise.BOUND: beyond_bound,
+    Promise.GATE: gate_stops,
+    Promise.REPLAY: other_decisions,
+    Promise.WHOLE: unwhole,
+    Promise.EXIT: unfit_codes,
+    Promise.BUG: bugs,
+}
+"""The checker of each promise."""
+
+
+def broken_promises(evidence: Evidence) -> tuple[Violation, ...]:
+    """Every promise that a run did not keep, without those that its faults void."""
+    faults = evidence.config.faults
+    return tuple(
+        violation
+        for promise, check in CHECKERS.items()
+        if not void_reasons(promise, faults)
+        for violation in check(evidence)
+    )
