@@ -14,6 +14,7 @@ import msgspec
 
 from hil_bridge.faults.lying import CONTROLLER, CONTROLLER_FAULTS
 from hil_bridge.faults.settings import FaultConfig
+from hil_bridge.invariants import Promise, void_reasons
 from hil_bridge.kinds import faults_of
 
 EVERY = "*"
@@ -47,10 +48,12 @@ class Between(msgspec.Struct, frozen=True):
 
     def value(self, number: float) -> float | int:
         """The value for a number from 0 to 1."""
-        if self.log:
-            drawn = self.low * (self.high / self.low) ** number
-        else:
-            drawn = self.low + (self.high - self.low) * number
+        span = self.high - self.low
+        drawn = (
+            self.low * math.exp(math.log(self.high / self.low) * number)
+            if self.log
+            else self.low + span * number
+        )
         if self.whole:
             return round(drawn)
         return min(max(float(f"{drawn:.6g}"), self.low), self.high)
@@ -69,7 +72,8 @@ class Setting(msgspec.Struct, frozen=True):
         """Values by dotted key for a number from 0 to 1."""
         if self.between is not None:
             return {self.key: self.between.value(number)}
-        return _pick(self.options, number)
+        chosen: Mapping[str, Any] = _pick(self.options, number)
+        return chosen
 
 
 class Draw(msgspec.Struct, frozen=True):
@@ -81,6 +85,18 @@ class Draw(msgspec.Struct, frozen=True):
     fewest: int = 1
     most: int = 1
     """Faults of a run."""
+    without: dict[str, tuple[tuple[str, int], ...]] = {}
+    """Options that a cell cannot have, by its label: key of the setting, and place in its options."""
+    honest: bool = False
+    """Faults that void the bound of the force come in no other form than one that the check before the run finds."""
+
+    def settings_in(self, cell: str) -> Iterator[Setting]:
+        """The settings with those options that a cell can have."""
+        left_out = self.without.get(cell, ())
+        for setting in self.settings:
+            places = {place for key, place in left_out if key == setting.key}
+            options = tuple(one for place, one in enumerate(setting.options) if place not in places)
+            yield Setting(setting.key, setting.between, options) if places else setting
 
     @property
     def dimensions(self) -> int:
@@ -98,34 +114,46 @@ class Draw(msgspec.Struct, frozen=True):
         return msgspec.json.decode(text, type=cls)
 
 
-def numbers_of(seed: int, count: int) -> list[float]:
+def numbers_of(seed: str, count: int) -> list[float]:
     """So many numbers from 0 to 1, the same for a seed on every machine."""
-    draw = random.Random(f"hil-bridge campaign {seed}")
+    draw = random.Random(seed)
     return [draw.random() for _ in range(count)]
 
 
-def drawn(draw: Draw, config: str, numbers: Numbers) -> str:
-    """What is laid over a cell's configuration (JSON) for these numbers: settings and faults, as JSON."""
+def drawn(
+    draw: Draw, cell: str, config: str, numbers: Numbers, given: Sequence[Mapping[str, Any]] = ()
+) -> str:
+    """What is laid over a cell's configuration (JSON) for these numbers: settings and faults, as JSON. Faults that are
+    `given` come first.
+    """
     settings: dict[str, Any] = {}
-    for setting, number in zip(draw.settings, numbers, strict=False):
+    for setting, number in zip(draw.settings_in(cell), numbers, strict=False):
         settings.update(setting.values(number))
     rest = numbers[len(draw.settings) :]
     count = draw.fewest + min(int(rest[0] * (draw.most - draw.fewest + 1)), draw.most - draw.fewest)
     slots = [rest[1 + place * SLOT : 1 + (place + 1) * SLOT] for place in range(count)]
-    return json.dumps({"config": settings, "faults": faults_for(draw, config, slots)}, sort_keys=True)
+    faults = [*given, *faults_for(draw, config, slots)]
+    return json.dumps({"config": settings, "faults": faults}, sort_keys=True)
 
 
 def faults_for(draw: Draw, config: str, slots: Sequence[Numbers]) -> list[dict[str, Any]]:
     """A fault for each slot of numbers, those left out that are there already or that the cell cannot have."""
-    templates, chosen = possible_faults(draw.text, *_devices(config)), list[dict[str, Any]]()
+    templates, chosen = faults_of_cell(draw, config), list[dict[str, Any]]()
     if not templates:
         return chosen
     for slot in slots:
         table = fault_of_slot(_pick(templates, slot[0]), slot, *_devices(config))
+        if draw.honest:
+            table = _honest(table)
         same = any((one["on"], one["fault"]) == (table["on"], table["fault"]) for one in chosen)
         if not same and fits(table, *_devices(config)):
             chosen.append(table)
     return chosen
+
+
+def faults_of_cell(draw: Draw, config: str) -> tuple[Mapping[str, Any], ...]:
+    """The tables of faults that a cell (JSON) can have, one for each name."""
+    return possible_faults(draw.text, *_devices(config))
 
 
 def fault_of_slot(
@@ -165,7 +193,8 @@ def fault_of_slot(
 def possible_faults(text: str, robot: str, sensor: str, surface: str) -> tuple[Mapping[str, Any], ...]:
     """The tables of a plan's faults that a cell with these devices can have, one for each name."""
     words = _words(robot, sensor, surface)
-    tables = Draw.read(text).faults
+    draw = Draw.read(text)
+    tables, honest = draw.faults, draw.honest
     named = {(table["on"], table["fault"]) for table in tables}
     chosen = []
     for table in tables:
@@ -174,9 +203,23 @@ def possible_faults(text: str, robot: str, sensor: str, surface: str) -> tuple[M
             if by_star and ((on, fault) in named or (table["on"] == EVERY and (on, EVERY) in named)):
                 continue
             one = {**table, "on": on, "fault": fault}
-            if fits(fault_of_slot(one, [0.9] * SLOT, robot, sensor, surface), robot, sensor, surface):
+            middle = fault_of_slot(one, [0.9] * SLOT, robot, sensor, surface)
+            if not fits(middle, robot, sensor, surface):
+                continue
+            if not (honest and _voids(_honest(middle))):
                 chosen.append(one)
     return tuple(chosen)
+
+
+def _honest(table: dict[str, Any]) -> dict[str, Any]:
+    """The fault as it is, or from before anything moves on where it would void the bound of the force."""
+    if not _voids(table):
+        return table
+    return {"on": table["on"], "fault": table["fault"], "phase": "connect", "with": table.get("with", {})}
+
+
+def _voids(table: Mapping[str, Any]) -> bool:
+    return bool(void_reasons(Promise.BOUND, [FaultConfig.model_validate(table)]))
 
 
 def fits(table: Mapping[str, Any], robot: str, sensor: str, surface: str) -> bool:
@@ -220,11 +263,16 @@ def between_of(value: object) -> Between | None:
         return None
     extra = set(value) - {"from", "to", "log"}
     low, high, log = value.get("from"), value.get("to"), value.get("log", False)
-    numbers = all(type(end) in (int, float) and math.isfinite(end) for end in (low, high))
-    if extra or not numbers or type(log) is not bool or not low < high or (log and low <= 0):  # type: ignore[operator]
+    if (
+        extra
+        or type(log) is not bool
+        or not (isinstance(low, (int, float)) and isinstance(high, (int, float)))
+        or not (math.isfinite(low) and math.isfinite(high) and low < high)
+        or (log and low <= 0)
+    ):
         raise ValueError("must be a range { from = LOW, to = HIGH }, with log = true where factors count")
     whole = type(low) is int and type(high) is int
-    return Between(float(low), float(high), log, whole)  # type: ignore[arg-type]
+    return Between(float(low), float(high), log, whole)
 
 
 def _number(value: Any, number: float) -> Any:

@@ -1,6 +1,7 @@
 """The promises of the guard as checkers over what a run left, each of its own. Pure: no clock, no file.
 
-`broken_promises` gives what a run did not keep, as values. Tests, campaigns, the hunt and `hil-bridge why` use the same.
+`broken_promises` gives the promises that a run did not keep, as values. Tests, campaigns, the hunt and `hil-bridge why`
+use the same ones.
 """
 
 from hil_bridge.invariants.checking import CHECKERS, broken_promises

@@ -22,6 +22,7 @@ class Promise(StrEnum):
     END = "end-told"
     LAST_LINE = "last-line-true"
     BOUND = "bound-kept"
+    SPEED = "speed-kept"
     GATE = "gate-silent"
     REPLAY = "replay-equal"
     WHOLE = "ended-and-whole"
@@ -34,6 +35,7 @@ _TEXTS: Mapping[Promise, str] = {
     Promise.END: "the tool is told to be off the surface, and presses with {true_n:.1f} N",
     Promise.LAST_LINE: "the last line tells {told:.1f} {unit}, and true are {true:.1f} {unit}",
     Promise.BOUND: "the true force reached {true_n:.1f} N, and the bound is {bound_n:.1f} N",
+    Promise.SPEED: "the tool moved at {true_mm_s:.0f} mm/s, and {allowed_mm_s:.0f} mm/s are allowed",
     Promise.GATE: "the last gate had to stop an order, which is a bug of what decides",
     Promise.REPLAY: "the replay decides otherwise in {cycles:.0f} cycles",
     Promise.WHOLE: "the recording is not whole, or the run lasted {lasted_s:.0f} s",

@@ -1,24 +1,23 @@
 """The bound of the true force: kept, as long as sensor and robot do not lie and nothing else moves."""
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
 
+from hil_bridge.errors import ConfigError
+from hil_bridge.guard.force_bound import force_bound_n
 from hil_bridge.invariants.evidence import Evidence, Promise, Violation
-from hil_bridge.settings.configuration import Config
-
-LATENCY_CYCLES = 3
-"""Cycles from an order to the force that shows its effect: answer, motion, filter, and the cycle that sees it."""
-ASKED_CYCLE_S = 0.187
-"""Longest cycle of a robot that is asked. Source: the paper's chain, whose cycle takes 172 … 187 ms."""
+from hil_bridge.recording.device_facts import devices_of
 
 
-def stated_bound_n(config: Config) -> float:
-    """Largest true force that may come of what was ordered: the limit, and what is under way, N."""
-    period = config.run.period_ms * 1e-3 or ASKED_CYCLE_S
-    speed = max(config.limits.correction_mm_s, config.task.approach_speed_mm_s) * 1e-3
-    stiffness = config.cell.surface.stiffness_n_m
-    return config.limits.force_limit_n + float(stiffness) * speed * period * LATENCY_CYCLES
+def stated_bound_n(evidence: Evidence) -> float:
+    """Largest true force that a run's facts allow, N; infinite where they do not tell it."""
+    stiffness = float(evidence.config.cell.surface.stiffness_n_m)
+    try:
+        return force_bound_n(evidence.config, devices_of(evidence.recording), stiffness)
+    except ConfigError:  # the sensor was never ready, so that nothing has moved
+        return math.inf
 
 
 def beyond_bound(evidence: Evidence) -> Iterator[Violation]:
@@ -26,7 +25,7 @@ def beyond_bound(evidence: Evidence) -> Iterator[Violation]:
     truth = evidence.truth
     if truth is None or not len(truth.forces):
         return
-    place, bound_n = int(np.argmax(truth.forces)), stated_bound_n(evidence.config)
+    place, bound_n = int(np.argmax(truth.forces)), stated_bound_n(evidence)
     true_n = float(truth.forces[place])
     if true_n > bound_n:
         yield Violation(Promise.BOUND, float(truth.times[place]), {"true_n": true_n, "bound_n": bound_n})

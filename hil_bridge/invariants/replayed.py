@@ -11,7 +11,9 @@ def other_decisions(evidence: Evidence) -> Iterator[Violation]:
     if not evidence.recording.cycles or evidence.recording.cycles[0].sample is None:
         return
     others = [
-        cycle.record for cycle in replay(evidence.recording, evidence.config, forced=False) if cycle.differences
+        cycle.record
+        for cycle in replay(evidence.recording, evidence.config, forced=False)
+        if cycle.differences
     ]
     if others:
         yield Violation(Promise.REPLAY, others[0].started_at, {"cycles": float(len(others))})

@@ -36,7 +36,7 @@ class Void(NamedTuple):
 
 
 _FORCES = frozenset({Promise.BOUND, Promise.END, Promise.LAST_LINE})
-_DEPTHS = frozenset({Promise.BOUND, Promise.END, Promise.LAST_LINE, Promise.ORDERS})
+_DEPTHS = frozenset({Promise.BOUND, Promise.END, Promise.LAST_LINE, Promise.ORDERS, Promise.SPEED})
 _BOUND = frozenset({Promise.BOUND})
 _SENSOR_LIES = "the sensor tells another force than there is"
 _ROBOT_LIES = "the robot tells another place than its own, or does not do what it took"
@@ -59,7 +59,7 @@ VOIDS: tuple[Void, ...] = (
     ),
     Void(_FORCES, "scales", frozenset(), _SENSOR_LIES, unless_checked=True),
     Void(_FORCES, "sensor", frozenset({"biased", "saturated", "threshold"}), _SENSOR_LIES),
-    Void(_FORCES, "frames", frozenset({"corruption", "garbage"}), _SENSOR_LIES),
+    Void(_FORCES, "frames", frozenset({"corruption", "garbage", "unplugged"}), _SENSOR_LIES),
     Void(_FORCES, "bus", frozenset({"babble", "errors"}), _SENSOR_LIES),
     Void(_FORCES, "frames", frozenset({"delay", "slow", "frozen-counter", "duplication"}), _LATE),
     Void(_DEPTHS, "pose", frozenset(), _ROBOT_LIES),

@@ -20,7 +20,8 @@ from hil_bridge.api import simulate
 from hil_bridge.campaign.judging import Job, configured, run
 from hil_bridge.campaign.live import Results
 from hil_bridge.campaign.page import page
-from hil_bridge.campaign.plan import Plan, read_plan
+from hil_bridge.campaign.plan import Plan
+from hil_bridge.campaign.plan_file import read_plan
 from hil_bridge.campaign.store import Store
 from hil_bridge.campaign.working import missing, work
 from hil_bridge.cli.campaign import campaign
@@ -262,7 +263,7 @@ def test_rerun_gives_the_same_figures_and_the_recording(results: Path, tmp_path:
     [
         (["report", "."], "is a folder; name a file of results in it"),
         (["study.sqlite"], "holds results, no plan; `hil-bridge campaign report"),
-        (["rpt", "study.sqlite"], "no file and no command is called 'rpt'; commands are run, report"),
+        (["rpt", "study.sqlite"], "no file and no command is called 'rpt'; commands are run, hunt"),
     ],
 )
 def test_what_was_meant_otherwise_is_told(arguments: list[str], told: str) -> None:
