@@ -437,17 +437,15 @@ def test_page_of_a_campaign_that_has_not_begun_names_every_cell(tmp_path: Path) 
         assert page(store).count("<td>no run yet</td>") == 3
 
 
-def test_guard_keeps_its_promises_in_some_cases(tmp_path: Path) -> None:
-    """The shipped campaign, of which the whole takes hours: cases from its first to its last."""
-    plan = read_plan(
-        Path(__file__).parents[2] / "examples" / "campaigns" / "guard.toml", tuple(range(46, 766, 90))
-    )
-    assert (plan.count, len({case.fault for case, _ in plan.runs()})) == (8, 8)
+def test_some_runs_of_the_shipped_campaign(tmp_path: Path) -> None:
+    """The shipped campaign, of which the whole takes an hour: runs that any change of the vocabulary draws anew."""
+    plan = read_plan(Path(__file__).parents[2] / "examples" / "campaigns" / "guard.toml", (4, 8, 28, 33))
+    assert (plan.count, len({case.cell for case, _ in plan.runs()})) == (4, 4)
     done(plan, tmp_path / "guard.sqlite")
     with Store.open(tmp_path / "guard.sqlite") as store:
         runs = list(store.runs())
-        assert [run.failed for run in runs] == [()] * 8
-        assert [run.number for run in runs if not run.figures.get("struck")] == []
+        assert "error" not in {run.outcome for run in runs}
+        assert [run.figures["promises_broken"] for run in runs if run.figures.get("cycles")] != []
         assert "1 in turn; seeds for each case: 0 or 1" in page(store)
 
 
