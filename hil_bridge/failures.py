@@ -4,6 +4,7 @@ A controller, a robot, a sensor or a surface may come from anywhere, and raise a
 which package it was and in which line; its author wants the traceback, which goes into the record.
 """
 
+import asyncio
 import sys
 import sysconfig
 import traceback
@@ -17,8 +18,10 @@ from hil_bridge.offers import packages_of_modules
 
 TRACEBACK_EVENT = "traceback"
 """Kind of the event whose text is the traceback of such a failure."""
-RAISED = (Exception, SystemExit, KeyboardInterrupt)
-"""Exceptions that other packages' code may raise where it should return; see `raise_if_asked`."""
+BUG_EVENT = "bug"
+"""Kind of the event whose text is the traceback of a bug."""
+RAISED = BaseException
+"""Whatever other packages' code may raise where it should return; see `raise_if_asked`."""
 FAILED_EVENT = "failed"
 """Kind of the event that tells that an emulated device has failed, in one line."""
 OWN = frozenset(("hil_bridge", "emulators", "protocol"))
@@ -70,19 +73,49 @@ def tell_failure(what: str, cause: BaseException, notice: Callable[[str, str], o
 
 
 def raise_if_asked(error: BaseException) -> None:
-    """Raise a KeyboardInterrupt again, unless a plug-in itself has raised it: a person's goes on its way.
+    """Raise an exception again by which a person or the event loop ends this code; see `is_asked`."""
+    if is_asked(error):
+        raise error
+
+
+def is_asked(error: BaseException) -> bool:
+    """Whether an exception goes on its way: a person's KeyboardInterrupt, or the cancellation of the present task.
 
     The event loop takes a person's Ctrl-C by a handler of its own, so that none is raised in the midst of other code.
+    A plug-in's own KeyboardInterrupt, or a CancelledError that it raises although its task goes on, is its failure.
     """
+    if isinstance(error, asyncio.CancelledError):
+        task = _current_task()
+        return task is not None and task.cancelling() > 0
     if isinstance(error, KeyboardInterrupt):
-        module = list(_frames(error))[-1][0]
-        if module.partition(".")[0] not in packages_of_modules():
-            raise error
+        frames = list(_frames(error))
+        return not frames or frames[-1][0].partition(".")[0] not in packages_of_modules()
+    return False
+
+
+def _current_task() -> "asyncio.Task[Any] | None":
+    """The present task; None in a callback, and where no loop runs."""
+    try:
+        return asyncio.current_task()
+    except RuntimeError:
+        return None
 
 
 def of_others(error: BaseException) -> bool:
     """Whether code of another package had a part in an exception."""
     return bool(getattr(error, "blamed", None) or plugin_place(error))
+
+
+def failure_event(error: BaseException) -> tuple[str, str]:
+    """Kind and text of the event that tells the traceback of an exception that nothing expected."""
+    return TRACEBACK_EVENT if of_others(error) else BUG_EVENT, traceback_of(error)
+
+
+def unexpected(error: BaseException) -> str:
+    """Why a run ends with an exception that nothing expected, in one line."""
+    if of_others(error):
+        return f"code of another package ended the run: {failure(error)}"
+    return f"a bug ended the run: {type(error).__name__}: {told(error)}"
 
 
 def code_failed(what: str, cause: BaseException) -> BridgeError:

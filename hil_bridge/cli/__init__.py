@@ -78,9 +78,11 @@ class _Commands(click.Group):
             raise
         except BrokenPipeError as error:
             raise ReaderLeft from error
-        except (Exception, SystemExit) as error:
-            from hil_bridge.failures import failure, of_others, traceback_of
+        except BaseException as error:
+            from hil_bridge.failures import failure, is_asked, of_others, traceback_of
 
+            if is_asked(error):
+                raise
             if of_others(error):
                 if debug_wanted(context):
                     click.echo(traceback_of(error), err=True)
