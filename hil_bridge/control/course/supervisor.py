@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 from msgspec.structs import replace
 
-from hil_bridge.control.course import orientation
+from hil_bridge.control.course import orientation, retreat
 from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.course.verdict import (
     LEAVES,
@@ -22,7 +22,6 @@ from hil_bridge.control.course.verdict import (
     Clamp,
     Observation,
     Request,
-    Retreat,
     Stop,
     SupervisorState,
     Verdict,
@@ -111,63 +110,21 @@ class Supervisor:
         """
         before, seen = state.retreat, observation
         after = before
-        if not math.isfinite(seen.force + seen.resultant + seen.peak_resultant):
-            known = False
-        else:
-            known = not (seen.fault or seen.saturated or seen.dead_axis) and self._fresh(seen)
+        known = retreat.is_known(seen) and self._fresh(seen)
         if known:
-            if before is None:
-                before = Retreat(
-                    seen.now,
-                    seen.pressing,
-                    seen.resultant,
-                    seen.depth,
-                    max(seen.resultant, seen.peak_resultant) <= self.limits.force_limit_n,
-                )
-            after = self._retreated(before, seen)
-            text = self._no_way_back(before, after, seen)
+            before = before or retreat.begin(self.limits, seen)
+            after = retreat.advance(self.limits, before, seen)
+            text = retreat.no_way_back(self.limits, before, after, seen)
             if text:
                 stop = Stop(Cause.RETRACTION, text)
                 return replace(state, retreat=after, stopped=state.stopped or stop), stop
         verdict = _clamp(self.limits, state, request, seen.dt)
-        farthest = self._blind_goal(state, before)
+        farthest = retreat.blind_goal(self.limits, state.pressed, before)
         if not known and verdict.depth < farthest and verdict.depth < state.depth:
             verdict = _clamp(self.limits, state, _at_depth(request, min(state.depth, farthest)), seen.dt)
             reason = "without a force to go by no farther back"
             verdict = Clamp(verdict.depth, verdict.position, (reason,))
         return replace(state, depth=verdict.depth, position=verdict.position, retreat=after), verdict
-
-    def _blind_goal(self, state: SupervisorState, before: Retreat | None) -> float:
-        """Depth to which a tool may go back without a force to go by, m."""
-        pressed = state.pressed
-        if pressed is None or (before is not None and not before.from_contact):
-            return 0.0
-        return min(0.0, pressed[1] - self.limits.blind_retract_mm * 1e-3)
-
-    def _retreated(self, before: Retreat, seen: Observation) -> Retreat:
-        """The lowest force so far; while the retraction has not taken effect yet, the newest."""
-        resultant = seen.resultant
-        if before.from_contact and (seen.now - before.began_at) * 1e3 <= self.limits.retract_grace_ms:
-            lowest = max(before.lowest, resultant)
-            return Retreat(before.began_at, True, lowest, seen.depth, before.within)
-        lowest = min(before.lowest, resultant)
-        fell = resultant < before.lowest - _FELL_N
-        return Retreat(
-            before.began_at, before.from_contact, lowest, seen.depth if fell else before.depth, before.within
-        )
-
-    def _no_way_back(self, before: Retreat, after: Retreat, seen: Observation) -> str:
-        """Why the tool must stand still, in words; empty while it need not."""
-        limits, force = self.limits, seen.resultant
-        if before.within and force > limits.force_limit_n:
-            return f"the force rose to {force:.1f} N while the tool retracted"
-        if force > after.lowest + limits.retract_rise_n:
-            return f"the force rose from {after.lowest:.1f} N to {force:.1f} N while the tool retracted"
-        over = abs(seen.force) > limits.force_limit_n or force > limits.resultant_limit_n
-        if over and (before.depth - seen.depth) * 1e3 > limits.unanswered_mm:
-            back = (before.depth - seen.depth) * 1e3
-            return f"the force stayed at {force:.1f} N while the tool retracted by {back:.1f} mm"
-        return ""
 
     def _fresh(self, seen: Observation) -> bool:
         return 0.0 <= (seen.now - seen.sensor_at) * 1e3 <= self.limits.stale_after_ms
@@ -377,6 +334,3 @@ _SAME_N = 2e-3
 """A force that differs by less is no answer to a tool that presses. Chosen: some times what the jitter of a reported
 orientation makes of 100 N, and less than a count of most sensors.
 """
-
-_FELL_N = 0.25
-"""Chosen: a force that came down by this much has answered the retraction."""
