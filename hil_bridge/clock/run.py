@@ -19,12 +19,16 @@ class LeakedTasks(VirtualTimeError):
     """The main coroutine returned while tasks that it had not cancelled were still running."""
 
 
-def run_real(main: Main[T], busy_poll_s: float = 0.0, on_stray: Stray | None = None) -> T:
+def run_real(main: Main[T], busy_poll_s: float = 0.0) -> T:
     """Run a coroutine, or the coroutine that a function makes, in real time; like `asyncio.run`.
 
-    `busy_poll_s` is for how long the loop looks again and again before it sleeps, s; see `BusyPolling`. With
-    `on_stray` no signal is taken for Ctrl-C: that is left to the caller.
+    `busy_poll_s` is for how long the loop looks again and again before it sleeps, s; see `BusyPolling`.
     """
+    return run_real_on(main, busy_poll_s, None)
+
+
+def run_real_on(main: Main[T], busy_poll_s: float, on_stray: Stray | None) -> T:
+    """As `run_real`; `on_stray` takes what leaves the loop. Signals are then the caller's."""
     factory = (lambda: asyncio.SelectorEventLoop(BusyPolling(busy_poll_s))) if busy_poll_s else None
     with asyncio.Runner(loop_factory=factory) as runner:
         return _ran(runner, _watched(main, []), on_stray)

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hil_bridge.analysis.steps import failed_criteria, step_outcomes
-from hil_bridge.clock import Clock, run_real, run_virtual_on
+from hil_bridge.clock import Clock, run_real_on, run_virtual_on
 from hil_bridge.clock.realtime import collect_generation_1, real_time_loop
 from hil_bridge.console import keys
 from hil_bridge.console.debugging import debug_wanted, told_bug
@@ -101,7 +101,9 @@ def execute(
             try:
                 stray = session.take_stray
                 result = (
-                    run_virtual_on(session.main, stray) if virtual else run_real(session.main, awake_s, stray)
+                    run_virtual_on(session.main, stray)
+                    if virtual
+                    else run_real_on(session.main, awake_s, stray)
                 )
             except BridgeError:
                 raise

@@ -11,7 +11,7 @@ import pytest
 
 import hil_bridge.cli
 from hil_bridge import api
-from hil_bridge.clock import run_real, run_virtual, run_virtual_on
+from hil_bridge.clock import run_real_on, run_virtual, run_virtual_on
 from hil_bridge.recording import CycleRecord, Outcome, read
 from hil_bridge.runs import session
 from hil_bridge.runs.signals import ASKING, BACKGROUND, ENDING, OTHERS, Signals, as_ctrl_c, signal_name
@@ -154,7 +154,7 @@ def test_other_commands_take_each_signal_for_ctrl_c() -> None:
 # --- exceptions that leave the loop
 
 
-@pytest.mark.parametrize("run", [run_virtual_on, lambda main, on_stray: run_real(main, 0.0, on_stray)])
+@pytest.mark.parametrize("run", [run_virtual_on, lambda main, on_stray: run_real_on(main, 0.0, on_stray)])
 @pytest.mark.parametrize("error", [SystemExit(1), KeyboardInterrupt()], ids=["exit", "keyboard"])
 def test_a_loop_goes_on_where_a_callback_would_end_it(run: Any, error: BaseException) -> None:
     strays: list[BaseException] = []
