@@ -4,7 +4,6 @@ A controller, a robot, a sensor or a surface may come from anywhere, and raise a
 which package it was and in which line; its author wants the traceback, which goes into the record.
 """
 
-import asyncio
 import sys
 import sysconfig
 import traceback
@@ -73,32 +72,21 @@ def tell_failure(what: str, cause: BaseException, notice: Callable[[str, str], o
 
 
 def raise_if_asked(error: BaseException) -> None:
-    """Raise an exception again by which a person or the event loop ends this code; see `is_asked`."""
-    if is_asked(error):
+    """Raise a KeyboardInterrupt again, unless a plug-in itself has raised it: a person's goes on its way.
+
+    The event loop takes a person's Ctrl-C by a handler of its own, so that none is raised in the midst of other code.
+    For code that awaits, see `hil_bridge.cancelling`.
+    """
+    if is_keyboard(error):
         raise error
 
 
-def is_asked(error: BaseException) -> bool:
-    """Whether an exception goes on its way: a person's KeyboardInterrupt, or the cancellation of the present task.
-
-    The event loop takes a person's Ctrl-C by a handler of its own, so that none is raised in the midst of other code.
-    A plug-in's own KeyboardInterrupt, or a CancelledError that it raises although its task goes on, is its failure.
-    """
-    if isinstance(error, asyncio.CancelledError):
-        task = _current_task()
-        return task is not None and task.cancelling() > 0
-    if isinstance(error, KeyboardInterrupt):
-        frames = list(_frames(error))
-        return not frames or frames[-1][0].partition(".")[0] not in packages_of_modules()
-    return False
-
-
-def _current_task() -> "asyncio.Task[Any] | None":
-    """The present task; None in a callback, and where no loop runs."""
-    try:
-        return asyncio.current_task()
-    except RuntimeError:
-        return None
+def is_keyboard(error: BaseException) -> bool:
+    """Whether it is a KeyboardInterrupt that no plug-in has raised."""
+    if not isinstance(error, KeyboardInterrupt):
+        return False
+    frames = list(_frames(error))
+    return not frames or frames[-1][0].partition(".")[0] not in packages_of_modules()
 
 
 def of_others(error: BaseException) -> bool:

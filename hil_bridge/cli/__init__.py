@@ -79,7 +79,8 @@ class _Commands(click.Group):
         except BrokenPipeError as error:
             raise ReaderLeft from error
         except BaseException as error:
-            from hil_bridge.failures import failure, is_asked, of_others, traceback_of
+            from hil_bridge.cancelling import is_asked
+            from hil_bridge.failures import failure, of_others, traceback_of
 
             if is_asked(error):
                 raise

@@ -11,6 +11,7 @@ from typing import Protocol
 
 from msgspec.structs import replace
 
+from hil_bridge.cancelling import is_asked
 from hil_bridge.clock import Clock, Heartbeat
 from hil_bridge.control import (
     LoopState,
@@ -27,7 +28,6 @@ from hil_bridge.failures import (
     TRACEBACK_EVENT,
     CodeFailed,
     failure_event,
-    is_asked,
     of_others,
     traceback_of,
     unexpected,

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hil_bridge.analysis.steps import failed_criteria, step_outcomes
+from hil_bridge.cancelling import is_asked
 from hil_bridge.clock import Clock, run_real_on, run_virtual_on
 from hil_bridge.clock.realtime import collect_generation_1, real_time_loop
 from hil_bridge.console import keys
@@ -21,7 +22,6 @@ from hil_bridge.failures import (
     BUG_EVENT,
     TRACEBACK_EVENT,
     failure_event,
-    is_asked,
     traceback_of,
     unexpected,
 )
@@ -99,12 +99,8 @@ def execute(
             session.feed = feed
             awake_s = config.realtime.busy_poll_ms * 1e-3
             try:
-                stray = session.take_stray
-                result = (
-                    run_virtual_on(session.main, stray)
-                    if virtual
-                    else run_real_on(session.main, awake_s, stray)
-                )
+                main, stray = session.main, session.take_stray
+                result = run_virtual_on(main, stray) if virtual else run_real_on(main, awake_s, stray)
             except BridgeError:
                 raise
             except Exception as error:
