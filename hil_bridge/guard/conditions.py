@@ -104,7 +104,8 @@ SHELL: tuple[ConditionRow, ...] = (
     GATE,
     ConditionRow(
         "signal",
-        "SIGINT, SIGTERM, SIGHUP, SIGQUIT or SIGTSTP; before the first order the run ends at once",
+        "a signal that ends or stops a process, as SIGINT, SIGTERM or SIGTSTP; before the first order the run ends at "
+        "once",
         (),
         When.ALWAYS,
         Reaction.RETRACTS,
