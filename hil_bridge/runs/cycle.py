@@ -380,14 +380,14 @@ class Run:
         now = self._clock.now()
         wrist = self._wrist_at(quaternion)
         wrench = wrist.contact_wrench(sensor.wrench(frame))
-        paired = sensor.wrench_at(report.pose_at + self._filter_delay)
+        paired = sensor.wrench_at(report.pose_at + self._filter_delay + sensor.late)
         # by place, in the order of the fields: by name every one costs as much as to read it
         return Sample(
             now,
             position,
             wrist.force_along(_APPROACH, wrench),
             math.hypot(wrench[0], wrench[1], wrench[2]),
-            frame.at,
+            frame.at - sensor.late,
             frame.sequence,
             sensor.repeated,
             saturated or bool(sensor.saturated),

@@ -143,7 +143,7 @@ class WayOut:
             now,
             resultant,
             resultant,
-            math.nan if newest is None else newest.at,
+            math.nan if newest is None else newest.at - sensor.late,
             0 if newest is None else newest.sequence,
             saturated=bool(sensor.saturated),
             pressing=state.task.in_contact,
@@ -186,6 +186,6 @@ class WayOut:
             self._sensor.check()
         except BridgeError:
             return math.nan
-        if newest is None or peaks is None or newest.at < since:
+        if newest is None or peaks is None or newest.at - self._sensor.late < since:
             return math.nan
         return peaks.resultant(newest.values)
