@@ -264,13 +264,12 @@ class Run:
         course = None if self._state is None else self._state.task.course
         if course is not None and course.zero and self._sensor.peaks is not None:
             self._sensor.peaks.rezero(course.zero)
+        if self._state is None:  # it has come no farther than the way to the zero
+            self._sensor.peaks = self._zeroing.judge_at_rest()
         depth, force = await self._way_out.rest(origin, commanded, answers)
         limits = self._config.limits
         away = depth <= ARRIVED_M
         pressing = not force <= limits.weight_tolerance_n
-        if self._state is None:  # it has come no farther than the way to the zero
-            force = self._zeroing.contact_force
-            away, pressing = True, not force <= limits.weight_tolerance_n
         told = f"{force:.1f} N" if math.isfinite(force) else "an unknown force"
         if self._outcome is not Outcome.STOPPED and not away:
             where = (
