@@ -11,7 +11,7 @@ import math
 CLOCKS_APART = 0.02
 """Chosen: part by which a device's period may differ from what it says. A delay that grows more slowly is not seen."""
 JITTER_S = 0.05
-"""Lateness that is no delay yet. Chosen: a quarter of the usual limit, and above the jitter of every wire in the house."""
+"""Lateness that is no delay yet. Chosen: a quarter of the usual limit, and above the jitter of all wires known."""
 LEAP_S = 1.0
 """Chosen: frames that came so much too early tell of a counter that leapt, and not of time."""
 
@@ -20,7 +20,7 @@ class LatenessWatch:
     """The frames of one stream since it began."""
 
     def __init__(self, period: float | None) -> None:
-        """`period` is the time between two frames by the device's clock, s; None for a device that is asked for each."""
+        """`period` is the time between two frames by the device's clock, s; None where each is asked for."""
         self._period = period
         self._earliest = self._at = math.nan
         """Arrival less the time that the frames count, s, of the quickest frame; when a frame came last, s."""
