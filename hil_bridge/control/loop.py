@@ -305,10 +305,9 @@ class ControlLoop:
         held = output.phase is _RETRACT and output.target.depth < before.depth <= depth
         if held and not output.cause:  # of a program, which has more to do
             output = replace(output, cause=_held(verdict, seen), failed=True)
-        trail = state.trail
+        trail: Trail = ()
         if follows is not None:
-            trail = trail or follows.begin(sample.now, proposal.depth)
-            trail = follows.after(trail, sample.now, depth, sample.position_at)
+            trail = follows.after(state.trail, (proposal.depth, depth), sample.now, sample.position_at)
         after = LoopState(
             state.start, task, supervisor, proposal.oscillation, proposal.contour, sample.now, trail
         )

@@ -14,9 +14,9 @@ SPEED = 0.01
 
 def ordered(until: float, cycle: float = 0.01) -> Trail:
     """The trail of orders that go deeper at this speed from time 0 on."""
-    trail = FOLLOWING.begin(0.0, 0.0)
+    trail: Trail = ()
     for k in range(round(until / cycle) + 1):
-        trail = FOLLOWING.after(trail, k * cycle, k * cycle * SPEED, None)
+        trail = FOLLOWING.after(trail, (0.0, k * cycle * SPEED), k * cycle, None)
     return trail
 
 
@@ -44,10 +44,15 @@ def test_the_resolution_of_the_position_is_no_error() -> None:
 
 
 def test_an_order_that_lasts_stays_in_the_trail() -> None:
-    trail = FOLLOWING.after(ordered(0.1), 9.0, 0.002, None)
+    trail = FOLLOWING.after(ordered(0.1), (0.001, 0.002), 9.0, None)
     assert FOLLOWING.fault(trail, at(0.1 * SPEED), LIMITS) == ""
 
 
 @pytest.mark.parametrize("cycle", [0.002, 0.01, 0.18])
 def test_the_trail_stays_short(cycle: float) -> None:
     assert len(ordered(2.0, cycle)) <= PARTS + 2
+
+
+def test_a_trail_begins_where_the_robot_comes_from() -> None:
+    trail = FOLLOWING.after((), (-0.4e-3, 0.1e-3), 0.0, None)
+    assert FOLLOWING.fault(trail, at(-0.4e-3), LIMITS) == ""

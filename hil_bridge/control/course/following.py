@@ -28,19 +28,22 @@ class Following:
     step_m: float = 0.0
     """Resolution of its position, m."""
 
-    def begin(self, now: float, reported: float) -> Trail:
-        """The trail of a robot that is at this depth, m, before its first order."""
-        return ((now, min(reported, 0.0), max(reported, 0.0)),)
+    def after(self, trail: Trail, depths: tuple[float, float], now: float, at: float | None) -> Trail:
+        """The trail with the depth that is ordered now, s, and without what a pose of the time `at` has passed.
 
-    def after(self, trail: Trail, now: float, depth: float, at: float | None) -> Trail:
-        """The trail with the depth, m, that is ordered now, s, and without what a pose of the time `at` has passed."""
-        trail = self._kept(trail, now if at is None else at)
+        `depths` are the reported and the ordered one, m: a trail begins with the place that the robot comes from.
+        """
+        reported, depth = depths
+        trail = self._kept(trail or self._begun(now, reported), now if at is None else at)
         began, low, high = trail[-1]
         if now - began < self.within_s / PARTS:
             return (
                 trail if low <= depth <= high else (*trail[:-1], (began, min(low, depth), max(high, depth)))
             )
         return (*trail, (now, depth, depth))
+
+    def _begun(self, now: float, reported: float) -> Trail:
+        return ((now, min(reported, 0.0), max(reported, 0.0)),)
 
     def _kept(self, trail: Trail, at: float) -> Trail:
         first = 0
