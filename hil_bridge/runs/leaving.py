@@ -57,6 +57,13 @@ class Left:
     """Why it was not retracted."""
 
     @property
+    def values(self) -> dict[str, bool | float | None]:
+        """The same as plain values, for the record; None for what is not known."""
+        depth = self.depth if math.isfinite(self.depth) else None
+        force = self.force if math.isfinite(self.force) else None
+        return {"retracted": self.retracted, "depth_m": depth, "force_n": force}
+
+    @property
     def text(self) -> str:
         """The result in words, for the last line of a run."""
         force = f"{self.force:.1f} N" if math.isfinite(self.force) else "force unknown"
