@@ -11,6 +11,7 @@ from msgspec import Meta, Struct
 from msgspec.structs import replace
 
 from hil_bridge.control.course.contour import Contour, ContourState, normal_force
+from hil_bridge.control.course.following import Following, Trail
 from hil_bridge.control.course.oscillation import Advice, OscillationDetector, OscillationState
 from hil_bridge.control.course.supervisor import Supervisor
 from hil_bridge.control.course.task import Phase, Target, Task, TaskOutput, TaskState
@@ -24,7 +25,7 @@ from hil_bridge.control.course.verdict import (
     SupervisorState,
     Verdict,
 )
-from hil_bridge.control.failing import Failed, failed_by, failed_to_answer
+from hil_bridge.control.failing import Failed, failed_by, failed_to_answer, farthest_answer
 from hil_bridge.control.geometry.turning import rotated
 from hil_bridge.control.program.program import Program
 from hil_bridge.control.program.state import Felt
@@ -101,6 +102,8 @@ class LoopState(Struct, frozen=True):
     contour: ContourState = ContourState()
     seen_at: float | None = None
     """`now` of the sample before, s; None before the first."""
+    trail: Trail = ()
+    """Depths that were ordered lately."""
 
 
 class Proposal(Struct, frozen=True):
@@ -174,6 +177,8 @@ class ControlLoop:
     """Estimates the surface's normal, along which the force is then controlled; None keeps the approach direction,
     as the paper does.
     """
+    following: Following | None = None
+    """Watches whether the robot goes where it is ordered to; None for a robot whose servo is not known."""
     sample_time: float = SAMPLE_MS * 1e-3
     """Sample time that the controller is tuned for, s; the first sample counts as that long."""
     fixed_dt: float | None = None
@@ -261,7 +266,7 @@ class ControlLoop:
         retracting only the limits of motion apply, and the force that the retraction itself makes.
         """
         task, output, advice = proposal.task, proposal.output, proposal.advice
-        seen, guard = _observe(sample, proposal, output), self._guard(output)
+        seen, guard, follows = _observe(sample, proposal, output), self._guard(output), self.following
         verdict: Verdict
         if output.phase is _RETRACT or output.phase is _END:
             request = self._request(state, output)
@@ -276,6 +281,9 @@ class ControlLoop:
         else:
             request = self._request(state, output, self._barrier(proposal))
             supervisor, verdict = guard.step(state.supervisor, seen, request)
+            strayed = "" if follows is None else follows.fault(state.trail, seen, guard.limits)
+            if strayed and not isinstance(verdict, Stop):
+                supervisor, verdict = guard.stop(state.supervisor, Cause.POSE, strayed)
         cause = _cause(state, output, verdict)
         way: Verdict = verdict
         if cause and output.phase is not _RETRACT:
@@ -297,7 +305,12 @@ class ControlLoop:
         held = output.phase is _RETRACT and output.target.depth < before.depth <= depth
         if held and not output.cause:  # of a program, which has more to do
             output = replace(output, cause=_held(verdict, seen), failed=True)
-        after = LoopState(state.start, task, supervisor, proposal.oscillation, proposal.contour, sample.now)
+        trail: Trail = ()
+        if follows is not None:
+            trail = follows.after(state.trail, (proposal.depth, depth), sample.now, sample.position_at)
+        after = LoopState(
+            state.start, task, supervisor, proposal.oscillation, proposal.contour, sample.now, trail
+        )
         return after, Decision(
             proposal.depth,
             proposal.measurement.force,
@@ -366,13 +379,17 @@ class ControlLoop:
     ) -> tuple[TaskState, TaskOutput, Failed | None]:
         """The task's step, and what is wrong with its controller; None while nothing is.
 
-        A controller may come from another package: every error that it raises, and an answer that is not of numbers,
-        is its failure.
+        A controller may come from another package: every error that it raises, and an answer that is not of numbers
+        or cannot be meant, is its failure.
         """
         try:
             task, output = self._stepped(state, measurement, felt)
             command = output.command
-            if command is None or (math.isfinite(command.position) and math.isfinite(command.correction)):
+            if command is None or (
+                # false for what is no number; a sum with what is huge would lose where the tool is
+                abs(command.position - measurement.commanded) <= farthest_answer(self.supervisor.limits)
+                and math.isfinite(command.correction)
+            ):
                 return task, output, None
             failed = failed_to_answer(self.task.controller, command)
         except RAISED as error:

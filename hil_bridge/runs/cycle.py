@@ -23,7 +23,7 @@ from hil_bridge.control import (
 )
 from hil_bridge.control.geometry.turning import apart, unit
 from hil_bridge.control.program.program import Program
-from hil_bridge.errors import BridgeError, DeviceError
+from hil_bridge.errors import BridgeError, DeviceError, GateStop
 from hil_bridge.failures import (
     TRACEBACK_EVENT,
     CodeFailed,
@@ -41,6 +41,7 @@ from hil_bridge.recording import (
     Outcome,
     StepRecord,
 )
+from hil_bridge.robots.gate import contradiction
 from hil_bridge.robots.seam import (
     Motion,
     MotionLimits,
@@ -48,6 +49,7 @@ from hil_bridge.robots.seam import (
     RobotReport,
     orientation_fault,
 )
+from hil_bridge.runs.bounds import run_bounds
 from hil_bridge.runs.causes import kind_of
 from hil_bridge.runs.cycle_record import cycle_record
 from hil_bridge.runs.leaving import ARRIVED_M, Left, WayOut, stand_still
@@ -100,6 +102,8 @@ class RunResult:
     """Place at which the tool was left, in words; empty where it never moved."""
     followed: tuple[str, ...] = ()
     """Events after the first cause."""
+    rest: Left | None = None
+    """The same place as values; None where it never moved."""
 
 
 class Run:
@@ -195,7 +199,7 @@ class Run:
         cancelled: asyncio.CancelledError | None = None
         self._heart.start()
         try:
-            async with self._robot.motion(self._limits()) as motion:
+            async with self._robot.motion(self._limits(start)) as motion:
                 try:
                     await self._guarded(motion, start)
                 finally:
@@ -208,20 +212,22 @@ class Run:
         finally:
             self._heart.stop()
             self.moving = False
-        left = await self._left(start, commanded, answers) if moved else ""
+        rest = await self._left(start, commanded, answers) if moved else None
         if self._state is not None and self._outcome is not Outcome.COMPLETED:
             self._steps.cut(self._state.task.course, self._cause, self._stopped_at)
         self._enter("end")
-        self.result = RunResult(self._outcome, self._cause, left, tuple(self._followed))
+        left = "" if rest is None else rest.text
+        self.result = RunResult(self._outcome, self._cause, left, tuple(self._followed), rest)
         if cancelled is not None:
             raise cancelled
         return self.result
 
-    def _limits(self) -> MotionLimits:
-        """Limits of the movement: a stream holds when no decision comes for longer than one may last."""
+    def _limits(self, start: RobotReport) -> MotionLimits:
+        """Limits of the movement from here: a stream holds when no decision comes for longer than one may last."""
         robot, limits, run = self._config.robot, self._config.limits, self._config.run
         hold_after, gain = (limits.cycle_deadline_ms + run.period_ms) * 1e-3, robot.acceleration_mm_s2 * 1e-3
-        return MotionLimits(robot.velocity_mm_s * 1e-3, hold_after, acceleration=gain)
+        bounds = run_bounds(self._config, self._robot.facts, self._loop.sample_time, self._turns, start.pose)
+        return MotionLimits(robot.velocity_mm_s * 1e-3, hold_after, acceleration=gain, bounds=bounds)
 
     async def _guarded(self, motion: Motion, start: RobotReport) -> None:
         """All between the start and the end of the movement sequence. Whatever ends it, the tool is retracted as far
@@ -263,8 +269,8 @@ class Run:
         self._enter(Phase.RETRACT)
         await self._way_out.retract(motion, self._state, self._orientation, self._blame)
 
-    async def _left(self, start: RobotReport, commanded: Vector, answers: bool) -> str:
-        """Where the tool was left, in words; a tool that is left pressing has not completed."""
+    async def _left(self, start: RobotReport, commanded: Vector, answers: bool) -> Left:
+        """Where the tool was left; a tool that is left pressing has not completed."""
         origin = (start if self._state is None else self._start).pose.position
         course = None if self._state is None else self._state.task.course
         if course is not None and course.zero and self._sensor.peaks is not None:
@@ -290,7 +296,7 @@ class Run:
                 else "the sensor tells no force after the retraction"
             )
         because = kind_of(self._followed[-1] if self._followed else self._cause)
-        return Left(away and not pressing, depth, force, because).text
+        return Left(away and not pressing, depth, force, because)
 
     async def _cycles(self, motion: Motion) -> None:
         """The cycles from the start point to the end of the retraction."""
@@ -339,6 +345,9 @@ class Run:
                 sent = await stand_still(motion)
             else:
                 self._orientation = decision.quaternion or self._orientation
+                origin, depth = self._start.pose.position, decision.target.depth
+                if stopped := contradiction(decision.position, origin, self._config.frame.approach, depth):
+                    raise GateStop(stopped)
                 sent = await motion.to(Pose(decision.position, self._orientation), soon=unpaced)
             state = self._state = after
             self._log.cycle(
@@ -384,14 +393,14 @@ class Run:
         now = self._clock.now()
         wrist = self._wrist_at(quaternion)
         wrench = wrist.contact_wrench(sensor.wrench(frame))
-        paired = sensor.wrench_at(report.pose_at + self._filter_delay)
+        paired = sensor.wrench_at(report.pose_at + self._filter_delay + sensor.late)
         # by place, in the order of the fields: by name every one costs as much as to read it
         return Sample(
             now,
             position,
             wrist.force_along(_APPROACH, wrench),
             math.hypot(wrench[0], wrench[1], wrench[2]),
-            frame.at,
+            frame.at - sensor.late,
             frame.sequence,
             sensor.repeated,
             saturated or bool(sensor.saturated),

@@ -57,6 +57,13 @@ class Left:
     """Why it was not retracted."""
 
     @property
+    def values(self) -> dict[str, bool | float | None]:
+        """The same as plain values, for the record; None for what is not known."""
+        depth = self.depth if math.isfinite(self.depth) else None
+        force = self.force if math.isfinite(self.force) else None
+        return {"retracted": self.retracted, "depth_m": depth, "force_n": force}
+
+    @property
     def text(self) -> str:
         """The result in words, for the last line of a run."""
         force = f"{self.force:.1f} N" if math.isfinite(self.force) else "force unknown"
@@ -143,7 +150,7 @@ class WayOut:
             now,
             resultant,
             resultant,
-            math.nan if newest is None else newest.at,
+            math.nan if newest is None else newest.at - sensor.late,
             0 if newest is None else newest.sequence,
             saturated=bool(sensor.saturated),
             pressing=state.task.in_contact,
@@ -186,6 +193,6 @@ class WayOut:
             self._sensor.check()
         except BridgeError:
             return math.nan
-        if newest is None or peaks is None or newest.at < since:
+        if newest is None or peaks is None or newest.at - self._sensor.late < since:
             return math.nan
         return peaks.resultant(newest.values)

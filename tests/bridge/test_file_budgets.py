@@ -192,6 +192,8 @@ def test_results_that_another_program_holds_are_refused(
 def test_why_tells_no_character_that_acts_on_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("hil_bridge.recording.read_with_traffic", lambda path: (None, None))
     monkeypatch.setattr("hil_bridge.analysis.why.why", lambda record: "cause: \x1b[2J\x07gone\nthen \u202e")
+    monkeypatch.setattr("hil_bridge.invariants.recorded.promises_broken", lambda record: ["\x1b[2J"])
     monkeypatch.setattr("hil_bridge.analysis.why.tracebacks", lambda record: ["Traceback \x1b]0;x\x07\n"])
     output = CliRunner().invoke(why, ["r.mcap"]).output
-    assert output == "cause: \\x1b[2J\\x07gone\nthen \\u202e\n\nTraceback \\x1b]0;x\\x07\n"
+    broken = "A promise was broken. \\x1b[2J.\n"
+    assert output == f"cause: \\x1b[2J\\x07gone\nthen \\u202e\n{broken}\nTraceback \\x1b]0;x\\x07\n"
