@@ -261,14 +261,9 @@ def rerun(results: Path, key: str | None, seed: int | None, out: Path | None, ov
             check_record_place(folder / f"{done.key}.mcap", overwrite)
         for done in found:
             case = plan.cases[done.number]
-<<<<<<< HEAD
-            ran = run_one(configured(Job(done.key, done.number, case.config, case.table, done.seed)))
+            ran = run_one(configured(Job(done.key, done.number, case.config, done.table, done.seed)))
             text = f"{done.key}: seed {done.seed}, {case.cell}, fault {case.fault} {case.phase}"
             click.echo(harmless(text.rstrip()))
-=======
-            ran = run_one(configured(Job(done.key, done.number, case.config, done.table, done.seed)))
-            click.echo(f"{done.key}: seed {done.seed}, {case.cell}, fault {case.fault} {case.phase}".rstrip())
->>>>>>> main
             outcome = ran.figures["outcome"]
             click.echo(harmless(f"  {outcome}{ran.cause and f', {ran.cause}'}"))
             other = list(differences(done.figures, ran.figures))
