@@ -88,6 +88,10 @@ class Sample(Struct, frozen=True):
     """Reported orientation, tool in base, w x y z; empty in recordings of earlier versions."""
     held: bool = False
     """A person holds the tool in its place on the surface: the force is controlled, the way does not go on."""
+    witness: float | None = None
+    """Contact force along the approach direction as the robot itself feels it, from its own zero, N; None where it tells
+    none.
+    """
 
 
 class LoopState(Struct, frozen=True):
@@ -315,7 +319,8 @@ class ControlLoop:
         """The supervisor with the limits of the step under way."""
         if not isinstance(self.task, Program):
             return self.supervisor
-        return Supervisor(self.task.row.legs[output.leg].limits, self.supervisor.speed)
+        guard = self.supervisor
+        return Supervisor(self.task.row.legs[output.leg].limits, guard.speed, guard.witness)
 
     def _barrier(self, proposal: Proposal) -> float:
         """Depth, m, at which the force limit less its margin is predicted. The prediction takes the stiffness in hand,
@@ -480,4 +485,5 @@ def _observe(sample: Sample, proposal: Proposal, output: TaskOutput) -> Observat
         sample.gap,
         proposal.measurement.dt,
         None if proposal.felt is None else proposal.felt.quaternion,
+        sample.witness,
     )

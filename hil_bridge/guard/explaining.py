@@ -108,6 +108,8 @@ LOOSE: Mapping[str, Any] = {
             "limits.moment_limit_nm",
             "limits.stale_after_ms",
             "limits.unanswered_mm",
+            "limits.witness_n",
+            "limits.witness_ms",
             "limits.following_error_mm",
             "limits.tilt_deg",
             "limits.cycle_deadline_ms",
