@@ -1,0 +1,95 @@
+"""The bound of the true force: by arithmetic, and over robots, sensors and periods while nothing is wrong."""
+
+import math
+from itertools import pairwise
+from typing import Any
+
+import pytest
+
+import hil_bridge
+from emulators.arm.loops import PositionLoop
+from hil_bridge.control.course.reaction import bound_n, servo_lag
+from hil_bridge.facts import Pacing, RobotFacts, ServoFacts
+from hil_bridge.guard.force_bound import force_age, force_bound_n, reaction, robot_motion
+from hil_bridge.recording.device_facts import devices_of
+from hil_bridge.settings.configuration import read_config
+from protocol.wrench import SensorFacts
+
+SENSOR = SensorFacts("", (1.0,) * 6, None, None, 0.01, 0.016, "device")
+STREAM = RobotFacts(
+    pacing=Pacing.STREAMED,
+    cycle_s=0.004,
+    servo=ServoFacts(0.004, 0.02, natural_frequency_rad_s=100.0, damping_ratio=1.0),
+)
+
+
+def test_the_times_of_devices_add_up_whatever_the_cycle_is() -> None:
+    quick, slow = (reaction(STREAM, SENSOR, cycle_s) for cycle_s in (0.004, 0.02))
+    assert quick.age_s == pytest.approx(0.0365)
+    assert quick.order_s == pytest.approx(0.008)
+    assert quick.motion_s == pytest.approx(0.044)
+    assert slow.total_s - quick.total_s == pytest.approx(0.016)
+
+
+def test_a_robot_that_is_asked_has_its_order_within_the_cycle() -> None:
+    asked = RobotFacts(servo=STREAM.servo)
+    assert reaction(asked, SENSOR, 0.18).order_s == 0.18
+
+
+def test_a_sensor_without_period_is_as_old_as_a_usual_frame() -> None:
+    polled = SensorFacts("", (1.0,) * 6, None, None, None, 0.0, "host")
+    assert force_age(polled, wire_s=0.0) == 0.01
+
+
+def test_a_robot_without_known_servo_has_no_bound() -> None:
+    assert robot_motion(RobotFacts()) == math.inf
+    assert bound_n(50.0, 5e4, 0.011, math.inf) == math.inf
+
+
+def test_the_bound_is_the_limit_and_the_way_until_the_answer() -> None:
+    assert bound_n(50.0, 5e4, 0.01, 0.06) == pytest.approx(80.0)
+    assert bound_n(50.0, 5e4, 0.01, 0.06, step_m=1e-4) == pytest.approx(85.0)
+
+
+@pytest.mark.parametrize("damping", [0.2, 0.5, 0.67, 0.9, 1.0, 1.5])
+def test_a_servo_goes_on_by_its_lag_once_its_set_point_stands(damping: float) -> None:
+    """Compared with the loop in closed form: a ramp of 1 m/s that ends."""
+    frequency = 50.0
+    loop = PositionLoop(frequency, damping)
+    behind = 2.0 * damping / frequency
+    deepest = max(-behind * a + b for a, b, *_ in (loop.over(0.0005 * k) for k in range(1, 4000)))
+    assert servo_lag(frequency, damping) == pytest.approx(behind + max(deepest, 0.0), abs=1e-4)
+
+
+ROBOTS: dict[str, tuple[float, ...]] = {"s3": (0.0,), "egm": (4, 20), "rtde": (2, 8, 50), "rsi": (4, 12, 180)}
+"""Robots, with some of the periods of each in ms; 0 is the pace of the robot's line."""
+SENSORS = {"s3": "jr3", "egm": "ft300", "rtde": "netft", "rsi": "jr3-uart"}
+
+
+def hit(robot: str, sensor: str, period_ms: float, stiffness_n_m: float) -> dict[str, Any]:
+    """A run of a third of a second on a surface that may be harder than expected."""
+    values: dict[str, Any] = {
+        "run": {"duration_s": 0.3},
+        "robot": {"emulated": robot},
+        "sensor": {"emulated": sensor},
+        "cell": {"surface": {"stiffness_n_m": stiffness_n_m}},
+        "task": {"retract_mm": 2.0, "retract_speed_mm_s": 20.0, "zero_lift_mm": 0.25},
+    }
+    if period_ms:
+        values["run"]["period_ms"] = period_ms
+        values["controller"] = {"sample_ms": period_ms}
+        values["cell"]["start_position_mm"] = [900.0, -100.0, 592.0]
+    return values
+
+
+@pytest.mark.parametrize("stiffness_n_m", [5e3, 5e4])
+@pytest.mark.parametrize(
+    ("robot", "period_ms"), [(robot, period) for robot, periods in ROBOTS.items() for period in periods]
+)
+def test_the_true_force_stays_below_its_bound(robot: str, period_ms: float, stiffness_n_m: float) -> None:
+    values = hit(robot, SENSORS[robot], period_ms, stiffness_n_m)
+    recording = hil_bridge.simulate(values).recording
+    starts = [cycle.started_at for cycle in recording.cycles]
+    longest_s = max(b - a for a, b in pairwise(starts))
+    bound = force_bound_n(read_config(values), devices_of(recording), stiffness_n_m, longest_s)
+    assert max(math.hypot(*truth.force) for truth in recording.truths) <= bound
