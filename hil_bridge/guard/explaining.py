@@ -146,6 +146,8 @@ def _value(config: Config, key: str) -> str:
     value: Any = config
     for name in key.split("."):
         value = getattr(value, name)
+    if value is None:
+        return "that of the robot's facts"
     if isinstance(value, tuple):
         return str(list(value))
     return str(value).lower() if isinstance(value, bool) else f"{value:g}"

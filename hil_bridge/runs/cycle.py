@@ -271,6 +271,7 @@ class Run:
         if self._state is None:  # it has come no farther than the way to the zero
             force = self._zeroing.contact_force
             away, pressing = True, not force <= limits.weight_tolerance_n
+        own = await self._felt_beside(force) if answers else math.nan
         told = f"{force:.1f} N" if math.isfinite(force) else "an unknown force"
         if self._outcome is not Outcome.STOPPED and not away:
             where = (
@@ -285,8 +286,20 @@ class Run:
                 if math.isfinite(force)
                 else "the sensor tells no force after the retraction"
             )
+        elif self._outcome is not Outcome.STOPPED and math.isfinite(own):
+            self._blame(
+                f"the force sensor tells {told} after the retraction, the robot itself feels {own:.0f} N"
+            )
         because = kind_of(self._followed[-1] if self._followed else self._cause)
-        return Left(away and not pressing, depth, force, because).text
+        return Left(away and not pressing and math.isnan(own), depth, force, because, own).text
+
+    async def _felt_beside(self, force: float) -> float:
+        """Length of the force that the robot itself feels where it is no ordinary difference from the sensor's, N; else
+        NaN.
+        """
+        witness = self._loop.supervisor.witness
+        own = math.nan if witness is None else await self._zeroing.own_force.left(self._robot)
+        return own if witness and abs(own - force) > witness.ordinary_n else math.nan
 
     async def _cycles(self, motion: Motion) -> None:
         """The cycles from the start point to the end of the retraction."""
@@ -404,6 +417,7 @@ class Run:
             unchanged=frame.at - sensor.unchanged_since,
             quaternion=quaternion,
             held=self._held,
+            witness=self._zeroing.own_force.along(report),
         )
 
     def _frame(self) -> WrenchFrame:

@@ -115,7 +115,12 @@ class Limits:
             "retract_rise_n",
         )
         require_not_negative(
-            self, "force_margin_share", "retract_grace_ms", "retract_patience_s", "blind_retract_mm", "witness_ms"
+            self,
+            "force_margin_share",
+            "retract_grace_ms",
+            "retract_patience_s",
+            "blind_retract_mm",
+            "witness_ms",
         )
         if self.witness_n is not None:
             require_not_negative(self, "witness_n")
