@@ -26,8 +26,8 @@ class RobotReport(NamedTuple):
     stamps: tuple[tuple[str, float], ...] = ()
     """More times of the way to this report, by name."""
     force: Vector | None = None
-    """Force of the surroundings on the tool as the robot itself feels it, base frame, N; None where it tells none. It is
-    coarse, and may have an offset: its user counts from a zero of its own.
+    """Force of the surroundings on the tool as the robot itself feels it, base frame, N; None where it tells none. It
+    is coarse, and may have an offset: its user counts from a zero of its own.
     """
 
 

@@ -16,7 +16,7 @@ from emulators.seams import ContactSource
 from protocol.geometry import Vector
 
 EVERY_S = 8e-3
-"""Chosen: time between two looks at the contact. Real estimates change with some tens of hertz; each look costs time."""
+"""Chosen: time between two looks at the contact. Real estimates change with some tens of hertz; looks cost time."""
 _PASSED_S = 1e-6
 """Chosen: how long ago the moment of a look is, so that the path up to it is settled."""
 _AXES = "xyz"

@@ -78,8 +78,8 @@ class RtdeProfile:
     max_force_n: float = setting(
         250.0,
         _A,
-        "of a force that a client gives; above, it makes a protective stop. A contact makes none, so that no run leans on "
-        "it",
+        "of a force that a client gives; above, it makes a protective stop. A contact makes none, so that no run "
+        "leans on it",
         unit="N",
         above=0.0,
     )

@@ -89,8 +89,8 @@ class Sample(Struct, frozen=True):
     held: bool = False
     """A person holds the tool in its place on the surface: the force is controlled, the way does not go on."""
     witness: float | None = None
-    """Contact force along the approach direction as the robot itself feels it, from its own zero, N; None where it tells
-    none.
+    """Contact force along the approach direction as the robot itself feels it, from its own zero, N; None where it
+    tells none.
     """
 
 

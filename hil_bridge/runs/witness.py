@@ -2,6 +2,7 @@
 
 import math
 
+from hil_bridge.control.course.witness import Witness
 from hil_bridge.errors import BridgeError
 from hil_bridge.robots.seam import RobotLink, RobotReport
 from protocol.geometry import Vector
@@ -12,8 +13,8 @@ _NOTHING: Vector = (0.0, 0.0, 0.0)
 class OwnForce:
     """What a robot feels, less the mean of what it felt while the tool was away from the surface.
 
-    The zero counts in the base frame: there a weight that the robot does not know, or knows wrongly, stays the same when
-    the tool turns.
+    The zero counts in the base frame: there a weight that the robot does not know, or knows wrongly, stays the same
+    when the tool turns.
     """
 
     def __init__(self, approach: Vector) -> None:
@@ -36,15 +37,13 @@ class OwnForce:
         (a, b, c), (x, y, z), (u, v, w) = report.force, self._zero, self._approach
         return (x - a) * u + (y - b) * v + (z - c) * w
 
-    def length(self, report: RobotReport) -> float:
-        """Length of the force, N; NaN where none is known."""
-        if report.force is None or self._zero is None:
-            return math.nan
-        return math.dist(report.force, self._zero)
-
-    async def left(self, robot: RobotLink) -> float:
-        """Length of the force on a tool that has come to rest, N; NaN where none is known any more."""
+    async def beside(self, force: float, rule: Witness, robot: RobotLink) -> float:
+        """Length of the force on a tool that has come to rest, N; NaN where none is known any more, or where it differs
+        no more than ordinarily from the `force` of the sensor, N.
+        """
         try:
-            return math.nan if self._zero is None else self.length(await robot.report())
+            felt = None if self._zero is None else (await robot.report()).force
         except BridgeError:
             return math.nan
+        own = math.nan if felt is None or self._zero is None else math.dist(felt, self._zero)
+        return own if not abs(own - force) <= rule.ordinary_n else math.nan

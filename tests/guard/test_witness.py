@@ -1,6 +1,5 @@
 """The second witness: a robot that feels the contact itself, beside a force sensor that lies."""
 
-import math
 from collections.abc import Callable
 from typing import Any
 

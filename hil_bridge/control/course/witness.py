@@ -27,9 +27,10 @@ class Witness:
     """Time for which a larger one may last, s."""
 
     def disagreed(self, before: float | None, seen: Observation) -> float | None:
-        """Time for which both have disagreed, s, each cycle weighed by how many times the difference is what is allowed;
-        None while they agree, or there is no witness. The first cycle counts nothing: one sample is no difference that
-        lasts.
+        """Time for which both have disagreed, s; None while they agree, or there is no witness.
+
+        Each cycle is weighed by how many times the difference is what is allowed. The first one counts nothing: one
+        sample is no difference that lasts.
         """
         witness = seen.witness
         if witness is None or not math.isfinite(witness):

@@ -5,7 +5,6 @@ from hil_bridge.facts import Pacing, RobotFacts, ServoFacts, WitnessFacts
 from hil_bridge.robots.egm.settings import EgmSettings
 from protocol.marks import Mark, settings
 
-
 ORDINARY_N = 12.0
 """Assumed: as of a robot with a sensor of its own at the wrist; nothing is published of ABB's."""
 WITNESS_DELAY_S = 0.01
