@@ -56,9 +56,8 @@ OFF = {"limits": {"witness_n": 0.0}}
 @SURFACES
 @pytest.mark.parametrize("lie", LIES)
 def test_a_sensor_that_lies_is_contradicted(guarded: Run, robot: str, stiffness: float, lie: str) -> None:
-    config = feeling(robot, stiffness, *LIES[lie], run={"duration_s": 12.0})
-    run = guarded(config)
+    run = guarded(feeling(robot, stiffness, *LIES[lie], run={"duration_s": 8.0 if "drift" in lie else 2.0}))
     assert run.result.outcome is Outcome.STOPPED
     assert "the robot itself feels" in run.cause
-    assert run.largest <= 100.0 if stiffness > 1e4 else 30.0
+    assert run.largest <= (95.0 if stiffness > 1e4 else 30.0)
     assert run.last == 0.0
