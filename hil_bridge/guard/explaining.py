@@ -111,6 +111,7 @@ LOOSE: Mapping[str, Any] = {
             "limits.witness_n",
             "limits.witness_ms",
             "limits.following_error_mm",
+            "limits.path_error_mm",
             "limits.tilt_deg",
             "limits.cycle_deadline_ms",
             "limits.correction_mm_s",

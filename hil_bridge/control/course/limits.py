@@ -65,6 +65,10 @@ class Limits:
     """
     following_error_mm: float = 10.0
     """Distance between the reported and the commanded position above which the run stops."""
+    path_error_mm: float = 0.3
+    """Distance along the approach between the reported depth and all depths that were ordered in the time which the
+    robot takes for an order, above which the run stops. Chosen: some times what healthy robots were seen to reach.
+    """
     tilt_deg: float = 2.0
     """Turn of the reported orientation from the ordered one above which the run stops; a turn under way adds to it."""
     turn_deg_s: float = 10.0
@@ -105,6 +109,7 @@ class Limits:
             "still_after_ms",
             "moment_limit_nm",
             "following_error_mm",
+            "path_error_mm",
             "tilt_deg",
             "turn_deg_s",
             "turn_total_deg",
