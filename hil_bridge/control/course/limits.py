@@ -77,6 +77,10 @@ class Limits:
     """Farthest that a program may tip the tool's axis from that of the start."""
     cycle_deadline_ms: float = 500.0
     """Time for which a decision may last, or the computer stand still; longer stops the run."""
+    cycle_max_ms: float = 500.0
+    """Time of a cycle above which the run stops, once three in a row took longer, and longer than two periods. Chosen:
+    a line of 4800 baud takes 375 ms, and the controllers are tuned for half of that.
+    """
     zero_max_n: float = 50.0
     """Largest force that may be taken for zero, beside the known weight of the tool and bias of the sensor."""
     weight_tolerance_n: float = 1.0
@@ -114,6 +118,7 @@ class Limits:
             "turn_deg_s",
             "turn_total_deg",
             "cycle_deadline_ms",
+            "cycle_max_ms",
             "zero_max_n",
             "weight_tolerance_n",
             "weight_tolerance_nm",
