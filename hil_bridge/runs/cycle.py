@@ -54,6 +54,7 @@ from hil_bridge.runs.causes import kind_of
 from hil_bridge.runs.cycle_record import cycle_record
 from hil_bridge.runs.leaving import ARRIVED_M, Left, WayOut, stand_still
 from hil_bridge.runs.pace import control_loop, cycle_starts
+from hil_bridge.runs.slow_cycles import SlowCycles
 from hil_bridge.runs.small_steps import bring_up
 from hil_bridge.runs.starting import check_start
 from hil_bridge.runs.steps_told import StepTeller
@@ -281,6 +282,9 @@ class Run:
         limits = self._config.limits
         away = depth <= ARRIVED_M
         pressing = not force <= limits.weight_tolerance_n
+        own = math.nan
+        if answers and self._loop.supervisor.witness is not None:
+            own = await self._zeroing.own_force.beside(force, self._loop.supervisor.witness, self._robot)
         told = f"{force:.1f} N" if math.isfinite(force) else "an unknown force"
         if self._outcome is not Outcome.STOPPED and not away:
             where = (
@@ -295,8 +299,12 @@ class Run:
                 if math.isfinite(force)
                 else "the sensor tells no force after the retraction"
             )
+        elif self._outcome is not Outcome.STOPPED and math.isfinite(own):
+            self._blame(
+                f"the force sensor tells {told} after the retraction, the robot itself feels {own:.0f} N"
+            )
         because = kind_of(self._followed[-1] if self._followed else self._cause)
-        return Left(away and not pressing, depth, force, because)
+        return Left(away and not pressing and math.isnan(own), depth, force, because, own)
 
     async def _cycles(self, motion: Motion) -> None:
         """The cycles from the start point to the end of the retraction."""
@@ -305,7 +313,10 @@ class Run:
         track_ends = math.inf
         unpaced = not self._config.run.period_ms  # then an order is always followed by another at once
         period = self._config.run.period_ms * 1e-3
+        slow = SlowCycles(self._config)
         async for cycle, started_at in cycle_starts(self._clock, period, self._event):
+            if too_slow := slow.cycle(started_at):
+                self.fail(too_slow)
             if self._log_error is not None:
                 raise self._log_error
             commanded_before = state.supervisor.depth
@@ -417,6 +428,7 @@ class Run:
             unchanged=frame.at - sensor.unchanged_since,
             quaternion=quaternion,
             held=self._held,
+            witness=self._zeroing.own_force.along(report),
         )
 
     def _frame(self) -> WrenchFrame:

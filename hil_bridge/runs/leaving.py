@@ -55,6 +55,8 @@ class Left:
     """Length of the contact force, N; NaN where it is not known."""
     because: str = ""
     """Why it was not retracted."""
+    own_force: float = math.nan
+    """Length of the force that the robot itself feels, N, where that is no ordinary difference; else NaN."""
 
     @property
     def values(self) -> dict[str, bool | float | None]:
@@ -67,6 +69,8 @@ class Left:
     def text(self) -> str:
         """The result in words, for the last line of a run."""
         force = f"{self.force:.1f} N" if math.isfinite(self.force) else "force unknown"
+        if math.isfinite(self.own_force):
+            force += f" (the robot itself feels {self.own_force:.0f} N)"
         if self.retracted:
             return f"retracted, {force}"
         depth = f"{self.depth * 1e3:.1f} mm" if math.isfinite(self.depth) else "an unknown depth"

@@ -13,6 +13,7 @@ from typing import Any
 from hil_bridge.clock import Clock
 from hil_bridge.control import ControlLoop, Supervisor, Task, make_controller
 from hil_bridge.control.controllers import PERIOD_FACTOR, check_period, controller_kind, sample_time
+from hil_bridge.control.course.witness import witness_of
 from hil_bridge.control.program.felt import Face, WorkFrame
 from hil_bridge.control.program.legs import legs_of, seconds
 from hil_bridge.control.program.program import Program
@@ -109,9 +110,11 @@ def control_loop(
             raise ConfigError(f"a {robot.kind} tells no cycle time of its own: set run.period_ms")
         check_period(config.run.period_ms * 1e-3 or robot.cycle_s, controller, config.controller.sample_ms)
     task = Task(config.task, controller, config.limits.force_limit_n, robot.order_step_m)
+    own = robot.witness
+    witness = None if own is None else witness_of(config.limits, own.ordinary_n, own.delay_s)
     return ControlLoop(
         program(config, task) if config.task.step else task,
-        Supervisor(config.limits, config.robot.velocity_mm_s * 1e-3),
+        Supervisor(config.limits, config.robot.velocity_mm_s * 1e-3, witness),
         config.frame.approach,
         config.frame.travel,
         config.oscillation if config.limits.oscillation_guard else None,
