@@ -206,8 +206,13 @@ def test_a_hunt_draws_no_fault_that_voids_the_bound(tmp_path: Path) -> None:
         hunted(planned(tmp_path, without))
 
 
-HOLE = STUDY.replace('on = "*"\nfault = "*"', 'on = "frames"\nfault = "lose-next"').replace(
-    "{ from = 1, to = 3 }", "{ from = 1, to = 2 }"
+HOLE = (
+    STUDY.replace('on = "*"\nfault = "*"', 'on = "frames"\nfault = "lose-next"')
+    .replace("{ from = 1, to = 3 }", "{ from = 1, to = 2 }")
+    .replace(
+        'on = "controller"\nfault = "*"',
+        'on = "controller"\nfault = "deeper"\nwith = { mm = { from = 1.0, to = 30.0 } }',
+    )
 )
 
 
@@ -226,6 +231,7 @@ def test_a_hunt_finds_a_planted_hole_and_shrinks_it(tmp_path: Path, monkeypatch:
             assert worst is not None
             assert is_broken(worst)
             assert len(runner.known) < 80
+            runner.advance = lambda count, broken: None
             small = shrunk(runner, worst, badness)
         assert is_broken(small)
         assert len(small.table) <= len(worst.table)
