@@ -146,12 +146,18 @@ STOPS: tuple[ConditionRow, ...] = (
         "oscillation.factor_min",
     ),
     _stands(
-        "the force rose while the tool retracted; from contact, only after a time to take effect",
+        "a force from behind met the tool, beside one that was there when the retraction began",
+        "limits.pull_limit_n",
+    ),
+    _stands(
+        "a force from the side rose while the tool retracted, from contact only after a time to take effect; or one "
+        "from the front rose at the second, slow try",
         "limits.retract_rise_n",
         "limits.retract_grace_ms",
     ),
     _stands(
-        "the force stayed beyond its limit although the tool reported to be so much farther back",
+        "the force stayed beyond its limit although the tool reported to be so much farther back; one from the front, "
+        "at the second try and beyond the start",
         "limits.force_limit_n",
         "limits.resultant_limit_n",
         "limits.unanswered_mm",
@@ -183,9 +189,24 @@ CLAMPS: tuple[ConditionRow, ...] = (
         "oscillation.notch",
     ),
     ConditionRow(
+        "waits",
+        "a force from the front rose, or stayed beyond its limit, while the tool retracted: it waits, and goes on if "
+        "the force rises meanwhile, else tries once more at 1 mm/s",
+        (
+            "limits.retract_rise_n",
+            "limits.retract_grace_ms",
+            "limits.force_limit_n",
+            "limits.unanswered_mm",
+            "limits.escape_mm_s",
+        ),
+        When.RETRACTION,
+        Reaction.CLAMPED,
+        None,
+    ),
+    ConditionRow(
         "no-force",
-        "while the force cannot be known a retraction goes back to the depth of the start, or a little behind the "
-        "contact, and no farther",
+        "while the force cannot be known a retraction goes back at 2.75 mm/s to the depth of the start, or a little "
+        "behind the contact, and no farther",
         ("limits.stale_after_ms", "limits.blind_retract_mm"),
         When.RETRACTION,
         Reaction.CLAMPED,

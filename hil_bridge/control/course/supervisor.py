@@ -17,6 +17,8 @@ from hil_bridge.control.course import orientation, retreat
 from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.course.verdict import (
     LEAVES,
+    SLOWLY,
+    WAITS,
     Allow,
     Cause,
     Clamp,
@@ -105,24 +107,25 @@ class Supervisor:
         """One cycle of pulling back, which no stop ends but one: a force that rises, or stays over its limit, while
         the tool moves away. The tool stands still then.
 
-        Where the force cannot be known the tool goes back to the depth of the start, where it has been. Where it
-        pressed, it goes back by no more than `blind_retract_mm`. The request must be finite. A stop stays latched.
+        Where the force cannot be known the tool goes back slowly to the depth of the start, where it has been. Where
+        it pressed, it goes back by `blind_retract_mm` at least. The request must be finite. A stop stays latched.
         """
-        before, seen = state.retreat, observation
+        before, seen, limits = state.retreat, observation, self.limits
         after = before
-        known = retreat.is_known(seen) and self._fresh(seen)
+        known = retreat.is_known(limits, before, seen) and self._fresh(seen)
         if known:
-            before = before or retreat.begin(self.limits, seen)
-            after = retreat.advance(self.limits, before, seen)
-            text = retreat.no_way_back(self.limits, before, after, seen)
+            after, text = retreat.watch(limits, before, seen)
             if text:
                 stop = Stop(Cause.RETRACTION, text)
                 return replace(state, retreat=after, stopped=state.stopped or stop), stop
-        verdict = _clamp(self.limits, state, request, seen.dt)
-        farthest = retreat.blind_goal(self.limits, state.pressed, before)
-        if not known and verdict.depth < farthest and verdict.depth < state.depth:
-            verdict = _clamp(self.limits, state, _at_depth(request, min(state.depth, farthest)), seen.dt)
-            reason = "without a force to go by no farther back"
+            highest, reason = state.depth - retreat.longest_way(after, seen.dt), WAITS
+        else:
+            goal = retreat.blind_goal(limits, state.pressed, before)
+            reason = SLOWLY if goal < state.depth else "without a force to go by no farther back"
+            highest = state.depth - max(min(state.depth - goal, retreat.BLIND_M_S * seen.dt), 0.0)
+        verdict = _clamp(limits, state, request, seen.dt)
+        if verdict.depth < highest:
+            verdict = _clamp(limits, state, _at_depth(request, highest), seen.dt)
             verdict = Clamp(verdict.depth, verdict.position, (reason,))
         return replace(state, depth=verdict.depth, position=verdict.position, retreat=after), verdict
 

@@ -238,6 +238,8 @@ class Task:
     """Contact force at which the supervisor stops the run."""
     position_step: float | None = None
     """Step of the robot's position, m, in whole ones of which the tool moves; None for a robot that has none."""
+    escape_mm_s: float = 0.0
+    """Speed at which it goes back from a force beyond the limit, mm/s."""
 
     def initial(self) -> TaskState:
         """State at the start point, away from the surface."""
@@ -409,18 +411,35 @@ class Task:
         parameters, commanded = self.parameters, measurement.commanded
         turn = commanded if state.turn is None else state.turn
         goal = min(turn - parameters.retract_mm * 1e-3, 0.0)
-        step = self.way(parameters.retract_speed_mm_s, measurement.dt)
+        step, behind = (
+            self.way(parameters.retract_speed_mm_s, measurement.dt),
+            measurement.position - commanded,
+        )
+        escape = self._escape(state, measurement, behind)
         if commanded > _ROUNDING:
-            depth = max(commanded - step, 0.0)
+            depth = max(commanded - max(step, escape), 0.0)
         else:
-            behind = measurement.position - commanded
-            depth = max(commanded - min(step, self.careful_step(behind, measurement.dt)), goal)
+            careful = min(step, self.careful_step(behind, measurement.dt))
+            depth = max(commanded - max(careful, escape), goal)
         state = replace(state, turn=turn)
         output = _output(state, depth, Phase.RETRACT)
         # A command that the supervisor held back at the workspace's border does not count as arrived.
         if commanded <= goal + _ROUNDING:
             state = replace(state, phase=Phase.END)
         return state, output
+
+    def _escape(self, state: TaskState, measurement: Measurement, behind: float) -> float:
+        """Way back in this sample from a surface that presses beyond the limit, m; 0 where none does.
+
+        Derived: a surface that stands has let the tool go after force / stiffness. So the order is no farther from the
+        reported position than that. One that follows the tool raises the force, and with it the way.
+        """
+        stiffness = max(self.parameters.expected_stiffness_n_m, state.stiffness or 0.0)
+        force = abs(measurement.force) if measurement.saturated else measurement.force
+        left = force / stiffness - max(behind, 0.0)
+        if not (force > self.force_limit_n and math.isfinite(left)):
+            return 0.0
+        return max(min(left, self.escape_mm_s * 1e-3 * measurement.dt, _ESCAPE_M), 0.0)
 
 
 def _output(state: TaskState, depth: float, phase: Phase, command: Command | None = None) -> TaskOutput:
@@ -431,6 +450,11 @@ def _output(state: TaskState, depth: float, phase: Phase, command: Command | Non
 
 _ROUNDING = 1e-9
 """Slack for sums of steps, m."""
+
+_ESCAPE_M = 2e-3
+"""Longest way of one sample back from a force beyond the limit, m. Chosen: something behind the tool is met with 100 N
+more on 50 kN/m before the next sample tells it.
+"""
 
 _SLOWEST = 0.2e-3
 """Speed of the approach whatever the stiffness, m/s. Chosen: 0.036 mm in a cycle of 180 ms, less than a step of the

@@ -123,7 +123,26 @@ class Stop(Struct, frozen=True):
 LEAVES = "leaves the workspace"
 """Reason of a clamp at the workspace's border."""
 
+WAITS = "the force does not come down: the retraction waits, then tries slowly"
+"""Reason of a clamp of a retraction that goes on later."""
+
+SLOWLY = "without a force to go by slowly back"
+"""Reason of a clamp of a retraction that goes on."""
+
 Verdict: TypeAlias = Allow | Clamp | Stop
+
+
+class Stage(StrEnum):
+    """Stages of a retraction that the force from the front does not answer."""
+
+    GOES = "goes"
+    """It goes on."""
+    WAITS = "waits"
+    """It stands, to see whether the force rises without it."""
+    SLOW = "slow"
+    """It tries a second time, slowly."""
+    TRUSTED = "trusted"
+    """The force rose while it stood, or fell when it tried again: the way back is right, and it goes on."""
 
 
 class Retreat(Struct, frozen=True):
@@ -139,6 +158,17 @@ class Retreat(Struct, frozen=True):
     """Reported depth at which the force last came down, m."""
     within: bool = False
     """The retraction began within the force limit, so that nothing may carry the force beyond."""
+    force: float = 0.0
+    """Force along the approach when it began, N."""
+    front: float = 0.0
+    """Largest force from the front that was told since, N."""
+    stage: Stage = Stage.GOES
+    since: float = 0.0
+    """When it began to wait, s on the run's clock."""
+    level: float = 0.0
+    """Force beyond which it must not rise at this stage, N."""
+    dt: float = 0.0
+    """Time of the cycle in which it began to wait, s."""
 
 
 class SupervisorState(Struct, frozen=True):
