@@ -96,7 +96,9 @@ class PreciseTimers:
                     continue
                 try:
                     callback()
-                except Exception as error:
+                except (SystemExit, KeyboardInterrupt):
+                    raise
+                except BaseException as error:
                     self._loop.call_exception_handler(
                         {"message": f"Exception in timer {callback!r}", "exception": error}
                     )

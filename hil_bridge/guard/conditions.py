@@ -102,7 +102,8 @@ SHELL: tuple[ConditionRow, ...] = (
     ConditionRow("bug", "an exception that nothing expected", (), When.ALWAYS, Reaction.RETRACTS),
     ConditionRow(
         "signal",
-        "SIGINT, SIGTERM, SIGHUP, SIGQUIT or SIGTSTP; before the first order the run ends at once",
+        "a signal that ends or stops a process, as SIGINT, SIGTERM or SIGTSTP; before the first order the run ends at "
+        "once",
         (),
         When.ALWAYS,
         Reaction.RETRACTS,

@@ -4,7 +4,8 @@ from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager, contextmanager
 from typing import Any
 
-from hil_bridge.failures import RAISED, code_failed, raise_if_asked
+from hil_bridge.cancelling import raise_if_asked
+from hil_bridge.failures import RAISED, code_failed
 from hil_bridge.robots.seam import Motion, MotionLimits, RobotLink, RobotReport, Sent
 from protocol.geometry import Pose
 

@@ -4,12 +4,14 @@ The shell around the pure `ControlLoop`: it stamps the hops, hands data one way 
 nothing but the robot.
 """
 
+import asyncio
 import math
 from dataclasses import dataclass
 from typing import Protocol
 
 from msgspec.structs import replace
 
+from hil_bridge.cancelling import is_asked
 from hil_bridge.clock import Clock, Heartbeat
 from hil_bridge.control import (
     LoopState,
@@ -22,7 +24,14 @@ from hil_bridge.control import (
 from hil_bridge.control.geometry.turning import apart, unit
 from hil_bridge.control.program.program import Program
 from hil_bridge.errors import BridgeError, DeviceError
-from hil_bridge.failures import TRACEBACK_EVENT, CodeFailed, failure, of_others, told, traceback_of
+from hil_bridge.failures import (
+    TRACEBACK_EVENT,
+    CodeFailed,
+    failure_event,
+    of_others,
+    traceback_of,
+    unexpected,
+)
 from hil_bridge.recording import (
     CHECK_EVENT,
     PHASE_EVENT,
@@ -56,8 +65,6 @@ THEN_EVENT = "then"
 """Kind of the events whose text is what followed the cause of a stop."""
 FOLLOWED_MAX = 5
 """Chosen: things told that followed the cause of a stop."""
-BUG_EVENT = "bug"
-"""Kind of the event whose text is the traceback of a bug."""
 TIME_IS_UP = "time is up"
 """Why a run ends that went as it was meant to."""
 MAIN_SHARE = 0.5
@@ -136,6 +143,8 @@ class Run:
         """Failure whose traceback has been told."""
         self.moving = False
         """A movement sequence is under way: only `interrupt` may end it, not cancellation."""
+        self.result: RunResult | None = None
+        """Result of a run that has ended, also where its task was cancelled while the tool moved."""
 
     @property
     def step_labels(self) -> tuple[str, ...]:
@@ -183,6 +192,7 @@ class Run:
         self._orientation = start.pose.quaternion
         self.moving, moved, answers = True, False, True
         commanded = start.pose.position
+        cancelled: asyncio.CancelledError | None = None
         self._heart.start()
         try:
             async with self._robot.motion(self._limits()) as motion:
@@ -193,6 +203,8 @@ class Run:
                     answers = not motion.abandoned
         except BridgeError as error:
             self._blame(str(error))
+        except asyncio.CancelledError as error:
+            cancelled = error
         finally:
             self._heart.stop()
             self.moving = False
@@ -200,7 +212,10 @@ class Run:
         if self._state is not None and self._outcome is not Outcome.COMPLETED:
             self._steps.cut(self._state.task.course, self._cause, self._stopped_at)
         self._enter("end")
-        return RunResult(self._outcome, self._cause, left, tuple(self._followed))
+        self.result = RunResult(self._outcome, self._cause, left, tuple(self._followed))
+        if cancelled is not None:
+            raise cancelled
+        return self.result
 
     def _limits(self) -> MotionLimits:
         """Limits of the movement: a stream holds when no decision comes for longer than one may last."""
@@ -227,25 +242,15 @@ class Run:
             self._trace(error)
             self._blame(self._in_step(str(error)))
             await self._retract(motion)
-        except (Exception, SystemExit) as error:
-            if of_others(error):
-                self._event(TRACEBACK_EVENT, traceback_of(error))
-                cause = f"code of another package ended the run: {failure(error)}"
-            else:
-                self._event(BUG_EVENT, traceback_of(error))
-                cause = f"a bug ended the run: {type(error).__name__}: {told(error)}"
-            self._blame(self._in_step(cause))
-            await self._retract(motion)
         except BaseException as error:
-            if by_others := of_others(error):  # a KeyboardInterrupt that a person did not ask for
-                self._event(TRACEBACK_EVENT, traceback_of(error))
-            self._blame(
-                f"code of another package ended the run: {failure(error)}"
-                if by_others
-                else "the run was cancelled"
-            )
+            if asked := is_asked(error):
+                self._blame("the run was cancelled")
+            else:
+                self._event(*failure_event(error))
+                self._blame(self._in_step(unexpected(error)))
             await self._retract(motion)
-            raise
+            if asked or not (isinstance(error, (Exception, SystemExit)) or of_others(error)):
+                raise
 
     def _in_step(self, cause: str) -> str:
         """Why the run stops, with the step of a program in which it does."""
@@ -264,13 +269,12 @@ class Run:
         course = None if self._state is None else self._state.task.course
         if course is not None and course.zero and self._sensor.peaks is not None:
             self._sensor.peaks.rezero(course.zero)
+        if self._state is None:  # it has come no farther than the way to the zero
+            self._sensor.peaks = self._zeroing.judge_at_rest()
         depth, force = await self._way_out.rest(origin, commanded, answers)
         limits = self._config.limits
         away = depth <= ARRIVED_M
         pressing = not force <= limits.weight_tolerance_n
-        if self._state is None:  # it has come no farther than the way to the zero
-            force = self._zeroing.contact_force
-            away, pressing = True, not force <= limits.weight_tolerance_n
         told = f"{force:.1f} N" if math.isfinite(force) else "an unknown force"
         if self._outcome is not Outcome.STOPPED and not away:
             where = (

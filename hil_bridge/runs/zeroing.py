@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 from hil_bridge.clock import Clock
 from hil_bridge.control import (
+    Peaks,
     Reading,
     Wrist,
     lift_fault,
@@ -19,6 +20,7 @@ from hil_bridge.control import (
     weight_fault,
     weight_reading,
 )
+from hil_bridge.control.geometry.wrist import NO_WRENCH
 from hil_bridge.errors import ConfigError, DeviceError, SafetyStop
 from hil_bridge.robots.seam import Motion, RobotLink, RobotReport
 from hil_bridge.runs.small_steps import LIFT_SPEED_M_S, SmallSteps, numbers, unit
@@ -104,6 +106,11 @@ class Zeroing:
         self._first: Reading
         self._before: Reading
         self._quaternion: Quaternion
+        self._taken_off: tuple[float, ...] | None = NO_WRENCH
+        """Contact wrench in the tool frame that the device's zero took off, N and N·m; None while that is not known."""
+
+        self._tared = False
+        """The device counts from its own zero."""
 
     async def weigh(self, start: RobotReport) -> None:
         """See that the sensor is at rest and reads the tool's weight, with nothing moving.
@@ -133,13 +140,20 @@ class Zeroing:
         told = "not told" if facts.full_scales is None else f"{numbers(facts.full_scales)} N, N·m"
         return f"full scales {told}{facts.model and f'; {facts.model}'}"
 
-    @property
-    def contact_force(self) -> float:
-        """Length of the contact force of the newest reading, N; NaN where the tool's weight is not known."""
-        if self._known is None:
-            return math.nan
-        force = self._known.contact_wrench(self._before.mean, self._quaternion, None)[:3].tolist()
-        return math.hypot(*force)
+    def judge_at_rest(self) -> Peaks | None:
+        """What tells the contact force of a frame from here on, beside the zero; None where it cannot be known.
+
+        It cannot be known without the tool's weight, and while the device may or may not have taken its zero.
+        """
+        if self._known is None or self._taken_off is None or not self._sensor.is_ready:
+            return None
+        frame, turned = self._config.frame, self._quaternion
+        wrist = self._known.at_orientation(
+            turned, turned if self._tared else None, frame.approach, frame.travel
+        )
+        peaks = Peaks(wrist, self._sensor.facts.scales)
+        peaks.rezero([-value for value in self._taken_off])
+        return peaks
 
     async def take(self, motion: Motion, start: RobotReport, interrupted: Callable[[], bool]) -> Zero | None:
         """Move away by `task.zero_lift_mm`, and take the zero there.
@@ -161,11 +175,13 @@ class Zeroing:
                     f"{zero.force:.1f} N would be taken for zero, allowed are {self._config.limits.zero_max_n:g} N "
                     "(limits.zero_max_n): free the tool, or let identify-tool find its weight and the sensor's bias"
                 )
+            self._taken_off = None
             try:
                 async with asyncio.timeout(ZERO_PATIENCE_S):
                     await self._sensor.tare()
                     await self._sensor.frame()
                 self._judge_zero()
+                self._taken_off, self._tared = contact, True
             except TimeoutError:
                 raise SafetyStop(
                     f"force sensor on {self._sensor.name} did not stream again within {ZERO_PATIENCE_S:g} s of its zero"

@@ -144,7 +144,7 @@ def test_a_force_that_fell_while_it_waited_is_tried_again() -> None:
     def force(at: float) -> float:
         return 80.0 if at < 2.5 else max(80.0 - 60.0 * (at - 2.5), 0.0)
 
-    passed, text = stages(held(force, lambda t: 5.0 * min(t, 1.0)))
+    passed, text = stages(held(force, lambda t: 5.0 * min(t, 1.5)))
     assert passed == [Stage.GOES, Stage.WAITS, Stage.SLOW, Stage.TRUSTED]
     assert text == ""
 
