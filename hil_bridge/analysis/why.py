@@ -75,6 +75,11 @@ _PARTS = (
         "the emulated cell, not a device",
         "the traceback below, which stands in the recording's events",
     ),
+    _Part(
+        r"the last gate stopped",
+        "the program itself",
+        "the recording, which shows the orders before; report it with the bug",
+    ),
     _Part(r"^a bug ended", "the program itself or the controller", "the traceback in the recording's events"),
     _Part(
         r"^no decision for",

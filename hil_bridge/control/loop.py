@@ -26,7 +26,7 @@ from hil_bridge.control.course.verdict import (
     SupervisorState,
     Verdict,
 )
-from hil_bridge.control.failing import Failed, failed_by, failed_to_answer
+from hil_bridge.control.failing import Failed, failed_by, failed_to_answer, farthest_answer
 from hil_bridge.control.geometry.turning import rotated
 from hil_bridge.control.program.program import Program
 from hil_bridge.control.program.state import Felt
@@ -369,13 +369,17 @@ class ControlLoop:
     ) -> tuple[TaskState, TaskOutput, Failed | None]:
         """The task's step, and what is wrong with its controller; None while nothing is.
 
-        A controller may come from another package: every error that it raises, and an answer that is not of numbers,
-        is its failure.
+        A controller may come from another package: every error that it raises, and an answer that is not of numbers
+        or cannot be meant, is its failure.
         """
         try:
             task, output = self._stepped(state, measurement, felt)
             command = output.command
-            if command is None or (math.isfinite(command.position) and math.isfinite(command.correction)):
+            if command is None or (
+                # false for what is no number; a sum with what is huge would lose where the tool is
+                abs(command.position - measurement.commanded) <= farthest_answer(self.supervisor.limits)
+                and math.isfinite(command.correction)
+            ):
                 return task, output, None
             failed = failed_to_answer(self.task.controller, command)
         except RAISED as error:

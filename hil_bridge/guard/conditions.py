@@ -7,6 +7,7 @@ from hil_bridge.control.course.conditions import (
     CLAMPS,
     CONFIGURATION,
     ENDS,
+    GATE,
     INTERRUPTED,
     STOPS,
     ConditionRow,
@@ -100,6 +101,7 @@ SHELL: tuple[ConditionRow, ...] = (
         Reaction.LEFT,
     ),
     ConditionRow("bug", "an exception that nothing expected", (), When.ALWAYS, Reaction.RETRACTS),
+    GATE,
     ConditionRow(
         "signal",
         "a signal that ends or stops a process, as SIGINT, SIGTERM or SIGTSTP; before the first order the run ends at "

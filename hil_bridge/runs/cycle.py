@@ -23,7 +23,7 @@ from hil_bridge.control import (
 )
 from hil_bridge.control.geometry.turning import apart, unit
 from hil_bridge.control.program.program import Program
-from hil_bridge.errors import BridgeError, DeviceError
+from hil_bridge.errors import BridgeError, DeviceError, GateStop
 from hil_bridge.failures import (
     TRACEBACK_EVENT,
     CodeFailed,
@@ -41,6 +41,7 @@ from hil_bridge.recording import (
     Outcome,
     StepRecord,
 )
+from hil_bridge.robots.gate import contradiction
 from hil_bridge.robots.seam import (
     Motion,
     MotionLimits,
@@ -48,6 +49,7 @@ from hil_bridge.robots.seam import (
     RobotReport,
     orientation_fault,
 )
+from hil_bridge.runs.bounds import run_bounds
 from hil_bridge.runs.causes import kind_of
 from hil_bridge.runs.cycle_record import cycle_record
 from hil_bridge.runs.leaving import ARRIVED_M, Left, WayOut, stand_still
@@ -195,7 +197,7 @@ class Run:
         cancelled: asyncio.CancelledError | None = None
         self._heart.start()
         try:
-            async with self._robot.motion(self._limits()) as motion:
+            async with self._robot.motion(self._limits(start)) as motion:
                 try:
                     await self._guarded(motion, start)
                 finally:
@@ -217,11 +219,12 @@ class Run:
             raise cancelled
         return self.result
 
-    def _limits(self) -> MotionLimits:
-        """Limits of the movement: a stream holds when no decision comes for longer than one may last."""
+    def _limits(self, start: RobotReport) -> MotionLimits:
+        """Limits of the movement from here: a stream holds when no decision comes for longer than one may last."""
         robot, limits, run = self._config.robot, self._config.limits, self._config.run
         hold_after, gain = (limits.cycle_deadline_ms + run.period_ms) * 1e-3, robot.acceleration_mm_s2 * 1e-3
-        return MotionLimits(robot.velocity_mm_s * 1e-3, hold_after, acceleration=gain)
+        bounds = run_bounds(self._config, self._robot.facts, self._loop.sample_time, self._turns, start.pose)
+        return MotionLimits(robot.velocity_mm_s * 1e-3, hold_after, acceleration=gain, bounds=bounds)
 
     async def _guarded(self, motion: Motion, start: RobotReport) -> None:
         """All between the start and the end of the movement sequence. Whatever ends it, the tool is retracted as far
@@ -339,6 +342,9 @@ class Run:
                 sent = await stand_still(motion)
             else:
                 self._orientation = decision.quaternion or self._orientation
+                origin, depth = self._start.pose.position, decision.target.depth
+                if stopped := contradiction(decision.position, origin, self._config.frame.approach, depth):
+                    raise GateStop(stopped)
                 sent = await motion.to(Pose(decision.position, self._orientation), soon=unpaced)
             state = self._state = after
             self._log.cycle(

@@ -134,7 +134,11 @@ STOPS: tuple[ConditionRow, ...] = (
         "limits.cycle_deadline_ms",
     ),
     _stop(Cause.INCONSISTENT, "depth and position of a command contradict each other, which is a bug"),
-    _stop(Cause.CONTROLLER, "the controller raised an exception, or answered with what is no number"),
+    _stop(
+        Cause.CONTROLLER,
+        "the controller raised an exception, or answered with what is no number, or with a place farther than the "
+        "workspace and the whole correction together",
+    ),
     _stop(
         Cause.OSCILLATION,
         "the force goes on swinging although the gain is at its least",
@@ -233,7 +237,26 @@ ENDS: tuple[ConditionRow, ...] = (
 )
 """Other conditions that end a run that can still decide."""
 
+GATE = ConditionRow(
+    Cause.GATE.value,
+    "the last gate stops an order: deeper, faster, farther or turned more than may be ordered, or no pose; this is a "
+    "bug",
+    (
+        "limits.correction_total_mm",
+        "limits.correction_mm_s",
+        "limits.travel_mm_s",
+        "limits.workspace_min_m",
+        "limits.workspace_max_m",
+        "limits.turn_deg_s",
+        "limits.turn_total_deg",
+    ),
+    When.ALWAYS,
+    Reaction.RETRACTS_OR_LEFT,
+    cause=Cause.GATE,
+)
+"""The condition of the last gate, which stands behind the supervisor."""
+
 BY_CAUSE: Mapping[Cause, tuple[ConditionRow, ...]] = {
-    cause: tuple(row for row in STOPS if row.cause is cause) for cause in Cause
+    cause: tuple(row for row in (*STOPS, GATE) if row.cause is cause) for cause in Cause
 }
 """The rows of each cause."""

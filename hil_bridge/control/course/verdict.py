@@ -29,6 +29,8 @@ class Cause(StrEnum):
     CONTROLLER = "controller"
     OSCILLATION = "oscillation"
     RETRACTION = "retraction"
+    GATE = "gate"
+    """The last gate stopped an order; see `hil_bridge.robots.gate`."""
 
 
 class Observation(Struct, frozen=True):
