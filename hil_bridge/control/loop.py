@@ -16,8 +16,6 @@ from hil_bridge.control.course.supervisor import Supervisor
 from hil_bridge.control.course.task import Phase, Target, Task, TaskOutput, TaskState
 from hil_bridge.control.course.verdict import (
     LEAVES,
-    SLOWLY,
-    WAITS,
     Cause,
     Clamp,
     Observation,
@@ -296,7 +294,7 @@ class ControlLoop:
             (before.depth, before.position) if isinstance(way, Stop) else (way.depth, way.position)
         )
         # Held back at the border of the workspace, a retraction has come as far as it can.
-        waits = isinstance(way, Clamp) and way.reasons in ((WAITS,), (SLOWLY,))
+        waits = isinstance(way, Clamp) and way.goes_on
         held = output.phase is _RETRACT and output.target.depth < before.depth <= depth and not waits
         if held and not output.cause:  # of a program, which has more to do
             output = replace(output, cause=_held(verdict, seen), failed=True)

@@ -52,7 +52,7 @@ from hil_bridge.robots.seam import (
 from hil_bridge.runs.bounds import run_bounds
 from hil_bridge.runs.causes import kind_of
 from hil_bridge.runs.cycle_record import cycle_record
-from hil_bridge.runs.leaving import ARRIVED_M, Left, WayOut, stand_still
+from hil_bridge.runs.leaving import ARRIVED_M, Left, WayOut, in_words, stand_still
 from hil_bridge.runs.pace import control_loop, cycle_starts
 from hil_bridge.runs.small_steps import bring_up
 from hil_bridge.runs.starting import check_start
@@ -277,8 +277,9 @@ class Run:
         depth, force = await self._way_out.rest(origin, commanded, answers)
         limits = self._config.limits
         away = depth <= ARRIVED_M
-        pressing = not force <= limits.weight_tolerance_n
-        told = f"{force:.1f} N" if math.isfinite(force) else "an unknown force"
+        saturated = bool(self._sensor.saturated)
+        pressing = saturated or not force <= limits.weight_tolerance_n
+        told = in_words(force, saturated)
         if self._outcome is not Outcome.STOPPED and not away:
             where = (
                 f"reports the tool {depth * 1e3:.1f} mm from the start"
@@ -293,7 +294,7 @@ class Run:
                 else "the sensor tells no force after the retraction"
             )
         because = kind_of(self._followed[-1] if self._followed else self._cause)
-        return Left(away and not pressing, depth, force, because).text
+        return Left(away and not pressing, depth, force, because, saturated).text
 
     async def _cycles(self, motion: Motion) -> None:
         """The cycles from the start point to the end of the retraction."""

@@ -113,6 +113,11 @@ class Clamp(Struct, frozen=True):
     """The same as a point in the base frame, m."""
     reasons: tuple[str, ...]
 
+    @property
+    def goes_on(self) -> bool:
+        """Whether it holds back a retraction that goes on later."""
+        return self.reasons in ((WAITS,), (SLOWLY,))
+
 
 class Stop(Struct, frozen=True):
     """Send nothing more: end the motion."""
