@@ -228,6 +228,7 @@ class ControlLoop:
             x * u + y * v + z * w,
             saturated=sample.saturated,
             dt=self.since(state.seen_at, sample.now),
+            against=0.0 if isinstance(self.task, Program) else sample.force_travel,
         )
         contour, before, felt = _NO_CONTOUR, state.task, None
         if isinstance(self.task, Program):
@@ -485,4 +486,5 @@ def _observe(sample: Sample, proposal: Proposal, output: TaskOutput) -> Observat
         sample.gap,
         proposal.measurement.dt,
         None if proposal.felt is None else proposal.felt.quaternion,
+        proposal.measurement.against,
     )

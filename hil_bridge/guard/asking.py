@@ -71,6 +71,8 @@ class Situation:
     """Time since then. By default it is the least line time of a cycle, and for orders the sample time of the
     controller.
     """
+    against_n: float = 0.0
+    """Contact force against the travel."""
     tilt_deg: float = 0.0
     """Turn of the reported orientation from that of the start."""
     gap_ms: float = 0.0
@@ -127,6 +129,7 @@ class Asked:
             saturated=seen.saturated,
             dead_axis=seen.dead_axis,
             fault=seen.fault,
+            force_travel=seen.against_n,
             peak_force=peak,
             peak_resultant=max(resultant, abs(peak)),
             peak_moment=seen.moment_nm,
@@ -147,7 +150,9 @@ class Asked:
             self._retreat(seen, resultant, depth) if seen.phase is Phase.RETRACT else None,
         )
         task = TaskState(seen.phase, in_contact=pressing)
-        measurement = Measurement(_NOW, force, depth, commanded, pressing, saturated=seen.saturated, dt=dt)
+        measurement = Measurement(
+            _NOW, force, depth, commanded, pressing, saturated=seen.saturated, dt=dt, against=seen.against_n
+        )
         task, output = self._output(task, measurement, seen)
         advice = Advice(Finding.PERSISTING, 1.0, True, seen.swing_n) if seen.swing_n else None
         proposal = Proposal(

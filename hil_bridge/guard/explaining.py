@@ -106,6 +106,7 @@ LOOSE: Mapping[str, Any] = {
             "limits.pull_limit_n",
             "limits.resultant_limit_n",
             "limits.moment_limit_nm",
+            "limits.against_travel_n",
             "limits.stale_after_ms",
             "limits.unanswered_mm",
             "limits.following_error_mm",

@@ -108,7 +108,8 @@ def control_loop(
             raise ConfigError(f"a {robot.kind} tells no cycle time of its own: set run.period_ms")
         check_period(config.run.period_ms * 1e-3 or robot.cycle_s, controller, config.controller.sample_ms)
     escape_mm_s = min(config.limits.escape_mm_s, config.robot.velocity_mm_s)
-    task = Task(config.task, controller, config.limits.force_limit_n, robot.order_step_m, escape_mm_s)
+    limits, step = config.limits, robot.order_step_m
+    task = Task(config.task, controller, limits.force_limit_n, step, escape_mm_s, limits.friction_share)
     return ControlLoop(
         program(config, task) if config.task.step else task,
         Supervisor(config.limits, config.robot.velocity_mm_s * 1e-3),

@@ -27,6 +27,7 @@ STOPPING = [
     (Cause.FORCE, Situation(peak_n=50.1), ("limits.force_limit_n",)),
     (Cause.RESULTANT_FORCE, Situation(resultant_n=100.1), ("limits.resultant_limit_n",)),
     (Cause.MOMENT, Situation(moment_nm=10.1), ("limits.moment_limit_nm",)),
+    (Cause.WALL, Situation(against_n=26.1), ("limits.against_travel_n",)),
     (Cause.SATURATED, Situation(saturated=True), ()),
     (Cause.STALE, Situation(age_ms=200.1), ("limits.stale_after_ms",)),
     (Cause.FROZEN, Situation(unchanged_ms=4001.0), ("limits.frozen_after_ms",)),

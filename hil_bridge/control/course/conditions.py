@@ -91,6 +91,12 @@ STOPS: tuple[ConditionRow, ...] = (
         "length of the moment vector about the tool frame's origin, of any frame since the decision before",
         "limits.moment_limit_nm",
     ),
+    _stop(
+        Cause.WALL,
+        "force against the travel of a plain run, beyond the friction of the contact force: something is in the way",
+        "limits.against_travel_n",
+        "limits.friction_share",
+    ),
     _stop(Cause.SATURATED, "an axis of the sensor was at the end of its range"),
     _stop(
         Cause.PULL,

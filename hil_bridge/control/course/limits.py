@@ -23,6 +23,14 @@ class Limits:
     """
     resultant_limit_n: float = 100.0
     """Length of the force vector above which the run stops: a collision from the side."""
+    against_travel_n: float = 20.0
+    """Force against the travel of a plain run, beyond friction, above which the run stops: a wall in its way. Chosen:
+    below the moment that such a force makes on a common tool before that stops the run.
+    """
+    friction_share: float = 0.6
+    """Share of the contact force that friction, or a slope, may bring up against the travel. Chosen: a slope of 17°
+    with a friction of 0.3.
+    """
     correction_mm_s: float = 11.0
     """Fastest that the command may go deeper. Chosen: 2 mm in a cycle of 180 ms."""
     correction_total_mm: float = 100.0
@@ -94,6 +102,7 @@ class Limits:
             "force_limit_n",
             "pull_limit_n",
             "resultant_limit_n",
+            "against_travel_n",
             "correction_mm_s",
             "correction_total_mm",
             "travel_mm_s",
@@ -114,7 +123,12 @@ class Limits:
             "escape_mm_s",
         )
         require_not_negative(
-            self, "force_margin_share", "retract_grace_ms", "retract_patience_s", "blind_retract_mm"
+            self,
+            "friction_share",
+            "force_margin_share",
+            "retract_grace_ms",
+            "retract_patience_s",
+            "blind_retract_mm",
         )
         if self.force_margin_share >= 1:
             raise ValueError(f"force_margin_share must be below 1, got {self.force_margin_share}")

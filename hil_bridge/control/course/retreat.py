@@ -75,9 +75,15 @@ def _advanced(limits: Limits, before: Retreat, seen: Observation) -> Retreat:
     return replace(before, lowest=min(before.lowest, resultant), depth=depth, front=front)
 
 
+def _ahead(seen: Observation) -> float:
+    """Force from where the tool was going: along the approach, and against the travel, from which it yields, N."""
+    return math.hypot(max(seen.force, 0.0), max(seen.against, 0.0))
+
+
 def _from_front(limits: Limits, seen: Observation) -> bool:
-    """Whether the force comes from the surface: along the approach, but for friction and noise."""
-    return seen.force >= _FRONT_SHARE * (seen.resultant - limits.retract_rise_n) and seen.force > 0.0
+    """Whether the force comes from there, but for friction and noise."""
+    ahead = _ahead(seen)
+    return ahead >= _FRONT_SHARE * (seen.resultant - limits.retract_rise_n) and ahead > 0.0
 
 
 def _no_way_back(limits: Limits, before: Retreat, after: Retreat, seen: Observation) -> str:
@@ -101,7 +107,7 @@ def _unanswered(limits: Limits, before: Retreat, seen: Observation) -> bool:
 
 def _pressed(limits: Limits, before: Retreat, after: Retreat, seen: Observation) -> tuple[Retreat, str]:
     """State of a tool that the surface presses, and why it must stand still."""
-    force, now = seen.force, seen.now
+    force, now = _ahead(seen), seen.now
     match before.stage:
         case Stage.GOES:
             over = force > limits.force_limit_n
@@ -129,7 +135,7 @@ def _pressed(limits: Limits, before: Retreat, after: Retreat, seen: Observation)
 
 def _waited(limits: Limits, after: Retreat, seen: Observation) -> Retreat:
     """State of a retraction that waits: first for the robot to come to rest, then for what the force does."""
-    waited, force = seen.now - after.since, seen.force
+    waited, force = seen.now - after.since, _ahead(seen)
     if waited <= _RESTS_S + 2.0 * after.dt:
         return replace(after, level=force)
     if force > after.level + limits.retract_rise_n:

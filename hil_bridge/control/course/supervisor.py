@@ -28,6 +28,7 @@ from hil_bridge.control.course.verdict import (
     SupervisorState,
     Verdict,
 )
+from hil_bridge.control.course.wall import beyond_friction
 from hil_bridge.control.geometry.turning import apart, unit
 from hil_bridge.errors import ConfigError
 from protocol.geometry import Quaternion, Vector
@@ -163,6 +164,13 @@ class Supervisor:
         if seen.peak_moment > limits.moment_limit_nm:
             text = f"moment {seen.peak_moment:.2f} N·m is beyond {limits.moment_limit_nm:g} N·m"
             return Stop(Cause.MOMENT, text)
+        wall = beyond_friction(seen.against, seen.force, limits.friction_share)
+        if wall > limits.against_travel_n:
+            text = (
+                f"a force of {seen.against:.1f} N against the travel is {wall:.1f} N more than friction, allowed are "
+                f"{limits.against_travel_n:g} N: something stands in the way"
+            )
+            return Stop(Cause.WALL, text)
         if seen.saturated:
             return Stop(Cause.SATURATED, "the force sensor is at the end of its range")
         if -seen.force > limits.pull_limit_n:

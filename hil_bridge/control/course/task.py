@@ -13,6 +13,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from hil_bridge.control.checks import require_above_zero, require_not_negative
+from hil_bridge.control.course.wall import way_back
 from hil_bridge.control.types import POSITION_STEP_MM, SAMPLE_MS, Command, Controller, Measurement, as_answer
 from hil_bridge.control.words.steps import ResumePoint, Step
 from protocol.geometry import Quaternion
@@ -201,6 +202,8 @@ class TaskState(Struct, frozen=True):
     """The controller's last estimate of the contact stiffness, N/m; kept for a program."""
     course: Any = None
     """State of the program; None for a task without one."""
+    yielded: float = 0.0
+    """Way that the tool has gone back along the travel while it retracts, m."""
 
 
 class TaskOutput(Struct, frozen=True):
@@ -240,6 +243,8 @@ class Task:
     """Step of the robot's position, m, in whole ones of which the tool moves; None for a robot that has none."""
     escape_mm_s: float = 0.0
     """Speed at which it goes back from a force beyond the limit, mm/s."""
+    friction_share: float = 0.0
+    """Share of the contact force that may come up against the travel by friction."""
 
     def initial(self) -> TaskState:
         """State at the start point, away from the surface."""
@@ -421,7 +426,9 @@ class Task:
         else:
             careful = min(step, self.careful_step(behind, measurement.dt))
             depth = max(commanded - max(careful, escape), goal)
-        state = replace(state, turn=turn)
+        step = self.way(parameters.retract_speed_mm_s, measurement.dt)
+        aside = way_back(measurement, state.yielded, step, self.friction_share)
+        state = replace(state, turn=turn, travel=state.travel - aside, yielded=state.yielded + aside)
         output = _output(state, depth, Phase.RETRACT)
         # A command that the supervisor held back at the workspace's border does not count as arrived.
         if commanded <= goal + _ROUNDING:

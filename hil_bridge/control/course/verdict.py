@@ -19,6 +19,7 @@ class Cause(StrEnum):
     PULL = "pull"
     RESULTANT_FORCE = "resultant-force"
     MOMENT = "moment"
+    WALL = "wall"
     SATURATED = "saturated"
     STALE = "stale"
     FROZEN = "frozen"
@@ -76,6 +77,8 @@ class Observation(Struct, frozen=True):
     """Time since the cycle before, as `Measurement.dt`, s."""
     quaternion: Quaternion | None = None
     """Reported orientation; None where it is not known."""
+    against: float = 0.0
+    """Contact force against the travel of a plain run, N; 0 where it is not known."""
 
 
 class Request(Struct, frozen=True):
