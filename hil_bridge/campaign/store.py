@@ -13,6 +13,7 @@ from typing import Any, Self, TypeVar
 import msgspec
 
 from hil_bridge.campaign.criteria import Criterion, Figures
+from hil_bridge.campaign.drawing import Draw
 from hil_bridge.campaign.plan import Case, Plan, code_version
 from hil_bridge.errors import ConfigError
 
@@ -57,6 +58,8 @@ class Done:
     """Time that it took on its core, s."""
     recording: str
     """File name of its recording; empty where none was left."""
+    table: str = "{}"
+    """What was laid over the configuration of its case, as JSON: its fault, or all that was drawn."""
 
     @property
     def passed(self) -> bool:
@@ -129,6 +132,7 @@ class Store:
             "code": code_version(),
             "seeds": json.dumps(plan.seeds),
             "cases_per_seed": str(plan.cases_per_seed),
+            "draw": "" if plan.draw is None else plan.draw.text,
             "criteria": json.dumps([[item.figure, item.wanted] for item in plan.criteria]),
         }
         rows = [
@@ -182,12 +186,17 @@ class Store:
         row = self._connection.execute("SELECT value FROM facts WHERE name = ?", (name,)).fetchone()
         return str(row[0]) if row else ""
 
+    def tell(self, name: str, value: str) -> None:
+        """Keep a fact; it replaces an earlier one of this name."""
+        with self._connection:
+            self._connection.execute("INSERT OR REPLACE INTO facts VALUES (?, ?)", (name, value))
+
     def put(self, done: Sequence[Done], cases: Sequence[Case]) -> None:
         """Keep runs, all or none of them; one that is kept already stays as it is."""
         code = code_version()
         rows = [
             (
-                run.key, run.number, cases[run.number].config_hash, code, cases[run.number].table,
+                run.key, run.number, cases[run.number].config_hash, code, run.table,
                 cases[run.number].phase, run.seed, run.outcome, run.cause, run.passed,
                 json.dumps(run.failed), _json(run.figures), run.wall_s, run.recording,
             )
@@ -222,7 +231,8 @@ class Store:
             )
             if (share := int(self.fact("cases_per_seed") or 0)) < 0:
                 raise ValueError(f"{share} cases for each seed")
-            return Plan(self.fact("name"), self.seeds(), cases, criteria, share)
+            draw = Draw.read(text) if (text := self.fact("draw")) else None
+            return Plan(self.fact("name"), self.seeds(), cases, criteria, share, draw)
 
     def seeds(self) -> tuple[int, ...]:
         """Seeds that the campaign has now; a later start may add some. Raises ConfigError."""
@@ -238,7 +248,7 @@ class Store:
         return list(self._read("WHERE rowid > ? ORDER BY rowid LIMIT ?", (row, most)))
 
     def _read(self, which: str, values: Iterable[object]) -> Iterator[tuple[int, Done]]:
-        columns = "key, number, seed, outcome, cause, failed, figures, wall_s, recording"
+        columns = "key, number, seed, outcome, cause, failed, figures, wall_s, recording, fault"
         with self._readable():
             cases = self._connection.execute("SELECT count(*) FROM cases").fetchone()[0]
             query = f"SELECT rowid, {columns} FROM runs {which}"

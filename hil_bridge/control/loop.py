@@ -11,6 +11,7 @@ from msgspec import Meta, Struct
 from msgspec.structs import replace
 
 from hil_bridge.control.course.contour import Contour, ContourState, normal_force
+from hil_bridge.control.course.following import Following, Trail
 from hil_bridge.control.course.oscillation import Advice, OscillationDetector, OscillationState
 from hil_bridge.control.course.supervisor import Supervisor
 from hil_bridge.control.course.task import Phase, Target, Task, TaskOutput, TaskState
@@ -101,6 +102,8 @@ class LoopState(Struct, frozen=True):
     contour: ContourState = ContourState()
     seen_at: float | None = None
     """`now` of the sample before, s; None before the first."""
+    trail: Trail = ()
+    """Depths that were ordered lately."""
 
 
 class Proposal(Struct, frozen=True):
@@ -174,6 +177,8 @@ class ControlLoop:
     """Estimates the surface's normal, along which the force is then controlled; None keeps the approach direction,
     as the paper does.
     """
+    following: Following | None = None
+    """Watches whether the robot goes where it is ordered to; None for a robot whose servo is not known."""
     sample_time: float = SAMPLE_MS * 1e-3
     """Sample time that the controller is tuned for, s; the first sample counts as that long."""
     fixed_dt: float | None = None
@@ -262,7 +267,7 @@ class ControlLoop:
         retracting only the limits of motion apply, and the force that the retraction itself makes.
         """
         task, output, advice = proposal.task, proposal.output, proposal.advice
-        seen, guard = _observe(sample, proposal, output), self._guard(output)
+        seen, guard, follows = _observe(sample, proposal, output), self._guard(output), self.following
         verdict: Verdict
         if output.phase is _RETRACT or output.phase is _END:
             request = self._request(state, output)
@@ -277,6 +282,9 @@ class ControlLoop:
         else:
             request = self._request(state, output, self._barrier(proposal))
             supervisor, verdict = guard.step(state.supervisor, seen, request)
+            strayed = "" if follows is None else follows.fault(state.trail, seen, guard.limits)
+            if strayed and not isinstance(verdict, Stop):
+                supervisor, verdict = guard.stop(state.supervisor, Cause.POSE, strayed)
         cause = _cause(state, output, verdict)
         way: Verdict = verdict
         if cause and output.phase is not _RETRACT:
@@ -299,7 +307,12 @@ class ControlLoop:
         held = output.phase is _RETRACT and output.target.depth < before.depth <= depth and not waits
         if held and not output.cause:  # of a program, which has more to do
             output = replace(output, cause=_held(verdict, seen), failed=True)
-        after = LoopState(state.start, task, supervisor, proposal.oscillation, proposal.contour, sample.now)
+        trail: Trail = ()
+        if follows is not None:
+            trail = follows.after(state.trail, (proposal.depth, depth), sample.now, sample.position_at)
+        after = LoopState(
+            state.start, task, supervisor, proposal.oscillation, proposal.contour, sample.now, trail
+        )
         return after, Decision(
             proposal.depth,
             proposal.measurement.force,

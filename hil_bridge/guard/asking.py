@@ -73,6 +73,8 @@ class Situation:
     """
     against_n: float = 0.0
     """Contact force against the travel."""
+    strayed_mm: float = 0.0
+    """Distance of the reported depth from all that was ordered lately."""
     tilt_deg: float = 0.0
     """Turn of the reported orientation from that of the start."""
     gap_ms: float = 0.0
@@ -165,7 +167,9 @@ class Asked:
             OscillationState(),
             ContourState(),
         )
-        _, decision = loop.judge(LoopState(start, task, supervisor), sample, proposal)
+        lately = depth + seen.strayed_mm * 1e-3
+        trail = ((_NOW, lately, lately),) if seen.strayed_mm else ()
+        _, decision = loop.judge(LoopState(start, task, supervisor, trail=trail), sample, proposal)
         return decision
 
     def force(self, seen: Situation) -> float:

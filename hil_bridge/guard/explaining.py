@@ -110,6 +110,7 @@ LOOSE: Mapping[str, Any] = {
             "limits.stale_after_ms",
             "limits.unanswered_mm",
             "limits.following_error_mm",
+            "limits.path_error_mm",
             "limits.tilt_deg",
             "limits.cycle_deadline_ms",
             "limits.correction_mm_s",

@@ -54,6 +54,7 @@ from hil_bridge.runs.causes import kind_of
 from hil_bridge.runs.cycle_record import cycle_record
 from hil_bridge.runs.leaving import ARRIVED_M, Left, WayOut, in_words, stand_still
 from hil_bridge.runs.pace import control_loop, cycle_starts
+from hil_bridge.runs.slow_cycles import SlowCycles
 from hil_bridge.runs.small_steps import bring_up
 from hil_bridge.runs.starting import check_start
 from hil_bridge.runs.steps_told import StepTeller
@@ -102,6 +103,8 @@ class RunResult:
     """Place at which the tool was left, in words; empty where it never moved."""
     followed: tuple[str, ...] = ()
     """Events after the first cause."""
+    rest: Left | None = None
+    """The same place as values; None where it never moved."""
 
 
 class Run:
@@ -210,11 +213,12 @@ class Run:
         finally:
             self._heart.stop()
             self.moving = False
-        left = await self._left(start, commanded, answers) if moved else ""
+        rest = await self._left(start, commanded, answers) if moved else None
         if self._state is not None and self._outcome is not Outcome.COMPLETED:
             self._steps.cut(self._state.task.course, self._cause, self._stopped_at)
         self._enter("end")
-        self.result = RunResult(self._outcome, self._cause, left, tuple(self._followed))
+        left = "" if rest is None else rest.text
+        self.result = RunResult(self._outcome, self._cause, left, tuple(self._followed), rest)
         if cancelled is not None:
             raise cancelled
         return self.result
@@ -266,8 +270,8 @@ class Run:
         self._enter(Phase.RETRACT)
         await self._way_out.retract(motion, self._state, self._orientation, self._blame)
 
-    async def _left(self, start: RobotReport, commanded: Vector, answers: bool) -> str:
-        """Where the tool was left, in words; a tool that is left pressing has not completed."""
+    async def _left(self, start: RobotReport, commanded: Vector, answers: bool) -> Left:
+        """Where the tool was left; a tool that is left pressing has not completed."""
         origin = (start if self._state is None else self._start).pose.position
         course = None if self._state is None else self._state.task.course
         if course is not None and course.zero and self._sensor.peaks is not None:
@@ -294,7 +298,7 @@ class Run:
                 else "the sensor tells no force after the retraction"
             )
         because = kind_of(self._followed[-1] if self._followed else self._cause)
-        return Left(away and not pressing, depth, force, because, saturated).text
+        return Left(away and not pressing, depth, force, because, saturated)
 
     async def _cycles(self, motion: Motion) -> None:
         """The cycles from the start point to the end of the retraction."""
@@ -303,7 +307,10 @@ class Run:
         track_ends = math.inf
         unpaced = not self._config.run.period_ms  # then an order is always followed by another at once
         period = self._config.run.period_ms * 1e-3
+        slow = SlowCycles(self._config)
         async for cycle, started_at in cycle_starts(self._clock, period, self._event):
+            if too_slow := slow.cycle(started_at):
+                self.fail(too_slow)
             if self._log_error is not None:
                 raise self._log_error
             commanded_before = state.supervisor.depth
@@ -391,14 +398,14 @@ class Run:
         now = self._clock.now()
         wrist = self._wrist_at(quaternion)
         wrench = wrist.contact_wrench(sensor.wrench(frame))
-        paired = sensor.wrench_at(report.pose_at + self._filter_delay)
+        paired = sensor.wrench_at(report.pose_at + self._filter_delay + sensor.late)
         # by place, in the order of the fields: by name every one costs as much as to read it
         return Sample(
             now,
             position,
             wrist.force_along(_APPROACH, wrench),
             math.hypot(wrench[0], wrench[1], wrench[2]),
-            frame.at,
+            frame.at - sensor.late,
             frame.sequence,
             sensor.repeated,
             saturated or bool(sensor.saturated),

@@ -66,6 +66,13 @@ class Left:
     """The sensor was at the end of its range, so that the force may be any above."""
 
     @property
+    def values(self) -> dict[str, bool | float | None]:
+        """The same as plain values, for the record; None for what is not known."""
+        depth = self.depth if math.isfinite(self.depth) else None
+        force = self.force if math.isfinite(self.force) and not self.saturated else None
+        return {"retracted": self.retracted, "depth_m": depth, "force_n": force}
+
+    @property
     def text(self) -> str:
         """The result in words, for the last line of a run."""
         force = in_words(self.force, self.saturated) if math.isfinite(self.force) else "force unknown"
@@ -155,7 +162,7 @@ class WayOut:
             now,
             force,
             resultant,
-            math.nan if newest is None else newest.at,
+            math.nan if newest is None else newest.at - sensor.late,
             0 if newest is None else newest.sequence,
             saturated=bool(sensor.saturated),
             pressing=state.task.in_contact,
@@ -199,6 +206,6 @@ class WayOut:
             self._sensor.check()
         except BridgeError:
             return math.nan
-        if newest is None or peaks is None or newest.at < since:
+        if newest is None or peaks is None or newest.at - self._sensor.late < since:
             return math.nan
         return peaks.resultant(newest.values)

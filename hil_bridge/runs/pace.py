@@ -20,6 +20,7 @@ from hil_bridge.control.program.resume import resumed
 from hil_bridge.control.types import Controller, Tuning
 from hil_bridge.errors import ConfigError
 from hil_bridge.facts import RobotFacts
+from hil_bridge.runs.reaction_times import following
 from hil_bridge.settings.configuration import Config
 from hil_bridge.settings.given import GivenController
 from hil_bridge.settings.kinds import facts_of, sensor_kind, settings_of
@@ -117,6 +118,7 @@ def control_loop(
         config.frame.travel,
         config.oscillation if config.limits.oscillation_guard else None,
         config.frame.contour if config.frame.follow_normal else None,
+        following(robot, max(config.run.period_ms * 1e-3, tuned)),
         tuned,
         fixed_dt,
     )

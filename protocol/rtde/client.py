@@ -395,7 +395,7 @@ def _faults(values: tuple[float, ...], moving: bool) -> str:
             return words
     if mode != RobotMode.RUNNING:
         return f"it is in the mode {name_of(RobotMode, mode)!r}; power it on and release its brakes"
-    if not bits & (SafetyBits.NORMAL | SafetyBits.REDUCED):
+    if not bits & _RUNS:
         return "it is stopped for safety; see the pendant, and begin again"
     if runtime != Runtime.PLAYING:
         return f"our program is {name_of(Runtime, runtime)}; begin again"
@@ -412,19 +412,23 @@ def _faults(values: tuple[float, ...], moving: bool) -> str:
     return ""
 
 
-_STOPS = (
-    (
-        SafetyBits.ROBOT_EMERGENCY_STOPPED
-        | SafetyBits.SYSTEM_EMERGENCY_STOPPED
-        | SafetyBits.EMERGENCY_STOPPED,
-        "emergency stop; release it, power the robot on, and begin again",
-    ),
-    (SafetyBits.VIOLATION | SafetyBits.FAULT, "safety violation or fault; restart its safety system"),
-    (
-        SafetyBits.PROTECTIVE_STOPPED,
-        "protective stop; see its cause, unlock it after 5 s at the pendant, and begin again",
-    ),
-    (SafetyBits.SAFEGUARD_STOPPED, "safeguard stop; close the safeguard, and begin again"),
-    (SafetyBits.RECOVERY, "recovery mode; move it back inside its safety limits by hand"),
+_RUNS = int(SafetyBits.NORMAL | SafetyBits.REDUCED)
+_STOPS = tuple(
+    (int(bits), words)
+    for bits, words in (
+        (
+            SafetyBits.ROBOT_EMERGENCY_STOPPED
+            | SafetyBits.SYSTEM_EMERGENCY_STOPPED
+            | SafetyBits.EMERGENCY_STOPPED,
+            "emergency stop; release it, power the robot on, and begin again",
+        ),
+        (SafetyBits.VIOLATION | SafetyBits.FAULT, "safety violation or fault; restart its safety system"),
+        (
+            SafetyBits.PROTECTIVE_STOPPED,
+            "protective stop; see its cause, unlock it after 5 s at the pendant, and begin again",
+        ),
+        (SafetyBits.SAFEGUARD_STOPPED, "safeguard stop; close the safeguard, and begin again"),
+        (SafetyBits.RECOVERY, "recovery mode; move it back inside its safety limits by hand"),
+    )
 )
-"""Stops, the gravest first, in words."""
+"""Bits of stops, the gravest first, in words. Plain numbers, for flags are slow to join."""

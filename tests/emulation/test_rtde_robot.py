@@ -1009,6 +1009,24 @@ def test_every_solution_holds_the_pose(model: str, joints: tuple[float, ...]) ->
     assert nearest(arm, Pose((9.0, 0.0, 0.0), pose.quaternion), USUAL) is None
 
 
+@given(
+    st.sampled_from(sorted(ARMS)),
+    st.tuples(*[st.floats(-3.0, 3.0)] * 6),
+    st.tuples(*[st.floats(-1.2, 1.2)] * 6),
+)
+def test_the_nearest_solution_is_the_nearest_of_all(
+    model: str, joints: tuple[float, ...], way: tuple[float, ...]
+) -> None:
+    arm = ARMS[model]
+    a, b, c, d, e, f = (joint + part**5 for joint, part in zip(joints, way, strict=True))
+    near = (a, b, c, d, e, f)
+    pose = flange(arm, joints)
+    found = nearest(arm, pose, near)
+    distances = [math.dist(each, near) for each in solutions(arm, pose, near)]
+    assert (found is None) == (not distances)
+    assert found is None or math.dist(found, near) == min(distances)
+
+
 # Times and places that the specification's model gives: 20, 50, 100, 200 and 400 ms after a step of 1.
 STEPS = [
     (0.10, 300.0, (0.0548, 0.2388, 0.5711, 0.9231, 1.0028)),

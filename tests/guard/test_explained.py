@@ -36,6 +36,7 @@ STOPPING = [
     (Cause.FROZEN, Situation(unanswered_mm=2.1), ("limits.unanswered_mm",)),
     (Cause.POSE, Situation(moved_mm=12.7), ("robot.velocity_mm_s",)),
     (Cause.POSE, Situation(depth_mm=20.0, commanded_mm=9.9), ("limits.following_error_mm",)),
+    (Cause.POSE, Situation(strayed_mm=0.5), ("limits.path_error_mm",)),
     (Cause.POSE, Situation(tilt_deg=2.1), ("limits.tilt_deg",)),
     (
         Cause.POSE,

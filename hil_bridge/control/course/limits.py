@@ -65,6 +65,10 @@ class Limits:
     """
     following_error_mm: float = 10.0
     """Distance between the reported and the commanded position above which the run stops."""
+    path_error_mm: float = 0.3
+    """Distance along the approach between the reported depth and all depths that were ordered in the time which the
+    robot takes for an order, above which the run stops. Chosen: some times what healthy robots were seen to reach.
+    """
     tilt_deg: float = 2.0
     """Turn of the reported orientation from the ordered one above which the run stops; a turn under way adds to it."""
     turn_deg_s: float = 10.0
@@ -73,6 +77,10 @@ class Limits:
     """Farthest that a program may tip the tool's axis from that of the start."""
     cycle_deadline_ms: float = 500.0
     """Time for which a decision may last, or the computer stand still; longer stops the run."""
+    cycle_max_ms: float = 500.0
+    """Time of a cycle above which the run stops, once three in a row took longer, and longer than two periods. Chosen:
+    a line of 4800 baud takes 375 ms, and the controllers are tuned for half of that.
+    """
     zero_max_n: float = 50.0
     """Largest force that may be taken for zero, beside the known weight of the tool and bias of the sensor."""
     weight_tolerance_n: float = 1.0
@@ -112,10 +120,12 @@ class Limits:
             "still_after_ms",
             "moment_limit_nm",
             "following_error_mm",
+            "path_error_mm",
             "tilt_deg",
             "turn_deg_s",
             "turn_total_deg",
             "cycle_deadline_ms",
+            "cycle_max_ms",
             "zero_max_n",
             "weight_tolerance_n",
             "weight_tolerance_nm",
