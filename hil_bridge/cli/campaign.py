@@ -237,6 +237,7 @@ def rerun(results: Path, key: str | None, seed: int | None, out: Path | None, ov
     from hil_bridge.campaign.plan import code_version
     from hil_bridge.campaign.store import Store
     from hil_bridge.recording.files import check_record_place
+    from hil_bridge.text_files import harmless
 
     if (key is None) == (seed is None):
         raise ConfigError("name either the KEY of a run or --seed N")
@@ -261,9 +262,10 @@ def rerun(results: Path, key: str | None, seed: int | None, out: Path | None, ov
         for done in found:
             case = plan.cases[done.number]
             ran = run_one(configured(Job(done.key, done.number, case.config, done.table, done.seed)))
-            click.echo(f"{done.key}: seed {done.seed}, {case.cell}, fault {case.fault} {case.phase}".rstrip())
+            text = f"{done.key}: seed {done.seed}, {case.cell}, fault {case.fault} {case.phase}"
+            click.echo(harmless(text.rstrip()))
             outcome = ran.figures["outcome"]
-            click.echo(f"  {outcome}{ran.cause and f', {ran.cause}'}")
+            click.echo(harmless(f"  {outcome}{ran.cause and f', {ran.cause}'}"))
             other = list(differences(done.figures, ran.figures))
             tell(f"  differs: {text}" for text in other)
             differing += bool(other)

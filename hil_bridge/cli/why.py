@@ -18,10 +18,11 @@ def why(recording: Path) -> None:
     from hil_bridge.analysis.why import tracebacks, why
     from hil_bridge.invariants.recorded import promises_broken
     from hil_bridge.recording import read_with_traffic
+    from hil_bridge.text_files import harmless
 
     record, _ = read_with_traffic(recording)
-    click.echo(why(record).replace("monitor FILE`", f"monitor {recording}`"))
+    click.echo(harmless(why(record).replace("monitor FILE`", f"monitor {recording}`")))
     for text in promises_broken(record):
-        click.echo(f"A promise was broken. {text}.")
+        click.echo(harmless(f"A promise was broken. {text}."))
     for trace in tracebacks(record):
-        click.echo(f"\n{trace.rstrip()}")
+        click.echo(harmless(f"\n{trace.rstrip()}"))

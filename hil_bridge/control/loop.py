@@ -10,6 +10,7 @@ from typing import Annotated
 from msgspec import Meta, Struct
 from msgspec.structs import replace
 
+from hil_bridge.control.course.answers import calmed, held_back
 from hil_bridge.control.course.contour import Contour, ContourState, normal_force
 from hil_bridge.control.course.following import Following, Trail
 from hil_bridge.control.course.oscillation import Advice, OscillationDetector, OscillationState
@@ -89,6 +90,10 @@ class Sample(Struct, frozen=True):
     """Reported orientation, tool in base, w x y z; empty in recordings of earlier versions."""
     held: bool = False
     """A person holds the tool in its place on the surface: the force is controlled, the way does not go on."""
+    witness: float | None = None
+    """Contact force along the approach direction as the robot itself feels it, from its own zero, N; None where it
+    tells none.
+    """
 
 
 class LoopState(Struct, frozen=True):
@@ -247,7 +252,7 @@ class ControlLoop:
         task, output, failed = self._decide(before, measurement, felt)
         oscillation, advice = self._watch(state.oscillation, measurement, output)
         if advice is not None and advice.factor < 1.0:
-            output = _calmed(output, measurement, advice)
+            output = calmed(output, measurement, advice)
         trace = "" if failed is None else failed.trace
         return Proposal(
             depth,
@@ -306,7 +311,7 @@ class ControlLoop:
         waits = isinstance(way, Clamp) and way.goes_on
         held = output.phase is _RETRACT and output.target.depth < before.depth <= depth and not waits
         if held and not output.cause:  # of a program, which has more to do
-            output = replace(output, cause=_held(verdict, seen), failed=True)
+            output = replace(output, cause=held_back(verdict, seen), failed=True)
         trail: Trail = ()
         if follows is not None:
             trail = follows.after(state.trail, (proposal.depth, depth), sample.now, sample.position_at)
@@ -330,7 +335,8 @@ class ControlLoop:
         """The supervisor with the limits of the step under way."""
         if not isinstance(self.task, Program):
             return self.supervisor
-        return Supervisor(self.task.row.legs[output.leg].limits, self.supervisor.speed)
+        guard = self.supervisor
+        return Supervisor(self.task.row.legs[output.leg].limits, guard.speed, guard.witness)
 
     def _barrier(self, proposal: Proposal) -> float:
         """Depth, m, at which the force limit less its margin is predicted. The prediction takes the stiffness in hand,
@@ -442,13 +448,6 @@ class ControlLoop:
         return Request(depth, target, self.approach, barrier, output.turned)
 
 
-def _calmed(output: TaskOutput, measurement: Measurement, advice: Advice) -> TaskOutput:
-    """The task's answer with the detector's factor on the change of command."""
-    change = output.target.depth - measurement.commanded
-    depth = measurement.commanded + advice.factor * change
-    return replace(output, target=replace(output.target, depth=depth))
-
-
 def _cause(state: LoopState, output: TaskOutput, verdict: Verdict) -> str:
     """Why the run must end; empty while it need not. An approach that is held in place would last for
     ever.
@@ -464,13 +463,6 @@ def _cause(state: LoopState, output: TaskOutput, verdict: Verdict) -> str:
             return f"the {output.phase} {LEAVES}"
         case _:
             return ""
-
-
-def _held(verdict: Verdict, seen: Observation) -> str:
-    """Why a retraction goes on no farther."""
-    if isinstance(verdict, Clamp) and LEAVES not in verdict.reasons:
-        return seen.fault or "the sensor tells no force to retract the tool by"
-    return "the workspace ends before the tool is retracted"
 
 
 def _observe(sample: Sample, proposal: Proposal, output: TaskOutput) -> Observation:
@@ -500,4 +492,5 @@ def _observe(sample: Sample, proposal: Proposal, output: TaskOutput) -> Observat
         proposal.measurement.dt,
         None if proposal.felt is None else proposal.felt.quaternion,
         proposal.measurement.against,
+        sample.witness,
     )

@@ -73,6 +73,10 @@ class Situation:
     """
     against_n: float = 0.0
     """Contact force against the travel."""
+    witness_n: float | None = None
+    """Force along the approach as the robot itself feels it; None where it tells none."""
+    disagreed_ms: float = 60_000.0
+    """Time for which that and the sensor have disagreed before; by default longer than they may."""
     strayed_mm: float = 0.0
     """Distance of the reported depth from all that was ordered lately."""
     tilt_deg: float = 0.0
@@ -138,6 +142,7 @@ class Asked:
             tilt=math.radians(seen.tilt_deg),
             gap=seen.gap_ms * 1e-3,
             unchanged=seen.unchanged_ms * 1e-3,
+            witness=seen.witness_n,
         )
         dt = loop.since(None if seen.cycle_ms is None else _NOW - seen.cycle_ms * 1e-3, _NOW)
         pressing = seen.phase is not Phase.APPROACH and force > config.task.loss_threshold_n
@@ -150,6 +155,7 @@ class Asked:
             None,
             (_NOW - self._cycle(seen), before),
             self._retreat(seen, resultant, depth) if seen.phase is Phase.RETRACT else None,
+            disagreed=seen.disagreed_ms * 1e-3,
         )
         task = TaskState(seen.phase, in_contact=pressing)
         measurement = Measurement(

@@ -109,6 +109,8 @@ LOOSE: Mapping[str, Any] = {
             "limits.against_travel_n",
             "limits.stale_after_ms",
             "limits.unanswered_mm",
+            "limits.witness_n",
+            "limits.witness_ms",
             "limits.following_error_mm",
             "limits.path_error_mm",
             "limits.tilt_deg",
@@ -146,6 +148,8 @@ def _value(config: Config, key: str) -> str:
     value: Any = config
     for name in key.split("."):
         value = getattr(value, name)
+    if value is None:
+        return "that of the robot's facts"
     if isinstance(value, tuple):
         return str(list(value))
     return str(value).lower() if isinstance(value, bool) else f"{value:g}"

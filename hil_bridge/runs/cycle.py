@@ -283,6 +283,9 @@ class Run:
         away = depth <= ARRIVED_M
         saturated = bool(self._sensor.saturated)
         pressing = saturated or not force <= limits.weight_tolerance_n
+        own = math.nan
+        if answers and self._loop.supervisor.witness is not None:
+            own = await self._zeroing.own_force.beside(force, self._loop.supervisor.witness, self._robot)
         told = in_words(force, saturated)
         if self._outcome is not Outcome.STOPPED and not away:
             where = (
@@ -297,8 +300,13 @@ class Run:
                 if math.isfinite(force)
                 else "the sensor tells no force after the retraction"
             )
+        elif self._outcome is not Outcome.STOPPED and math.isfinite(own):
+            self._blame(
+                f"the force sensor tells {told} after the retraction, the robot itself feels {own:.0f} N"
+            )
         because = kind_of(self._followed[-1] if self._followed else self._cause)
-        return Left(away and not pressing, depth, force, because, saturated)
+        free = away and not pressing and math.isnan(own)
+        return Left(free, depth, force, because, saturated, own)
 
     async def _cycles(self, motion: Motion) -> None:
         """The cycles from the start point to the end of the retraction."""
@@ -422,6 +430,7 @@ class Run:
             unchanged=frame.at - sensor.unchanged_since,
             quaternion=quaternion,
             held=self._held,
+            witness=self._zeroing.own_force.along(report),
         )
 
     def _frame(self) -> WrenchFrame:

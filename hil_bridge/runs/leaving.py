@@ -64,6 +64,8 @@ class Left:
     """Why it was not retracted."""
     saturated: bool = False
     """The sensor was at the end of its range, so that the force may be any above."""
+    own_force: float = math.nan
+    """Length of the force that the robot itself feels, N, where that is no ordinary difference; else NaN."""
 
     @property
     def values(self) -> dict[str, bool | float | None]:
@@ -76,6 +78,8 @@ class Left:
     def text(self) -> str:
         """The result in words, for the last line of a run."""
         force = in_words(self.force, self.saturated) if math.isfinite(self.force) else "force unknown"
+        if math.isfinite(self.own_force):
+            force += f" (the robot itself feels {self.own_force:.0f} N)"
         if self.retracted:
             return f"retracted, {force}"
         depth = f"{self.depth * 1e3:.1f} mm" if math.isfinite(self.depth) else "an unknown depth"

@@ -13,6 +13,7 @@ from typing import Any
 from hil_bridge.clock import Clock
 from hil_bridge.control import ControlLoop, Supervisor, Task, make_controller
 from hil_bridge.control.controllers import PERIOD_FACTOR, check_period, controller_kind, sample_time
+from hil_bridge.control.course.witness import witness_of
 from hil_bridge.control.program.felt import Face, WorkFrame
 from hil_bridge.control.program.legs import legs_of, seconds
 from hil_bridge.control.program.program import Program
@@ -111,9 +112,11 @@ def control_loop(
     escape_mm_s = min(config.limits.escape_mm_s, config.robot.velocity_mm_s)
     limits, step = config.limits, robot.order_step_m
     task = Task(config.task, controller, limits.force_limit_n, step, escape_mm_s, limits.friction_share)
+    own = robot.witness
+    witness = None if own is None else witness_of(config.limits, own.ordinary_n, own.delay_s)
     return ControlLoop(
         program(config, task) if config.task.step else task,
-        Supervisor(config.limits, config.robot.velocity_mm_s * 1e-3),
+        Supervisor(config.limits, config.robot.velocity_mm_s * 1e-3, witness),
         config.frame.approach,
         config.frame.travel,
         config.oscillation if config.limits.oscillation_guard else None,

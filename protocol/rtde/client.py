@@ -39,6 +39,8 @@ OUTPUT_NAMES = (
 """Output recipe of the client."""
 _STATES = 25
 """Place of `runtime_state` in the laid-out values; the pose stands from 1 on."""
+_FORCE = slice(13, 16)
+"""Place of the force of `actual_TCP_force`."""
 ANSWER_S = 1.0
 """How long the controller may take for an answer. Source: the time-out of UR's own Python client."""
 PLAY_S = 5.0
@@ -354,7 +356,10 @@ class RtdeClient:
             pose = Pose((math.nan,) * 3, (1.0, 0.0, 0.0, 0.0))
         if wrong := pose_fault(pose):
             fault = f"it reports {wrong}"
-        return RobotReport(self._number, pose, at, now, fault)
+        a, b, c = force = values[_FORCE]
+        # an arm that has no idea tells zeros
+        known = math.isfinite(a + b + c) and any(force)
+        return RobotReport(self._number, pose, at, now, fault, (), (a, b, c) if known else None)
 
     def _send(self, command: Command) -> None:
         if self._inputs is None or self._stage is _Stage.LOST:

@@ -31,7 +31,7 @@ from protocol.rtde.wires import Piece, Port
 
 T0 = 1000.25
 START = StartPose((0.9, -0.1, 0.6), (0.0, 1.0, 0.0, 0.0), 0.2)
-EXACT = RtdeProfile(noise_um=0.0, noise_urad=0.0, force_noise_n=0.0)
+EXACT = RtdeProfile(noise_um=0.0, noise_urad=0.0, force_noise_n=0.0, force_offset_n=0.0)
 DT = 0.002
 CONTROL = "def rtde_control():\n# float register offset\n0\n  while True:\n  end\nend\n"
 

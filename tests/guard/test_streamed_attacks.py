@@ -122,6 +122,7 @@ def test_a_stuck_sensor_is_seen_although_the_reported_orientation_jitters() -> N
             "sensor": {"emulated": "ft300"},
             "controller": {"sample_ms": 20},
             "task": {"retract_mm": 3.0},
+            "limits": {"witness_n": 0.0},  # the robot's own force would tell it earlier
             "cell": {"start_position_mm": [900.0, -100.0, 592.0]},
         },
         faults=[{"on": "signal", "fault": "stuck", "phase": "track", "after_s": 0.7}],

@@ -151,6 +151,12 @@ STOPS: tuple[ConditionRow, ...] = (
     ),
     _stop(Cause.INCONSISTENT, "depth and position of a command contradict each other, which is a bug"),
     _stop(
+        Cause.WITNESS,
+        "difference between the force sensor and the force that the robot itself feels, for a time, where it tells one",
+        "limits.witness_n",
+        "limits.witness_ms",
+    ),
+    _stop(
         Cause.CONTROLLER,
         "the controller raised an exception, or answered with what is no number, or with a place farther than the "
         "workspace and the whole correction together",

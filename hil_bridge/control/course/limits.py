@@ -63,6 +63,14 @@ class Limits:
     """Share of `force_limit_n` that stays free: no command goes deeper than where the stiffness in hand predicts the
     rest.
     """
+    witness_n: float | None = None
+    """Difference between the force sensor and the force that the robot itself feels, along the approach and each from
+    its zero, above which the run stops. By default what is ordinary for the robot by its facts; 0: never.
+    """
+    witness_ms: float = 100.0
+    """How long that difference may last, beside twice the delay of the robot's own force; half as long where it is
+    twice as large. Chosen: sensor and robot see a quick touch some tens of milliseconds apart.
+    """
     following_error_mm: float = 10.0
     """Distance between the reported and the commanded position above which the run stops."""
     path_error_mm: float = 0.3
@@ -139,7 +147,10 @@ class Limits:
             "retract_grace_ms",
             "retract_patience_s",
             "blind_retract_mm",
+            "witness_ms",
         )
+        if self.witness_n is not None:
+            require_not_negative(self, "witness_n")
         if self.force_margin_share >= 1:
             raise ValueError(f"force_margin_share must be below 1, got {self.force_margin_share}")
         for low, high in zip(self.workspace_min_m, self.workspace_max_m, strict=True):

@@ -21,6 +21,7 @@ class Cause(StrEnum):
     MOMENT = "moment"
     WALL = "wall"
     SATURATED = "saturated"
+    WITNESS = "witness"
     STALE = "stale"
     FROZEN = "frozen"
     SEQUENCE = "sequence"
@@ -79,6 +80,10 @@ class Observation(Struct, frozen=True):
     """Reported orientation; None where it is not known."""
     against: float = 0.0
     """Contact force against the travel of a plain run, N; 0 where it is not known."""
+    witness: float | None = None
+    """Force along the approach as the robot itself feels it, from its own zero, N, positive while pressing; None where
+    it tells none.
+    """
 
 
 class Request(Struct, frozen=True):
@@ -204,3 +209,5 @@ class SupervisorState(Struct, frozen=True):
     """Orientation from which the tilt counts; None before the tool was turned."""
     lag: float = 0.0
     """Turn that the robot may not have followed yet, rad."""
+    disagreed: float | None = None
+    """Weighted time for which force sensor and robot have disagreed, s; None while they agree."""
