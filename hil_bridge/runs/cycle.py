@@ -52,7 +52,7 @@ from hil_bridge.robots.seam import (
 from hil_bridge.runs.bounds import run_bounds
 from hil_bridge.runs.causes import kind_of
 from hil_bridge.runs.cycle_record import cycle_record
-from hil_bridge.runs.leaving import ARRIVED_M, Left, WayOut, in_words, stand_still
+from hil_bridge.runs.leaving import ARRIVED_M, Left, WayOut, in_words, not_away, stand_still
 from hil_bridge.runs.pace import control_loop, cycle_starts
 from hil_bridge.runs.slow_cycles import SlowCycles
 from hil_bridge.runs.small_steps import bring_up
@@ -288,12 +288,7 @@ class Run:
             own = await self._zeroing.own_force.beside(force, self._loop.supervisor.witness, self._robot)
         told = in_words(force, saturated)
         if self._outcome is not Outcome.STOPPED and not away:
-            where = (
-                f"reports the tool {depth * 1e3:.1f} mm from the start"
-                if math.isfinite(depth)
-                else "does not tell where the tool was left"
-            )
-            self._blame(f"the robot {where}, with {told}")
+            self._blame(not_away(depth, told))
         elif self._outcome is not Outcome.STOPPED and pressing:
             self._blame(
                 f"{told} after the retraction: the tool touches something, or the sensor's zero has changed"

@@ -51,6 +51,13 @@ def in_words(force: float, saturated: bool) -> str:
     return f"at least {force:.1f} N at the end of the sensor's range" if saturated else f"{force:.1f} N"
 
 
+def not_away(depth: float, force: str) -> str:
+    """Why a tool has not come back, from its depth below the start, m, and its force in words."""
+    if math.isfinite(depth):
+        return f"the robot reports the tool {depth * 1e3:.1f} mm from the start, with {force}"
+    return f"the robot does not tell where the tool was left, with {force}"
+
+
 @dataclass(frozen=True, slots=True)
 class Left:
     """Where the tool was left, as far as it is known."""
