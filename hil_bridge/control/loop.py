@@ -14,6 +14,7 @@ from hil_bridge.control.course.contour import Contour, ContourState, normal_forc
 from hil_bridge.control.course.oscillation import Advice, OscillationDetector, OscillationState
 from hil_bridge.control.course.supervisor import Supervisor
 from hil_bridge.control.course.task import Phase, Target, Task, TaskOutput, TaskState
+from hil_bridge.control.course.touch import Doubt
 from hil_bridge.control.course.verdict import (
     LEAVES,
     Cause,
@@ -34,6 +35,8 @@ from protocol.geometry import Quaternion, Vector
 
 # Asked for in every cycle, by names of this module: until Python 3.12 an enum's own name costs ten times that.
 _APPROACH, _TRACK, _RETRACT, _END = Phase.APPROACH, Phase.TRACK, Phase.RETRACT, Phase.END
+_FREE = (Phase.APPROACH, Phase.MOVE, Phase.SEEK)
+"""Phases in which the tool moves through free space until it touches."""
 LONGEST_SAMPLES = 2.0
 """Sample times that one sample counts for at most. Chosen: as far off as a control period may be."""
 _NO_CONTOUR, _NO_OSCILLATION = ContourState(), OscillationState()
@@ -88,6 +91,8 @@ class Sample(Struct, frozen=True):
     """Reported orientation, tool in base, w x y z; empty in recordings of earlier versions."""
     held: bool = False
     """A person holds the tool in its place on the surface: the force is controlled, the way does not go on."""
+    doubt: Annotated[int, Meta(ge=0, le=2)] = 0
+    """Why a touch that shows now must be proven: a number of `Doubt`."""
 
 
 class LoopState(Struct, frozen=True):
@@ -230,6 +235,8 @@ class ControlLoop:
             dt=self.since(state.seen_at, sample.now),
         )
         contour, before, felt = _NO_CONTOUR, state.task, None
+        if sample.doubt != before.doubt:
+            before = replace(before, doubt=Doubt(sample.doubt))
         if isinstance(self.task, Program):
             before, measurement, felt = self.task.sense(
                 before, measurement, self._felt(state, sample, measurement)
@@ -440,7 +447,8 @@ def _cause(state: LoopState, output: TaskOutput, verdict: Verdict) -> str:
         case Clamp(depth=depth, reasons=reasons) if (
             output.phase is _APPROACH and depth <= state.supervisor.depth
         ):
-            return f"no contact found: the approach {', '.join(reasons)}"
+            way = "the touch" if output.in_contact else "no contact found: the approach"
+            return f"{way} {', '.join(reasons)}"
         case Clamp(reasons=reasons) if output.phase in (Phase.MOVE, Phase.SEEK) and LEAVES in reasons:
             return f"the {output.phase} {LEAVES}"
         case _:
@@ -480,4 +488,5 @@ def _observe(sample: Sample, proposal: Proposal, output: TaskOutput) -> Observat
         sample.gap,
         proposal.measurement.dt,
         None if proposal.felt is None else proposal.felt.quaternion,
+        proposal.measurement.force if output.phase in _FREE and not output.in_contact else None,
     )

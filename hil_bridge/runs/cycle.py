@@ -19,6 +19,7 @@ from hil_bridge.control import (
     WristAtOrientation,
     turn_between,
 )
+from hil_bridge.control.course.zero import main_axes
 from hil_bridge.control.geometry.turning import apart, unit
 from hil_bridge.control.program.program import Program
 from hil_bridge.errors import BridgeError, DeviceError
@@ -60,8 +61,6 @@ BUG_EVENT = "bug"
 """Kind of the event whose text is the traceback of a bug."""
 TIME_IS_UP = "time is up"
 """Why a run ends that went as it was meant to."""
-MAIN_SHARE = 0.5
-"""Share of the approach direction on a sensor's axis from which that axis matters. Chosen: tilted by less than 60°."""
 TURNED_RAD = math.radians(0.05)
 """Chosen: turn of a tool that a program turns, below which its wrist counts as the same: 0.01 N of 10 N."""
 
@@ -379,12 +378,13 @@ class Run:
         now = self._clock.now()
         wrist = self._wrist_at(quaternion)
         wrench = wrist.contact_wrench(sensor.wrench(frame))
+        force = wrist.force_along(_APPROACH, wrench)
         paired = sensor.wrench_at(report.pose_at + self._filter_delay)
         # by place, in the order of the fields: by name every one costs as much as to read it
         return Sample(
             now,
             position,
-            wrist.force_along(_APPROACH, wrench),
+            force,
             math.hypot(wrench[0], wrench[1], wrench[2]),
             frame.at,
             frame.sequence,
@@ -403,6 +403,7 @@ class Run:
             unchanged=frame.at - sensor.unchanged_since,
             quaternion=quaternion,
             held=self._held,
+            doubt=int(self._zeroing.doubt(force)),
         )
 
     def _frame(self) -> WrenchFrame:
@@ -415,9 +416,8 @@ class Run:
         """Fault of a force axis that carries most of the controlled force, in words; empty while there is none."""
         if not self._sensor.dead:
             return ""
-        shares = self._wrist.seen_by_sensor(self._config.frame.approach, quaternion).tolist()
-        main = {k for k, share in enumerate(shares) if abs(share) >= MAIN_SHARE}
-        dead = [AXES[k] for k in sorted(main & set(self._sensor.dead))]
+        main = main_axes(self._wrist, self._config.frame.approach, quaternion)
+        dead = [AXES[k] for k in main if k in self._sensor.dead]
         text = (
             f"{' and '.join(dead)} of the force sensor did not change since the zero while other axes moved"
         )

@@ -6,6 +6,7 @@ from typing import ClassVar, TypeAlias
 
 from msgspec import Struct
 
+from hil_bridge.control.course.free_space import FreeSpace
 from hil_bridge.control.types import SAMPLE_MS
 from protocol.geometry import Quaternion, Vector
 
@@ -74,6 +75,10 @@ class Observation(Struct, frozen=True):
     """Time since the cycle before, as `Measurement.dt`, s."""
     quaternion: Quaternion | None = None
     """Reported orientation; None where it is not known."""
+    free_force: float | None = None
+    """Contact force along the approach direction from the newest zero while the tool moves through free space, N; None
+    elsewhere.
+    """
 
 
 class Request(Struct, frozen=True):
@@ -164,3 +169,5 @@ class SupervisorState(Struct, frozen=True):
     """Orientation from which the tilt counts; None before the tool was turned."""
     lag: float = 0.0
     """Turn that the robot may not have followed yet, rad."""
+    free: FreeSpace | None = None
+    """Watch over the sensor while the tool moves through free space; None elsewhere."""
