@@ -7,6 +7,7 @@ from hil_bridge.control.course.conditions import (
     CLAMPS,
     CONFIGURATION,
     ENDS,
+    GATE,
     INTERRUPTED,
     STOPS,
     ConditionRow,
@@ -108,10 +109,19 @@ SHELL: tuple[ConditionRow, ...] = (
         When.ALWAYS,
         Reaction.LEFT,
     ),
+    ConditionRow(
+        "slow-cycles",
+        "three cycles in a row took longer, and longer than two periods: the line to the robot is slow",
+        ("limits.cycle_max_ms", "run.period_ms"),
+        When.ALWAYS,
+        Reaction.RETRACTS,
+    ),
     ConditionRow("bug", "an exception that nothing expected", (), When.ALWAYS, Reaction.RETRACTS),
+    GATE,
     ConditionRow(
         "signal",
-        "SIGINT, SIGTERM, SIGHUP, SIGQUIT or SIGTSTP; before the first order the run ends at once",
+        "a signal that ends or stops a process, as SIGINT, SIGTERM or SIGTSTP; before the first order the run ends at "
+        "once",
         (),
         When.ALWAYS,
         Reaction.RETRACTS,

@@ -97,7 +97,11 @@ STOPS: tuple[ConditionRow, ...] = (
         "force along the approach away from the surface, from the zero",
         "limits.pull_limit_n",
     ),
-    _stop(Cause.STALE, "age of the newest frame", "limits.stale_after_ms"),
+    _stop(
+        Cause.STALE,
+        "age of the newest frame, with the time by which a stream came to be later than its quickest frames were",
+        "limits.stale_after_ms",
+    ),
     _stop(Cause.FROZEN, "how long frames carry identical counts on all axes", "limits.frozen_after_ms"),
     _stop(Cause.FROZEN, "time of the cycles without a new frame", "limits.still_after_ms"),
     _stop(
@@ -116,6 +120,12 @@ STOPS: tuple[ConditionRow, ...] = (
         "robot.velocity_mm_s",
     ),
     _stop(Cause.POSE, "distance of the reported from the commanded position", "limits.following_error_mm"),
+    _stop(
+        Cause.POSE,
+        "distance along the approach of the reported position from all that was ordered in the time that the robot "
+        "takes for an order, half of it added",
+        "limits.path_error_mm",
+    ),
     _stop(
         Cause.POSE,
         "turn of the reported orientation from the ordered one, beside what a robot may not have followed yet",
@@ -145,7 +155,17 @@ STOPS: tuple[ConditionRow, ...] = (
         "limits.unchanged_mm",
         "limits.stale_after_ms",
     ),
-    _stop(Cause.CONTROLLER, "the controller raised an exception, or answered with what is no number"),
+    _stop(
+        Cause.WITNESS,
+        "difference between the force sensor and the force that the robot itself feels, for a time, where it tells one",
+        "limits.witness_n",
+        "limits.witness_ms",
+    ),
+    _stop(
+        Cause.CONTROLLER,
+        "the controller raised an exception, or answered with what is no number, or with a place farther than the "
+        "workspace and the whole correction together",
+    ),
     _stop(
         Cause.OSCILLATION,
         "the force goes on swinging although the gain is at its least",
@@ -228,7 +248,26 @@ ENDS: tuple[ConditionRow, ...] = (
 )
 """Other conditions that end a run that can still decide."""
 
+GATE = ConditionRow(
+    Cause.GATE.value,
+    "the last gate stops an order: deeper, faster, farther or turned more than may be ordered, or no pose; this is a "
+    "bug",
+    (
+        "limits.correction_total_mm",
+        "limits.correction_mm_s",
+        "limits.travel_mm_s",
+        "limits.workspace_min_m",
+        "limits.workspace_max_m",
+        "limits.turn_deg_s",
+        "limits.turn_total_deg",
+    ),
+    When.ALWAYS,
+    Reaction.RETRACTS_OR_LEFT,
+    cause=Cause.GATE,
+)
+"""The condition of the last gate, which stands behind the supervisor."""
+
 BY_CAUSE: Mapping[Cause, tuple[ConditionRow, ...]] = {
-    cause: tuple(row for row in STOPS if row.cause is cause) for cause in Cause
+    cause: tuple(row for row in (*STOPS, GATE) if row.cause is cause) for cause in Cause
 }
 """The rows of each cause."""

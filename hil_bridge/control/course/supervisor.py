@@ -27,6 +27,7 @@ from hil_bridge.control.course.verdict import (
     SupervisorState,
     Verdict,
 )
+from hil_bridge.control.course.witness import Witness
 from hil_bridge.control.geometry.turning import apart, unit
 from hil_bridge.errors import ConfigError
 from protocol.geometry import Quaternion, Vector
@@ -39,6 +40,8 @@ class Supervisor:
     limits: Limits
     speed: float = math.inf
     """Path velocity that the robot is given, m/s: a reported position that moves faster is not true."""
+    witness: Witness | None = None
+    """The rule for the robot's own force; None where it tells none."""
 
     def initial(self, position: Vector, depth: float = 0.0) -> SupervisorState:
         """State for a robot that stands at this position in the base frame and at this depth, m.
@@ -57,11 +60,18 @@ class Supervisor:
             return state, state.stopped
         still = state.still + observation.dt if observation.sensor_sequence == state.sensor_sequence else 0.0
         pressed = _pressed(state.pressed, observation)
-        stop, free = self._first_fault(state, observation, request, still, pressed), None
+        disagreed = None
+        if self.witness is not None and observation.witness is not None:
+            disagreed = self.witness.disagreed(state.disagreed, observation)
+        stop = self._first_fault(state, observation, request, still, pressed)
+        if stop is None and disagreed and self.witness is not None:
+            text = self.witness.fault(disagreed, observation)
+            stop = Stop(Cause.WITNESS, text) if text else None
+        free = None
         if stop is None and observation.free_force is not None:
             free, stop = self._in_free_space(state, observation)
         if stop is not None:
-            return replace(state, still=still, pressed=pressed, stopped=stop), stop
+            return replace(state, still=still, pressed=pressed, stopped=stop, disagreed=disagreed), stop
         verdict = _clamp(self.limits, state, request, observation.dt)
         position = observation.position
         quaternion, home, lag = state.quaternion, state.home, state.lag
@@ -80,6 +90,7 @@ class Supervisor:
                 quaternion,
                 home,
                 lag,
+                disagreed,
                 free,
             ),
             verdict,

@@ -21,6 +21,7 @@ class Cause(StrEnum):
     RESULTANT_FORCE = "resultant-force"
     MOMENT = "moment"
     SATURATED = "saturated"
+    WITNESS = "witness"
     STALE = "stale"
     FROZEN = "frozen"
     SEQUENCE = "sequence"
@@ -30,6 +31,8 @@ class Cause(StrEnum):
     CONTROLLER = "controller"
     OSCILLATION = "oscillation"
     RETRACTION = "retraction"
+    GATE = "gate"
+    """The last gate stopped an order; see `hil_bridge.robots.gate`."""
 
 
 class Observation(Struct, frozen=True):
@@ -75,6 +78,10 @@ class Observation(Struct, frozen=True):
     """Time since the cycle before, as `Measurement.dt`, s."""
     quaternion: Quaternion | None = None
     """Reported orientation; None where it is not known."""
+    witness: float | None = None
+    """Force along the approach as the robot itself feels it, from its own zero, N, positive while pressing; None where
+    it tells none.
+    """
     free_force: float | None = None
     """Contact force along the approach direction from the newest zero while the tool moves through free space, N; None
     elsewhere.
@@ -169,5 +176,7 @@ class SupervisorState(Struct, frozen=True):
     """Orientation from which the tilt counts; None before the tool was turned."""
     lag: float = 0.0
     """Turn that the robot may not have followed yet, rad."""
+    disagreed: float | None = None
+    """Weighted time for which force sensor and robot have disagreed, s; None while they agree."""
     free: FreeSpace | None = None
     """Watch over the sensor while the tool moves through free space; None elsewhere."""
