@@ -166,10 +166,8 @@ def test_a_witness_that_agrees_again_begins_anew() -> None:
     assert RULE.disagreed(before, observed(0.0, 93.0)) == 0.0
 
 
-@pytest.mark.parametrize(
-    ("limits", "ordinary_n"), [({}, 12.0), ({"witness_n": 5.0}, 5.0), ({"witness_n": 0.0}, None)]
-)
-def test_the_setting_goes_before_the_facts(limits: dict[str, float], ordinary_n: float | None) -> None:
-    rule = witness_of(Limits(**limits), 12.0, 0.01)
+@pytest.mark.parametrize(("setting_n", "ordinary_n"), [(None, 12.0), (5.0, 5.0), (0.0, None)])
+def test_the_setting_goes_before_the_facts(setting_n: float | None, ordinary_n: float | None) -> None:
+    rule = witness_of(Limits(witness_n=setting_n), 12.0, 0.01)
     assert (None if rule is None else rule.ordinary_n) == ordinary_n
     assert rule is None or rule.lasting_s == pytest.approx(0.12)
