@@ -87,6 +87,12 @@ _PARTS = (
         "what else runs on that computer, and [realtime] of the configuration",
     ),
     _Part(
+        r"the robot itself feels",
+        f"{_SENSOR}, or something that touches {_ROBOT} beside the sensor",
+        "what the sensor reads when the tool is pressed by hand; hoses and cables of the tool; then the robot's own "
+        "force, with its axes and its zero",
+    ),
+    _Part(
         r"robot .*(sent nothing|not acknowledged|no answer|nothing came|answered a block|taken \d+ answers|closed"
         r"|link .* stopped|lost|noise)",
         f"the link to {_ROBOT}",

@@ -4,7 +4,7 @@ import asyncio
 from collections.abc import Callable, Coroutine
 from typing import Any, TypeAlias, TypeVar
 
-from hil_bridge.clock.polling import BusyPolling
+from hil_bridge.clock.polling import BusyPolling, WatchfulLoop, WatchfulSelector
 from hil_bridge.clock.virtual import VirtualLoop, VirtualTimeError, describe_tasks
 
 T = TypeVar("T")
@@ -29,8 +29,8 @@ def run_real(main: Main[T], busy_poll_s: float = 0.0) -> T:
 
 def run_real_on(main: Main[T], busy_poll_s: float, on_stray: Stray | None) -> T:
     """As `run_real`; `on_stray` takes what leaves the loop. Signals are then the caller's."""
-    factory = (lambda: asyncio.SelectorEventLoop(BusyPolling(busy_poll_s))) if busy_poll_s else None
-    with asyncio.Runner(loop_factory=factory) as runner:
+    selector = BusyPolling(busy_poll_s) if busy_poll_s else WatchfulSelector()
+    with asyncio.Runner(loop_factory=lambda: WatchfulLoop(selector)) as runner:
         return _ran(runner, _watched(main, []), on_stray)
 
 

@@ -10,7 +10,9 @@ from typing import Annotated
 from msgspec import Meta, Struct
 from msgspec.structs import replace
 
+from hil_bridge.control.course.answers import calmed, held_back
 from hil_bridge.control.course.contour import Contour, ContourState, normal_force
+from hil_bridge.control.course.following import Following, Trail
 from hil_bridge.control.course.oscillation import Advice, OscillationDetector, OscillationState
 from hil_bridge.control.course.supervisor import Supervisor
 from hil_bridge.control.course.task import Phase, Target, Task, TaskOutput, TaskState
@@ -88,6 +90,10 @@ class Sample(Struct, frozen=True):
     """Reported orientation, tool in base, w x y z; empty in recordings of earlier versions."""
     held: bool = False
     """A person holds the tool in its place on the surface: the force is controlled, the way does not go on."""
+    witness: float | None = None
+    """Contact force along the approach direction as the robot itself feels it, from its own zero, N; None where it
+    tells none.
+    """
 
 
 class LoopState(Struct, frozen=True):
@@ -101,6 +107,8 @@ class LoopState(Struct, frozen=True):
     contour: ContourState = ContourState()
     seen_at: float | None = None
     """`now` of the sample before, s; None before the first."""
+    trail: Trail = ()
+    """Depths that were ordered lately."""
 
 
 class Proposal(Struct, frozen=True):
@@ -174,6 +182,8 @@ class ControlLoop:
     """Estimates the surface's normal, along which the force is then controlled; None keeps the approach direction,
     as the paper does.
     """
+    following: Following | None = None
+    """Watches whether the robot goes where it is ordered to; None for a robot whose servo is not known."""
     sample_time: float = SAMPLE_MS * 1e-3
     """Sample time that the controller is tuned for, s; the first sample counts as that long."""
     fixed_dt: float | None = None
@@ -241,7 +251,7 @@ class ControlLoop:
         task, output, failed = self._decide(before, measurement, felt)
         oscillation, advice = self._watch(state.oscillation, measurement, output)
         if advice is not None and advice.factor < 1.0:
-            output = _calmed(output, measurement, advice)
+            output = calmed(output, measurement, advice)
         trace = "" if failed is None else failed.trace
         return Proposal(
             depth,
@@ -261,7 +271,7 @@ class ControlLoop:
         retracting only the limits of motion apply, and the force that the retraction itself makes.
         """
         task, output, advice = proposal.task, proposal.output, proposal.advice
-        seen, guard = _observe(sample, proposal, output), self._guard(output)
+        seen, guard, follows = _observe(sample, proposal, output), self._guard(output), self.following
         verdict: Verdict
         if output.phase is _RETRACT or output.phase is _END:
             request = self._request(state, output)
@@ -276,6 +286,9 @@ class ControlLoop:
         else:
             request = self._request(state, output, self._barrier(proposal))
             supervisor, verdict = guard.step(state.supervisor, seen, request)
+            strayed = "" if follows is None else follows.fault(state.trail, seen, guard.limits)
+            if strayed and not isinstance(verdict, Stop):
+                supervisor, verdict = guard.stop(state.supervisor, Cause.POSE, strayed)
         cause = _cause(state, output, verdict)
         way: Verdict = verdict
         if cause and output.phase is not _RETRACT:
@@ -296,8 +309,13 @@ class ControlLoop:
         # Held back at the border of the workspace, a retraction has come as far as it can.
         held = output.phase is _RETRACT and output.target.depth < before.depth <= depth
         if held and not output.cause:  # of a program, which has more to do
-            output = replace(output, cause=_held(verdict, seen), failed=True)
-        after = LoopState(state.start, task, supervisor, proposal.oscillation, proposal.contour, sample.now)
+            output = replace(output, cause=held_back(verdict, seen), failed=True)
+        trail: Trail = ()
+        if follows is not None:
+            trail = follows.after(state.trail, (proposal.depth, depth), sample.now, sample.position_at)
+        after = LoopState(
+            state.start, task, supervisor, proposal.oscillation, proposal.contour, sample.now, trail
+        )
         return after, Decision(
             proposal.depth,
             proposal.measurement.force,
@@ -315,7 +333,8 @@ class ControlLoop:
         """The supervisor with the limits of the step under way."""
         if not isinstance(self.task, Program):
             return self.supervisor
-        return Supervisor(self.task.row.legs[output.leg].limits, self.supervisor.speed)
+        guard = self.supervisor
+        return Supervisor(self.task.row.legs[output.leg].limits, guard.speed, guard.witness)
 
     def _barrier(self, proposal: Proposal) -> float:
         """Depth, m, at which the force limit less its margin is predicted. The prediction takes the stiffness in hand,
@@ -427,13 +446,6 @@ class ControlLoop:
         return Request(depth, target, self.approach, barrier, output.turned)
 
 
-def _calmed(output: TaskOutput, measurement: Measurement, advice: Advice) -> TaskOutput:
-    """The task's answer with the detector's factor on the change of command."""
-    change = output.target.depth - measurement.commanded
-    depth = measurement.commanded + advice.factor * change
-    return replace(output, target=replace(output.target, depth=depth))
-
-
 def _cause(state: LoopState, output: TaskOutput, verdict: Verdict) -> str:
     """Why the run must end; empty while it need not. An approach that is held in place would last for
     ever.
@@ -449,13 +461,6 @@ def _cause(state: LoopState, output: TaskOutput, verdict: Verdict) -> str:
             return f"the {output.phase} {LEAVES}"
         case _:
             return ""
-
-
-def _held(verdict: Verdict, seen: Observation) -> str:
-    """Why a retraction goes on no farther."""
-    if isinstance(verdict, Clamp) and LEAVES not in verdict.reasons:
-        return seen.fault or "the sensor tells no force to retract the tool by"
-    return "the workspace ends before the tool is retracted"
 
 
 def _observe(sample: Sample, proposal: Proposal, output: TaskOutput) -> Observation:
@@ -484,4 +489,5 @@ def _observe(sample: Sample, proposal: Proposal, output: TaskOutput) -> Observat
         sample.gap,
         proposal.measurement.dt,
         None if proposal.felt is None else proposal.felt.quaternion,
+        sample.witness,
     )

@@ -100,6 +100,13 @@ SHELL: tuple[ConditionRow, ...] = (
         When.ALWAYS,
         Reaction.LEFT,
     ),
+    ConditionRow(
+        "slow-cycles",
+        "three cycles in a row took longer, and longer than two periods: the line to the robot is slow",
+        ("limits.cycle_max_ms", "run.period_ms"),
+        When.ALWAYS,
+        Reaction.RETRACTS,
+    ),
     ConditionRow("bug", "an exception that nothing expected", (), When.ALWAYS, Reaction.RETRACTS),
     GATE,
     ConditionRow(

@@ -108,7 +108,10 @@ LOOSE: Mapping[str, Any] = {
             "limits.moment_limit_nm",
             "limits.stale_after_ms",
             "limits.unanswered_mm",
+            "limits.witness_n",
+            "limits.witness_ms",
             "limits.following_error_mm",
+            "limits.path_error_mm",
             "limits.tilt_deg",
             "limits.cycle_deadline_ms",
             "limits.correction_mm_s",
@@ -144,6 +147,8 @@ def _value(config: Config, key: str) -> str:
     value: Any = config
     for name in key.split("."):
         value = getattr(value, name)
+    if value is None:
+        return "that of the robot's facts"
     if isinstance(value, tuple):
         return str(list(value))
     return str(value).lower() if isinstance(value, bool) else f"{value:g}"

@@ -1,52 +1,16 @@
 """The bound of the true force for one configuration and the facts of its devices."""
 
-import math
-
-from hil_bridge.control.course.reaction import Reaction, bound_n, servo_lag
+from hil_bridge.control.course.reaction import bound_n
 from hil_bridge.control.types import SAMPLE_MS
 from hil_bridge.errors import ConfigError
-from hil_bridge.facts import Devices, Pacing, RobotFacts
+from hil_bridge.facts import Devices, RobotFacts
+from hil_bridge.runs.reaction_times import reaction
 from hil_bridge.settings.configuration import Config
-from protocol.wrench import SensorFacts
 
-WIRE_S = 0.0105
-"""Way of a frame from the sensor to the bridge. Chosen: that of the slowest sensor known, whose own 10 ms are assumed
-too, with its jitter.
-"""
-ASKED_S = 0.01
-"""Time between two frames of a sensor that tells no period. Chosen: that of the default stream."""
-STREAM_CYCLES = 2.0
-"""Cycles of a stream from a decision to its set point. Derived: one until the next packet asks for it, and one by which
-a set point that comes to rest at each target is behind.
-"""
 ANSWERED_SHARE = 1.2
 """Cycle of an asked robot over the time of its characters on the line. Derived: 187 ms, the longest of the paper's
 chain, over 156 ms.
 """
-
-
-def force_age(sensor: SensorFacts, wire_s: float = WIRE_S) -> float:
-    """How old a force may be when the frame that tells of it is looked at, s: at most, while all is well."""
-    return sensor.delay + (ASKED_S if sensor.period is None else sensor.period) + wire_s
-
-
-def robot_motion(robot: RobotFacts) -> float:
-    """From an order that the robot has to a tool that goes no deeper, s; infinite where its servo is not known."""
-    servo = robot.servo
-    if servo is None:
-        return math.inf
-    lag = servo_lag(servo.natural_frequency_rad_s, servo.damping_ratio)
-    return servo.interpolation_s + servo.transport_delay_s + lag
-
-
-def reaction(robot: RobotFacts, sensor: SensorFacts, cycle_s: float) -> Reaction:
-    """How long it takes to answer a force, with decisions every `cycle_s`, s: the longest cycle that is usual.
-
-    A robot that is asked has the order within the cycle of the decision.
-    """
-    streams = robot.pacing is Pacing.STREAMED and robot.cycle_s is not None
-    order_s = STREAM_CYCLES * (robot.cycle_s or 0.0) if streams else cycle_s
-    return Reaction(force_age(sensor), cycle_s, order_s, robot_motion(robot))
 
 
 def usual_cycle_s(config: Config, robot: RobotFacts) -> float:

@@ -23,7 +23,7 @@ from hil_bridge.control import (
 )
 from hil_bridge.control.geometry.turning import apart, unit
 from hil_bridge.control.program.program import Program
-from hil_bridge.errors import BridgeError, DeviceError, GateStop
+from hil_bridge.errors import BridgeError, DeviceError
 from hil_bridge.failures import (
     TRACEBACK_EVENT,
     CodeFailed,
@@ -41,7 +41,6 @@ from hil_bridge.recording import (
     Outcome,
     StepRecord,
 )
-from hil_bridge.robots.gate import contradiction
 from hil_bridge.robots.seam import (
     Motion,
     MotionLimits,
@@ -49,11 +48,12 @@ from hil_bridge.robots.seam import (
     RobotReport,
     orientation_fault,
 )
-from hil_bridge.runs.bounds import run_bounds
+from hil_bridge.runs.bounds import check_depth, run_bounds
 from hil_bridge.runs.causes import kind_of
 from hil_bridge.runs.cycle_record import cycle_record
 from hil_bridge.runs.leaving import ARRIVED_M, Left, WayOut, stand_still
 from hil_bridge.runs.pace import control_loop, cycle_starts
+from hil_bridge.runs.slow_cycles import SlowCycles
 from hil_bridge.runs.small_steps import bring_up
 from hil_bridge.runs.starting import check_start
 from hil_bridge.runs.steps_told import StepTeller
@@ -102,6 +102,8 @@ class RunResult:
     """Place at which the tool was left, in words; empty where it never moved."""
     followed: tuple[str, ...] = ()
     """Events after the first cause."""
+    rest: Left | None = None
+    """The same place as values; None where it never moved."""
 
 
 class Run:
@@ -210,11 +212,12 @@ class Run:
         finally:
             self._heart.stop()
             self.moving = False
-        left = await self._left(start, commanded, answers) if moved else ""
+        rest = await self._left(start, commanded, answers) if moved else None
         if self._state is not None and self._outcome is not Outcome.COMPLETED:
             self._steps.cut(self._state.task.course, self._cause, self._stopped_at)
         self._enter("end")
-        self.result = RunResult(self._outcome, self._cause, left, tuple(self._followed))
+        left = "" if rest is None else rest.text
+        self.result = RunResult(self._outcome, self._cause, left, tuple(self._followed), rest)
         if cancelled is not None:
             raise cancelled
         return self.result
@@ -266,8 +269,8 @@ class Run:
         self._enter(Phase.RETRACT)
         await self._way_out.retract(motion, self._state, self._orientation, self._blame)
 
-    async def _left(self, start: RobotReport, commanded: Vector, answers: bool) -> str:
-        """Where the tool was left, in words; a tool that is left pressing has not completed."""
+    async def _left(self, start: RobotReport, commanded: Vector, answers: bool) -> Left:
+        """Where the tool was left; a tool that is left pressing has not completed."""
         origin = (start if self._state is None else self._start).pose.position
         course = None if self._state is None else self._state.task.course
         if course is not None and course.zero and self._sensor.peaks is not None:
@@ -278,6 +281,9 @@ class Run:
         limits = self._config.limits
         away = depth <= ARRIVED_M
         pressing = not force <= limits.weight_tolerance_n
+        own = math.nan
+        if answers and self._loop.supervisor.witness is not None:
+            own = await self._zeroing.own_force.beside(force, self._loop.supervisor.witness, self._robot)
         told = f"{force:.1f} N" if math.isfinite(force) else "an unknown force"
         if self._outcome is not Outcome.STOPPED and not away:
             where = (
@@ -292,8 +298,12 @@ class Run:
                 if math.isfinite(force)
                 else "the sensor tells no force after the retraction"
             )
+        elif self._outcome is not Outcome.STOPPED and math.isfinite(own):
+            self._blame(
+                f"the force sensor tells {told} after the retraction, the robot itself feels {own:.0f} N"
+            )
         because = kind_of(self._followed[-1] if self._followed else self._cause)
-        return Left(away and not pressing, depth, force, because).text
+        return Left(away and not pressing and math.isnan(own), depth, force, because, own)
 
     async def _cycles(self, motion: Motion) -> None:
         """The cycles from the start point to the end of the retraction."""
@@ -302,7 +312,10 @@ class Run:
         track_ends = math.inf
         unpaced = not self._config.run.period_ms  # then an order is always followed by another at once
         period = self._config.run.period_ms * 1e-3
+        slow = SlowCycles(self._config)
         async for cycle, started_at in cycle_starts(self._clock, period, self._event):
+            if too_slow := slow.cycle(started_at):
+                self.fail(too_slow)
             if self._log_error is not None:
                 raise self._log_error
             commanded_before = state.supervisor.depth
@@ -342,9 +355,7 @@ class Run:
                 sent = await stand_still(motion)
             else:
                 self._orientation = decision.quaternion or self._orientation
-                origin, depth = self._start.pose.position, decision.target.depth
-                if stopped := contradiction(decision.position, origin, self._config.frame.approach, depth):
-                    raise GateStop(stopped)
+                check_depth(decision.position, self._start.pose, self._config, decision.target.depth)
                 sent = await motion.to(Pose(decision.position, self._orientation), soon=unpaced)
             state = self._state = after
             self._log.cycle(
@@ -390,14 +401,14 @@ class Run:
         now = self._clock.now()
         wrist = self._wrist_at(quaternion)
         wrench = wrist.contact_wrench(sensor.wrench(frame))
-        paired = sensor.wrench_at(report.pose_at + self._filter_delay)
+        paired = sensor.wrench_at(report.pose_at + self._filter_delay + sensor.late)
         # by place, in the order of the fields: by name every one costs as much as to read it
         return Sample(
             now,
             position,
             wrist.force_along(_APPROACH, wrench),
             math.hypot(wrench[0], wrench[1], wrench[2]),
-            frame.at,
+            frame.at - sensor.late,
             frame.sequence,
             sensor.repeated,
             saturated or bool(sensor.saturated),
@@ -414,6 +425,7 @@ class Run:
             unchanged=frame.at - sensor.unchanged_since,
             quaternion=quaternion,
             held=self._held,
+            witness=self._zeroing.own_force.along(report),
         )
 
     def _frame(self) -> WrenchFrame:

@@ -55,11 +55,22 @@ class Left:
     """Length of the contact force, N; NaN where it is not known."""
     because: str = ""
     """Why it was not retracted."""
+    own_force: float = math.nan
+    """Length of the force that the robot itself feels, N, where that is no ordinary difference; else NaN."""
+
+    @property
+    def values(self) -> dict[str, bool | float | None]:
+        """The same as plain values, for the record; None for what is not known."""
+        depth = self.depth if math.isfinite(self.depth) else None
+        force = self.force if math.isfinite(self.force) else None
+        return {"retracted": self.retracted, "depth_m": depth, "force_n": force}
 
     @property
     def text(self) -> str:
         """The result in words, for the last line of a run."""
         force = f"{self.force:.1f} N" if math.isfinite(self.force) else "force unknown"
+        if math.isfinite(self.own_force):
+            force += f" (the robot itself feels {self.own_force:.0f} N)"
         if self.retracted:
             return f"retracted, {force}"
         depth = f"{self.depth * 1e3:.1f} mm" if math.isfinite(self.depth) else "an unknown depth"
@@ -143,7 +154,7 @@ class WayOut:
             now,
             resultant,
             resultant,
-            math.nan if newest is None else newest.at,
+            math.nan if newest is None else newest.at - sensor.late,
             0 if newest is None else newest.sequence,
             saturated=bool(sensor.saturated),
             pressing=state.task.in_contact,
@@ -186,6 +197,6 @@ class WayOut:
             self._sensor.check()
         except BridgeError:
             return math.nan
-        if newest is None or peaks is None or newest.at < since:
+        if newest is None or peaks is None or newest.at - self._sensor.late < since:
             return math.nan
         return peaks.resultant(newest.values)

@@ -24,6 +24,7 @@ from hil_bridge.control.geometry.wrist import NO_WRENCH
 from hil_bridge.errors import ConfigError, DeviceError, SafetyStop
 from hil_bridge.robots.seam import Motion, RobotLink, RobotReport
 from hil_bridge.runs.small_steps import LIFT_SPEED_M_S, SmallSteps, numbers, unit
+from hil_bridge.runs.witness import OwnForce
 from hil_bridge.sensors.stream import ForceSensor
 from hil_bridge.settings.configuration import Config
 from protocol.geometry import Quaternion, Vector
@@ -103,6 +104,8 @@ class Zeroing:
         self._known = known_wrist(config)
         self._wrist = wrist(config)
         self._steps = SmallSteps(clock, robot, sensor)
+        self.own_force = OwnForce(config.frame.approach)
+        """The force that the robot itself feels, from where the zero is taken."""
         self._first: Reading
         self._before: Reading
         self._quaternion: Quaternion
@@ -218,6 +221,7 @@ class Zeroing:
             after = await self._steps.quiet()
             self._judge(after, start, away)
             self._before = after
+            self.own_force.stands(report)
         motion.speed = speed
         return report
 

@@ -32,9 +32,9 @@ from protocol.egm.messages import (
     decode_robot,
     encode_answer,
 )
-from protocol.egm.units import from_wire, rotation_vector, to_wire
+from protocol.egm.units import from_wire, rotated, rotation_vector, to_wire
 from protocol.endpoint import RemoteProtocolError
-from protocol.geometry import Pose
+from protocol.geometry import Pose, Vector
 from protocol.robot import ReportReceived, RobotReport, StreamEvent, StreamLost, StreamNotice
 
 _NUMBERS = 2**32
@@ -86,9 +86,11 @@ def fault_of(message: RobotMessage) -> str:
 class EgmClient:
     """A `protocol.robot.StreamClient` over datagrams; the robot speaks first."""
 
-    def __init__(self, cycle: float, feed_forward: bool = True) -> None:
-        """`cycle` is the time between two datagrams of the robot, s. With `feed_forward` answers carry a speed."""
-        self._cycle, self._feed_forward = cycle, feed_forward
+    def __init__(self, cycle: float, feed_forward: bool = True, force_axes: str = "tool") -> None:
+        """`cycle` is the time between two datagrams of the robot, s. With `feed_forward` answers carry a speed. The
+        measured force lies along the axes of the tool or of the base, or is not to be heeded (none).
+        """
+        self._cycle, self._feed_forward, self._force_axes = cycle, feed_forward, force_axes
         self._events: deque[StreamEvent] = deque(maxlen=_EVENTS_MAX)
         self._due = False
         """A datagram waits for its answer."""
@@ -217,7 +219,18 @@ class EgmClient:
             return
         self._again.append(distance == 0)
         pose = _NOWHERE if measured is None else from_wire(measured)
-        self._events.append(ReportReceived(RobotReport(number, pose, at, at, fault)))
+        force = self._measured_force(message.force, pose) if message.force else None
+        self._events.append(ReportReceived(RobotReport(number, pose, at, at, fault, (), force)))
+
+    def _measured_force(self, told: tuple[float, ...], pose: Pose) -> Vector | None:
+        """The robot's own force in the base frame, N; None where it tells none. Six zeros are none: no sensor is so
+        quiet.
+        """
+        if self._force_axes == "none" or len(told) < 3 or not any(told):
+            return None
+        a, b, c = told[:3]
+        force = (a, b, c) if self._force_axes == "base" else rotated(pose.quaternion, (a, b, c))
+        return force if all(map(math.isfinite, force)) else None
 
     def _misplaced(self, measured: PoseMm | None, planned: PoseMm | None, at: float) -> str:
         """Why the pose that is told outside of a movement is none to begin one at; empty where it is."""

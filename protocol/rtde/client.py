@@ -45,6 +45,8 @@ joints give way by when the tool presses.
 """
 STANDS_M_S = 1e-3
 """Chosen: an arm whose tool is slower stands."""
+_FORCE = slice(13, 16)
+"""Place of the force of `actual_TCP_force`."""
 ANSWER_S = 1.0
 """How long the controller may take for an answer. Source: the time-out of UR's own Python client."""
 PLAY_S = 5.0
@@ -362,7 +364,10 @@ class RtdeClient:
             fault = f"it reports {wrong}"
         elif not (active or fault):
             fault = _misplaced(values)
-        return RobotReport(self._number, pose, at, now, fault)
+        a, b, c = force = values[_FORCE]
+        # an arm that has no idea tells zeros
+        known = math.isfinite(a + b + c) and any(force)
+        return RobotReport(self._number, pose, at, now, fault, (), (a, b, c) if known else None)
 
     def _send(self, command: Command) -> None:
         if self._inputs is None or self._stage is _Stage.LOST:
@@ -403,7 +408,7 @@ def _faults(values: tuple[float, ...], moving: bool) -> str:
             return words
     if mode != RobotMode.RUNNING:
         return f"it is in the mode {name_of(RobotMode, mode)!r}; power it on and release its brakes"
-    if not bits & (SafetyBits.NORMAL | SafetyBits.REDUCED):
+    if not bits & _RUNS:
         return "it is stopped for safety; see the pendant, and begin again"
     if runtime != Runtime.PLAYING:
         return f"our program is {name_of(Runtime, runtime)}; begin again"
@@ -435,19 +440,23 @@ def _misplaced(values: tuple[float, ...]) -> str:
     )
 
 
-_STOPS = (
-    (
-        SafetyBits.ROBOT_EMERGENCY_STOPPED
-        | SafetyBits.SYSTEM_EMERGENCY_STOPPED
-        | SafetyBits.EMERGENCY_STOPPED,
-        "emergency stop; release it, power the robot on, and begin again",
-    ),
-    (SafetyBits.VIOLATION | SafetyBits.FAULT, "safety violation or fault; restart its safety system"),
-    (
-        SafetyBits.PROTECTIVE_STOPPED,
-        "protective stop; see its cause, unlock it after 5 s at the pendant, and begin again",
-    ),
-    (SafetyBits.SAFEGUARD_STOPPED, "safeguard stop; close the safeguard, and begin again"),
-    (SafetyBits.RECOVERY, "recovery mode; move it back inside its safety limits by hand"),
+_RUNS = int(SafetyBits.NORMAL | SafetyBits.REDUCED)
+_STOPS = tuple(
+    (int(bits), words)
+    for bits, words in (
+        (
+            SafetyBits.ROBOT_EMERGENCY_STOPPED
+            | SafetyBits.SYSTEM_EMERGENCY_STOPPED
+            | SafetyBits.EMERGENCY_STOPPED,
+            "emergency stop; release it, power the robot on, and begin again",
+        ),
+        (SafetyBits.VIOLATION | SafetyBits.FAULT, "safety violation or fault; restart its safety system"),
+        (
+            SafetyBits.PROTECTIVE_STOPPED,
+            "protective stop; see its cause, unlock it after 5 s at the pendant, and begin again",
+        ),
+        (SafetyBits.SAFEGUARD_STOPPED, "safeguard stop; close the safeguard, and begin again"),
+        (SafetyBits.RECOVERY, "recovery mode; move it back inside its safety limits by hand"),
+    )
 )
-"""Stops, the gravest first, in words."""
+"""Bits of stops, the gravest first, in words. Plain numbers, for flags are slow to join."""

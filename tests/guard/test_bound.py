@@ -10,8 +10,10 @@ import hil_bridge
 from emulators.arm.loops import PositionLoop
 from hil_bridge.control.course.reaction import bound_n, servo_lag
 from hil_bridge.facts import Pacing, RobotFacts, ServoFacts
-from hil_bridge.guard.force_bound import force_age, force_bound_n, reaction, robot_motion
+from hil_bridge.guard.force_bound import force_bound_n
 from hil_bridge.recording.device_facts import devices_of
+from hil_bridge.runs.reaction_times import force_age, reaction, robot_motion
+from hil_bridge.runs.slow_cycles import SlowCycles
 from hil_bridge.settings.configuration import read_config
 from protocol.wrench import SensorFacts
 
@@ -93,3 +95,35 @@ def test_the_true_force_stays_below_its_bound(robot: str, period_ms: float, stif
     longest_s = max(b - a for a, b in pairwise(starts))
     bound = force_bound_n(read_config(values), devices_of(recording), stiffness_n_m, longest_s)
     assert max(math.hypot(*truth.force) for truth in recording.truths) <= bound
+
+
+@pytest.mark.parametrize("ms", [30.0, 200.0])
+def test_a_slow_line_ends_the_run_before_it_touches(ms: float) -> None:
+    """Each byte comes so much later: a cycle takes 0.8 and 3.5 s."""
+    slow = {"on": "link", "fault": "delay", "phase": "connect", "for_s": 3600.0, "with": {"ms": ms}}
+    recording = hil_bridge.simulate(hit("s3", "jr3", 0.0, 5e4), faults=[slow]).recording
+    assert "the line to the robot is too slow" in recording.end["cause"]
+    assert max(math.hypot(*truth.force) for truth in recording.truths) == 0.0
+    assert recording.end["left"] == "retracted, 0.0 N"
+
+
+def cycles_of(*lengths_s: float, **more: Any) -> list[str]:
+    """Words on each begin of cycles that last so long."""
+    watch, now = SlowCycles(read_config(more)), 5.0
+    words = [watch.cycle(now)]
+    for length_s in lengths_s:
+        now += length_s
+        words.append(watch.cycle(now))
+    return words
+
+
+def test_some_slow_cycles_are_an_accident() -> None:
+    assert not any(cycles_of(0.2, 3.0, 3.0, 0.2, 3.0, 3.0))
+
+
+def test_three_slow_cycles_in_a_row_are_told_once() -> None:
+    assert [bool(words) for words in cycles_of(0.6, 0.6, 0.6, 0.6)] == [False, False, False, True, False]
+
+
+def test_a_slow_period_is_a_persons_choice() -> None:
+    assert not any(cycles_of(0.9, 0.9, 0.9, 0.9, run={"period_ms": 500.0}))

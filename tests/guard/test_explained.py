@@ -11,7 +11,7 @@ from hil_bridge.errors import ConfigError
 from hil_bridge.guard.asking import Asked, Situation
 from hil_bridge.guard.conditions import BEFORE, CONDITIONS, SHELL, as_text
 from hil_bridge.guard.explaining import LOOSE, explain
-from hil_bridge.settings.configuration import Config
+from hil_bridge.settings.configuration import Config, read_config
 
 CONFIG = Config()
 RETRACT = Phase.RETRACT
@@ -34,6 +34,7 @@ STOPPING = [
     (Cause.FROZEN, Situation(unanswered_mm=2.1), ("limits.unanswered_mm",)),
     (Cause.POSE, Situation(moved_mm=12.7), ("robot.velocity_mm_s",)),
     (Cause.POSE, Situation(depth_mm=20.0, commanded_mm=9.9), ("limits.following_error_mm",)),
+    (Cause.POSE, Situation(strayed_mm=0.5), ("limits.path_error_mm",)),
     (Cause.POSE, Situation(tilt_deg=2.1), ("limits.tilt_deg",)),
     (
         Cause.POSE,
@@ -79,8 +80,39 @@ def test_each_condition_stops_for_its_cause(
 
 def test_every_row_of_the_stops_has_its_situation() -> None:
     told = {row for _, situation, _ in STOPPING for row in explain(CONFIG, situation).rows}
-    # A request that contradicts itself is a bug that no observation makes.
-    assert set(STOPS) - told == set(BY_CAUSE[Cause.INCONSISTENT])
+    # A request that contradicts itself is a bug that no observation makes; an S3 feels no force itself.
+    assert set(STOPS) - told == {*BY_CAUSE[Cause.INCONSISTENT], *BY_CAUSE[Cause.WITNESS]}
+
+
+FEELING = read_config({"robot": {"emulated": "rtde"}, "sensor": {"emulated": "netft"}})
+"""A robot that feels a force itself."""
+
+
+@pytest.mark.parametrize(
+    ("witness_n", "disagreed_ms", "verdict"),
+    [
+        (93.0, 120.0, "stop"),
+        (93.0, 0.0, "allow"),
+        (21.9, 1e4, "allow"),
+        (22.1, 1e4, "stop"),
+        (-2.1, 1e4, "stop"),
+    ],
+)
+def test_a_robot_that_feels_otherwise_for_long_stops(
+    witness_n: float, disagreed_ms: float, verdict: str
+) -> None:
+    """The sensor tells 10 N, and 12 N of difference are ordinary for this robot."""
+    found = explain(FEELING, Situation(witness_n=witness_n, disagreed_ms=disagreed_ms))
+    assert found.verdict == verdict
+    if verdict == "stop":
+        assert found.cause is Cause.WITNESS
+        assert found.rows == BY_CAUSE[Cause.WITNESS]
+        assert {setting.partition(" = ")[0] for setting in found.settings} == set(found.rows[0].settings)
+
+
+def test_the_margin_of_a_robot_that_feels_otherwise_is_told() -> None:
+    (margin,) = (one for one in explain(FEELING, Situation(witness_n=14.0)).margins if one.name == "witness")
+    assert (margin.value, margin.limit) == (4.0, pytest.approx(12.0))
 
 
 @pytest.mark.parametrize(

@@ -97,7 +97,11 @@ STOPS: tuple[ConditionRow, ...] = (
         "force along the approach away from the surface, from the zero",
         "limits.pull_limit_n",
     ),
-    _stop(Cause.STALE, "age of the newest frame", "limits.stale_after_ms"),
+    _stop(
+        Cause.STALE,
+        "age of the newest frame, with the time by which a stream came to be later than its quickest frames were",
+        "limits.stale_after_ms",
+    ),
     _stop(Cause.FROZEN, "how long frames carry identical counts on all axes", "limits.frozen_after_ms"),
     _stop(Cause.FROZEN, "time of the cycles without a new frame", "limits.still_after_ms"),
     _stop(
@@ -118,6 +122,12 @@ STOPS: tuple[ConditionRow, ...] = (
     _stop(Cause.POSE, "distance of the reported from the commanded position", "limits.following_error_mm"),
     _stop(
         Cause.POSE,
+        "distance along the approach of the reported position from all that was ordered in the time that the robot "
+        "takes for an order, half of it added",
+        "limits.path_error_mm",
+    ),
+    _stop(
+        Cause.POSE,
         "turn of the reported orientation from the ordered one, beside what a robot may not have followed yet",
         "limits.tilt_deg",
     ),
@@ -134,6 +144,12 @@ STOPS: tuple[ConditionRow, ...] = (
         "limits.cycle_deadline_ms",
     ),
     _stop(Cause.INCONSISTENT, "depth and position of a command contradict each other, which is a bug"),
+    _stop(
+        Cause.WITNESS,
+        "difference between the force sensor and the force that the robot itself feels, for a time, where it tells one",
+        "limits.witness_n",
+        "limits.witness_ms",
+    ),
     _stop(
         Cause.CONTROLLER,
         "the controller raised an exception, or answered with what is no number, or with a place farther than the "

@@ -55,8 +55,20 @@ class Limits:
     """Share of `force_limit_n` that stays free: no command goes deeper than where the stiffness in hand predicts the
     rest.
     """
+    witness_n: float | None = None
+    """Difference between the force sensor and the force that the robot itself feels, along the approach and each from
+    its zero, above which the run stops. By default what is ordinary for the robot by its facts; 0: never.
+    """
+    witness_ms: float = 100.0
+    """How long that difference may last, beside twice the delay of the robot's own force; half as long where it is
+    twice as large. Chosen: sensor and robot see a quick touch some tens of milliseconds apart.
+    """
     following_error_mm: float = 10.0
     """Distance between the reported and the commanded position above which the run stops."""
+    path_error_mm: float = 0.3
+    """Distance along the approach between the reported depth and all depths that were ordered in the time which the
+    robot takes for an order, above which the run stops. Chosen: some times what healthy robots were seen to reach.
+    """
     tilt_deg: float = 2.0
     """Turn of the reported orientation from the ordered one above which the run stops; a turn under way adds to it."""
     turn_deg_s: float = 10.0
@@ -65,6 +77,10 @@ class Limits:
     """Farthest that a program may tip the tool's axis from that of the start."""
     cycle_deadline_ms: float = 500.0
     """Time for which a decision may last, or the computer stand still; longer stops the run."""
+    cycle_max_ms: float = 500.0
+    """Time of a cycle above which the run stops, once three in a row took longer, and longer than two periods. Chosen:
+    a line of 4800 baud takes 375 ms, and the controllers are tuned for half of that.
+    """
     zero_max_n: float = 50.0
     """Largest force that may be taken for zero, beside the known weight of the tool and bias of the sensor."""
     weight_tolerance_n: float = 1.0
@@ -97,18 +113,27 @@ class Limits:
             "still_after_ms",
             "moment_limit_nm",
             "following_error_mm",
+            "path_error_mm",
             "tilt_deg",
             "turn_deg_s",
             "turn_total_deg",
             "cycle_deadline_ms",
+            "cycle_max_ms",
             "zero_max_n",
             "weight_tolerance_n",
             "weight_tolerance_nm",
             "retract_rise_n",
         )
         require_not_negative(
-            self, "force_margin_share", "retract_grace_ms", "retract_patience_s", "blind_retract_mm"
+            self,
+            "force_margin_share",
+            "retract_grace_ms",
+            "retract_patience_s",
+            "blind_retract_mm",
+            "witness_ms",
         )
+        if self.witness_n is not None:
+            require_not_negative(self, "witness_n")
         if self.force_margin_share >= 1:
             raise ValueError(f"force_margin_share must be below 1, got {self.force_margin_share}")
         for low, high in zip(self.workspace_min_m, self.workspace_max_m, strict=True):

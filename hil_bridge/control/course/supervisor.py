@@ -26,6 +26,7 @@ from hil_bridge.control.course.verdict import (
     SupervisorState,
     Verdict,
 )
+from hil_bridge.control.course.witness import Witness
 from hil_bridge.control.geometry.turning import apart, unit
 from hil_bridge.errors import ConfigError
 from protocol.geometry import Quaternion, Vector
@@ -38,6 +39,8 @@ class Supervisor:
     limits: Limits
     speed: float = math.inf
     """Path velocity that the robot is given, m/s: a reported position that moves faster is not true."""
+    witness: Witness | None = None
+    """The rule for the robot's own force; None where it tells none."""
 
     def initial(self, position: Vector, depth: float = 0.0) -> SupervisorState:
         """State for a robot that stands at this position in the base frame and at this depth, m.
@@ -56,9 +59,15 @@ class Supervisor:
             return state, state.stopped
         still = state.still + observation.dt if observation.sensor_sequence == state.sensor_sequence else 0.0
         pressed = _pressed(state.pressed, observation)
+        disagreed = None
+        if self.witness is not None and observation.witness is not None:
+            disagreed = self.witness.disagreed(state.disagreed, observation)
         stop = self._first_fault(state, observation, request, still, pressed)
+        if stop is None and disagreed and self.witness is not None:
+            text = self.witness.fault(disagreed, observation)
+            stop = Stop(Cause.WITNESS, text) if text else None
         if stop is not None:
-            return replace(state, still=still, pressed=pressed, stopped=stop), stop
+            return replace(state, still=still, pressed=pressed, stopped=stop, disagreed=disagreed), stop
         verdict = _clamp(self.limits, state, request, observation.dt)
         position = observation.position
         quaternion, home, lag = state.quaternion, state.home, state.lag
@@ -77,6 +86,7 @@ class Supervisor:
                 quaternion,
                 home,
                 lag,
+                disagreed,
             ),
             verdict,
         )

@@ -20,6 +20,7 @@ class Cause(StrEnum):
     RESULTANT_FORCE = "resultant-force"
     MOMENT = "moment"
     SATURATED = "saturated"
+    WITNESS = "witness"
     STALE = "stale"
     FROZEN = "frozen"
     SEQUENCE = "sequence"
@@ -76,6 +77,10 @@ class Observation(Struct, frozen=True):
     """Time since the cycle before, as `Measurement.dt`, s."""
     quaternion: Quaternion | None = None
     """Reported orientation; None where it is not known."""
+    witness: float | None = None
+    """Force along the approach as the robot itself feels it, from its own zero, N, positive while pressing; None where
+    it tells none.
+    """
 
 
 class Request(Struct, frozen=True):
@@ -166,3 +171,5 @@ class SupervisorState(Struct, frozen=True):
     """Orientation from which the tilt counts; None before the tool was turned."""
     lag: float = 0.0
     """Turn that the robot may not have followed yet, rad."""
+    disagreed: float | None = None
+    """Weighted time for which force sensor and robot have disagreed, s; None while they agree."""
