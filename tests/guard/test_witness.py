@@ -6,10 +6,12 @@ from typing import Any
 
 import pytest
 
+import hil_bridge
 from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.course.verdict import Observation
 from hil_bridge.control.course.witness import Witness, witness_of
 from hil_bridge.recording import Outcome
+from hil_bridge.runs.replay import recorded_config, replay
 from hil_bridge.settings.configuration import Config, read_config
 
 Guarded = Any
@@ -118,6 +120,15 @@ def test_a_tool_that_the_robot_still_feels_pressed_is_not_told_as_retracted(guar
     assert "after the retraction, the robot itself feels 93 N" in run.cause
     assert run.result.left.startswith("NOT retracted: left at ")
     assert "(the robot itself feels 93 N)" in run.result.left
+
+
+def test_a_stop_by_the_witness_is_decided_alike_in_a_replay() -> None:
+    config = feeling("rtde", 5e3, fault("signal", "dead", "track"), run={"duration_s": 1.0})
+    recording = hil_bridge.simulate(config).recording
+    assert "the robot itself feels" in recording.end["cause"]
+    again = list(replay(recording, recorded_config(recording, {}), forced=False))
+    assert len(again) == len(recording.cycles)
+    assert not any(cycle.differences for cycle in again)
 
 
 RULE = Witness(12.0, 0.1)
