@@ -24,7 +24,7 @@ from hil_bridge.control import (
 from hil_bridge.control.course.zero import main_axes
 from hil_bridge.control.geometry.turning import apart, unit
 from hil_bridge.control.program.program import Program
-from hil_bridge.errors import BridgeError, DeviceError, GateStop
+from hil_bridge.errors import BridgeError, DeviceError
 from hil_bridge.failures import (
     TRACEBACK_EVENT,
     CodeFailed,
@@ -42,7 +42,6 @@ from hil_bridge.recording import (
     Outcome,
     StepRecord,
 )
-from hil_bridge.robots.gate import contradiction
 from hil_bridge.robots.seam import (
     Motion,
     MotionLimits,
@@ -50,7 +49,7 @@ from hil_bridge.robots.seam import (
     RobotReport,
     orientation_fault,
 )
-from hil_bridge.runs.bounds import run_bounds
+from hil_bridge.runs.bounds import check_depth, run_bounds
 from hil_bridge.runs.causes import kind_of
 from hil_bridge.runs.cycle_record import cycle_record
 from hil_bridge.runs.leaving import ARRIVED_M, Left, WayOut, stand_still
@@ -160,7 +159,7 @@ class Run:
         self._interrupted = True
 
     def fail(self, cause: str) -> None:
-        """Retract from the next cycle on, and end, because of a failure beside the cycles."""
+        """Retract from the next cycle on, and end, because of a failure beside the cycles; nothing without a cause."""
         self._failed = self._failed or cause
 
     def hold(self) -> bool:
@@ -314,8 +313,7 @@ class Run:
         period = self._config.run.period_ms * 1e-3
         slow = SlowCycles(self._config)
         async for cycle, started_at in cycle_starts(self._clock, period, self._event):
-            if too_slow := slow.cycle(started_at):
-                self.fail(too_slow)
+            self.fail(slow.cycle(started_at))
             if self._log_error is not None:
                 raise self._log_error
             commanded_before = state.supervisor.depth
@@ -355,9 +353,7 @@ class Run:
                 sent = await stand_still(motion)
             else:
                 self._orientation = decision.quaternion or self._orientation
-                origin, depth = self._start.pose.position, decision.target.depth
-                if stopped := contradiction(decision.position, origin, self._config.frame.approach, depth):
-                    raise GateStop(stopped)
+                check_depth(decision.position, self._start.pose, self._config, decision.target.depth)
                 sent = await motion.to(Pose(decision.position, self._orientation), soon=unpaced)
             state = self._state = after
             self._log.cycle(
@@ -397,9 +393,8 @@ class Run:
         peak_force, peak_resultant, peak_moment, saturated = sensor.peaks.take()
         if orientation_fault(quaternion):
             quaternion = self._start.pose.quaternion  # the fault says so
-        _, tilt = (
-            (None, 0.0) if quaternion == self._orientation else turn_between(self._orientation, quaternion)
-        )
+        ordered = self._orientation
+        tilt = 0.0 if quaternion == ordered else turn_between(ordered, quaternion)[1]
         now = self._clock.now()
         wrist = self._wrist_at(quaternion)
         wrench = wrist.contact_wrench(sensor.wrench(frame))
@@ -460,9 +455,8 @@ class Run:
 
     def _is_another(self, known: Quaternion, quaternion: Quaternion) -> bool:
         """Whether the wrist is to be made again: while a program turns the tool, not for every hair."""
-        if not self._turns:
-            return known != quaternion
-        return known != quaternion and apart(unit(known), unit(quaternion)) > TURNED_RAD
+        near = self._turns and apart(unit(known), unit(quaternion)) <= TURNED_RAD
+        return known != quaternion and not near
 
     def _blame(self, cause: str) -> None:
         """Stop for this cause, or note what followed the first one. A failure that is not answered yet goes first."""

@@ -1,7 +1,10 @@
 """The bound of the true force: by arithmetic, and over robots, sensors and periods while nothing is wrong."""
 
+import json
 import math
+import runpy
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -9,6 +12,7 @@ import pytest
 import hil_bridge
 from emulators.arm.loops import PositionLoop
 from hil_bridge.control.course.reaction import bound_n, servo_lag
+from hil_bridge.control.types import Command, Measurement
 from hil_bridge.facts import Pacing, RobotFacts, ServoFacts
 from hil_bridge.guard.force_bound import force_bound_n
 from hil_bridge.recording.device_facts import devices_of
@@ -17,6 +21,8 @@ from hil_bridge.runs.slow_cycles import SlowCycles
 from hil_bridge.settings.configuration import read_config
 from protocol.wrench import SensorFacts
 
+ROOT = Path(__file__).resolve().parents[2]
+PAGES = ROOT / "docs" / "explanation"
 SENSOR = SensorFacts("", (1.0,) * 6, None, None, 0.01, 0.016, "device")
 STREAM = RobotFacts(
     pacing=Pacing.STREAMED,
@@ -105,6 +111,66 @@ def test_a_slow_line_ends_the_run_before_it_touches(ms: float) -> None:
     assert "the line to the robot is too slow" in recording.end["cause"]
     assert max(math.hypot(*truth.force) for truth in recording.truths) == 0.0
     assert recording.end["left"] == "retracted, 0.0 N"
+
+
+class Push:
+    """A controller that goes deeper at 10.9 mm/s whatever the force: a hair below `limits.correction_mm_s`."""
+
+    name = "push"
+
+    def __init__(self, sample_ms: float) -> None:
+        self.sample_ms = sample_ms
+
+    def initial(self) -> None:
+        """It keeps nothing."""
+
+    def step(self, state: None, measurement: Measurement, reference: float) -> tuple[None, Command]:
+        """Deeper."""
+        way = 0.0109 * measurement.dt
+        return None, Command(measurement.commanded + way, way)
+
+
+@pytest.mark.parametrize(
+    ("robot", "sensor", "period_ms"),
+    [
+        ("s3", "jr3", 0),
+        ("egm", "ft300", 4),
+        ("egm", "jr3", 20),
+        ("rtde", "ft300", 8),
+        ("rsi", "ft300", 4),
+        ("rsi", "netft", 50),
+    ],
+)
+def test_a_tool_that_is_pushed_deeper_stays_below(robot: str, sensor: str, period_ms: int) -> None:
+    """On a surface ten times as hard as expected: the limit is passed at full speed."""
+    values = hit(robot, sensor, period_ms, 5e4)
+    values.pop("controller", None)
+    recording = hil_bridge.simulate(values, controller=Push(period_ms or 180.0)).recording
+    longest_s = max(b.started_at - a.started_at for a, b in pairwise(recording.cycles))
+    bound = force_bound_n(read_config(values), devices_of(recording), 5e4, longest_s)
+    assert 60.0 < max(math.hypot(*truth.force) for truth in recording.truths) <= bound
+    assert "contact force" in recording.end["cause"]
+
+
+def test_the_page_has_the_table_of_its_figures() -> None:
+    tool = runpy.run_path(str(ROOT / "tools" / "bound_doc.py"))
+    figures = json.loads((PAGES / "bound.json").read_text(encoding="utf-8"))
+    page = (PAGES / "safety.md").read_text(encoding="utf-8")
+    assert tool["renewed"](page, figures) == page, "run python -m tools.bound_doc"
+    for periods in figures.values():
+        for by_case in periods.values():
+            for cells in by_case.values():
+                assert all(force <= bound for force, bound in cells.values())
+
+
+@pytest.mark.parametrize(
+    "job", [("s3", "jr3", 0, "50"), ("egm", "ft300", 4, "pushed"), ("rsi", "ati-can", 20, "5")]
+)
+def test_a_figure_of_that_table_is_measured_again(job: tuple[str, str, int, str]) -> None:
+    tool = runpy.run_path(str(ROOT / "tools" / "bound_doc.py"))
+    robot, sensor, period_ms, case = job
+    then = json.loads((PAGES / "bound.json").read_text(encoding="utf-8"))[robot][str(period_ms)][case][sensor]
+    assert tool["measured"](job) == pytest.approx(then, rel=0.02)
 
 
 def cycles_of(*lengths_s: float, **more: Any) -> list[str]:

@@ -56,10 +56,14 @@ class Following:
         depth = seen.depth
         if not trail or seen.position is None:
             return ""
-        lowest, deepest = min(part[1] for part in trail), max(part[2] for part in trail)
-        outside, side = max((lowest - depth, "behind"), (depth - deepest, "ahead of"))
-        if (outside - self.step_m) * 1e3 <= limits.path_error_mm:
+        _, lowest, deepest = trail[0]
+        for _, low, high in trail:  # written out: this runs in every cycle
+            lowest = low if low < lowest else lowest
+            deepest = high if high > deepest else deepest
+        allowed = limits.path_error_mm * 1e-3 + self.step_m
+        if lowest - allowed <= depth <= deepest + allowed:
             return ""
+        outside, side = max((lowest - depth, "behind"), (depth - deepest, "ahead of"))
         return (
             f"the reported position is {outside * 1e3:.2f} mm {side} all that was ordered in the last "
             f"{self.within_s * 1e3:.0f} ms, allowed are {limits.path_error_mm:g} mm"
