@@ -59,8 +59,9 @@ def badness(done: Done) -> float:
     if done.outcome == "error":
         return BUG_N
     beyond = _number(figures.get("force_beyond_n"), NOTHING_N)
-    if "force_beyond_n" in figures and figures.get("retracted"):
-        beyond = max(beyond, min(_number(figures.get("force_true_end_n"), 0.0) - END_N, 0.0))
+    end = _number(figures.get("force_true_end_n"), 0.0) - END_N
+    if "force_beyond_n" in figures and figures.get("retracted") and end > 0.0:
+        beyond = max(beyond, end)
     broken = _number(figures.get("promises_broken"), 0.0)
     return max(beyond, 0.0) + PROMISE_N * broken if broken else beyond
 

@@ -16,6 +16,7 @@ from hil_bridge.control.course.following import Following, Trail
 from hil_bridge.control.course.oscillation import Advice, OscillationDetector, OscillationState
 from hil_bridge.control.course.supervisor import Supervisor
 from hil_bridge.control.course.task import Phase, Target, Task, TaskOutput, TaskState
+from hil_bridge.control.course.touch import Doubt
 from hil_bridge.control.course.verdict import (
     LEAVES,
     Cause,
@@ -36,6 +37,7 @@ from protocol.geometry import Quaternion, Vector
 
 # Asked for in every cycle, by names of this module: until Python 3.12 an enum's own name costs ten times that.
 _APPROACH, _TRACK, _RETRACT, _END = Phase.APPROACH, Phase.TRACK, Phase.RETRACT, Phase.END
+_FREE = _APPROACH, Phase.MOVE, Phase.SEEK
 LONGEST_SAMPLES = 2.0
 """Sample times that one sample counts for at most. Chosen: as far off as a control period may be."""
 _NO_CONTOUR, _NO_OSCILLATION = ContourState(), OscillationState()
@@ -94,6 +96,8 @@ class Sample(Struct, frozen=True):
     """Contact force along the approach direction as the robot itself feels it, from its own zero, N; None where it
     tells none.
     """
+    doubt: Annotated[int, Meta(ge=0, le=2)] = 0
+    """Why a touch that shows now must be proven: a number of `Doubt`."""
 
 
 class LoopState(Struct, frozen=True):
@@ -241,6 +245,7 @@ class ControlLoop:
             against=0.0 if isinstance(self.task, Program) else sample.force_travel,
         )
         contour, before, felt = _NO_CONTOUR, state.task, None
+        before = before if sample.doubt == before.doubt else replace(before, doubt=Doubt(sample.doubt))
         if isinstance(self.task, Program):
             before, measurement, felt = self.task.sense(
                 before, measurement, self._felt(state, sample, measurement)
@@ -458,7 +463,7 @@ def _cause(state: LoopState, output: TaskOutput, verdict: Verdict) -> str:
         case Clamp(depth=depth, reasons=reasons) if (
             output.phase is _APPROACH and depth <= state.supervisor.depth
         ):
-            return f"no contact found: the approach {', '.join(reasons)}"
+            return f"{'the touch' if output.in_contact else 'no contact found: the approach'} {', '.join(reasons)}"
         case Clamp(reasons=reasons) if output.phase in (Phase.MOVE, Phase.SEEK) and LEAVES in reasons:
             return f"the {output.phase} {LEAVES}"
         case _:
@@ -493,4 +498,5 @@ def _observe(sample: Sample, proposal: Proposal, output: TaskOutput) -> Observat
         None if proposal.felt is None else proposal.felt.quaternion,
         proposal.measurement.against,
         sample.witness,
+        proposal.measurement.force if output.phase in _FREE and not output.in_contact else None,
     )

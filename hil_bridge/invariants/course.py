@@ -5,11 +5,13 @@ from collections.abc import Iterator
 
 from hil_bridge.invariants.evidence import Evidence, Promise, Violation
 from hil_bridge.recording import Outcome
+from hil_bridge.recording.ending import ALARMS
+from hil_bridge.robots.gate import REPORT
 
 LONGEST_S = 400.0
 """Chosen: a run may last so much longer than its tracking, s: all the patience that it has with robot and sensor."""
-GATE_EVENT, BUG_EVENT = "gate", "bug"
-"""Kinds of the events by which the last gate and a bug are told."""
+BUG_EVENT = "bug"
+"""Kind of the events by which a bug is told."""
 EXIT_CODES = {Outcome.COMPLETED: (0, 4), Outcome.STOPPED: (3,), Outcome.INTERRUPTED: (130,)}
 """Exit codes that fit an outcome; 4 where a step of a program did not meet its criterion."""
 
@@ -17,7 +19,7 @@ EXIT_CODES = {Outcome.COMPLETED: (0, 4), Outcome.STOPPED: (3,), Outcome.INTERRUP
 def gate_stops(evidence: Evidence) -> Iterator[Violation]:
     """The first order that the last gate stopped."""
     for event in evidence.recording.events:
-        if event.kind == GATE_EVENT:
+        if event.kind in ALARMS and REPORT in event.text:
             yield Violation(Promise.GATE, event.at, {})
             return
 

@@ -184,11 +184,11 @@ class WayOut:
     async def rest(self, start: Vector, commanded: Vector, answers: bool) -> tuple[float, float]:
         """Wait until the robot has come to rest at the last order; its depth from the start, m, and the force, N.
 
-        Where it does not answer, the depth is that of the last order. A robot that is asked goes there by itself; a
-        streamed one may not have been given it. NaN for what cannot be known any more.
+        A robot that is asked goes to an order that it has taken, also where it does not answer any more. One that did
+        not answer the last order, and a streamed one, may never have been given it. NaN for what cannot be known.
         """
-        asked = self._robot.facts.pacing is Pacing.ASKED
-        depth = self._depth(start, commanded) if asked else math.nan
+        taken = answers and self._robot.facts.pacing is Pacing.ASKED
+        depth = self._depth(start, commanded) if taken else math.nan
         patience = self._clock.now() + ARRIVAL_S
         try:
             if not answers:

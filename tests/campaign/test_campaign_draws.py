@@ -220,7 +220,7 @@ def test_a_hunt_finds_a_planted_hole_and_shrinks_it(tmp_path: Path, monkeypatch:
     monkeypatch.setattr(supervisor, "_clamp", allowed)
     plan = hunted(planned(tmp_path, HOLE))
     with Store.begin(tmp_path / "hunt.sqlite", plan) as store:
-        with running(plan, store, 1, 10.0) as runner:
+        with running(plan, store, 1, 3.0) as runner:
             runner.advance = lambda count, broken: setattr(runner, "until", 0.0) if broken else None
             worst = hunt(runner)
             assert worst is not None

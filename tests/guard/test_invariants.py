@@ -24,6 +24,8 @@ from hil_bridge.invariants import (
 from hil_bridge.invariants.recorded import promises_broken
 from hil_bridge.kinds import ROBOTS, SENSORS, faults_of
 from hil_bridge.recording import EventRecord, Recording
+from hil_bridge.robots.gate import Bounds, Gate
+from protocol.geometry import Pose
 
 Plant = Callable[[Evidence], Evidence]
 
@@ -60,9 +62,14 @@ def rest(evidence: Evidence, **values: Any) -> Evidence:
     return recorded(evidence, end={**evidence.recording.end, "rest": json.dumps(told)})
 
 
-def with_event(evidence: Evidence, kind: str) -> Evidence:
+def with_event(evidence: Evidence, kind: str, text: str = "planted") -> Evidence:
     at = evidence.recording.cycles[-5].sent_at
-    return recorded(evidence, events=(*evidence.recording.events, EventRecord(at, kind, "planted")))
+    return recorded(evidence, events=(*evidence.recording.events, EventRecord(at, kind, text)))
+
+
+def gated(evidence: Evidence) -> Evidence:
+    gate = Gate(Bounds(deepest=0.01), 0.0)
+    return with_event(evidence, "then", gate.judge(Pose((0.0, 0.0, 1.0), (1.0, 0.0, 0.0, 0.0)), 1.0))
 
 
 def last(array: Any, value: float) -> Any:
@@ -109,7 +116,7 @@ PLANTS: dict[str, tuple[Promise, Plant]] = {
     "other depth": (Promise.LAST_LINE, lambda run: rest(run, depth_m=0.02)),
     "beyond": (Promise.BOUND, hard),
     "fast": (Promise.SPEED, jump),
-    "gate": (Promise.GATE, lambda run: with_event(run, "gate")),
+    "gate": (Promise.GATE, gated),
     "bug": (Promise.BUG, lambda run: with_event(run, "bug")),
     "decided otherwise": (Promise.REPLAY, decided_otherwise),
     "cut": (Promise.WHOLE, lambda run: recorded(run, truncated=True)),

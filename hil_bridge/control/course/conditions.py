@@ -151,6 +151,17 @@ STOPS: tuple[ConditionRow, ...] = (
     ),
     _stop(Cause.INCONSISTENT, "depth and position of a command contradict each other, which is a bug"),
     _stop(
+        Cause.FROZEN,
+        "a pull that lasts while the tool moves through free space: the sensor lost the tool's weight",
+        "limits.weight_tolerance_n",
+    ),
+    _stop(
+        Cause.FROZEN,
+        "how far the tool moved through free space while frames carry identical counts on all axes",
+        "limits.unchanged_mm",
+        "limits.stale_after_ms",
+    ),
+    _stop(
         Cause.WITNESS,
         "difference between the force sensor and the force that the robot itself feels, for a time, where it tells one",
         "limits.witness_n",
@@ -244,6 +255,11 @@ CLAMPS: tuple[ConditionRow, ...] = (
 ENDS: tuple[ConditionRow, ...] = (
     ConditionRow("held-approach", "a clamp holds the approach in place", ()),
     ConditionRow("no-contact", "no contact found on the way", ("task.approach_depth_limit_mm",)),
+    ConditionRow(
+        "unanswered-touch",
+        "a touch that the tool's weight could not vouch for: the force does not rise as the tool goes deeper",
+        ("task.least_stiffness_n_m", "task.zero_change_n"),
+    ),
     ConditionRow(
         "surface-ended", "no contact found again after it was lost", ("task.search_depth_limit_mm",)
     ),

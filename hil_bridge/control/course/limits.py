@@ -47,6 +47,11 @@ class Limits:
     """Time for which frames carry identical counts on all axes, after which the run stops. A filtered quiet signal
     repeats itself for some frames, a dead converter for ever. Chosen: 400 frames of the default stream.
     """
+    unchanged_mm: float = 1.0
+    """How far the tool may move through free space while the counts of all axes stay identical, for longer than
+    `stale_after_ms`. Chosen: six emulated sensors in their quietest setting repeat themselves for 0.12 s at most, which
+    is 0.3 mm of a common approach.
+    """
     unanswered_mm: float = 2.0
     """Depth by which a pressing tool may go deeper without the force changing, by one count or by 2 mN. Beyond it
     the axis that measures the force is dead, while the controller presses ever harder.
@@ -124,6 +129,7 @@ class Limits:
             "travel_mm_s",
             "stale_after_ms",
             "frozen_after_ms",
+            "unchanged_mm",
             "unanswered_mm",
             "still_after_ms",
             "moment_limit_nm",

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from msgspec.structs import replace
 
 from hil_bridge.control.course import orientation, retreat
+from hil_bridge.control.course.free_space import FreeSpace, lifeless, watched
 from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.course.verdict import (
     LEAVES,
@@ -69,6 +70,9 @@ class Supervisor:
         if stop is None and disagreed and self.witness is not None:
             text = self.witness.fault(disagreed, observation)
             stop = Stop(Cause.WITNESS, text) if text else None
+        free = None
+        if stop is None and observation.free_force is not None:
+            free, stop = self._in_free_space(state, observation)
         if stop is not None:
             return replace(state, still=still, pressed=pressed, stopped=stop, disagreed=disagreed), stop
         verdict = _clamp(self.limits, state, request, observation.dt)
@@ -90,9 +94,21 @@ class Supervisor:
                 home,
                 lag,
                 disagreed,
+                free,
             ),
             verdict,
         )
+
+    def _in_free_space(
+        self, state: SupervisorState, seen: Observation
+    ) -> tuple[FreeSpace | None, Stop | None]:
+        """The watch over the sensor while the tool moves through free space, and its stop."""
+        if seen.position is None or seen.free_force is None:
+            return None, None
+        changed = seen.unchanged < seen.dt  # since the decision before
+        free = watched(state.free, self.limits, seen.now, -seen.free_force, (changed, seen.position))
+        text = lifeless(free, self.limits, seen.now, -seen.free_force, (seen.unchanged, seen.position))
+        return free, Stop(Cause.FROZEN, text) if text else None
 
     def _turn(
         self, state: SupervisorState, seen: Observation, wanted: Quaternion, verdict: Allow | Clamp

@@ -6,6 +6,7 @@ from typing import ClassVar, TypeAlias
 
 from msgspec import Struct
 
+from hil_bridge.control.course.free_space import FreeSpace
 from hil_bridge.control.types import SAMPLE_MS
 from protocol.geometry import Quaternion, Vector
 
@@ -83,6 +84,10 @@ class Observation(Struct, frozen=True):
     witness: float | None = None
     """Force along the approach as the robot itself feels it, from its own zero, N, positive while pressing; None where
     it tells none.
+    """
+    free_force: float | None = None
+    """Contact force along the approach direction from the newest zero while the tool moves through free space, N; None
+    elsewhere.
     """
 
 
@@ -211,3 +216,5 @@ class SupervisorState(Struct, frozen=True):
     """Turn that the robot may not have followed yet, rad."""
     disagreed: float | None = None
     """Weighted time for which force sensor and robot have disagreed, s; None while they agree."""
+    free: FreeSpace | None = None
+    """Watch over the sensor while the tool moves through free space; None elsewhere."""
