@@ -13,6 +13,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from hil_bridge.control.checks import require_above_zero, require_not_negative
+from hil_bridge.control.course.escape import escape_way
 from hil_bridge.control.course.touch import Doubt, Touch, TouchTest, begin_tracking, keep_tracking
 from hil_bridge.control.course.wall import way_back
 from hil_bridge.control.types import POSITION_STEP_MM, SAMPLE_MS, Command, Controller, Measurement, as_answer
@@ -477,7 +478,8 @@ class Task:
             self.way(parameters.retract_speed_mm_s, measurement.dt),
             measurement.position - commanded,
         )
-        escape = self._escape(state, measurement, behind)
+        stiffness = max(parameters.expected_stiffness_n_m, state.stiffness or 0.0)
+        escape = escape_way(measurement, self.force_limit_n, stiffness, self.escape_mm_s)
         if commanded > _ROUNDING:
             depth = max(commanded - max(step, escape), 0.0)
         else:
@@ -492,19 +494,6 @@ class Task:
             state = replace(state, phase=Phase.END)
         return state, output
 
-    def _escape(self, state: TaskState, measurement: Measurement, behind: float) -> float:
-        """Way back in this sample from a surface that presses beyond the limit, m; 0 where none does.
-
-        Derived: a surface that stands has let the tool go after force / stiffness. So the order is no farther from the
-        reported position than that. One that follows the tool raises the force, and with it the way.
-        """
-        stiffness = max(self.parameters.expected_stiffness_n_m, state.stiffness or 0.0)
-        force = abs(measurement.force) if measurement.saturated else measurement.force
-        left = force / stiffness - max(behind, 0.0)
-        if not (force > self.force_limit_n and math.isfinite(left)):
-            return 0.0
-        return max(min(left, self.escape_mm_s * 1e-3 * measurement.dt, _ESCAPE_M), 0.0)
-
 
 def _output(state: TaskState, depth: float, phase: Phase, command: Command | None = None) -> TaskOutput:
     return TaskOutput(
@@ -514,11 +503,6 @@ def _output(state: TaskState, depth: float, phase: Phase, command: Command | Non
 
 _ROUNDING = 1e-9
 """Slack for sums of steps, m."""
-
-_ESCAPE_M = 2e-3
-"""Longest way of one sample back from a force beyond the limit, m. Chosen: something behind the tool is met with 100 N
-more on 50 kN/m before the next sample tells it.
-"""
 
 _SLOWEST = 0.2e-3
 """Speed of the approach whatever the stiffness, m/s. Chosen: 0.036 mm in a cycle of 180 ms, less than a step of the
