@@ -61,6 +61,7 @@ def _words(name: str, key: str, text: str) -> Callable[[_Command], _Command]:
 @_number("--unanswered-mm", "unanswered_mm", "How far deeper since the force changed last.")
 @_number("--moved-mm", "moved_mm", "How far the reported position moved since the cycle before.")
 @_number("--cycle-ms", "cycle_ms", "How long ago that was.  [default: the least that the line takes]")
+@_number("--against", "against_n", "Force against the travel, N.")
 @_number("--witness", "witness_n", "Force along the approach as the robot itself feels it, N.")
 @_number("--disagreed-ms", "disagreed_ms", "For how long it and the sensor have disagreed.  [default: long]")
 @_number("--tilt-deg", "tilt_deg", "Turn of the reported orientation from that of the start.")

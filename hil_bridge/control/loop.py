@@ -16,6 +16,7 @@ from hil_bridge.control.course.following import Following, Trail
 from hil_bridge.control.course.oscillation import Advice, OscillationDetector, OscillationState
 from hil_bridge.control.course.supervisor import Supervisor
 from hil_bridge.control.course.task import Phase, Target, Task, TaskOutput, TaskState
+from hil_bridge.control.course.touch import Doubt
 from hil_bridge.control.course.verdict import (
     LEAVES,
     Cause,
@@ -36,6 +37,7 @@ from protocol.geometry import Quaternion, Vector
 
 # Asked for in every cycle, by names of this module: until Python 3.12 an enum's own name costs ten times that.
 _APPROACH, _TRACK, _RETRACT, _END = Phase.APPROACH, Phase.TRACK, Phase.RETRACT, Phase.END
+_FREE = _APPROACH, Phase.MOVE, Phase.SEEK
 LONGEST_SAMPLES = 2.0
 """Sample times that one sample counts for at most. Chosen: as far off as a control period may be."""
 _NO_CONTOUR, _NO_OSCILLATION = ContourState(), OscillationState()
@@ -94,6 +96,8 @@ class Sample(Struct, frozen=True):
     """Contact force along the approach direction as the robot itself feels it, from its own zero, N; None where it
     tells none.
     """
+    doubt: Annotated[int, Meta(ge=0, le=2)] = 0
+    """Why a touch that shows now must be proven: a number of `Doubt`."""
 
 
 class LoopState(Struct, frozen=True):
@@ -238,8 +242,10 @@ class ControlLoop:
             x * u + y * v + z * w,
             saturated=sample.saturated,
             dt=self.since(state.seen_at, sample.now),
+            against=0.0 if isinstance(self.task, Program) else sample.force_travel,
         )
         contour, before, felt = _NO_CONTOUR, state.task, None
+        before = before if sample.doubt == before.doubt else replace(before, doubt=Doubt(sample.doubt))
         if isinstance(self.task, Program):
             before, measurement, felt = self.task.sense(
                 before, measurement, self._felt(state, sample, measurement)
@@ -307,7 +313,8 @@ class ControlLoop:
             (before.depth, before.position) if isinstance(way, Stop) else (way.depth, way.position)
         )
         # Held back at the border of the workspace, a retraction has come as far as it can.
-        held = output.phase is _RETRACT and output.target.depth < before.depth <= depth
+        waits = isinstance(way, Clamp) and way.goes_on
+        held = output.phase is _RETRACT and output.target.depth < before.depth <= depth and not waits
         if held and not output.cause:  # of a program, which has more to do
             output = replace(output, cause=held_back(verdict, seen), failed=True)
         trail: Trail = ()
@@ -456,7 +463,7 @@ def _cause(state: LoopState, output: TaskOutput, verdict: Verdict) -> str:
         case Clamp(depth=depth, reasons=reasons) if (
             output.phase is _APPROACH and depth <= state.supervisor.depth
         ):
-            return f"no contact found: the approach {', '.join(reasons)}"
+            return f"{'the touch' if output.in_contact else 'no contact found: the approach'} {', '.join(reasons)}"
         case Clamp(reasons=reasons) if output.phase in (Phase.MOVE, Phase.SEEK) and LEAVES in reasons:
             return f"the {output.phase} {LEAVES}"
         case _:
@@ -489,5 +496,7 @@ def _observe(sample: Sample, proposal: Proposal, output: TaskOutput) -> Observat
         sample.gap,
         proposal.measurement.dt,
         None if proposal.felt is None else proposal.felt.quaternion,
+        proposal.measurement.against,
         sample.witness,
+        proposal.measurement.force if output.phase in _FREE and not output.in_contact else None,
     )

@@ -71,6 +71,8 @@ class Situation:
     """Time since then. By default it is the least line time of a cycle, and for orders the sample time of the
     controller.
     """
+    against_n: float = 0.0
+    """Contact force against the travel."""
     witness_n: float | None = None
     """Force along the approach as the robot itself feels it; None where it tells none."""
     disagreed_ms: float = 60_000.0
@@ -133,6 +135,7 @@ class Asked:
             saturated=seen.saturated,
             dead_axis=seen.dead_axis,
             fault=seen.fault,
+            force_travel=seen.against_n,
             peak_force=peak,
             peak_resultant=max(resultant, abs(peak)),
             peak_moment=seen.moment_nm,
@@ -155,7 +158,9 @@ class Asked:
             disagreed=seen.disagreed_ms * 1e-3,
         )
         task = TaskState(seen.phase, in_contact=pressing)
-        measurement = Measurement(_NOW, force, depth, commanded, pressing, saturated=seen.saturated, dt=dt)
+        measurement = Measurement(
+            _NOW, force, depth, commanded, pressing, saturated=seen.saturated, dt=dt, against=seen.against_n
+        )
         task, output = self._output(task, measurement, seen)
         advice = Advice(Finding.PERSISTING, 1.0, True, seen.swing_n) if seen.swing_n else None
         proposal = Proposal(

@@ -65,6 +65,15 @@ BEFORE: tuple[ConditionRow, ...] = (
         "tool.mass_kg",
         "tool.centre_of_gravity_mm",
     ),
+    _refused(
+        "unverified-axis",
+        "the tool's weight does not verify an axis that the approach mainly lies on, unless a person takes that on",
+        "tool.mass_kg",
+        "limits.weight_tolerance_n",
+        "sensor.unverified",
+        "sensor.unchecked",
+        exit_code=CONFIGURATION,
+    ),
     _refused("sequence-refused", "the robot refuses to begin a movement"),
     _lift(
         "touching",

@@ -12,7 +12,7 @@ from typing import Any
 from pydantic import BaseModel
 
 from hil_bridge.control import Cause, Clamp, Decision, Phase, Stop
-from hil_bridge.control.course.conditions import BY_CAUSE, CLAMPS, ENDS, ConditionRow
+from hil_bridge.control.course.conditions import BY_CAUSE, CLAMPS, ENDS, ConditionRow, When
 from hil_bridge.guard.asking import Asked, Situation, middle
 from hil_bridge.guard.margins import Margin, margins, number
 from hil_bridge.settings.configuration import Config
@@ -106,6 +106,7 @@ LOOSE: Mapping[str, Any] = {
             "limits.pull_limit_n",
             "limits.resultant_limit_n",
             "limits.moment_limit_nm",
+            "limits.against_travel_n",
             "limits.stale_after_ms",
             "limits.unanswered_mm",
             "limits.witness_n",
@@ -171,7 +172,10 @@ def _rows(
         named = [row for row in rows if set(row.settings) & set(ruled)]
         yield from named or [row for row in rows if not set(row.settings) & set(LOOSE)]
     elif isinstance(decision.verdict, Clamp):
-        yield from (row for row in CLAMPS if set(row.settings) & set(ruled))
+        rows = tuple(row for row in CLAMPS if set(row.settings) & set(ruled))
+        of_retraction = [row for row in rows if row.when is When.RETRACTION]
+        others = [row for row in rows if row.when is not When.RETRACTION]
+        yield from (of_retraction or others) if situation.phase is Phase.RETRACT else others
         if decision.output.failed and situation.phase is Phase.APPROACH:
             yield ENDS[0]
 

@@ -27,6 +27,8 @@ CONTRADICTION_M = 1e-4
 robot, and ten times what the guard allows.
 """
 
+ANY = 1e9
+"""Chosen: a speed that bounds nothing; infinity times no time is no number."""
 _ORIGIN = Pose((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
 
 
@@ -46,13 +48,13 @@ class Bounds:
     """Its highest corner."""
     tilt: float = math.inf
     """Largest angle of the tool's axis with that of the start, rad."""
-    deeper: float = math.inf
+    deeper: float = ANY
     """Largest speed into the surface, m/s."""
-    across: float = math.inf
+    across: float = ANY
     """Largest speed across the approach, m/s."""
-    away: float = math.inf
+    away: float = ANY
     """Largest speed against the approach, m/s."""
-    turn: float = math.inf
+    turn: float = ANY
     """Largest speed of turning, rad/s."""
     time: float = 1.0
     """Time for which a credit of way is kept, s."""
@@ -67,70 +69,71 @@ class Gate:
         """`pose` is where the tool stands, by default the start of the bounds; `now` is the time, s."""
         self.bounds = bounds
         self._last, self._at = pose or bounds.start, now
-        self._spent = [0.0] * 4
-        """Of each credit, what has been used and has not grown again: deeper, across, away, turned."""
+        self._turned_at = now
+        self._deeper = self._across = self._away = self._turned = 0.0
+        """Of each credit, what has been used and has not grown again, m and rad."""
 
     def judge(self, pose: Pose, now: float, deepest: float = math.inf) -> str:
         """Why this pose must not go to the robot, in words; empty where it may, and counts as ordered.
 
-        `deepest` is one more bound of the depth, m.
+        `deepest` is one more bound of the depth, m. Written in single numbers, for this runs in every cycle.
         """
-        bounds = self.bounds
-        if wrong := _no_pose(pose):
-            return f"the last gate stopped an order to {wrong}; {REPORT}"
-        depth, limit = depth_of(pose.position, bounds), min(bounds.deepest, deepest)
-        beyond, unit = 0.0, "mm"
-        words = ""
-        if depth > limit + bounds.slack:
-            beyond, words = (depth - limit) * 1e3, "deeper than the deepest that may be ordered"
-        for low, place, high in zip(bounds.low, pose.position, bounds.high, strict=True):
-            outside = max(low - place, place - high)
-            if outside > bounds.slack and not words:
-                beyond, words = outside * 1e3, "outside the workspace"
-        if not words and math.isfinite(bounds.tilt):
+        bounds, last = self.bounds, self._last
+        (x, y, z), (i, j, k), (u, v, w) = pose.position, last.position, bounds.start.position
+        (a, b, c), (lowest_x, lowest_y, lowest_z), (highest_x, highest_y, highest_z) = (
+            bounds.approach,
+            bounds.low,
+            bounds.high,
+        )
+        turned = pose.quaternion != last.quaternion
+        if not (abs(x) <= FARTHEST_M and abs(y) <= FARTHEST_M and abs(z) <= FARTHEST_M):
+            return _stopped(f"to the position {pose.position}, which is none of an arm")
+        if turned and not abs(math.hypot(*pose.quaternion) - 1.0) <= UNIT:
+            return _stopped(f"to the orientation {pose.quaternion}, which is none")
+        slack, time = bounds.slack, bounds.time
+        depth, limit = a * (x - u) + b * (y - v) + c * (z - w), min(bounds.deepest, deepest)
+        if depth > limit + slack:
+            return _beyond((depth - limit) * 1e3, "mm deeper than the deepest that may be ordered")
+        outside = max(lowest_x - x, x - highest_x, lowest_y - y, y - highest_y, lowest_z - z, z - highest_z)
+        if outside > slack:
+            return _beyond(outside * 1e3, "mm outside the workspace")
+        if turned and bounds.tilt < math.pi:
             over = _tilt(bounds.start.quaternion, pose.quaternion) - bounds.tilt
             if over > TURN_SLACK_RAD:
-                beyond, unit, words = math.degrees(over), "°", "tilted more than may be ordered"
-        if not words:
-            beyond, unit, words = self._pay(pose, depth, now)
-        return (
-            f"the last gate stopped an order that is {beyond:.1f} {unit} {words}; {REPORT}" if words else ""
-        )
+                return _beyond(math.degrees(over), "° tilted more than may be ordered")
 
-    def _pay(self, pose: Pose, depth: float, now: float) -> tuple[float, str, str]:
-        """Take the way to this pose off the credits. Where they do not last: by how much, its unit, and words."""
-        bounds, last = self.bounds, self._last
-        passed, along = max(now - self._at, 0.0), depth - depth_of(last.position, bounds)
-        length = math.dist(pose.position, last.position)
-        ways = (
-            (max(along, 0.0), bounds.deeper, bounds.slack, "into the surface faster than may be ordered"),
-            (
-                math.sqrt(max(length * length - along * along, 0.0)),
-                bounds.across,
-                bounds.slack,
-                "across the approach faster than may be ordered",
-            ),
-            (max(-along, 0.0), bounds.away, bounds.slack, "off the surface faster than may be ordered"),
-            (
-                0.0 if pose.quaternion == last.quaternion else turn_between(last.quaternion, pose.quaternion),
-                bounds.turn,
-                TURN_SLACK_RAD,
-                "turned faster than may be ordered",
-            ),
-        )
-        spent = []
-        for before, (way, speed, slack, words) in zip(self._spent, ways, strict=True):
-            if speed == math.inf:
-                spent.append(0.0)
-                continue
-            used = max(before - speed * passed, 0.0) + way
-            over = used - (speed * bounds.time + slack)
+        passed, along = max(now - self._at, 0.0), a * (x - i) + b * (y - j) + c * (z - k)
+        aside = (x - i) ** 2 + (y - j) ** 2 + (z - k) ** 2 - along * along
+        deeper = max(self._deeper - bounds.deeper * passed, 0.0) + max(along, 0.0)
+        if deeper > bounds.deeper * time + slack:
+            over = deeper - bounds.deeper * time - slack
+            return _beyond(over * 1e3, "mm into the surface faster than may be ordered")
+        across = max(self._across - bounds.across * passed, 0.0) + math.sqrt(max(aside, 0.0))
+        if across > bounds.across * time + slack:
+            over = across - bounds.across * time - slack
+            return _beyond(over * 1e3, "mm across the approach faster than may be ordered")
+        away = max(self._away - bounds.away * passed, 0.0) + max(-along, 0.0)
+        if away > bounds.away * time + slack:
+            over = away - bounds.away * time - slack
+            return _beyond(over * 1e3, "mm off the surface faster than may be ordered")
+        if turned:
+            turn = turn_between(last.quaternion, pose.quaternion)
+            turn += max(self._turned - bounds.turn * (now - self._turned_at), 0.0)
+            over = turn - bounds.turn * time - TURN_SLACK_RAD
             if over > 0.0:
-                turned = slack is TURN_SLACK_RAD
-                return (math.degrees(over), "°", words) if turned else (over * 1e3, "mm", words)
-            spent.append(used)
-        self._last, self._at, self._spent = pose, now, spent
-        return 0.0, "", ""
+                return _beyond(math.degrees(over), "° turned faster than may be ordered")
+            self._turned, self._turned_at = turn, now
+        self._last, self._at = pose, now
+        self._deeper, self._across, self._away = deeper, across, away
+        return ""
+
+
+def _beyond(amount: float, words: str) -> str:
+    return _stopped(f"that is {amount:.1f} {words}")
+
+
+def _stopped(words: str) -> str:
+    return f"the last gate stopped an order {words}; {REPORT}"
 
 
 def depth_of(position: Vector, bounds: Bounds) -> float:
@@ -146,14 +149,6 @@ def contradiction(position: Vector, origin: Vector, approach: Vector, depth: flo
     if apart <= CONTRADICTION_M:  # false for what is no number
         return ""
     return f"the last gate stopped an order that is {apart * 1e3:.1f} mm from the depth that was decided; {REPORT}"
-
-
-def _no_pose(pose: Pose) -> str:
-    if not all(abs(part) <= FARTHEST_M for part in pose.position):
-        return f"the position {pose.position}, which is none of an arm"
-    if not abs(math.hypot(*pose.quaternion) - 1.0) <= UNIT:
-        return f"the orientation {pose.quaternion}, which is none"
-    return ""
 
 
 def turn_between(start: Quaternion, goal: Quaternion) -> float:

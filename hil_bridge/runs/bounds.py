@@ -3,8 +3,9 @@
 import math
 
 from hil_bridge.control.loop import LONGEST_SAMPLES
+from hil_bridge.errors import GateStop
 from hil_bridge.facts import RobotFacts
-from hil_bridge.robots.gate import SLACK_M, Bounds
+from hil_bridge.robots.gate import SLACK_M, Bounds, contradiction
 from hil_bridge.runs.small_steps import LIFT_SPEED_M_S
 from hil_bridge.settings.configuration import Config
 from protocol.geometry import Pose, Vector
@@ -36,6 +37,12 @@ def run_bounds(config: Config, facts: RobotFacts, sample_time: float, turns: boo
         time=LONGEST_SAMPLES * sample_time + DECIDES_S,
         slack=_slack(facts),
     )
+
+
+def check_depth(position: Vector, start: Pose, config: Config, depth: float) -> None:
+    """Raise GateStop for a place, m, that has not the depth below the start that was decided, m."""
+    if stopped := contradiction(position, start.position, config.frame.approach, depth):
+        raise GateStop(stopped)
 
 
 def free_bounds(config: Config, facts: RobotFacts, start: Pose) -> Bounds:

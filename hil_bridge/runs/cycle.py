@@ -21,9 +21,10 @@ from hil_bridge.control import (
     WristAtOrientation,
     turn_between,
 )
+from hil_bridge.control.course.zero import main_axes
 from hil_bridge.control.geometry.turning import apart, unit
 from hil_bridge.control.program.program import Program
-from hil_bridge.errors import BridgeError, DeviceError, GateStop
+from hil_bridge.errors import BridgeError, DeviceError
 from hil_bridge.failures import (
     TRACEBACK_EVENT,
     CodeFailed,
@@ -41,7 +42,6 @@ from hil_bridge.recording import (
     Outcome,
     StepRecord,
 )
-from hil_bridge.robots.gate import contradiction
 from hil_bridge.robots.seam import (
     Motion,
     MotionLimits,
@@ -49,10 +49,10 @@ from hil_bridge.robots.seam import (
     RobotReport,
     orientation_fault,
 )
-from hil_bridge.runs.bounds import run_bounds
+from hil_bridge.runs.bounds import check_depth, run_bounds
 from hil_bridge.runs.causes import kind_of
 from hil_bridge.runs.cycle_record import cycle_record
-from hil_bridge.runs.leaving import ARRIVED_M, Left, WayOut, stand_still
+from hil_bridge.runs.leaving import ARRIVED_M, Left, WayOut, in_words, not_away, stand_still
 from hil_bridge.runs.pace import control_loop, cycle_starts
 from hil_bridge.runs.slow_cycles import SlowCycles
 from hil_bridge.runs.small_steps import bring_up
@@ -70,8 +70,6 @@ FOLLOWED_MAX = 5
 """Chosen: things told that followed the cause of a stop."""
 TIME_IS_UP = "time is up"
 """Why a run ends that went as it was meant to."""
-MAIN_SHARE = 0.5
-"""Share of the approach direction on a sensor's axis from which that axis matters. Chosen: tilted by less than 60°."""
 TURNED_RAD = math.radians(0.05)
 """Chosen: turn of a tool that a program turns, below which its wrist counts as the same: 0.01 N of 10 N."""
 
@@ -161,7 +159,7 @@ class Run:
         self._interrupted = True
 
     def fail(self, cause: str) -> None:
-        """Retract from the next cycle on, and end, because of a failure beside the cycles."""
+        """Retract from the next cycle on, and end, because of a failure beside the cycles; nothing without a cause."""
         self._failed = self._failed or cause
 
     def hold(self) -> bool:
@@ -281,18 +279,14 @@ class Run:
         depth, force = await self._way_out.rest(origin, commanded, answers)
         limits = self._config.limits
         away = depth <= ARRIVED_M
-        pressing = not force <= limits.weight_tolerance_n
+        saturated = bool(self._sensor.saturated)
+        pressing = saturated or not force <= limits.weight_tolerance_n
         own = math.nan
         if answers and self._loop.supervisor.witness is not None:
             own = await self._zeroing.own_force.beside(force, self._loop.supervisor.witness, self._robot)
-        told = f"{force:.1f} N" if math.isfinite(force) else "an unknown force"
+        told = in_words(force, saturated)
         if self._outcome is not Outcome.STOPPED and not away:
-            where = (
-                f"reports the tool {depth * 1e3:.1f} mm from the start"
-                if math.isfinite(depth)
-                else "does not tell where the tool was left"
-            )
-            self._blame(f"the robot {where}, with {told}")
+            self._blame(not_away(depth, told))
         elif self._outcome is not Outcome.STOPPED and pressing:
             self._blame(
                 f"{told} after the retraction: the tool touches something, or the sensor's zero has changed"
@@ -304,7 +298,8 @@ class Run:
                 f"the force sensor tells {told} after the retraction, the robot itself feels {own:.0f} N"
             )
         because = kind_of(self._followed[-1] if self._followed else self._cause)
-        return Left(away and not pressing and math.isnan(own), depth, force, because, own)
+        free = away and not pressing and math.isnan(own)
+        return Left(free, depth, force, because, saturated, own)
 
     async def _cycles(self, motion: Motion) -> None:
         """The cycles from the start point to the end of the retraction."""
@@ -315,8 +310,7 @@ class Run:
         period = self._config.run.period_ms * 1e-3
         slow = SlowCycles(self._config)
         async for cycle, started_at in cycle_starts(self._clock, period, self._event):
-            if too_slow := slow.cycle(started_at):
-                self.fail(too_slow)
+            self.fail(slow.cycle(started_at))
             if self._log_error is not None:
                 raise self._log_error
             commanded_before = state.supervisor.depth
@@ -356,9 +350,7 @@ class Run:
                 sent = await stand_still(motion)
             else:
                 self._orientation = decision.quaternion or self._orientation
-                origin, depth = self._start.pose.position, decision.target.depth
-                if stopped := contradiction(decision.position, origin, self._config.frame.approach, depth):
-                    raise GateStop(stopped)
+                check_depth(decision.position, self._start.pose, self._config, decision.target.depth)
                 sent = await motion.to(Pose(decision.position, self._orientation), soon=unpaced)
             state = self._state = after
             self._log.cycle(
@@ -398,18 +390,18 @@ class Run:
         peak_force, peak_resultant, peak_moment, saturated = sensor.peaks.take()
         if orientation_fault(quaternion):
             quaternion = self._start.pose.quaternion  # the fault says so
-        _, tilt = (
-            (None, 0.0) if quaternion == self._orientation else turn_between(self._orientation, quaternion)
-        )
+        ordered = self._orientation
+        tilt = 0.0 if quaternion == ordered else turn_between(ordered, quaternion)[1]
         now = self._clock.now()
         wrist = self._wrist_at(quaternion)
         wrench = wrist.contact_wrench(sensor.wrench(frame))
+        force = wrist.force_along(_APPROACH, wrench)
         paired = sensor.wrench_at(report.pose_at + self._filter_delay + sensor.late)
         # by place, in the order of the fields: by name every one costs as much as to read it
         return Sample(
             now,
             position,
-            wrist.force_along(_APPROACH, wrench),
+            force,
             math.hypot(wrench[0], wrench[1], wrench[2]),
             frame.at - sensor.late,
             frame.sequence,
@@ -429,6 +421,7 @@ class Run:
             quaternion=quaternion,
             held=self._held,
             witness=self._zeroing.own_force.along(report),
+            doubt=int(self._zeroing.doubt(force)),
         )
 
     def _frame(self) -> WrenchFrame:
@@ -441,13 +434,9 @@ class Run:
         """Fault of a force axis that carries most of the controlled force, in words; empty while there is none."""
         if not self._sensor.dead:
             return ""
-        shares = self._wrist.seen_by_sensor(self._config.frame.approach, quaternion).tolist()
-        main = {k for k, share in enumerate(shares) if abs(share) >= MAIN_SHARE}
-        dead = [AXES[k] for k in sorted(main & set(self._sensor.dead))]
-        text = (
-            f"{' and '.join(dead)} of the force sensor did not change since the zero while other axes moved"
-        )
-        return text if dead else ""
+        main = main_axes(self._wrist, self._config.frame.approach, quaternion)
+        dead = " and ".join(AXES[k] for k in main if k in self._sensor.dead)
+        return dead and f"{dead} of the force sensor did not change since the zero while other axes moved"
 
     def _wrist_at(self, quaternion: Quaternion) -> WristAtOrientation:
         """The wrist at this orientation, made again only when the tool has turned."""
@@ -463,9 +452,8 @@ class Run:
 
     def _is_another(self, known: Quaternion, quaternion: Quaternion) -> bool:
         """Whether the wrist is to be made again: while a program turns the tool, not for every hair."""
-        if not self._turns:
-            return known != quaternion
-        return known != quaternion and apart(unit(known), unit(quaternion)) > TURNED_RAD
+        near = self._turns and apart(unit(known), unit(quaternion)) <= TURNED_RAD
+        return known != quaternion and not near
 
     def _blame(self, cause: str) -> None:
         """Stop for this cause, or note what followed the first one. A failure that is not answered yet goes first."""

@@ -109,7 +109,9 @@ def control_loop(
         if not (config.run.period_ms or robot.cycle_s or robot.line_floor_s):
             raise ConfigError(f"a {robot.kind} tells no cycle time of its own: set run.period_ms")
         check_period(config.run.period_ms * 1e-3 or robot.cycle_s, controller, config.controller.sample_ms)
-    task = Task(config.task, controller, config.limits.force_limit_n, robot.order_step_m)
+    escape_mm_s = min(config.limits.escape_mm_s, config.robot.velocity_mm_s)
+    limits, step = config.limits, robot.order_step_m
+    task = Task(config.task, controller, limits.force_limit_n, step, escape_mm_s, limits.friction_share)
     own = robot.witness
     witness = None if own is None else witness_of(config.limits, own.ordinary_n, own.delay_s)
     return ControlLoop(

@@ -6,7 +6,7 @@ in small slow steps. The zero is taken only if the force does not change on that
 
 import asyncio
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from hil_bridge.clock import Clock
@@ -20,6 +20,8 @@ from hil_bridge.control import (
     weight_fault,
     weight_reading,
 )
+from hil_bridge.control.course.touch import Doubt
+from hil_bridge.control.course.zero import AXES, lost_forces, main_axes, unverified_axes
 from hil_bridge.control.geometry.wrist import NO_WRENCH
 from hil_bridge.errors import ConfigError, DeviceError, SafetyStop
 from hil_bridge.robots.seam import Motion, RobotLink, RobotReport
@@ -112,6 +114,10 @@ class Zeroing:
         self._taken_off: tuple[float, ...] | None = NO_WRENCH
         """Contact wrench in the tool frame that the device's zero took off, N and N·m; None while that is not known."""
 
+        self._unverified = False
+        """The weight has not verified an axis that the approach mainly lies on."""
+        self._lost: tuple[float, ...] = ()
+        """As `lost_forces`."""
         self._tared = False
         """The device counts from its own zero."""
 
@@ -123,10 +129,19 @@ class Zeroing:
         self._say(self._told_facts())
         self._quaternion = unit(start.pose.quaternion)
         self._first = self._before = await self._steps.steady(self._config.task.zero_change_n)
+        limits, approach = self._config.limits, self._config.frame.approach
+        quaternion = start.pose.quaternion
+        unverified = unverified_axes(
+            self._known, quaternion, limits.weight_tolerance_n, limits.weight_tolerance_nm
+        )
+        if unverified:
+            self._say(f"not verified by the tool's weight: {' '.join(AXES[k] for k in unverified)}")
+        main = main_axes(self._wrist, approach, quaternion)
+        self._unverified = bool(set(main) & set(unverified))
+        self._lost = lost_forces(self._known, approach, quaternion)
         if self._known is None:
             self._say("sensor unchecked: the tool's weight is not known")
             return
-        limits = self._config.limits
         expected = weight_reading(self._known, start.pose.quaternion)
         fault = weight_fault(
             self._before.mean, expected, limits.weight_tolerance_n, limits.weight_tolerance_nm
@@ -137,6 +152,34 @@ class Zeroing:
                 f"force sensor on {self._sensor.name}: {fault}; nothing has moved, and hil-bridge free "
                 "lifts off a tool that presses"
             )
+        await self._refuse([k for k in main if k in unverified], start, expected)
+
+    async def _refuse(self, axes: Sequence[int], start: RobotReport, expected: Sequence[float]) -> None:
+        """Raise ConfigError for an axis that nothing has verified, unless a person takes it on."""
+        sensor, limits = self._config.sensor, self._config.limits
+        left = [AXES[k] for k in axes if AXES[k].lower() not in sensor.unverified]
+        if not left or sensor.unchecked:
+            return
+        await self._robot.release(start)
+        told = ", ".join(
+            f"{AXES[k]} ({abs(expected[k] - self._wrist.bias[k]):.2f} N of weight)" for k in axes
+        )
+        names = ", ".join(f'"{name.lower()}"' for name in left)
+        raise ConfigError(
+            f"the approach presses on {told}, which the tool's weight does not verify: it takes more than "
+            f"{limits.weight_tolerance_n:g} N (limits.weight_tolerance_n); correct tool.mass_kg, take a heavier tool, "
+            f"hold it so that its weight lies on the approach, or take it on with sensor.unverified = [{names}] "
+            f"(--unverified {left[0].lower()}): then each touch is tested"
+        )
+
+    def doubt(self, force: float) -> Doubt:
+        """Why a touch that shows with this force along the approach, N, must be proven."""
+        if self._unverified:
+            return Doubt.AXIS
+        threshold, near = self._config.task.contact_threshold_n, self._config.task.zero_change_n
+        if any(lost > threshold and abs(force - lost) <= near for lost in self._lost):
+            return Doubt.WEIGHT
+        return Doubt.NONE
 
     def _told_facts(self) -> str:
         facts = self._sensor.facts

@@ -7,6 +7,7 @@ import pytest
 
 from hil_bridge.control import Cause, Phase
 from hil_bridge.control.course.conditions import BARRIER, BY_CAUSE, CLAMPS, STOPS, Reaction, When
+from hil_bridge.control.course.verdict import WAITS
 from hil_bridge.errors import ConfigError
 from hil_bridge.guard.asking import Asked, Situation
 from hil_bridge.guard.conditions import BEFORE, CONDITIONS, SHELL, as_text
@@ -26,6 +27,7 @@ STOPPING = [
     (Cause.FORCE, Situation(peak_n=50.1), ("limits.force_limit_n",)),
     (Cause.RESULTANT_FORCE, Situation(resultant_n=100.1), ("limits.resultant_limit_n",)),
     (Cause.MOMENT, Situation(moment_nm=10.1), ("limits.moment_limit_nm",)),
+    (Cause.WALL, Situation(against_n=26.1), ("limits.against_travel_n",)),
     (Cause.SATURATED, Situation(saturated=True), ()),
     (Cause.STALE, Situation(age_ms=200.1), ("limits.stale_after_ms",)),
     (Cause.FROZEN, Situation(unchanged_ms=4001.0), ("limits.frozen_after_ms",)),
@@ -47,13 +49,18 @@ STOPPING = [
     (Cause.OSCILLATION, Situation(swing_n=4.0), ()),
     (
         Cause.RETRACTION,
-        Situation(RETRACT, force_n=17.1, lowest_n=12.0, retracting_ms=1000.0),
+        Situation(RETRACT, force_n=-10.1, retracting_ms=1000.0),
+        ("limits.pull_limit_n",),
+    ),
+    (
+        Cause.RETRACTION,
+        Situation(RETRACT, force_n=0.0, resultant_n=17.1, lowest_n=12.0, retracting_ms=1000.0),
         ("limits.retract_rise_n", "limits.retract_grace_ms"),
     ),
     (
         Cause.RETRACTION,
-        Situation(RETRACT, force_n=60.0, retracting_ms=1000.0, back_mm=2.1),
-        ("limits.force_limit_n", "limits.unanswered_mm"),
+        Situation(RETRACT, force_n=0.0, resultant_n=110.0, retracting_ms=1000.0, back_mm=2.1),
+        ("limits.resultant_limit_n", "limits.unanswered_mm"),
     ),
 ]
 """One for each row of the supervisor's stops, and the settings that must be found to rule it."""
@@ -136,6 +143,20 @@ def test_each_clamp_is_named_with_the_deepest_order(
     assert [row.name for row in found.rows] == [name]
     assert found.deepest_mm == pytest.approx(deepest_mm)
     assert {setting.partition(" = ")[0] for setting in found.settings} <= set(found.rows[0].settings)
+
+
+@pytest.mark.parametrize(
+    "situation",
+    [
+        Situation(RETRACT, force_n=17.1, lowest_n=12.0, retracting_ms=1000.0),
+        Situation(RETRACT, force_n=60.0, retracting_ms=1000.0, back_mm=2.1),
+    ],
+)
+def test_a_retraction_waits_for_a_force_from_the_front(situation: Situation) -> None:
+    found = explain(CONFIG, situation)
+    assert (found.verdict, found.reasons) == ("clamp", (WAITS,))
+    assert [row.name for row in found.rows] == ["waits"]
+    assert found.then.endswith("the run ends when it is back")
 
 
 def test_an_approach_that_is_held_in_place_ends() -> None:

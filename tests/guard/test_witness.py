@@ -6,10 +6,12 @@ from typing import Any
 
 import pytest
 
+import hil_bridge
 from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.course.verdict import Observation
 from hil_bridge.control.course.witness import Witness, witness_of
 from hil_bridge.recording import Outcome
+from hil_bridge.runs.replay import recorded_config, replay
 from hil_bridge.settings.configuration import Config, read_config
 
 Guarded = Any
@@ -120,6 +122,15 @@ def test_a_tool_that_the_robot_still_feels_pressed_is_not_told_as_retracted(guar
     assert "(the robot itself feels 93 N)" in run.result.left
 
 
+def test_a_stop_by_the_witness_is_decided_alike_in_a_replay() -> None:
+    config = feeling("rtde", 5e3, fault("signal", "dead", "track"), run={"duration_s": 1.0})
+    recording = hil_bridge.simulate(config).recording
+    assert "the robot itself feels" in recording.end["cause"]
+    again = list(replay(recording, recorded_config(recording, {}), forced=False))
+    assert len(again) == len(recording.cycles)
+    assert not any(cycle.differences for cycle in again)
+
+
 RULE = Witness(12.0, 0.1)
 
 
@@ -155,10 +166,8 @@ def test_a_witness_that_agrees_again_begins_anew() -> None:
     assert RULE.disagreed(before, observed(0.0, 93.0)) == 0.0
 
 
-@pytest.mark.parametrize(
-    ("limits", "ordinary_n"), [({}, 12.0), ({"witness_n": 5.0}, 5.0), ({"witness_n": 0.0}, None)]
-)
-def test_the_setting_goes_before_the_facts(limits: dict[str, float], ordinary_n: float | None) -> None:
-    rule = witness_of(Limits(**limits), 12.0, 0.01)
+@pytest.mark.parametrize(("setting_n", "ordinary_n"), [(None, 12.0), (5.0, 5.0), (0.0, None)])
+def test_the_setting_goes_before_the_facts(setting_n: float | None, ordinary_n: float | None) -> None:
+    rule = witness_of(Limits(witness_n=setting_n), 12.0, 0.01)
     assert (None if rule is None else rule.ordinary_n) == ordinary_n
     assert rule is None or rule.lasting_s == pytest.approx(0.12)

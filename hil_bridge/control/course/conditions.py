@@ -91,6 +91,12 @@ STOPS: tuple[ConditionRow, ...] = (
         "length of the moment vector about the tool frame's origin, of any frame since the decision before",
         "limits.moment_limit_nm",
     ),
+    _stop(
+        Cause.WALL,
+        "force against the travel of a plain run, beyond the friction of the contact force: something is in the way",
+        "limits.against_travel_n",
+        "limits.friction_share",
+    ),
     _stop(Cause.SATURATED, "an axis of the sensor was at the end of its range"),
     _stop(
         Cause.PULL,
@@ -145,6 +151,17 @@ STOPS: tuple[ConditionRow, ...] = (
     ),
     _stop(Cause.INCONSISTENT, "depth and position of a command contradict each other, which is a bug"),
     _stop(
+        Cause.FROZEN,
+        "a pull that lasts while the tool moves through free space: the sensor lost the tool's weight",
+        "limits.weight_tolerance_n",
+    ),
+    _stop(
+        Cause.FROZEN,
+        "how far the tool moved through free space while frames carry identical counts on all axes",
+        "limits.unchanged_mm",
+        "limits.stale_after_ms",
+    ),
+    _stop(
         Cause.WITNESS,
         "difference between the force sensor and the force that the robot itself feels, for a time, where it tells one",
         "limits.witness_n",
@@ -166,12 +183,18 @@ STOPS: tuple[ConditionRow, ...] = (
         "oscillation.factor_min",
     ),
     _stands(
-        "the force rose while the tool retracted; from contact, only after a time to take effect",
+        "a force from behind met the tool, beside one that was there when the retraction began",
+        "limits.pull_limit_n",
+    ),
+    _stands(
+        "a force from the side rose while the tool retracted, from contact only after a time to take effect; or one "
+        "from the front rose at the second, slow try",
         "limits.retract_rise_n",
         "limits.retract_grace_ms",
     ),
     _stands(
-        "the force stayed beyond its limit although the tool reported to be so much farther back",
+        "the force stayed beyond its limit although the tool reported to be so much farther back; one from the front, "
+        "at the second try and beyond the start",
         "limits.force_limit_n",
         "limits.resultant_limit_n",
         "limits.unanswered_mm",
@@ -203,9 +226,24 @@ CLAMPS: tuple[ConditionRow, ...] = (
         "oscillation.notch",
     ),
     ConditionRow(
+        "waits",
+        "a force from the front rose, or stayed beyond its limit, while the tool retracted: it waits, and goes on if "
+        "the force rises meanwhile, else tries once more at 1 mm/s",
+        (
+            "limits.retract_rise_n",
+            "limits.retract_grace_ms",
+            "limits.force_limit_n",
+            "limits.unanswered_mm",
+            "limits.escape_mm_s",
+        ),
+        When.RETRACTION,
+        Reaction.CLAMPED,
+        None,
+    ),
+    ConditionRow(
         "no-force",
-        "while the force cannot be known a retraction goes back to the depth of the start, or a little behind the "
-        "contact, and no farther",
+        "while the force cannot be known a retraction goes back at 2.75 mm/s to the depth of the start, or a little "
+        "behind the contact, and no farther",
         ("limits.stale_after_ms", "limits.blind_retract_mm"),
         When.RETRACTION,
         Reaction.CLAMPED,
@@ -217,6 +255,11 @@ CLAMPS: tuple[ConditionRow, ...] = (
 ENDS: tuple[ConditionRow, ...] = (
     ConditionRow("held-approach", "a clamp holds the approach in place", ()),
     ConditionRow("no-contact", "no contact found on the way", ("task.approach_depth_limit_mm",)),
+    ConditionRow(
+        "unanswered-touch",
+        "a touch that the tool's weight could not vouch for: the force does not rise as the tool goes deeper",
+        ("task.least_stiffness_n_m", "task.zero_change_n"),
+    ),
     ConditionRow(
         "surface-ended", "no contact found again after it was lost", ("task.search_depth_limit_mm",)
     ),

@@ -14,9 +14,12 @@ from dataclasses import dataclass
 from msgspec.structs import replace
 
 from hil_bridge.control.course import orientation, retreat
+from hil_bridge.control.course.free_space import FreeSpace, lifeless, watched
 from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.course.verdict import (
     LEAVES,
+    SLOWLY,
+    WAITS,
     Allow,
     Cause,
     Clamp,
@@ -26,6 +29,7 @@ from hil_bridge.control.course.verdict import (
     SupervisorState,
     Verdict,
 )
+from hil_bridge.control.course.wall import beyond_friction
 from hil_bridge.control.course.witness import Witness
 from hil_bridge.control.geometry.turning import apart, unit
 from hil_bridge.errors import ConfigError
@@ -66,6 +70,9 @@ class Supervisor:
         if stop is None and disagreed and self.witness is not None:
             text = self.witness.fault(disagreed, observation)
             stop = Stop(Cause.WITNESS, text) if text else None
+        free = None
+        if stop is None and observation.free_force is not None:
+            free, stop = self._in_free_space(state, observation)
         if stop is not None:
             return replace(state, still=still, pressed=pressed, stopped=stop, disagreed=disagreed), stop
         verdict = _clamp(self.limits, state, request, observation.dt)
@@ -87,9 +94,21 @@ class Supervisor:
                 home,
                 lag,
                 disagreed,
+                free,
             ),
             verdict,
         )
+
+    def _in_free_space(
+        self, state: SupervisorState, seen: Observation
+    ) -> tuple[FreeSpace | None, Stop | None]:
+        """The watch over the sensor while the tool moves through free space, and its stop."""
+        if seen.position is None or seen.free_force is None:
+            return None, None
+        changed = seen.unchanged < seen.dt  # since the decision before
+        free = watched(state.free, self.limits, seen.now, -seen.free_force, (changed, seen.position))
+        text = lifeless(free, self.limits, seen.now, -seen.free_force, (seen.unchanged, seen.position))
+        return free, Stop(Cause.FROZEN, text) if text else None
 
     def _turn(
         self, state: SupervisorState, seen: Observation, wanted: Quaternion, verdict: Allow | Clamp
@@ -115,24 +134,25 @@ class Supervisor:
         """One cycle of pulling back, which no stop ends but one: a force that rises, or stays over its limit, while
         the tool moves away. The tool stands still then.
 
-        Where the force cannot be known the tool goes back to the depth of the start, where it has been. Where it
-        pressed, it goes back by no more than `blind_retract_mm`. The request must be finite. A stop stays latched.
+        Where the force cannot be known the tool goes back slowly to the depth of the start, where it has been. Where
+        it pressed, it goes back by `blind_retract_mm` at least. The request must be finite. A stop stays latched.
         """
-        before, seen = state.retreat, observation
+        before, seen, limits = state.retreat, observation, self.limits
         after = before
-        known = retreat.is_known(seen) and self._fresh(seen)
+        known = retreat.is_known(limits, before, seen) and self._fresh(seen)
         if known:
-            before = before or retreat.begin(self.limits, seen)
-            after = retreat.advance(self.limits, before, seen)
-            text = retreat.no_way_back(self.limits, before, after, seen)
+            after, text = retreat.watch(limits, before, seen)
             if text:
                 stop = Stop(Cause.RETRACTION, text)
                 return replace(state, retreat=after, stopped=state.stopped or stop), stop
-        verdict = _clamp(self.limits, state, request, seen.dt)
-        farthest = retreat.blind_goal(self.limits, state.pressed, before)
-        if not known and verdict.depth < farthest and verdict.depth < state.depth:
-            verdict = _clamp(self.limits, state, _at_depth(request, min(state.depth, farthest)), seen.dt)
-            reason = "without a force to go by no farther back"
+            highest, reason = state.depth - retreat.longest_way(after, seen.dt), WAITS
+        else:
+            goal = retreat.blind_goal(limits, state.pressed, before)
+            reason = SLOWLY if goal < state.depth else "without a force to go by no farther back"
+            highest = state.depth - max(min(state.depth - goal, retreat.BLIND_M_S * seen.dt), 0.0)
+        verdict = _clamp(limits, state, request, seen.dt)
+        if verdict.depth < highest:
+            verdict = _clamp(limits, state, _at_depth(request, highest), seen.dt)
             verdict = Clamp(verdict.depth, verdict.position, (reason,))
         return replace(state, depth=verdict.depth, position=verdict.position, retreat=after), verdict
 
@@ -161,7 +181,8 @@ class Supervisor:
             return Stop(Cause.DEVICE, seen.fault)
         force = seen.force if abs(seen.force) >= abs(seen.peak_force) else seen.peak_force
         if abs(force) > limits.force_limit_n:
-            return Stop(Cause.FORCE, f"contact force {force:.1f} N is beyond {limits.force_limit_n:g} N")
+            told = f"of at least {abs(force):.1f}" if seen.saturated else f"{force:.1f}"
+            return Stop(Cause.FORCE, f"contact force {told} N is beyond {limits.force_limit_n:g} N")
         resultant = max(seen.resultant, seen.peak_resultant)
         if resultant > limits.resultant_limit_n:
             text = f"resultant force {resultant:.1f} N is beyond {limits.resultant_limit_n:g} N"
@@ -169,6 +190,13 @@ class Supervisor:
         if seen.peak_moment > limits.moment_limit_nm:
             text = f"moment {seen.peak_moment:.2f} N·m is beyond {limits.moment_limit_nm:g} N·m"
             return Stop(Cause.MOMENT, text)
+        wall = beyond_friction(seen.against, seen.force, limits.friction_share)
+        if wall > limits.against_travel_n:
+            text = (
+                f"a force of {seen.against:.1f} N against the travel is {wall:.1f} N more than friction, allowed are "
+                f"{limits.against_travel_n:g} N: something stands in the way"
+            )
+            return Stop(Cause.WALL, text)
         if seen.saturated:
             return Stop(Cause.SATURATED, "the force sensor is at the end of its range")
         if -seen.force > limits.pull_limit_n:
